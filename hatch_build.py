@@ -3,7 +3,7 @@ that an ordinary ``pip install`` has them.
 
 The C parts know nothing of Python but, in one place, its stable ABI, so one wheel serves every
 version of it. Where there is no compiler the package is built without them, and says so when they
-are asked for: whoever has a SpaceMouse needs none. The page is in the source archive, too, so that
+are asked for: a user of a SpaceMouse needs none. The page is in the source archive, too, so that
 only who builds from a checkout needs npm; where there is none the package is built without it, and
 the console says so.
 """

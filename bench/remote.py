@@ -77,7 +77,7 @@ class HandHeld(ABC):
 
     @abstractmethod
     def report(self) -> None:
-        """Tell whoever reads it what is pressed and deflected now."""
+        """Send the present buttons and deflections to all readers."""
 
 
 class Mouse(HandHeld):

@@ -301,7 +301,7 @@ def _sag() -> Row:
     """The measured arm hangs 1 degree low in every joint; what is commanded must not sink."""
     arm = kinematics("ur5")
     servo = _servo(arm, None)
-    reference = Reference(ReferenceLimits(leash_m=0.2))
+    reference = Reference(ReferenceLimits(max_lead_m=0.2))
     offset = np.full(arm.joints, math.radians(1.0))
     reference.place(to_pose(servo.placement))
     height = servo.placement.translation[2]

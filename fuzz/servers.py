@@ -17,7 +17,7 @@ from pathlib import Path
 from random import Random
 
 from cardan.gateway.daemon.client import ControlClient
-from cardan.gateway.daemon.control import Ask, Told, encode_ask
+from cardan.gateway.daemon.control import Ask, Response, encode_ask
 from cardan.gateway.daemon.server import Connection, ControlServer
 from fuzz.mutate import Mutator
 from fuzz.run import Finding, Outcome
@@ -87,7 +87,7 @@ def _control_server() -> Iterator[str]:
         path = str(Path(folder) / "control.sock")
 
         def handle(ask: Ask, connection: Connection) -> None:
-            connection.tell(Told(ask.id, "result", [ask.do, ask.name]))
+            connection.tell(Response(ask.id, "result", [ask.do, ask.name]))
 
         server, ended = ControlServer(path, "", handle), threading.Event()
         failed: list[BaseException] = []

@@ -158,7 +158,7 @@ class Chain:
         self._heard_s = now_s
         self.states.append(state)
         command = self.core.tick(state, self.device.state(now_s), self.device.events())
-        if not self.egm.owes_answer:
+        if not self.egm.reply_pending:
             return 0
         self.to_robot.push(now_s, self.egm.reply(command, now_s))
         self.egm.answered(now_s)

@@ -1,4 +1,4 @@
-"""Who drives the benches of tests/fault_rig.py: the controller, with each of what asks it to move.
+"""Drivers of the benches of tests/fault_rig.py: the controller, with each of what asks it to move.
 
 `make` is the one place that knows them all.
 """
@@ -38,7 +38,7 @@ REST = (0.0,) * 6
 
 
 class Scenario(ABC):
-    """A control core, and whoever asks it for motion."""
+    """A control core, and a source that asks it for motion."""
 
     def __init__(self, bench: Bench) -> None:
         self.bench = bench

@@ -164,7 +164,7 @@ class Programme(NamedTuple):
     least: np.ndarray
 
     def cost(self, x):
-        """What is minimised, the price of violated rows included."""
+        """What is minimized, the price of violated rows included."""
         if len(self.rows):
             slack = np.maximum(0.0, self.least - self.rows @ x)
             size2 = np.einsum("ij,ji->i", self.rows, np.linalg.solve(self.hessian, self.rows.T))

@@ -52,7 +52,7 @@ def test_the_end_of_reach_is_held_without_a_fault_and_left_again():
     run = chain("joint", hand).run(9.0)
     status = run.core.status()
     assert status.trips == 0
-    assert status.leash_used < 0.5
+    assert status.lead_used < 0.5
     assert status.arm.path_speed < 0.2
     far = run.samples[-1].position
     run.run(2.0)

@@ -248,13 +248,13 @@ def test_an_arm_that_somebody_holds_is_noticed_and_not_pulled_at():
     status = hand.core.status()
     assert status.trips == 1
     assert any("something else holds it" in words for words in hand.said)
-    leash_m = hand.core.reference.limits.leash_m
+    max_lead_m = hand.core.reference.limits.max_lead_m
     lag_s = hand.rig.session.capabilities.lag_s
-    # Never farther than the leash, what it may lag in good order and a braking way.
-    assert hand.farthest_m <= leash_m + 0.15 * lag_s + 0.02
+    # Never farther than the maximum lead, what it may lag in good order and a braking way.
+    assert hand.farthest_m <= max_lead_m + 0.15 * lag_s + 0.02
     # Joints that are measured as standing hide how far they are driven; it ends all the same.
     commanded = hand.forward(hand.rig.controller.command_rad(0))
-    assert np.linalg.norm(commanded - hand.forward(held)) <= 2.0 * (leash_m + 0.15 * lag_s)
+    assert np.linalg.norm(commanded - hand.forward(held)) <= 2.0 * (max_lead_m + 0.15 * lag_s)
     assert not any(hand.rig.controller.velocity_rad_s(0))
 
 

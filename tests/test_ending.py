@@ -327,7 +327,7 @@ def test_a_command_waits_for_its_reader_and_can_be_told_not_to(words):
 
 @pytest.mark.parametrize("kind", ["terminal", "pipe"])
 @pytest.mark.parametrize("name", ["sim", "spnav"])
-def test_what_serves_does_so_whoever_reads(tmp_path, name, kind):
+def test_what_serves_does_so_with_each_reader(tmp_path, name, kind):
     words = [word.format(folder=tmp_path) for word in SERVING[name]]
     with (
         unread(kind) as (_, writing),

@@ -125,7 +125,7 @@ with cardan.open_robot("abb_egm", listen_port=int(sys.argv[1])) as robot:
         if state.sequence > since + 100:
             break
     print(json.dumps([before, state.session, sent]))
-    assert robot.session.counters.farewells == 0
+    assert robot.session.counters.final_commands == 0
 """,
             port,
         )

@@ -202,7 +202,7 @@ def test_an_attached_router_ends_with_its_standard_input():
 
 # -- the self-test --------------------------------------------------------------------------------
 
-SOMEBODY = discovery.Survey(
+SOMEBODY = discovery.Discovery(
     ["/arm/server"],
     {"/joint_states": discovery.Topic("sensor_msgs/msg/JointState", ("/arm/server",))},
     {"/arm/server/stop": discovery.Service("std_srvs/srv/Trigger", ("/arm/server",))},
@@ -212,7 +212,7 @@ SOMEBODY = discovery.Survey(
 
 
 def test_the_network_is_printed_to_be_copied(monkeypatch):
-    monkeypatch.setattr(discovery, "survey", lambda _options: SOMEBODY)
+    monkeypatch.setattr(discovery, "discover", lambda _options: SOMEBODY)
     assert said("net", "list", program=app).splitlines() == [
         "node     /arm/server",
         "topic    /joint_states  sensor_msgs/msg/JointState  by /arm/server",
@@ -222,7 +222,7 @@ def test_the_network_is_printed_to_be_copied(monkeypatch):
 
 def test_the_network_is_joined_as_a_session_joins_it(monkeypatch, tmp_path):
     seen = []
-    monkeypatch.setattr(discovery, "survey", lambda options: seen.append(options) or SOMEBODY)
+    monkeypatch.setattr(discovery, "discover", lambda options: seen.append(options) or SOMEBODY)
     file = tmp_path / "session.toml"
     robot = '[robot]\ndriver = "sim_arm"\nrobot = "ur5"\n[arm]\nmodel = "ur5"\n'
     file.write_text(f'{robot}[network]\nrouter = "tcp/10.0.0.1:7447"\nmode = "client"\n')
@@ -238,8 +238,8 @@ def test_the_network_is_joined_as_a_session_joins_it(monkeypatch, tmp_path):
 
 
 def test_where_nobody_is_met_the_remedies_are_said(monkeypatch):
-    nobody = discovery.Survey((), {}, {}, 1, 0)
-    monkeypatch.setattr(discovery, "survey", lambda _options: nobody)
+    nobody = discovery.Discovery((), {}, {}, 1, 0)
+    monkeypatch.setattr(discovery, "discover", lambda _options: nobody)
     told = said("net", "list", program=app, code=4)
     assert "A router answers, and no node was met." in told
     assert 'mode = "client"' in told

@@ -15,7 +15,7 @@ from cardan.bus.zenoh_network import BusNetwork
 from cardan.common.options import suggestion
 from cardan.errors import ConfigurationError
 
-SURVEY_S = 2.0
+DISCOVERY_S = 2.0
 """How long it waits: peers that learn of each other from a router connect within a second."""
 
 APPEARS_WITHIN_S = 5.0
@@ -23,7 +23,7 @@ APPEARS_WITHIN_S = 5.0
 second, and a session opens its arm's model in two."""
 
 
-class Survey(NamedTuple):
+class Discovery(NamedTuple):
     """What there is on the bus, besides the node that looks."""
 
     nodes: Sequence[str]
@@ -48,7 +48,7 @@ def reachable(options: BusOptions) -> BusOptions:
 
 
 def bus_words(options: BusOptions) -> list[str]:
-    """How ``cardan net server`` is told of a bus."""
+    """How ``cardan net server`` learns of a bus."""
     words = {
         "domain": str(options.domain),
         "router": options.router,
@@ -59,14 +59,14 @@ def bus_words(options: BusOptions) -> list[str]:
     return [f"--{key}={value}" for key, value in words.items() if value or key == "router"]
 
 
-def survey(options: BusOptions) -> Survey:
+def discover(options: BusOptions) -> Discovery:
     """Join the bus, wait, and look around. Raises ExtraMissingError, ConfigurationError, or
     DriverError."""
     with BusNetwork(options, f"cardan_network_{time.time_ns() % 10**9}") as network:
-        time.sleep(SURVEY_S)
+        time.sleep(DISCOVERY_S)
         routers, peers = network.node.neighbours()
         own = network.node.full_name
-        return Survey(
+        return Discovery(
             [name for name in network.nodes() if name != own],
             network.topics(),
             network.services(),
@@ -99,7 +99,7 @@ def met_by(options: BusOptions) -> str:
     return f"by the router {options.router}" if options.router else "without a router"
 
 
-def remedies(options: BusOptions, found: Survey) -> list[str]:
+def remedies(options: BusOptions, found: Discovery) -> list[str]:
     """What to do where nobody was met, in sentences; empty where somebody was."""
     if found.nodes:
         return []
@@ -137,7 +137,7 @@ def remedies(options: BusOptions, found: Survey) -> list[str]:
     ]
 
 
-def unseen(found: Survey) -> str:
+def unseen(found: Discovery) -> str:
     """What else there may be, in a sentence; empty: nothing."""
     if not any(name == f"/{SERVER_NODE}" for name in found.nodes):
         return ""

@@ -107,10 +107,10 @@ def network(
     """List the nodes, topics and services that are on the bus.
 
     Joins it, looks for two seconds, and says what to do where nobody was met."""
-    from cardan.bus.discovery import remedies, survey, unseen
+    from cardan.bus.discovery import discover, remedies, unseen
 
     options = bus_options(file, router)
-    found = survey(options)
+    found = discover(options)
     if advice := remedies(options, found):
         for each in advice:
             print(f"cardan: {each}", file=sys.stderr)

@@ -211,10 +211,10 @@ ARRIVAL_JOINT = Range(
     0.0, 0.1, "rad or m", "a metre along the arm that is a hand's breadth", above=True
 )
 PATH_OFFSET_M = Range(0.0, 1.0, "m", "a path a metre off is another path", above=True)
-LEASH_M = Range(
+MAX_LEAD_M = Range(
     0.0, 0.5, "m", "an arm that far from its commanded position does not follow it", above=True
 )
-LEASH_RAD = Range(
+MAX_LEAD_RAD = Range(
     0.0, 1.5, "rad", "a tool a quarter turn off its commanded orientation is stuck", above=True
 )
 ANGLE_DEG = Range(-360.0, 360.0, "deg", "after a whole turn it is as before")

@@ -1,9 +1,9 @@
 """From the tables of a configuration file to the options that they describe, and back.
 
 A table is a dataclass. Its annotations say what is allowed (:mod:`cardan.common.options`), its
-defaults what holds where a key is left out, and its ``__post_init__`` what must fit together. A
-field may be a table of its own, several of them, or one of several kinds that a key tells apart
-(:class:`Tag`).
+defaults what holds where a key is left out, its ``__post_init__`` what must fit together, and its
+``RENAMED``, where it has one, the new names of keys that an earlier version took. A field may be a
+table of its own, several of them, or one of several kinds that a key tells apart (:class:`Tag`).
 """
 
 from __future__ import annotations
@@ -285,6 +285,10 @@ class _Reader:
         else:
             words = f"there is no such key{tag and f' with {tag}'}"
             listed = ", ".join(keys)
+            renamed = getattr(kind, "RENAMED", {})
+            for name in [each for each in unknown if each in renamed]:
+                self._wrong(_below(key, name), f"is now: {renamed[name]}; rename it")
+                del unknown[name]
             for number, name in enumerate(unknown):
                 near = suggestion(name, keys)
                 told = f"{near} Allowed: {listed}" if near else f"; allowed: {listed}"

@@ -1,4 +1,4 @@
-"""What the suites of drivers share: the controller that a pilot is, and that a driver has ended."""
+"""Controllers as scenarios, and how a driver ends: shared by the suites of drivers."""
 
 from __future__ import annotations
 

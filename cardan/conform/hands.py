@@ -1,4 +1,4 @@
-"""Has somebody move a device: what the pilots of devices share."""
+"""Has somebody move a device: what the scenarios of devices share."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PUSHES: Steps = (
 KEYS: Steps = (("press", "Press a button."), ("release", "Let the button go."))
 
 
-class HandPilot(Scenario):
+class HandScenario(Scenario):
     """Of each motion there are the phases NAME, NAME-held, NAME-over and NAME-rest."""
 
     def __init__(self, level: Level, seconds: float) -> None:

@@ -1,4 +1,4 @@
-"""Conducts a pilot against a real target, in real time."""
+"""Runs a scenario against a real target, in real time."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from cardan.errors import DriverError
 
 
 class Live:
-    """A pilot and the wires of its target. `told` gets what somebody is to do by hand."""
+    """A scenario and the wires of its target. `told` gets what somebody is to do by hand."""
 
-    def __init__(self, conduct: Exchange, wires: Wires, told: Callable[[str], None]) -> None:
-        self._conduct, self._wires, self._told = conduct, wires, told
+    def __init__(self, exchange: Exchange, wires: Wires, told: Callable[[str], None]) -> None:
+        self._exchange, self._wires, self._told = exchange, wires, told
         self._open: dict[str, Wire] = {}
         self._any = False
         self._start_s = time.monotonic()
@@ -25,22 +25,22 @@ class Live:
         return time.monotonic() - self._start_s
 
     def run(self) -> None:
-        """Until the pilot's script is over.
+        """Until the scenario is over.
 
         Raises AddressError or DeviceAccessError where the first wire cannot be opened; of later
         ones the refusal is an event.
         """
-        conduct = self._conduct
+        exchange = self._exchange
         try:
-            while not conduct.over:
-                self._do(conduct.due(self._now()))
-                if conduct.over:
+            while not exchange.over:
+                self._do(exchange.due(self._now()))
+                if exchange.over:
                     break
-                timeout_s = max(0.0, conduct.next_s - self._now())
+                timeout_s = max(0.0, exchange.next_s - self._now())
                 wires = {each.fileno(): name for name, each in self._open.items()}
                 due_s = self._now() + timeout_s
                 ready, _, _ = select.select(list(wires), [], [], timeout_s)
-                conduct.timeline.was_late(self._now() - due_s)
+                exchange.timeline.was_late(self._now() - due_s)
                 for descriptor in ready:
                     self._take(wires[descriptor])
         finally:
@@ -54,14 +54,14 @@ class Live:
             return
         for name, client in wire.arrivals():
             self._open[name] = client
-            self._do(self._conduct.heard(self._now(), name, kind=Kind.OPENED))
+            self._do(self._exchange.heard(self._now(), name, kind=Kind.OPENED))
         for data, source in wire.read():
             now_s, late_s = self._now(), wire.late_s
-            self._do(self._conduct.heard(now_s, channel, data, note=source, late_s=late_s))
-            self._conduct.timeline.was_late(self._now() - now_s)
+            self._do(self._exchange.heard(now_s, channel, data, note=source, late_s=late_s))
+            self._exchange.timeline.was_late(self._now() - now_s)
         if wire.ended and self._open.pop(channel, None) is not None:
             wire.close()
-            self._do(self._conduct.heard(self._now(), channel, kind=Kind.CLOSED))
+            self._do(self._exchange.heard(self._now(), channel, kind=Kind.CLOSED))
 
     def _do(self, acts: list[Act]) -> None:
         for act in acts:
@@ -85,10 +85,10 @@ class Live:
             if not self._any:
                 raise
             now_s = self._now()
-            return self._conduct.heard(now_s, channel, kind=Kind.REFUSED, note=str(error))
+            return self._exchange.heard(now_s, channel, kind=Kind.REFUSED, note=str(error))
         self._any = True
         self._open[channel] = wire
-        acts = self._conduct.heard(self._now(), channel, kind=Kind.OPENED, note=wire.identity)
+        acts = self._exchange.heard(self._now(), channel, kind=Kind.OPENED, note=wire.identity)
         self._do(acts)
         # What came with the opening makes no `select` wake up.
         self._take(channel)

@@ -1,4 +1,4 @@
-"""What is simulated, and a pilot, together in virtual time: what the rigs of the suites share."""
+"""Simulated targets and scenarios in virtual time: what the rigs of the suites share."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ SentT = TypeVar("SentT")
 
 
 class Rig(ABC):
-    """Carries what is simulated and the pilot say, and has done what is asked by hand."""
+    """Carries what is simulated and the scenario say, and has done what is asked by hand."""
 
     step_s: ClassVar[float] = 1e-6
     """Time goes on by this at least."""
 
-    def __init__(self, conduct: Exchange) -> None:
-        self._conduct = conduct
+    def __init__(self, exchange: Exchange) -> None:
+        self._exchange = exchange
         self._now_s = 0.0
         self._flight: deque[tuple[float, Callable[[], None]]] = deque()
 
     def run(self) -> None:
-        """Until the pilot's script is over."""
-        conduct, flight = self._conduct, self._flight
-        while not conduct.over and self._now_s < LONGEST_S:
-            self._do(conduct.due(self._now_s))
+        """Until the scenario is over."""
+        exchange, flight = self._exchange, self._flight
+        while not exchange.over and self._now_s < LONGEST_S:
+            self._do(exchange.due(self._now_s))
             while flight and flight[0][0] <= self._now_s:
                 flight.popleft()[1]()
             self._turn()
-            if conduct.over:
+            if exchange.over:
                 break
-            times = [conduct.next_s, self._next_s()]
+            times = [exchange.next_s, self._next_s()]
             if flight:
                 times.append(flight[0][0])
             self._now_s = max(self._now_s + self.step_s, min(times))
@@ -57,8 +57,8 @@ class Rig(ABC):
     def _hear(
         self, channel: str, data: bytes = b"", kind: Kind = Kind.DATA, note: str = ""
     ) -> None:
-        """Something that is simulated reaches the pilot."""
-        self._do(self._conduct.heard(self._now_s, channel, data, kind=kind, note=note))
+        """Something that is simulated reaches the scenario."""
+        self._do(self._exchange.heard(self._now_s, channel, data, kind=kind, note=note))
 
     def _do(self, acts: list[Act]) -> None:
         for act in acts:
@@ -73,7 +73,7 @@ class Rig(ABC):
 
     @abstractmethod
     def _take(self, data: bytes, channel: str) -> None:
-        """The pilot sends `data`."""
+        """The scenario sends `data`."""
 
     @abstractmethod
     def _by_hand(self, what: str) -> None:
@@ -88,24 +88,24 @@ class Rig(ABC):
         """When `_turn` has something to do."""
 
     def _open(self, channel: str) -> None:
-        """The pilot opens `channel`."""
+        """The scenario opens `channel`."""
         self._hear(channel, kind=Kind.OPENED)
 
     def _closed(self, channel: str) -> None:  # noqa: B027 - datagrams need none
-        """The pilot closes `channel`."""
+        """The scenario closes `channel`."""
 
     def _time_passed(self) -> None:  # noqa: B027 - most only have turns
         """It is later than it was."""
 
 
 class DriverRig(Rig):
-    """A driver's core and a pilot that is its controller; what one of them sends takes its time."""
+    """A driver's core and a scenario as its controller; what one of them sends takes its time."""
 
     def __init__(
-        self, conduct: Exchange, faults: Mapping[str, float], switches: Iterable[FaultSwitch]
+        self, exchange: Exchange, faults: Mapping[str, float], switches: Iterable[FaultSwitch]
     ) -> None:
         check_faults(faults, switches)
-        super().__init__(conduct)
+        super().__init__(exchange)
         self._faults = faults
 
     def _turn(self) -> None:
@@ -129,14 +129,14 @@ class CyclicRig(Rig, Generic[SentT]):
 
     def __init__(
         self,
-        conduct: Exchange,
+        exchange: Exchange,
         period_s: float,
         faults: Mapping[str, float],
         seed: int,
         garbage: bool = False,
     ) -> None:
         """`faults`: those of the network; `garbage`: junk comes with what it sends."""
-        super().__init__(conduct)
+        super().__init__(exchange)
         self._period_s = period_s
         self._cycles = 0
         self._out: FaultyLink[SentT] = FaultyLink(faults, seed + 2, garbage)
@@ -144,7 +144,7 @@ class CyclicRig(Rig, Generic[SentT]):
 
     @abstractmethod
     def _receive(self, data: bytes) -> None:
-        """What the pilot sent reaches the controller."""
+        """What the scenario sent reaches the controller."""
 
     @abstractmethod
     def _cycle(self, due_s: float) -> Iterable[SentT]:
@@ -152,7 +152,7 @@ class CyclicRig(Rig, Generic[SentT]):
 
     @abstractmethod
     def _tell(self, sent: SentT) -> None:
-        """What it sent reaches the pilot."""
+        """What it sent reaches the scenario."""
 
     def _take(self, data: bytes, channel: str) -> None:
         self._in.push(self._now_s, data)
@@ -174,15 +174,15 @@ class CyclicRig(Rig, Generic[SentT]):
 
 
 class TcpRig(Rig, Generic[KindT]):
-    """A simulated controller's TCP servers and a pilot that is their client."""
+    """A simulated controller's TCP servers and a scenario that is their client."""
 
-    def __init__(self, conduct: Exchange, servers: TcpServers[KindT, Any]) -> None:
-        super().__init__(conduct)
+    def __init__(self, exchange: Exchange, servers: TcpServers[KindT, Any]) -> None:
+        super().__init__(exchange)
         self._servers = servers
         self._numbers: dict[str, int] = {}
 
     def run(self) -> None:
-        """Until the pilot's script is over."""
+        """Until the scenario is over."""
         self._servers.advance(0.0)
         super().run()
 

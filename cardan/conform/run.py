@@ -38,10 +38,10 @@ def simulated(
     seconds: float | None = None,
 ) -> tuple[Report, Timeline]:
     """Judge the suite's simulated peer, in virtual time."""
-    conduct = Exchange(suite.pilot(level, suite.seconds if seconds is None else seconds))
-    suite.simulate(conduct, faults or {}, seed)
-    report = judged(suite, conduct.timeline, level, faults=faults, version=__version__)
-    return report, conduct.timeline
+    exchange = Exchange(suite.scenario(level, suite.seconds if seconds is None else seconds))
+    suite.simulate(exchange, faults or {}, seed)
+    report = judged(suite, exchange.timeline, level, faults=faults, version=__version__)
+    return report, exchange.timeline
 
 
 def at(
@@ -60,17 +60,17 @@ def at(
     redaction = Redaction()
     if "/" not in target:
         redaction.hide(host_and_port(target, "--target", 0)[0])
-    conduct = Exchange(suite.pilot(level, seconds))
-    Live(conduct, wires, told).run()
+    exchange = Exchange(suite.scenario(level, seconds))
+    Live(exchange, wires, told).run()
     report = judged(
         suite,
-        conduct.timeline,
+        exchange.timeline,
         level,
         target=target,
         version=__version__,
         redaction=redaction,
     )
-    return report, conduct.timeline
+    return report, exchange.timeline
 
 
 def captured(suite: Suite[Any], path: Path, target: str = "") -> tuple[Report, Timeline]:

@@ -1,6 +1,6 @@
-"""Asks what is judged: a pilot's script, run by whatever gives it times and events.
+"""Asks what is judged: a scenario, run by whatever gives it times and events.
 
-Sans-I/O. A live shell and a simulated peer in virtual time conduct the same pilots.
+Sans-I/O. A live shell and a simulated peer in virtual time run the same scenarios.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from cardan.conform.timeline import Event, Kind, Timeline
 
 
 class Act(NamedTuple):
-    """What a pilot wants done now."""
+    """What a scenario wants done now."""
 
     kind: Kind
     channel: str = ""
@@ -67,7 +67,7 @@ class Scenario(ABC):
     """One who asks. `script` is what it does by itself, `answer` what it does on an event."""
 
     now_s = 0.0
-    """Kept current by the conduct."""
+    """Kept current by the exchange."""
 
     @abstractmethod
     def script(self) -> Script:
@@ -79,13 +79,13 @@ class Scenario(ABC):
 
 
 class Exchange:
-    """Runs a pilot, and keeps the timeline. Times are seconds since the start."""
+    """Runs a scenario, and keeps the timeline. Times are seconds since the start."""
 
-    def __init__(self, pilot: Scenario) -> None:
-        self.pilot = pilot
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
         self.timeline = Timeline()
         self.over = False
-        self._script = pilot.script()
+        self._script = scenario.script()
         self._wait: Wait | None = None
         self._until_s = 0.0
 
@@ -99,7 +99,7 @@ class Exchange:
             return 0.0
         if wait.until is None:
             return self._until_s
-        return min(self._until_s, self.pilot.now_s + LOOK_S)
+        return min(self._until_s, self.scenario.now_s + LOOK_S)
 
     def heard(
         self,
@@ -112,17 +112,17 @@ class Exchange:
         late_s: float = 0.0,
     ) -> list[Act]:
         """Something came from what is judged, `late_s` before it was read; what to do about it."""
-        self.pilot.now_s = now_s
+        self.scenario.now_s = now_s
         self.timeline.was_late(late_s)
         event = Event(now_s - late_s, kind, False, channel, data, note)
         self.timeline.add(event)
-        acts = [] if self.over else list(self.pilot.answer(event))
+        acts = [] if self.over else list(self.scenario.answer(event))
         self._keep(now_s, acts)
         return acts + self.due(now_s)
 
     def due(self, now_s: float) -> list[Act]:
         """What the script wants done by `now_s`."""
-        self.pilot.now_s = now_s
+        self.scenario.now_s = now_s
         acts: list[Act] = []
         while not self.over:
             wait = self._wait

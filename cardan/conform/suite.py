@@ -23,8 +23,8 @@ class Transport(NamedTuple):
     """Of each channel: the port that is known for it, on the side that listens."""
     ours: frozenset[str] = frozenset()
     """Of `ports`: those that we listen at, where the other side is the client."""
-    pilots: frozenset[str] = frozenset()
-    """Of `ports`: those of clients that are as only our pilot is; no other's is one of them."""
+    scenarios: frozenset[str] = frozenset()
+    """Of `ports`: those of clients that are as only our scenario is; no other's is one of them."""
 
 
 class Suite(Generic[V]):
@@ -61,10 +61,10 @@ class Suite(Generic[V]):
     sees: Callable[[Timeline], V]
     """Makes of a timeline what the judges look at."""
     asks: Callable[[Level, float], Scenario]
-    """Makes the pilot that asks on every level up to one, each for about so many seconds."""
+    """Makes the scenario that asks on every level up to one, each for about so many seconds."""
     rig: ClassVar[str]
-    """``package.module:Class`` of what carries between a pilot and the simulated peer, which is
-    made of a conduct, faults and a seed, and `run`. A target is judged without it."""
+    """``package.module:Class`` of what carries between a scenario and the simulated peer, which is
+    made of an exchange, faults and a seed, and `run`. A target is judged without it."""
     seconds: ClassVar[float]
     """How long a level of a simulated run takes, s of virtual time."""
     own_faults: ClassVar[tuple[FaultSwitch, ...] | None] = None
@@ -74,14 +74,14 @@ class Suite(Generic[V]):
         """What the judges look at."""
         return self.sees(timeline)
 
-    def pilot(self, level: Level, seconds: float) -> Scenario:
+    def scenario(self, level: Level, seconds: float) -> Scenario:
         """Asks on every level up to `level`, each for about `seconds`."""
         return self.asks(level, seconds)
 
-    def simulate(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        """Run `conduct` against the simulated peer with these faults, in virtual time."""
+    def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        """Run `exchange` against the simulated peer with these faults, in virtual time."""
         module, _, name = self.rig.partition(":")
-        getattr(importlib.import_module(module), name)(conduct, faults, seed).run()
+        getattr(importlib.import_module(module), name)(exchange, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         """The wires to `target`, ``HOST[:PORT]`` of the first of the transport's ports; nothing is

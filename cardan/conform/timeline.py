@@ -19,7 +19,7 @@ class Kind(enum.Enum):
     REFUSED = "refused"
     """What was to be opened could not be."""
     MARK = "mark"
-    """A phase of the pilot begins; `note` is its name."""
+    """A phase of the scenario begins; `note` is its name."""
     ASKED = "asked"
     """Somebody was asked to do `note` by hand."""
 
@@ -131,7 +131,7 @@ class Seen:
         self.end_s = timeline.end_s
 
     def phase(self, name: str) -> Phase | None:
-        """The phase of that name, if the pilot came to it."""
+        """The phase of that name, if the scenario came to it."""
         return self.phases.get(name)
 
     def inside(self, number: int, *names: str) -> bool:

@@ -19,7 +19,7 @@ class Timed(Numbered, Protocol):
 
 def never_silent(held: Iterable[tuple[Phase | None, Sequence[Timed]]], most_s: float) -> Verdict:
     """Whether what came in these phases, from their beginnings to their ends, was never more than
-    `most_s` apart. A phase that the pilot did not come to is None."""
+    `most_s` apart. A phase that the scenario did not come to is None."""
     longest, wrong, count = 0.0, [], 0
     for phase, found in held:
         if phase is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
-from cardan.bus.discovery import Survey, reachable, remedies, survey
+from cardan.bus.discovery import Discovery, discover, reachable, remedies
 from cardan.bus.options import BusOptions
 from cardan.bus.router import is_served, router_address
 from cardan.doctor.base import Check, Finding, Subject, caution, failure, good
@@ -18,7 +18,7 @@ ZENOH = "rmw_zenoh_cpp"
 def judge_bus(
     options: BusOptions,
     who: str,
-    look: Callable[[BusOptions], Survey] = survey,
+    look: Callable[[BusOptions], Discovery] = discover,
     served: Callable[[tuple[str, int]], bool] = is_served,
 ) -> Finding:
     """Whether anybody is met by the bus of `who`. It is joined only where there is a router, or one

@@ -81,7 +81,7 @@ class AnsweringSession(ABC):
         """After `lost_after_s` without a valid datagram the link counts as lost."""
         self.state: RobotState | None = None
         """The newest."""
-        self.owes_answer = False
+        self.reply_pending = False
         """The newest state has no answer yet."""
         self.sessions = 0
         """So many sessions of the controller were heard; the number that states have."""
@@ -98,7 +98,7 @@ class AnsweringSession(ABC):
     def check(self, command: RobotCommand) -> None:
         """Raise CommandError for a command that the robot cannot take."""
 
-    def greeting(self, now_s: float) -> bytes | None:
+    def keepalive(self, now_s: float) -> bytes | None:
         """What a silent controller is sent, to make itself heard; None: nothing."""
         return None
 
@@ -107,7 +107,7 @@ class AnsweringSession(ABC):
         """The answer to `state` where the application gives none: brake, or stay."""
 
     @abstractmethod
-    def farewell(self, now_s: float) -> bytes | None:
+    def final_command(self, now_s: float) -> bytes | None:
         """What the controller is left with, at rest; None: nothing is to be said."""
 
     @abstractmethod
@@ -221,7 +221,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
     def hold(self, now_s: float) -> bytes | None:
         return self.command(HoldCommand(), now_s)
 
-    def farewell(self, now_s: float) -> bytes | None:
+    def final_command(self, now_s: float) -> bytes | None:
         """What brings the robot to rest when nothing comes after it."""
         return self.hold(now_s)
 
@@ -272,7 +272,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         if self._flood >= FLOOD_DATAGRAMS:
             state = state._replace(alarm="the port is flooded with other datagrams")
         self.state = state
-        self.owes_answer = True
+        self.reply_pending = True
         return state
 
     def _leap(self, state: RobotState, message: MessageT) -> str:
@@ -310,7 +310,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         self.state = self.state._replace(
             stamp_s=now_s, link=self.link(now_s), period_s=0.0, hold_reason=why
         )
-        self.owes_answer = True
+        self.reply_pending = True
         return self.state
 
     def _agreed(self, state: RobotState, message: MessageT, before: MessageT | None) -> RobotState:
@@ -458,12 +458,12 @@ class AnsweringRobot(LoopingRobot[AnsweringSessionT]):
 
     Of several states that came in at once the newest is yielded; one that the application does not
     answer is answered with a hold. However the loop ends, the robot is braked for as long as its
-    session calls it moving, and the farewell is what is said last.
+    session calls it moving, and the final command is sent last.
     """
 
     brakes_within_s: ClassVar[float] = 0.0
     """The longest that a robot that is left is braked."""
-    no_farewell_after_s: ClassVar[float] = LONGEST_BLIND_S
+    no_final_command_after_s: ClassVar[float] = LONGEST_BLIND_S
     """A controller that has been silent for so long is told nothing: it has stopped by itself, and
     its next run is not ours to command."""
 
@@ -503,7 +503,7 @@ class AnsweringRobot(LoopingRobot[AnsweringSessionT]):
         if connection is None or self._loop != loop:
             return
         said_s = self._now_s()
-        self._say(session.greeting(said_s))
+        self._say(session.keepalive(said_s))
         with self._looping(loop):
             while self._loop == loop:
                 state = self._hear()
@@ -513,10 +513,10 @@ class AnsweringRobot(LoopingRobot[AnsweringSessionT]):
                     now_s = self._now_s()
                     if now_s - said_s < WAKE_S or (state := session.tick(now_s)) is None:
                         continue
-                    self._say(session.greeting(now_s))
+                    self._say(session.keepalive(now_s))
                 said_s = state.stamp_s
                 yield state
-                if session.owes_answer and self._connection() is connection:
+                if session.reply_pending and self._connection() is connection:
                     self._hold()
 
     @abstractmethod
@@ -526,7 +526,7 @@ class AnsweringRobot(LoopingRobot[AnsweringSessionT]):
     def _answer_with_hold(self) -> None:
         """Answer the newest state so that the robot brakes, or stays."""
         self._say(self._session.hold(self._now_s()))
-        self._session.owes_answer = False
+        self._session.reply_pending = False
 
     def _brake(self) -> None:
         """Answer states with holds until the robot rests, or they cease."""
@@ -543,9 +543,9 @@ class AnsweringRobot(LoopingRobot[AnsweringSessionT]):
             self._brake()
         finally:
             session, now_s = self._session, self._now_s()
-            if session.silence_s(now_s) <= self.no_farewell_after_s:
-                self._say(session.farewell(now_s))
-            session.owes_answer = False
+            if session.silence_s(now_s) <= self.no_final_command_after_s:
+                self._say(session.final_command(now_s))
+            session.reply_pending = False
 
     @property
     def link(self) -> RobotLink:
@@ -634,12 +634,12 @@ class DatagramRobot(AnsweringRobot[DatagramSessionT]):
     def send(self, command: RobotCommand) -> None:
         """Command the robot; the last of several calls for one state counts."""
         session, now_s = self._session, self._now_s()
-        if not session.owes_answer and session.lost(now_s):
+        if not session.reply_pending and session.lost(now_s):
             session.check(command)
             return
         if session.late(now_s):
             # The robot has moved on since the state that this command was computed from.
             self._drain()
         answer = session.command(command, self._now_s())
-        session.owes_answer = False
+        session.reply_pending = False
         self._say(answer)

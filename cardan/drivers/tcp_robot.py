@@ -99,7 +99,7 @@ class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
 
     @property
     @abstractmethod
-    def owes_answer(self) -> bool:
+    def reply_pending(self) -> bool:
         """The state given last takes a command, and got none yet."""
 
     @property
@@ -294,7 +294,7 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
                     yield state
                     if self._loop != loop:
                         return
-                    if session.owes_answer:
+                    if session.reply_pending:
                         self.send(HoldCommand())
                     if self._tasks:
                         continue

@@ -45,7 +45,7 @@ REPEAT: Mapping[str, Callable[..., None]] = {
     "hand_over": lambda verbs, to, source: verbs.hand_over(to, source=source),
     "release": lambda verbs, source: verbs.release(source),
 }
-"""What the witness is told of them, by name, and how each is made again with its values."""
+"""what the recorder has of them, by name, and how each is made again with its values."""
 
 
 def repeat(verbs: ArmVerbs, name: str, argument: str) -> None:

@@ -121,8 +121,8 @@ def replay_engine(
 ) -> list[EngineReport]:
     """Replay each session of a record. `changed` may change its configuration before.
 
-    Raises CaptureError for a file without one, ConfigurationError for a configuration that cannot
-    be used here.
+    Raises CaptureError for a file without one, and for the configuration of an older version that
+    this one cannot use; ConfigurationError where `changed` has made one that cannot be used.
     """
     reader = RecordReader(path)
     configurations: dict[str, Any] = {}
@@ -154,11 +154,21 @@ def replay_engine(
         described = configurations[node]
         if not isinstance(described, dict) or not isinstance(described.get("tables"), dict):
             raise CaptureError(f"{path}: {node}{CONFIGURATION} has no tables of a configuration")
-        config = parse_config(described["tables"], from_file=False)
+        versions = described.get("versions")
+        if not isinstance(versions, dict):
+            versions = {}
+        try:
+            config = parse_config(described["tables"], from_file=False)
+        except ConfigurationError as error:
+            raise CaptureError(
+                f"{path}: this version of Cardan cannot use {node}{CONFIGURATION}, which "
+                f"{versions.get('cardan', 'an unknown version')} wrote; replay it by that one: "
+                f"{error}"
+            ) from None
         if changed is not None:
             config = changed(config)
         report = replay_cycles(config, records)
-        report.session, report.versions = node, described.get("versions", {})
+        report.session, report.versions = node, versions
         report.problems = reader.problems
         reports.append(report)
     return reports

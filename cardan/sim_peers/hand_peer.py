@@ -10,8 +10,8 @@ from typing import Generic, TypeVar
 
 from cardan.common.options import Options
 from cardan.common.sockets import EVERYBODY, OWNER_ONLY
+from cardan.sim_peers.backends.base import DeviceBackend, M
 from cardan.sim_peers.base import SimulatedPeer
-from cardan.sim_peers.carriers.base import Carrier, M
 from cardan.sim_peers.command import option
 from cardan.sim_peers.scripted import Hand, HeldDevice, pieces
 
@@ -33,7 +33,7 @@ class HandOptions(Options):
     """Seed of the noise and of the faults' choices."""
     start_on_connect: bool = True
     """The script starts when the first program opens the device, not when the peer opens. Without
-    effect on carriers that cannot tell (uinput, CAN)."""
+    effect on backends that cannot tell (uinput, CAN)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,18 +50,20 @@ class NodeOptions(HandOptions):
 
 
 class HandPeer(SimulatedPeer, Generic[D, M]):
-    """Serves `device`, which `hand` moves, by `carrier`.
+    """Serves `device`, which `hand` moves, by `backend`.
 
     Time of device and hand stands still until the script begins. The fault ``refuse`` is the
-    shell's, the others are the device's and the carrier's.
+    shell's, the others are the device's and the backend's.
     """
 
     stall_s = STALL_S
 
-    def __init__(self, device: D, hand: Hand[D], carrier: Carrier[M], options: HandOptions) -> None:
+    def __init__(
+        self, device: D, hand: Hand[D], backend: DeviceBackend[M], options: HandOptions
+    ) -> None:
         self.device = device
         self.hand = hand
-        self.carrier = carrier
+        self.backend = backend
         self.options = options
         self._selector: selectors.BaseSelector | None = None
         self._opened_s = 0.0
@@ -75,7 +77,7 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
     @property
     def endpoint(self) -> str:
         """What programs open."""
-        return self.carrier.endpoint
+        return self.backend.endpoint
 
     def open(self) -> None:
         """Plug the device in. Raises a CardanError that says what to do."""
@@ -93,8 +95,8 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
             raise
 
     def _open_parts(self) -> None:
-        self.carrier.open(self)
-        if not (self.options.start_on_connect and self.carrier.awaits_program):
+        self.backend.open(self)
+        if not (self.options.start_on_connect and self.backend.awaits_program):
             self.begin()
 
     def step(self, until_s: float) -> None:
@@ -106,17 +108,17 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
             self._follow(now_s)
             if now_s >= until_s:
                 return
-            self.carrier.wait(max(0.0, min(until_s, self._next_due_s(now_s)) - now_s))
+            self.backend.wait(max(0.0, min(until_s, self._next_due_s(now_s)) - now_s))
 
     def close(self) -> None:
         """Unplug the device for good."""
         if self._selector is None:
             return
-        self.carrier.close()
+        self.backend.close()
         self._selector.close()
         self._selector = self._start_s = None
 
-    # -- what a carrier uses -------------------------------------------------------------------
+    # -- what a backend uses -------------------------------------------------------------------
 
     @property
     def selector(self) -> selectors.BaseSelector:
@@ -148,7 +150,7 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
 
     def _next_due_s(self, now_s: float) -> float:
         """When anything is due next, monotonic s."""
-        due_s = self.carrier.due_s
+        due_s = self.backend.due_s
         if now_s < self.refused_until_s:
             due_s = min(due_s, self.refused_until_s)
         if self._start_s is not None:
@@ -171,16 +173,16 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
 
     def _deliver(self, reports: Sequence[M], now_s: float) -> None:
         """Pass `reports` on, and plug the device in or out as it is."""
-        carrier = self.carrier
-        refused = now_s < self.refused_until_s and not carrier.tells_refusal
+        backend = self.backend
+        refused = now_s < self.refused_until_s and not backend.tells_refusal
         wanted = self.device.plugged and not refused
-        if wanted and not carrier.there:
-            carrier.appear()
+        if wanted and not backend.there:
+            backend.appear()
         if reports:
-            carrier.send(reports)
-        if carrier.there and not wanted:
-            carrier.vanish()
+            backend.send(reports)
+        if backend.there and not wanted:
+            backend.vanish()
 
     def _follow(self, now_s: float) -> None:
         """React to the device's condition after it was played until `now_s`."""
-        self.carrier.attend(now_s)
+        self.backend.attend(now_s)

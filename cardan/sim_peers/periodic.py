@@ -7,8 +7,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Generic, NamedTuple
 
+from cardan.sim_peers.backends.base import M
 from cardan.sim_peers.base import FaultSwitch, TimedActs, check_faults
-from cardan.sim_peers.carriers.base import M
 
 PERIODIC_FAULTS = (
     FaultSwitch("unplug", "the device vanishes at VALUE s", 3.0),

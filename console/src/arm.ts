@@ -27,7 +27,7 @@ export type Snapshot = {
   hold_reason: string;
   pose: number[];
   reference: number[];
-  leash_used: number;
+  lead_used: number;
   at_workspace_limit: boolean;
   clearance_m: number | null;
   nearest_pair: string[];
@@ -54,7 +54,7 @@ export type Status = {
   authority: string;
   ready: boolean;
   moving: boolean;
-  leash_used: number;
+  lead_used: number;
   limits: string[];
 };
 

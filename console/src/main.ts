@@ -1,5 +1,6 @@
 import { Arm, findArms } from "./arm.ts";
 import { button, choice, fixed, h, setText, stopper } from "./dom.ts";
+import { Codes } from "./codes.ts";
 import { Goal } from "./goal.ts";
 import { type Word, setLanguage, t } from "./i18n.ts";
 import { deviceWay, quality } from "./latency.ts";
@@ -116,6 +117,10 @@ if (token) address.searchParams.set("t", token);
 
 const link = new Link(new Rosbridge(address.href));
 link.name(settings.person);
+const codes = new Codes(async (text) => {
+  const answer = await link.ask("cardan.codes", { text: text.slice(0, 1000) });
+  return answer["codes"] as string[];
+});
 const motion = new Motion(link);
 /** Null until it is loaded, and where there is no WebGL. */
 let scene: Scene | null = null;
@@ -440,7 +445,8 @@ function refresh(): void {
     snapshot: arm?.snapshot ?? null,
     status: arm?.status ?? null,
   });
-  setText(whyText, replay.open ? t("replayWhy") : facts.text);
+  const told = facts.level === "warn" || facts.level === "bad" ? codes.shown(facts.text) : facts.text;
+  setText(whyText, replay.open ? t("replayWhy") : told);
   whyLine.dataset["level"] = replay.open ? "note" : facts.level;
 
   linkChip.dataset["quality"] = link.state === "live" ? quality(median, ageMs) : "bad";

@@ -10,7 +10,7 @@ const STATUS: Status = {
   authority: "",
   ready: true,
   moving: false,
-  leash_used: 0,
+  lead_used: 0,
   limits: [],
 };
 const SNAPSHOT = {

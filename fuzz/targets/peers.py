@@ -10,8 +10,8 @@ from cardan.errors import ScriptError
 from cardan.protocols import connexion, joint_stream as js, spnav
 from cardan.protocols.evdev import requests as evdev_requests
 from cardan.sim_peers.arm import SimulatedArm
+from cardan.sim_peers.backends import uhid, usbip
 from cardan.sim_peers.base import parse_script
-from cardan.sim_peers.carriers import uhid, usbip
 from cardan.sim_peers.egm_controller import EgmController, scripts as egm_scripts
 from cardan.sim_peers.evdev import MODELS as EVDEV_MODELS, SimulatedInput, hand as evdev_hand
 from cardan.sim_peers.motoros_controller import (

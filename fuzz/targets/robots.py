@@ -324,7 +324,7 @@ def _sim_arm_session(packets: tuple[bytes, ...]) -> object:
             session.command(HoldCommand(), now_s)
         session.diagnosis(now_s)
     now_s += 60.0
-    session.greeting(now_s)
+    session.keepalive(now_s)
     data = js.encode_state(arm_state(1, session=(1 << 31) + 5))
     assert session.receive(data, now_s) is not None, session.diagnosis(now_s)
     session.metrics()

@@ -23,7 +23,7 @@ from cardan.gateway.daemon.daemon import Daemon
 from cardan.gateway.daemon.processes import Lines, RunningSession
 from cardan.gateway.force import link
 from cardan.gateway.servers import stats
-from cardan.gateway.servers.access import AccessControl, AccessDenied, Caller
+from cardan.gateway.servers.access import AccessControl, AccessDenied, ClientInfo
 from cardan.gateway.servers.tokens import Role, Tokens, parse_tokens
 from cardan.gateway.session.config import SessionConfig, parse_config
 from cardan.gateway.session.snapshot import Snapshot
@@ -303,7 +303,7 @@ def _door(data: bytes) -> object:
     for line in lines[1:]:
         key, _, value = line.partition(":")
         headers.setdefault(key.strip().lower(), []).append(value.strip())
-    caller = Caller(
+    caller = ClientInfo(
         "192.0.2.7", lines[0], headers["host"], headers["origin"], headers["authorization"]
     )
     results = []

@@ -132,17 +132,17 @@ def hidden_j(trace: Trace) -> Array:
     """How much more than its books say the tick gave until each tick, for what its sensors and
     motors are; exact, and of either sign.
 
-    The tick is told y(k) = x(k-1) + q(k): a tick old, and quantised. It books at least
+    The tick is told y(k) = x(k-1) + q(k): a tick old, and quantized. It books at least
     F(k-2) . (y(k) - y(k-1)). That is the true work but for F(k-2) . (q(k) - q(k-1)), and but for
     what the motors' converter rounds. Row k - 1 is what tick k can know of.
     """
     x, y, sent = trace.position_m, trace.measured_m, trace.sent_n
     q = y[1:] - x[:-1]
     moved = np.diff(x, axis=0)
-    quantised = np.einsum("ij,ij->i", sent[:-2], np.diff(q, axis=0))
+    quantized = np.einsum("ij,ij->i", sent[:-2], np.diff(q, axis=0))
     rounded = np.einsum("ij,ij->i", (trace.felt_n - sent)[:-1], moved)
     found: Array = np.zeros(len(x))
-    found[1:-1] = -np.cumsum(quantised) + np.cumsum(rounded[:-1])
+    found[1:-1] = -np.cumsum(quantized) + np.cumsum(rounded[:-1])
     found[-1] = found[-2]
     return found
 

@@ -35,7 +35,7 @@ def stable_stiffness_rule(
 
 
 def passive_by_friction(friction_n: float, quantum_m: float) -> float:
-    """Stiffest wall whose quantisation Coulomb friction makes up for, N/m: f_c > K·Δ/2."""
+    """Stiffest wall whose quantization Coulomb friction makes up for, N/m: f_c > K·Δ/2."""
     return 2.0 * friction_n / quantum_m
 
 

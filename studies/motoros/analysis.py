@@ -81,7 +81,7 @@ def _phase(recording: Recording, start_s: float) -> Phase:
 
     def late(one: Array, two: Array, find: Find = delay_by_least_error) -> float:
         """The shift that fits best is that of the shape: gain and curve of the mouse are none."""
-        a, b = _normalised(one[window])[:, None], _normalised(two[early])[:, None]
+        a, b = _normalized(one[window])[:, None], _normalized(two[early])[:, None]
         return find(GRID_S, a, b, LONGEST_S + LEAD_S) - LEAD_S
 
     device, goal = recording.device, recording.goal
@@ -103,7 +103,7 @@ def _phase(recording: Recording, start_s: float) -> Phase:
     )
 
 
-def _normalised(signal: Array) -> Array:
+def _normalized(signal: Array) -> Array:
     travel = signal[-1] - signal[0]
     if abs(travel) < 0.01:
         raise ValueError(f"the joint moved {travel:.4f} rad in a push")

@@ -149,7 +149,7 @@ def session_tables(mouse: Path, port: int, mode: str, **robot: Any) -> dict[str,
             "joint_speed_rad_s": JOINT_SPEED_RAD_S,
         },
         # The first joint swings the TCP 0.7 m from its axis; the standard mode is far behind.
-        "limits": {"leash_m": 0.3, "leash_rad": 0.6, "linear_speed_m_s": 0.5},
+        "limits": {"max_lead_m": 0.3, "max_lead_rad": 0.6, "linear_speed_m_s": 0.5},
         "watchdogs": {"following_error_m": 0.4, "following_error_rad": 0.8},
     }
 

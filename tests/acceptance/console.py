@@ -164,7 +164,7 @@ class Person:
             self._rest(tab)
             missed = math.dist(goal, self._position(tab))
             self._say(f"it was held until the arm was there, and rests {missed:.1f} mm from it")
-            # Who sees late lets go late: it is held again then.
+            # A page that sees late lets go late: it is held again then.
             if missed <= MISSED_MM:
                 self.done.append("at the goal")
 

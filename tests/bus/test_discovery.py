@@ -2,12 +2,12 @@
 
 import pytest
 
-from cardan.bus.discovery import Survey, reachable, remedies, survey, unseen
+from cardan.bus.discovery import Discovery, discover, reachable, remedies, unseen
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.bus.options import BusOptions, NetworkOptions
 from tests.serving import free_endpoint
 
-NOBODY = Survey((), {}, {}, 0, 0)
+NOBODY = Discovery((), {}, {}, 0, 0)
 
 
 def advice(found, **options):
@@ -75,7 +75,7 @@ def test_a_node_on_the_bus_is_found_and_the_one_that_looks_is_not():
     with BusNetwork(BusOptions(router="", listen=(endpoint,)), "talker") as talker:
         publisher = talker.advertise("/chatter", "std_msgs/msg/String", latched=False)
         options = BusOptions(router=endpoint)
-        found = survey(options)
+        found = discover(options)
         publisher.close()
     assert list(found.nodes) == ["/talker"]
     assert found.topics["/chatter"].publishers == ("/talker",)

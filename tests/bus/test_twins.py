@@ -1,4 +1,4 @@
-"""Of two nodes with one name only one takes commands, whoever meets whom first."""
+"""Of two nodes with one name only one takes commands, whichever of them met the other first."""
 
 from collections import deque
 

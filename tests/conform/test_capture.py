@@ -16,7 +16,7 @@ from tests.captures import MOTOMAN, require
 
 UNASKED = "nobody asked for it in this capture"
 OF_OUR_OWN = {"ur-rtde": {"UR-003", "UR-007", "UR-015", "UR-027", "UR-103"}}
-"""What only the pilot's second and third client ask for."""
+"""What only the scenario's second and third client ask for."""
 
 SOURCE, DESTINATION = 16 + 20, 16 + 22
 """Where the ports are in a packet with its head."""

@@ -76,12 +76,12 @@ def test_a_datagram_is_stamped_when_it_comes_not_when_it_is_read():
 
 
 def test_a_timeline_has_when_things_came_and_how_late_its_computer_was():
-    conduct = Exchange(registry.load("egm").pilot(Level.LISTEN, 1.0))
-    conduct.due(0.0)
-    conduct.heard(0.5, "", b"x", late_s=0.2)
-    (came,) = (each for each in conduct.timeline if each.data)
+    exchange = Exchange(registry.load("egm").scenario(Level.LISTEN, 1.0))
+    exchange.due(0.0)
+    exchange.heard(0.5, "", b"x", late_s=0.2)
+    (came,) = (each for each in exchange.timeline if each.data)
     assert came.time_s == 0.3
-    assert conduct.timeline.late_s == 0.2
+    assert exchange.timeline.late_s == 0.2
 
 
 def test_a_device_file_is_read_report_by_report(tmp_path):

@@ -21,9 +21,9 @@ from cardan.types import HoldCommand
 
 def outcomes():
     suite = registry.load("motoros-driver")
-    conduct = Exchange(suite.pilot(Level.BY_HAND, suite.seconds))
-    MotorosDriverRig(conduct, {}, options=MotorosOptions(mode="stream")).run()
-    report = judged(suite, conduct.timeline, Level.BY_HAND, version="")
+    exchange = Exchange(suite.scenario(Level.BY_HAND, suite.seconds))
+    MotorosDriverRig(exchange, {}, options=MotorosOptions(mode="stream")).run()
+    report = judged(suite, exchange.timeline, Level.BY_HAND, version="")
     assert report.failed == (), report.as_text()
     return {each.id: each.outcome for each in report.results}
 

@@ -1,4 +1,4 @@
-"""A pilot's script, run by times and events."""
+"""a scenario, run by times and events."""
 
 from __future__ import annotations
 
@@ -55,39 +55,39 @@ class Echo(Scenario):
 
 
 def conducted():
-    conduct = Exchange(Echo())
-    assert [act.kind for act in conduct.due(0.0)] == [Kind.OPENED]
-    assert conduct.heard(0.0, "wire", kind=Kind.OPENED)[0].note == "wait"
-    return conduct
+    exchange = Exchange(Echo())
+    assert [act.kind for act in exchange.due(0.0)] == [Kind.OPENED]
+    assert exchange.heard(0.0, "wire", kind=Kind.OPENED)[0].note == "wait"
+    return exchange
 
 
 def test_a_wait_ends_with_what_it_waits_for():
-    conduct = conducted()
-    acts = conduct.heard(0.25, "wire", b"x", note="them")
+    exchange = conducted()
+    acts = exchange.heard(0.25, "wire", b"x", note="them")
     assert [(act.kind, act.data, act.note) for act in acts] == [
         (Kind.DATA, b"xx", ""),
         (Kind.MARK, b"", "more"),
         (Kind.ASKED, b"", "Wave."),
     ]
-    assert conduct.next_s == 0.75
-    assert conduct.due(0.7) == []
-    assert [act.kind for act in conduct.due(0.75)] == [Kind.DATA, Kind.CLOSED]
-    assert conduct.over
-    assert conduct.next_s == math.inf
+    assert exchange.next_s == 0.75
+    assert exchange.due(0.7) == []
+    assert [act.kind for act in exchange.due(0.75)] == [Kind.DATA, Kind.CLOSED]
+    assert exchange.over
+    assert exchange.next_s == math.inf
 
 
 def test_a_wait_ends_with_its_time():
-    conduct = conducted()
-    assert conduct.due(0.99) == []
-    assert 0.99 < conduct.next_s <= 1.0
-    assert [act.kind for act in conduct.due(1.0)] == [Kind.MARK, Kind.ASKED]
+    exchange = conducted()
+    assert exchange.due(0.99) == []
+    assert 0.99 < exchange.next_s <= 1.0
+    assert [act.kind for act in exchange.due(1.0)] == [Kind.MARK, Kind.ASKED]
 
 
 def test_the_timeline_has_both_ways_and_the_phases():
-    conduct = conducted()
-    conduct.heard(0.25, "wire", b"x", note="them")
-    conduct.due(1.0)
-    timeline = conduct.timeline
+    exchange = conducted()
+    exchange.heard(0.25, "wire", b"x", note="them")
+    exchange.due(1.0)
+    timeline = exchange.timeline
     assert [(each.kind, each.sent, each.data) for each in timeline] == [
         (Kind.OPENED, False, b""),
         (Kind.MARK, True, b""),
@@ -107,12 +107,12 @@ def test_the_timeline_has_both_ways_and_the_phases():
 
 
 def test_nothing_is_answered_after_the_end():
-    conduct = conducted()
-    conduct.due(1.0)
-    conduct.due(2.0)
-    assert conduct.over
-    assert conduct.heard(3.0, "wire", b"late") == []
-    assert conduct.timeline.events[-1].data == b"late"
+    exchange = conducted()
+    exchange.due(1.0)
+    exchange.due(2.0)
+    assert exchange.over
+    assert exchange.heard(3.0, "wire", b"late") == []
+    assert exchange.timeline.events[-1].data == b"late"
 
 
 def test_a_number_of_a_requirement_is_given_once():

@@ -32,11 +32,11 @@ def test_it_asks_for_what_our_driver_asks_for():
 
 
 def ran(level, rig=UrRig, seconds=1.0, **options):
-    conduct = Exchange(SUITE.pilot(level, seconds))
-    made = rig(conduct, {}, options=UrControllerOptions(**options))
+    exchange = Exchange(SUITE.scenario(level, seconds))
+    made = rig(exchange, {}, options=UrControllerOptions(**options))
     made.run()
-    report = judged(SUITE, conduct.timeline, level)
-    return report, conduct.timeline, made
+    report = judged(SUITE, exchange.timeline, level)
+    return report, exchange.timeline, made
 
 
 def outcomes(report):

@@ -30,7 +30,7 @@ LEAVE_S = 10.0
 
 PROGRAMS = ("chromium", "chromium-headless-shell", "chromium-browser", "google-chrome")
 
-LEASHED = 'exec 3<&0; (cat <&3 >/dev/null; kill 0) & "$@" </dev/null'
+ENDS_WITH_PARENT = 'exec 3<&0; (cat <&3 >/dev/null; kill 0) & "$@" </dev/null'
 """A command and what it starts, as one group of processes, which ends with the one that launched
 it: the kernel closes its standard input then. Debian's browsers are started by scripts."""
 
@@ -293,7 +293,7 @@ def chromium(program: str, folder: Path, flags: Sequence[str] = ()) -> Iterator[
     marker = folder / "DevToolsActivePort"
     words = [program, *FLAGS, *flags, f"--user-data-dir={folder}", "about:blank"]
     process = subprocess.Popen(
-        ["sh", "-c", LEASHED, "sh", *words],
+        ["sh", "-c", ENDS_WITH_PARENT, "sh", *words],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

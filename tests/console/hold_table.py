@@ -144,7 +144,7 @@ def _hide(held: Held) -> None:
         time.sleep(STALL_S)
 
 
-def _minimise(held: Held) -> None:
+def _minimize(held: Held) -> None:
     window = held.page.ask("Browser.getWindowForTarget")["windowId"]
     for state in ("minimized", "normal"):
         held.page.ask("Browser.setWindowBounds", windowId=window, bounds={"windowState": state})
@@ -290,7 +290,7 @@ ENDS: dict[str, End] = {
     "Escape": End(lambda held: held.page.key("keyDown", "Escape")),
     "window loses the focus": End(_blur),
     "another tab in front for 1 s": End(_hide),
-    "window minimised for half a second": End(_minimise, tested=False),
+    "window minimized for half a second": End(_minimize, tested=False),
     "page frozen for 1 s": End(_freeze, lives=False),
     "a dialogue of the browser for 1 s": End(_open_a_dialogue, tested=False),
     "page's thread blocked for 1 s": End(_block),

@@ -1,4 +1,4 @@
-"""Who comes in by a browser, who has the arm of two, and a visitor that does not read."""
+"""Access by a browser, authority over the arm of two, and a visitor that does not read."""
 
 from __future__ import annotations
 

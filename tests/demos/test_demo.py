@@ -265,7 +265,7 @@ def test_what_a_demo_launches_serves_what_its_configuration_has():
 
 
 @pytest.mark.matrix
-def test_a_server_is_served_beside_the_session_for_whoever_comes(capsys):
+def test_a_server_is_served_beside_the_session_for_all_clients(capsys):
     """Nobody does."""
     assert run_demo(5.0, "ros2") == EXIT_OK
     said = capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""Who has what open, by a /proc of the test's own."""
+"""Open files of processes, by a /proc of the test's own."""
 
 from cardan.doctor.processes import holders, named
 

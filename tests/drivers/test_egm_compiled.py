@@ -15,7 +15,7 @@ from cardan.common.native import NativePartError
 from cardan.drivers.abb_egm import AbbEgmOptions, compiled, guidance as guidance_module
 from cardan.drivers.abb_egm.compiled import AnsweringLimiter, CompiledCycle, CompiledReader
 from cardan.drivers.abb_egm.session import EgmSession
-from cardan.drivers.abb_egm.statistics import PlainBook
+from cardan.drivers.abb_egm.statistics import PlainCycleState
 from cardan.drivers.limiters import JointLimiter
 from cardan.drivers.missed_cycles import SLACK_S
 from cardan.errors import CommandError
@@ -351,7 +351,7 @@ def test_all_that_a_session_says_is_that_of_the_one_in_python(
     quick, plain = EgmSession(options, 0.0), without_compiled(options)
     assert isinstance(quick._reader, CompiledReader)
     assert type(plain._reader) is FeedbackReader
-    assert isinstance(plain._book, PlainBook)
+    assert isinstance(plain._cycle_state, PlainCycleState)
     done: Counter[str] = Counter()
 
     def counted(what: str, call: Callable[..., object]) -> Callable[..., object]:
@@ -376,15 +376,15 @@ def test_all_that_a_session_says_is_that_of_the_one_in_python(
             states = [session.receive(data, source, now_s) for session in (quick, plain)]
             assert states[0] == states[1]
             assert repr(states[0]) == repr(states[1])
-        assert quick.owes_answer == plain.owes_answer
-        if quick.owes_answer and happens < 0.99:
+        assert quick.reply_pending == plain.reply_pending
+        if quick.reply_pending and happens < 0.99:
             command = operator.command()
             found = [told(session, command, now_s + late_s) for session in (quick, plain)]
             assert found[0] == found[1], (cycle, command)
             for session in (quick, plain):
                 session.answered(now_s + late_s)
         for name in BOOKED:
-            one, two = getattr(quick._book, name), getattr(plain._book, name)
+            one, two = getattr(quick._cycle_state, name), getattr(plain._cycle_state, name)
             assert (list(one) == list(two)) if name == "states" else one == two, name
         for part in ("_limiter", "_point", "_turn"):
             limiter, other = (getattr(session._guidance, part, None) for session in (quick, plain))
@@ -394,7 +394,7 @@ def test_all_that_a_session_says_is_that_of_the_one_in_python(
         assert quick.moving == plain.moving
         assert quick._newest == plain._newest
         if happens > 0.998:
-            assert quick.farewell(now_s) == plain.farewell(now_s)
+            assert quick.final_command(now_s) == plain.final_command(now_s)
     assert quick.counters == plain.counters
     assert quick.metrics() == plain.metrics()
     assert quick.diagnosis(now_s) == plain.diagnosis(now_s)
@@ -412,7 +412,7 @@ BOOKED = (
 def test_a_command_that_is_none_changes_nothing() -> None:
     cycle = CompiledCycle(late_after_s=0.2, longest_gap_s=0.006)
     limiter = AnsweringLimiter((-1.0,) * 6, (1.0,) * 6, (1.0,) * 6, (5.0,) * 6, 0.016, True)
-    answer = limiter.answerer(cycle)
+    answer = limiter.compiled_reply(cycle)
     session, controller = EgmSession(AbbEgmOptions(), 0.0), Controller()
     for _ in range(2):
         state = session.receive(controller.datagram(), ADDRESS, 1.0)
@@ -430,14 +430,18 @@ def test_a_command_that_is_none_changes_nothing() -> None:
         (still, still, -0.004),
         (still, still, math.nan),
     ):
-        cycle.book.steady, cycle.book.since_reply_s, cycle.book.replied_s = True, dt_s, 1.0
+        cycle.cycle_state.steady, cycle.cycle_state.since_reply_s, cycle.cycle_state.replied_s = (
+            True,
+            dt_s,
+            1.0,
+        )
         assert answer(JointCommand(positions, velocities), 1.0, state, b"") is None
         assert list(limiter.reference) == list(limiter.velocity) == list(still)
         assert limiter._target is None
-        assert cycle.book.out_seqno == 0
-    cycle.book.since_reply_s = 0.004
+        assert cycle.cycle_state.out_seqno == 0
+    cycle.cycle_state.since_reply_s = 0.004
     assert answer(JointCommand(still, still), 1.0, state, b"") is not None
-    assert cycle.book.out_seqno == 1
+    assert cycle.cycle_state.out_seqno == 1
 
 
 def test_a_layout_that_is_not_sound_is_not_read_by() -> None:

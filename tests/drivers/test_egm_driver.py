@@ -452,7 +452,7 @@ class TestLeaving:
                     cycles = robot.cycles()
             assert peer.rest() == []
         assert robot.metrics()["answers"] == 30
-        assert robot.metrics()["farewells"] == 0
+        assert robot.metrics()["final_commands"] == 0
         assert robot.metrics()["reply_latency_max_s"] < 0.2
 
     def test_a_last_message_is_no_answer(self, robot: AbbEgm, peer: Peer) -> None:
@@ -462,7 +462,7 @@ class TestLeaving:
         cycles.close()
         assert self.last_words(peer) == ZEROS
         metrics = robot.metrics()
-        assert (metrics["answers"], metrics["farewells"]) == (30, 1)
+        assert (metrics["answers"], metrics["final_commands"]) == (30, 1)
         assert metrics["reply_latency_max_s"] < 0.1
 
 
@@ -499,7 +499,7 @@ class TestStolenPort:
         assert [speeds_of(answer) for answer in peer.rest()] == [ZEROS]
         robot.send(FAST)
         assert speeds_of(after.hear()) == ZEROS
-        assert robot.metrics()["farewells"] == 1
+        assert robot.metrics()["final_commands"] == 1
         after.socket.close()
 
 

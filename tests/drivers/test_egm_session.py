@@ -190,7 +190,7 @@ class TestBeginning:
 
     def test_one_answer_per_datagram(self) -> None:
         bench = Bench().started()
-        assert not bench.session.owes_answer
+        assert not bench.session.reply_pending
         with pytest.raises(CommandError, match="no datagram to answer"):
             bench.session.reply(HOLD, bench.now_s)
 
@@ -242,7 +242,7 @@ class TestPinning:
         bench.controller.seqno = 0
         states = [bench.hear(OTHER_PORT) for _ in range(24)]
         assert states == [None] * 24
-        assert bench.session.parting is None
+        assert bench.session.handover is None
         bench.now_s += PERIOD_S
         assert bench.session.tick(bench.now_s) is not None
         state = bench.hear(OTHER_PORT)
@@ -250,12 +250,12 @@ class TestPinning:
         assert (state.session, state.sequence) == (2, 24)
         assert bench.session.peer == OTHER_PORT
         # The port before is left at rest, where it was told to be.
-        assert bench.session.parting is not None
-        last_words, port = bench.session.parting
+        assert bench.session.handover is not None
+        last_words, port = bench.session.handover
         assert port == PEER
         assert joints_in(last_words) == pytest.approx(last)
         assert speeds_of(last_words) == ZEROS
-        assert bench.session.counters.farewells == 1
+        assert bench.session.counters.final_commands == 1
         answer = bench.session.reply(joint_target(1.0), bench.now_s)
         assert joints_in(answer) == pytest.approx(bench.controller.joints)
         assert speeds_of(answer) == ZEROS
@@ -353,7 +353,7 @@ class TestPinning:
             bench.now_s += silence_s
             bench.session.tick(bench.now_s)
             assert bench.hear(OTHER_PORT) is not None
-            assert bench.session.parting is None
+            assert bench.session.handover is None
 
 
 class TestSequence:
@@ -389,7 +389,7 @@ class TestSequence:
             assert state.period_s == pytest.approx(step * PERIOD_S)
         else:
             assert state is None
-            assert not bench.session.owes_answer
+            assert not bench.session.reply_pending
 
     @pytest.mark.parametrize(
         ("last", "following"), [(5000, 0), (5000, 3), (40, 0), (3, 0), (0, 0), (2**32 - 1, 2**31)]
@@ -569,7 +569,7 @@ class TestHolding:
         bench.hear()
         with pytest.raises(CommandError, match="joint mode"):
             bench.session.reply(pose_target(), bench.now_s)
-        assert bench.session.owes_answer
+        assert bench.session.reply_pending
 
 
 class TestCommands:
@@ -625,7 +625,7 @@ class TestCommands:
         ):
             with pytest.raises(CommandError):
                 bench.session.reply(command, bench.now_s)
-        assert bench.session.owes_answer
+        assert bench.session.reply_pending
         answer = bench.session.reply(joint_target(0.5), bench.now_s)
         change = speeds_of(answer)[0] - speeds_of(before)[0]  # type: ignore[index]
         assert 0.0 < change <= math.radians(720.0) * PERIOD_S + 1e-9
@@ -636,7 +636,7 @@ class TestCommands:
         bench.hear()
         with pytest.raises(CommandError, match="it takes hold"):
             bench.session.reply(command, bench.now_s)
-        assert bench.session.owes_answer
+        assert bench.session.reply_pending
 
     @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300])
     def test_bad_poses_and_twists(self, bad: float) -> None:
@@ -911,21 +911,21 @@ class TestStopping:
         }
         for _ in range(20):
             answer = bench.cycle(commands[mode, speed_reference == "only"])
-        last_words = bench.session.farewell(bench.now_s)
+        last_words = bench.session.final_command(bench.now_s)
         assert last_words is not None
         assert speeds_of(last_words) == (None if speed_reference == "none" else ZEROS)
         assert sensor_of(last_words).planned == sensor_of(answer).planned
-        assert bench.session.farewell(bench.now_s) is None
+        assert bench.session.final_command(bench.now_s) is None
 
     def test_nobody_to_take_leave_from(self) -> None:
-        assert Bench().session.farewell(1000.0) is None
+        assert Bench().session.final_command(1000.0) is None
 
     def test_the_last_message_is_no_answer(self) -> None:
         bench = Bench().started()
         bench.cycle(joint_target(0.5))
-        assert bench.session.farewell(bench.now_s + 0.15) is not None
+        assert bench.session.final_command(bench.now_s + 0.15) is not None
         metrics = bench.session.metrics()
-        assert (metrics["answers"], metrics["farewells"]) == (2, 1)
+        assert (metrics["answers"], metrics["final_commands"]) == (2, 1)
         assert metrics["reply_latency_max_s"] < 0.001
 
     def test_a_run_that_is_over_is_sent_no_last_message(self) -> None:
@@ -933,14 +933,14 @@ class TestStopping:
             bench = Bench(**options).started()
             bench.cycle(joint_target(0.5))
             late_s = bench.options.comm_timeout_s + 0.01
-            assert bench.session.farewell(bench.now_s + late_s) is None
-            assert bench.session.farewell(bench.now_s + late_s - 0.02) is not None
-            assert bench.session.counters.farewells == 1
+            assert bench.session.final_command(bench.now_s + late_s) is None
+            assert bench.session.final_command(bench.now_s + late_s - 0.02) is not None
+            assert bench.session.counters.final_commands == 1
 
     def test_a_first_datagram_never_answered_is_left_with_the_measured_position(self) -> None:
         bench = Bench()
         bench.hear()
-        last_words = bench.session.farewell(bench.now_s)
+        last_words = bench.session.final_command(bench.now_s)
         assert last_words is not None
         assert joints_in(last_words) == pytest.approx(HOME)
 

@@ -191,7 +191,7 @@ def test_the_kernels_own_drivers_say_what_is_what(driver):
         (0x057E, "nintendo", False),
     ],
 )
-def test_north_and_west_are_where_they_are_whoever_drives_the_pad(vendor, driver, exchanged):
+def test_north_and_west_are_where_they_are_with_each_driver_of_the_pad(vendor, driver, exchanged):
     core = GamepadCore(GamepadOptions())
     keys = (c.BTN_SOUTH, c.BTN_NORTH, c.BTN_WEST)
     pad = unknown_pad(keys, vendor=vendor, driver=driver)

@@ -182,7 +182,7 @@ def let_go_and_hold(bench):
         ("null", "Start"),
         ("lost", "tracking"),
         ("hidden", "hidden"),
-        ("leap", "leapt"),
+        ("leap", "jumped"),
     ],
 )
 def test_a_fault_disarms_until_the_hand_lets_go(kind, fault, words):
@@ -334,7 +334,7 @@ def told_while_lost(bench):
 @pytest.mark.parametrize(
     ("leaps", "words"),
     [
-        (recentred, "leapt by 90°"),
+        (recentred, "jumped by 90°"),
         (lost_and_found, "elsewhere"),
         (silent_and_turned, "elsewhere"),
         (hidden_and_turned, "elsewhere"),

@@ -406,7 +406,7 @@ def test_the_second_is_refused_in_words_and_gets_it_once_it_is_free():
     assert second.state(bench.now_s).axes == NEUTRAL
     assert bench.state.axes.x == 0.5
     assert bench.share.counts["claims while another session has it"] > 5
-    bench.up.send(bench.claimed(bench.core.farewell(bench.now_s)), bench.now_s)
+    bench.up.send(bench.claimed(bench.core.final_claim(bench.now_s)), bench.now_s)
     bench.core.on_closed(bench.now_s)
     bench.move(0.0)
     bench.run(0.5, ask)

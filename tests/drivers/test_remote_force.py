@@ -215,7 +215,7 @@ def test_after_a_stall_the_force_comes_back_slowly():
 
 def test_a_device_that_is_given_back_feels_nothing_at_once():
     bench = pressed()
-    bench.up.send(bench.claimed(bench.core.farewell(bench.now_s)), bench.now_s)
+    bench.up.send(bench.claimed(bench.core.final_claim(bench.now_s)), bench.now_s)
     bench.core.claim = lambda *_: None
     bench.run(0.01)
     assert not bench.haptic.commands[-1].engaged

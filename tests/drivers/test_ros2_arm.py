@@ -466,7 +466,7 @@ def test_no_step_is_sent_whatever_is_asked_for():
     before, before_s, speed, dt_s = HOME[0], 0.0, 0.0, 0.01
     for now_s, data in wire.sent:
         if now_s == before_s:
-            continue  # the farewell
+            continue  # the final command
         value = codec.decode(data)["data"][0]
         now = (value - before) / (now_s - before_s)
         assert abs(now) <= limits.velocity[0] * 1.001

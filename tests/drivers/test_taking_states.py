@@ -284,7 +284,7 @@ DEVICES = [name for name, kind in ours(registry).items() if issubclass(kind, Ope
 
 
 def check_it_wakes_its_reader(device):
-    """Who reads a device or has a callback of it gets each new state at once: not only after
+    """A reader or a callback of a device gets each new state at once: not only after
     RECHECK_S, which is to be PATIENCE_S here."""
     assert base.RECHECK_S == PATIENCE_S
     states = [device.read(PATIENCE_S / 2) for _ in range(10)]

@@ -61,7 +61,7 @@ def test_datagrams_of_the_simulated_arm(tap):
             robot.send(HoldCommand())
             if number == 5:
                 break
-    # A greeting, then a state and its answer each; and farewells.
+    # A keepalive, then a state and its answer each; and final commands.
     assert [sent for _, sent, _ in tap[:13]] == [True] + 6 * [False, True]
     assert tap[13:]
     assert all(sent for _, sent, _ in tap[13:])

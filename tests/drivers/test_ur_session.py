@@ -471,7 +471,7 @@ def test_a_state_of_before_is_not_answered_after_a_new_start():
     rig = turning()
     rig.answer = lambda state: None
     rig.run(0.01)
-    assert rig.session.owes_answer
+    assert rig.session.reply_pending
     rig.controller.stop_program()
     rig.run(0.05)
     before = rig.session.commands

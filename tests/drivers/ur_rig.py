@@ -67,7 +67,7 @@ class Rig(TcpRig):
             self.states.append(state)
             command = self.answer(state)
             if command is not None:
-                if session.owes_answer and session.late(self.now_s):
+                if session.reply_pending and session.late(self.now_s):
                     self._deliver()  # as the driver's send does
                 session.command(command, self.now_s)
             self._carry_from_session()

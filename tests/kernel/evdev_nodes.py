@@ -39,7 +39,7 @@ class EventReader:
         self.events: list[tuple[int, int, int]] = []
 
     def gather(self) -> list[tuple[int, int, int]]:
-        """All events so far but the synchronisations."""
+        """All events so far but the synchronizations."""
         while True:
             try:
                 data = os.read(self._fd, 64 * EVENT.size)

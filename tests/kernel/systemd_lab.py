@@ -165,7 +165,7 @@ def journal(unit: str, *matches: str) -> list[dict[str, Any]]:
 
 
 def explained() -> str:
-    """What the service, systemd and the processes say, for whoever reads why a test failed."""
+    """What the service, systemd and the processes say, for the reader of a failed test."""
     said = ("journalctl", "--no-pager", "-n", "60", "_TRANSPORT=stdout", "+", "_TRANSPORT=journal")
     shown = ("ps", "-eo", "pid,ppid,user,stat,time,supgrp,args", "--ppid", "2", "-N")
     node = ("sh", "-c", "ls -l /dev/hidraw*; udevadm info --query=all /dev/hidraw0")

@@ -37,7 +37,7 @@ def made(tmp_path: Path) -> Callable[..., EvdevPeer]:
         peer = EvdevPeer(
             EvdevPeerOptions(kind=kind, uinput=True, model=model, script=str(file), faults=faults)
         )
-        peer.carrier.awaits_program = True
+        peer.backend.awaits_program = True
         return peer
 
     return make

@@ -18,7 +18,7 @@ from cardan.protocols.connexion import (
     model_by_key,
 )
 from cardan.protocols.connexion.descriptors import descriptor_for
-from cardan.sim_peers.carriers.uhid import BUS_USB, HidIdentity, Open, UhidDevice
+from cardan.sim_peers.backends.uhid import BUS_USB, HidIdentity, Open, UhidDevice
 from cardan.types import DeviceLink, DeviceState
 from tests.kernel.waiting import wait_for
 

@@ -608,7 +608,7 @@ class Lab:
 
     @property
     def router_pid(self) -> int:
-        """One that has just been killed is kept anew by whoever finds it missing."""
+        """A process that has just been killed is started anew by its supervisor."""
         serve = self.daemon
         assert serve is not None
 

@@ -18,7 +18,7 @@ from cardan.protocols.ros2.messages import MessageError, Stamp, completed, json_
 cbor2 = pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
 
 from cardan.gateway.servers.parameters import parameter_name  # noqa: E402
-from cardan.gateway.servers.send_queue import MAX_CONTROL_FRAMES, Due, Outbox, Stream  # noqa: E402
+from cardan.gateway.servers.send_queue import MAX_CONTROL_FRAMES, Due, SendQueue, Stream  # noqa: E402
 from cardan.protocols.rosbridge import forms, rosapi  # noqa: E402
 from cardan.protocols.rosbridge.delivery import (  # noqa: E402
     Delivery,
@@ -425,21 +425,21 @@ def stream(throttle_s=0.0, queue=0, topic="/t"):
 
 
 def test_without_throttle_all_goes_out_at_once():
-    outbox, to_client = Outbox(100), stream()
+    outbox, to_client = SendQueue(100), stream()
     assert all(outbox.offer(to_client, sample(), now, True) for now in (0.0, 0.0, 0.001))
     assert outbox.take(1.0) is None
     assert outbox.due_s() is None
 
 
 def test_a_throttle_without_queue_drops_what_comes_too_early():
-    outbox, to_client = Outbox(100), stream(0.1)
+    outbox, to_client = SendQueue(100), stream(0.1)
     went = [now for now in range(20) if outbox.offer(to_client, sample(), now * 0.03, True)]
     assert went == [0, 4, 8, 12, 16]
     assert outbox.take(10.0) is None
 
 
 def test_a_throttle_with_a_queue_keeps_the_last_and_sends_one_per_interval():
-    outbox, to_client = Outbox(100), stream(0.1, 2)
+    outbox, to_client = SendQueue(100), stream(0.1, 2)
     all_ = [sample() for _ in range(4)]
     assert outbox.offer(to_client, all_[0], 0.0, True)
     for each in all_[1:]:
@@ -454,7 +454,7 @@ def test_a_throttle_with_a_queue_keeps_the_last_and_sends_one_per_interval():
 
 
 def test_while_a_client_does_not_read_the_newest_wins():
-    outbox, to_client = Outbox(100), stream()
+    outbox, to_client = SendQueue(100), stream()
     all_ = [sample() for _ in range(3)]
     assert not any(outbox.offer(to_client, each, 0.0, False) for each in all_)
     assert outbox.superseded == 2
@@ -464,7 +464,7 @@ def test_while_a_client_does_not_read_the_newest_wins():
 
 
 def test_topics_take_turns():
-    outbox, one, other = Outbox(100), stream(queue=9, topic="/a"), stream(queue=9, topic="/b")
+    outbox, one, other = SendQueue(100), stream(queue=9, topic="/a"), stream(queue=9, topic="/b")
     for _ in range(2):
         for each in (one, other):
             outbox.offer(each, sample(), 0.0, False)
@@ -472,7 +472,7 @@ def test_topics_take_turns():
 
 
 def test_control_goes_first_and_is_never_dropped():
-    outbox, to_client = Outbox(10), stream()
+    outbox, to_client = SendQueue(10), stream()
     outbox.offer(to_client, sample(), 0.0, False)
     outbox.add_control("0123456789")
     assert outbox.has_control
@@ -483,7 +483,7 @@ def test_control_goes_first_and_is_never_dropped():
     outbox.add_control("0123456789")
     outbox.add_control("x")
     assert outbox.overflowed
-    many = Outbox(1 << 30)
+    many = SendQueue(1 << 30)
     for _ in range(MAX_CONTROL_FRAMES + 1):
         assert not many.overflowed
         many.add_control("")
@@ -491,7 +491,7 @@ def test_control_goes_first_and_is_never_dropped():
 
 
 def test_a_stream_that_is_not_wanted_any_more_has_nothing_left():
-    outbox, to_client = Outbox(100), stream()
+    outbox, to_client = SendQueue(100), stream()
     outbox.offer(to_client, sample(), 0.0, False)
     outbox.forget(to_client)
     outbox.forget(to_client)

@@ -83,7 +83,7 @@ class Recorded:
         assert isinstance(robot, SimArm)
         controller: ArmController = make_controller(self.config, robot)
         requests: list[tuple[int, Request]] = []
-        controller.witness = lambda ticks, name, argument: requests.append(
+        controller.recorder = lambda ticks, name, argument: requests.append(
             (ticks, Request(name, argument))
         )
         self.texts: list[str] = []

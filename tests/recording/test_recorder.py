@@ -363,7 +363,7 @@ STRANGE = [
 
 @pytest.fixture
 def nobody_is_found(monkeypatch):
-    """Who publishes what these tests hear need not be waited for."""
+    """The publishers that these tests hear need not be waited for."""
     monkeypatch.setattr("cardan.recording.recorder.GRAPH_S", 0.0)
 
 

@@ -70,6 +70,13 @@ def test_one_changed_bit_is_found(recorded, tmp_path):
     assert report.difference.cycle == 501
 
 
+def test_the_configuration_of_an_older_version_is_refused_in_words(recorded, tmp_path, monkeypatch):
+    limits = {**TABLES.get("limits", {}), "leash_m": 0.05}
+    monkeypatch.setattr(recorded, "tables", {**TABLES, "limits": limits})
+    with pytest.raises(CaptureError, match=r"replay it by that one: limits\.leash_m: is now: max_"):
+        replay_engine(recorded.write(tmp_path / "older.mcap"))
+
+
 def test_no_hardware_is_opened(file, monkeypatch):
     def refuse(*_):
         raise AssertionError("opened")

@@ -282,13 +282,13 @@ def test_euler_wins_over_the_quaternion():
     assert pc.core.counters.noted["Euler over quaternion"] > 700
 
 
-def test_a_quaternion_that_is_not_normalised_is_and_is_noted():
+def test_a_quaternion_that_is_not_normalized_is_and_is_noted():
     pc = Pc(mode="pose")
     start = pc.core.tcp
     turned = multiply(from_rotation_vector(Vector3(0.0, 0.0, 0.1)), start.orientation)
     pc.run(3.0, pc.pose(start.position, Quaternion(*(3.0 * c for c in turned))))
     assert norm(rotation_between(pc.core.tcp.orientation, turned)) < 1e-4
-    assert pc.core.counters.noted["quaternion not normalised"] > 700
+    assert pc.core.counters.noted["quaternion not normalized"] > 700
     ignored = pc.core.counters.accepted
     pc.run(3 * TS, pc.pose(start.position, Quaternion(0.0, 0.0, 0.0, 0.0)))
     assert pc.core.counters.ignored["quaternion without direction"] >= 2

@@ -1,4 +1,4 @@
-"""The simulated pad and keyboard in virtual time, and their carriers."""
+"""The simulated pad and keyboard in virtual time, and their backends."""
 
 import errno
 import fcntl
@@ -25,10 +25,10 @@ from cardan.sim_peers.evdev import (
     ScriptedHand,
     SimulatedInput,
 )
-from cardan.sim_peers.evdev.carriers import UinputCarrier
+from cardan.sim_peers.evdev.backends import UinputBackend
 from cardan.sim_peers.scripted import play
 from tests.serving import in_a_thread
-from tests.sim_peers.carrier_shell import BareShell
+from tests.sim_peers.backend_shell import BareShell
 from tests.waiting import WITHIN_S
 
 BY_KEY = {model.key: model for model in MODELS}
@@ -179,7 +179,7 @@ def test_effects_play_for_their_time():
     assert device.rumble(2.6) == (0.0, 0.0)
 
 
-def test_effects_belong_to_whoever_uploaded_them():
+def test_effects_belong_to_the_client_that_uploaded_them():
     device = make()
     effect_id = evdev.decode_rumble(upload(device).argument).id
     start(device, effect_id, 0.0, client="you")
@@ -324,7 +324,7 @@ def test_a_client_that_does_not_read_loses_events_as_with_the_kernel(tmp_path):
     options = EvdevPeerOptions(path=path, script=str(script))
     with in_a_thread(EvdevPeer(options)) as peer, connect(path) as sock:
         end_s = time.monotonic() + WITHIN_S
-        while not peer.carrier.lost:
+        while not peer.backend.lost:
             assert time.monotonic() < end_s
             time.sleep(0.01)
         seen = []
@@ -392,11 +392,11 @@ def test_uinput_makes_the_device_and_serves_the_kernel(fake_uinput):
     device = make(uinput=True)
     shell = BareShell()
     shell.now_s = 1.0
-    carrier = UinputCarrier(device, root)
+    backend = UinputBackend(device, root)
     with shell.selector as selector:
-        carrier.open(shell)
-        carrier.appear()
-        assert carrier.endpoint == "/dev/input/event5"
+        backend.open(shell)
+        backend.appear()
+        assert backend.endpoint == "/dev/input/event5"
         requests = [request for request, _ in asked]
         assert requests[-3:] == [uinput.UI_DEV_SETUP, uinput.UI_DEV_CREATE, uinput.UI_GET_SYSNAME]
         assert (uinput.UI_SET_FFBIT, c.FF_RUMBLE) in asked
@@ -422,17 +422,17 @@ def test_uinput_makes_the_device_and_serves_the_kernel(fake_uinput):
         assert device.rumble(1.1) == (0.0, 0.0)
 
         device.press("south")
-        carrier.send(device.reports(0.1))
-        carrier.vanish()
+        backend.send(device.reports(0.1))
+        backend.vanish()
         assert asked[-1][0] == uinput.UI_DEV_DESTROY
-        assert not carrier.there
+        assert not backend.there
 
 
 def test_without_uinput(tmp_path):
     shell = BareShell()
     with shell.selector:
-        carrier = UinputCarrier(make(uinput=True), tmp_path)
-        carrier.open(shell)
+        backend = UinputBackend(make(uinput=True), tmp_path)
+        backend.open(shell)
         with pytest.raises(AddressError, match="modprobe uinput"):
-            carrier.appear()
-        assert not carrier.there
+            backend.appear()
+        assert not backend.there

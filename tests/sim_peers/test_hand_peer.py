@@ -10,7 +10,7 @@ import pytest
 
 from cardan.errors import AddressError
 from cardan.sim_peers import hand_peer
-from cardan.sim_peers.carriers.base import Carrier
+from cardan.sim_peers.backends.base import DeviceBackend
 from cardan.sim_peers.hand_peer import STALL_S, HandOptions, HandPeer
 
 
@@ -74,7 +74,7 @@ class Hand:
             device.plugged = self._steps.pop(0)[1]
 
 
-class Noting(Carrier):
+class Noting(DeviceBackend):
     """Notes what it is told, with one thing to do at 64.75 s."""
 
     endpoint = "nowhere"
@@ -120,8 +120,8 @@ def make(monkeypatch):
 
     def making(*steps, **options):
         done = []
-        carrier = Noting(clock, done)
-        peer = HandPeer(Device(done), Hand(*steps), carrier, HandOptions(**options))
+        backend = Noting(clock, done)
+        peer = HandPeer(Device(done), Hand(*steps), backend, HandOptions(**options))
         peer.done, peer.clock = done, clock
         peers.append(peer)
         return peer
@@ -159,7 +159,7 @@ def test_the_script_starts_at_once_where_that_is_wanted_or_nobody_connects(make)
     peer.step(64.25)
     assert peer.done == [(0.0, 64.0)]
     peer = make()
-    peer.carrier.awaits_program = False
+    peer.backend.awaits_program = False
     opened(peer).step(64.5)
     assert peer.done == [(0.0, 64.25)]
 
@@ -205,12 +205,12 @@ def test_what_was_unplugged_and_plugged_in_while_the_peer_stood_still_was_gone(m
 
 
 @pytest.mark.parametrize("tells", [False, True])
-def test_what_refuses_is_not_there_unless_its_carrier_tells(make, tells):
+def test_what_refuses_is_not_there_unless_its_backend_tells(make, tells):
     peer = make(faults={"refuse": 0.5})
-    peer.carrier.tells_refusal = tells
+    peer.backend.tells_refusal = tells
     peer.open()
     peer.step(64.25)
-    assert peer.carrier.there is tells
+    assert peer.backend.there is tells
     peer.step(64.5)
     assert peer.done == [("appear", 64.0 if tells else 64.5)]
 
@@ -229,11 +229,11 @@ def test_it_closes_what_it_could_not_open(make):
     def fail():
         raise AddressError("taken")
 
-    peer.carrier.appear = fail
+    peer.backend.appear = fail
     for _ in range(2):
         with pytest.raises(AddressError, match="taken"):
             peer.open()
-    del peer.carrier.appear
+    del peer.backend.appear
     peer.open()
     peer.open()
     peer.close()

@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from cardan.errors import AddressError, OptionError, ScriptError
-from cardan.sim_peers.carriers.unix_socket import MAX_CLIENTS, QUEUE_REPORTS
+from cardan.sim_peers.backends.unix_socket import MAX_CLIENTS, QUEUE_REPORTS
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from tests.waiting import WITHIN_S
 
@@ -218,11 +218,11 @@ def test_a_slow_client_loses_reports_and_nothing_else_waits(path: str, newest_lo
         connect(path) as quick,
     ):
         all_reports, few = Reader(quick), Reader(slow)
-        step_until(peer, lambda: len(peer.carrier.clients) == 2)
+        step_until(peer, lambda: len(peer.backend.clients) == 2)
         while len(all_reports.read()) < edges:
             advance(peer, 0.01)
-        assert peer.carrier.lost > 0
-        step_until(peer, lambda: len(few.read()) + peer.carrier.lost == edges)
+        assert peer.backend.lost > 0
+        step_until(peer, lambda: len(few.read()) + peer.backend.lost == edges)
         assert QUEUE_REPORTS <= len(few.reports) <= QUEUE_REPORTS + 16
         assert all(a != b for a, b in itertools.pairwise(all_reports.reports))
         if newest_lost:
@@ -234,7 +234,7 @@ def test_a_slow_client_loses_reports_and_nothing_else_waits(path: str, newest_lo
 def test_only_so_many_programs_can_have_it_open(path: str) -> None:
     with served(path, "rest") as peer, contextlib.ExitStack() as stack:
         readers = [Reader(stack.enter_context(connect(path))) for _ in range(MAX_CLIENTS)]
-        step_until(peer, lambda: len(peer.carrier.clients) == MAX_CLIENTS)
+        step_until(peer, lambda: len(peer.backend.clients) == MAX_CLIENTS)
         extra = Reader(stack.enter_context(connect(path)))
         step_until(peer, lambda: extra.read() or extra.ended)
         assert extra.ended

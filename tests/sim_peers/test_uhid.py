@@ -16,7 +16,7 @@ from hypothesis import given, strategies as st
 from cardan.errors import DeviceAccessError, ScriptError
 from cardan.protocols.connexion import decode_input
 from cardan.protocols.connexion.descriptors import descriptor_for
-from cardan.sim_peers.carriers.uhid import (
+from cardan.sim_peers.backends.uhid import (
     BUS_BLUETOOTH,
     BUS_USB,
     DATA_MAX,

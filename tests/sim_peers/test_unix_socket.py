@@ -7,8 +7,8 @@ import socket
 
 import pytest
 
-from cardan.sim_peers.carriers.server import PacketClient
-from cardan.sim_peers.carriers.unix_socket import PacketServer
+from cardan.sim_peers.backends.server import PacketClient
+from cardan.sim_peers.backends.unix_socket import PacketServer
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from hypothesis import given, strategies as st
 from cardan.errors import AddressError, OptionError, ScriptError
 from cardan.protocols.connexion import model_by_key
 from cardan.protocols.connexion.descriptors import descriptor_for
-from cardan.sim_peers.carriers.usbip import ENDPOINT_REPORTS, Setup, Speed, UsbipSession
+from cardan.sim_peers.backends.usbip import ENDPOINT_REPORTS, Setup, Speed, UsbipSession
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
 
@@ -273,7 +273,7 @@ class Host:
 
     def __init__(self, peer: SpaceMousePeer) -> None:
         self.peer = peer
-        self.sock = socket.create_connection(peer.carrier.address, 5.0)
+        self.sock = socket.create_connection(peer.backend.address, 5.0)
         self.sock.settimeout(0.002)
 
     def get(self, size: int) -> bytes:
@@ -351,7 +351,7 @@ def imported(host: Host) -> Host:
 def test_an_attached_puck_moves_once_it_is_polled_and_takes_its_led(serve, host):
     peer = serve()
     pc = imported(host(peer))
-    assert peer.carrier.attached
+    assert peer.backend.attached
     assert peer.endpoint.endswith(" 1-1")
     assert peer._start_s is None
     pc.sock.sendall(submit(1, 1, 64))
@@ -369,7 +369,7 @@ def test_one_host_at_a_time(serve, host):
     second.sock.sendall(IMPORT)
     assert second.get(8) == bytes.fromhex("0111 0003 00000002")
     first.sock.close()
-    while peer.carrier.attached:
+    while peer.backend.attached:
         peer.step(time.monotonic() + 0.002)
     imported(second)
 
@@ -402,7 +402,7 @@ def test_junk_ends_the_connection_and_nothing_else(serve, host):
 
 
 def test_a_port_in_use_is_named(serve):
-    port = serve().carrier.address[1]
+    port = serve().backend.address[1]
     with pytest.raises(AddressError, match=rf"cannot listen on 127.0.0.1:{port}"):
         SpaceMousePeer(SpaceMousePeerOptions(usbip=port)).open()
 

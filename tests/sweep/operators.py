@@ -166,7 +166,7 @@ class Operator(JudgeNode):
         )
 
     def wait_for_authority(self) -> None:
-        """Who moved the arm before, and was killed, has it for the lease."""
+        """The source that moved the arm before, and was killed, has it for the lease."""
         until(lambda: not self.status()["authority"], "that nobody has the arm")
 
 

@@ -93,7 +93,7 @@ def plan(every: Collection[Row], mark: Shown) -> Plan:
         for row in asked
         if row.kind == "service"
     ]
-    # Who asks by packets is a source of its own, which gets the arm when the network lets go of it.
+    # A client by packets is a source of its own, which gets the arm when the network lets go of it.
     services.sort(key=lambda each: not each[0].endswith("/release"))
     actions = [
         (full_name(row.name), row.type_name, GOALS.get(row.name, {}))

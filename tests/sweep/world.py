@@ -169,7 +169,7 @@ class World:
             {"name": "preset_streaming_cmd", "value": chosen},
         ]
         self._call("release", "std_srvs/srv/Trigger", {})
-        # Who moved it before, and was killed, has it for the lease.
+        # The source that moved it before, and was killed, has it for the lease.
         with statuses(self.endpoint) as await_status:
             await_status(lambda status: not status["authority"], "that nobody has the arm")
         answer = self._call("set_parameters", SET, {"parameters": parameters})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan.conform.hands import HandPilot
+from cardan.conform.hands import HandScenario
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Script, Wait, mark, send
 from cardan.conform.timeline import Event
@@ -11,7 +11,7 @@ from cardan.protocols import connexion
 REST_S = 0.5
 
 
-class ConnexionPilot(HandPilot):
+class ConnexionScenario(HandScenario):
     """Reads; only from level 1 on it sends, to the LED."""
 
     def _note(self, event: Event) -> None:

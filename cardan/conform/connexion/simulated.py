@@ -1,4 +1,4 @@
-"""The simulated 3Dconnexion device and a pilot in virtual time."""
+"""The simulated 3Dconnexion device and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ _REST = (0.0,) * 6
 class ConnexionRig(Rig):
     """Has the device moved as a person would who does what is asked."""
 
-    def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        super().__init__(conduct)
+    def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        super().__init__(exchange)
         key = _WITH_BATTERY if "low-battery" in faults else _MODEL
         self._device = SimulatedSpaceMouse(
             model_by_key(key), faults=faults, jitter_lsb=1, seed=seed

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from cardan.conform.connexion.decoded import ConnexionSeen
 from cardan.conform.connexion.requirements import requires
-from cardan.conform.connexion.scenario import ConnexionPilot
+from cardan.conform.connexion.scenario import ConnexionScenario
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.transports import DeviceFile, Wires
 
@@ -24,7 +24,7 @@ class Connexion(Suite[ConnexionSeen]):
     transport = Transport("other")
     dissector = "connexion"
     sees = ConnexionSeen
-    asks = ConnexionPilot
+    asks = ConnexionScenario
     rig = "cardan.conform.connexion.simulated:ConnexionRig"
     seconds = 1.2
     # Before it is let go for the first time; and without an end.

@@ -27,7 +27,7 @@ JUNK = (b"\x00", b"GET / HTTP/1.1\r\n\r\n", bytes(range(255, 55, -1)), b"\x0a\x0
 """Nothing, another protocol, noise, and the beginning of a message."""
 
 
-class EgmPilot(Scenario):
+class EgmScenario(Scenario):
     """A PC that does no harm. It answers each datagram at once, with the position that it holds."""
 
     def __init__(self, level: Level, seconds: float) -> None:

@@ -1,4 +1,4 @@
-"""The simulated controller and a pilot in virtual time, with the network between them."""
+"""The simulated controller and a scenario in virtual time, with the network between them."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ class EgmRig(CyclicRig[bytes]):
     """A controller whose program runs EGM again by itself, as many do: nobody is there to start
     it."""
 
-    def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
+    def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         options = EgmControllerOptions(script="teleop-retry", faults=faults, seed=seed)
-        super().__init__(conduct, options.period_s, faults, seed, garbage=True)
+        super().__init__(exchange, options.period_s, faults, seed, garbage=True)
         self._core = EgmController(options)
 
     def _receive(self, data: bytes) -> None:

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from cardan.conform.egm.decoded import EgmSeen
 from cardan.conform.egm.requirements import requires
-from cardan.conform.egm.scenario import EgmPilot
+from cardan.conform.egm.scenario import EgmScenario
 from cardan.conform.suite import Suite, Transport
 
 PORT = 6510
@@ -24,7 +24,7 @@ class Egm(Suite[EgmSeen]):
     requirements = requires.all()
     transport = Transport("udp", {"": PORT}, frozenset(("",)))
     sees = EgmSeen
-    asks = EgmPilot
+    asks = EgmScenario
     rig = "cardan.conform.egm.simulated:EgmRig"
     seconds = 3.0
     # While it is held.

@@ -18,7 +18,7 @@ STOPPED_S = 0.4
 SETTLE_S = 0.1
 
 
-class ControllerPilot(CyclicController):
+class ControllerScenario(CyclicController):
     """The simulated controller in the hands of a script. Nothing real moves."""
 
     def __init__(self, level: Level, seconds: float) -> None:

@@ -1,4 +1,4 @@
-"""Our own driver, with the defects it is told to have, and a pilot in virtual time."""
+"""Our own driver, with the defects it is told to have, and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _CHANNELS = {port: channel for channel, port in _PORTS.items()}
 
 
 class EgmDriverRig(DriverRig):
-    """Gives the driver's core what the pilot sends, and the pilot what it answers."""
+    """Gives the driver's core what the scenario sends, and the scenario what it answers."""
 
-    def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        super().__init__(conduct, faults, FAULTS)
+    def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        super().__init__(exchange, faults, FAULTS)
         self._session = EgmSession(AbbEgmOptions(comm_timeout_s=5.0), 0.0)
         self._asked = self._answered = 0
         self._seqno = 0
@@ -43,9 +43,9 @@ class EgmDriverRig(DriverRig):
             return
         self._heard_s = self._now_s
         state = self._session.receive(data, ("127.0.0.1", _PORTS[channel]), self._now_s)
-        if self._session.parting is not None:
-            words, (_, port) = self._session.parting
-            self._session.parting = None
+        if self._session.handover is not None:
+            words, (_, port) = self._session.handover
+            self._session.handover = None
             self._send(words, _CHANNELS[port])
         self._session.tick(self._now_s)
         if state is None:
@@ -115,7 +115,7 @@ class EgmDriverRig(DriverRig):
 
     def _by_hand(self, what: str) -> None:
         """The driver's program ends, with a last message where it owes one."""
-        words = self._session.farewell(self._now_s)
+        words = self._session.final_command(self._now_s)
         if "leaves-moving" in self._faults:
             speed = egm.EgmSpeedRef(
                 cartesians=(1e-3 * self._faults["leaves-moving"], 0, 0, 0, 0, 0)

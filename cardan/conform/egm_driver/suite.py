@@ -10,7 +10,7 @@ from cardan.conform.egm.decoded import EgmSeen
 from cardan.conform.egm.suite import PORT
 from cardan.conform.egm_driver.faults import FAULTS
 from cardan.conform.egm_driver.requirements import requires
-from cardan.conform.egm_driver.scenario import FIRST, SECOND, ControllerPilot
+from cardan.conform.egm_driver.scenario import FIRST, SECOND, ControllerScenario
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 
@@ -27,7 +27,7 @@ class EgmDriver(Suite[EgmSeen]):
     requirements = requires.all()
     transport = Transport("udp", {FIRST: PORT, SECOND: PORT})
     sees = staticmethod(partial(EgmSeen, robot_sends=True))
-    asks = ControllerPilot
+    asks = ControllerScenario
     rig = "cardan.conform.egm_driver.simulated:EgmDriverRig"
     own_faults = FAULTS
     seconds = 0.6

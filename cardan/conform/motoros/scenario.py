@@ -28,7 +28,7 @@ FIRST_OUTPUT = 10010
 _POSITION = sm.ValidFields.TIME | sm.ValidFields.POSITION | sm.ValidFields.VELOCITY
 
 
-class MotorosPilot(Scenario):
+class MotorosScenario(Scenario):
     """A client that has one request open at a time, each in a send of its own."""
 
     def __init__(self, level: Level, seconds: float) -> None:

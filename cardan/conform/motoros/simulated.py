@@ -1,4 +1,4 @@
-"""The simulated controller's servers and a pilot in virtual time."""
+"""The simulated controller's servers and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from cardan.sim_peers.motoros_controller.servers import PortKind
 class MotorosRig(TcpRig[PortKind]):
     """The three ports of a controller with MotoROS."""
 
-    def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
+    def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         options = MotorosControllerOptions(faults=faults, seed=seed)
         self._controller = MotorosController(options)
-        super().__init__(conduct, MotorosServers(self._controller, options))
+        super().__init__(exchange, MotorosServers(self._controller, options))
 
     def _by_hand(self, what: str) -> None:
         doing = {

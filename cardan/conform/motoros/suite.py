@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from cardan.conform.motoros.decoded import MotorosSeen
 from cardan.conform.motoros.requirements import requires
-from cardan.conform.motoros.scenario import MotorosPilot
+from cardan.conform.motoros.scenario import MotorosScenario
 from cardan.conform.suite import Suite, Transport
 from cardan.protocols.simple_message import IO_PORT, MOTION_PORT, STATE_PORT
 
@@ -23,7 +23,7 @@ class Motoros(Suite[MotorosSeen]):
     requirements = requires.all()
     transport = Transport("tcp", {"motion": MOTION_PORT, "state": STATE_PORT, "io": IO_PORT})
     sees = MotorosSeen
-    asks = MotorosPilot
+    asks = MotorosScenario
     rig = "cardan.conform.motoros.simulated:MotorosRig"
     seconds = 3.2
     # The functional safety unit's limit must lie below the speed of a micro-motion.

@@ -108,7 +108,7 @@ FIRMWARE = (
 speak to."""
 
 
-class ControllerPilot(Scenario):
+class ControllerScenario(Scenario):
     """The simulated controllers in the hands of a script. Nothing real moves.
 
     A port that is open listens; each client that comes to it is a channel of its own, with a

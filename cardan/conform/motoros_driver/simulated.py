@@ -1,4 +1,4 @@
-"""Our own driver, with the defects it is told to have, and a pilot in virtual time."""
+"""Our own driver, with the defects it is told to have, and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ TRUSTING = ("blind", "no-start", "takes-no-for-yes")
 
 
 class MotorosDriverRig(DriverRig):
-    """Joins the driver's core to the pilot, spoils what it says, and hides from it what it hears,
+    """Joins the driver's core to the scenario, spoils what it says and hides from it what it hears,
     as a driver with these defects would have it."""
 
     def __init__(
         self,
-        conduct: Exchange,
+        exchange: Exchange,
         faults: Mapping[str, float],
         seed: int = 0,
         options: MotorosOptions = OPTIONS,
     ) -> None:
-        super().__init__(conduct, faults, FAULTS)
+        super().__init__(exchange, faults, FAULTS)
         self._options = options
         self._session = self._new_session()
         self._listens: set[str] = set()
@@ -197,7 +197,7 @@ class MotorosDriverRig(DriverRig):
         self._carry()
         state = session.due_state(now_s)
         if state is not None:
-            if session.owes_answer:
+            if session.reply_pending:
                 session.command(self._wanted(state), now_s)
             self._carry()
         self._misbehave()

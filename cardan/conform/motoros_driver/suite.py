@@ -8,7 +8,7 @@ from typing import ClassVar
 from cardan.conform.motoros_driver.decoded import DriverSeen
 from cardan.conform.motoros_driver.faults import FAULTS
 from cardan.conform.motoros_driver.requirements import requires
-from cardan.conform.motoros_driver.scenario import ControllerPilot
+from cardan.conform.motoros_driver.scenario import ControllerScenario
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.protocols.simple_message import IO_PORT, MOTION_PORT, STATE_PORT
@@ -31,7 +31,7 @@ class MotorosDriver(Suite[DriverSeen]):
         frozenset(("motion", "state", "io")),
     )
     sees = DriverSeen
-    asks = ControllerPilot
+    asks = ControllerScenario
     rig = "cardan.conform.motoros_driver.simulated:MotorosDriverRig"
     own_faults = FAULTS
     seconds = 0.6

@@ -195,7 +195,7 @@ def first(states: Sequence[State], name: str, value: int) -> State | None:
 
 
 def _before(seen: UrSeen, phase: str) -> list[State]:
-    """The states that came before a phase; none where the pilot did not come to it."""
+    """The states that came before a phase; none where the scenario did not come to it."""
     found = seen.phase(phase)
     return [] if found is None else [s for s in seen.states if s.number < found.first]
 

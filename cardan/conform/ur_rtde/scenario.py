@@ -166,7 +166,7 @@ def published(version: rtde.ControllerVersion | None) -> tuple[str, ...]:
 _WRONG = f"def {WRONG}():\n  cardan_has_no_such_function(1)\nend\n"
 
 
-class UrPilot(Scenario):
+class UrScenario(Scenario):
     """A client that asks one thing at a time, and answers states as the driver does."""
 
     def __init__(self, level: Level, seconds: float, home: str = "127.0.0.1") -> None:

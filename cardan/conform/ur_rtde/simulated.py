@@ -1,4 +1,4 @@
-"""The simulated controller's servers and a pilot in virtual time."""
+"""The simulated controller's servers and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ class UrRig(TcpRig[PortKind]):
 
     def __init__(
         self,
-        conduct: Exchange,
+        exchange: Exchange,
         faults: Mapping[str, float],
         seed: int = 0,
         options: UrControllerOptions = OPTIONS,
     ) -> None:
         options = replace(options, faults=faults, seed=seed)
         self._controller = UrController(options)
-        super().__init__(conduct, UrServers(self._controller, options))
+        super().__init__(exchange, UrServers(self._controller, options))
         self._listening = False
         self._calls: dict[str, int] = {}
         """Sockets of programs, by their channels."""

@@ -15,7 +15,7 @@ from cardan.conform.ur_rtde import (
     programs,  # noqa: F401 - enters what it requires
 )
 from cardan.conform.ur_rtde.requirements import requires
-from cardan.conform.ur_rtde.scenario import ASKING, REVERSE_PORT, WORDED, UrPilot
+from cardan.conform.ur_rtde.scenario import ASKING, REVERSE_PORT, WORDED, UrScenario
 from cardan.errors import ConfigurationError
 from cardan.protocols.ur.dashboard import DASHBOARD_PORT, request
 from cardan.protocols.ur.primary import PRIMARY_PORT, SECONDARY_PORT
@@ -110,8 +110,8 @@ class UrRtde(Suite[decoded.UrSeen]):
         7.0,
     )
 
-    def pilot(self, level: Level, seconds: float) -> UrPilot:
-        return UrPilot(level, seconds, self.home)
+    def scenario(self, level: Level, seconds: float) -> UrScenario:
+        return UrScenario(level, seconds, self.home)
 
     def wires(self, target: str) -> Wires:
         host, port = host_and_port(target, "--target", RTDE_PORT)

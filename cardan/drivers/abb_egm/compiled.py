@@ -342,7 +342,7 @@ class CompiledReader(FeedbackReader):
         into.fixed[:length] = layout.fixed.to_bytes(length, "little")
         into.length = length
 
-    def taker(self, cycle: CompiledCycle, force_frame: Frame) -> Callable[..., Any]:
+    def compiled_receive(self, cycle: CompiledCycle, force_frame: Frame) -> Callable[..., Any]:
         """A function that takes a datagram as `EgmSession.receive` does where nothing is unusual.
 
         Given the datagram, the time and the state before it gives the new state, the datagram and
@@ -369,11 +369,11 @@ class CompiledCycle:
     def __init__(self, **constants: float) -> None:
         """`constants` are fields of CCycle. Raises NativePartError where nothing was compiled."""
         egm_library()
-        self.book, self.memory = _allotted(CCycle)
+        self.cycle_state, self.memory = _allotted(CCycle)
         for name, value in constants.items():
-            setattr(self.book, name, value)
-        self.book.shortest_squared = ROTATION_LENGTH.lowest**2
-        self.book.longest_squared = ROTATION_LENGTH.highest**2
+            setattr(self.cycle_state, name, value)
+        self.cycle_state.shortest_squared = ROTATION_LENGTH.lowest**2
+        self.cycle_state.longest_squared = ROTATION_LENGTH.highest**2
 
 
 def feedback_reader() -> FeedbackReader:
@@ -390,14 +390,14 @@ def _say(shared: Any, says_speed: bool, delay_s: float) -> None:
     shared.says, shared.delay_s, shared.relocates = position | speed, delay_s, delay_s > 0.0
 
 
-Answerer = Callable[[RobotCommand, float, RobotState, bytes], bytes | None]
+ReplyFunction = Callable[[RobotCommand, float, RobotState, bytes], bytes | None]
 """Given the command, the time, the state that it answers and the end of the message: one period of
 the limiters, and the message. None, and nothing is changed, for what is unusual and for a command
 that is none, which others have the words for."""
 
 
 def no_answer(*_: object) -> None:
-    """The Answerer where nothing is compiled."""
+    """The ReplyFunction where nothing is compiled."""
 
 
 class AnsweringLimiter(JointLimiter):
@@ -428,7 +428,7 @@ class AnsweringLimiter(JointLimiter):
         shared.largest_velocity = JOINT_VELOCITY.highest
         _say(shared, says_speed, delay_s)
 
-    def answerer(self, cycle: CompiledCycle) -> Answerer:
+    def compiled_reply(self, cycle: CompiledCycle) -> ReplyFunction:
         """A function that answers commands in the session of `cycle`."""
         return _called(
             "answer_joints",
@@ -551,7 +551,7 @@ class AnsweringPose:
         self.point: PointLimiter = _SharedPoint(shared.point, *point)
         self.turn: OrientationLimiter = _SharedTurn(shared.turn, *turn)
 
-    def answerer(self, cycle: CompiledCycle) -> Answerer:
+    def compiled_reply(self, cycle: CompiledCycle) -> ReplyFunction:
         """A function that answers commands in the session of `cycle`."""
         return _called(
             "answer_pose",

@@ -12,7 +12,7 @@ class EgmCounters:
 
     accepted: int = 0
     answers: int = 0
-    farewells: int = 0
+    final_commands: int = 0
     """Last messages, to a controller or to a port that it had before; they answer nothing."""
     superseded: int = 0
     """Accepted, but a newer one was there before it could be answered."""

@@ -31,7 +31,7 @@ from cardan.protocols.egm import (
 from cardan.types import NEVER_S, RobotCommand, RobotState
 
 _RECEIVE_BYTES = MAX_DATAGRAM_BYTES + 1
-"""One more than the longest datagram, so that a longer one is recognised."""
+"""One more than the longest datagram, so that a longer one is recognized."""
 
 _DRAIN_MAX = 256
 """Most datagrams read in one wake-up: more than the kernel's buffer holds."""
@@ -67,7 +67,7 @@ class AbbEgm(AnsweringRobot[EgmSession]):
     options: AbbEgmOptions
     title = "the EGM driver"
     brakes_within_s = BRAKE_WITHIN_S
-    no_farewell_after_s = math.inf
+    no_final_command_after_s = math.inf
     """The session knows when the controller's run is over."""
 
     def __init__(self, options: AbbEgmOptions | None = None, **keywords: Any) -> None:
@@ -141,7 +141,7 @@ class AbbEgm(AnsweringRobot[EgmSession]):
             sock.close()
 
     def _forget(self) -> None:
-        self._session.owes_answer = False
+        self._session.reply_pending = False
         self._release()
 
     def _open_socket(self) -> socket.socket:
@@ -202,7 +202,7 @@ class AbbEgm(AnsweringRobot[EgmSession]):
         if sock is None:
             raise self._not_open()
         state = session.state
-        if state is None or not session.owes_answer:
+        if state is None or not session.reply_pending:
             session.check(command)
             return
         now_s = _monotonic()
@@ -222,9 +222,9 @@ class AbbEgm(AnsweringRobot[EgmSession]):
     def _owed(self) -> bool:
         """Whether a datagram waits for its answer; one of a run that is over gets none."""
         session = self._session
-        if session.owes_answer and session.is_over(_monotonic()):
+        if session.reply_pending and session.is_over(_monotonic()):
             session.skip()
-        return session.owes_answer
+        return session.reply_pending
 
     def _transmit(self, answer: bytes) -> None:
         session = self._session
@@ -254,9 +254,9 @@ class AbbEgm(AnsweringRobot[EgmSession]):
             tap(data, False, "")
         session = self._session
         state = session.receive(data, source, now_s)
-        if session.parting is not None:
-            last_words, port_before = session.parting
-            session.parting = None
+        if session.handover is not None:
+            last_words, port_before = session.handover
+            session.handover = None
             self._say(last_words, port_before)
         return state
 

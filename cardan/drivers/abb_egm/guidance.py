@@ -22,10 +22,10 @@ from cardan.common.bounds import (
 )
 from cardan.common.native import NativePartError
 from cardan.drivers.abb_egm.compiled import (
-    Answerer,
     AnsweringLimiter,
     AnsweringPose,
     CompiledCycle,
+    ReplyFunction,
     no_answer,
 )
 from cardan.drivers.abb_egm.options import AbbEgmOptions
@@ -127,7 +127,7 @@ class Guidance(ABC):
     def encode(self, seqno: int, tm_ms: int, suffix: bytes, still: bool = False) -> bytes:
         """The message for the present reference; `still` sends a speed of zero."""
 
-    answer: Answerer
+    answer: ReplyFunction
     """`check`, `step` and `encode` of a command in one, where that is possible and nothing is
     unusual."""
 
@@ -320,7 +320,7 @@ class _ReferenceGuidance(Guidance, Generic[_TargetT, _SpeedT]):
         if cycle is None or compiled is None:
             self.answer = no_answer
         else:
-            self.answer = compiled.answerer(cycle)
+            self.answer = compiled.compiled_reply(cycle)
 
     _compiled: AnsweringLimiter | AnsweringPose | None = None
 

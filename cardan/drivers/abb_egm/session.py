@@ -20,7 +20,7 @@ from cardan.drivers.abb_egm.guidance import guidance_for, wire_factors
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.slow_motion import SpeedCapDetector
 from cardan.drivers.abb_egm.states import EGM_UNDEFINED, FIRST_ANSWER, hold_reason
-from cardan.drivers.abb_egm.statistics import NO_STATES, UNKNOWN, Book, PlainBook
+from cardan.drivers.abb_egm.statistics import NO_STATES, UNKNOWN, CycleState, PlainCycleState
 from cardan.drivers.datagram_robot import FLOOD_DATAGRAMS, AnsweringSession
 from cardan.drivers.missed_cycles import PAUSE_S, SLACK_S, ClockWatch, believed_s
 from cardan.drivers.robot_core import check_command, implausible, no_rotation, outside
@@ -77,7 +77,7 @@ _HALF = 0x80000000
 """Sequence numbers and the ms clock count modulo 2^32; differences are taken with a sign."""
 
 _ROUNDING = 1e-9
-"""Deviation of a quaternion's squared length from 1 that needs no normalisation."""
+"""Deviation of a quaternion's squared length from 1 that needs no normalization."""
 
 _REORDERED_MAX = 16
 """Largest step back in the sequence (64 ms) of a late datagram that has no clock to tell."""
@@ -126,7 +126,7 @@ class EgmSession(AnsweringSession):
         self.last_foreign_counts_on = False
         """Whether that was another port of the controller's address whose sequence began before
         the controller fell silent."""
-        self.parting: tuple[bytes, Address] | None = None
+        self.handover: tuple[bytes, Address] | None = None
         """What the controller's port before is to be left with, and that port; the shell sends it
         once, and sets None."""
         self.last_send_error = ""
@@ -158,13 +158,13 @@ class EgmSession(AnsweringSession):
         self._force_frame = Frame(options.force_frame)
         self._reader = feedback_reader()
         cycle = None
-        self._book: Book = PlainBook()
+        self._cycle_state: CycleState = PlainCycleState()
         self._take: Callable[..., Any] = no_answer
         if isinstance(self._reader, CompiledReader):
             cycle = self._compiled_cycle()
-            self._book = cycle.book
+            self._cycle_state = cycle.cycle_state
             if not self._needs_external:
-                self._take = self._reader.taker(cycle, self._force_frame)
+                self._take = self._reader.compiled_receive(cycle, self._force_frame)
         self._guidance = guidance_for(options, cycle)
         self.capabilities = self._capabilities()
         """Which commands `reply` takes in the mode of the options."""
@@ -211,13 +211,13 @@ class EgmSession(AnsweringSession):
             time_us=UNKNOWN,
             replied_s=NEVER_S,
         )
-        cycle.book.states[:] = NO_STATES
+        cycle.cycle_state.states[:] = NO_STATES
         return cycle
 
     def receive(self, data: bytes, source: Address, now_s: float) -> RobotState | None:
         """Take one datagram; the robot's state if it is to be answered, None if it is refused."""
         peer = self.peer
-        if source == peer and not (self.owes_answer or self._flood or self.clock.fault):
+        if source == peer and not (self.reply_pending or self._flood or self.clock.fault):
             # As nearly all come: the next one of a controller that obeys.
             found = self._take(data, now_s, self.state)
             if found is not None:
@@ -226,7 +226,7 @@ class EgmSession(AnsweringSession):
                 self._newest = found
                 self.state = state = found[0]
                 self.counters.accepted += 1
-                self.owes_answer = True
+                self.reply_pending = True
                 return state  # type: ignore[no-any-return]
         if not self._admit(source, now_s):
             return None
@@ -323,7 +323,7 @@ class EgmSession(AnsweringSession):
     def _publish(self, measured: Measured, data: bytes, step: int, now_s: float) -> RobotState:
         """The state of a datagram, `step` after the newest in the same session; 0: the first of
         one."""
-        book, (feedback, joints, external, pose) = self._book, measured
+        cycle_state, (feedback, joints, external, pose) = self._cycle_state, measured
         tm_ms, time_us, force, rate = (
             feedback.tm_ms,
             feedback.time_us,
@@ -335,28 +335,28 @@ class EgmSession(AnsweringSession):
             self.counters.lost += step - 1
             period_s = self._period(time_us, step, now_s - self._last_s)
             jitter_s = abs(now_s - self._last_s - period_s)
-            superseded = self.state if self.owes_answer else None
+            superseded = self.state if self.reply_pending else None
             if superseded is not None:
                 self.counters.superseded += 1
         else:
             period_s, jitter_s = self._nominal_s, self._newest[2]
-        book.tm_ms = UNKNOWN if tm_ms is None else tm_ms
-        book.time_us = UNKNOWN if time_us is None or time_us > _CLOCK_MAX_US else time_us
-        book.last_step_s = period_s
-        book.since_reply_s += period_s
+        cycle_state.tm_ms = UNKNOWN if tm_ms is None else tm_ms
+        cycle_state.time_us = UNKNOWN if time_us is None or time_us > _CLOCK_MAX_US else time_us
+        cycle_state.last_step_s = period_s
+        cycle_state.since_reply_s += period_s
         if superseded is not None:
             period_s += superseded.period_s  # that one gets no answer: its time counts here
         self.counters.accepted += 1
         if self._flood:
             self._note_accepted()
-        if feedback.states != tuple(book.states):
+        if feedback.states != tuple(cycle_state.states):
             self._enter(feedback.states)
         self._orientation = self._last_orientation() if pose is None else pose.orientation
         wrench = None
         if len(force) == 6:
             fx, fy, fz, tx, ty, tz = force
             wrench = Wrench(Vector3(fx, fy, fz), Vector3(tx, ty, tz), self._force_frame)
-        self.owes_answer = True
+        self.reply_pending = True
         self._before = self._newest
         self.state = state = _new(
             RobotState,
@@ -379,7 +379,7 @@ class EgmSession(AnsweringSession):
             ),
         )
         self._newest = (state, data, jitter_s)
-        book.known = False
+        cycle_state.known = False
         return state
 
     def _note_accepted(self) -> None:
@@ -410,7 +410,7 @@ class EgmSession(AnsweringSession):
             return None
         if not self._silent:
             self._silent = True
-            self.owes_answer = False
+            self.reply_pending = False
             self._note_end()
         return self.state._replace(
             stamp_s=now_s,
@@ -421,7 +421,7 @@ class EgmSession(AnsweringSession):
 
     def skip(self) -> None:
         """Leave the accepted datagram without an answer: it waited too long to be worth one."""
-        self.owes_answer = False
+        self.reply_pending = False
         self.counters.superseded += 1
 
     def _admissible(self, source: Address, now_s: float) -> bool:
@@ -489,7 +489,7 @@ class EgmSession(AnsweringSession):
     def _clock_steps_ms(self, feedback: EgmFeedback) -> list[float]:
         """Time since the last message by each clock that the controller sends, ms."""
         steps: list[float] = []
-        tm_ms, time_us = self._book.tm_ms, self._book.time_us
+        tm_ms, time_us = self._cycle_state.tm_ms, self._cycle_state.time_us
         if feedback.tm_ms is not None and tm_ms != UNKNOWN:
             steps.append(((feedback.tm_ms - tm_ms + _HALF) & _MASK) - _HALF)
         if feedback.time_us is not None and time_us != UNKNOWN:
@@ -510,22 +510,24 @@ class EgmSession(AnsweringSession):
     def _period(self, time_us: int | None, step: int, waited_s: float) -> float:
         """Time since the message before, which came `waited_s` earlier, by the controller's clock
         as far as it is plausible, and by ours, s."""
-        book = self._book
+        cycle_state = self._cycle_state
         told_s = nominal_s = self._nominal_s * step
-        before_us = book.time_us
+        before_us = cycle_state.time_us
         if time_us is not None and before_us != UNKNOWN:
             measured_s = (time_us - before_us) * 1e-6
             # Outside of this its clock was set.
             if 0.25 * nominal_s < measured_s < 4.0 * nominal_s:
                 told_s = measured_s
-        found_s, book.credit_s = believed_s(told_s, nominal_s, waited_s, book.credit_s)
+        found_s, cycle_state.credit_s = believed_s(
+            told_s, nominal_s, waited_s, cycle_state.credit_s
+        )
         return found_s
 
     def _begin(self, cause: str, source: Address, now_s: float) -> None:
         peer = self.peer
         if peer is not None and source != peer:
-            last_words = self.farewell(now_s)
-            self.parting = None if last_words is None else (last_words, peer)
+            last_words = self.final_command(now_s)
+            self.handover = None if last_words is None else (last_words, peer)
         self._session_s, self._session_first = now_s, self.counters.accepted
         if self.sessions and not self._silent:
             self._note_end()
@@ -536,10 +538,10 @@ class EgmSession(AnsweringSession):
         self._fresh = True
         self.clock.begin()
         self._tm_ms, self._tm_s = UNKNOWN, 0.0
-        self._book.credit_s = SLACK_S
-        self._book.since_reply_s = 0.0
-        self._book.replied_s = NEVER_S
-        self._book.states[:] = NO_STATES
+        self._cycle_state.credit_s = SLACK_S
+        self._cycle_state.since_reply_s = 0.0
+        self._cycle_state.replied_s = NEVER_S
+        self._cycle_state.states[:] = NO_STATES
         self._hold_reason = EGM_UNDEFINED
 
     def _note_end(self) -> None:
@@ -551,13 +553,13 @@ class EgmSession(AnsweringSession):
     def _enter(self, states: tuple[int, int, int]) -> None:
         motors, mci, rapid = states
         if (
-            self._book.states[1] == MCIState.RUNNING
+            self._cycle_state.states[1] == MCIState.RUNNING
             and mci == MCIState.STOPPED
             and motors != MotorState.OFF
             and rapid != RapidState.STOPPED
         ):
             self._note_end()
-        self._book.states[:] = states
+        self._cycle_state.states[:] = states
         self.slow_motion.reset()
         self._hold_reason = hold_reason(motors, mci, rapid)
 
@@ -605,7 +607,7 @@ class EgmSession(AnsweringSession):
             heading, heading_before, then = state, before, answered or before
         # The agreed time may be less than passed at the robot, whose speed would seem higher.
         states = (state.sequence - before.sequence) & 0xFFFFFFFF
-        step_s = max(self._book.last_step_s, states * self._nominal_s)
+        step_s = max(self._cycle_state.last_step_s, states * self._nominal_s)
         self._guidance.resync((heading, heading_before, then), step_s, gap_s)
 
     def _ordered(
@@ -650,7 +652,7 @@ class EgmSession(AnsweringSession):
         still owed. While commands do not act, the answer is the measured position.
         """
         state = self.state
-        if self.owes_answer and state is not None:
+        if self.reply_pending and state is not None:
             guidance = self._guidance
             # As every cycle goes but for the first and for what is wrong.
             answer = guidance.answer(command, now_s, state, self._suffix)
@@ -658,24 +660,24 @@ class EgmSession(AnsweringSession):
                 guidance.asked = command
                 self.counters.answers += 1
                 self._answered = self._newest
-                self.owes_answer = False
+                self.reply_pending = False
                 return answer
             self.check(command)
         return self._reply(command, now_s)
 
     def _reply(self, command: RobotCommand | None, now_s: float) -> bytes:
         state = self.state
-        if state is None or not self.owes_answer:
+        if state is None or not self.reply_pending:
             raise CommandError("there is no datagram to answer")
         guidance = self._guidance
         nominal_s = self._nominal_s
-        dt_s = self._book.since_reply_s
+        dt_s = self._cycle_state.since_reply_s
         gap_s = 0.0
         if dt_s > _GAP_PERIODS * nominal_s:
             gap_s, dt_s = dt_s - nominal_s, nominal_s
         if state.hold_reason:
             # Should commands act nevertheless, the robot brakes and is not halted in one period.
-            obeys = self._book.said_speed and not self._fresh and guidance.near(state)
+            obeys = self._cycle_state.said_speed and not self._fresh and guidance.near(state)
             if not obeys:
                 guidance.reset(state)
             elif dt_s > 0.0:
@@ -686,7 +688,7 @@ class EgmSession(AnsweringSession):
             if self._held and not guidance.near(state):
                 guidance.reset(state)
             self._held = False
-            if now_s - self._book.replied_s > timeout_s:
+            if now_s - self._cycle_state.replied_s > timeout_s:
                 self.counters.late_commands += 1
             if gap_s:
                 self._follow_controller(state, gap_s)
@@ -695,7 +697,7 @@ class EgmSession(AnsweringSession):
                 late = now_s - state.stamp_s > timeout_s
                 guidance.step(None if late else command, state, dt_s)
         self.counters.answers += 1
-        self._book.steady = guidance.steady and not self._held
+        self._cycle_state.steady = guidance.steady and not self._held
         return self._encode(now_s)
 
     def hold(self, now_s: float) -> bytes:
@@ -712,7 +714,7 @@ class EgmSession(AnsweringSession):
         self.reply_latency.add(now_s - state.stamp_s)
         self.jitter.add(self._newest[2])
         self._reader.learn()
-        tm_ms, before_ms = self._book.tm_ms, self._tm_ms
+        tm_ms, before_ms = self._cycle_state.tm_ms, self._tm_ms
         if tm_ms != UNKNOWN:
             self._tm_ms = tm_ms
             if before_ms != UNKNOWN:
@@ -727,23 +729,23 @@ class EgmSession(AnsweringSession):
         self.counters.send_errors += 1
         self.last_send_error = reason
 
-    def farewell(self, now_s: float) -> bytes | None:
+    def final_command(self, now_s: float) -> bytes | None:
         """The message to leave the controller with: the last position, no speed.
 
         None where the last message said that already, no controller is known, or the controller's
         run is over. It is no answer: neither counted as one nor timed.
         """
         if (
-            not (self.owes_answer or self._book.said_speed)
+            not (self.reply_pending or self._cycle_state.said_speed)
             or self.peer is None
             or self.state is None
         ):
             return None
         if self.is_over(now_s):
             return None
-        if self._book.replied_s == NEVER_S:
+        if self._cycle_state.replied_s == NEVER_S:
             self._guidance.reset(self.state)
-        self.counters.farewells += 1
+        self.counters.final_commands += 1
         return self._encode(now_s, still=True)
 
     def is_over(self, now_s: float) -> bool:
@@ -754,29 +756,29 @@ class EgmSession(AnsweringSession):
     @property
     def moving(self) -> bool:
         """True while the last message told the controller to move."""
-        return bool(self._book.said_speed)
+        return bool(self._cycle_state.said_speed)
 
     def _encode(self, now_s: float, still: bool = False) -> bytes:
         data = self._guidance.encode(
-            self._book.out_seqno, self._stamp_ms(now_s), self._suffix, still
+            self._cycle_state.out_seqno, self._stamp_ms(now_s), self._suffix, still
         )
         self._note_sent(now_s, not still and self._guidance.moving)
         return data
 
     def _stamp_ms(self, now_s: float) -> int:
         """The time of a message: the controller's own, or ours where it sends none."""
-        tm_ms = self._book.tm_ms
+        tm_ms = self._cycle_state.tm_ms
         return int(now_s * 1e3) & _MASK if tm_ms == UNKNOWN else tm_ms
 
     def _note_sent(self, now_s: float, said_speed: bool) -> None:
-        book = self._book
-        book.out_seqno = (book.out_seqno + 1) & _MASK
-        book.said_speed = said_speed
-        book.replied_s = now_s
-        book.since_reply_s = 0.0
+        cycle_state = self._cycle_state
+        cycle_state.out_seqno = (cycle_state.out_seqno + 1) & _MASK
+        cycle_state.said_speed = said_speed
+        cycle_state.replied_s = now_s
+        cycle_state.since_reply_s = 0.0
         self._fresh = False
         self._answered = self._newest
-        self.owes_answer = False
+        self.reply_pending = False
 
     def set_outputs(self, digital: bool | None = None, values: Sequence[float] = ()) -> None:
         """Set RAPIDtoRobot of every message from now on; None and () leave what was set.
@@ -857,7 +859,7 @@ class EgmSession(AnsweringSession):
             "sessions": self.sessions,
             "datagrams": counters.accepted,
             "answers": counters.answers,
-            "farewells": counters.farewells,
+            "final_commands": counters.final_commands,
             "lost": counters.lost,
             "duplicates": counters.duplicates,
             "old": counters.old,

@@ -14,7 +14,7 @@ NO_STATES: Final = (-1, -1, -1)
 """No controller sends these, so the first states received count as a change."""
 
 
-class Book(Protocol):
+class CycleState(Protocol):
     """In Python, or in memory that the compiled part goes on with."""
 
     states: list[int]
@@ -40,8 +40,8 @@ class Book(Protocol):
     """Whether the next answer may be made by the compiled part: nothing is to be made up for."""
 
 
-class PlainBook:
-    """A Book in Python."""
+class PlainCycleState:
+    """A CycleState in Python."""
 
     __slots__ = (
         "credit_s",

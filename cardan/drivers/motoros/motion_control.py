@@ -94,7 +94,7 @@ class MotionControl:
         """How often motion was ended, by reason."""
         self.velocity_info: VelocityInfo | None = None
         """What the controller says about its velocity mode; None where it has none."""
-        self.owes_answer = False
+        self.reply_pending = False
         """True between a state that takes a command and that command."""
         self.failure = ""
         """Why the motion connection cannot be used; empty while it can."""
@@ -275,7 +275,7 @@ class MotionControl:
             # The last command, of zero speed, goes before what leaves the mode.
             self._topics += motion.topics
             self.motion = None
-            self.owes_answer = False
+            self.reply_pending = False
             self.requests.drop()
             self.phase = Phase.LEAVING
             self._stop_tries = 0
@@ -429,7 +429,7 @@ class MotionControl:
             self._note_end(reason)
             self.phase = Phase.BRAKING
             self._brake_until_s = now_s + motion.braking_s
-            self.owes_answer = False
+            self.reply_pending = False
             motion.wind_down()
             # Velocity mode is left in any case, for its watchdog would call the silence a fault. A
             # trajectory's queue has run empty by then; if it has not, it is emptied.
@@ -452,7 +452,7 @@ class MotionControl:
         if self.phase is Phase.MOVING or not self.end_reason:
             self._note_end(reason)
         self.motion = None
-        self.owes_answer = False
+        self.reply_pending = False
         self._after = []
         self._stop_s = math.inf
         self.requests.drop()

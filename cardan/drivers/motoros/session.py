@@ -83,8 +83,8 @@ class MotorosSession(TcpSession[Channel, Task]):
         )
 
     @property
-    def owes_answer(self) -> bool:
-        return self.control.owes_answer
+    def reply_pending(self) -> bool:
+        return self.control.reply_pending
 
     @property
     def left(self) -> bool:
@@ -258,7 +258,7 @@ class MotorosSession(TcpSession[Channel, Task]):
         if not self.control.live(now_s):
             if self._said_link is not RobotLink.LIVE and now_s - self._said_s < WAKE_S:
                 return None
-            self.control.owes_answer = False
+            self.control.reply_pending = False
             self._instant_s = NEVER_S
             self.losses += self._said_link is RobotLink.LIVE
             link = RobotLink.LOST if feed.heard else RobotLink.WAITING
@@ -270,7 +270,7 @@ class MotorosSession(TcpSession[Channel, Task]):
             period_s = motion.due(now_s)
             if period_s:
                 self._period_s = period_s
-                self.control.owes_answer = True
+                self.control.reply_pending = True
                 if self._instant_session != self.sessions:
                     self._instant_session = self.sessions
                     self._instant_s = NEVER_S
@@ -310,10 +310,10 @@ class MotorosSession(TcpSession[Channel, Task]):
     def command(self, command: RobotCommand, now_s: float) -> None:
         self.check(command)
         motion = self.control.motion
-        if not self.control.owes_answer or motion is None:
+        if not self.control.reply_pending or motion is None:
             return
         motion.command(command, self._period_s, now_s)
-        self.control.owes_answer = False
+        self.control.reply_pending = False
         self.control.proceed(now_s)
         self._flush(now_s)
 

@@ -139,7 +139,7 @@ class RemoteCore(BusCore):
         order = None if command is None else Order(command, answers_s)
         return Claim(self._lessee, self._name, now_s, True, self._edge, feedback, order)
 
-    def farewell(self, now_s: float) -> Claim:
+    def final_claim(self, now_s: float) -> Claim:
         """The claim that gives the device back."""
         return Claim(self._lessee, self._name, now_s, False, self._edge, DeviceFeedback())
 

@@ -134,7 +134,7 @@ class Remote(BusDevice[RemoteCore]):
             self._claims.put(data, time.time_ns())
 
     def _release(self) -> None:
-        self._put(self._core.farewell(time.monotonic()))
+        self._put(self._core.final_claim(time.monotonic()))
         self._claims = None
         super()._release()
 

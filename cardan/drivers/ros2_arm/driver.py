@@ -29,7 +29,7 @@ class Ros2Arm(DatagramRobot[Ros2ArmSession]):
     options: Ros2ArmOptions
     title = "the ROS 2 arm's driver"
     brakes_within_s = BRAKE_WITHIN_S
-    no_farewell_after_s = math.inf
+    no_final_command_after_s = math.inf
     """The publisher of the joint states is not the controller."""
 
     def cautions(self) -> tuple[str, ...]:

@@ -394,7 +394,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             # No time has passed that both clocks know of: what was sent before is in force.
             return None
         if self.state is not None and self.state.hold_reason:
-            return self.greeting(now_s)
+            return self.keepalive(now_s)
         dt_s = self.options.period_s
         if self._answered is not None:
             dt_s = self._catch_up(limiter, dt_s, now_s)
@@ -454,12 +454,12 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             positions, speeds = self._lost.follow(asked, positions, speeds, dt_s)
         limiter.track(positions, speeds, dt_s)
 
-    def greeting(self, now_s: float) -> bytes | None:
+    def keepalive(self, now_s: float) -> bytes | None:
         """Zeros where speeds were sent, as the controller would keep the last ones: the arm is not
         measured, or may not be driven."""
-        return self.farewell(now_s) if self.options.command == "velocity" else None
+        return self.final_command(now_s) if self.options.command == "velocity" else None
 
-    def farewell(self, now_s: float) -> bytes | None:
+    def final_command(self, now_s: float) -> bytes | None:
         """What stops the arm when nothing comes after it: its reference, at rest."""
         if not self._commanded or self._limiter is None:
             return None

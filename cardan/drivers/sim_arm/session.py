@@ -118,7 +118,7 @@ class SimArmSession(DatagramSession[ArmState]):
 
     # -- commands -------------------------------------------------------------------------------
 
-    def greeting(self, now_s: float) -> bytes:
+    def keepalive(self, now_s: float) -> bytes:
         """A hold that asks to be sent states."""
         return self._encode(0, now_s, ControlMode.HOLD)
 

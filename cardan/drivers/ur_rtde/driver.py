@@ -43,7 +43,7 @@ class UrRtde(TcpRobot[UrSession, Channel, Task]):
     def send(self, command: RobotCommand) -> None:
         """Answer the state last yielded; without effect where that takes no command."""
         session, now_s = self._require_open(), self._now_s()
-        if session.owes_answer and session.late(now_s):
+        if session.reply_pending and session.late(now_s):
             session.check(command)
             # The arm has moved on since the state that this command was computed from.
             self._wait(session, 0.0)

@@ -86,7 +86,7 @@ def _drawn_token() -> int:
 class UrSession(TcpSession[Channel, Task]):
     """One robot on one controller."""
 
-    owes_answer = False
+    reply_pending = False
 
     def __init__(self, options: UrRtdeOptions, draw: Callable[[], int] = _drawn_token) -> None:
         """`draw` gives a token for each run of the program, unlike all before it."""
@@ -416,7 +416,7 @@ class UrSession(TcpSession[Channel, Task]):
             self.phase = "idle"
         self.end_reason = reason
         self._motion = self._starting = None
-        self.owes_answer = False
+        self.reply_pending = False
         self._sent.clear()
         for channel in ("dashboard", "primary"):
             if self._links[channel].up:
@@ -543,7 +543,7 @@ class UrSession(TcpSession[Channel, Task]):
         if not self._live(now_s) or self.phase == "down":
             if self._said_link is not _LIVE and now_s - self._said_s < WAKE_S:
                 return None
-            self.owes_answer = False
+            self.reply_pending = False
             self.losses += self._said_link is _LIVE
             link = RobotLink.LOST if feed.packages else RobotLink.WAITING
             self._before_s = None
@@ -560,7 +560,7 @@ class UrSession(TcpSession[Channel, Task]):
         period_s = feed.period_s if before_s is None else time_s - before_s
         state = self._state(now_s, _LIVE, period_s, hold_reason)
         if self.phase == "moving" and self._motion is not None:
-            self.owes_answer = True
+            self.reply_pending = True
             if not self._acts or hold_reason:
                 # Whatever was asked for while nothing could move is void.
                 self._motion.begin(feed.values.target_q)
@@ -602,9 +602,9 @@ class UrSession(TcpSession[Channel, Task]):
     def command(self, command: RobotCommand, now_s: float) -> None:
         self.check(command)
         motion = self._motion
-        if not self.owes_answer or motion is None or self.phase != "moving":
+        if not self.reply_pending or motion is None or self.phase != "moving":
             return
-        self.owes_answer = False
+        self.reply_pending = False
         if not self._acts:
             command = HoldCommand()
         # What came in since the state was given is what is answered, and known to be heard.

@@ -216,7 +216,7 @@ class ArmBody(Body):
             return ""
         worst, away = found
         return (
-            f"the measured {self.servo.kinematics.names[worst]} leapt by {away:.2f} rad in "
+            f"the measured {self.servo.kinematics.names[worst]} jumped by {away:.2f} rad in "
             f"{time_s * 1e3:.0f} ms"
         )
 

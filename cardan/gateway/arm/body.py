@@ -268,7 +268,7 @@ class FreeBody(Body):
         way_m = norm(subtract(state.pose.position, before.pose.position))
         turn_rad = norm(rotation_between(before.pose.orientation, state.pose.orientation))
         return (
-            f"the measured pose leapt by {way_m * 1e3:.0f} mm and {turn_rad:.2f} rad in "
+            f"the measured pose jumped by {way_m * 1e3:.0f} mm and {turn_rad:.2f} rad in "
             f"{time_s * 1e3:.0f} ms"
         )
 

@@ -39,7 +39,7 @@ from cardan.gateway.arm.states import (
     phase_of,
 )
 from cardan.gateway.arm.status import TAUT_SHARE, ArmStatus, Phase
-from cardan.gateway.arm.supervision import Cause, Finding, Supervision, Watchdogs, step_s
+from cardan.gateway.arm.supervision import Cause, StopReason, Supervision, Watchdogs, step_s
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.gateway.operator.arming import Arming
 from cardan.gateway.operator.input import NO_REQUEST, ArmView, MotionRequest, OperatorInput
@@ -55,12 +55,13 @@ from cardan.types import (
 )
 
 EASE_ABOVE = 0.5
-"""Share of the leash beyond which an undriven reference is brought back to its robot, so
+"""Share of the maximum lead beyond which an undriven reference is brought back to its robot, so
 that an arm that lags (MaxSpeedDeviation, a person in its way) stops when the operator lets go, not
-a leash further on. Gravity sag is far below it and never creeps in."""
+that lead further on. Gravity sag is far below it and never creeps in."""
 
 NEAR_SHARE = 0.1
-"""Share of the leash, and of the joints' following-error limit, within which a recovery ends."""
+"""Share of the maximum lead, and of the joints' following-error limit, within which a recovery
+ends."""
 
 BEHIND_SHARE = 0.5
 """Share of the following error's limit beyond which no pose and no clutch is accepted."""
@@ -80,7 +81,7 @@ and its argument in words. Called in the thread that asks."""
 class Listener(Protocol):
     """Gets the outcome of the activities that it began. Called under the controller's lock."""
 
-    def void(self, reason: str) -> None:
+    def invalidate(self, reason: str) -> None:
         """Whatever was under way or planned is over, for this reason."""
 
     def finished(self, reason: str) -> None:
@@ -115,11 +116,11 @@ class ArmController:
         """Guards everything that `tick` touches; never held for long."""
         self.robot: RobotState | None = None
         """The newest state."""
-        self.generation = 0
+        self.plan_epoch = 0
         """Counts what voids plans: loss of the robot, trips, stops, the operator taking over."""
         self.listener: Listener | None = None
         """What begins activities beside the operator device."""
-        self.witness: RequestRecorder | None = None
+        self.recorder: RequestRecorder | None = None
         """Records what the ticks depend on beside their arguments."""
         self.ticks = 0
         """Counts the ticks that have begun."""
@@ -277,7 +278,7 @@ class ArmController:
                 self._request.twist,
                 body.twist if placed else ZERO_TWIST,
                 body.pose if placed else None,
-                self.reference.leash_used,
+                self.reference.lead_used,
                 self.reference.at_workspace_limit,
                 hand is not None and hand.mapping.gripper_closed,
                 self._trips,
@@ -310,14 +311,14 @@ class ArmController:
     # -- requests --------------------------------------------------------------------------------
 
     def note(self, what: str, argument: str = "") -> None:
-        """Tell the witness, where there is one, of a request that changes what the next ticks
+        """Tell the recorder, where there is one, of a request that changes what the next ticks
         do."""
-        if self.witness is not None and self._noting != threading.get_ident():
-            self.witness(self.ticks, what, argument)
+        if self.recorder is not None and self._noting != threading.get_ident():
+            self.recorder(self.ticks, what, argument)
 
     @contextlib.contextmanager
-    def noted(self, what: str, argument: str) -> Iterator[None]:
-        """Tell the witness of a request made inside, as a whole: of no other that it consists of.
+    def recorded_request(self, what: str, argument: str) -> Iterator[None]:
+        """Tell the recorder of a request made inside, as a whole: of no other that it consists of.
         The caller holds the lock."""
         self.note(what, argument)
         outer, self._noting = self._noting, threading.get_ident()
@@ -347,7 +348,7 @@ class ArmController:
     def _stop(self, reason: str) -> None:
         if self.state.arming.armed:
             self._disarm()
-        self.generation += 1
+        self.plan_epoch += 1
         if self.recovering:
             self._require_act(f"and stays so: {reason}")
         self._end_activity(reason)
@@ -356,7 +357,7 @@ class ArmController:
         """From the next tick on keep away from a neighbour where it is at `joints`, as
         :class:`cardan.gateway.arm.arm_body.ArmBody` does."""
         with self.lock:
-            if self.witness is not None:
+            if self.recorder is not None:
                 self.note("place_neighbour", json.dumps((index, joints, ways_m)))
             self.body.place_neighbour(index, joints, ways_m)
 
@@ -371,12 +372,12 @@ class ArmController:
         readings = self.state.readings
         if readings.rejected:
             if not self.supervision.trustworthy:
-                return f"{self.supervision.distrust}; wait until the readings rest"
+                return f"{self.supervision.implausible}; wait until the readings rest"
             self.supervision.trust()
-            self._on(Event.BELIEVED)
+            self._on(Event.PLAUSIBLE)
             if readings.elsewhere and self.robot is not None and self.state.link.ready:
                 self._place(self.robot)
-        # One more leash's length towards the robot, where it is not near already.
+        # Once more by the maximum lead towards the robot, where it is not near already.
         self._on(Event.ACKNOWLEDGED)
         self._recovered_way = NO_WAY
         return ""
@@ -389,12 +390,12 @@ class ArmController:
         return inhibits.get(Inhibit.FOR_GOOD) or inhibits.get(Inhibit.WHILE_SAID, "")
 
     @property
-    def barred(self) -> str:
+    def inhibited(self) -> str:
         """Why no source can begin a motion now; empty when one can."""
         if inhibited := self._inhibited:
             return inhibited
         if self.rejects:
-            return f"{self.supervision.distrust}: the measured position is implausible"
+            return f"{self.supervision.implausible}: the measured position is implausible"
         if self.apart:
             return self._apart_reason
         if self.recovering:
@@ -512,7 +513,7 @@ class ArmController:
 
     # -- what is wrong ---------------------------------------------------------------------------
 
-    def _act_on(self, finding: Finding, robot: RobotState) -> None:
+    def _act_on(self, finding: StopReason, robot: RobotState) -> None:
         """The one place where a finding about the robot has consequences."""
         cause, reason = finding
         if cause is Cause.FIRST:
@@ -550,7 +551,7 @@ class ArmController:
             if activity.outlives_silence:
                 activity.release()
                 if self.listener is not None:
-                    self.listener.void(reason)
+                    self.listener.invalidate(reason)
             else:
                 self._end_activity(reason)
 
@@ -563,7 +564,7 @@ class ArmController:
 
     def _without_robot(
         self,
-        finding: Finding,
+        finding: StopReason,
         robot: RobotState,
         device: DeviceState | None,
         events: Sequence[ButtonEvent],
@@ -598,7 +599,7 @@ class ArmController:
 
     def _disengage(self, reason: str) -> None:
         """Forget all motion: where the robot is when it comes back is not known."""
-        self.generation += 1
+        self.plan_epoch += 1
         self._end_activity(reason)
         self._on(Event.FORGOTTEN)
         self.body.halt()
@@ -608,7 +609,7 @@ class ArmController:
 
     def _place(self, robot: RobotState, before: RobotState | None = None) -> None:
         """Start from where the robot is; with a state `before`, from the speed that it has."""
-        self.generation += 1
+        self.plan_epoch += 1
         self._recovered_way = NO_WAY
         self._tripped_in_tick = True
         self._end_activity("the command was restarted from the measured position")
@@ -619,7 +620,7 @@ class ArmController:
 
     def _rest_here(self, reason: str) -> None:
         """Be at rest where the command is: it is not known where the robot is, or how it moves."""
-        self.generation += 1
+        self.plan_epoch += 1
         self._end_activity(reason)
         self._on(Event.OVER)
         self.body.halt()
@@ -649,7 +650,7 @@ class ArmController:
         self._tripped_in_tick = True
         self._trip_reason = reason
         self._trips += 1
-        self.generation += 1
+        self.plan_epoch += 1
         self._end_activity(reason)
 
     def _disarm(self) -> None:
@@ -663,7 +664,7 @@ class ArmController:
         """Brake what moves, and give its source the reason."""
         self.brake()
         if self.listener is not None:
-            self.listener.void(reason)
+            self.listener.invalidate(reason)
 
     # -- the operator device ---------------------------------------------------------------------
 
@@ -681,8 +682,8 @@ class ArmController:
         free = activity is None or (
             (activity.follows_hand or activity.recovers) and not self.braking
         )
-        barred, behind = self._why_barred(robot), ""
-        if not barred and (not self.state.arming.armed or not self._request.following):
+        inhibited, behind = self._why_inhibited(robot), ""
+        if not inhibited and (not self.state.arming.armed or not self._request.following):
             if self._tripped_in_tick:
                 behind = "the robot was not ready for it"
             elif self.supervision.error.exceeds(self.supervision.limit, BEHIND_SHARE):
@@ -699,14 +700,14 @@ class ArmController:
             resting_pose(reference) if hand.mapping.follows_pose and reference.pose else None,
             state.arming,
             free and not state.readings.rejected,
-            barred,
+            inhibited,
             behind,
             self._tripped_in_tick and bool(self._trip_reason),
             suspended=ignored,
         )
         self._request = request = hand.request(device, events, view)
         recovering = self.recovering
-        authority, acknowledges = self.authority, bool(barred) and not recovering
+        authority, acknowledges = self.authority, bool(inhibited) and not recovering
         owns = authority.owner == HAND
         refused = not owns and bool(authority.refuses(HAND))
         arming, act = arming_after(state.arming, request, acknowledges, owns, refused)
@@ -739,22 +740,22 @@ class ArmController:
                     self.authority.take(HAND, now_s)  # Notes the refusal.
                 self._acknowledge()
 
-    def _why_barred(self, robot: RobotState) -> str:
+    def _why_inhibited(self, robot: RobotState) -> str:
         """Why the operator's deliberate act arms nothing now."""
         if self.state.arming.armed:
             return ""
-        return self.barred or robot.alarm or self._filter_fault or self.authority.refuses(HAND)
+        return self.inhibited or robot.alarm or self._filter_fault or self.authority.refuses(HAND)
 
     def _take_over(self, now_s: float) -> None:
         """The operator device takes the arm; what moved before is braked first."""
         self._trip_reason, self._recovered_way = "", NO_WAY
         self.authority.take(HAND, now_s)
-        self.generation += 1
+        self.plan_epoch += 1
         reason, activity = "the operator device took over", self._activity
         if activity is None or not (activity.follows_hand or activity.recovers):
             self._end_activity(reason)
         elif self.listener is not None:
-            self.listener.void(reason)
+            self.listener.invalidate(reason)
 
     def _cancel_recovery(self, why: str) -> None:
         self._require_act(f"and stays so: {why}")
@@ -827,7 +828,7 @@ class ArmController:
     def _drifted(self) -> bool:
         """Whether a reference at rest is so far from its robot that it is brought back."""
         return (
-            self.reference.leash_used > EASE_ABOVE
+            self.reference.lead_used > EASE_ABOVE
             and self.hand is not None
             and self.engaged
             and self.state.separation.together
@@ -839,8 +840,8 @@ class ArmController:
     def _begin_recovery(self) -> None:
         limits, limit = self.reference.limits, self.supervision.limit
         near = FollowingError(
-            NEAR_SHARE * limits.leash_m,
-            NEAR_SHARE * limits.leash_rad,
+            NEAR_SHARE * limits.max_lead_m,
+            NEAR_SHARE * limits.max_lead_rad,
             NEAR_SHARE * limit.joint_error,
         )
         reference = self.reference
@@ -893,7 +894,7 @@ class ArmController:
         activity, reference = self._activity, self.reference
         if not request.asks or not isinstance(activity, FollowHand):
             return ""
-        if reference.leash_used > TAUT_SHARE:
+        if reference.lead_used > TAUT_SHARE:
             behind = self.supervision.error.in_words("behind")
             return f"the robot does not follow: {behind}"
         if activity.share < HELD_SHARE:
@@ -913,7 +914,7 @@ class ArmController:
             return f"{why}resynchronizing with the robot; any button ends it"
         act = "" if self.hand is None else f": {self.hand.act_words()} to go on"
         if self.rejects:
-            why = self.supervision.distrust
+            why = self.supervision.implausible
             return f"{why}; the measured position is implausible, the arm holds{act}"
         if self.apart:
             return (

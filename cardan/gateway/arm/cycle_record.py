@@ -36,7 +36,7 @@ class RecordError(ValueError):
 
 
 class Request(NamedTuple):
-    """A request that the controller's witness was told of."""
+    """A request as the controller's recorder has it."""
 
     name: str
     """Of the controller's method, or "verb"."""

@@ -16,7 +16,7 @@ from cardan.gateway.arm.interface import CartesianArm
 from cardan.gateway.arm.link import NOT_OPEN, LoopLink
 from cardan.gateway.arm.loop import ArmLoop
 from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.arm.verb_server import VerbDesk
+from cardan.gateway.arm.verb_server import VerbServer
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.arm.vocab import Action
 from cardan.gateway.kinematics.collision import Obstacle
@@ -86,7 +86,7 @@ class CartesianDevice(CartesianArm):
             gripper=None if gripper is None else lambda action: link.do(lambda: gripper(action)),
             mapping=None if device is None else mapping or MappingOptions(),
         )
-        self._desk = VerbDesk(self.verbs, link)
+        self._verb_server = VerbServer(self.verbs, link)
         self._thread: threading.Thread | None = None
         self._closing = threading.Event()
 
@@ -140,7 +140,7 @@ class CartesianDevice(CartesianArm):
     def _ask(
         self, verb: str, value: Any = None, *, source: str = "", sequence: int | None = None
     ) -> Any:
-        return self._desk.perform(verb, source or self.source, value, sequence)
+        return self._verb_server.perform(verb, source or self.source, value, sequence)
 
     def _loop(self) -> None:
         link, why = self._link, "the loop that drives the arm has ended"

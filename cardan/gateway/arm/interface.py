@@ -39,7 +39,7 @@ class CartesianArm(Openable):
     def _ask(
         self, verb: str, value: Any = None, *, source: str = "", sequence: int | None = None
     ) -> Any:
-        """Have `verb` carried out by the arm's :class:`VerbDesk`, for `source` or our own; raises
+        """Have `verb` carried out by the arm's :class:`VerbServer`, for `source` or our own; raises
         what it raises."""
 
     # -- requests --------------------------------------------------------------------------------

@@ -32,7 +32,7 @@ class ControllerOptions(Options):
     """The command that motions are sent as; None: the best of those that the robot takes."""
     limits: ReferenceLimits | None = None
     """Speed and acceleration of the TCP that no verb exceeds, whatever the parameters ask for;
-    None: the parameters alone bound movj, relj, movl and movv. Its leash is not used."""
+    None: the parameters alone bound movj, relj, movl and movv. Its maximum lead is not used."""
     streams: ReferenceLimits = STREAM_LIMITS
     """Limits of streams and movv. Their workspace, and that of `limits`, hold for all verbs."""
     stream_prediction_s: Annotated[float, bounds.SHARE_OR_NONE] = 0.0

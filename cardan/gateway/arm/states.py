@@ -123,7 +123,7 @@ class Event(enum.Enum):
     FORGOTTEN = "all motion is forgotten: where the robot is when it comes back is not known"
     RETURNED = "the robot is ready again while its readings are rejected"
     LEAPT = "the robot was measured where it cannot be"
-    BELIEVED = "a deliberate act accepts the readings"
+    PLAUSIBLE = "a deliberate act accepts the readings"
     PLACED = "the command was placed where the robot is, at the speed that it has"
     INVALID = "a command that is beyond a limit was not sent"
     ENGAGED = "a source has the robot commanded, from where it is"
@@ -190,7 +190,7 @@ def readings_after(readings: Readings, event: Event, states: States) -> Readings
     """Whether readings are believed, once `event` has happened in these `states`."""
     rejected = readings.rejected
     match event:
-        case Event.PLACED | Event.BELIEVED:
+        case Event.PLACED | Event.PLAUSIBLE:
             return Readings.ACCEPTED
         case Event.LEAPT if states.link is Link.ABSENT:
             return Readings.REJECTED_ELSEWHERE

@@ -23,17 +23,17 @@ class Phase(enum.Enum):
     BRAKING = "braking"
     """Ramping down, by the operator's will or because something is wrong."""
     RECOVERING = "recovering"
-    """The command is brought back to a robot that is not where it was commanded to be: slowly, a
-    leash's length at most. Any button ends it."""
+    """The command is brought back to a robot that is not where it was commanded to be: slowly, by
+    the maximum lead at most. Any button ends it."""
 
 
-LIMITS: Final = ("collision", "singularity", "joint", "unreachable", "workspace", "leash")
+LIMITS: Final = ("collision", "singularity", "joint", "unreachable", "workspace", "max_lead")
 """What may limit an arm's motion: a body nearby; a singularity; a joint's bound of speed,
 acceleration or range; no joint for what is commanded; the edge of the workspace; a robot that is
 as far behind as it may be."""
 
 TAUT_SHARE: Final = 0.9
-"""Share of the leash above which the robot counts as one that does not follow."""
+"""Share of the maximum lead above which the robot counts as one that does not follow."""
 
 
 class ArmStatus(NamedTuple):
@@ -48,7 +48,7 @@ class ArmStatus(NamedTuple):
     """What is commanded, base axes."""
     pose: Pose | None
     """Where the TCP is commanded to be."""
-    leash_used: float
+    lead_used: float
     at_workspace_limit: bool
     gripper_closed: bool
     trips: int
@@ -64,6 +64,6 @@ class ArmStatus(NamedTuple):
         found = [] if self.arm is None else self.arm.limits()
         if self.at_workspace_limit:
             found.append("workspace")
-        if self.leash_used > TAUT_SHARE:
-            found.append("leash")
+        if self.lead_used > TAUT_SHARE:
+            found.append("max_lead")
         return found

@@ -343,9 +343,9 @@ class Streams:
             )
 
     def _tell(self, name: str, *values: Any, sender: Sender) -> None:
-        """Tell the controller's witness of a command that is taken."""
+        """Tell the controller's recorder of a command that is taken."""
         controller = self._controller
-        if controller.witness is not None:
+        if controller.recorder is not None:
             controller.note(name, argument_text(*values, sender))
 
     def _note_command(self, activity: Activity, sender: Sender) -> None:

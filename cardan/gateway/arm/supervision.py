@@ -1,7 +1,7 @@
 """Why an arm is stopped: everything that is watched, in one place.
 
 Once a tick, before any request, `look` judges what the robot reports: whether a command acts,
-whether the robot is where it was, whether it follows. The result is one :class:`Finding`, the
+whether the robot is where it was, whether it follows. The result is one :class:`StopReason`, the
 gravest; the controller acts on it in one place. The operator device is judged by its own source
 (:mod:`cardan.gateway.operator.input`), the streams by their silence limit. All by local monotonic
 time.
@@ -45,16 +45,17 @@ class Watchdogs(Options):
     """Oldest report that may still drive motion: six missed reports of a 62 Hz device."""
     stall_s: Annotated[float, bounds.BLIND_S] = field(default=0.1, metadata=CODE_ONLY)
     """Longest time between two ticks: after more, the robot is no longer where it was left."""
-    following_error_m: Annotated[float, bounds.LEASH_M] = 0.1
+    following_error_m: Annotated[float, bounds.MAX_LEAD_M] = 0.1
     """Distance between reference and robot beyond which something else holds the arm."""
-    following_error_rad: Annotated[float, bounds.LEASH_RAD] = 0.6
+    following_error_rad: Annotated[float, bounds.MAX_LEAD_RAD] = 0.6
     following_error_joint: Annotated[float, JOINT_ERROR] = field(default=0.5, metadata=CODE_ONLY)
     """rad or m; between commanded and measured joints, where joints are commanded. At the full
     speed of an arm's wrist a position loop lags by 0.3 rad."""
     heartbeat_s: Annotated[float, bounds.BLIND_S] = field(default=0.5, metadata=CODE_ONLY)
     """Longest silence of the process that supervises a session."""
     recovery: bool = True
-    """Whether a command that lost its robot is brought back to it, slowly and within the leash."""
+    """Whether a command that lost its robot is brought back to it, slowly and within the maximum
+    lead."""
 
     def error_limit(self) -> FollowingError:
         """The following error that trips."""
@@ -78,8 +79,8 @@ class Cause(enum.Enum):
     SILENT = "the source of the stream fell silent"
 
 
-class Finding(NamedTuple):
-    """A finding, and the reason for the operator."""
+class StopReason(NamedTuple):
+    """Why the arm is to stop, and the words for the operator."""
 
     cause: Cause
     reason: str
@@ -93,7 +94,7 @@ class Supervision:
         self.limit = watchdogs.error_limit()
         self.error = FollowingError(0.0, 0.0)
         """Of the last tick in which the robot was ready."""
-        self.distrust = ""
+        self.implausible = ""
         """Why the readings are rejected; empty while they are accepted."""
         self.newest: RobotState | None = None
         """The newest state whose reading was looked at."""
@@ -118,9 +119,9 @@ class Supervision:
 
     def trust(self) -> None:
         """Accept the readings again: after a deliberate act."""
-        self.distrust = ""
+        self.implausible = ""
 
-    def look(self, state: RobotState, body: Body) -> Finding | None:
+    def look(self, state: RobotState, body: Body) -> StopReason | None:
         """The gravest thing about this state before the command is compared with it; None when
         all is well."""
         self.gap_s, self._ticked_s = state.stamp_s - self._ticked_s, state.stamp_s
@@ -128,34 +129,34 @@ class Supervision:
         began, self._ready = not self._ready, False
         self._not_acting = self._not_acting or not state.ready
         if state.link is not RobotLink.LIVE:
-            return Finding(Cause.LOST, state.hold_reason or f"the robot is {state.link.value}")
+            return StopReason(Cause.LOST, state.hold_reason or f"the robot is {state.link.value}")
         wrong = state.hold_reason or body.obstacle(state, new_session or began)
         if wrong:
             if new_session and self._session is not None:
-                return Finding(Cause.NEW_SESSION, wrong)
-            return Finding(Cause.NOT_READY, wrong)
+                return StopReason(Cause.NEW_SESSION, wrong)
+            return StopReason(Cause.NOT_READY, wrong)
         self._ready = True
         first, self._session = self._session is None, state.session
         self.previous = before = self.newest
         self.newest = state
         self.acted, self._not_acting = not self._not_acting, False
         if new_session:
-            self.distrust = ""
+            self.implausible = ""
             self._plausible_s = state.stamp_s
-            return Finding(Cause.FIRST if first else Cause.NEW_SESSION, "")
+            return StopReason(Cause.FIRST if first else Cause.NEW_SESSION, "")
         if before is not None:
             # The longer of the two clocks: what waited in a queue was measured earlier.
             time_s = max(state.stamp_s - before.stamp_s, state.period_s, 0.0)
             leap = body.leap(before, state, time_s)
             if leap:
                 self._plausible_s = state.stamp_s
-                self.distrust = leap
-                return Finding(Cause.LEAPT, leap)
+                self.implausible = leap
+                return StopReason(Cause.LEAPT, leap)
         if began:
-            return Finding(Cause.RETURNED, "")
+            return StopReason(Cause.RETURNED, "")
         if self.gap_s > self.watchdogs.stall_s:
             stood = f"this computer or the network stood still for {self.gap_s:.1f} s"
-            return Finding(Cause.STALLED, stood)
+            return StopReason(Cause.STALLED, stood)
         return None
 
     def compare(
@@ -164,19 +165,19 @@ class Supervision:
         body: Body,
         reference: Reference | None,
         activity: Activity | None,
-    ) -> Finding | None:
+    ) -> StopReason | None:
         """The gravest finding about the robot and its commands; None without any."""
         self.error = body.following_error(state, reference)
         if self.error.exceeds(self.limit):
-            return Finding(
+            return StopReason(
                 Cause.HELD, f"{self.error.in_words('away from')}: something else holds it"
             )
         if state.alarm:
-            return Finding(Cause.ALARM, state.alarm)
+            return StopReason(Cause.ALARM, state.alarm)
         if activity is not None and activity.driven:
             age_s = state.stamp_s - activity.heard_s
             if age_s > activity.silence_s:
-                return Finding(Cause.SILENT, f"the stream was silent for {age_s:.3f} s")
+                return StopReason(Cause.SILENT, f"the stream was silent for {age_s:.3f} s")
         return None
 
 

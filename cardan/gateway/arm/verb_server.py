@@ -24,7 +24,7 @@ SLOWS_S = 0.5
 """Longest wait of a rehearsal for an arm that slows down: a stream's ramp takes half of it."""
 
 
-class VerbDesk:
+class VerbServer:
     """Carries out the requests of any thread at the verbs of one arm.
 
     A verb that takes over from a motion under way blocks until that one is braked to rest; if from

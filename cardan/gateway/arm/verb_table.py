@@ -1,7 +1,7 @@
 """The verbs of the Cartesian interface in one table: what each takes and answers, and how it acts.
 
 The packets of :mod:`cardan.gateway.arm.requests`,
-:class:`~cardan.gateway.arm.verb_server.VerbDesk`, the worker of a session, ROS 2 and the command
+:class:`~cardan.gateway.arm.verb_server.VerbServer`, the worker of a session, ROS 2 and the command
 line read it. A new verb is an entry here, a method of
 :class:`~cardan.gateway.arm.verbs.ArmVerbs`, and for programs its typed form in
 :class:`~cardan.gateway.arm.interface.CartesianArm`.

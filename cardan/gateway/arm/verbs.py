@@ -278,7 +278,7 @@ class ArmVerbs:
 
     # -- what becomes of motions -----------------------------------------------------------------
 
-    def void(self, reason: str) -> None:
+    def invalidate(self, reason: str) -> None:
         """Whatever was under way or planned is over (called by the controller)."""
         self._voided = reason
         self._drop_pending(reason)
@@ -474,12 +474,12 @@ class ArmVerbs:
                 if self._pending is None or not self.controller.idle:
                     return None
                 motion, prepare = self._pending
-                generation = self.controller.generation
+                plan_epoch = self.controller.plan_epoch
             try:
                 with self._counted():
                     plan = prepare(self._start(motion.verb, motion.source))
                     with self.controller.lock:
-                        self._require_generation(motion.verb, generation, motion.source)
+                        self._require_plan_epoch(motion.verb, plan_epoch, motion.source)
                         if self._pending is not None and self._pending[0] is motion:
                             self._pending = None
                             self._begin(motion, plan)
@@ -502,7 +502,7 @@ class ArmVerbs:
         with (
             controller.lock,
             self._counted(),
-            controller.noted("hand_over", argument_text(to, source)),
+            controller.recorded_request("hand_over", argument_text(to, source)),
         ):
             refusal = controller.authority.hand_over(source, to, controller.stamp_s)
             if refusal:
@@ -518,7 +518,7 @@ class ArmVerbs:
         with (
             controller.lock,
             self._counted(),
-            controller.noted("acquire", argument_text(source)),
+            controller.recorded_request("acquire", argument_text(source)),
         ):
             refusal = controller.authority.take(source, controller.stamp_s)
             if refusal:
@@ -530,7 +530,7 @@ class ArmVerbs:
         What moves by it is stopped.
         """
         controller = self.controller
-        with controller.lock, controller.noted("release", argument_text(source)):
+        with controller.lock, controller.recorded_request("release", argument_text(source)):
             if controller.authority.owner == source and not controller.idle:
                 controller.stop(f"{source!r} gave up its authority over the arm")
             controller.authority.release(source)
@@ -574,7 +574,7 @@ class ArmVerbs:
         ):
             found = prm.checked_group(values)
             argument = argument_text(list(found.items()), source)
-            opened.enter_context(self.controller.noted("set_parameters", argument))
+            opened.enter_context(self.controller.recorded_request("set_parameters", argument))
             names = ", ".join(vocab_text(key) for key in found)
             self._require_idle(f"setting {names}")
             stream = found.pop(Parameter.STREAM, None)
@@ -669,7 +669,11 @@ class ArmVerbs:
     def take_back(self, kind: Stream, reason: str) -> None:
         """The command that chose the preset `kind` was none: it chooses nothing."""
         argument = argument_text(kind, reason)
-        with self.planning, self.controller.lock, self.controller.noted("take_back", argument):
+        with (
+            self.planning,
+            self.controller.lock,
+            self.controller.recorded_request("take_back", argument),
+        ):
             if self.streams.kind is kind and not self.streams.owner:
                 self.streams.end(reason)
                 self.controller.drop()
@@ -681,10 +685,10 @@ class ArmVerbs:
         with self.planning, self._counted():
             with self.controller.lock:
                 start = self._start(verb, source)
-                generation = self.controller.generation
+                plan_epoch = self.controller.plan_epoch
             plan = prepare(start)
             with self.controller.lock:
-                self._require_generation(verb, generation, source)
+                self._require_plan_epoch(verb, plan_epoch, source)
                 motion = Motion(verb, ends, source)
                 self._drop_pending(f"{verb} took over")
                 if self.controller.idle:
@@ -758,8 +762,8 @@ class ArmVerbs:
                     raise MotionRefusedError(f"{verb}: {robot.alarm}")
                 if claims:
                     self._require_authority(verb, source)
-                elif self.controller.barred:
-                    raise MotionRefusedError(f"{verb}: {self.controller.barred}")
+                elif self.controller.inhibited:
+                    raise MotionRefusedError(f"{verb}: {self.controller.inhibited}")
             if self.controller.engaged:
                 commanded: FloatArray = self.servo.q.copy()
                 return commanded
@@ -795,16 +799,16 @@ class ArmVerbs:
         """`source` may act; `claims`: it takes the authority for it, or renews it."""
         controller = self.controller
         authority = controller.authority
-        refusal = controller.barred
+        refusal = controller.inhibited
         if not refusal and (claims or authority.refuses(source)):
             refusal = authority.take(source, controller.stamp_s)
         if refusal:
             raise MotionRefusedError(f"{verb}: {refusal}")
 
-    def _require_generation(self, verb: str, generation: int, source: str) -> None:
+    def _require_plan_epoch(self, verb: str, plan_epoch: int, source: str) -> None:
         """Nothing happened while it was worked out that makes the plan void."""
         robot = self.controller.robot
-        if generation != self.controller.generation or robot is None or not robot.ready:
+        if plan_epoch != self.controller.plan_epoch or robot is None or not robot.ready:
             why = self.controller.not_ready or self._voided or "the robot is not ready"
             raise MotionRefusedError(f"overtaken while it was planned: {why}")
         self._require_authority(verb, source)

@@ -47,7 +47,7 @@ from cardan.gateway.bus.commands import (
     ServiceCommand,
     TopicCommand,
 )
-from cardan.gateway.bus.liveliness import UNKNOWN, Askers, Presence
+from cardan.gateway.bus.liveliness import UNKNOWN, LivelinessMonitor, Presence
 from cardan.gateway.bus.serving import Results, key_end
 from cardan.gateway.bus.sources import STREAM_KEPT_S, Source, Sources, Unnamed
 from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
@@ -128,14 +128,14 @@ class ArmServer:
         """Messages and requests that were none: wrong type, wrong length."""
         self.late = 0
         """Messages that came twice, or after a newer one of the same publisher."""
-        self.barred = ""
+        self.inhibited = ""
         """Why nothing that commands the arm is taken, but stops; empty: it is."""
         self.contested = 0
         """Streamed messages that were refused as another source has the authority."""
         self._contest = ""
         self._contest_s = NEVER_S
-        self._askers = Askers(node.zid)
-        self.sources = Sources(source, self._askers, owner)
+        self._liveliness = LivelinessMonitor(node.zid)
+        self.sources = Sources(source, self._liveliness, owner)
         self._tokens = node.watch_tokens()
         self._endless_without_watch = endless_without_watch
         self._arrived: list[tuple[Any, Any]] = []
@@ -200,7 +200,7 @@ class ArmServer:
         # After the packets: the tokens of who sent them were there before.
         self._take_tokens()
         if self._held:
-            self._let_go(lambda held: self._askers.knows(held.packet) or now_s >= held.until_s)
+            self._let_go(lambda held: self._liveliness.knows(held.packet) or now_s >= held.until_s)
         if self._arrived:
             self._pass_on()
 
@@ -225,15 +225,15 @@ class ArmServer:
         one, other = packet.attachment, before.attachment
         if one is None or other is None or one.source_ns <= other.source_ns:
             return False
-        node = self._askers.node(one.gid)
-        return node is not None and node is self._askers.node(other.gid)
+        node = self._liveliness.node(one.gid)
+        return node is not None and node is self._liveliness.node(other.gid)
 
     def _take_tokens(self) -> None:
         for _ in range(TOKENS_AT_ONCE):
             told = self._tokens.poll()
             if told is None:
                 break
-            self._askers.take(*told, self.now_s)
+            self._liveliness.take(*told, self.now_s)
 
     def _collect_cancels(self, action: ArmAction) -> None:
         """Collect the cancellations of an action's goals. Goals that are there by then came before
@@ -263,7 +263,7 @@ class ArmServer:
 
     def _named_s(self, packet: Received | ServiceRequest) -> float:
         """Until when `packet` waits for the token of who sent it."""
-        if self._askers.knows(packet):
+        if self._liveliness.knows(packet):
             return NEVER_S
         gid = b"" if packet.attachment is None else packet.attachment.gid
         zid = packet.zid if isinstance(packet, Received) else ""
@@ -298,28 +298,28 @@ class ArmServer:
     def watched(self, request: Request, packet: Received | ServiceRequest) -> Request:
         """`request`, of a motion without end with a way to see whether who sent `packet` is still
         on the bus. Raises PacketError where nobody could see it, and for what commands the arm
-        while the server is `barred`. From any thread."""
-        if self.barred and request.verb in CHANGING - {"release"}:
-            refusal = MotionRefusedError(f"{request.verb}: {self.barred}")
+        while the server is `inhibited`. From any thread."""
+        if self.inhibited and request.verb in CHANGING - {"release"}:
+            refusal = MotionRefusedError(f"{request.verb}: {self.inhibited}")
             raise PacketError(str(refusal), request.id) from refusal
         if request.verb not in ENDLESS:
             return request
-        asker = self._asker(packet)
-        if asker is not None:
-            return request._replace(there=asker.there)
+        client = self._client(packet)
+        if client is not None:
+            return request._replace(there=client.there)
         if self._endless_without_watch:
             return request
         why = MotionRefusedError(f"{request.verb}: {UNKNOWN}")
         raise PacketError(str(why), request.id) from why
 
-    def _asker(self, packet: Received | ServiceRequest) -> Presence | None:
+    def _client(self, packet: Received | ServiceRequest) -> Presence | None:
         """Of a message its publisher, of a request the node of its client, as programs make clients
         for one call; of a publisher that old releases of rmw_zenoh name at random its session."""
-        askers, attachment = self._askers, packet.attachment
+        liveliness, attachment = self._liveliness, packet.attachment
         if isinstance(packet, Received):
-            known = None if attachment is None else askers.endpoint(attachment.gid)
-            return known or askers.session(packet.zid)
-        return None if attachment is None else askers.node(attachment.gid)
+            known = None if attachment is None else liveliness.endpoint(attachment.gid)
+            return known or liveliness.session(packet.zid)
+        return None if attachment is None else liveliness.node(attachment.gid)
 
     def source(self, packet: Received | ServiceRequest) -> str:
         """Name of who sent `packet` in the arm's authority. In the thread that decodes."""

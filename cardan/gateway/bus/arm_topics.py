@@ -273,7 +273,7 @@ class ArmTopics:
             "stream": int(Stream.NONE),
             "ready": False,
             "moving": False,
-            "leash_used": status.leash_used,
+            "lead_used": status.lead_used,
             "trips": status.trips,
             **flags,
         }

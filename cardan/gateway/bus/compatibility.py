@@ -53,7 +53,7 @@ class Shown(NamedTuple):
     """Of the robot's state, since the epoch."""
     robot: RobotState
     status: ArmStatus
-    barred: str = ""
+    inhibited: str = ""
     """Why nothing may move until the deliberate act; empty: it may."""
     commanded: tuple[list[float], list[float]] | None = None
     """Joint positions and velocities that are commanded; None where none are."""
@@ -76,8 +76,8 @@ class Shown(NamedTuple):
         servo, commanded = verbs.servo, None
         if verbs.controller.engaged:
             commanded = servo.q.tolist(), servo.v.tolist()
-        barred, tcp = verbs.controller.barred, verbs.body.reported
-        return cls(stamp_ns, robot, status, barred, commanded, tcp)
+        inhibited, tcp = verbs.controller.inhibited, verbs.body.reported
+        return cls(stamp_ns, robot, status, inhibited, commanded, tcp)
 
     @property
     def header(self) -> Message:
@@ -105,7 +105,7 @@ class Shown(NamedTuple):
     @property
     def faulty(self) -> bool:
         """Whether nothing can move the arm until something is done about it."""
-        return self.status.phase is Phase.NO_ROBOT or bool(self.barred)
+        return self.status.phase is Phase.NO_ROBOT or bool(self.inhibited)
 
 
 class Told(NamedTuple):
@@ -325,7 +325,7 @@ def servo_status(shown: Shown, paused: str = "") -> Message:
     """A moveit_msgs/msg/ServoStatus. Its code has one of the things that limit the arm, its text
     all; a singularity that the arm leaves is not told apart from one it goes to."""
     status, code = shown.status, NO_WARNING
-    words = [paused, shown.barred, status.message]
+    words = [paused, shown.inhibited, status.message]
     if status.phase is Phase.NO_ROBOT:
         code = INVALID
     elif (arm := status.arm) is not None:

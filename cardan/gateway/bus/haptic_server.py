@@ -226,7 +226,7 @@ class HapticServer:
         self.haptic = haptic
         self.refused = 0
         """Messages and requests that were refused."""
-        self.barred = ""
+        self.inhibited = ""
         """Why nothing is taken but what stops the feedback; empty: all is."""
         self._node, self._device, self._feedback = node, device, feedback
         self._period_s = period_s
@@ -360,8 +360,8 @@ class HapticServer:
         taken = types.get(key_end(packet.key))
         name = next(iter(types.values())).topic
         try:
-            if self.barred:
-                raise CommandError(f"{name}: {self.barred}")
+            if self.inhibited:
+                raise CommandError(f"{name}: {self.inhibited}")
             if taken is None:
                 wanted = " or ".join(each.type_name for each in types.values())
                 raise CommandError(f"{name} takes {wanted}, not {packet.key.split('/')[-2]}")
@@ -407,8 +407,8 @@ class HapticServer:
     def _answer(self, packet: ServiceRequest, service: _Service) -> None:
         request = _decoded(f"{service.type_name}_Request", packet.data, REQUEST_BYTES)
         try:
-            if service.changes and self.barred:
-                raise CommandError(f"{service.name}: {self.barred}")
+            if service.changes and self.inhibited:
+                raise CommandError(f"{service.name}: {self.inhibited}")
             if isinstance(request, Malformed):
                 raise CommandError(f"{service.name}: {request.reason}")
             response = default_message(f"{service.type_name}_Response")

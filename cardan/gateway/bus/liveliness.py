@@ -56,7 +56,7 @@ class _Token(NamedTuple):
     """The endpoint, its node and its session."""
 
 
-class Askers:
+class LivelinessMonitor:
     """All endpoints, nodes and sessions of others.
 
     `take` is for one thread, the rest for any; what is not known is None.

@@ -113,11 +113,11 @@ class _EngineTap:
         self._kept: deque[str] = deque()
         self._keeps_until_s = math.inf
         self._heard = False
-        controller.witness = self._witness
+        controller.recorder = self._recorder
 
     @property
     def on(self) -> bool:
-        return self._controller.witness is not None
+        return self._controller.recorder is not None
 
     def look(self, now_s: float) -> None:
         """Begin or end, as somebody subscribes."""
@@ -125,17 +125,17 @@ class _EngineTap:
         if self._keeps_until_s == math.inf:
             self._keeps_until_s = now_s + KEPT_S
         if self._heard or now_s < self._keeps_until_s:
-            self._controller.witness = self._witness
+            self._controller.recorder = self._recorder
         else:
             self.end()
 
     def end(self) -> None:
         """Take nothing any more."""
-        self._controller.witness = None
+        self._controller.recorder = None
         self._requests.clear()
         self._kept.clear()
 
-    def _witness(self, ticks: int, name: str, argument: str) -> None:
+    def _recorder(self, ticks: int, name: str, argument: str) -> None:
         self._requests.append((ticks, Request(name, argument)))
 
     def publish(self, cycle: Cycle, now_ns: int) -> None:

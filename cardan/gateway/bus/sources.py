@@ -13,7 +13,7 @@ from collections.abc import Callable, Hashable
 from cardan.bus.node import LEASE_MS, Received, ServiceRequest
 from cardan.common.bounds import LONGEST_BLIND_S
 from cardan.gateway.arm.validation import LONGEST_NAME
-from cardan.gateway.bus.liveliness import Askers, Identity
+from cardan.gateway.bus.liveliness import Identity, LivelinessMonitor
 from cardan.types import NEVER_S
 
 STREAM_KEPT_S = LONGEST_BLIND_S
@@ -117,16 +117,18 @@ class Unnamed:
 class Sources:
     """All programs that command the arm. For one thread, but for `spend`."""
 
-    def __init__(self, network: str, askers: Askers, owner: Callable[[], str]) -> None:
+    def __init__(
+        self, network: str, liveliness: LivelinessMonitor, owner: Callable[[], str]
+    ) -> None:
         """`network`: the name of all of them, to which each one's own is added; `owner`: the source
         that has the authority now, which keeps its name."""
-        self._network, self._askers, self._owner = network, askers, owner
+        self._network, self._liveliness, self._owner = network, liveliness, owner
         self._kept: dict[Hashable, Source] = {}
         self._names: dict[str, Source] = {}
 
     def of(self, packet: Received | ServiceRequest, now_s: float) -> Source:
         """The source that sent a packet."""
-        identity = self._askers.identity(packet)
+        identity = self._liveliness.identity(packet)
         if identity.presence is None and not isinstance(packet, Received):
             # It may be of any program without a token, also of the one that streams.
             source = Source(identity, now_s)
@@ -167,7 +169,7 @@ class Sources:
         when it may."""
         if name == self._network or name.startswith(f"{self._network} "):
             return f"{name!r} is the name of a node of ROS 2: choose another one"
-        source = self._identified(self._askers.identity(packet), packet, now_s)
+        source = self._identified(self._liveliness.identity(packet), packet, now_s)
         if self._take_name(name, source, now_s):
             return ""
         return (

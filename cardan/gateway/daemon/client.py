@@ -20,7 +20,7 @@ from cardan.gateway.daemon.control import (
     Ask,
     ControlError,
     LineReader,
-    Told,
+    Response,
     decode_told,
     encode_ask,
 )
@@ -100,7 +100,7 @@ class ControlClient:
         except OSError as error:
             raise AddressError(f"the daemon takes no requests: {error.strerror}") from None
 
-    def receive(self) -> Told | None:
+    def receive(self) -> Response | None:
         """The next answer; None: the daemon is gone. Raises AddressError where none comes."""
         while not self._lines:
             try:
@@ -116,7 +116,7 @@ class ControlClient:
             self._lines = self._reader.take(data)
         return decode_told(self._lines.pop(0))
 
-    def _answers(self, number: int) -> Iterator[Told]:
+    def _answers(self, number: int) -> Iterator[Response]:
         while (told := self.receive()) is not None:
             if told.id not in (number, None):
                 continue

@@ -55,7 +55,7 @@ class Ask(NamedTuple):
     value: Any = None
 
 
-class Told(NamedTuple):
+class Response(NamedTuple):
     """What the daemon says to a request."""
 
     id: int | None
@@ -104,17 +104,17 @@ def decode_ask(line: bytes) -> Ask:
     return Ask(number, do, name, value)
 
 
-def encode_told(told: Told) -> bytes:
+def encode_told(told: Response) -> bytes:
     """As a line."""
     return _line({"id": told.id, told.kind: told.value})
 
 
-def decode_told(line: bytes) -> Told:
+def decode_told(line: bytes) -> Response:
     """From a line. Raises ControlError."""
     table = _table(line)
     for kind in ("result", "error", "event"):
         if kind in table:
-            return Told(table.get("id"), kind, table[kind])
+            return Response(table.get("id"), kind, table[kind])
     raise ControlError(f"it is no answer of the daemon: {line!r:.80}")
 
 

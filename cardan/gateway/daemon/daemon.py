@@ -38,7 +38,7 @@ from cardan.gateway.daemon.changes import (
     of_session,
 )
 from cardan.gateway.daemon.config import Layout, ServerEntry, SessionEntry, sharers
-from cardan.gateway.daemon.control import Ask, ControlError, Told
+from cardan.gateway.daemon.control import Ask, ControlError, Response
 from cardan.gateway.daemon.device_sharing import Order, Seen, SharedDevice
 from cardan.gateway.daemon.events import Event, EventLog, default_event_log
 from cardan.gateway.daemon.notify import Notifier
@@ -300,7 +300,7 @@ class Daemon:
             self._event_log.write(event)
         for connection, ask in self._followers.values():
             if ask.do == "events" and ask.name in ("", event.name):
-                connection.tell(Told(ask.id, "event", event._asdict()))
+                connection.tell(Response(ask.id, "event", event._asdict()))
 
     def _look_after(self, now_s: float) -> None:
         for kept in list(self._kept.values()):
@@ -369,15 +369,15 @@ class Daemon:
         try:
             found = getattr(self, f"_do_{ask.do}")(ask, connection)
         except CardanError as error:
-            connection.tell(Told(ask.id, "error", str(error)))
+            connection.tell(Response(ask.id, "error", str(error)))
             return
         except Exception:
             # One request must not end all sessions.
             _log.exception("a request, %s, met with a fault of the daemon", ask.do)
-            connection.tell(Told(ask.id, "error", f"{ask.do}: a fault: see the daemon's log"))
+            connection.tell(Response(ask.id, "error", f"{ask.do}: a fault: see the daemon's log"))
             return
         if found is not None:
-            connection.tell(Told(ask.id, "result", found))
+            connection.tell(Response(ask.id, "result", found))
 
     def _named(self, ask: Ask) -> list[Kept]:
         if not ask.name:
@@ -467,9 +467,9 @@ class Daemon:
 
         def over(outcome: ReloadOutcome) -> None:
             if isinstance(outcome, CardanError):
-                connection.tell(Told(ask.id, "error", str(outcome)))
+                connection.tell(Response(ask.id, "error", str(outcome)))
             else:
-                connection.tell(Told(ask.id, "result", [each._asdict() for each in outcome]))
+                connection.tell(Response(ask.id, "result", [each._asdict() for each in outcome]))
 
         self.reload(over, check_only=ask.value is True)
         return None
@@ -507,7 +507,7 @@ class Daemon:
             if now_s >= watcher.due_s:
                 watcher.due_s = now_s + watcher.period_s
                 rows = self._rows(watcher.ask.name)
-                watcher.connection.tell(Told(watcher.ask.id, "event", rows))
+                watcher.connection.tell(Response(watcher.ask.id, "event", rows))
 
     def _do_log(self, ask: Ask, connection: Connection) -> Any:
         if ask.name:
@@ -529,7 +529,7 @@ class Daemon:
         if not ask.value:
             return kept
         self._goes_on(ask, connection)
-        connection.tell(*(Told(ask.id, "event", each) for each in kept))
+        connection.tell(*(Response(ask.id, "event", each) for each in kept))
         self._followers[id(connection), ask.id] = connection, ask
         return None
 
@@ -545,7 +545,7 @@ class Daemon:
         _log.log(level, "%s| %s", line.name, line.text, extra=fields(name=line.name, event="said"))
         for connection, ask in self._followers.values():
             if ask.do == "log" and ask.name in ("", line.name):
-                connection.tell(Told(ask.id, "event", list(line)))
+                connection.tell(Response(ask.id, "event", list(line)))
 
     # -- verbs -----------------------------------------------------------------------------------
 
@@ -599,7 +599,7 @@ class Daemon:
             if route is not None:
                 if note["outcome"] not in _UNDER_WAY:
                     del self._motions[name, note["id"]]
-                route.connection.tell(Told(route.ask, "event", table))
+                route.connection.tell(Response(route.ask, "event", table))
             return
         route = self._routes.pop((name, table["reply"] or 0), None)
         if route is None:
@@ -611,7 +611,7 @@ class Daemon:
                 route.connection.gone.append(lambda: self._asker_gone(name, result["id"]))
             else:
                 self._asker_gone(name, result["id"])
-        route.connection.tell(Told(route.ask, "result", table | {"reply": route.request}))
+        route.connection.tell(Response(route.ask, "result", table | {"reply": route.request}))
 
     def _session_gone(self, name: str, reason: str) -> None:
         """Its process has ended: nobody else answers what was asked of it. The next one's motions
@@ -619,11 +619,11 @@ class Daemon:
         why = f"{name} has ended{reason and f': {reason}'}"
         for key in [each for each in self._routes if each[0] == name]:
             route = self._routes.pop(key)
-            route.connection.tell(Told(route.ask, "error", why))
+            route.connection.tell(Response(route.ask, "error", why))
         for key in [each for each in self._motions if each[0] == name]:
             route = self._motions.pop(key)
             note = {**route.note, "outcome": Outcome.ABORTED.value, "reason": why}
-            route.connection.tell(Told(route.ask, "event", {"motion": note}))
+            route.connection.tell(Response(route.ask, "event", {"motion": note}))
         kept = self._kept[name]
         assert isinstance(kept, SessionService)
         if REMOVED in kept.changes_wait:

@@ -41,7 +41,7 @@ GAUGES: Final = (
     ("cardan_tracking_error_rms_meters", "error_rms_m",
      "Distance between reference and robot while moving, RMS since the session's start."),
     ("cardan_tracking_error_max_meters", "error_max_m", "The largest such distance."),
-    ("cardan_leash_used_ratio", "leash_used", "Lag of the robot behind the reference; 1: all."),
+    ("cardan_lead_used_ratio", "lead_used", "Lead of the reference over the robot; 1: all."),
     ("cardan_path_speed_ratio", "path_speed", "Share of the asked speed that the arm can do."),
     ("cardan_clearance_meters", "clearance_m", "Distance of the nearest pair of bodies."),
     ("cardan_device_battery_ratio", "battery", "Charge of the operator device."),

@@ -21,7 +21,7 @@ from cardan.common.options import Options
 from cardan.errors import CardanError
 from cardan.gateway.daemon.client import ControlClient
 from cardan.gateway.servers.base import Ready, Server
-from cardan.gateway.servers.web import Answer, Front, FrontOptions, serve_until
+from cardan.gateway.servers.web import Answer, ListenerOptions, WebSocketListener, serve_until
 
 PORT: Final = 9464
 """Where Prometheus looks for the figures of programs that have no port of their own."""
@@ -33,7 +33,7 @@ ANSWER_S: Final = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class MetricsOptions(FrontOptions):
+class MetricsOptions(ListenerOptions):
     """How a scraper reaches the figures."""
 
     port: Annotated[int, bounds.ANY_PORT] = PORT
@@ -65,27 +65,27 @@ class MetricsServer:
         self._figures = figures
         self.counts: Counter[str] = Counter()
         """"denied": connections that were not let in."""
-        self._front = Front(options, self.counts, page=self._page)
+        self._listener = WebSocketListener(options, self.counts, page=self._page)
         self._asking = asyncio.Lock()
 
     @property
     def port(self) -> int:
         """The port it listens at."""
-        return self._front.port
+        return self._listener.port
 
     @property
     def clients(self) -> int:
         """None stays connected."""
-        return self._front.clients
+        return self._listener.clients
 
     async def __aenter__(self) -> MetricsServer:
         """Listen. Raises AddressError and ConfigurationError."""
-        await self._front.open()
+        await self._listener.open()
         return self
 
     async def __aexit__(self, *_exception: object) -> None:
         """Let all go."""
-        await self._front.close()
+        await self._listener.close()
 
     async def _page(self, path: str, headers: Headers) -> Answer | None:
         if path != PATH:

@@ -22,7 +22,7 @@ from cardan.gateway.daemon.control import (
     Ask,
     ControlError,
     LineReader,
-    Told,
+    Response,
     decode_ask,
     encode_told,
     refusal,
@@ -83,7 +83,7 @@ class Connection:
         self._unsent = bytearray()
         self.open = True
 
-    def tell(self, *told: Told) -> None:
+    def tell(self, *told: Response) -> None:
         """Say something to it. Never waits; one that does not read is let go. An answer may be
         longer than what may wait for it."""
         if not self.open:
@@ -212,7 +212,7 @@ class ControlServer:
         connection = Connection(sock, self._role_of(sock))
         if len(self._connections) >= MAX_CONNECTIONS:
             words = f"{MAX_CONNECTIONS} programs are connected to the daemon already"
-            connection.tell(Told(None, "error", words))
+            connection.tell(Response(None, "error", words))
             sock.close()
             return
         self._connections[sock.fileno()] = connection
@@ -238,13 +238,13 @@ class ControlServer:
             return
         if connection.backlog.lasts(now_s - connection.since_s, now_s):
             _log.warning("a program that sends more than can be handled is let go")
-            connection.tell(Told(None, "error", BACKLOGGED))
+            connection.tell(Response(None, "error", BACKLOGGED))
             connection.open = False
             return
         try:
             connection.asked.extend(connection.reader.take(data))
         except ControlError as error:
-            connection.tell(Told(error.request, "error", str(error)))
+            connection.tell(Response(error.request, "error", str(error)))
             connection.open = False
 
     def _answer_some(self, connection: Connection) -> None:
@@ -259,10 +259,10 @@ class ControlServer:
         try:
             ask = decode_ask(line)
         except ControlError as error:
-            connection.tell(Told(error.request, "error", str(error)))
+            connection.tell(Response(error.request, "error", str(error)))
             return
         if why := refusal(ask, connection.role):
-            connection.tell(Told(ask.id, "error", why))
+            connection.tell(Response(ask.id, "error", why))
             return
         self._handle(ask, connection)
 

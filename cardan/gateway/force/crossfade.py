@@ -12,7 +12,7 @@ from cardan.gateway.force.fixtures import turned, world_point
 from cardan.spatial import add, limit_norm, norm, scale, subtract
 from cardan.types import NEVER_S, ZERO3, Vector3
 
-GLIDE_M_S = 0.01
+CROSSFADE_M_S = 0.01
 """Speed of that approach. A wall of 300 N/m grows by 3 N/s then under a hand at rest: about as fast
 as force begins at a clutch-in, and slow enough to yield to."""
 
@@ -23,7 +23,7 @@ NOTHING_M = 1e-9
 """Offsets below this are rounding."""
 
 
-class MapGlide:
+class MapCrossfade:
     """Follows the map of one engagement after the other."""
 
     def __init__(self) -> None:
@@ -40,13 +40,13 @@ class MapGlide:
     def follow(self, world: WorldMap, hand: Vector3, now_s: float) -> WorldMap:
         """The map to render where `world` is the true one, for a hand at `hand` (m, device axes).
 
-        Apart from GLIDE_M_S the rendered position moves only as far as the hand does: by so much
-        the map may slip, or stop at the workspace's edge.
+        Apart from CROSSFADE_M_S the rendered position moves only as far as the hand does: by so
+        much the map may slip, or stop at the workspace's edge.
         """
         before = self._map
         if before is not None:
             if self.left != ZERO3:
-                step_m = GLIDE_M_S * min(max(now_s - self._seen_s, 0.0), LONGEST_STEP_S)
+                step_m = CROSSFADE_M_S * min(max(now_s - self._seen_s, 0.0), LONGEST_STEP_S)
                 self.left = subtract(self.left, limit_norm(self.left, step_m))
             if world.linear == before.linear:
                 leap = subtract(before.offset, world.offset)

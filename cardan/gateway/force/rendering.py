@@ -3,7 +3,7 @@
 Fixtures go to the device as geometry, together with the map from the hand's position to the TCP's,
 so that its own loop evaluates them. A measured force (`input`) goes with its rate and its stamp.
 Both are rendered from a clutch-in on: before the first one the device is not even enabled
-(`enabling`). If the force is lost that the hand leans on, teleoperation is disengaged (`guard`).
+(`servo_on`). If the force is lost that the hand leans on, teleoperation is disengaged (`watchdog`).
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from typing import Any
 from cardan.common.haptics import HapticCommand, MeasuredForce, WorldMap
 from cardan.drivers.haptic import HapticDevice
 from cardan.errors import DriverError
-from cardan.gateway.force.crossfade import MapGlide
+from cardan.gateway.force.crossfade import MapCrossfade
 from cardan.gateway.force.figures import FeltFigures
 from cardan.gateway.force.fixtures import FixtureSet, world_point
 from cardan.gateway.force.input import ForceInput, MeasuredTcp
 from cardan.gateway.force.passive import FarPort
 from cardan.gateway.force.servo_on import ForceEnabling
-from cardan.gateway.force.watchdog import ForceGuard
+from cardan.gateway.force.watchdog import ForceWatchdog
 from cardan.types import NEVER_S, DeviceState, Pose, RobotState
 
 LOOK_PERIOD_S = 0.01
@@ -51,9 +51,9 @@ class ForceRenderer:
         self.fixtures = fixtures
         self.measured = measured
         self.felt = FeltFigures()
-        self.guard = ForceGuard(max_age_s)
+        self.watchdog = ForceWatchdog(max_age_s)
         self._enabling = ForceEnabling(device)
-        self._glide = MapGlide()
+        self._crossfade = MapCrossfade()
         self._port = FarPort()
         self._rendering = rendering
         self._warnings = warnings
@@ -103,7 +103,7 @@ class ForceRenderer:
         self.felt.add(told, fixtures, self._engaged)
         if not self._engaged:
             return ""
-        return self.guard.disengage_reason(
+        return self.watchdog.disengage_reason(
             told,
             now_s,
             fixtures=fixtures,
@@ -129,12 +129,12 @@ class ForceRenderer:
             self.fixtures.place("start", place.position)
         if pose is None or world is None:
             world = None
-            self._glide.release()
+            self._crossfade.release()
         else:
-            world = self._glide.follow(world, pose.position, state.stamp_s)
+            world = self._crossfade.follow(world, pose.position, state.stamp_s)
         force: MeasuredForce | None = None
         if self.measured is not None:
-            felt = self.measured.take(state, self._tcp, world, at_rest, self.guard.rendered)
+            felt = self.measured.take(state, self._tcp, world, at_rest, self.watchdog.rendered)
             if felt and world is not None and pose is not None:
                 force = self.measured.force(world, pose.position)
                 absorbed_j = self._port.step(pose.position, force.force)
@@ -147,15 +147,15 @@ class ForceRenderer:
             if world is not None and pose is not None:
                 self.fixtures.place("clutch-in", world_point(world, pose.position))
                 self._enabling.engage(state.stamp_s)
-                self.guard.engage(self._sequence + 1, state.stamp_s)
+                self.watchdog.engage(self._sequence + 1, state.stamp_s)
             else:
                 self._enabling.release()
-                self.guard.release()
+                self.watchdog.release()
                 self._port.forget()
         elif engaged:
             self._enabling.retry(state.stamp_s)
         if force is not None:
-            self.guard.give(force.stamp_s)
+            self.watchdog.give(force.stamp_s)
         self._sequence += 1
         command = HapticCommand(
             self._sequence, state.stamp_s, engaged, world or NO_MAP, self.fixtures.fixtures, force
@@ -171,7 +171,7 @@ class ForceRenderer:
         """What prevents a force, or a good one."""
         words = [each for each in (self._enabling.refusal, self._rejection) if each]
         newest = self.felt.newest
-        if self.guard.heard and newest.reason:
+        if self.watchdog.heard and newest.reason:
             words.append(("force: " if newest.rendering else "no force: ") + newest.reason)
         if self.measured is not None:
             words += self.measured.diagnosis()
@@ -181,9 +181,9 @@ class ForceRenderer:
         """The figures of a snapshot, by the snapshot's names."""
         return {
             **self.felt.report(),
-            "force_losses": self.guard.losses,
-            "force_out_s": self.guard.out_s,
-            "force_lost_reason": self.guard.lost_reason,
+            "force_losses": self.watchdog.losses,
+            "force_out_s": self.watchdog.out_s,
+            "force_lost_reason": self.watchdog.lost_reason,
             "measured_force_n": None,
             **({} if self.measured is None else self.measured.report()),
         }

@@ -39,7 +39,7 @@ end, so never less than 0.44 of the 2 N that `clamp_n` is by default; of 3.3 N i
 IN_A_FIXTURE_N = 0.1
 
 
-class ForceGuard:
+class ForceWatchdog:
     """Watches the force of one engagement after the other, from clutch-in to clutch-out."""
 
     def __init__(self, max_age_s: float) -> None:

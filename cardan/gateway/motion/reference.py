@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from cardan.common import bounds
 from cardan.common.bounds import Bounds
@@ -36,18 +36,20 @@ from cardan.types import ZERO3, Frame, Pose, Twist, Vector3
 class ReferenceLimits(Options):
     """Limits of the reference; Euclidean norms, so the same in every direction."""
 
+    RENAMED: ClassVar = {"leash_m": "max_lead_m", "leash_rad": "max_lead_rad"}
+
     linear_speed_m_s: Annotated[float, bounds.LINEAR_SPEED_M_S] = 0.25
     """ISO 10218's reduced speed beside a person, and the default for that reason."""
     linear_acceleration_m_s2: Annotated[float, bounds.LINEAR_ACCELERATION_M_S2] = 1.0
     angular_speed_rad_s: Annotated[float, bounds.ANGULAR_SPEED_RAD_S] = 1.0
     angular_acceleration_rad_s2: Annotated[float, bounds.ANGULAR_ACCELERATION_RAD_S2] = 4.0
     linear_jerk_m_s3: Annotated[float, bounds.LINEAR_JERK_M_S3] | None = None
-    """Limit on the motion that the operator asks for; braking for a fault, a wall or the leash is
-    not limited by it. None: unbounded."""
+    """Limit on the motion that the operator asks for; braking for a fault, a wall or the maximum
+    lead is not limited by it. None: unbounded."""
     angular_jerk_rad_s3: Annotated[float, bounds.ANGULAR_JERK_RAD_S3] | None = None
-    leash_m: Annotated[float, bounds.LEASH_M] = 0.05
+    max_lead_m: Annotated[float, bounds.MAX_LEAD_M] = 0.05
     """How far the reference may run ahead of the measured position."""
-    leash_rad: Annotated[float, bounds.LEASH_RAD] = 0.3
+    max_lead_rad: Annotated[float, bounds.MAX_LEAD_RAD] = 0.3
     """How far the reference may turn ahead of the measured orientation."""
     workspace_x_m: Bounds | None = None
     """Range of the TCP along the base's x axis; None: unbounded."""
@@ -66,16 +68,16 @@ class ReferenceLimits(Options):
             require(good, f"workspace_{axis}_m", walls, "two ends, lower bound first")
 
 
-def _leashed(
+def _within_max_lead(
     velocity: Vector3,
     ahead: Vector3,
     distance: float,
-    leash: float,
+    max_lead: float,
     acceleration: float,
     dt_s: float,
 ) -> Vector3:
     """`velocity`, running further `ahead`, which is `distance` long, only as fast as it can stop at
-    the leash's end.
+    `max_lead`.
 
     Motion back or sideways is never held.
     """
@@ -83,7 +85,7 @@ def _leashed(
         return velocity
     x, y, z = velocity
     outward = (x * ahead[0] + y * ahead[1] + z * ahead[2]) / distance
-    excess = outward - stopping_speed(leash - distance, acceleration, dt_s)
+    excess = outward - stopping_speed(max_lead - distance, acceleration, dt_s)
     if outward <= 0.0 or excess <= 0.0:
         return velocity
     return subtract(velocity, scale(ahead, excess / distance))
@@ -155,12 +157,12 @@ class Reference:
                 smooth.reset()
 
     @property
-    def leash_used(self) -> float:
-        """Share of the leash that is taken up, 0..1 and above; the worse of the two."""
-        return max(self.ahead_m / self.limits.leash_m, self.ahead_rad / self.limits.leash_rad)
+    def lead_used(self) -> float:
+        """Share of the maximum lead that is taken up, 0..1 and above; the worse of the two."""
+        return max(self.ahead_m / self.limits.max_lead_m, self.ahead_rad / self.limits.max_lead_rad)
 
     def observe(self, measured: Pose) -> None:
-        """Take note of where the robot is; the leash and `ahead_m`, `ahead_rad` follow it."""
+        """Record where the robot is: `ahead_m` and `ahead_rad` are measured from there."""
         pose = self.pose
         if pose is None:
             raise RuntimeError("the reference has not been placed")
@@ -206,9 +208,11 @@ class Reference:
             angular = Vector3(*self._smooth_angular.advance(angular, dt_s))
 
         hardest = limits.linear_acceleration_m_s2, limits.angular_acceleration_rad_s2
-        linear = _leashed(linear, self._ahead, self.ahead_m, limits.leash_m, hardest[0], dt_s)
-        angular = _leashed(
-            angular, self._turned_ahead, self.ahead_rad, limits.leash_rad, hardest[1], dt_s
+        linear = _within_max_lead(
+            linear, self._ahead, self.ahead_m, limits.max_lead_m, hardest[0], dt_s
+        )
+        angular = _within_max_lead(
+            angular, self._turned_ahead, self.ahead_rad, limits.max_lead_rad, hardest[1], dt_s
         )
         self.linear = self._next_linear(linear, pose.position, dt_s)
         most = limits.angular_acceleration_rad_s2 * dt_s

@@ -390,7 +390,7 @@ class _RuckigChaser:
         self.speed, self.acceleration, self.jerk = speed, acceleration, jerk
         self._time_s = time_s
         self._input = ruckig.InputParameter(3)
-        # Phase synchronisation is a straight line wherever the state allows one. Ruckig fails on
+        # Phase synchronization is a straight line wherever the state allows one. Ruckig fails on
         # some states that rounding has put just beside one, and then goes without.
         kinds = ruckig.Synchronization
         self._synchronizations = (kinds.Phase, kinds.Time, kinds.No)

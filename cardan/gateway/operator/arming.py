@@ -26,7 +26,7 @@ class Arming(enum.Enum):
 
 
 def armed_by_deadman(
-    arming: Arming, held: bool, at_rest: bool, barred: bool
+    arming: Arming, held: bool, at_rest: bool, inhibited: bool
 ) -> tuple[Arming, bool]:
     """What a device with a dead-man that is not armed becomes, and whether its act was made: the
     dead-man released with the device `at_rest`, and pressed then."""
@@ -35,15 +35,15 @@ def armed_by_deadman(
         case False, _:
             return (Arming.RELEASED if released or at_rest else Arming.DISARMED), False
         case True, True:
-            return (Arming.DISARMED if barred else Arming.ARMED), True
+            return (Arming.DISARMED if inhibited else Arming.ARMED), True
     return Arming.DISARMED, False
 
 
-def armed_by_rest(arming: Arming, at_rest: bool, barred: bool) -> tuple[Arming, bool]:
+def armed_by_rest(arming: Arming, at_rest: bool, inhibited: bool) -> tuple[Arming, bool]:
     """What a device without a button that is not armed becomes, and whether its act was made: to
     be `at_rest`, and where something bars it, to be let go once. To stay at rest is no further
     act."""
-    match at_rest, barred:
+    match at_rest, inhibited:
         case True, True:
             return Arming.DISARMED, arming is Arming.DEFLECTED
         case True, False:

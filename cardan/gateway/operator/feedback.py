@@ -26,13 +26,14 @@ TRIP_PULSE_S = 0.5
 
 LIMIT_LEVEL = 0.4
 
-LEASH_FROM = 0.3
-"""Share of the leash below which nothing rumbles: gravity sag and servo lag take that much."""
+LEAD_FROM = 0.3
+"""Share of the maximum lead below which nothing rumbles: gravity sag and servo lag take that
+much."""
 
 STEP = 0.05
 """Smallest change of strength that is sent."""
 
-RumbleSource = Literal["trip", "limit", "leash", "force", "network"]
+RumbleSource = Literal["trip", "limit", "max_lead", "force", "network"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +44,7 @@ class FeedbackOptions(Options):
     """The device's light is on while teleoperation is engaged."""
     rumble: tuple[RumbleSource, ...] = ("trip", "limit", "network")
     """What rumbles: trip, teleoperation was disengaged; limit, the workspace or the arm ends;
-    leash, how far the robot is behind; force, what its sensor measures; network, what somebody
+    max_lead, how far the robot is behind; force, what its sensor measures; network, what somebody
     asks for on `joy/set_feedback`. The strongest counts."""
     full_force_n: Annotated[float, bounds.ROBOT_FORCE_N] = 20.0
     """Measured force that rumbles at full strength."""
@@ -58,7 +59,7 @@ class Felt(NamedTuple):
     """How often it was disengaged by a watchdog or fault."""
     limited: bool
     """Whether the operator asks for what the workspace or the arm cannot do."""
-    leash_used: float
+    lead_used: float
     asked: float = 0.0
     """What the network asks for, 0..1."""
 
@@ -116,8 +117,8 @@ class HandFeedback:
             return 1.0
         if "limit" in sources and felt.limited:
             level = LIMIT_LEVEL
-        if "leash" in sources:
-            level = max(level, (felt.leash_used - LEASH_FROM) / (1.0 - LEASH_FROM))
+        if "max_lead" in sources:
+            level = max(level, (felt.lead_used - LEAD_FROM) / (1.0 - LEAD_FROM))
         if "force" in sources and robot.wrench is not None:
             level = max(level, norm(robot.wrench.force) / self._full_force_n)
         if "network" in sources:

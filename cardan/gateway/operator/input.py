@@ -53,7 +53,7 @@ class ArmView(NamedTuple):
     """What the last request made of this device."""
     free: bool
     """Whether the arm is not still braking a motion of another source."""
-    barred: str = ""
+    inhibited: str = ""
     """Why no deliberate act arms now, whatever the device reports."""
     behind: str = ""
     """Why no pose and no clutch is accepted now: the robot is not at its command."""
@@ -320,12 +320,12 @@ class OperatorInput:
             return (arming if arming is Arming.DEFLECTED else Arming.DISARMED), False
         at_rest = followed or device.axes == NO_DEFLECTION
         if self.mapping.options.deadman_buttons:
-            arming, acts = armed_by_deadman(arming, held, at_rest, bool(view.barred))
+            arming, acts = armed_by_deadman(arming, held, at_rest, bool(view.inhibited))
             if arming.armed and followed:
                 self._refusal = self._why_not_taken(device, view)
                 arming = Arming.DISARMED if self._refusal else arming
         else:
-            arming, acts = armed_by_rest(arming, at_rest, bool(view.barred))
+            arming, acts = armed_by_rest(arming, at_rest, bool(view.inhibited))
         return arming, acts
 
     def _take_presses(
@@ -364,7 +364,7 @@ class OperatorInput:
                     continue
                 acts = True
                 pressed_ago_s = view.robot.stamp_s - event.stamp_s
-                if not view.barred and self._clutch_in(device, view, pressed_ago_s):
+                if not view.inhibited and self._clutch_in(device, view, pressed_ago_s):
                     arming = Arming.ARMED
         return arming, acts, recapture
 

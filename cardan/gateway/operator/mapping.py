@@ -115,10 +115,10 @@ class MappingOptions(Options):
     mode."""
     approach_speed_rad_s: TurningSpeed = 0.3
     """The same for its orientation."""
-    slip_m: Annotated[float, bounds.LEASH_M] = 0.15
+    slip_m: Annotated[float, bounds.MAX_LEAD_M] = 0.15
     """How far the hand may be ahead of the TCP: beyond, the clutch slips in position mode, and the
     TCP goes at the approach speed in absolute mode."""
-    slip_rad: Annotated[float, bounds.LEASH_RAD] = 0.6
+    slip_rad: Annotated[float, bounds.MAX_LEAD_RAD] = 0.6
     """The same for its orientation."""
     joints: Mapping[str, str] = field(default_factory=dict)
     """Device axes that drive a joint each, and the joint's name, beside the TCP: the mixture of

@@ -32,7 +32,7 @@ class AccessDenied(NamedTuple):
     """When to try again; None: that would change nothing."""
 
 
-class Caller(NamedTuple):
+class ClientInfo(NamedTuple):
     """A client, as the first lines of its request describe it."""
 
     address: str
@@ -59,7 +59,9 @@ class AccessControl:
         self._hosts = {"localhost", own, f"{own}.local", *(each.lower() for each in hosts)}
         self._origins = {each.rstrip("/").lower() for each in origins}
 
-    def check(self, caller: Caller, now_s: float, *, public: bool = False) -> Role | AccessDenied:
+    def check(
+        self, caller: ClientInfo, now_s: float, *, public: bool = False
+    ) -> Role | AccessDenied:
         """The role of who may come in; `now_s` is monotonic. `public`: a token is not asked for."""
         hosts, origins = caller.hosts, caller.origins
         if len(hosts) != 1 or (host := _host_name(f"//{hosts[0]}")) is None:
@@ -78,7 +80,7 @@ class AccessControl:
             return Role.VIEWER
         return self._by_token(caller, now_s) if self._tokens else WITHOUT_TOKEN
 
-    def _by_token(self, caller: Caller, now_s: float) -> Role | AccessDenied:
+    def _by_token(self, caller: ClientInfo, now_s: float) -> Role | AccessDenied:
         given = _given(caller)
         # Asked first: one that may not try learns nothing, not even with the right token.
         wait_s = max(
@@ -112,7 +114,7 @@ class AccessControl:
         return name is not None and (name == host or (is_loopback(name) and is_loopback(host)))
 
 
-def _given(caller: Caller) -> list[str]:
+def _given(caller: ClientInfo) -> list[str]:
     """All that may be a token."""
     given = [
         words[1].strip()

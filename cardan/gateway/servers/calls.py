@@ -47,7 +47,7 @@ class Mailbox:
             call()
 
 
-class Caller:
+class ServiceCaller:
     """Calls services; for the thread of the loop."""
 
     def __init__(self, network: Network, mailbox: Mailbox) -> None:

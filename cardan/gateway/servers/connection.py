@@ -13,7 +13,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame as WireFrame, Opcode
 from websockets.protocol import State
 
-from cardan.gateway.servers.send_queue import Due, Frame, Outbox, PaceT, SampleT, Stream
+from cardan.gateway.servers.send_queue import Due, Frame, PaceT, SampleT, SendQueue, Stream
 
 FREE_BYTES = 64 * 1024
 """While more than this waits for a client to read, only the newest of each topic is kept."""
@@ -56,7 +56,7 @@ class Sender(Generic[PaceT, SampleT]):
     ) -> None:
         """`max_bytes`: of what is no publication, and that the client does not read. `encoded`: the
         frames of a publication that has waited."""
-        self.outbox: Outbox[PaceT, SampleT] = Outbox(max_bytes)
+        self.outbox: SendQueue[PaceT, SampleT] = SendQueue(max_bytes)
         self._connection, self._peer, self._counts, self._encoded = (
             connection,
             peer,

@@ -13,7 +13,7 @@ from websockets.exceptions import ConnectionClosed
 from cardan.bus.network import Network
 from cardan.gateway.servers.read_only import network_for
 from cardan.gateway.servers.tokens import Role
-from cardan.gateway.servers.web import FrontConnection
+from cardan.gateway.servers.web import ListenerConnection
 
 KEPT = 64
 """Numbers of clients that have left which are kept for their addresses; the oldest go first."""
@@ -42,7 +42,7 @@ class ClientNumbers:
 
     @contextlib.contextmanager
     def joined(
-        self, kind: str, connection: FrontConnection, network: Network, role: Role
+        self, kind: str, connection: ListenerConnection, network: Network, role: Role
     ) -> Iterator[tuple[str, Network]]:
         """The name on the network, and the part of it, of a client of this kind while it is here;
         that it leaves is no fault."""

@@ -9,7 +9,7 @@ from typing import Any
 from cardan.bus.network import Network, NetworkError
 from cardan.errors import shown
 from cardan.gateway.servers.allow_list import Allowed
-from cardan.gateway.servers.calls import Caller, CallError
+from cardan.gateway.servers.calls import CallError, ServiceCaller
 from cardan.protocols.ros2.cdr import CdrError, Message
 from cardan.protocols.ros2.interfaces import service_type
 from cardan.protocols.ros2.messages import completed
@@ -36,7 +36,7 @@ def parameter_name(name: str) -> tuple[str, str]:
 class NodeParameters:
     """Reads and sets parameters by the nodes' own services, as far as clients may."""
 
-    def __init__(self, network: Network, caller: Caller, allowed: Allowed) -> None:
+    def __init__(self, network: Network, caller: ServiceCaller, allowed: Allowed) -> None:
         self._network, self._caller, self._allowed = network, caller, allowed
 
     def nodes(self) -> list[str]:

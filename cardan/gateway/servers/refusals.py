@@ -18,7 +18,7 @@ LOOK_S = 0.5
 """How often new arms are looked for: the graph is kept, so it costs nothing while nothing changes,
 and an arm's session takes longer to begin."""
 
-Told = Callable[[str, str], None]
+Refused = Callable[[str, str], None]
 """A client's: the command, and why it was refused."""
 
 
@@ -27,7 +27,7 @@ class Refusals:
 
     def __init__(self, network: Network, mailbox: Mailbox) -> None:
         self._network, self._mailbox = network, mailbox
-        self._told: dict[str, Told] = {}
+        self._told: dict[str, Refused] = {}
         self._heard: dict[str, Handle] = {}
         self._looking: asyncio.Task[None] | None = None
 
@@ -44,7 +44,7 @@ class Refusals:
         self._heard.clear()
 
     @contextlib.contextmanager
-    def telling(self, node: str, told: Told) -> Iterator[None]:
+    def telling(self, node: str, told: Refused) -> Iterator[None]:
         """Have `told` called with what is refused of the client that is this node on the
         network."""
         self._told[node] = told

@@ -8,7 +8,7 @@ from typing import Any
 
 from cardan.bus.network import Network, Service, Topic
 from cardan.gateway.servers.allow_list import Allowed
-from cardan.gateway.servers.calls import Caller
+from cardan.gateway.servers.calls import ServiceCaller
 from cardan.gateway.servers.graph import VisibleGraph, definition
 from cardan.gateway.servers.parameters import REFUSALS, VALUE, NodeParameters
 from cardan.protocols.ros2.cdr import Message
@@ -67,7 +67,7 @@ SERVICES = {f"{NODE}/{name}": f"rosapi/srv/{kind}" for name, kind in _SERVICE_NA
 class RosApi:
     """Answers these services from the network, as far as it is allowed to be seen."""
 
-    def __init__(self, network: Network, caller: Caller, allowed: Allowed) -> None:
+    def __init__(self, network: Network, caller: ServiceCaller, allowed: Allowed) -> None:
         self._network, self._allowed = network, allowed
         self._graph = VisibleGraph(network, allowed)
         self._parameters = NodeParameters(network, caller, allowed)

@@ -18,7 +18,7 @@ from cardan.bus.zenoh_network import BusNetwork
 from cardan.common.bounds import ANY_PORT
 from cardan.common.options import Options
 from cardan.gateway.servers.base import Ready, Server
-from cardan.gateway.servers.calls import Caller, Mailbox
+from cardan.gateway.servers.calls import Mailbox, ServiceCaller
 from cardan.gateway.servers.numbers import ClientNumbers
 from cardan.gateway.servers.read_only import network_for
 from cardan.gateway.servers.refusals import Refusals
@@ -26,7 +26,13 @@ from cardan.gateway.servers.rosapi import RosApi
 from cardan.gateway.servers.rosbridge_client import Client
 from cardan.gateway.servers.rosbridge_subscriptions import shared_feeds
 from cardan.gateway.servers.tokens import Role
-from cardan.gateway.servers.web import Front, FrontConnection, Page, WebOptions, serve_until
+from cardan.gateway.servers.web import (
+    ListenerConnection,
+    Page,
+    WebOptions,
+    WebSocketListener,
+    serve_until,
+)
 
 PORT = 9090
 """Where clients of rosbridge look for a server."""
@@ -53,15 +59,15 @@ class RosbridgeServer:
         they send more than can be handled."""
         self._network = network
         self._allowed = self.options.allowed
-        self._front = self._make_front()
+        self._listener = self._make_listener()
         self._clients: set[Client] = set()
         self._numbers = ClientNumbers()
         self._mailbox: Mailbox | None = None
 
-    def _make_front(self, page: Page | None = None, private: str = "") -> Front:
+    def _make_listener(self, page: Page | None = None, private: str = "") -> WebSocketListener:
         """Its front; `page`: answers GET, to everybody, but to clients alone where the path begins
         with `private`."""
-        return Front(
+        return WebSocketListener(
             self.options,
             self.counts,
             self._run,
@@ -75,7 +81,7 @@ class RosbridgeServer:
     @property
     def port(self) -> int:
         """The port it listens at."""
-        return self._front.port
+        return self._listener.port
 
     @property
     def clients(self) -> int:
@@ -88,22 +94,22 @@ class RosbridgeServer:
         self._rosapis = {role: self._rosapi(role, self._mailbox) for role in Role}
         self._feeds = shared_feeds(self._network, self._mailbox, self.counts)
         self._refusals = Refusals(self._network, self._mailbox)
-        await self._front.open()
+        await self._listener.open()
         self._refusals.begin()
         return self
 
     async def __aexit__(self, *_exception: object) -> None:
         """Let all clients go, and what they had."""
-        await self._front.close()
+        await self._listener.close()
         self._refusals.end()
         if self._mailbox is not None:
             self._mailbox.close()
 
     def _rosapi(self, role: Role, mailbox: Mailbox) -> RosApi:
         network = network_for(role, self._network)
-        return RosApi(network, Caller(network, mailbox), self._allowed)
+        return RosApi(network, ServiceCaller(network, mailbox), self._allowed)
 
-    async def _run(self, connection: FrontConnection, peer: str, role: Role) -> None:
+    async def _run(self, connection: ListenerConnection, peer: str, role: Role) -> None:
         mailbox = self._mailbox
         assert mailbox is not None
         with self._numbers.joined("rosbridge", connection, self._network, role) as (name, network):
@@ -111,13 +117,13 @@ class RosbridgeServer:
                 connection,
                 peer,
                 network,
-                Caller(network, mailbox),
+                ServiceCaller(network, mailbox),
                 self._rosapis[role],
                 self._feeds,
                 mailbox,
                 self._allowed,
                 self.counts,
-                lasting=Caller(network_for(role, self._network), mailbox),
+                lasting=ServiceCaller(network_for(role, self._network), mailbox),
                 max_bytes=self.options.max_frame_bytes,
                 service_timeout_s=self.options.service_timeout_s,
             )
@@ -130,7 +136,7 @@ class RosbridgeServer:
                 self._clients.discard(client)
 
     async def _serve(
-        self, client: Client, connection: FrontConnection, _network: Network, _role: Role
+        self, client: Client, connection: ListenerConnection, _network: Network, _role: Role
     ) -> None:
         """Take a client's frames until it leaves; `network`: its own part."""
         async for frame in connection:

@@ -21,14 +21,14 @@ from cardan.bus.network import (
 from cardan.errors import shown
 from cardan.gateway.arm.backlog import is_stale, stale_words
 from cardan.gateway.servers.allow_list import Allowed
-from cardan.gateway.servers.calls import Caller, CallError, Mailbox
+from cardan.gateway.servers.calls import CallError, Mailbox, ServiceCaller
 from cardan.gateway.servers.connection import Sender
 from cardan.gateway.servers.publishing import Advertisements, RefusedError, agreed_type
 from cardan.gateway.servers.read_only import READING_SERVICES
 from cardan.gateway.servers.rosapi import LOG, ROSOUT, SERVICES as ROSAPI_SERVICES, RosApi
 from cardan.gateway.servers.rosbridge_subscriptions import ClientStream, Feeds, RosbridgeFeed
 from cardan.gateway.servers.send_queue import LATCHED_DEPTH, Stream
-from cardan.gateway.servers.web import FrontConnection
+from cardan.gateway.servers.web import ListenerConnection
 from cardan.protocols.ros2.actions import CANCEL_TYPE, CancelCode, GoalStatus
 from cardan.protocols.ros2.cdr import CdrError, Malformed, Message, codec_of, decoded
 from cardan.protocols.ros2.interfaces import (
@@ -132,17 +132,17 @@ class Client:
 
     def __init__(
         self,
-        connection: FrontConnection,
+        connection: ListenerConnection,
         peer: str,
         network: Network,
-        caller: Caller,
+        caller: ServiceCaller,
         rosapi: RosApi,
         feeds: Feeds,
         mailbox: Mailbox,
         allowed: Allowed,
         counts: Counter[str],
         *,
-        lasting: Caller,
+        lasting: ServiceCaller,
         max_bytes: int,
         service_timeout_s: float,
     ) -> None:

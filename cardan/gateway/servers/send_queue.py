@@ -1,6 +1,6 @@
 """What waits for one client of a server, and when it goes out: the newest wins, control goes first.
 
-Nothing here sends: `Outbox.take` hands out what is due. Time is monotonic, in seconds.
+Nothing here sends: `SendQueue.take` hands out what is due. Time is monotonic, in seconds.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Due(Generic[PaceT, SampleT]):
     sample: SampleT
 
 
-class Outbox(Generic[PaceT, SampleT]):
+class SendQueue(Generic[PaceT, SampleT]):
     """What waits for one client. Publications are bounded by the newest winning; what is no
     publication is never dropped: where it is too much, `overflowed` says so."""
 

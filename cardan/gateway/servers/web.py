@@ -35,7 +35,7 @@ from cardan.common.sockets import has_room, is_loopback, waiting_bytes
 from cardan.errors import AddressError, ConfigurationError, OptionError
 from cardan.gateway.arm.backlog import BACKLOGGED, Backlog
 from cardan.gateway.servers import stats
-from cardan.gateway.servers.access import AccessControl, AccessDenied, Caller
+from cardan.gateway.servers.access import AccessControl, AccessDenied, ClientInfo
 from cardan.gateway.servers.allow_list import Allowed
 from cardan.gateway.servers.pause_detector import BEAT_S, StandStill
 from cardan.gateway.servers.tokens import (
@@ -125,7 +125,7 @@ class Answer(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrontOptions(Options):
+class ListenerOptions(Options):
     """How clients reach a server, and who may."""
 
     makes_certificate: ClassVar[bool] = False
@@ -213,7 +213,7 @@ class FrontOptions(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class WebOptions(FrontOptions):
+class WebOptions(ListenerOptions):
     """How clients reach the server, and what they may do."""
 
     topics: tuple[str, ...] = ("*",)
@@ -281,7 +281,7 @@ CLOCK_SET_BACK_NS = 10**9
 """What is earlier by more is of a clock that was set back."""
 
 
-class FrontConnection(ServerConnection):
+class ListenerConnection(ServerConnection):
     """A client's connection: it tells how long its frames waited, is ended where they wait for too
     long, and nothing of it is read any more once it is cut off."""
 
@@ -377,14 +377,14 @@ def serve_until(
     asyncio.run(run())
 
 
-class Front:
+class WebSocketListener:
     """Listens, and lets in who may come in."""
 
     def __init__(
         self,
-        options: FrontOptions,
+        options: ListenerOptions,
         counts: Counter[str],
-        run: Callable[[FrontConnection, str, Role], Awaitable[None]] | None = None,
+        run: Callable[[ListenerConnection, str, Role], Awaitable[None]] | None = None,
         subprotocols: Sequence[str] = (),
         *,
         page: Page | None = None,
@@ -406,7 +406,7 @@ class Front:
         self._subprotocols = [Subprotocol(each) for each in subprotocols]
         self._door = AccessControl(options.tokens(), options.hosts, options.origins)
         self._server: Server | None = None
-        self._connections: set[FrontConnection] = set()
+        self._connections: set[ListenerConnection] = set()
         self._standstill = StandStill(self._stood_still)
         self._watching: asyncio.Task[None] | None = None
         self._telling: asyncio.Task[None] | None = None
@@ -516,7 +516,7 @@ class Front:
     async def _let_in(self, connection: ServerConnection, request: Request) -> Response | None:
         headers, parts = request.headers, _split(request.path)
         address = connection.remote_address
-        caller = Caller(
+        caller = ClientInfo(
             address[0] if address else "",
             request.path if self._page is None else f"/?{parts.query}",
             headers.get_all("Host"),
@@ -573,7 +573,7 @@ class Front:
             )
 
     async def _serve(self, connection: ServerConnection) -> None:
-        assert isinstance(connection, FrontConnection)
+        assert isinstance(connection, ListenerConnection)
         role = self._roles.pop(connection)
         self._unknown.pop(connection, None)
         assert self._run is not None
@@ -597,10 +597,10 @@ class Front:
 
 def _watched(
     arrived: Callable[[ServerConnection], None], left: Callable[[ServerConnection], None]
-) -> type[FrontConnection]:
+) -> type[ListenerConnection]:
     """Connections that tell when they arrive and leave."""
 
-    class Watched(FrontConnection):
+    class Watched(ListenerConnection):
         def connection_made(self, transport: asyncio.BaseTransport) -> None:
             super().connection_made(transport)
             arrived(self)

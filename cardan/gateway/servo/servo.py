@@ -76,7 +76,7 @@ AT_END = 1e-3
 """Distance to an end of a joint's range, rad or m, within which it is not counted on."""
 
 FREE_DIRECTION = 1e-9
-"""Regularises projections onto what an arm can do; far below any real direction."""
+"""Regularizes projections onto what an arm can do; far below any real direction."""
 
 
 def servo_steps(dt_s: float) -> list[float]:

@@ -247,7 +247,7 @@ def servo_in_words(config: SessionConfig) -> str:
 
 
 def _check_speeds(limits: LimitsTable, robot: RobotCapabilities) -> None:
-    """A reference that is faster than its robot runs into the leash; better to say so."""
+    """A reference that is faster than its robot runs into the maximum lead; better to say so."""
     for name, asked, most in (
         ("linear_speed_m_s", limits.linear_speed_m_s, robot.linear_speed_m_s),
         ("angular_speed_rad_s", limits.angular_speed_rad_s, robot.angular_speed_rad_s),

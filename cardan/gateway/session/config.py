@@ -282,12 +282,12 @@ class SessionConfig(Options):
                     f"the speed; {consent}",
                 )
         for unit in ("m", "rad"):
-            leash = getattr(limits, f"leash_{unit}")
+            lead = getattr(limits, f"max_lead_{unit}")
             error_limit = getattr(watchdogs, f"following_error_{unit}")
-            if leash > error_limit:
+            if lead > error_limit:
                 raise ConfigurationError(
-                    f"limits.leash_{unit}",
-                    f"is {leash:g}; it must not be longer than "
+                    f"limits.max_lead_{unit}",
+                    f"is {lead:g}; it must not be longer than "
                     f"watchdogs.following_error_{unit}, which is {error_limit:g}",
                 )
 

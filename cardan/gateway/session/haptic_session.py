@@ -167,7 +167,7 @@ def serve_haptic(config: HapticConfig, seconds: float | None = None) -> None:
             if said != twin:
                 twin = said
                 _log.warning("%s", said or "no other node has this one's name any more")
-            server.barred = "" if listens else said
+            server.inhibited = "" if listens else said
             server.poll(now_s)
             feedback.cycle(now_s)
             server.publish(now_s, now_ns)

@@ -226,13 +226,13 @@ class SessionNetwork:
     def _look_for_twins(self, twins: Twins) -> None:
         said, listens = twins.state()
         if self._server is not None:
-            self._server.barred = "" if listens else said
+            self._server.inhibited = "" if listens else said
         words = [said]
         if self._haptic_twins is not None:
             said, listens = self._haptic_twins.state()
             words.append(said)
             if self._haptic is not None:
-                self._haptic.barred = "" if listens else said
+                self._haptic.inhibited = "" if listens else said
         twin = tuple(filter(None, words))
         if twin != self._twin:
             self._twin = twin

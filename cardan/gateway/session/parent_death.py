@@ -46,7 +46,7 @@ def main() -> None:
 
     try:
         signal.signal(signal.SIGTERM, leave)  # Until the command has its own.
-        threading.Thread(target=watch, name="cardan-leash", daemon=True).start()
+        threading.Thread(target=watch, name="cardan-parent-watch", daemon=True).start()
         run("cardan.cli")
     finally:
         clean_up()

@@ -171,7 +171,7 @@ class Figures(Part):
         if status.pose is not None:
             s.reference = [*status.pose.position, *status.pose.orientation]
         s.twist = [*status.twist.linear, *status.twist.angular]
-        s.leash_used, s.at_workspace_limit = status.leash_used, status.at_workspace_limit
+        s.lead_used, s.at_workspace_limit = status.lead_used, status.at_workspace_limit
         s.utilization = state.utilization
         if (arm := status.arm) is not None:
             s.path_speed, s.singular_value = arm.path_speed, arm.smallest_singular_value
@@ -385,7 +385,7 @@ class Forces(Part):
         lost = force.cycle(cycle.robot, cycle.device, controller.hand_map(), at_rest)
         if lost:
             controller.inhibit(lost, Inhibit.ONCE)
-        elif force.guard.in_doubt:
+        elif force.watchdog.in_doubt:
             controller.inhibit("the force is in doubt", Inhibit.MOTION_IGNORED)
 
     def tell(self, snapshot: Snapshot, now: Now) -> None:
@@ -513,5 +513,5 @@ def felt_of(status: ArmStatus) -> Felt:
         status.phase in (Phase.HOLDING, Phase.MOVING),
         status.trips,
         asked and (status.at_workspace_limit or held),
-        status.leash_used,
+        status.lead_used,
     )

@@ -34,7 +34,7 @@ from cardan.gateway.arm.requests import (
     encode_note,
     encode_reply,
 )
-from cardan.gateway.arm.verb_server import VerbDesk
+from cardan.gateway.arm.verb_server import VerbServer
 from cardan.gateway.arm.verb_table import ENDLESS, NEW_MOTION, QUICK, SEQUENCED
 from cardan.gateway.arm.vocab import Begins
 from cardan.types import NEVER_S
@@ -171,7 +171,7 @@ class RequestWorker:
         """Whether there was a request yet."""
         self._link = link
         self._make_verbs, self._stop, self._clock = make_verbs, stop, clock
-        self._desk: VerbDesk | None = None
+        self._verb_server: VerbServer | None = None
         self._why_not: CardanError | None = None
         self._packets: queue.SimpleQueue[_Packet | None] = queue.SimpleQueue()
         self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
@@ -195,7 +195,7 @@ class RequestWorker:
     @property
     def verbs(self) -> ArmVerbs | None:
         """The verbs, once somebody has asked for one."""
-        return None if self._desk is None else self._desk.verbs
+        return None if self._verb_server is None else self._verb_server.verbs
 
     @property
     def full(self) -> bool:
@@ -219,7 +219,7 @@ class RequestWorker:
 
     def attend(self) -> None:
         """Once a cycle: do what the verbs need the loop for, find motions that are over, and end
-        those without end whose asker is gone."""
+        those without end whose client is gone."""
         self._link.attend()
         for motion, client, there in tuple(self._motions.values()):
             if motion.over:
@@ -273,7 +273,7 @@ class RequestWorker:
             self._reply(job, None)
         elif verb == "wait":
             self._wait(job)
-        elif verb in QUICK and self._desk is not None and not self._waits_to_begin(job):
+        elif verb in QUICK and self._verb_server is not None and not self._waits_to_begin(job):
             self._perform(job)
         elif not self._pending.acquire(blocking=False):
             self._refuse(job, f"{MAX_PENDING} requests are waiting already")
@@ -287,12 +287,12 @@ class RequestWorker:
     def _waits_to_begin(self, job: _Job) -> bool:
         """Whether a streamed command may choose its preset, or comes after one of its sender that
         waits to."""
-        assert self._desk is not None
+        assert self._verb_server is not None
         sender = (job.client, job.request.source)
         with self._ordering:
             if job.request.verb in _BEGINNING and sender in self._beginning:
                 return True
-        return _begins(job.request, self._desk)
+        return _begins(job.request, self._verb_server)
 
     def _wait(self, job: _Job) -> None:
         if not self._waits.acquire(blocking=False):
@@ -325,7 +325,7 @@ class RequestWorker:
         """Carry out and answer; in the thread that the verb belongs to."""
         request = job.request
         try:
-            desk = self._opened()
+            verb_server = self._opened()
             waited_s = self._clock() - job.received_s + job.late_s
             if request.verb in SEQUENCED and waited_s > STREAMED_S:
                 self._reply(job, f"{request.verb}: it waited for more than {STREAMED_S:g} s")
@@ -341,7 +341,7 @@ class RequestWorker:
                 raise MotionRefusedError(f"{request.verb}: {_late(job.late_s)}; ask again")
             if request.verb in ENDLESS and request.there is not None and not request.there():
                 raise MotionRefusedError(f"{request.verb}: {GONE}")
-            result = desk.perform(
+            result = verb_server.perform(
                 request.verb, request.source, request.value, request.sequence,
                 request.stamp_s, request.begins,
             )  # fmt: skip
@@ -349,7 +349,7 @@ class RequestWorker:
                 # It came between the last check and the beginning, and is counted.
                 self._stop("stopped", "")
             elif request.verb in NEW_MOTION and job.ended_by:
-                desk.perform(job.ended_by, request.source)
+                verb_server.perform(job.ended_by, request.source)
         except Exception as error:
             self._report_ended_motions()
             if not isinstance(error, CardanError):
@@ -359,18 +359,18 @@ class RequestWorker:
             return
         self._reply(job, result)
 
-    def _opened(self) -> VerbDesk:
+    def _opened(self) -> VerbServer:
         if self._why_not is not None:
             raise self._why_not
-        if self._desk is None:
+        if self._verb_server is None:
             with self._making:
-                if self._desk is None:
+                if self._verb_server is None:
                     try:
-                        self._desk = VerbDesk(self._make_verbs(), self._link)
+                        self._verb_server = VerbServer(self._make_verbs(), self._link)
                     except CardanError as error:
                         self._why_not = error
                         raise
-        return self._desk
+        return self._verb_server
 
     def refusals(self) -> dict[str, int]:
         """Requests that were refused so far, by kind: of REFUSALS."""
@@ -413,9 +413,9 @@ def _late(late_s: float) -> str:
     return f"the session stood still for {late_s:.1f} s when it came"
 
 
-def _begins(request: Request, desk: VerbDesk) -> bool:
+def _begins(request: Request, verb_server: VerbServer) -> bool:
     """Whether a streamed command may choose its preset, which takes what planning takes."""
-    verbs, begins = desk.verbs, request.begins
+    verbs, begins = verb_server.verbs, request.begins
     if begins is Begins.NEW or (begins and verbs.goes_on(begins, request.source)):
         return verbs.may_choose(request.verb, begins, request.source)
     return False

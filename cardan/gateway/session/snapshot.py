@@ -61,7 +61,7 @@ class Snapshot:
     """Commanded: likewise."""
     twist: list[float] = field(default_factory=list)
     """Commanded twist: m/s, then rad/s, base axes."""
-    leash_used: float = 0.0
+    lead_used: float = 0.0
     at_workspace_limit: bool = False
     filters: list[str] = field(default_factory=list)
     """What shared control does to the operator's motion."""
@@ -147,7 +147,7 @@ class Snapshot:
     contact_force_mean_n: float = 0.0
     contact_target_n: float | None = None
     contact_force_rms_error_n: float = 0.0
-    """Deviation about the target, or about the mean without one."""
+    """StopReason about the target, or about the mean without one."""
     metrics: dict[str, float] = field(default_factory=dict)
     """The robot driver's own figures."""
     device_metrics: dict[str, float] = field(default_factory=dict)

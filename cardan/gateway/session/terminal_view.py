@@ -88,8 +88,8 @@ def render(snapshot: Snapshot) -> RenderableType:
     robot.add_row("TCP commanded, mm", _position_mm(s.reference))
     robot.add_row("joints, deg", "  ".join(f"{math.degrees(q):6.1f}" for q in s.joints_rad) or "–")
     robot.add_row(
-        "gripper, leash",
-        f"{'closed' if s.gripper_closed else 'open'}, {s.leash_used:.0%}"
+        "gripper, lead",
+        f"{'closed' if s.gripper_closed else 'open'}, {s.lead_used:.0%}"
         + (", at the workspace's edge" if s.at_workspace_limit else ""),
     )
     if s.utilization is not None:

@@ -69,7 +69,7 @@ class EgmHeader(NamedTuple):
 
 
 class EgmPose(NamedTuple):
-    """A Cartesian pose as it travelled; the quaternion is not normalised here."""
+    """A Cartesian pose as it travelled; the quaternion is not normalized here."""
 
     pos: Vector3 | None
     """m."""
@@ -149,7 +149,7 @@ class EgmFeedback(NamedTuple):
     pos: Vector3 | None
     """m."""
     orient: Quaternion | None
-    """Made of the Euler angles where only they came; not normalised here."""
+    """Made of the Euler angles where only they came; not normalized here."""
     external_joints: tuple[float, ...]
     """As they travel; empty where absent."""
     time_us: int | None

@@ -46,12 +46,12 @@ def leap(before: Sample, now: Sample) -> str:
     dt_s = max(now.time_s - before.time_s, 0.0)
     angle = norm(rotation_between(before.orientation, now.orientation))
     if angle > LEAP_RAD and angle > HAND_RAD_S * dt_s:
-        return f"its orientation leapt by {math.degrees(angle):.0f}°"
+        return f"its orientation jumped by {math.degrees(angle):.0f}°"
     if before.position is None or now.position is None:
         return ""
     way = norm(subtract(now.position, before.position))
     if way > LEAP_M and way > HAND_M_S * dt_s:
-        return f"its position leapt by {1e2 * way:.0f} cm"
+        return f"its position jumped by {1e2 * way:.0f} cm"
     return ""
 
 

@@ -419,7 +419,7 @@ string authority
 int32 stream
 bool ready
 bool moving
-float64 leash_used
+float64 lead_used
 uint32 trips
 string[] limits
 @cardan_msgs/msg/RawPacket

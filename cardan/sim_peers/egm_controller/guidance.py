@@ -36,7 +36,7 @@ from cardan.types import Pose, Vector3
 
 _ZERO = (0.0,) * AXES
 _UNIT_TOLERANCE = 1e-5
-"""Deviation of a quaternion's length beyond which its sender did not normalise it."""
+"""Deviation of a quaternion's length beyond which its sender did not normalize it."""
 
 LARGEST_NUMBER = 1e9
 """Of references and speeds in m, rad and seconds: far beyond any robot's, and its powers that the
@@ -286,7 +286,7 @@ class PoseGuidance(_Guided[Pose]):
             except ValueError:
                 return "quaternion without direction"
             if abs(length - 1.0) > _UNIT_TOLERANCE:
-                self.noted["quaternion not normalised"] += 1
+                self.noted["quaternion not normalized"] += 1
         if pose.pos is not None:
             position = pose.pos
         self._reference = Pose(position, orientation)

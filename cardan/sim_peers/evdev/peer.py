@@ -7,10 +7,10 @@ from typing import Annotated, ClassVar, Literal
 
 from cardan.common import bounds
 from cardan.errors import ConfigurationError, OptionError
+from cardan.sim_peers.backends.base import DeviceBackend
 from cardan.sim_peers.base import load_script
-from cardan.sim_peers.carriers.base import Carrier
 from cardan.sim_peers.command import PeerCommand, option
-from cardan.sim_peers.evdev.carriers import EventSocket, UinputCarrier
+from cardan.sim_peers.evdev.backends import EventSocket, UinputBackend
 from cardan.sim_peers.evdev.core import InputEvents, SimulatedInput
 from cardan.sim_peers.evdev.faults import FAULTS
 from cardan.sim_peers.evdev.hand import (
@@ -65,12 +65,12 @@ class EvdevPeer(HandPeer[SimulatedInput, InputEvents]):
             uinput=options.uinput,
         )
         steps = load_script(options.script, SCRIPTS[options.kind], SCRIPT_VERBS)
-        carrier: Carrier[InputEvents]
+        backend: DeviceBackend[InputEvents]
         if options.uinput:
-            carrier = UinputCarrier(device)
+            backend = UinputBackend(device)
         else:
-            carrier = EventSocket(options.path, device, options.faults, options.seed, options.mode)
-        super().__init__(device, ScriptedHand(steps, device), carrier, options)
+            backend = EventSocket(options.path, device, options.faults, options.seed, options.mode)
+        super().__init__(device, ScriptedHand(steps, device), backend, options)
 
 
 def _model(options: EvdevPeerOptions) -> Model:

@@ -9,9 +9,9 @@ from typing import Any, Literal
 from cardan.protocols.handheld import Part
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
+from cardan.sim_peers.backends.base import DeviceBackend
+from cardan.sim_peers.backends.bus import BusBackend, BusPeerOptions
 from cardan.sim_peers.base import load_script
-from cardan.sim_peers.carriers.base import Carrier
-from cardan.sim_peers.carriers.bus import BusCarrier, BusPeerOptions
 from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.hand_peer import HandPeer
 from cardan.sim_peers.handheld.console import ConsolePage
@@ -58,14 +58,14 @@ class XrPeerOptions(PagePeerOptions):
         return Part[self.part.upper()]
 
 
-def page_on_bus(device: SimulatedHand, options: PagePeerOptions) -> BusCarrier:
+def page_on_bus(device: SimulatedHand, options: PagePeerOptions) -> BusBackend:
     """A page whose frames are passed on already."""
 
     def feel(feedback: Mapping[str, Any]) -> None:
         device.rumble = feedback["intensity"]
 
     topic = f"/{options.kind}"
-    return BusCarrier(
+    return BusBackend(
         options,
         "console_client",
         (topic, FRAME),
@@ -75,7 +75,7 @@ def page_on_bus(device: SimulatedHand, options: PagePeerOptions) -> BusCarrier:
     )
 
 
-class ConsoleCarrier(Carrier[bytes]):
+class ConsoleBackend(DeviceBackend[bytes]):
     """Is a page of a console."""
 
     def __init__(self, device: SimulatedHand, options: PagePeerOptions) -> None:
@@ -137,7 +137,7 @@ class PagePeer(HandPeer[SimulatedHand, bytes]):
         device = SimulatedHand(options.kind, options.faults, options.seed, options.hand)
         steps = load_script(options.script, SCRIPTS, SCRIPT_VERBS)
         hand = ScriptedHand(steps, device.model)
-        made = ConsoleCarrier if options.console else page_on_bus
+        made = ConsoleBackend if options.console else page_on_bus
         super().__init__(device, hand, made(device, options), options)  # type: ignore[arg-type]
 
 

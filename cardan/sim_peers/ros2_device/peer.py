@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from cardan.sim_peers.backends.bus import BusBackend, BusPeerOptions
 from cardan.sim_peers.base import load_script
-from cardan.sim_peers.carriers.bus import BusCarrier, BusPeerOptions
 from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.hand_peer import HandPeer
 from cardan.sim_peers.ros2_device.core import FAULTS, JOY, TOPICS, SimulatedNode, StockNode
@@ -27,7 +27,7 @@ class NodePeerOptions(BusPeerOptions):
     node: StockNode = option("spacenav", "Which stock node.")
 
 
-def node_on_bus(device: SimulatedNode, options: NodePeerOptions) -> BusCarrier:
+def node_on_bus(device: SimulatedNode, options: NodePeerOptions) -> BusBackend:
     """The node, which is a Joy publisher."""
 
     def feel(feedback: Mapping[str, Any]) -> None:
@@ -35,7 +35,7 @@ def node_on_bus(device: SimulatedNode, options: NodePeerOptions) -> BusCarrier:
             device.rumble = feedback["intensity"]
 
     name = NODE_NAMES.get(options.node, "game_controller_node")
-    return BusCarrier(options, name, (TOPICS[options.node], JOY), FEEDBACK_TOPIC, feel)
+    return BusBackend(options, name, (TOPICS[options.node], JOY), FEEDBACK_TOPIC, feel)
 
 
 class NodePeer(HandPeer[SimulatedNode, bytes]):

@@ -14,17 +14,17 @@ from cardan.common import bounds
 from cardan.errors import ConfigurationError, OptionError, ScriptError
 from cardan.protocols.connexion import CONNEXION, MODELS, model_by_key
 from cardan.protocols.connexion.descriptors import descriptor_for
-from cardan.sim_peers.base import load_script
-from cardan.sim_peers.carriers.base import Carrier
-from cardan.sim_peers.carriers.uhid import (
+from cardan.sim_peers.backends.base import DeviceBackend
+from cardan.sim_peers.backends.uhid import (
     BUS_BLUETOOTH,
     BUS_USB,
     UHID_PATH,
     HidIdentity,
-    UhidCarrier,
+    UhidBackend,
 )
-from cardan.sim_peers.carriers.unix_socket import ReportSocket
-from cardan.sim_peers.carriers.usbip import UsbipCarrier
+from cardan.sim_peers.backends.unix_socket import ReportSocket
+from cardan.sim_peers.backends.usbip import UsbipBackend
+from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.hand_peer import HandPeer, NodeOptions
 from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
@@ -49,7 +49,7 @@ UNFIT_FAULTS: Mapping[str, Mapping[str, str]] = {
     },
     "--usbip": {"newest-lost": "the host's kernel keeps the queue, and always loses the newest"},
 }
-"""Faults that a carrier cannot have, and why."""
+"""Faults that a backend cannot have, and why."""
 
 BUS_ID = bounds.Text(r"[^\0]+", "a name of 1 to 31 bytes", 31)
 
@@ -68,7 +68,7 @@ class PuckPeerOptions(NodeOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class SpaceMousePeerOptions(PuckPeerOptions):
-    """What to simulate, who moves it, and which one of the three carriers opens it."""
+    """What to simulate, who moves it, and which one of the three backends opens it."""
 
     model: str = option(
         "spacenavigator",
@@ -108,7 +108,7 @@ class PuckPeer(HandPeer[P, bytes]):
     def __init__(
         self,
         device: P,
-        carrier: Carrier[bytes],
+        backend: DeviceBackend[bytes],
         options: PuckPeerOptions,
         *,
         script_s: float = 0.0,
@@ -122,7 +122,7 @@ class PuckPeer(HandPeer[P, bytes]):
         else:
             steps = load_script(options.script, SCRIPTS, SCRIPT_VERBS)
             hand = ScriptedHand(steps, device.model, start_s=script_s)
-        super().__init__(device, hand, carrier, options)
+        super().__init__(device, hand, backend, options)
         self._led = device.led
         self._status = ""
         self._status_due_s = math.inf
@@ -178,7 +178,7 @@ class PuckPeer(HandPeer[P, bytes]):
 class SpaceMousePeer(PuckPeer[SimulatedSpaceMouse]):
     """A simulated 3Dconnexion device with HID reports.
 
-    Raises ConfigurationError unless exactly one carrier is given, OptionError for a model that does
+    Raises ConfigurationError unless exactly one backend is given, OptionError for a model that does
     not exist, ScriptError for a script or fault that does not exist or does not fit.
     """
 
@@ -186,7 +186,7 @@ class SpaceMousePeer(PuckPeer[SimulatedSpaceMouse]):
         super().__init__(*_made(options), options)
 
 
-def _carrier_option(options: SpaceMousePeerOptions) -> str:
+def _backend_option(options: SpaceMousePeerOptions) -> str:
     """The one way to open the device that is given. Raises ConfigurationError."""
     ways = {
         "--hid": bool(options.hid),
@@ -200,15 +200,15 @@ def _carrier_option(options: SpaceMousePeerOptions) -> str:
     return given[0]
 
 
-def _made(options: SpaceMousePeerOptions) -> tuple[SimulatedSpaceMouse, Carrier[bytes]]:
+def _made(options: SpaceMousePeerOptions) -> tuple[SimulatedSpaceMouse, DeviceBackend[bytes]]:
     """The device, and what carries its reports."""
-    carrier = _carrier_option(options)
+    backend = _backend_option(options)
     try:
         model = model_by_key(options.model)
     except KeyError:
         allowed = f"one of {', '.join(model.key for model in MODELS)}"
         raise OptionError("model", options.model, allowed) from None
-    for name, why in UNFIT_FAULTS.get(carrier, {}).items():
+    for name, why in UNFIT_FAULTS.get(backend, {}).items():
         if name in options.faults:
             raise ScriptError(f"fault {name}: {why}")
     device = SimulatedSpaceMouse(
@@ -231,18 +231,18 @@ def _made(options: SpaceMousePeerOptions) -> tuple[SimulatedSpaceMouse, Carrier[
         descriptor=descriptor_for(model),
         physical_path=options.physical_path,
     )
-    return device, UhidCarrier(identity, device.output, options.uhid_path)
+    return device, UhidBackend(identity, device.output, options.uhid_path)
 
 
 def _usbip(
     options: SpaceMousePeerOptions, port: int, device: SimulatedSpaceMouse
-) -> Carrier[bytes]:
+) -> DeviceBackend[bytes]:
     """The USB device over USB/IP."""
     usb = SpaceMouseUsb(
-        device.model, lambda report: device.output(report, carrier.shell.device_s())
+        device.model, lambda report: device.output(report, backend.shell.device_s())
     )
-    carrier = UsbipCarrier(usb, options.host, port, options.bus_id)
-    return carrier
+    backend = UsbipBackend(usb, options.host, port, options.bus_id)
+    return backend
 
 
 class SpaceMouse(PeerCommand[SpaceMousePeerOptions]):

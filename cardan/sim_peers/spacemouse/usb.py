@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from cardan.protocols.connexion import Family, Model
 from cardan.protocols.connexion.descriptors import descriptor_for
-from cardan.sim_peers.carriers.usbip import Setup, Speed, UsbFunction, UsbIdentity, UsbInterface
+from cardan.sim_peers.backends.usbip import Setup, Speed, UsbFunction, UsbIdentity, UsbInterface
 
 RECEIVER_INTERFACES = 5
 """A Universal Receiver has one per paired device."""

@@ -48,7 +48,7 @@ LONGEST_S = 300.0
 
 
 class Call:
-    """A request of the pilot to the server."""
+    """A request of the scenario to the server."""
 
     attachment = None
 
@@ -64,11 +64,11 @@ class Call:
 
 
 class SessionRig:
-    """The server of a session with its arm, and a pilot in virtual time."""
+    """The server of a session with its arm, and a scenario in virtual time."""
 
-    def __init__(self, conduct, bench, earlier=GOAL):
+    def __init__(self, exchange, bench, earlier=GOAL):
         """`earlier`: which of the two comes first, that are sent at once."""
-        self.conduct, self.bench = conduct, bench
+        self.exchange, self.bench = exchange, bench
         self._earlier = earlier
         self._answers = []
         self._asked = dict.fromkeys((GOAL, CANCEL, RESULT), 0)
@@ -81,9 +81,9 @@ class SessionRig:
 
     def run(self):
         bench, cycles = self.bench, 0
-        while not self.conduct.over:
+        while not self.exchange.over:
             assert self.now_s < LONGEST_S
-            self._do(self.conduct.due(self.now_s))
+            self._do(self.exchange.due(self.now_s))
             bench.poll(DT_S)
             bench.world.tick()
             bench._tell_ended()
@@ -96,7 +96,7 @@ class SessionRig:
         acts = sorted(acts, key=lambda act: act.channel != self._earlier)
         for act in acts:
             if act.kind is Kind.OPENED:
-                self._do(self.conduct.heard(self.now_s, act.channel, kind=Kind.OPENED))
+                self._do(self.exchange.heard(self.now_s, act.channel, kind=Kind.OPENED))
                 if act.channel == DESCRIPTION:
                     self._hear(DESCRIPTION, {"data": self.bench.world.model.urdf})
             elif act.kind is Kind.DATA:
@@ -109,7 +109,7 @@ class SessionRig:
     def _hear(self, channel, given):
         name = CHANNELS[channel].type
         data = codec_of(name).encode(completed(name, given))
-        self._do(self.conduct.heard(self.now_s, channel, data))
+        self._do(self.exchange.heard(self.now_s, channel, data))
 
     def _tell_states(self):
         world = self.bench.world
@@ -126,13 +126,13 @@ class SessionRig:
             self._told[channel] = len(messages)
         while self._answers:
             channel, data, note = self._answers.pop(0)
-            self._do(self.conduct.heard(self.now_s, channel, data, note=note))
+            self._do(self.exchange.heard(self.now_s, channel, data, note=note))
 
 
 def judged(bench, suite=SUITE, rig=SessionRig, **more):
-    conduct = Exchange(suite.pilot(Level.MOVE, 0.5))
-    rig(conduct, bench, **more).run()
-    seen = SUITE.see(conduct.timeline)
+    exchange = Exchange(suite.scenario(Level.MOVE, 0.5))
+    rig(exchange, bench, **more).run()
+    seen = SUITE.see(exchange.timeline)
     return {each.id[-3:]: each.judge(seen) for each in requires.all()}
 
 
@@ -238,13 +238,13 @@ def test_an_arm_that_begins_a_whole_turn_is_stopped_and_asked_no_more():
 @pytest.mark.matrix
 def test_nothing_that_comes_ends_the_pilot_or_a_judge():
     """Bytes that are no messages, at any time and on any channel."""
-    pilot = SUITE.pilot(Level.MOVE, 0.1)
-    conduct = Exchange(pilot)
-    SUITE.simulate(conduct, {}, 0)
+    scenario = SUITE.scenario(Level.MOVE, 0.1)
+    exchange = Exchange(scenario)
+    SUITE.simulate(exchange, {}, 0)
     for channel in CHANNELS:
-        conduct.over = False
-        conduct.heard(1e3, channel, b"\0\1\0\0junk", note="1")
-    seen = SUITE.see(conduct.timeline)
+        exchange.over = False
+        exchange.heard(1e3, channel, b"\0\1\0\0junk", note="1")
+    seen = SUITE.see(exchange.timeline)
     assert len(seen.malformed) == len(CHANNELS) - 1
     assert worse_than(Outcome.PASSED, {r.id: r.judge(seen) for r in requires.all()}) == {}
 

@@ -61,7 +61,7 @@ class _Stream:
         """Bytes of messages whose beginning is missing."""
         self._conversation, self._direction = conversation, direction
         self._buffer = bytearray()
-        self._synchronised = False
+        self._synchronized = False
         self._early = b""
         """Too few bytes to tell whether a message begins with them."""
         self._passed_over = 0
@@ -85,8 +85,8 @@ class _Stream:
         if self._buffer and isinstance(event, tcp.End):
             yield self._broken("the connection ends inside a message")
         self._buffer.clear()
-        self._synchronised = isinstance(event, tcp.Begin)
-        if self._synchronised:
+        self._synchronized = isinstance(event, tcp.Begin)
+        if self._synchronized:
             self._conversation.restart()
 
     def _lack(self, size: int) -> Iterator[str | tuple[bytes, Decoded]]:
@@ -106,8 +106,8 @@ class _Stream:
         if self._buffer:
             yield self._broken(CUT)
             self._buffer.clear()
-        self._synchronised = size <= left
-        self._passed_over = max(0, left - size) if self._synchronised else 0
+        self._synchronized = size <= left
+        self._passed_over = max(0, left - size) if self._synchronized else 0
 
     def _cut(self, payload: bytes) -> Iterator[str | tuple[bytes, Decoded]]:
         """The next bytes of the stream; the messages they end."""
@@ -118,13 +118,13 @@ class _Stream:
             payload = payload[known:]
             if not payload:
                 return
-        while not self._synchronised:
+        while not self._synchronized:
             fresh = self._early + payload
             if len(fresh) < head_bytes:
                 self._early = fresh
                 return
             if self._conversation.begins(fresh):
-                payload, self._early, self._synchronised = fresh, b"", True
+                payload, self._early, self._synchronized = fresh, b"", True
             elif self._early:
                 yield from self._skip_early()
             else:
@@ -142,7 +142,7 @@ class _Stream:
                 return
             yield self._broken(reason)
             self._buffer.clear()
-            self._synchronised = False
+            self._synchronized = False
 
     def _broken(self, reason: str) -> tuple[bytes, Decoded]:
         return bytes(self._buffer), Decoded(None, fault=reason)

@@ -55,7 +55,7 @@ class Hints:
     def lines(self, kinds: Iterable[type[Dissector]], option: str = "") -> Iterator[str]:
         """What to do to have the flows read: a line for each port that an option is wanted for;
         `option`, where it is another one's, has the port behind it."""
-        kinds = [kind for kind in kinds if kind.recognised is not Dissector.recognised]
+        kinds = [kind for kind in kinds if kind.recognized is not Dissector.recognized]
         more: dict[str, list[str]] = {}
         for (_, *ends), seen in self._flows.items():
             for kind in kinds:
@@ -90,5 +90,5 @@ def _likeness(
         return None
     whole = [each for each in messages if not each.decoded.fault]
     other = ends[0] if end == ends[1] else ends[1]
-    side = trial.recognised(whole, end, other) if len(whole) >= LEAST_MESSAGES else ""
+    side = trial.recognized(whole, end, other) if len(whole) >= LEAST_MESSAGES else ""
     return (side, end.port) if side else None

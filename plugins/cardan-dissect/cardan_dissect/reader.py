@@ -130,7 +130,7 @@ class Dissector(ABC):
         """What the figures say of those that are here besides their messages."""
         return ""
 
-    def recognised(self, messages: Sequence[Message], end: Endpoint, other: Endpoint) -> str:
+    def recognized(self, messages: Sequence[Message], end: Endpoint, other: Endpoint) -> str:
         """Of a flow between two ends that was read on trial, with the port of `end` as a number of
         the first option: which side is where ("the robot at ..."), if these first messages of it
         can be no other protocol's; else empty, as it is where a protocol is found without ports."""

@@ -94,7 +94,7 @@ def reads_as_it_says(path, lines, name):
         ("motoros", "simple message", "the controller at 192.0.2.1:60241", SIMPLE_MESSAGE_PORTS[1]),
     ],
 )
-def test_a_session_on_other_ports_is_recognised(tmp_path, suite, name, side, port):
+def test_a_session_on_other_ports_is_recognized(tmp_path, suite, name, side, port):
     path = session(tmp_path, suite)
     assert hints(path) == []
     known = dissect_file(path, io.StringIO(), summary=True)
@@ -177,12 +177,12 @@ NOISE = {
 
 
 @pytest.mark.parametrize("name", NOISE)
-def test_what_is_no_protocol_of_ours_is_not_recognised(tmp_path, name):
+def test_what_is_no_protocol_of_ours_is_not_recognized(tmp_path, name):
     path = written(tmp_path / "noise.pcap", NOISE[name])
     assert hints(path) == []
 
 
-def test_random_bytes_are_not_recognised(tmp_path):
+def test_random_bytes_are_not_recognized(tmp_path):
     chance = random.Random(44)
     packets = []
     for n in range(200):

@@ -27,7 +27,7 @@ from cardan.common.extras import missing_extra
 from cardan.errors import DriverError, shown
 from cardan.gateway.arm.backlog import STALE_S, is_stale, stale_words
 from cardan.gateway.servers.allow_list import Allowed
-from cardan.gateway.servers.calls import Caller, CallError, Mailbox
+from cardan.gateway.servers.calls import CallError, Mailbox, ServiceCaller
 from cardan.gateway.servers.connection import Sender, ready
 from cardan.gateway.servers.graph import definition
 from cardan.gateway.servers.parameters import REFUSALS as PARAMETER_REFUSALS, NodeParameters
@@ -35,7 +35,7 @@ from cardan.gateway.servers.publishing import Advertisements, RefusedError
 from cardan.gateway.servers.read_only import READING_SERVICES
 from cardan.gateway.servers.send_queue import LATCHED_DEPTH, Stream
 from cardan.gateway.servers.subscriptions import Feed, SharedFeeds
-from cardan.gateway.servers.web import FrontConnection
+from cardan.gateway.servers.web import ListenerConnection
 from cardan.protocols.rate import MAX_PUBLICATIONS_PER_S, RateLimit
 from cardan.protocols.ros2.cdr import CdrError, Malformed, Message, codec_of
 from cardan.protocols.ros2.interfaces import InterfaceError, full_text, service_type
@@ -145,10 +145,10 @@ class Client:
 
     def __init__(
         self,
-        connection: FrontConnection,
+        connection: ListenerConnection,
         peer: str,
         network: Network,
-        caller: Caller,
+        caller: ServiceCaller,
         mailbox: Mailbox,
         feeds: Feeds,
         allowed: Allowed,

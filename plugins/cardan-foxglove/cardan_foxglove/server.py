@@ -23,13 +23,18 @@ from cardan.bus.zenoh_network import BusNetwork
 from cardan.common.bounds import ANY_PORT
 from cardan.common.options import Options
 from cardan.gateway.servers.base import Ready, Server
-from cardan.gateway.servers.calls import Caller, Mailbox
+from cardan.gateway.servers.calls import Mailbox, ServiceCaller
 from cardan.gateway.servers.graph import VisibleGraph
 from cardan.gateway.servers.numbers import ClientNumbers
 from cardan.gateway.servers.parameters import EVENT, EVENTS
 from cardan.gateway.servers.refusals import Refusals
 from cardan.gateway.servers.tokens import Role
-from cardan.gateway.servers.web import Front, FrontConnection, WebOptions, serve_until
+from cardan.gateway.servers.web import (
+    ListenerConnection,
+    WebOptions,
+    WebSocketListener,
+    serve_until,
+)
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan_foxglove.assets import Packages
 from cardan_foxglove.client import Client, Shown, sdk, shared_feeds
@@ -73,7 +78,7 @@ class FoxgloveServer:
         self._allowed = self.options.allowed
         self._packages = Packages(self.options.packages)
         self._graph = VisibleGraph(network, self._allowed)
-        self._front = Front(
+        self._listener = WebSocketListener(
             self.options,
             self.counts,
             self._run,
@@ -90,7 +95,7 @@ class FoxgloveServer:
     @property
     def port(self) -> int:
         """The port it listens at."""
-        return self._front.port
+        return self._listener.port
 
     @property
     def clients(self) -> int:
@@ -108,13 +113,13 @@ class FoxgloveServer:
                 EVENTS, EVENT, lambda cdr, _stamp_ns: mailbox.put(lambda: self._tell_event(cdr))
             )
         self._refusals = Refusals(self._network, mailbox)
-        await self._front.open()
+        await self._listener.open()
         self._refusals.begin()
         return self
 
     async def __aexit__(self, *_exception: object) -> None:
         """Let all clients go, and what they had."""
-        await self._front.close()
+        await self._listener.close()
         self._refusals.end()
         if self._looking is not None:
             self._looking.cancel()
@@ -123,7 +128,7 @@ class FoxgloveServer:
         if self._mailbox is not None:
             self._mailbox.close()
 
-    async def _run(self, connection: FrontConnection, peer: str, role: Role) -> None:
+    async def _run(self, connection: ListenerConnection, peer: str, role: Role) -> None:
         mailbox = self._mailbox
         assert mailbox is not None
         with self._numbers.joined("foxglove", connection, self._network, role) as (name, network):
@@ -131,7 +136,7 @@ class FoxgloveServer:
                 connection,
                 peer,
                 network,
-                Caller(network, mailbox),
+                ServiceCaller(network, mailbox),
                 mailbox,
                 self._feeds,
                 self._allowed,

@@ -26,7 +26,7 @@ from cardan_dissect.layers import Block, LEFloatField
 FROM_BOARD = Direction.FROM_DEVICE
 OPCODE_MASK, NODE_MASK = 0x780, 0x07F
 SYNC_IDENTIFIER = 0x080
-STATES = {0: "ready", 1: "not initialised"}
+STATES = {0: "ready", 1: "not initialized"}
 SAMPLE_PERIOD_S = 128.5e-6
 """Sample period of the sensor; the counter counts its samples."""
 

@@ -385,7 +385,7 @@ def test_nothing_on_the_bus_raises_or_moves(frames):
 def test_a_closed_core_sends_nothing():
     rig = Rig()
     rig.live()
-    assert [f.arbitration_id for f in rig.core.farewell()] == [Opcode.STOP + NODE_ID]
+    assert [f.arbitration_id for f in rig.core.final_command()] == [Opcode.STOP + NODE_ID]
     rig.core.on_closed(rig.now_s)
     assert rig.core.poll(rig.now_s) == []
     assert rig.core.next_due_s == math.inf

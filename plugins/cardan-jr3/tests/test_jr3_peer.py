@@ -13,7 +13,7 @@ from cardan_jr3.peer import Jr3Peer, Jr3PeerOptions, socketcand
 from cardan_jr3.peer.socketcand import Session, SocketcandHub, frame_line
 from cardan_jr3.protocol import CanFrame
 from tests.serving import in_a_thread
-from tests.sim_peers.carrier_shell import BareShell
+from tests.sim_peers.backend_shell import BareShell
 
 # -- the protocol ----------------------------------------------------------------------------------
 

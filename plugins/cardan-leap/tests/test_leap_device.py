@@ -61,7 +61,7 @@ def test_a_hand_engages_moves_grabs_and_leaves(script):
         1.5 leave right
         1.6 loop"""
     )
-    with in_a_thread(peer_with(path)) as peer, Leap(LeapOptions(port=peer.carrier.port)) as leap:
+    with in_a_thread(peer_with(path)) as peer, Leap(LeapOptions(port=peer.backend.port)) as leap:
         assert leap.capabilities.gives_pose
         assert leap.capabilities.buttons == BUTTONS
         state = until(lambda: "clutch" in (s := leap.state()).buttons and s, "clutch")
@@ -101,7 +101,7 @@ def test_an_older_service_is_asked_for_less(script, highest):
     path = script("0.1 enter right\n1.5 leave right\n1.6 loop")
     with (
         in_a_thread(peer_with(path, {"highest-version": highest})) as peer,
-        Leap(LeapOptions(port=peer.carrier.port)) as leap,
+        Leap(LeapOptions(port=peer.backend.port)) as leap,
     ):
         until(lambda: "clutch" in leap.state().buttons, "clutch")
         assert any(f"version {highest}" in line for line in leap.diagnosis())
@@ -111,7 +111,7 @@ def test_an_older_service_is_asked_for_less(script, highest):
 @simulated
 def test_a_restart_is_lost_then_found_and_needs_neutral(script):
     path = script("0.1 enter right\n.7 restart .1\n1.3 leave right\n1.6 loop")
-    with in_a_thread(peer_with(path)) as peer, Leap(LeapOptions(port=peer.carrier.port)) as leap:
+    with in_a_thread(peer_with(path)) as peer, Leap(LeapOptions(port=peer.backend.port)) as leap:
         until(lambda: "clutch" in leap.state().buttons, "clutch")
         state = until(lambda: (s := leap.state()).link is DeviceLink.LOST and s, "lost")
         assert state.pose is None
@@ -125,7 +125,7 @@ def test_a_restart_is_lost_then_found_and_needs_neutral(script):
 @simulated
 def test_the_tracker_is_unplugged_and_plugged_in_again(script):
     path = script("0.1 enter right\n.7 unplug\n.8 replug\n.9 leave right\n1.6 loop")
-    with in_a_thread(peer_with(path)) as peer, Leap(LeapOptions(port=peer.carrier.port)) as leap:
+    with in_a_thread(peer_with(path)) as peer, Leap(LeapOptions(port=peer.backend.port)) as leap:
         until(lambda: "clutch" in leap.state().buttons, "clutch")
         state = until(lambda: (s := leap.state()).link is DeviceLink.LOST and s, "lost")
         assert "unplugged" in state.reason
@@ -135,7 +135,7 @@ def test_the_tracker_is_unplugged_and_plugged_in_again(script):
 @simulated
 def test_a_stall_is_noticed_in_time(script):
     path = script("0.1 enter right\n.7 stall\n1.1 resume\n1.2 leave right\n1.6 loop")
-    with in_a_thread(peer_with(path)) as peer, Leap(LeapOptions(port=peer.carrier.port)) as leap:
+    with in_a_thread(peer_with(path)) as peer, Leap(LeapOptions(port=peer.backend.port)) as leap:
         until(lambda: "clutch" in leap.state().buttons, "clutch")
         state = until(lambda: (s := leap.state()).link is DeviceLink.STALE and s, "stale")
         seen_s = time.monotonic()
@@ -149,9 +149,9 @@ def test_a_stall_is_noticed_in_time(script):
 def test_another_program_may_take_the_focus(script):
     with (
         in_a_thread(peer_with(script("0.2 steal-focus"), start_on_connect=False)) as peer,
-        Leap(LeapOptions(port=peer.carrier.port)) as leap,
+        Leap(LeapOptions(port=peer.backend.port)) as leap,
     ):
-        other, _, _ = connect("127.0.0.1", peer.carrier.port, 6, 2.0)
+        other, _, _ = connect("127.0.0.1", peer.backend.port, 6, 2.0)
         other.send('{"focused":true}')
         before = leap.metrics()["frames"]
         until(lambda: leap.metrics()["frames"] > before + 30, "frames in the background")
@@ -171,7 +171,7 @@ def test_nobody_there():
 def test_it_waits_for_the_service(script):
     peer = peer_with(script("0.1 enter right"))
     peer.open()
-    port = peer.carrier.port
+    port = peer.backend.port
     peer.close()
     with Leap(LeapOptions(port=port, wait_for_device=True)) as leap:
         assert leap.state().link is DeviceLink.LOST
@@ -229,19 +229,19 @@ def test_a_service_that_never_says_its_version(script):
         in_a_thread(peer_with(script("0 leave right"), {"mute": 1.0})) as peer,
         pytest.raises(DeviceNotFoundError, match="no answer"),
     ):
-        connect("127.0.0.1", peer.carrier.port, 6, 0.2)
+        connect("127.0.0.1", peer.backend.port, 6, 0.2)
 
 
 def test_a_connection_that_ended_raises(script):
     with in_a_thread(peer_with(script("0 leave right"))) as peer:
-        connection, version, _ = connect("127.0.0.1", peer.carrier.port, 6, 2.0)
+        connection, version, _ = connect("127.0.0.1", peer.backend.port, 6, 2.0)
         assert version == Version(6, "2.3.1+33747")
         connection.ping()
         connection.close()
         connection.close()
         with pytest.raises(OSError, match="closed"):
             connection.send("{}")
-        refused = Connection("127.0.0.1", peer.carrier.port, 7, time.monotonic() + 2.0)
+        refused = Connection("127.0.0.1", peer.backend.port, 7, time.monotonic() + 2.0)
         with pytest.raises(ServiceClosedError) as closed:
             refused.receive(2.0)
         refused.close()
@@ -250,7 +250,7 @@ def test_a_connection_that_ended_raises(script):
 
 def test_a_service_that_vanishes_has_closed_the_connection(script):
     with in_a_thread(peer_with(script("0.1 restart 0.1"))) as peer:
-        connection, _, _ = connect("127.0.0.1", peer.carrier.port, 6, 2.0)
+        connection, _, _ = connect("127.0.0.1", peer.backend.port, 6, 2.0)
         connection.send('{"background":true}')
         with pytest.raises(ServiceClosedError, match="closed the connection") as closed:
             until(lambda: connection.receive(1.0) is None, "the end")
@@ -263,11 +263,11 @@ def test_find_lists_the_trackers_of_a_service(script, monkeypatch):
         with in_a_thread(peer_with(script("0 leave right"), faults)) as peer:
             monkeypatch.setattr(
                 "cardan_leap.driver.device.LeapOptions",
-                lambda p=peer: LeapOptions(port=p.carrier.port),
+                lambda p=peer: LeapOptions(port=p.backend.port),
             )
             (found,) = Leap.find()
             assert found.transport == "websocket"
-            assert found.path == f"127.0.0.1:{peer.carrier.port}"
+            assert found.path == f"127.0.0.1:{peer.backend.port}"
             assert found.obstacle == obstacle
             assert "2.3.1" in found.name
             assert not peer.device.requests

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from cardan.types import Vector3
-from cardan_leap.peer import Anatomy, HandPosture, rotation_rows
+from cardan_leap.peer import HandModel, HandPosture, rotation_rows
 from cardan_leap.peer.hand_model import as_version, frame_document
 from cardan_leap.protocol import hand_orientation, pitch_yaw_roll
 from tests.examples import examples
@@ -46,7 +46,7 @@ def determinant(rows):
 @settings(max_examples=examples(40))
 @given(sides, angles, angles, angles, shares, shares)
 def test_bones_fingers_and_bases_fit_together(side, pitch, yaw, roll, grab, pinch):
-    hand, fingers = Anatomy(7, side, 0.0).measure(posture(pitch, yaw, roll, grab, pinch), 1.0)
+    hand, fingers = HandModel(7, side, 0.0).measure(posture(pitch, yaw, roll, grab, pinch), 1.0)
     assert set(hand) == HAND_FIELDS
     assert len(fingers) == 5
     handed = 1.0 if side == "right" else -1.0
@@ -70,7 +70,7 @@ def test_bones_fingers_and_bases_fit_together(side, pitch, yaw, roll, grab, pinc
 
 @given(sides, angles, angles, angles)
 def test_the_attitude_is_that_of_the_posture(side, pitch, yaw, roll):
-    hand, _ = Anatomy(1, side, 0.0).measure(posture(pitch, yaw, roll), 0.0)
+    hand, _ = HandModel(1, side, 0.0).measure(posture(pitch, yaw, roll), 0.0)
     direction, normal = Vector3(*hand["direction"]), Vector3(*hand["palmNormal"])
     assert hand_orientation(direction, normal) is not None
     assert direction.y == pytest.approx(math.sin(pitch), abs=1e-5)
@@ -83,8 +83,8 @@ def test_the_attitude_is_that_of_the_posture(side, pitch, yaw, roll):
 
 def test_left_is_the_mirror_image_of_right():
     palm = (0.0, 200.0, 0.0)
-    right = Anatomy(1, "right", 0.0).measure(posture(palm=palm, grab=0.4), 0.0)[1]
-    left = Anatomy(1, "left", 0.0).measure(posture(palm=palm, grab=0.4), 0.0)[1]
+    right = HandModel(1, "right", 0.0).measure(posture(palm=palm, grab=0.4), 0.0)[1]
+    left = HandModel(1, "left", 0.0).measure(posture(palm=palm, grab=0.4), 0.0)[1]
     for a, b in zip(right, left, strict=True):
         x, y, z = b["tipPosition"]
         assert a["tipPosition"] == pytest.approx([-x, y, z])
@@ -93,7 +93,7 @@ def test_left_is_the_mirror_image_of_right():
 
 def test_a_fist_is_smaller_and_a_pinch_meets():
     def tips(**fields):
-        fingers = Anatomy(1, "right", 0.0).measure(posture(**fields), 0.0)[1]
+        fingers = HandModel(1, "right", 0.0).measure(posture(**fields), 0.0)[1]
         return [finger["tipPosition"] for finger in fingers], [f["extended"] for f in fingers]
 
     palm = posture().palm_mm
@@ -109,7 +109,7 @@ def test_a_fist_is_smaller_and_a_pinch_meets():
 
 
 def test_velocities_are_differences_and_stabilized_positions_lag():
-    hand = Anatomy(1, "right", 0.0)
+    hand = HandModel(1, "right", 0.0)
     for step in range(50):
         told, fingers = hand.measure(posture(palm=(2.0 * step, 200.0, 0.0)), step * 0.01)
     assert told["palmVelocity"] == pytest.approx([200.0, 0.0, 0.0])
@@ -119,7 +119,7 @@ def test_velocities_are_differences_and_stabilized_positions_lag():
 
 
 def test_frames_of_older_versions_know_no_skeleton():
-    document = frame_document(1, 1000, 110.0, [Anatomy(1, "right", 0.0).measure(posture(), 0.0)])
+    document = frame_document(1, 1000, 110.0, [HandModel(1, "right", 0.0).measure(posture(), 0.0)])
     assert as_version(document, 6) is document
     old = as_version(document, 5)
     assert set(old["hands"][0]).isdisjoint({"type", "grabStrength", "confidence", "armBasis"})

@@ -199,7 +199,7 @@ def test_a_reader_that_was_held_up_reads_all_that_has_come(tmp_path):
     script = tmp_path / "hand.script"
     script.write_text("0 enter right\n")
     with in_a_thread(LeapPeer(LeapPeerOptions(port=0, script=str(script)))) as peer:
-        connection, _, _ = connect("127.0.0.1", peer.carrier.port, 6, 2.0)
+        connection, _, _ = connect("127.0.0.1", peer.backend.port, 6, 2.0)
         connection.send('{"background":true}')
         connection.receive(2.0)
         sent = peer.device.frames_sent
@@ -272,7 +272,7 @@ def test_a_slow_network_ends_in_stale_and_is_left_behind(tmp_path, monkeypatch):
 
     with (
         in_a_thread(LeapPeer(LeapPeerOptions(port=0, script=str(script)))) as peer,
-        contextlib.closing(DelayLine(peer.carrier.port)) as line,
+        contextlib.closing(DelayLine(peer.backend.port)) as line,
         Leap(LeapOptions(port=line.port)) as leap,
     ):
         until(lambda state: "clutch" in state.buttons)

@@ -84,7 +84,7 @@ class TestFocus:
         service.receive(2, '{"focused":false}', 0.1)
         assert frames_of(run(service, 0.2)[2]) == []
 
-    def test_background_clients_get_frames_whoever_has_the_focus(self):
+    def test_background_clients_get_frames_whichever_program_has_the_focus(self):
         service = listening()
         service.connect(2, 6)
         service.receive(2, FOCUSED, 0.0)

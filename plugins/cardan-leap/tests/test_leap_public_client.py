@@ -73,7 +73,7 @@ def heard(folder, script, frames, *, background=True, **options):
     peer = LeapPeer(LeapPeerOptions(port=0, script=script, **options))
     with in_a_thread(peer):
         result = subprocess.run(
-            ["node", "-e", CLIENT, "--", str(peer.carrier.port), str(frames), str(int(background))],
+            ["node", "-e", CLIENT, "--", str(peer.backend.port), str(frames), str(int(background))],
             cwd=folder,
             capture_output=True,
             text=True,

@@ -32,7 +32,7 @@ def serving(script="rest", **options):
 
 def client(peer, path="/v6.json", **options):
     return connect(
-        f"ws://127.0.0.1:{peer.carrier.port}{path}",
+        f"ws://127.0.0.1:{peer.backend.port}{path}",
         compression=None,
         proxy=None,
         open_timeout=TIMEOUT_S,
@@ -54,7 +54,7 @@ def drain(connection, timeout_s):
 
 def test_a_session_of_messages():
     with serving(script="short") as peer, client(peer) as leap:
-        assert peer.endpoint == f"ws://127.0.0.1:{peer.carrier.port}/v6.json"
+        assert peer.endpoint == f"ws://127.0.0.1:{peer.backend.port}/v6.json"
         assert next_json(leap) == {"serviceVersion": "2.3.1+33747", "version": 6}
         assert next_json(leap)["event"]["state"]["streaming"] is True
         leap.send('{"background":true}')
@@ -105,7 +105,7 @@ def test_unsupported_versions_and_paths():
 
 def test_no_extension_is_agreed_on():
     with serving() as peer:
-        url = f"ws://127.0.0.1:{peer.carrier.port}/v6.json"
+        url = f"ws://127.0.0.1:{peer.backend.port}/v6.json"
         with connect(url, proxy=None) as leap:  # offers permessage-deflate
             assert leap.protocol.extensions == []
 
@@ -147,7 +147,7 @@ def test_a_restart_cuts_every_connection_and_comes_back(tmp_path):
 
 def test_refuse():
     with serving(faults={"refuse": float("inf")}) as peer, pytest.raises(ConnectionRefusedError):
-        socket.create_connection(("127.0.0.1", peer.carrier.port), TIMEOUT_S)
+        socket.create_connection(("127.0.0.1", peer.backend.port), TIMEOUT_S)
 
 
 def test_a_client_that_does_not_read_is_left_behind_and_nobody_else():
@@ -160,7 +160,7 @@ def test_a_client_that_does_not_read_is_left_behind_and_nobody_else():
 
 def test_too_many_clients():
     with serving() as peer:
-        address = ("127.0.0.1", peer.carrier.port)
+        address = ("127.0.0.1", peer.backend.port)
         crowd = [socket.create_connection(address) for _ in range(MAX_CLIENTS)]
         extra = socket.create_connection(address)
         extra.settimeout(TIMEOUT_S)
@@ -173,7 +173,7 @@ def test_junk_instead_of_a_handshake():
     with serving() as peer:
         for junk in (b"\x00" * 100, b"GET / HTTP/1.1\r\n\r\n", b"\r\n\r\n"):
             with socket.create_connection(
-                ("127.0.0.1", peer.carrier.port), TIMEOUT_S
+                ("127.0.0.1", peer.backend.port), TIMEOUT_S
             ) as connection:
                 connection.sendall(junk)
                 connection.shutdown(socket.SHUT_WR)
@@ -185,7 +185,7 @@ def test_junk_instead_of_a_handshake():
 
 def test_an_address_that_is_taken():
     with serving() as peer:
-        other = LeapPeer(LeapPeerOptions(port=peer.carrier.port))
+        other = LeapPeer(LeapPeerOptions(port=peer.backend.port))
         with pytest.raises(AddressError, match="cannot listen"):
             other.open()
         other.close()
@@ -195,7 +195,7 @@ def test_an_address_that_is_taken():
 def test_closing_says_good_bye():
     peer = LeapPeer(LeapPeerOptions(port=0, script="rest"))
     with in_a_thread(peer):
-        leap = Connection("127.0.0.1", peer.carrier.port, 6, time.monotonic() + TIMEOUT_S)
+        leap = Connection("127.0.0.1", peer.backend.port, 6, time.monotonic() + TIMEOUT_S)
         assert leap.receive(TIMEOUT_S)
     with pytest.raises(ServiceClosedError) as closed:
         drain(leap, TIMEOUT_S)

@@ -102,7 +102,7 @@ HAND, ARM = make_hand, make_arm
         (ARM, {"driver": "sim_arm", "model": "ur5", "action": "joints"}, "delta, target, pose"),
         (ARM, {"address": "/arm"}, "model"),
         (ARM, {"address": "/arm", "model": "ur5", "driver": "sim_arm"}, "give it alone"),
-        (ARM, {"address": "/arm", "model": "ur5", "limits": {"leash_m": 0.1}}, "own session"),
+        (ARM, {"address": "/arm", "model": "ur5", "limits": {"max_lead_m": 0.1}}, "own session"),
     ],
 )
 def test_what_is_wrong_is_said_before_anything_is_opened(make, given, why):

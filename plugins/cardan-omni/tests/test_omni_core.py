@@ -385,7 +385,7 @@ def test_metrics_are_numbers_with_units_in_their_names():
     assert metrics["rate_hz"] == pytest.approx(1000.0, rel=0.02)
 
 
-def test_gaps_are_kept_for_whoever_takes_the_snapshot():
+def test_gaps_are_kept_for_each_reader_of_the_snapshot():
     rig = Rig().live()
     rig.core.taken(rig.now_s)
     snapshot = rig.tick.snapshot()

@@ -233,7 +233,7 @@ def test_a_handle_may_be_zero_and_a_second_init_fails(hd: LibHD) -> None:
 def test_before_any_init_the_current_device_is_the_handle_that_the_first_one_gets(
     hd: LibHD,
 ) -> None:
-    """pyOpenHaptics asks before it initialises and takes another handle for a device that
+    """pyOpenHaptics asks before it initializes and takes another handle for a device that
     somebody else has opened already."""
     hd.configure("")
     current = hd.hdGetCurrentDevice()
@@ -264,7 +264,7 @@ def test_only_known_names_are_devices(hd: LibHD) -> None:
         ("no-license 1", Error.INVALID_LICENSE, 0),
     ],
 )
-def test_initialising_fails_as_asked(hd: LibHD, fault: str, error: int, internal: int) -> None:
+def test_initializing_fails_as_asked(hd: LibHD, fault: str, error: int, internal: int) -> None:
     hd.configure(f"fault {fault}")
     assert hd.hdInitDevice(None) == INVALID_HANDLE
     info = hd.hdGetError()
@@ -867,7 +867,7 @@ def test_a_comm_error_stops_data_and_force_until_it_ends(hd: LibHD) -> None:
     assert hd.truth().amplifier
 
 
-def test_an_unplugged_device_must_be_initialised_and_calibrated_anew(hd: LibHD) -> None:
+def test_an_unplugged_device_must_be_initialized_and_calibrated_anew(hd: LibHD) -> None:
     running(hd)
     hd.simFault(b"unplug", 1)
     hd.simStep(10)
@@ -1061,7 +1061,7 @@ def test_bad_settings_are_named_and_change_nothing(hd: LibHD, text: str, words: 
     assert hd.hdGetString(int(Info.DEVICE_SERIAL_NUMBER)) == b"before"
 
 
-def test_settings_are_for_when_no_device_is_initialised_and_forget_all(hd: LibHD) -> None:
+def test_settings_are_for_when_no_device_is_initialized_and_forget_all(hd: LibHD) -> None:
     hd.init("seed 3")
     assert hd.simConfigure(b"") == -1
     assert b"hdDisableDevice" in hd.simProblem()

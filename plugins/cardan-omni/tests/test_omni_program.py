@@ -217,7 +217,7 @@ if sys.argv[1] > "2":
 @pytest.mark.parametrize(
     ("does", "code", "words"),
     [
-        (0, 0, "is empty: the program has not initialised"),
+        (0, 0, "is empty: the program has not initialized"),
         (1, 0, "has no rows: the program has not started"),
         (2, 0, ""),
         (3, 137, ""),

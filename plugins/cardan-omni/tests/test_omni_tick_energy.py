@@ -175,7 +175,7 @@ def test_energy_is_bounded_behind_a_delay(
     stiffness: float,
     delay: int,
     every: int,
-    quantised: bool,
+    quantized: bool,
     push_n: float,
 ) -> None:
     """A remote wall, felt as a force that is late and held: what goes unstable without the law."""
@@ -191,7 +191,7 @@ def test_energy_is_bounded_behind_a_delay(
         force = Vector3(0.0, 0.0, max(0.0, -stiffness * late))
         return {"measured": MeasuredForce(force, 100.0 + (9 + k) * PERIOD_S)}
 
-    live(body, scene, 500, quantum_m=6e-5 if quantised else 0.0)
+    live(body, scene, 500, quantum_m=6e-5 if quantized else 0.0)
 
 
 @settings(max_examples=examples(25))

@@ -280,7 +280,7 @@ def test_a_cold_device_is_calibrated_in_the_inkwell():
 def test_the_device_as_new_with_each_wrapper():
     with Program() as program:
         program.omni.step(100)
-        with pytest.raises(ScriptError, match="initialised"):
+        with pytest.raises(ScriptError, match="initialized"):
             program.omni.configure(OmniSettings())
     assert SimulatedOmni().truth().ticks == 0
 

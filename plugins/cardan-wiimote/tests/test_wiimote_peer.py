@@ -27,7 +27,7 @@ from cardan.errors import (
     ScriptError,
 )
 from cardan.sim_peers import hand_peer
-from cardan.sim_peers.carriers.uhid import (
+from cardan.sim_peers.backends.uhid import (
     BUS_BLUETOOTH,
     OUTPUT_REPORT,
     Event,
@@ -132,7 +132,7 @@ def test_the_old_and_the_new_way_over_sockets(place, monkeypatch):
         nonlocal now_s
         now_s += seconds
         peer.step(now_s)
-        peer.carrier.wait(0.0)
+        peer.backend.wait(0.0)
 
     peer.open()
     with contextlib.closing(peer), link(place) as (control, interrupt):
@@ -172,7 +172,7 @@ def test_the_last_words_of_a_host_that_hangs_up_are_heard(place):
             interrupt.close()
             control.close()
             # The remote speaks before it has listened, and finds the line dead.
-            peer.carrier.send([b"\x30\0\0"])
+            peer.backend.send([b"\x30\0\0"])
         assert not peer.device.connected
         assert [entry.what for entry in peer.device.log if "rumble" in entry.what][-1] == (
             "rumble off"
@@ -257,8 +257,8 @@ def test_a_host_that_comes_back_at_once_is_not_paired_with_the_channel_that_it_l
     with contextlib.ExitStack() as first, contextlib.ExitStack() as second:
         first.enter_context(link(place))
 
-        def left_between(carrier: UnixChannels, psm: int, most: int) -> list[socket.socket]:
-            found = waiting(carrier, psm, most)
+        def left_between(backend: UnixChannels, psm: int, most: int) -> list[socket.socket]:
+            found = waiting(backend, psm, most)
             if psm == 0x13 and found and not links:
                 first.close()
                 links.append(second.enter_context(link(place)))
@@ -445,7 +445,7 @@ def uhid_peer(**settings: object) -> tuple[WiimotePeer, FakeUhid]:
     options = WiimotePeerOptions(uhid=True, script="rest", **settings)  # type: ignore[arg-type]
     peer = WiimotePeer(options)
     fake = FakeUhid()
-    peer.carrier.device = fake  # type: ignore[attr-defined]
+    peer.backend.device = fake  # type: ignore[attr-defined]
     return peer, fake
 
 
@@ -508,7 +508,7 @@ def test_uhid_device_goes_and_comes_back(monkeypatch):
 
 def test_uhid_that_is_not_there(monkeypatch):
     peer = WiimotePeer(WiimotePeerOptions(uhid=True))
-    peer.carrier.device._path = "/nonexistent/uhid"
+    peer.backend.device._path = "/nonexistent/uhid"
     with pytest.raises(DeviceAccessError, match="modprobe uhid"):
         peer.open()
 
@@ -537,7 +537,7 @@ def use_cwiid(place: Path, what: str, script: str, **settings: object) -> tuple[
                 if (seen := seen_by(process, peer)) is None:
                     # Its own fault, if it has got an answer to everything.
                     assert peer.device.connected, peer.device.log
-                    assert not peer.carrier.lost
+                    assert not peer.backend.lost
                     continue
                 _, errors = process.communicate("done\n", timeout=10.0)
             assert process.returncode == 0, errors

@@ -150,8 +150,8 @@ def test_ids(extension):
     [
         ("0100a4200405", Extension.MOTION_PLUS),  # built in
         ("0000a6200405", Extension.MOTION_PLUS_INACTIVE),  # once active
-        ("ffffffffffff", Extension.UNINITIALISED),
-        ("0000a420ffff", Extension.UNINITIALISED),
+        ("ffffffffffff", Extension.UNINITIALIZED),
+        ("0000a420ffff", Extension.UNINITIALIZED),
         ("0000a4209999", Extension.UNKNOWN),
         ("000000000000", Extension.UNKNOWN),
         ("0000a420", Extension.UNKNOWN),

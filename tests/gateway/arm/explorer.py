@@ -63,7 +63,7 @@ AWAY_RAD = 0.6
 STABLE_TICKS = 12
 """For which a state has to stay to be settled, longer than any silence limit takes to act."""
 SETTLES_S = 4.0
-"""By when every state has settled: a recovery over the whole leash takes the longest."""
+"""By when every state has settled: a recovery over the whole maximum lead takes the longest."""
 WAIT_S = 2.6
 """For which the wait goes on for the next state: longer than the lease of authority."""
 BRAKES_S = 0.35
@@ -71,7 +71,7 @@ BRAKES_S = 0.35
 or stream counts as silent, and the ramp."""
 RECOVERS_M_S = 0.052
 RECOVERED_M = 0.11
-"""Longest way of recoveries without a deliberate act: the leash, and a tenth."""
+"""Longest way of recoveries without a deliberate act: the maximum lead, and a tenth."""
 
 BY_DEADMAN = MappingOptions(deadman=("left",), linear_speed_m_s=SPEED_M_S)
 BY_CLUTCH = MappingOptions(clutch="left", linear_speed_m_s=SPEED_M_S)
@@ -113,7 +113,7 @@ class Abstract(NamedTuple):
     filter_fault: bool
     states: States
     """What the controller says of itself."""
-    distrust: str
+    implausible: str
     """"", "rejected", or "rests": the readings were plausible for long enough."""
     following: bool
     was_pressed: bool
@@ -224,9 +224,9 @@ class World:
         source, watched, activity = core.hand, core.supervision, core.activity
         moves = core.body.moving and core.body.placed
         quick = moves and norm(core.body.twist.linear) > QUICK_M_S
-        distrust = ""
-        if watched.distrust:
-            distrust = "rests" if watched.trustworthy else "rejected"
+        implausible = ""
+        if watched.implausible:
+            implausible = "rests" if watched.trustworthy else "rejected"
         verb = ""
         if verbs._pending is not None:
             verb = "waiting"
@@ -246,7 +246,7 @@ class World:
             self.held_off,
             self.filter.broken,
             core.state,
-            distrust,
+            implausible,
             core.following,
             source._device is not None and bool(source._device.buttons),
             core.authority.owner,
@@ -399,7 +399,7 @@ class World:
         """(a), (c) and (f), by what is known from outside."""
         core, body, activity = self.core, self.core.body, self.core.activity
         assert (activity is None) is (core.state.motion in RESTING), "who moves it?"
-        assert core.rejects is bool(core.supervision.distrust), "rejected for no reason"
+        assert core.rejects is bool(core.supervision.implausible), "rejected for no reason"
         if core.trips != self.trips:
             self.trips = core.trips
             self._forget(True)
@@ -474,11 +474,11 @@ EVENTS: dict[str, tuple[Callable[[World], bool], Event]] = {}
 
 
 def event(applies: Callable[[World], bool]) -> Callable[[Event], Event]:
-    def noted(function: Event) -> Event:
+    def recorded_request(function: Event) -> Event:
         EVENTS[function.__name__] = applies, function
         return function
 
-    return noted
+    return recorded_request
 
 
 def is_well(w: World) -> bool:
@@ -694,7 +694,7 @@ def commanded(w: World) -> tuple[object, ...]:
     """What a refusal must not change."""
     body = w.core.body
     placed = (body.pose, body.twist) if body.placed else ()
-    return (w.abstract()._replace(streaming=False), placed, w.core.generation)
+    return (w.abstract()._replace(streaming=False), placed, w.core.plan_epoch)
 
 
 def play(w: World, name: str) -> str:

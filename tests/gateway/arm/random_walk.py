@@ -83,11 +83,11 @@ class Walk:
         self.verbs.set_parameters(QUICK)
 
     def _noted(self, placing):
-        def noted(*of):
+        def recorded_request(*of):
             self.placed = True
             placing(*of)
 
-        return noted
+        return recorded_request
 
     # -- the world ---------------------------------------------------------------------------
 
@@ -171,8 +171,8 @@ class Walk:
             step_m = norm(subtract(body.pose.position, before.position))
             anew = activity.went.linear_m <= 1.01 * step_m + 1e-6
             self.unasked_m = step_m if anew else self.unasked_m + step_m
-        assert self.unasked_m <= 1.1 * core.reference.limits.leash_m
-        if core.supervision.distrust:
+        assert self.unasked_m <= 1.1 * core.reference.limits.max_lead_m
+        if core.supervision.implausible:
             here = servo.q.copy()
             if self.believed_at is None:
                 self.believed_at = here
@@ -244,7 +244,7 @@ class Walk:
             if self.core.armed:
                 break
             self.tick(600)
-        assert self.core.armed, (self.core.message, self.core.barred)
+        assert self.core.armed, (self.core.message, self.core.inhibited)
         self.hand((-0.4, 0, 0.3, 0, 0, 0), *self.mapping.deadman)
         start = self.core.body.pose.position
         self.tick(100)

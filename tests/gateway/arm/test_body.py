@@ -110,7 +110,7 @@ def test_no_tcp_goes_farther_than_any_arm_can():
     body = FreeBody(LIMITS)
     most_m = READING_NOISE_M + FASTEST_TCP_M_S * 0.02
     assert body.leap(at(), at(0.99 * most_m), 0.02) == ""
-    assert "leapt by 112 mm" in body.leap(at(), at(1.02 * most_m), 0.02)
+    assert "jumped by 112 mm" in body.leap(at(), at(1.02 * most_m), 0.02)
     assert "1.00 rad" in body.leap(at(), at(turn=Vector3(1.0, 0.0, 0.0)), 0.02)
     assert body.leap(robot(None), at(), 0.02) == body.leap(at(), robot(None), 0.02) == ""
 

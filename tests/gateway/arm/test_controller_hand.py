@@ -341,15 +341,15 @@ def test_a_robot_held_by_something_else_gets_its_reference_back_gently():
     before = rig.core.body.pose.position
     assert stays(rig, 4.0, away) <= 0.05 * (1 + 1e-9)
     went = norm(subtract(rig.core.body.pose.position, before))
-    assert went <= ReferenceLimits().leash_m
+    assert went <= ReferenceLimits().max_lead_m
     assert rig.core.phase is Phase.DISARMED
     assert rig.status.trips == 1
 
 
-def test_no_recovery_goes_farther_than_the_leash_without_a_deliberate_act():
+def test_no_recovery_goes_farther_than_the_maximum_lead_without_a_deliberate_act():
     rig = Rig().drive()
     away = pushed_away(rig)
-    leash_m = ReferenceLimits().leash_m
+    max_lead_m = ReferenceLimits().max_lead_m
     stays(rig, 5.0, away)
     assert rig.core.phase is Phase.DISARMED
     assert "not resynchronized with the robot" in rig.status.message
@@ -361,9 +361,9 @@ def test_no_recovery_goes_farther_than_the_leash_without_a_deliberate_act():
         rig.hand(REST, "left")
         before = rig.core.body.pose.position
         assert stays(rig, 5.0, away) <= 0.05 * (1 + 1e-9)
-        assert norm(subtract(rig.core.body.pose.position, before)) <= 1.1 * leash_m
-    assert norm(subtract(rig.core.body.pose.position, start)) > 2.0 * leash_m
-    assert norm(subtract(rig.core.body.pose.position, away.position)) < 0.2 * leash_m
+        assert norm(subtract(rig.core.body.pose.position, before)) <= 1.1 * max_lead_m
+    assert norm(subtract(rig.core.body.pose.position, start)) > 2.0 * max_lead_m
+    assert norm(subtract(rig.core.body.pose.position, away.position)) < 0.2 * max_lead_m
     rig.hand()
     rig.run(pose=away)
     rig.hand(REST, "left")
@@ -436,7 +436,7 @@ def test_a_pose_that_leaps_is_not_believed_and_moves_nothing(leap_m, driven):
     assert stays(rig, 5.0, there) == 0.0
     assert rig.core.body.pose == rested
     assert rig.core.phase in (Phase.DISARMED, Phase.NO_ROBOT)
-    assert ("leapt by" if leap_m < 1.0 else "farther than any") in rig.status.message
+    assert ("jumped by" if leap_m < 1.0 else "farther than any") in rig.status.message
     assert rig.status.trips == trips + 1
     # Held through it, the dead-man is no deliberate act; and the reading comes back.
     stays(rig, TRUST_AFTER_S + 0.1, rested)
@@ -456,12 +456,12 @@ def test_an_arm_that_lags_stops_when_the_hand_lets_go():
     stuck = rig.robot.pose
     for _ in range(200):
         rig.run(pose=stuck)
-    assert rig.status.leash_used > 0.9
+    assert rig.status.lead_used > 0.9
     rig.hand(FORWARD)
     for _ in range(300):
         rig.run(pose=stuck)
     assert rig.core.at_rest
-    assert rig.status.leash_used < 0.15
+    assert rig.status.lead_used < 0.15
     assert rig.status.trips == 0
 
 

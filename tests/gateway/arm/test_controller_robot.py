@@ -365,7 +365,7 @@ def test_authority_that_is_handed_over_stops_the_arm_and_is_somebody_elses():
     assert world.owner == "b"
 
 
-def test_anybody_stops_whoever_moves_the_arm():
+def test_anybody_stops_each_source_that_moves_the_arm():
     world = hand_and_verbs()
     world.act()
     world.hand(FORWARD, "left")
@@ -432,7 +432,7 @@ def test_the_dead_man_in_the_middle_of_a_line_takes_the_arm_without_a_step(ticks
 # -- holding off ---------------------------------------------------------------------------------
 
 
-def test_holding_off_brakes_whoever_moves_the_arm_and_bars_until_it_is_lifted():
+def test_holding_off_brakes_each_source_and_bars_until_it_is_lifted():
     rig = Driven().drive()
     rig.core.inhibit("the supervisor is silent", Inhibit.WHILE_SAID)
     rig.run()
@@ -473,7 +473,7 @@ def test_an_acknowledgement_comes_too_early_while_readings_leap():
     for _ in range(math.ceil(TRUST_AFTER_S / PERIOD_S) + 1):
         rig.run(pose=there)
     assert rig.core.acknowledge() == ""
-    assert rig.core.supervision.distrust == ""
+    assert rig.core.supervision.implausible == ""
 
 
 def test_a_controller_without_a_hand_commands_nothing_until_somebody_asks():

@@ -101,7 +101,7 @@ def test_a_stall_while_readings_are_not_believed_places_nothing_there():
     here = rig.core.body.pose.position
     there = Pose(add(rig.robot.pose.position, Vector3(0.0, 0.2, 0.0)), IDENTITY)
     rig.run(pose=there)
-    assert rig.core.supervision.distrust
+    assert rig.core.supervision.implausible
     rig.now_s += 0.2
     for _ in range(100):
         rig.run(pose=there)
@@ -116,7 +116,7 @@ def test_a_leap_is_forgotten_with_the_session_it_was_in():
     rig.run(0.02, link=RobotLink.LOST)
     away = Pose(add(here.position, Vector3(0.0, 0.5, 0.0)), IDENTITY)
     rig.run(link=RobotLink.LIVE, pose=away)
-    assert rig.core.supervision.distrust
+    assert rig.core.supervision.implausible
     rig.run(0.1, session=2)
     rig.drive()
     there = Pose(add(rig.robot.pose.position, Vector3(0.0, 0.2, 0.0)), IDENTITY)
@@ -285,7 +285,7 @@ def test_readings_that_wander_lead_no_arm_away():
                 here = rig.core.body.pose
                 rig.run(pose=Pose(add(here.position, Vector3(offset_m, 0.0, 0.0)), IDENTITY))
     went = norm(subtract(rig.core.body.pose.position, start))
-    assert went <= 1.1 * ReferenceLimits().leash_m
+    assert went <= 1.1 * ReferenceLimits().max_lead_m
 
 
 def test_a_recovery_that_was_acknowledged_while_the_robot_is_gone_places_nothing():
@@ -296,7 +296,7 @@ def test_a_recovery_that_was_acknowledged_while_the_robot_is_gone_places_nothing
     world.q = world.q + 1.0
     world.link = RobotLink.LIVE
     world.tick()
-    assert world.verbs.controller.supervision.distrust
+    assert world.verbs.controller.supervision.implausible
     world.jammed = True
     world.tick(200)
     good = world.state

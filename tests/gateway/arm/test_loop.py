@@ -81,7 +81,7 @@ def test_a_robot_that_ends_ends_the_loop():
     assert all_of_it.log == []
 
 
-def test_whoever_stops_looking_leaves_no_state_unanswered():
+def test_a_caller_that_stops_looking_leaves_no_state_unanswered():
     class Holding(Recorded):
         def tick(self, robot, device=None, events=()):
             super().tick(robot, device, events)

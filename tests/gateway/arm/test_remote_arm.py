@@ -47,10 +47,10 @@ def begun(number):
 
 
 def test_an_end_that_is_told_before_the_beginning_is_not_lost():
-    ended = note(5, Outcome.ABORTED, "a leash")
+    ended = note(5, Outcome.ABORTED, "a limit")
     with Told(lambda asked: [ended, Reply(asked.id, begun(5), None)]) as arm:
         motion = arm.movl([0.0] * 6)
-    assert (motion.outcome, motion.reason) == (Outcome.ABORTED, "a leash")
+    assert (motion.outcome, motion.reason) == (Outcome.ABORTED, "a limit")
 
 
 def test_ends_of_other_programs_motions_are_not_kept():

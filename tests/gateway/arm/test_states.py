@@ -155,7 +155,7 @@ def test_what_changes_whether_readings_are_believed(link, motion):
 
     assert changes_of(after, Readings) == changes(
         (Readings, Event.PLACED, FACTS, Readings.ACCEPTED),
-        (Readings, Event.BELIEVED, FACTS, Readings.ACCEPTED),
+        (Readings, Event.PLAUSIBLE, FACTS, Readings.ACCEPTED),
         (Readings if absent else [], Event.LEAPT, FACTS, elsewhere),
         ([] if absent else [Readings.ACCEPTED], Event.LEAPT, FACTS, Readings.REJECTED),
         (rejected if uncommanded else [], Event.RETURNED, FACTS, elsewhere),
@@ -268,12 +268,12 @@ def test_what_follows_from_a_request_without_a_fault():
 
 
 def test_the_act_by_a_dead_man_is_its_release_with_the_device_at_rest_and_its_press():
-    for before, at_rest, barred in itertools.product(Arming, BOTH, BOTH):
+    for before, at_rest, inhibited in itertools.product(Arming, BOTH, BOTH):
         released = before is Arming.RELEASED
-        after = armed_by_deadman(before, False, at_rest, barred)
+        after = armed_by_deadman(before, False, at_rest, inhibited)
         assert after == (Arming.RELEASED if released or at_rest else Arming.DISARMED, False)
-        after = armed_by_deadman(before, True, at_rest, barred)
-        assert after == (Arming.ARMED if released and not barred else Arming.DISARMED, released)
+        after = armed_by_deadman(before, True, at_rest, inhibited)
+        assert after == (Arming.ARMED if released and not inhibited else Arming.DISARMED, released)
 
 
 @pytest.mark.parametrize("before", Arming)

@@ -13,9 +13,9 @@ FREE = ServoStatus(1.0, 0.2, 0.0, (), math.inf, ("a", "b"), 0, 0.0, 0.0, 0.0, 0.
 SLOW = {"path_speed": 0.5}
 
 
-def limits(leash_used=0.0, at_workspace_limit=False, **servo):
+def limits(lead_used=0.0, at_workspace_limit=False, **servo):
     return ArmStatus(
-        Phase.MOVING, "", ZERO_TWIST, ZERO_TWIST, None, leash_used, at_workspace_limit, False, 0,
+        Phase.MOVING, "", ZERO_TWIST, ZERO_TWIST, None, lead_used, at_workspace_limit, False, 0,
         AuthorityState("", NEVER_S, ""), (), FREE._replace(**servo),
     ).limits()  # fmt: skip
 
@@ -30,8 +30,8 @@ def limits(leash_used=0.0, at_workspace_limit=False, **servo):
         ({"active_pairs": 2, **SLOW}, ["collision"]),
         ({"distance_m": -0.01}, ["collision"]),
         ({"unreachable_rad_s": 0.1}, ["unreachable"]),
-        ({"at_workspace_limit": True, "leash_used": 1.0}, ["workspace", "leash"]),
-        ({"leash_used": 0.5}, []),
+        ({"at_workspace_limit": True, "lead_used": 1.0}, ["workspace", "max_lead"]),
+        ({"lead_used": 0.5}, []),
     ],
 )
 def test_what_limits_the_arm(given, found):

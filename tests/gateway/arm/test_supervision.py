@@ -105,15 +105,15 @@ def test_a_reading_that_leaps_is_not_believed_until_it_is_trusted_again():
     found = watched.look(pose=watched.pose(0.3))
     assert found.cause is Cause.LEAPT
     assert "300 mm" in found.reason
-    assert watched.supervision.distrust == found.reason
+    assert watched.supervision.implausible == found.reason
     assert not watched.supervision.trustworthy
     assert watched.look() is None
-    assert watched.supervision.distrust  # Plausible from there on, and still not believed.
+    assert watched.supervision.implausible  # Plausible from there on, and still not believed.
     for _ in range(math.ceil(TRUST_AFTER_S / DT_S)):
         watched.look()
     assert watched.supervision.trustworthy
     watched.supervision.trust()
-    assert watched.supervision.distrust == ""
+    assert watched.supervision.implausible == ""
 
 
 def test_every_leap_starts_the_wait_anew():
@@ -135,7 +135,7 @@ def test_a_leap_counts_from_the_last_reading_before_a_silence():
 def test_a_new_session_may_be_anywhere():
     watched = ready()
     assert watched.look(session=2, pose=watched.pose(0.9)) == (Cause.NEW_SESSION, "")
-    assert watched.supervision.distrust == ""
+    assert watched.supervision.implausible == ""
 
 
 def test_readings_that_waited_in_a_queue_are_no_leap():

@@ -651,15 +651,15 @@ def test_a_held_arm_trips_and_the_command_comes_back():
     assert world.verbs.status().recovering
     with pytest.raises(MotionRefusedError, match="coming back"):
         world.verbs.movl(world.moved(0.0, 0.0, -0.1))
-    leash_m = ControllerOptions().streams.leash_m
+    max_lead_m = ControllerOptions().streams.max_lead_m
     world.tick(50)  # to rest
     for _ in range(6):
         before = np.array(world.verbs.body.pose.position)
         world.tick(1000)
-        # Nobody asked for this motion: a leash's length, and then only after a deliberate act.
-        assert np.linalg.norm(world.verbs.body.pose.position - before) <= leash_m
+        # Nobody asked for this motion: the maximum lead, and then only after a deliberate act.
+        assert np.linalg.norm(world.verbs.body.pose.position - before) <= max_lead_m
         assert not world.verbs.servo.moving
-        if not world.verbs.controller.barred:
+        if not world.verbs.controller.inhibited:
             break
         with pytest.raises(MotionRefusedError, match="not resynchronized with the robot"):
             world.verbs.movl(world.moved(0.0, 0.0, -0.1))

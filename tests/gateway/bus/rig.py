@@ -127,7 +127,7 @@ class Bench:
         follow = follow_joint_trajectory("controller", joints)
         self.names = ArmNames(joints)
         self.others = other_names(names, self.names, "servo_node", scales)
-        # Who asks is watched in test_askers.py and test_liveness.py.
+        # Clients are watched in test_liveliness.py and test_liveness.py.
         self.server = ArmServer(
             self.node,
             self.offer,
@@ -142,7 +142,7 @@ class Bench:
             full=full,
             owner=lambda: self.world.verbs.controller.authority.owner,
         )
-        # Who publishes and calls here without a node of its own has no token: that is known.
+        # A client that publishes and calls here without a node has no token: that is known.
         for gid in (GID, b"b" * 16):
             self.server.unnamed.until_s((gid, ""), NEVER_S)
         self.now_s = 0.0

@@ -150,7 +150,7 @@ def test_who_has_no_authority_sets_nothing(bench):
 
 def test_a_session_that_takes_no_commands_sets_nothing(bench):
     before = values(bench, "frame", "gain")
-    bench.server.barred = "another node has the name /arm"
+    bench.server.inhibited = "another node has the name /arm"
     assert "another node has the name" in set_each(bench, ("frame", "tcp"))[0]
     refused = set_all(bench, ("gain", 0.2))
     assert not refused["successful"]
@@ -207,7 +207,7 @@ def test_types_are_described(bench):
     assert answer["successful"]
 
 
-def test_changes_are_published_whoever_makes_them(bench):
+def test_changes_of_each_client_are_published(bench):
     verbs, parameters = bench.world.verbs, bench.server.parameters
 
     def events():

@@ -167,11 +167,11 @@ def test_of_a_status_whose_texts_stay_only_the_numbers_are_written_anew(shown, m
     status, told = controller.status(), shown.heard("/arm/state/status")
     monkeypatch.setattr(controller, "status", lambda: status)
     for trips in range(10):
-        status = status._replace(trips=trips, leash_used=0.1 * trips)
+        status = status._replace(trips=trips, lead_used=0.1 * trips)
         shown.publish()
     assert encoded.count("cardan_msgs/msg/ArmStatus") < 4
     assert [each["trips"] for each in told] == list(range(10))
-    assert [each["leash_used"] for each in told] == [0.1 * trips for trips in range(10)]
+    assert [each["lead_used"] for each in told] == [0.1 * trips for trips in range(10)]
     assert {each["state"] for each in told} == {int(State.MOVL)}
 
 
@@ -223,7 +223,7 @@ def test_the_diagnostics_have_what_the_status_says(shown):
     assert row["name"] == "/arm: arm"
     said = {each["key"]: each["value"] for each in row["values"]}
     assert (said["state"], said["stream"]) == ("movl", "pose")
-    for name in ("phase", "authority", "ready", "moving", "leash_used", "trips"):
+    for name in ("phase", "authority", "ready", "moving", "lead_used", "trips"):
         assert said[name] == str(status[name])
     assert said["limits"] == ", ".join(status["limits"])
     assert said.keys() | {"message", "header"} == status.keys()

@@ -170,7 +170,7 @@ def test_what_the_session_refuses_is_told_and_taking_again_too():
 
 def test_while_another_has_the_name_nothing_is_taken_but_a_stop():
     rig = Rig()
-    rig.server.barred = why = "another node has the name /stylus"
+    rig.server.inhibited = why = "another node has the name /stylus"
     rig.publisher(VECTOR).publish({"x": 0.1, "y": 0.0, "z": 0.0})
     rig.run()
     assert rig.feedback.given == []
@@ -187,7 +187,7 @@ def test_while_another_has_the_name_nothing_is_taken_but_a_stop():
     assert rig.call("state/force_mode", TRIGGER)["message"] == "cartesian"
     assert rig.call("stop_feedback", TRIGGER)["success"]
     assert rig.feedback.stops == 1
-    rig.server.barred = ""
+    rig.server.inhibited = ""
     rig.publisher(VECTOR).publish({"x": 0.1, "y": 0.0, "z": 0.0})
     rig.run()
     assert len(rig.feedback.given) == 1

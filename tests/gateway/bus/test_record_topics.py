@@ -104,7 +104,7 @@ def test_what_is_kept_still_goes_out_when_the_session_ends(rig):
 
 def test_nothing_is_kept_for_long(rig):
     rig.run(round(KEPT_S / 0.004) + 100)
-    assert rig.controller.witness is None
+    assert rig.controller.recorder is None
     assert not rig.taps._engine._kept
     rig.engine.heard = True
     rig.run(100)
@@ -170,7 +170,7 @@ def test_after_its_end_nothing_is_tapped(rig):
     rig.run(10)
     rig.taps.close()
     assert rig.robot.tap is None
-    assert rig.controller.witness is None
+    assert rig.controller.recorder is None
 
 
 def test_the_configuration_is_there_without_secrets():

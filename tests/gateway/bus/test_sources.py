@@ -115,7 +115,7 @@ def test_the_diagnostics_warn_for_some_seconds(bench):
     assert bench.server.part().level == OK
 
 
-def test_whoever_streams_another_verb_is_refused_too_and_told_who_moves_the_arm(bench):
+def test_a_source_that_streams_another_verb_is_refused_too_and_told_who_moves_the_arm(bench):
     first, second = two(bench)
     together(bench, 0.2, first)
     bench.publish(JOG, {"joint_names": ["wrist_3_joint"], "velocities": [0.5]}, gid=second.gid)

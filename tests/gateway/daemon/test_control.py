@@ -10,7 +10,7 @@ from cardan.gateway.daemon.control import (
     Ask,
     ControlError,
     LineReader,
-    Told,
+    Response,
     decode_ask,
     decode_told,
     encode_ask,
@@ -29,7 +29,7 @@ def test_requests_come_back(ask):
 
 @pytest.mark.parametrize("kind", ["result", "error", "event"])
 def test_answers_come_back(kind):
-    told = Told(7, kind, [{"name": "gofa"}])
+    told = Response(7, kind, [{"name": "gofa"}])
     assert decode_told(encode_told(told)) == told
 
 

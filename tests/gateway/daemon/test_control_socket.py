@@ -19,7 +19,7 @@ import pytest
 from cardan.errors import AddressError, ConfigurationError
 from cardan.gateway.daemon import server
 from cardan.gateway.daemon.client import ControlClient
-from cardan.gateway.daemon.control import MAX_LINE_BYTES, NEEDS, Told
+from cardan.gateway.daemon.control import MAX_LINE_BYTES, NEEDS, Response
 from cardan.gateway.daemon.daemon import Daemon
 from cardan.gateway.daemon.server import (
     MAX_CONNECTIONS,
@@ -37,7 +37,7 @@ NOBODY = 65534
 @contextlib.contextmanager
 def serving(path, group="", handle=None, **options):
     def answer(ask, asker):
-        asker.tell(Told(ask.id, "result", 1))
+        asker.tell(Response(ask.id, "result", 1))
 
     handle = handle or answer
     server = ControlServer(path, group, handle, **options)
@@ -229,7 +229,7 @@ def test_a_long_answer_reaches_who_reads(tmp_path):
     long = "x" * (3 * MAX_UNREAD_BYTES)
 
     def handle(ask, asker):
-        asker.tell(Told(ask.id, "event", long), Told(ask.id, "result", long))
+        asker.tell(Response(ask.id, "event", long), Response(ask.id, "result", long))
 
     with serving(str(tmp_path / "sock"), handle=handle) as path, ControlClient(path) as client:
         assert client.ask("log") == long
@@ -241,7 +241,7 @@ def test_who_asks_much_at_once_keeps_nobody_waiting(tmp_path):
     def handle(ask, asker):
         answered.append(ask.name)
         time.sleep(0.002)
-        asker.tell(Told(ask.id, "result", 1))
+        asker.tell(Response(ask.id, "result", 1))
 
     with contextlib.ExitStack() as stack:
         path = stack.enter_context(serving(str(tmp_path / "sock"), handle=handle))

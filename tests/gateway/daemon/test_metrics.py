@@ -23,7 +23,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from cardan.common.histogram import LatencyHistogram
 from cardan.errors import AddressError
 from cardan.gateway.daemon.client import ControlClient
-from cardan.gateway.daemon.control import Told
+from cardan.gateway.daemon.control import Response
 from cardan.gateway.daemon.events import STOP_REASONS, SessionWatch
 from cardan.gateway.daemon.metrics import MetricsOptions, MetricsServer, asked
 from cardan.gateway.daemon.server import ControlServer
@@ -271,7 +271,9 @@ def test_scrapes_wait_for_each_other():
 
 def test_it_asks_the_daemon_s_socket(tmp_path, monkeypatch):
     path = str(tmp_path / "sock")
-    server = ControlServer(path, "", lambda ask, told: told.tell(Told(ask.id, "result", [ask.do])))
+    server = ControlServer(
+        path, "", lambda ask, told: told.tell(Response(ask.id, "result", [ask.do]))
+    )
     ended = threading.Event()
 
     def serve():

@@ -28,7 +28,7 @@ linear_speed_m_s = {speed}
 """
 
 
-class Told(RunningSession):
+class Response(RunningSession):
     """A session that runs, without a process."""
 
     def __init__(self, config, say, over, answered, has_device=True):
@@ -49,7 +49,7 @@ class Told(RunningSession):
 
 class Lab:
     def __init__(self, folder, monkeypatch):
-        monkeypatch.setattr(services, "RunningSession", Told)
+        monkeypatch.setattr(services, "RunningSession", Response)
         self.file = folder / "lab.toml"
         self.write(one=0.25, two=0.25)
         self.daemon = Daemon(read_layout([self.file]), lambda: read_layout([self.file]))

@@ -336,7 +336,7 @@ def test_what_cannot_be_started_is_tried_again_and_says_why(lab):
     assert "/nowhere/hid" in row["reason"]
 
 
-LIMITS = "[sessions.limits]\nlinear_speed_m_s = {speed}\nleash_m = {leash}\n"
+LIMITS = "[sessions.limits]\nlinear_speed_m_s = {speed}\nmax_lead_m = {lead}\n"
 
 
 def test_a_reload_says_each_key_and_restarts_the_session_once_nobody_has_its_arm(one):
@@ -349,12 +349,12 @@ def test_a_reload_says_each_key_and_restarts_the_session_once_nobody_has_its_arm
         arm.movv([0.0, 0.0, 0.001, 0.0, 0.0, 0.0])
         one.until("one", phase="moving")
         one.file.write_text(
-            text + LIMITS.format(speed=0.1, leash=0.08) + ARM.format(name="two", more="")
+            text + LIMITS.format(speed=0.1, lead=0.08) + ARM.format(name="two", more="")
         )
         said = {
             "two: added",
             "one limits.linear_speed_m_s: 0.25 -> 0.1",
-            "one limits.leash_m: 0.05 -> 0.08",
+            "one limits.max_lead_m: 0.05 -> 0.08",
         }
 
         def without_waits(lines):

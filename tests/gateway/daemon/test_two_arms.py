@@ -67,7 +67,7 @@ class Mouse(SpaceMousePeer):
 
     @property
     def opened(self):
-        return bool(self.carrier.clients)
+        return bool(self.backend.clients)
 
 
 class TwoArms(Lab):
@@ -235,10 +235,10 @@ def test_a_device_that_is_plugged_in_is_opened_each_time(lab):
     until(lambda: mouse.opened, "the session")
     for _ in range(3):
         mouse.do("unplug")
-        until(lambda: not mouse.carrier.there, "the unplugging")
+        until(lambda: not mouse.backend.there, "the unplugging")
         lab.until("one", device_link="lost")
         mouse.do("replug")
-        until(lambda: mouse.carrier.there, "the plugging in")
+        until(lambda: mouse.backend.there, "the plugging in")
         until(lambda: mouse.opened, "the device's opening")
         mouse.do("press", "left")
         mouse.do("set_axes", UP)

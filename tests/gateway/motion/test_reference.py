@@ -104,16 +104,16 @@ def test_outside_the_workspace_only_inward_motion():
 
 
 @pytest.mark.parametrize("speed", [0.02, 0.25])
-def test_blocked_robot_holds_the_leash(speed):
+def test_blocked_robot_holds_the_maximum_lead(speed):
     limits = ReferenceLimits()
     reference = placed(limits)
     for _ in range(2000):
         reference.observe(START)
         reference.advance(Twist(Vector3(speed, 0, 0), Vector3(0, 0, 1.0)), DT_S)
-        assert norm(subtract(reference.pose.position, START.position)) <= limits.leash_m + 1e-9
+        assert norm(subtract(reference.pose.position, START.position)) <= limits.max_lead_m + 1e-9
         turned = norm(rotation_between(IDENTITY, reference.pose.orientation))
-        assert turned <= limits.leash_rad + 1e-9
-    assert reference.leash_used == pytest.approx(1.0, abs=0.01)
+        assert turned <= limits.max_lead_rad + 1e-9
+    assert reference.lead_used == pytest.approx(1.0, abs=0.01)
     # back towards the robot is free at once
     before = reference.pose.position.x
     for _ in range(50):
@@ -125,21 +125,21 @@ def test_blocked_robot_holds_the_leash(speed):
 @pytest.mark.parametrize(
     "direction", [(1.0, 2.0, 2.0), (-2.0, 1.0, 2.0), (2.0, -2.0, 1.0), (-1.0, -2.0, 2.0)]
 )
-def test_a_leash_holds_in_every_direction(direction):
+def test_a_maximum_lead_holds_in_every_direction(direction):
     limits = ReferenceLimits()
     asked = scale(Vector3(*direction), 0.05)
     reference = placed(limits)
     for _ in range(1500):
         reference.observe(START)
         reference.advance(Twist(asked, scale(asked, 4.0)), DT_S)
-        assert reference.ahead_m <= limits.leash_m + 1e-9
-        assert reference.ahead_rad <= limits.leash_rad + 1e-9
+        assert reference.ahead_m <= limits.max_lead_m + 1e-9
+        assert reference.ahead_rad <= limits.max_lead_rad + 1e-9
     reference.observe(START)
-    assert reference.ahead_m == pytest.approx(limits.leash_m, rel=0.01)
-    assert reference.ahead_rad == pytest.approx(limits.leash_rad, rel=0.01)
+    assert reference.ahead_m == pytest.approx(limits.max_lead_m, rel=0.01)
+    assert reference.ahead_rad == pytest.approx(limits.max_lead_rad, rel=0.01)
 
 
-def test_leash_leaves_sideways_motion_alone():
+def test_maximum_lead_leaves_sideways_motion_alone():
     reference = placed()
     blocked_x = START
     for _ in range(500):
@@ -212,7 +212,7 @@ def test_the_limits_by_themselves():
     limits = ReferenceLimits()
     assert (limits.linear_speed_m_s, limits.linear_acceleration_m_s2) == (0.25, 1.0)
     assert (limits.angular_speed_rad_s, limits.angular_acceleration_rad_s2) == (1.0, 4.0)
-    assert (limits.leash_m, limits.leash_rad) == (0.05, 0.3)
+    assert (limits.max_lead_m, limits.max_lead_rad) == (0.05, 0.3)
     assert limits.workspace_m == (None, None, None)
 
 
@@ -233,7 +233,7 @@ def test_limits_that_are_none_are_refused(key, value):
 
 def stands(reference):
     assert (reference.linear, reference.angular) == (ZERO3, ZERO3)
-    assert (reference.ahead_m, reference.ahead_rad, reference.leash_used) == (0.0, 0.0, 0.0)
+    assert (reference.ahead_m, reference.ahead_rad, reference.lead_used) == (0.0, 0.0, 0.0)
     assert not reference.at_workspace_limit
     assert not reference.moving
 
@@ -259,7 +259,7 @@ def test_where_it_is_placed_it_begins_anew():
     follow(used, quick, 100)
     used.observe(START)
     assert used.at_workspace_limit
-    assert used.leash_used > 0.0
+    assert used.lead_used > 0.0
     used.place(START)
     stands(used)
     for each in (used, fresh):
@@ -305,7 +305,7 @@ def test_a_turn_however_small_is_ahead_by_as_much(angle_rad):
     assert reference._turned_ahead.y == pytest.approx(angle_rad, rel=1e-4)
 
 
-def test_the_share_of_the_leash_is_the_worse_of_the_two():
+def test_the_share_of_the_maximum_lead_is_the_worse_of_the_two():
     reference = placed()
     for way_m, turn_rad, share in ((0.025, 0.03, 0.5), (0.005, 0.15, 0.5), (0.0, 0.6, 2.0)):
         seen = Pose(
@@ -313,7 +313,7 @@ def test_the_share_of_the_leash_is_the_worse_of_the_two():
             from_rotation_vector(Vector3(0.0, 0.0, turn_rad)),
         )
         reference.observe(seen)
-        assert reference.leash_used == pytest.approx(share)
+        assert reference.lead_used == pytest.approx(share)
 
 
 # -- axes, smoothing, moving -----------------------------------------------------------------------

@@ -389,7 +389,7 @@ def test_a_clutch_that_is_not_taken_says_why(change, words, held):
 @pytest.mark.parametrize("held", [False, True])
 def test_no_hand_is_taken_up_while_the_robot_is_far_behind(held):
     button = "grip" if held else "button_2"
-    limits = ReferenceLimits(leash_m=0.09)
+    limits = ReferenceLimits(max_lead_m=0.09)
     rig = HandRig(limits=limits, **({"deadman": ("grip",)} if held else {})).run()
     rig.press(button).run().send_hand(displaced(x=0.14))
     rig.stuck = True

@@ -50,8 +50,8 @@ def test_the_light_says_that_the_hand_is_on_the_robot():
 
 
 def test_it_ends_dark_and_quiet():
-    hand = HandFeedback(FeedbackOptions(rumble=("leash",)), BOTH)
-    played(hand, MOVING._replace(leash_used=1.0))
+    hand = HandFeedback(FeedbackOptions(rumble=("max_lead",)), BOTH)
+    played(hand, MOVING._replace(lead_used=1.0))
     assert hand.last() == DeviceFeedback(False, 0.0)
     assert hand.last() is None
 
@@ -69,13 +69,13 @@ def test_a_trip_is_felt_for_a_while():
     [
         (("limit",), MOVING._replace(at_workspace_limit=True), ROBOT, LIMIT_LEVEL),
         (("limit",), REST._replace(at_workspace_limit=True), ROBOT, None),
-        (("leash",), MOVING._replace(leash_used=0.65), ROBOT, 0.5),
-        (("leash",), MOVING._replace(leash_used=0.2), ROBOT, None),
-        (("leash",), MOVING._replace(leash_used=3.0), ROBOT, 1.0),
-        ((), MOVING._replace(leash_used=3.0), ROBOT, None),
+        (("max_lead",), MOVING._replace(lead_used=0.65), ROBOT, 0.5),
+        (("max_lead",), MOVING._replace(lead_used=0.2), ROBOT, None),
+        (("max_lead",), MOVING._replace(lead_used=3.0), ROBOT, 1.0),
+        ((), MOVING._replace(lead_used=3.0), ROBOT, None),
         (
-            ("force", "leash"),
-            MOVING._replace(leash_used=0.37),
+            ("force", "max_lead"),
+            MOVING._replace(lead_used=0.37),
             ROBOT._replace(wrench=Wrench(Vector3(0.0, 3.0, 4.0), ZERO3)),
             0.25,
         ),
@@ -88,15 +88,15 @@ def test_what_is_felt(sources, status, robot, level):
 
 
 def test_rumble_that_lasts_is_renewed_before_the_driver_ends_it():
-    hand = HandFeedback(FeedbackOptions(led=False, rumble=("leash",)), BOTH)
-    sent = played(hand, MOVING._replace(leash_used=1.0), seconds=2.0)
+    hand = HandFeedback(FeedbackOptions(led=False, rumble=("max_lead",)), BOTH)
+    sent = played(hand, MOVING._replace(lead_used=1.0), seconds=2.0)
     assert 4 <= len(sent) <= 6
 
 
 def test_small_changes_are_not_passed_on():
-    hand = HandFeedback(FeedbackOptions(led=False, rumble=("leash",)), BOTH)
-    played(hand, MOVING._replace(leash_used=0.65), seconds=FEEDBACK_PERIOD_S)
-    assert played(hand, MOVING._replace(leash_used=0.66), start_s=0.06, seconds=0.1) == []
+    hand = HandFeedback(FeedbackOptions(led=False, rumble=("max_lead",)), BOTH)
+    played(hand, MOVING._replace(lead_used=0.65), seconds=FEEDBACK_PERIOD_S)
+    assert played(hand, MOVING._replace(lead_used=0.66), start_s=0.06, seconds=0.1) == []
 
 
 def test_a_device_without_channels_is_left_alone():

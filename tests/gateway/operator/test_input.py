@@ -111,7 +111,7 @@ def test_a_deflection_that_may_drive_no_motion_is_no_act(age_s):
 def test_an_act_that_is_barred_is_seen_and_has_to_be_made_anew():
     asked = Asked()
     asked.tick()
-    request = asked.tick(REST, "left", barred="somebody else has the arm")
+    request = asked.tick(REST, "left", inhibited="somebody else has the arm")
     assert request.acts
     assert not request.armed
     assert not asked.tick(REST, "left").acts
@@ -141,15 +141,15 @@ def test_without_a_dead_man_rest_arms_and_a_barred_one_takes_a_move_and_rest():
     assert asked.tick(REST).engages
     assert asked.tick(FORWARD).asks
     asked = Asked(BARE)
-    assert not asked.tick(REST, barred="held").acts
-    assert not asked.tick(FORWARD, barred="held").acts
-    request = asked.tick(REST, barred="held")
+    assert not asked.tick(REST, inhibited="held").acts
+    assert not asked.tick(FORWARD, inhibited="held").acts
+    request = asked.tick(REST, inhibited="held")
     assert request.acts
     assert not request.engages
     assert asked.source.act_words() == "move the device and let it go"
-    assert not asked.tick(REST, barred="held").acts  # Staying at rest is no further act.
-    assert not asked.tick(FORWARD, barred="held").acts
-    assert asked.tick(REST, barred="held").acts
+    assert not asked.tick(REST, inhibited="held").acts  # Staying at rest is no further act.
+    assert not asked.tick(FORWARD, inhibited="held").acts
+    assert asked.tick(REST, inhibited="held").acts
 
 
 @pytest.mark.parametrize("options", [DEADMAN, CLUTCH, BARE])
@@ -219,12 +219,12 @@ def test_a_press_that_begins_nothing_says_why(tick, words):
     assert words in asked.advice
 
 
-@pytest.mark.parametrize("tick", [{"barred": "no"}, {"tripped": True}, {"void": True}])
+@pytest.mark.parametrize("tick", [{"inhibited": "no"}, {"tripped": True}, {"void": True}])
 def test_a_press_at_a_bad_moment_begins_nothing_and_nothing_later(tick):
     asked = Asked(CLUTCH)
     asked.tick()
     request = asked.tick(REST, "right", events=[press()], **tick)
-    assert request.acts is ("barred" in tick)
+    assert request.acts is ("inhibited" in tick)
     assert not request.armed
     assert not asked.tick(REST, "right").armed
     asked.tick(REST, events=[RELEASE])
@@ -281,7 +281,7 @@ ticks = st.lists(
         st.booleans(),
         st.sampled_from((DeviceLink.LIVE,) * 5 + (DeviceLink.LOST,)),
         st.sampled_from((0.0, 0.0, 0.2)),
-        st.sampled_from(("", "", "barred", "void", "unfree", "suspended")),
+        st.sampled_from(("", "", "inhibited", "void", "unfree", "suspended")),
     ),
     max_size=40,
 )
@@ -292,7 +292,7 @@ def test_nothing_is_asked_for_but_by_an_armed_live_hand_with_its_dead_man_held(p
     asked, rested = Asked(), False
     for axes, held, link, age_s, trouble in plan:
         view = {
-            "barred": "no" if trouble == "barred" and not asked.armed else "",
+            "inhibited": "no" if trouble == "inhibited" and not asked.armed else "",
             "void": trouble == "void",
             "free": trouble != "unfree",
             "suspended": trouble == "suspended",
@@ -315,11 +315,11 @@ def test_nothing_is_asked_for_but_by_an_armed_live_hand_with_its_dead_man_held(p
         if request.engages:
             assert rested
             assert not was_armed
-            assert view["barred"] == ""
+            assert view["inhibited"] == ""
         if request.armed:
             assert was_armed or request.engages
         # Whether device and dead-man were seen at rest since the last interruption.
-        if trouble == "void" or request.fault or (held and view["barred"]):
+        if trouble == "void" or request.fault or (held and view["inhibited"]):
             rested = False
         elif link is not DeviceLink.LIVE:
             rested = rested and was_armed
@@ -406,7 +406,7 @@ def test_an_armed_device_stays_so_where_only_its_buttons_are_ignored():
     asked = Asked().arm()
     assert asked.tick(REST, "left", void=True).armed
     deflected = Asked(BARE)
-    deflected.tick(FORWARD, barred="held")
+    deflected.tick(FORWARD, inhibited="held")
     assert deflected.arming is Arming.DEFLECTED
     deflected.tick(FORWARD, void=True)
     assert deflected.arming is Arming.DISARMED
@@ -620,10 +620,10 @@ def test_a_device_that_was_gone_was_not_let_go():
     assert asked.arming is Arming.DISARMED
     assert not asked.tick(REST, "left").acts
     asked = Asked(BARE)
-    asked.tick(FORWARD, barred="held")
-    asked.tick(link=DeviceLink.LOST, barred="held")
+    asked.tick(FORWARD, inhibited="held")
+    asked.tick(link=DeviceLink.LOST, inhibited="held")
     assert asked.arming is Arming.DEFLECTED
-    assert asked.tick(REST, barred="held").acts
+    assert asked.tick(REST, inhibited="held").acts
 
 
 # -- the clutch's presses --------------------------------------------------------------------------

@@ -1,10 +1,10 @@
-"""Who comes in by which token, and how fast tokens can be guessed, in virtual time."""
+"""Access by tokens, and how fast tokens can be guessed, in virtual time."""
 
 from __future__ import annotations
 
 import pytest
 
-from cardan.gateway.servers.access import AccessControl, AccessDenied, Caller
+from cardan.gateway.servers.access import AccessControl, AccessDenied, ClientInfo
 from cardan.gateway.servers.rate_limit import (
     ADDRESS_BURST,
     ADDRESS_FORGOTTEN_S,
@@ -22,7 +22,7 @@ TOKENS = Tokens({VIEWER: Role.VIEWER, OPERATOR: Role.OPERATOR, ADMIN: Role.ADMIN
 
 def asked(path="/", address="10.0.0.2", bearer=None):
     authorizations = [] if bearer is None else [bearer]
-    return Caller(address, path, ["localhost"], [], authorizations)
+    return ClientInfo(address, path, ["localhost"], [], authorizations)
 
 
 def door(tokens=TOKENS):
@@ -163,7 +163,7 @@ def test_one_address_is_what_one_computer_can_choose(one, other, same):
 
 
 def by_name(said=("localhost",), origins=(), public=True, hosts=(), pages=()):
-    caller = Caller("10.0.0.2", "/", said, origins)
+    caller = ClientInfo("10.0.0.2", "/", said, origins)
     one = AccessControl(TOKENS, hosts, pages)
     return one.check(caller, 0.0, public=public)
 

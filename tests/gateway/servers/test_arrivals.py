@@ -83,10 +83,10 @@ def test_what_arrived_while_the_server_stood_still_in_the_midst_of_a_look_is_old
     connection = SimpleNamespace(
         loop=SimpleNamespace(time=lambda: clock.now_s), arrivals=Arrivals(0.0), _socket=object()
     )
-    web.FrontConnection.note_backlog(connection)
+    web.ListenerConnection.note_backlog(connection)
     connection.arrivals.read(100)
     connection.arrivals.end_frame()
-    web.FrontConnection.note_backlog(connection)
+    web.ListenerConnection.note_backlog(connection)
     connection.arrivals.read(100)
     connection.arrivals.end_frame()
     assert [connection.arrivals.take_frame() for _ in range(2)] == [0.0, 1.0]

@@ -268,7 +268,7 @@ def wait_until_taken(front, connection):
 
 def keep_many_open(target, running, count):
     """Open connections that say nothing; the last 300 stay, as far as they may."""
-    front = running.server._front
+    front = running.server._listener
     kept, most = deque(), 0
     with stays(target, running):
         clients = front.clients
@@ -290,8 +290,8 @@ def keep_many_open(target, running, count):
 
 
 def test_as_many_as_come_at_once_are_kept_by_the_system(running):
-    """Who does not fit is dropped without a word, and tries again a second later."""
-    (listening,) = running.server._front._server.sockets
+    """A client too many is dropped without a word, and tries again a second later."""
+    (listening,) = running.server._listener._server.sockets
     with listening.dup() as same:
         info = same.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 32)
     (kept,) = struct.unpack_from("=I", info, 28)  # Of one that listens, tcpi_sacked is this.

@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
 
 from cardan.bus.network import Failure, NetworkError
-from cardan.gateway.servers.calls import Caller, Mailbox
+from cardan.gateway.servers.calls import Mailbox, ServiceCaller
 from cardan.gateway.servers.rosbridge_client import Client
 from cardan.gateway.servers.web import WebOptions
 from cardan.protocols.ros2.actions import CANCEL_TYPE, CancelCode, Goals, GoalStatus
@@ -100,13 +100,13 @@ class Bench:
             SimpleNamespace(waited_s=0.0, transport=SimpleNamespace(is_closing=lambda: True)),
             "test",
             self.part,
-            Caller(self.part, mailbox),
+            ServiceCaller(self.part, mailbox),
             None,
             None,
             mailbox,
             WebOptions().allowed,
             Counter(),
-            lasting=Caller(self.whole, mailbox),
+            lasting=ServiceCaller(self.whole, mailbox),
             max_bytes=1000,
             service_timeout_s=30.0,
         )

@@ -14,7 +14,7 @@ import pytest
 
 from cardan.errors import AddressError, ConfigurationError, OptionError
 from cardan.gateway.servers.tokens import Role, made_tokens, own_token_file
-from cardan.gateway.servers.web import TOKEN_VARIABLE, Front, WebOptions
+from cardan.gateway.servers.web import TOKEN_VARIABLE, WebOptions, WebSocketListener
 
 TOKEN, OTHER = "0123456789abcdef-token", "another-0123456789"
 
@@ -223,7 +223,9 @@ def opened(**options):
     """Listen, and end."""
 
     async def run():
-        front = Front(WebOptions(**options), Counter(), lambda connection, peer, role: None)
+        front = WebSocketListener(
+            WebOptions(**options), Counter(), lambda connection, peer, role: None
+        )
         try:
             await front.open()
         finally:

@@ -424,7 +424,7 @@ def test_both_languages_agree_on_every_field():
 
 SOURCES = native.library_path().parent / "kernel"
 
-OPTIMISED = ("-O3", "-fno-tree-vectorize")
+OPTIMIZED = ("-O3", "-fno-tree-vectorize")
 """As tools/native compiles it."""
 
 HARMLESS = {"atan2", "cos", "memcpy", "memset", "sin", "sqrt"}
@@ -442,7 +442,7 @@ def test_a_tick_takes_no_memory_and_asks_the_system_for_nothing(tmp_path):
     theirs, ours = set(), set()
     for source in sorted(SOURCES.glob("*.c")):
         made = tmp_path / f"{source.stem}.o"
-        flags = ("-std=c11", "-D_GNU_SOURCE", "-Wvla", "-Werror", "-fstack-usage", *OPTIMISED)
+        flags = ("-std=c11", "-D_GNU_SOURCE", "-Wvla", "-Werror", "-fstack-usage", *OPTIMIZED)
         version = '-DCARDAN_VERSION="0"'
         subprocess.run(["cc", *flags, version, "-c", str(source), "-o", str(made)], check=True)
         found = subprocess.run(["nm", str(made)], check=True, capture_output=True, text=True)

@@ -136,7 +136,7 @@ def test_a_wall_is_kept_clear_of_and_said():
     assert 0.009 < status.arm.distance_m < 0.0105
     assert "wall" in status.arm.nearest_pair
     assert any("wall" in words for words in status.arm.in_words())
-    assert status.leash_used < 0.2  # nothing wound up
+    assert status.lead_used < 0.2  # nothing wound up
     back = run.go(0.5, (-1.0, 0, 0, 0, 0, 0))
     assert back[0] < -0.04
 
@@ -318,7 +318,7 @@ def test_joints_that_are_measured_wrongly_are_not_chased_for_ever(arm):
         command = run.core.tick(state, hand)
         held = moved[-1] if moved and command.kind is CommandKind.HOLD else None
         moved.append(np.array(command.positions) if held is None else held)
-    assert np.abs(moved[-1] - true).max() < 0.75  # a leash's length
+    assert np.abs(moved[-1] - true).max() < 0.75  # the maximum lead
     assert np.abs(np.diff(moved[-1000:], axis=0)).max() < 1e-7
     assert "not resynchronized with the robot" in run.core.status().message
 

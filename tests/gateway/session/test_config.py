@@ -167,7 +167,8 @@ def test_survives_the_way_to_the_session_process():
         ),
         ({"mapping": {"yaw_deg": float("nan")}}, "mapping.yaw_deg", "-360 to 360"),
         ({"limits": {"workspace_x_m": [1, 0]}}, "limits.workspace_x_m", "lower bound first"),
-        ({"limits": {"leash_rad": 3}}, "limits.leash_rad", "1.5"),
+        ({"limits": {"max_lead_rad": 3}}, "limits.max_lead_rad", "1.5"),
+        ({"limits": {"leash_rad": 0.3}}, "limits.leash_rad", "is now: max_lead_rad; rename it"),
         ({"watchdogs": {"device_age_s": 10}}, "watchdogs.device_age_s", "0.5"),
         ({"speed": 1}, "speed", "allowed: device, robot"),
         ({"robot": {}}, "robot.driver", "missing"),
@@ -311,9 +312,9 @@ def test_limits_that_the_driver_would_cut_are_refused():
     assert make_robot(parse_config(table)).options.linear_speed_m_s == 0.5
 
 
-def test_a_leash_longer_than_the_following_error_is_refused():
-    with pytest.raises(ConfigurationError, match=r"limits\.leash_m: is 0\.2; .* which is 0\.1"):
-        parse_config({**GOOD, "limits": {"leash_m": 0.2}})
+def test_a_maximum_lead_longer_than_the_following_error_is_refused():
+    with pytest.raises(ConfigurationError, match=r"limits\.max_lead_m: is 0\.2; .* which is 0\.1"):
+        parse_config({**GOOD, "limits": {"max_lead_m": 0.2}})
 
 
 scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
@@ -331,7 +332,7 @@ keys = st.sampled_from(
         "origin_m",
         "toggle",
         "output",
-        "leash_m",
+        "max_lead_m",
         "device_age_s",
         "workspace_x_m",
         "listen_port",

@@ -1,4 +1,4 @@
-"""Who has a session's device opens it, beside the loop."""
+"""The owner of a session's device opens it, beside the loop."""
 
 import threading
 

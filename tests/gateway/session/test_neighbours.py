@@ -429,7 +429,7 @@ def test_both_servos_tell_how_far_a_neighbour_may_come(compiled, monkeypatch):
 
 def test_a_record_places_the_neighbours_where_they_were():
     session, said = armed(), []
-    session.core.witness = lambda _ticks, what, text: said.append((what, text))
+    session.core.recorder = lambda _ticks, what, text: said.append((what, text))
     hear(session, HOME + 0.1 * SWING, 0.0)
     session.cycle()
     name, text = next(each for each in said if each[0] == "place_neighbour")

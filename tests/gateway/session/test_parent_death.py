@@ -21,7 +21,7 @@ pytestmark = pytest.mark.matrix  # Whole programs; all bounds are generous.
 GONE_WITHIN_S = WITHIN_S
 MOVING, STOPPED = b"moving", b"stopped before"
 MARK = "CARDAN_TEST_MARK"
-LEASHED = (sys.executable, "-m", "cardan.gateway.session.parent_death")
+ENDS_WITH_PARENT = (sys.executable, "-m", "cardan.gateway.session.parent_death")
 
 
 def marked(mark):
@@ -103,7 +103,7 @@ def test_a_command_whose_launcher_is_gone_already_ends(tmp_path):
     folder = tmp_path / "folder"
     folder.mkdir()
     done = subprocess.run(
-        [*LEASHED, str(folder), "sim", "spacemouse", "--hid", "s"],
+        [*ENDS_WITH_PARENT, str(folder), "sim", "spacemouse", "--hid", "s"],
         cwd=folder,
         stdin=subprocess.DEVNULL,
         capture_output=True,

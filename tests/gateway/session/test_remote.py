@@ -267,7 +267,7 @@ def test_a_gripper_on_the_robots_output_is_everybodys(in_thread, monkeypatch):
 def test_a_stop_during_planning_leaves_the_arm_at_rest(in_thread, monkeypatch):
     with in_thread() as arm:
         planning, go_on = threading.Event(), threading.Event()
-        planner = ThreadProcess.newest.session._worker._desk.verbs.planner
+        planner = ThreadProcess.newest.session._worker._verb_server.verbs.planner
         inverse = planner.joint_goal
 
         def slow(*arguments):

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.matrix
 
 EXIT_USAGE = 2
 REFUSED = "and a command would go to both"
-BARRED = "this one takes no commands from the network"
+INHIBITED = "this one takes no commands from the network"
 
 
 @pytest.fixture
@@ -93,7 +93,9 @@ def test_of_two_that_begin_at_once_one_at_most_takes_commands(meeting, begin):
         "both, or one and the end of the other",
     )  # fmt: skip
     until(
-        lambda: any(words in each.log.read_text() for each in both for words in (REFUSED, BARRED)),
+        lambda: any(
+            words in each.log.read_text() for each in both for words in (REFUSED, INHIBITED)
+        ),
         "one that takes no commands",
     )
     silent = [each for each in both if each.poll() is None]
@@ -103,6 +105,6 @@ def test_of_two_that_begin_at_once_one_at_most_takes_commands(meeting, begin):
         each.wait(timeout=30.0)
     said = [each.log.read_text() for each in both]
     refused = [each for each in said if REFUSED in each]
-    barred = [each for each in said if BARRED in each]
-    assert len(refused) + len(barred) in (1, 2), said
+    inhibited = [each for each in said if INHIBITED in each]
+    assert len(refused) + len(inhibited) in (1, 2), said
     assert any(each for each in said if "has the name /left/arm" in each)

@@ -40,7 +40,7 @@ NO_WAY = Way(0.0, 0.0)
 class Recover(Activity):
     """The command moves slowly to where the robot is measured; the robot need not move.
 
-    It ends near the robot, or after a leash's length, or by `brake`: then `near` is False.
+    It ends near the robot, or after the maximum lead, or by `brake`: then `near` is False.
     """
 
     recovers = True
@@ -61,13 +61,13 @@ class Recover(Activity):
         limits = reference.limits
         # Less what braking from its own speed takes.
         self._way_m = min(
-            limits.leash_m - went.linear_m, MARGIN_SHARE * error.linear_m + MARGIN_M
+            limits.max_lead_m - went.linear_m, MARGIN_SHARE * error.linear_m + MARGIN_M
         ) - (APPROACH_SPEED_M_S**2 / limits.linear_acceleration_m_s2)
         self._way_rad = min(
-            limits.leash_rad - went.angular_rad, MARGIN_SHARE * error.angular_rad + MARGIN_RAD
+            limits.max_lead_rad - went.angular_rad, MARGIN_SHARE * error.angular_rad + MARGIN_RAD
         ) - (APPROACH_SPEED_RAD_S**2 / limits.angular_acceleration_rad_s2)
         self._left_s = SETTLING_TIMES * APPROACH_TIME_S + max(
-            limits.leash_m / APPROACH_SPEED_M_S, limits.leash_rad / APPROACH_SPEED_RAD_S
+            limits.max_lead_m / APPROACH_SPEED_M_S, limits.max_lead_rad / APPROACH_SPEED_RAD_S
         )
         self._braking = False
         self.near = False

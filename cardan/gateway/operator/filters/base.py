@@ -1,9 +1,9 @@
 """The interface of a filter: all that the controller knows about shared control.
 
 A filter stands between the mapping and the reference. It gets the twist that the operator asks for
-and returns the one to be used; every limit, the leash and the workspace come after it, so it can
-make a motion wrong but never unsafe in speed, acceleration or position. Filters are found by name
-like drivers; third parties add theirs through the entry-point group ``cardan.filters``.
+and returns the one to be used; every limit, the maximum lead and the workspace come after it, so it
+can make a motion wrong but never unsafe in speed, acceleration or position. Filters are found by
+name like drivers; third parties add theirs through the entry-point group ``cardan.filters``.
 """
 
 from __future__ import annotations

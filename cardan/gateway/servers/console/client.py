@@ -17,10 +17,11 @@ from typing import Any, Final
 from cardan import __version__
 from cardan.bus.network import Handle, Network, NetworkError, Publisher
 from cardan.common.clocks import RemoteClock
+from cardan.common.troubles import codes_of
 from cardan.errors import shown
 from cardan.gateway.arm.validation import LONGEST_NAME
 from cardan.gateway.servers.allow_list import Allowed
-from cardan.gateway.servers.calls import Caller, Mailbox
+from cardan.gateway.servers.calls import Mailbox, ServiceCaller
 from cardan.gateway.servers.console.cameras import UNSHOWN_S, Camera, Cameras, Unshown
 from cardan.gateway.servers.console.channels import (
     FRAME_TYPE,
@@ -81,6 +82,9 @@ MOST_PERSON: Final = 30
 MOST_TEXT: Final = 4096
 """Characters of an operation."""
 
+MOST_MESSAGE: Final = 1000
+"""Characters of a message whose codes are asked for."""
+
 _RATE_S: Final = 1.0
 """The rate of frames is that of the last so many seconds."""
 
@@ -124,7 +128,7 @@ class Operator:
     def __init__(
         self,
         network: Network,
-        caller: Caller,
+        caller: ServiceCaller,
         mailbox: Mailbox,
         allowed: Allowed,
         role: Role,
@@ -498,6 +502,13 @@ class Operator:
         }
         publisher.publish(codec_of(REQUEST_TYPE).encode(message))
 
+    def _codes(self, table: Mapping[str, Any], identity: str | int | None) -> None:
+        """Say which codes a message has that the page shows: `cardan explain` knows them."""
+        text = table.get("text")
+        if not isinstance(text, str) or len(text) > MOST_MESSAGE:
+            raise RefusedError(f"text is {shown(text)}; allowed: up to {MOST_MESSAGE} characters")
+        self._send(object_text(op="cardan.codes", id=identity, codes=codes_of(text)))
+
     def _order(self, table: Mapping[str, Any], identity: str | int | None) -> None:
         """Have the daemon do something."""
         if self._role < Role.OPERATOR:
@@ -740,6 +751,7 @@ _OPERATIONS: Final[
     "cardan.close": Operator._close_channel,
     "cardan.ask": Operator._ask_authority,
     "cardan.keep": Operator._keep_authority,
+    "cardan.codes": Operator._codes,
     "cardan.daemon": Operator._order,
     "cardan.demo": Operator._demo,
     "cardan.records": Operator._ask_records,

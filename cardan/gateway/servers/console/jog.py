@@ -24,7 +24,7 @@ from cardan.gateway.arm.requests import (
     encode_request,
 )
 from cardan.gateway.arm.vocab import Begins, Parameter, Stream
-from cardan.gateway.servers.calls import Caller, CallError
+from cardan.gateway.servers.calls import CallError, ServiceCaller
 from cardan.gateway.servers.console.hold_to_run import FRESH_S
 from cardan.protocols.handheld import JogJoints, JogTwist
 from cardan.types import NEVER_S, Twist, Vector3
@@ -84,7 +84,7 @@ class ArmJog:
     """The stream of one hand to one arm, in a loop, between `open` and `close`."""
 
     def __init__(
-        self, arm: str, source: str, caller: Caller, refused: Callable[[str], None]
+        self, arm: str, source: str, caller: ServiceCaller, refused: Callable[[str], None]
     ) -> None:
         """`arm`: full name of its node. `refused(why)`: a command of a hold was not taken."""
         self.arm, self.source = arm, source

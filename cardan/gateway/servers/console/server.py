@@ -20,7 +20,7 @@ from cardan.common.bounds import ANY_PORT, Range
 from cardan.common.options import Options
 from cardan.gateway.servers import stats
 from cardan.gateway.servers.base import Ready, Server
-from cardan.gateway.servers.calls import Caller
+from cardan.gateway.servers.calls import ServiceCaller
 from cardan.gateway.servers.console import camera_topics
 from cardan.gateway.servers.console.address import (
     own_names,
@@ -38,7 +38,13 @@ from cardan.gateway.servers.console.site import VISUALS, Site, visual
 from cardan.gateway.servers.rosbridge import RosbridgeOptions, RosbridgeServer
 from cardan.gateway.servers.rosbridge_client import Client
 from cardan.gateway.servers.tokens import Role
-from cardan.gateway.servers.web import Answer, Front, FrontConnection, Page, serve_until
+from cardan.gateway.servers.web import (
+    Answer,
+    ListenerConnection,
+    Page,
+    WebSocketListener,
+    serve_until,
+)
 
 PORT = 8443
 """Where it listens: https without being the superuser."""
@@ -115,16 +121,16 @@ class ConsoleServer(RosbridgeServer):
         self._records = records_of(options.records, bus_words(reachable(bus or BusOptions())))
         super().__init__(network, options)
 
-    def _make_front(self, page: Page | None = None, private: str = VISUALS) -> Front:
-        return super()._make_front(page or self._answer, private)
+    def _make_listener(self, page: Page | None = None, private: str = VISUALS) -> WebSocketListener:
+        return super()._make_listener(page or self._answer, private)
 
     async def _serve(
-        self, client: Client, connection: FrontConnection, network: Network, role: Role
+        self, client: Client, connection: ListenerConnection, network: Network, role: Role
     ) -> None:
         assert self._mailbox is not None
         operator = Operator(
             network,
-            Caller(network, self._mailbox),
+            ServiceCaller(network, self._mailbox),
             self._mailbox,
             self._allowed,
             role,

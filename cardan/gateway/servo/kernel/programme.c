@@ -15,7 +15,7 @@
 /* Multipliers of the wrong sign by less are zero, relative to the largest. */
 #define DUAL_TOLERANCE 1e-13
 
-/* Violation, in normalised units, at which a solution is taken that more steps did not improve. */
+/* Violation, in normalized units, at which a solution is taken that more steps did not improve. */
 #define ACCEPTED 1e-7
 
 /* Squared size of a row, in units of the cost, that is rounding; daqp's tolerance of zero. */

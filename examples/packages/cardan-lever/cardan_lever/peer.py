@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from cardan.sim_peers.backends.pseudo_terminal import PseudoTerminal
 from cardan.sim_peers.base import FaultSwitch, ScriptStep, load_script
-from cardan.sim_peers.carriers.pseudo_terminal import PseudoTerminal
 from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.hand_peer import HandOptions, HandPeer
 from cardan.sim_peers.motion_profile import Ramp, VectorMotion

@@ -139,10 +139,10 @@ class RailSession(DatagramSession[RailState]):
             positions, speeds = self._lost.follow(asked, positions, speeds, PERIOD_S)
         self._limiter.track(positions, speeds, PERIOD_S)
 
-    def greeting(self, now_s: float) -> bytes:
+    def keepalive(self, now_s: float) -> bytes:
         return encode_command(RailCommand(0, 0, None))
 
-    def farewell(self, now_s: float) -> bytes:
+    def final_command(self, now_s: float) -> bytes:
         session = 0 if self.message is None else self.message.session
         return encode_command(RailCommand(session, 0, None))
 

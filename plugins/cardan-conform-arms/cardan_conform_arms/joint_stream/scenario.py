@@ -28,7 +28,7 @@ FOREIGN_SESSIONS = 7
 """How far the session is off that is not the arm's."""
 
 
-class JointStreamPilot(Scenario):
+class JointStreamScenario(Scenario):
     """A client that answers every state with a command."""
 
     def __init__(self, level: Level, seconds: float) -> None:

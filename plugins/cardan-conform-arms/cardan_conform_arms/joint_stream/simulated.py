@@ -1,4 +1,4 @@
-"""The simulated arm and a pilot in virtual time."""
+"""The simulated arm and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ PERIOD_S, STEP_S = 0.008, 0.002
 class JointStreamRig(CyclicRig[bytes]):
     """An arm, whose faults have the network's among them."""
 
-    def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
+    def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         options = SimulatedArmOptions(
             plant=PlantOptions(step_s=STEP_S, gravity_feedforward=True),
             period_s=PERIOD_S,
             faults=faults,
             seed=seed,
         )
-        super().__init__(conduct, PERIOD_S, {}, seed)
+        super().__init__(exchange, PERIOD_S, {}, seed)
         self._arm = SimulatedArm(options)
 
     def _receive(self, data: bytes) -> None:

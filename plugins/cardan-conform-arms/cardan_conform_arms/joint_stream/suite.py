@@ -8,7 +8,7 @@ from typing import ClassVar
 from cardan.conform.suite import Suite, Transport
 from cardan_conform_arms.joint_stream.decoded import JointStreamSeen
 from cardan_conform_arms.joint_stream.requirements import requires
-from cardan_conform_arms.joint_stream.scenario import JointStreamPilot
+from cardan_conform_arms.joint_stream.scenario import JointStreamScenario
 
 PORT = 6520
 
@@ -24,7 +24,7 @@ class JointStream(Suite[JointStreamSeen]):
     requirements = requires.all()
     transport = Transport("udp", {"": PORT})
     sees = JointStreamSeen
-    asks = JointStreamPilot
+    asks = JointStreamScenario
     rig = "cardan_conform_arms.joint_stream.simulated:JointStreamRig"
     seconds = 2.0
     # Beyond the cycle of the rig; while it is held; below the speed of a micro-motion.

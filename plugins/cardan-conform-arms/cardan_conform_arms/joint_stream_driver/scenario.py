@@ -26,7 +26,7 @@ TIMES = 5
 BETWEEN_S = 0.05
 
 
-class ArmPilot(CyclicController):
+class ArmScenario(CyclicController):
     """The simulated arm in the hands of a script. Nothing real moves."""
 
     period_s = PERIOD_S

@@ -1,4 +1,4 @@
-"""Our own driver, with the defects it is told to have, and a pilot in virtual time."""
+"""Our own driver, with the defects it is told to have, and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ JOINTS_AT = 7
 
 
 class JointStreamDriverRig(DriverRig):
-    """Gives the driver's core what the pilot sends, and the pilot what it answers."""
+    """Gives the driver's core what the scenario sends, and the scenario what it answers."""
 
-    def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int = 0) -> None:
-        super().__init__(conduct, faults, FAULTS)
+    def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int = 0) -> None:
+        super().__init__(exchange, faults, FAULTS)
         options = SimArmOptions(robot=ROBOT, period_s=PERIOD_S)
         self._session = SimArmSession(options)
         self._said_s = -math.inf
@@ -170,7 +170,7 @@ class JointStreamDriverRig(DriverRig):
         if now_s - self._said_s >= WAKE_S and self._session.lost(now_s):
             self._said_s, self._from = now_s, None
             if "greets-once" not in faults or not self._first:
-                self._say(self._session.greeting(now_s))
+                self._say(self._session.keepalive(now_s))
         every_s = 1e-3 * faults.get("chatters", math.inf)
         if silent_s > SILENT_S and now_s >= self._chatter_s + every_s and self._target:
             self._chatter_s = now_s
@@ -181,7 +181,7 @@ class JointStreamDriverRig(DriverRig):
     def _by_hand(self, what: str) -> None:
         """The driver's program ends."""
         if "leaves-moving" not in self._faults and not self._ended:
-            words = self._session.farewell(self._now_s)
+            words = self._session.final_command(self._now_s)
             if words is not None:
                 self._say(words)
         self._ended = True

@@ -33,8 +33,8 @@ class JointStreamDriver(Suite[JointStreamSeen]):
     # Seen where it is ended, which only level 3 does.
     tried_on: ClassVar[Mapping[str, Level]] = {"leaves-moving": Level.BY_HAND}
 
-    def pilot(self, level: Level, seconds: float) -> Scenario:
+    def scenario(self, level: Level, seconds: float) -> Scenario:
         # The simulated arm needs the extra cardan[arm]; judging what it heard does not.
-        from cardan_conform_arms.joint_stream_driver.scenario import ArmPilot
+        from cardan_conform_arms.joint_stream_driver.scenario import ArmScenario
 
-        return ArmPilot(level, seconds)
+        return ArmScenario(level, seconds)

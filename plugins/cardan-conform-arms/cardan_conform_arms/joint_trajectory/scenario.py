@@ -58,7 +58,7 @@ def _duration(seconds: float) -> Message:
     return {"sec": ns // _NS, "nanosec": ns % _NS}
 
 
-class TrajectoryPilot(Scenario):
+class TrajectoryScenario(Scenario):
     """One client, which asks for the result of each goal that is accepted."""
 
     def __init__(self, level: Level, seconds: float, joints: tuple[str, ...] = ()) -> None:

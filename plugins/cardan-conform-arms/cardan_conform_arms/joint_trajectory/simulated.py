@@ -1,4 +1,4 @@
-"""An action server of a PR2's arm, with the defects it is told to have, and a pilot in virtual
+"""An action server of a PR2's arm, with the defects it is told to have, and a scenario in virtual
 time."""
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ _Path = list[tuple[float, list[float]]]
 class ActionRig(DriverRig):
     """An ideal arm that is where its trajectory says."""
 
-    def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        super().__init__(conduct, faults, FAULTS)
+    def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        super().__init__(exchange, faults, FAULTS)
         self._arm = load_arm(ARM)
         self._names = list(self._arm.joint_names)
         self._endless = [j.kind is JointKind.CONTINUOUS for j in self._arm.joints]

@@ -11,7 +11,7 @@ from cardan_conform_arms.joint_trajectory.decoded import TrajectorySeen
 from cardan_conform_arms.joint_trajectory.faults import FAULTS
 from cardan_conform_arms.joint_trajectory.names import ACTION, channels_of
 from cardan_conform_arms.joint_trajectory.requirements import requires
-from cardan_conform_arms.joint_trajectory.scenario import TrajectoryPilot
+from cardan_conform_arms.joint_trajectory.scenario import TrajectoryScenario
 
 
 class JointTrajectory(Suite[TrajectorySeen]):
@@ -36,8 +36,8 @@ class JointTrajectory(Suite[TrajectorySeen]):
     def __init__(self) -> None:
         self._joints: tuple[str, ...] = ()
 
-    def pilot(self, level: Level, seconds: float) -> TrajectoryPilot:
-        return TrajectoryPilot(level, seconds, self._joints)
+    def scenario(self, level: Level, seconds: float) -> TrajectoryScenario:
+        return TrajectoryScenario(level, seconds, self._joints)
 
     def wires(self, target: str) -> Wires:
         # Zenoh comes with the extra cardan[network].

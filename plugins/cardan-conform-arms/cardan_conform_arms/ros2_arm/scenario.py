@@ -22,7 +22,7 @@ _TEXT = codec_of(TOPICS[DESCRIPTION].type)
 _COMMAND = codec_of(TOPICS[COMMANDS].type)
 
 
-class RosArmPilot(Scenario):
+class RosArmScenario(Scenario):
     """A program that commands positions, joint by joint in the description's order."""
 
     def __init__(self, level: Level, seconds: float) -> None:

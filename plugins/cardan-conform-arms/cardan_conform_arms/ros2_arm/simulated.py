@@ -1,4 +1,4 @@
-"""The simulated ROS 2 arm and a pilot in virtual time, with the network between them."""
+"""The simulated ROS 2 arm and a scenario in virtual time, with the network between them."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ STEP_S = 0.002
 class RosArmRig(CyclicRig[StateMessage]):
     """The controller manager's cycles, and messages both ways."""
 
-    def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
+    def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         options = RosArmOptions(faults=faults, seed=seed)
-        super().__init__(conduct, options.period_s, faults, seed)
+        super().__init__(exchange, options.period_s, faults, seed)
         self._arm = RosArm(options)
         # Longer steps than the arm's own, for the sake of what they cost to compute.
         coarse = dataclasses.replace(options.plant, step_s=STEP_S)

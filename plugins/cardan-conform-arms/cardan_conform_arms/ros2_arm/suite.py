@@ -10,7 +10,7 @@ from cardan.conform.transports import Wires
 from cardan_conform_arms.ros2_arm.decoded import RosArmSeen
 from cardan_conform_arms.ros2_arm.names import TOPICS
 from cardan_conform_arms.ros2_arm.requirements import requires
-from cardan_conform_arms.ros2_arm.scenario import RosArmPilot
+from cardan_conform_arms.ros2_arm.scenario import RosArmScenario
 
 
 class Ros2Arm(Suite[RosArmSeen]):
@@ -24,7 +24,7 @@ class Ros2Arm(Suite[RosArmSeen]):
     requirements = requires.all()
     transport = Transport("other")
     sees = RosArmSeen
-    asks = RosArmPilot
+    asks = RosArmScenario
     rig = "cardan_conform_arms.ros2_arm.simulated:RosArmRig"
     seconds = 2.6
     tried_with: ClassVar[Mapping[str, float]] = {

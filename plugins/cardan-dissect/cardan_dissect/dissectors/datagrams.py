@@ -81,7 +81,7 @@ class Egm(DatagramDissector):
             return Decoded(value, sequence=number, asks=tm_ms)
         return Decoded(value, sequence=number, answers=tm_ms)
 
-    def recognised(self, messages: Sequence[Message], end: Endpoint, other: Endpoint) -> str:
+    def recognized(self, messages: Sequence[Message], end: Endpoint, other: Endpoint) -> str:
         for message in messages:
             value = value_of(message.decoded)
             header = value.header

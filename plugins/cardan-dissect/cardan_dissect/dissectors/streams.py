@@ -118,7 +118,7 @@ class SimpleMessage(StreamDissector):
     )
     conversation = _SimpleMessages
 
-    def recognised(self, messages: Sequence[Message], end: Endpoint, other: Endpoint) -> str:
+    def recognized(self, messages: Sequence[Message], end: Endpoint, other: Endpoint) -> str:
         for message in messages:
             kind, comm_type = message.decoded.title.split()[:2]
             answers = comm_type == CommType.SERVICE_REPLY.name
@@ -240,7 +240,7 @@ class Rtde(StreamDissector):
     )
     conversation = _RtdePackets
 
-    def recognised(self, messages: Sequence[Message], end: Endpoint, other: Endpoint) -> str:
+    def recognized(self, messages: Sequence[Message], end: Endpoint, other: Endpoint) -> str:
         data: list[tuple[str, int, int]] = []
         for message in messages:
             value = message.decoded.value

@@ -35,7 +35,7 @@ SYNC_S = 0.01
 HAND_S = 30.0
 
 
-class Jr3Pilot(Scenario):
+class Jr3Scenario(Scenario):
     """One host on the bus, with one request open at a time."""
 
     def __init__(self, level: Level, seconds: float, node_id: int) -> None:

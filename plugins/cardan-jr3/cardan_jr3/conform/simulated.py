@@ -20,9 +20,9 @@ class Jr3Rig:
     """One bus with two nodes."""
 
     def __init__(
-        self, conduct: Exchange, node_id: int, faults: Mapping[str, float], seed: int
+        self, exchange: Exchange, node_id: int, faults: Mapping[str, float], seed: int
     ) -> None:
-        self._conduct = conduct
+        self._exchange = exchange
         self._board = SimulatedJr3(
             node_id,
             TEO_SENSORS["right-hand"],
@@ -36,14 +36,14 @@ class Jr3Rig:
 
     def run(self) -> None:
         """Until the pilot's script is over."""
-        conduct, board = self._conduct, self._board
-        while not conduct.over and self._now_s < LONGEST_S:
-            self._do(conduct.due(self._now_s))
+        exchange, board = self._exchange, self._board
+        while not exchange.over and self._now_s < LONGEST_S:
+            self._do(exchange.due(self._now_s))
             for frame in board.reports(self._now_s):
-                self._do(conduct.heard(self._now_s, "", pack(frame)))
-            if conduct.over:
+                self._do(exchange.heard(self._now_s, "", pack(frame)))
+            if exchange.over:
                 break
-            self._now_s = max(self._now_s + 1e-6, min(board.next_due_s, conduct.next_s))
+            self._now_s = max(self._now_s + 1e-6, min(board.next_due_s, exchange.next_s))
 
     def _do(self, acts: list[Act]) -> None:
         for act in acts:
@@ -52,6 +52,6 @@ class Jr3Rig:
                 assert frame is not None
                 self._board.receive(*frame, self._now_s)
             elif act.kind is Kind.OPENED:
-                self._do(self._conduct.heard(self._now_s, "", kind=Kind.OPENED))
+                self._do(self._exchange.heard(self._now_s, "", kind=Kind.OPENED))
             elif act.channel == "load":
                 self._board.set_wrench(_LOAD)

@@ -14,7 +14,7 @@ from cardan.errors import ConfigurationError
 from cardan_jr3.conform.decoded import Jr3Seen
 from cardan_jr3.conform.frames import unpack
 from cardan_jr3.conform.requirements import requires
-from cardan_jr3.conform.scenario import Jr3Pilot
+from cardan_jr3.conform.scenario import Jr3Scenario
 from cardan_jr3.conform.simulated import Jr3Rig
 from cardan_jr3.conform.wire import CanInterface
 from cardan_jr3.protocol import (
@@ -51,11 +51,11 @@ class Jr3(Suite[Jr3Seen]):
     def see(self, timeline: Timeline) -> Jr3Seen:
         return Jr3Seen(timeline, self._node_id)
 
-    def pilot(self, level: Level, seconds: float) -> Jr3Pilot:
-        return Jr3Pilot(level, seconds, self._node_id)
+    def scenario(self, level: Level, seconds: float) -> Jr3Scenario:
+        return Jr3Scenario(level, seconds, self._node_id)
 
-    def simulate(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        Jr3Rig(conduct, self._node_id, faults, seed).run()
+    def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        Jr3Rig(exchange, self._node_id, faults, seed).run()
 
     def asks_it(self, frame: bytes) -> bool | None:
         found = unpack(frame)

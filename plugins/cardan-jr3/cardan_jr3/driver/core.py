@@ -355,7 +355,7 @@ class Jr3Core(DeviceCore):
             frames.append(_SYNC)
         return frames
 
-    def farewell(self) -> list[CanFrame]:
+    def final_command(self) -> list[CanFrame]:
         """What to send before the bus is closed in good order."""
         return [encode_from_host(Stop(), self._options.node_id)] if self._answered else []
 

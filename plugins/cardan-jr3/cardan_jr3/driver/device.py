@@ -118,7 +118,7 @@ class Jr3(ReadDevice[Jr3Core]):
         while not stop.is_set():
             self._turn(bus)
         with self._lock:
-            frames = self._core.farewell()
+            frames = self._core.final_command()
         for frame in frames:
             bus.send(frame)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from cardan.common.extras import missing_extra
 from cardan.errors import AddressError
-from cardan.sim_peers.carriers.base import Carrier, Shell
+from cardan.sim_peers.backends.base import DeviceBackend, Shell
 from cardan_jr3.protocol import CanFrame
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ class CanNode(Protocol):
         """A data frame from another node."""
 
 
-class CanCarrier(Carrier[CanFrame]):
+class CanBackend(DeviceBackend[CanFrame]):
     """A CAN bus that `node` is on for as long as the peer is open."""
 
     awaits_program = False
@@ -50,7 +50,7 @@ class CanCarrier(Carrier[CanFrame]):
         self._node.receive(*frame, self.shell.device_s())
 
 
-class PythonCanBus(CanCarrier):
+class PythonCanBus(CanBackend):
     """A bus of python-can's `interface`; `extra` are that interface's own arguments."""
 
     def __init__(self, node: CanNode, interface: str, channel: str, extra: dict[str, Any]) -> None:

@@ -12,7 +12,7 @@ from cardan.sim_peers.base import check_faults, load_script
 from cardan.sim_peers.command import option
 from cardan.sim_peers.hand_peer import HandOptions, HandPeer
 from cardan_jr3.bounds import CAN_NAME, CAN_PORTS
-from cardan_jr3.peer.can import CanCarrier, PythonCanBus
+from cardan_jr3.peer.can import CanBackend, PythonCanBus
 from cardan_jr3.peer.core import SimulatedJr3
 from cardan_jr3.peer.faults import FAULTS
 from cardan_jr3.peer.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
@@ -95,16 +95,16 @@ class Jr3Peer(HandPeer[SimulatedJr3, CanFrame]):
             faults=options.faults,
             seed=options.seed,
         )
-        carrier: CanCarrier
+        backend: CanBackend
         if options.serve_socketcand:
             port = CAN_PORTS["socketcand"] if options.port is None else options.port
-            carrier = SocketcandHub(board, options.host, port)
+            backend = SocketcandHub(board, options.host, port)
         else:
             extra = _extra(options)
-            carrier = PythonCanBus(board, options.interface, options.channel, extra)
+            backend = PythonCanBus(board, options.interface, options.channel, extra)
         hand = ScriptedHand(load_script(options.script, SCRIPTS, SCRIPT_VERBS))
         board.on_first_start = hand.start
-        super().__init__(board, hand, carrier, options)
+        super().__init__(board, hand, backend, options)
         self._starts = 0
 
     def _follow(self, now_s: float) -> None:

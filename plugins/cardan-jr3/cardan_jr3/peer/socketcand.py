@@ -12,9 +12,9 @@ import socket
 import time
 from collections.abc import Sequence
 
-from cardan.sim_peers.carriers.base import Shell
-from cardan.sim_peers.carriers.server import Server, StreamClient, bound_to
-from cardan_jr3.peer.can import CanCarrier, CanNode
+from cardan.sim_peers.backends.base import Shell
+from cardan.sim_peers.backends.server import Server, StreamClient, bound_to
+from cardan_jr3.peer.can import CanBackend, CanNode
 from cardan_jr3.protocol import CanFrame
 
 GREETING = b"< hi >"
@@ -109,7 +109,7 @@ class _Client(StreamClient):
         self.held.clear()
 
 
-class SocketcandHub(CanCarrier):
+class SocketcandHub(CanBackend):
     """Serves a bus of its own at `host` and `port` (0: any free one), with `node` on it."""
 
     def __init__(self, node: CanNode, host: str, port: int) -> None:

@@ -252,7 +252,7 @@ def a_hand_keeps_its_id(seen: LeapSeen) -> Verdict:
 
 
 @requires(111, f"{SDK}, Hand.confidence: how well the model fits")
-def a_plain_hand_is_recognised(seen: LeapSeen) -> Verdict:
+def a_plain_hand_is_recognized(seen: LeapSeen) -> Verdict:
     """A hand that is held still and flat is seen with a confidence of 0.3 and more."""
     found = [(number, hand.confidence) for number, _, hand in _hands(seen)]
     told = [(number, value) for number, value in found if value is not None]

@@ -16,7 +16,7 @@ GONE_S = 0.3
 HAND_S = 30.0
 
 
-class LeapPilot(Scenario):
+class LeapScenario(Scenario):
     """A client that first listens, then gets frames in the background, then with the focus."""
 
     def __init__(self, level: Level, seconds: float) -> None:

@@ -19,8 +19,8 @@ RATE_HZ = 50.0
 class LeapRig:
     """One client of the service, and a hand that does what is asked."""
 
-    def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        self._conduct = conduct
+    def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        self._exchange = exchange
         self._service = SimulatedLeapService(rate_hz=RATE_HZ, faults=faults, seed=seed)
         self._refused_s = faults.get("refuse", 0.0)
         self._restarts = 0
@@ -29,24 +29,24 @@ class LeapRig:
 
     def run(self) -> None:
         """Until the pilot's script is over."""
-        conduct, service = self._conduct, self._service
-        while not conduct.over and self._now_s < LONGEST_S:
-            self._do(conduct.due(self._now_s))
+        exchange, service = self._exchange, self._service
+        while not exchange.over and self._now_s < LONGEST_S:
+            self._do(exchange.due(self._now_s))
             service.advance(self._now_s)
             if service.restarts != self._restarts:
                 self._restarts = service.restarts
                 self._closed("the service restarts")
             for _, text in service.outgoing():
                 if self._open:
-                    self._do(conduct.heard(self._now_s, CHANNEL, text.encode()))
-            if conduct.over:
+                    self._do(exchange.heard(self._now_s, CHANNEL, text.encode()))
+            if exchange.over:
                 break
-            self._now_s = max(self._now_s + 1e-6, min(service.next_due_s, conduct.next_s))
+            self._now_s = max(self._now_s + 1e-6, min(service.next_due_s, exchange.next_s))
 
     def _closed(self, why: str) -> None:
         if self._open:
             self._open = False
-            self._do(self._conduct.heard(self._now_s, CHANNEL, kind=Kind.CLOSED, note=why))
+            self._do(self._exchange.heard(self._now_s, CHANNEL, kind=Kind.CLOSED, note=why))
 
     def _do(self, acts: list[Act]) -> None:
         service = self._service
@@ -66,10 +66,10 @@ class LeapRig:
     def _connect(self) -> None:
         if self._now_s < self._refused_s:
             note = "no service"
-            self._do(self._conduct.heard(self._now_s, CHANNEL, kind=Kind.REFUSED, note=note))
+            self._do(self._exchange.heard(self._now_s, CHANNEL, kind=Kind.REFUSED, note=note))
             return
         self._open = True
-        self._do(self._conduct.heard(self._now_s, CHANNEL, kind=Kind.OPENED))
+        self._do(self._exchange.heard(self._now_s, CHANNEL, kind=Kind.OPENED))
         code = self._service.connect(CLIENT, VERSION)
         if code is not None:
             self._closed(f"closed with {code}")

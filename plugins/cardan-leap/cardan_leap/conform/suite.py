@@ -13,7 +13,7 @@ from cardan.conform.timeline import Event, Kind, Timeline
 from cardan.conform.transports import Wires, host_and_port
 from cardan_leap.conform.decoded import LeapSeen
 from cardan_leap.conform.requirements import requires
-from cardan_leap.conform.scenario import LeapPilot
+from cardan_leap.conform.scenario import LeapScenario
 from cardan_leap.conform.simulated import LeapRig
 from cardan_leap.conform.wire import Service
 from cardan_leap.protocol import PORT
@@ -47,11 +47,11 @@ class Leap(Suite[LeapSeen]):
     def see(self, timeline: Timeline) -> LeapSeen:
         return LeapSeen(timeline)
 
-    def pilot(self, level: Level, seconds: float) -> LeapPilot:
-        return LeapPilot(level, seconds)
+    def scenario(self, level: Level, seconds: float) -> LeapScenario:
+        return LeapScenario(level, seconds)
 
-    def simulate(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        LeapRig(conduct, faults, seed).run()
+    def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        LeapRig(exchange, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         return Service(*host_and_port(target, "--target", PORT))

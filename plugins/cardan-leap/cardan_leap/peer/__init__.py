@@ -14,7 +14,7 @@ from cardan_leap.peer.hand import (
     ScriptedHands as ScriptedHands,
 )
 from cardan_leap.peer.hand_model import (
-    Anatomy as Anatomy,
+    HandModel as HandModel,
     HandPosture as HandPosture,
 )
 from cardan_leap.peer.service import (

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from cardan.sim_peers.base import check_faults
 from cardan_leap.peer.faults import ABSURD_MM, FAULTS, RESTART_S, STALL_EVERY_S
-from cardan_leap.peer.hand_model import Anatomy, HandPosture, Triple, as_version, frame_document
+from cardan_leap.peer.hand_model import HandModel, HandPosture, Triple, as_version, frame_document
 from cardan_leap.protocol import (
     DEVICE_EVENT_SINCE,
     FOCUS_SINCE,
@@ -50,7 +50,7 @@ UPRIGHT: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0
 class SimulatedHand:
     """A hand in view of the tracker, with the posture that was set."""
 
-    anatomy: Anatomy
+    hand_model: HandModel
     palm_mm: Triple = (0.0, 200.0, 0.0)
     tilt_deg: Triple = (0.0, 0.0, 0.0)
     """Pitch, yaw and roll: fingers up, fingers to the right, left edge down."""
@@ -206,7 +206,7 @@ class SimulatedLeapService:
 
     def enter(self, side: str) -> SimulatedHand:
         """A hand comes into view, with a new id."""
-        hand = SimulatedHand(self._anatomy(side))
+        hand = SimulatedHand(self._hand_model(side))
         self.hands[side] = hand
         return hand
 
@@ -217,7 +217,7 @@ class SimulatedLeapService:
     def new_id(self, side: str) -> None:
         """The hand is lost and found between two frames: a new id, the same hand."""
         if side in self.hands:
-            self.hands[side].anatomy = self._anatomy(side)
+            self.hands[side].hand_model = self._hand_model(side)
 
     def set_device(self, attached: bool, streaming: bool) -> None:
         """The tracker is plugged in or not, and delivers or not; the clients are informed."""
@@ -252,15 +252,15 @@ class SimulatedLeapService:
         self._next_hand_id = 1
         self._last_frame_s = None
         for side, hand in self.hands.items():
-            hand.anatomy = self._anatomy(side)
+            hand.hand_model = self._hand_model(side)
 
     def break_next(self, frames: int) -> None:
         """Cut the next `frames` frames short."""
         self._malformed_left = frames
 
-    def _anatomy(self, side: str) -> Anatomy:
+    def _hand_model(self, side: str) -> HandModel:
         self._next_hand_id += 1
-        return Anatomy(self._next_hand_id - 1, side, self._now_s)
+        return HandModel(self._next_hand_id - 1, side, self._now_s)
 
     def _device(self) -> DeviceEvent:
         return DeviceEvent(DEVICE_ID, DEVICE_TYPE, self.attached, self.streaming)
@@ -349,7 +349,7 @@ class SimulatedLeapService:
 
     def _document(self, due_s: float) -> dict[str, Any]:
         measured = [
-            hand.anatomy.measure(self._posture(hand), due_s) for hand in self.hands.values()
+            hand.hand_model.measure(self._posture(hand), due_s) for hand in self.hands.values()
         ]
         # The order of hands is not stable in the service either.
         if self._frame_id % 2:

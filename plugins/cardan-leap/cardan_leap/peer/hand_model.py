@@ -68,7 +68,7 @@ class HandPosture(NamedTuple):
     confidence: float
 
 
-class Anatomy:
+class HandModel:
     """One hand in view, of the service's id `hand_id`: from postures to JSON."""
 
     def __init__(self, hand_id: int, side: str, seen_s: float) -> None:

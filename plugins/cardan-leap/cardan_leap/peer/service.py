@@ -55,5 +55,5 @@ class LeapPeer(HandPeer[SimulatedLeapService, Message]):
             seed=options.seed,
         )
         hands = ScriptedHands(load_script(options.script, SCRIPTS, SCRIPT_VERBS))
-        carrier = LeapWebSocket(service, options.host, options.port)
-        super().__init__(service, hands, carrier, options)
+        backend = LeapWebSocket(service, options.host, options.port)
+        super().__init__(service, hands, backend, options)

@@ -14,8 +14,8 @@ from websockets.protocol import State
 from websockets.server import ServerProtocol
 
 from cardan.errors import AddressError
-from cardan.sim_peers.carriers.base import Carrier, Shell
-from cardan.sim_peers.carriers.server import Server, StreamClient, bound_to
+from cardan.sim_peers.backends.base import DeviceBackend, Shell
+from cardan.sim_peers.backends.server import Server, StreamClient, bound_to
 from cardan_leap.peer.core import Message, SimulatedLeapService
 from cardan_leap.protocol import HEARTBEAT_VERSIONS, ClientOptions, version_of
 
@@ -58,7 +58,7 @@ class _Link(StreamClient):
             self._ends = False
 
 
-class LeapWebSocket(Carrier[Message]):
+class LeapWebSocket(DeviceBackend[Message]):
     """A port of `host` (0: any) for the clients of `service`.
 
     The script starts when the first client may get frames.

@@ -84,7 +84,7 @@ class HdapiSeen:
 
     @property
     def opened(self) -> bool:
-        """Whether a device was initialised, and could be asked."""
+        """Whether a device was initialized, and could be asked."""
         return self.phase("ask") is not None
 
 

@@ -48,7 +48,7 @@ L1_MM, L3_MM, L4_MM = 133.35, 23.35, 168.35
 SERVED = ("hold", "asked", "move", "press", "release", "dock", "undock")
 
 requires: Requirements[HdapiSeen] = Requirements("HDAPI")
-_NO_DEVICE = "no device was initialised"
+_NO_DEVICE = "no device was initialized"
 _NO_TICKS = "no tick came"
 
 
@@ -104,12 +104,12 @@ def other_devices_are_refused(seen: HdapiSeen) -> Verdict:
 
 
 @requires(104, f"{GUIDE}, hdInitDevice")
-def the_default_device_is_initialised(seen: HdapiSeen) -> Verdict:
-    """The default device is initialised without an error."""
+def the_default_device_is_initialized(seen: HdapiSeen) -> Verdict:
+    """The default device is initialized without an error."""
     answer = seen.said("hdInitDevice", None)
     if answer is None:
         return not_seen("it was not tried")
-    # Warm motors of an earlier use do not keep it from being initialised.
+    # Warm motors of an earlier use do not keep it from being initialized.
     errors = [each for each in answer.errors if each != Error.WARM_MOTORS]
     if answer.returns == INVALID_HANDLE or errors:
         return failed(_names(errors), [answer.number])
@@ -118,7 +118,7 @@ def the_default_device_is_initialised(seen: HdapiSeen) -> Verdict:
 
 @requires(105, f"{GUIDE}, hdGetCurrentDevice")
 def it_is_the_current_device(seen: HdapiSeen) -> Verdict:
-    """The device that was initialised is the current one."""
+    """The device that was initialized is the current one."""
     answer, init = seen.said("hdGetCurrentDevice"), seen.said("hdInitDevice", None)
     if answer is None or init is None:
         return not_seen(_NO_DEVICE)

@@ -1,4 +1,4 @@
-"""Is a haptic program: initialises a device, asks it, runs its scheduler, and lets go of it."""
+"""Is a haptic program: initializes a device, asks it, runs its scheduler, and lets go of it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ MOVES = 2.0
 WIRE = ""
 
 
-class HdapiPilot(Scenario):
+class HdapiScenario(Scenario):
     """Level 0 only loads the library; force is zero up to level 1."""
 
     def __init__(self, level: Level, seconds: float) -> None:

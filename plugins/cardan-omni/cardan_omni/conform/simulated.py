@@ -23,8 +23,8 @@ REACH_M, TURN_RAD_S = 0.04, 2.0 * math.pi
 class HdapiRig:
     """A program of the library, and a hand that does what is asked."""
 
-    def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        self._conduct = conduct
+    def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        self._exchange = exchange
         wanted = tuple(OmniFault(name, value) for name, value in faults.items())
         self._device = SimulatedOmni(OmniSettings(virtual=True, seed=seed, faults=wanted))
         self._calls = HdCalls(load(str(self._device.path)), lambda: self._now_s)
@@ -34,12 +34,12 @@ class HdapiRig:
 
     def run(self) -> None:
         """Until the pilot's script is over."""
-        conduct, device = self._conduct, self._device
+        exchange, device = self._exchange, self._device
         ran_s = device.now_s
         try:
-            while not conduct.over and self._now_s < LONGEST_S:
-                self._do(conduct.due(self._now_s))
-                if conduct.over:
+            while not exchange.over and self._now_s < LONGEST_S:
+                self._do(exchange.due(self._now_s))
+                if exchange.over:
                     break
                 self._move()
                 before_s = self._now_s
@@ -50,7 +50,7 @@ class HdapiRig:
                 if self._now_s == before_s:
                     self._now_s = before_s + IDLE_S
                 for data in self._calls.ticks():
-                    self._do(conduct.heard(self._now_s, "", data))
+                    self._do(exchange.heard(self._now_s, "", data))
         finally:
             self._calls.end()
 
@@ -58,10 +58,10 @@ class HdapiRig:
         for act in acts:
             if act.kind is Kind.DATA:
                 answer = self._calls.do(act.data)
-                self._do(self._conduct.heard(self._now_s, act.channel, answer))
+                self._do(self._exchange.heard(self._now_s, act.channel, answer))
             elif act.kind is Kind.OPENED:
-                self._do(self._conduct.heard(self._now_s, act.channel, kind=Kind.OPENED))
-                self._do(self._conduct.heard(self._now_s, act.channel, self._calls.began))
+                self._do(self._exchange.heard(self._now_s, act.channel, kind=Kind.OPENED))
+                self._do(self._exchange.heard(self._now_s, act.channel, self._calls.began))
             elif act.kind is Kind.ASKED:
                 self._by_hand(act.channel)
 

@@ -13,7 +13,7 @@ from cardan.conform.timeline import Event, Kind, Timeline
 from cardan.conform.transports import Wires
 from cardan_omni.conform.decoded import HdapiSeen
 from cardan_omni.conform.requirements import requires
-from cardan_omni.conform.scenario import HdapiPilot
+from cardan_omni.conform.scenario import HdapiScenario
 from cardan_omni.conform.simulated import HdapiRig
 from cardan_omni.conform.wire import Library
 from cardan_omni.protocol import Info
@@ -40,11 +40,11 @@ class Hdapi(Suite[HdapiSeen]):
     def see(self, timeline: Timeline) -> HdapiSeen:
         return HdapiSeen(timeline)
 
-    def pilot(self, level: Level, seconds: float) -> HdapiPilot:
-        return HdapiPilot(level, seconds)
+    def scenario(self, level: Level, seconds: float) -> HdapiScenario:
+        return HdapiScenario(level, seconds)
 
-    def simulate(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        HdapiRig(conduct, faults, seed).run()
+    def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        HdapiRig(exchange, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         return Library(target)

@@ -109,7 +109,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         self._has_light = False
         self._force_allowed = False
         """The motors are on."""
-        self._barred_s = math.inf
+        self._inhibited_s = math.inf
         """Since when the tick has known that they will be off."""
         self._ticks_seen = 0
         self._sequence = 0
@@ -334,7 +334,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         hd = library.load(options.library)
         handle = hd.init_device(options.device)
         self._hd, self._handle = hd, handle
-        self._force_allowed, self._barred_s = False, math.inf
+        self._force_allowed, self._inhibited_s = False, math.inf
         tick.allow(False)
         hd.enable(handle, Capability.FORCE_OUTPUT, False)
         identity = _identity(hd, handle)
@@ -402,15 +402,18 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         if allowed:
             if not self._force_allowed:
                 hd.enable(handle, Capability.FORCE_OUTPUT, True)
-            self._force_allowed, self._barred_s = True, math.inf
+            self._force_allowed, self._inhibited_s = True, math.inf
             tick.allow(True)
         elif self._force_allowed:
             tick.allow(False)
-            self._barred_s = min(self._barred_s, time.monotonic())
+            self._inhibited_s = min(self._inhibited_s, time.monotonic())
             # A tick of after that has seen it; the one under way then may not have.
-            if snapshot.stamp_s > self._barred_s + WATCH_PERIOD_S / 2 and snapshot.force == ZERO3:
+            if (
+                snapshot.stamp_s > self._inhibited_s + WATCH_PERIOD_S / 2
+                and snapshot.force == ZERO3
+            ):
                 hd.enable(handle, Capability.FORCE_OUTPUT, False)
-                self._force_allowed, self._barred_s = False, math.inf
+                self._force_allowed, self._inhibited_s = False, math.inf
 
     def _lose(self, reason: str) -> None:
         if self._scheduled is not None:

@@ -59,7 +59,7 @@ HD_API HDstring hdGetErrorString(HDerror code) {
         {HD_EXCEEDED_MAX_VELOCITY, "the stylus moves too fast"},
         {HD_FORCE_ERROR, "forces that exclude each other, or are not numbers"},
         {HD_DEVICE_FAULT, "the device has failed or is not there"},
-        {HD_DEVICE_ALREADY_INITIATED, "the device is initialised already"},
+        {HD_DEVICE_ALREADY_INITIATED, "the device is initialized already"},
         {HD_COMM_ERROR, "no communication with the device"},
         {HD_COMM_CONFIG_ERROR, "the communication is not configured"},
         {HD_TIMER_ERROR, "the scheduler's timer has failed"},

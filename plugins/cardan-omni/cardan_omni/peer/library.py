@@ -134,7 +134,7 @@ def _load(path: Path) -> ctypes.CDLL:
 
 class SimulatedOmni:
     """The side channel of the simulated libHD. Making one makes the device anew, which ends
-    whatever an earlier one did; no device may be initialised at that time.
+    whatever an earlier one did; no device may be initialized at that time.
 
     Vectors are in the hand frame: x forward, y left, z up. Raises ScriptError for settings that
     the library does not take, DeviceNotFoundError when it was not compiled.

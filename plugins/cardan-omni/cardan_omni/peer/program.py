@@ -67,7 +67,7 @@ def missing_log(settings: OmniSettings) -> str:
         return ""
     with path.open("rb") as file:
         if not file.readline():
-            return f"{path} is empty: the program has not initialised the simulated device"
+            return f"{path} is empty: the program has not initialized the simulated device"
         if not file.readline():
             return f"{path} has no rows: the program has not started the device's scheduler"
     return ""

@@ -492,7 +492,7 @@ int simConfigure(const char *text) {
     int busy = omni.device.initiated;
     omni_leave();
     if (busy) {
-        settings_problem("a device is initialised: hdDisableDevice first");
+        settings_problem("a device is initialized: hdDisableDevice first");
         return -1;
     }
     Settings settings;

@@ -61,7 +61,7 @@ def _flag(name: str, help_: str) -> FaultSwitch:
 
 
 FAULTS = (
-    _flag("comm-error", "the link fails: HD_COMM_ERROR, internal code -28; initialising fails too"),
+    _flag("comm-error", "the link fails: HD_COMM_ERROR, internal code -28; initializing fails too"),
     _flag("unplug", "the device is gone: HD_DEVICE_FAULT"),
     FaultSwitch("late-tick", "every 100th tick comes VALUE ms late", 5.0, 0.1, 1000.0),
     FaultSwitch("overrun", "something holds up every tick for VALUE ms", 3.0, 0.1, 1000.0),
@@ -80,8 +80,8 @@ FAULTS = (
     FaultSwitch("stuck-encoder", "the encoder of joint VALUE (1..3) stands still", 1.0, 1.0, 3.0),
     FaultSwitch("jitter", "ticks come up to VALUE µs late, at random", 200.0, 1.0, 1e5),
     FaultSwitch("slow-ticks", "ticks come VALUE times a second", 200.0, 1.0, 1000.0),
-    FaultSwitch("init-fails", "initialising fails with the error code VALUE", 768.0, 256.0, 1536.0),
-    _flag("no-license", "initialising fails with HD_INVALID_LICENSE"),
+    FaultSwitch("init-fails", "initializing fails with the error code VALUE", 768.0, 256.0, 1536.0),
+    _flag("no-license", "initializing fails with HD_INVALID_LICENSE"),
     _flag("dead-scheduler", "ticks stop without an error"),
 )
 

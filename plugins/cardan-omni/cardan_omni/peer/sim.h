@@ -11,7 +11,7 @@
 typedef struct {
     double time_s;            /* the library's clock: CLOCK_MONOTONIC, or virtual from 0 */
     uint64_t ticks;
-    double position_m[3];     /* true, gimbal centre; not quantised */
+    double position_m[3];     /* true, gimbal centre; not quantized */
     double velocity_m_s[3];
     double hand_target_m[3];
     double hand_force_n[3];   /* of the hand on the stylus */
@@ -32,7 +32,7 @@ typedef struct {
 
 /* Forget everything, take these settings (text, a "key values..." line each; see settings.py) and
  * be as just powered on. NULL or "": the defaults. Returns 0, or -1: simProblem() says what is
- * wrong, which may be that the log cannot be written, and nothing has changed. Must be called while no device is initialised. Without a call
+ * wrong, which may be that the log cannot be written, and nothing has changed. Must be called while no device is initialized. Without a call
  * the first hdInitDevice takes the settings from the file that CARDAN_OMNI names, if any. */
 SIM_API int simConfigure(const char *settings);
 SIM_API const char *simProblem(void);

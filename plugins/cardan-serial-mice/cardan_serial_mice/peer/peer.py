@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cardan.common import bounds
 from cardan.errors import ConfigurationError, OptionError
-from cardan.sim_peers.carriers.pseudo_terminal import PseudoTerminal
+from cardan.sim_peers.backends.pseudo_terminal import PseudoTerminal
 from cardan.sim_peers.command import option
 from cardan.sim_peers.spacemouse import ScriptedHand
 from cardan.sim_peers.spacemouse.peer import PuckPeer, PuckPeerOptions

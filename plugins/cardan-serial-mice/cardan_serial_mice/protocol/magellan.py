@@ -176,7 +176,7 @@ def encode_magellan_keys(mask: int, *, extended: bool) -> bytes:
 
 
 class MagellanReader(LineReader[MagellanPacket]):
-    """Cuts a stream into packets and resynchronises after noise. Never raises."""
+    """Cuts a stream into packets and resynchronizes after noise. Never raises."""
 
     def _decode(self, line: bytes, packets: list[MagellanPacket]) -> None:
         if not line:

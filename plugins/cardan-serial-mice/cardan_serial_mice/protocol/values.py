@@ -30,7 +30,7 @@ PacketT = TypeVar("PacketT")
 
 
 class LineReader(ABC, Generic[PacketT]):
-    """Cuts a stream into packets, which end in CR, and resynchronises after noise. Never raises."""
+    """Cuts a stream into packets, which end in CR, and resynchronizes after noise. Never raises."""
 
     def __init__(self) -> None:
         self._pending = b""

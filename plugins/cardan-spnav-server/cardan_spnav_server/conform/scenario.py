@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cardan.conform.hands import QUIET_S, HandPilot, Steps
+from cardan.conform.hands import QUIET_S, HandScenario, Steps
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Script, Wait, ask, close, mark, open_, send
 from cardan.conform.timeline import Event
@@ -50,7 +50,7 @@ MASKED: Steps = (("masked", "Push the cap to the right, hold it, and press a but
 ALONE: Steps = (("alone", "Push the cap to the right once more."),)
 
 
-class SpnavPilot(HandPilot):
+class SpnavScenario(HandScenario):
     """Level 0 is a program of version 0, which sends nothing. Later ones ask; no setting is changed
     but those of a connection."""
 

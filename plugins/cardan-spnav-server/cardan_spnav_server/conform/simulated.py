@@ -59,9 +59,9 @@ _CONTINUED = 0x10000
 class SpnavRig:
     """Programs that are connected to the server, and a hand that does what is asked."""
 
-    def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
+    def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         check_faults(faults, FAULTS)
-        self._conduct, self._faults = conduct, faults
+        self._exchange, self._faults = exchange, faults
         self._core = SpnavServerCore(_BUTTONS, identity=IDENTITY, on_led=lambda _: None)
         self._random = random.Random(seed)
         self._numbers: dict[str, int] = {}
@@ -81,17 +81,17 @@ class SpnavRig:
 
     def run(self) -> None:
         """Until the pilot's script is over."""
-        conduct = self._conduct
-        while not conduct.over and self._now_s < LONGEST_S:
+        exchange = self._exchange
+        while not exchange.over and self._now_s < LONGEST_S:
             if self._now_s >= self._offer_s:
                 self._offer()
-            self._do(conduct.due(self._now_s))
+            self._do(exchange.due(self._now_s))
             self._serve()
             if self._now_s >= self._faults.get("hang-up", math.inf):
                 self._end("the daemon closed the connection")
-            if conduct.over:
+            if exchange.over:
                 break
-            due_s = min(self._offer_s, conduct.next_s, self._core.next_due_s())
+            due_s = min(self._offer_s, exchange.next_s, self._core.next_due_s())
             if self._asked:
                 due_s, self._asked = self._now_s, False
             if self._sent:
@@ -147,7 +147,7 @@ class SpnavRig:
 
     def _connect(self, channel: str) -> None:
         if self._now_s < self._faults.get("refuse", 0.0):
-            heard = self._conduct.heard(self._now_s, channel, kind=Kind.REFUSED, note="no socket")
+            heard = self._exchange.heard(self._now_s, channel, kind=Kind.REFUSED, note="no socket")
             self._do(heard)
             return
         number = self._core.connect(self._now_s)
@@ -156,12 +156,12 @@ class SpnavRig:
         if self._faults.get("tells-all") and channel == OLD:
             change = DeviceChange(True, 0, *IDENTITY[2:5])
             self._send(channel, encode_device(change))
-        self._do(self._conduct.heard(self._now_s, channel, kind=Kind.OPENED))
+        self._do(self._exchange.heard(self._now_s, channel, kind=Kind.OPENED))
 
     def _end(self, why: str) -> None:
         for channel in tuple(self._numbers):
             self._core.disconnect(self._numbers.pop(channel))
-            self._do(self._conduct.heard(self._now_s, channel, kind=Kind.CLOSED, note=why))
+            self._do(self._exchange.heard(self._now_s, channel, kind=Kind.CLOSED, note=why))
 
     def _take(self, channel: str, data: bytes) -> None:
         """What a program sent, where no defect keeps it from the server."""
@@ -222,7 +222,7 @@ class SpnavRig:
         while self._sent and self._sent[0][0] <= self._now_s:
             _, _, channel, data = heapq.heappop(self._sent)
             if channel in self._numbers and not self._faults.get("mute"):
-                self._do(self._conduct.heard(self._now_s, channel, data))
+                self._do(self._exchange.heard(self._now_s, channel, data))
 
     def _send(self, channel: str, data: bytes) -> None:
         """Have it arrive, late where a defect makes it so."""

@@ -14,7 +14,7 @@ from cardan.sim_peers.base import FaultSwitch
 from cardan_spnav_server.conform.decoded import SpnavSeen
 from cardan_spnav_server.conform.faults import FAULTS
 from cardan_spnav_server.conform.requirements import requires
-from cardan_spnav_server.conform.scenario import SpnavPilot
+from cardan_spnav_server.conform.scenario import SpnavScenario
 from cardan_spnav_server.conform.simulated import SpnavRig
 from cardan_spnav_server.conform.wire import UnixStream
 
@@ -40,11 +40,11 @@ class SpnavDaemon(Suite[SpnavSeen]):
     def see(self, timeline: Timeline) -> SpnavSeen:
         return SpnavSeen(timeline)
 
-    def pilot(self, level: Level, seconds: float) -> SpnavPilot:
-        return SpnavPilot(level, seconds)
+    def scenario(self, level: Level, seconds: float) -> SpnavScenario:
+        return SpnavScenario(level, seconds)
 
-    def simulate(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        SpnavRig(conduct, faults, seed).run()
+    def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        SpnavRig(exchange, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         return UnixStream(target)

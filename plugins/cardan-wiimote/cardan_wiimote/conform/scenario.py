@@ -34,7 +34,7 @@ DATA_MODE = 0x31
 EXTENSION_MODE = 0x35
 
 
-class WiimotePilot(Scenario):
+class WiimoteScenario(Scenario):
     """A host that has one request open at a time."""
 
     def __init__(self, level: Level, seconds: float) -> None:

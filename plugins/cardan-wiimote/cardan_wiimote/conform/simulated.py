@@ -15,8 +15,8 @@ LONGEST_S = 300.0
 class WiimoteRig:
     """A remote with a Nunchuk, flat on a table."""
 
-    def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        self._conduct = conduct
+    def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        self._exchange = exchange
         self._remote = SimulatedWiimote(
             extension="nunchuk", tr="woken-by-1-2" in faults, faults=faults, noise_lsb=1, seed=seed
         )
@@ -26,19 +26,19 @@ class WiimoteRig:
 
     def run(self) -> None:
         """Until the pilot's script is over."""
-        conduct, remote = self._conduct, self._remote
-        while not conduct.over and self._now_s < LONGEST_S:
-            self._do(conduct.due(self._now_s))
+        exchange, remote = self._exchange, self._remote
+        while not exchange.over and self._now_s < LONGEST_S:
+            self._do(exchange.due(self._now_s))
             for report in remote.reports(self._now_s):
                 if self._open:
-                    self._do(conduct.heard(self._now_s, "", report))
+                    self._do(exchange.heard(self._now_s, "", report))
             if self._open and not (remote.control_open and remote.interrupt_open):
                 # The system ends both channels when one has ended.
                 self._open = False
-                self._do(conduct.heard(self._now_s, "", kind=Kind.CLOSED))
-            if conduct.over:
+                self._do(exchange.heard(self._now_s, "", kind=Kind.CLOSED))
+            if exchange.over:
                 break
-            self._now_s = max(self._now_s + 1e-6, min(remote.next_due_s, conduct.next_s))
+            self._now_s = max(self._now_s + 1e-6, min(remote.next_due_s, exchange.next_s))
 
     def _do(self, acts: list[Act]) -> None:
         remote = self._remote
@@ -48,7 +48,7 @@ class WiimoteRig:
             elif act.kind is Kind.OPENED:
                 self._open = self._now_s >= self._refused_s and remote.connect(self._now_s)
                 kind = Kind.OPENED if self._open else Kind.REFUSED
-                self._do(self._conduct.heard(self._now_s, "", kind=kind))
+                self._do(self._exchange.heard(self._now_s, "", kind=kind))
             elif act.kind is Kind.ASKED:
                 if act.channel == "press":
                     remote.press("a")

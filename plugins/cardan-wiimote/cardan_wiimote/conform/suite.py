@@ -12,7 +12,7 @@ from cardan.conform.timeline import Timeline
 from cardan.conform.transports import DeviceFile, Wires
 from cardan_wiimote.conform.decoded import WiimoteSeen
 from cardan_wiimote.conform.requirements import requires
-from cardan_wiimote.conform.scenario import WiimotePilot
+from cardan_wiimote.conform.scenario import WiimoteScenario
 from cardan_wiimote.conform.simulated import WiimoteRig
 
 
@@ -44,11 +44,11 @@ class Wiimote(Suite[WiimoteSeen]):
     def see(self, timeline: Timeline) -> WiimoteSeen:
         return WiimoteSeen(timeline)
 
-    def pilot(self, level: Level, seconds: float) -> WiimotePilot:
-        return WiimotePilot(level, seconds)
+    def scenario(self, level: Level, seconds: float) -> WiimoteScenario:
+        return WiimoteScenario(level, seconds)
 
-    def simulate(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        WiimoteRig(conduct, faults, seed).run()
+    def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        WiimoteRig(exchange, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         return DeviceFile(target)

@@ -97,14 +97,14 @@ class Registers:
 
 
 class Nunchuk(Registers):
-    """A Nunchuk: all FF until it is initialised, the old way with its fixed encryption."""
+    """A Nunchuk: all FF until it is initialized, the old way with its fixed encryption."""
 
     def __init__(self, *, no_calibration: bool = False) -> None:
         super().__init__()
         block = b"\xff" * 16 if no_calibration else encode_nunchuk_calibration(NUNCHUK)
         self.memory[0x20:0x40] = block * 2
         self.memory[ID_OFFSET:] = EXTENSION_IDS[Extension.NUNCHUK]
-        self.initialised = False
+        self.initialized = False
         self.encrypted = False
         self.set(NunchukData(128, 128, (510, 514, 720), False, False))
 
@@ -115,22 +115,22 @@ class Nunchuk(Registers):
 
     def forget(self) -> None:
         """Lost its power."""
-        self.initialised = self.encrypted = False
+        self.initialized = self.encrypted = False
 
     def read(self, offset: int, size: int) -> bytes:
-        if not self.initialised:
+        if not self.initialized:
             return _NO_DEVICE * size
         data = super().read(offset, size)
         if self.encrypted:
-            # With a key of zeros, which is what the old initialisation sets.
+            # With a key of zeros, which is what the old initialization sets.
             data = bytes(((byte - 0x17) & 255) ^ 0x17 for byte in data)
         return data
 
     def write(self, offset: int, data: bytes, now_s: float) -> None:
         if offset == 0xF0 and data[0] == 0x55:
-            self.initialised, self.encrypted = True, False
+            self.initialized, self.encrypted = True, False
         elif offset == 0x40:
-            self.initialised = self.encrypted = True
+            self.initialized = self.encrypted = True
         elif offset < 0x20 or offset >= 0x40:
             pass  # neither measurements nor identity can be written
         else:
@@ -296,7 +296,7 @@ class ExtensionPort:
         if not self.connected or self.nunchuk is None:
             return _NO_DEVICE * size
         return self.nunchuk.read(0, FRAME_BYTES).ljust(
-            size, b"\0" if self.nunchuk.initialised else _NO_DEVICE
+            size, b"\0" if self.nunchuk.initialized else _NO_DEVICE
         )
 
     def plug(self) -> None:

@@ -1,6 +1,6 @@
 """The two L2CAP channels of a Bluetooth HID device, real ones or on Unix sockets.
 
-A carrier opens channels and passes packets on; the remote interprets them.
+A backend opens channels and passes packets on; the remote interprets them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Protocol
 from cardan.common.options import require
 from cardan.common.sockets import OWNER_ONLY, Advice, UnixSocket
 from cardan.errors import AddressError
-from cardan.sim_peers.carriers.base import Carrier, Shell
+from cardan.sim_peers.backends.base import DeviceBackend, Shell
 from cardan_wiimote.address import BLUETOOTH_ADDRESS
 from cardan_wiimote.protocol import CONTROL_PSM, INPUT_HEADER, INTERRUPT_PSM
 
@@ -65,7 +65,7 @@ class Remote(Protocol):
         """Take a packet of the control channel, header first; the answer there, if any."""
 
 
-class ChannelCarrier(Carrier[bytes]):
+class ChannelBackend(DeviceBackend[bytes]):
     """Two listening sockets with packets; a host opens the control channel first.
 
     One host at a time, again and again. What it sends are input reports, id first.
@@ -245,7 +245,7 @@ class ChannelCarrier(Carrier[bytes]):
         sock.close()
 
 
-class UnixChannels(ChannelCarrier):
+class UnixChannels(ChannelBackend):
     """Sockets (AF_UNIX, SOCK_SEQPACKET) `psm11` and `psm13` in a directory."""
 
     def __init__(self, remote: Remote, directory: str, mode: int = OWNER_ONLY) -> None:
@@ -295,7 +295,7 @@ class UnixChannels(ChannelCarrier):
                 os.rmdir(self._directory)
 
 
-class BluetoothChannels(ChannelCarrier):
+class BluetoothChannels(ChannelBackend):
     """L2CAP sockets of a Bluetooth adapter, given by its address; all zeros: any."""
 
     def __init__(self, remote: Remote, adapter: str) -> None:

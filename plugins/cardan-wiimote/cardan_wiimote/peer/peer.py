@@ -9,9 +9,9 @@ from typing import Annotated
 
 from cardan.common.options import require_each
 from cardan.errors import ConfigurationError
+from cardan.sim_peers.backends.base import DeviceBackend
+from cardan.sim_peers.backends.uhid import BUS_BLUETOOTH, HidIdentity, UhidBackend
 from cardan.sim_peers.base import load_script
-from cardan.sim_peers.carriers.base import Carrier
-from cardan.sim_peers.carriers.uhid import BUS_BLUETOOTH, HidIdentity, UhidCarrier
 from cardan.sim_peers.command import option
 from cardan.sim_peers.hand_peer import HandPeer, NodeOptions
 from cardan_wiimote.address import BLUETOOTH_ADDRESS
@@ -59,7 +59,7 @@ class WiimotePeerOptions(NodeOptions):
         require_each(self, ("bluetooth", good, f"empty or {BLUETOOTH_ADDRESS}"))
 
 
-class UhidRemote(UhidCarrier):
+class UhidRemote(UhidBackend):
     """A HID device that the Linux kernel takes for a remote connected over Bluetooth."""
 
     def __init__(self, remote: SimulatedWiimote, address: str) -> None:
@@ -138,14 +138,14 @@ class WiimotePeer(HandPeer[SimulatedWiimote, bytes]):
             seed=options.seed,
         )
         hand = ScriptedHand(load_script(options.script, SCRIPTS, SCRIPT_VERBS), options.extension)
-        carrier: Carrier[bytes]
+        backend: DeviceBackend[bytes]
         if options.l2cap:
-            carrier = UnixChannels(remote, options.l2cap, options.mode)
+            backend = UnixChannels(remote, options.l2cap, options.mode)
         elif options.bluetooth:
-            carrier = BluetoothChannels(remote, options.bluetooth)
+            backend = BluetoothChannels(remote, options.bluetooth)
         else:
-            carrier = UhidRemote(remote, options.address)
-        super().__init__(remote, hand, carrier, options)
+            backend = UhidRemote(remote, options.address)
+        super().__init__(remote, hand, backend, options)
         self._logged = 0
 
     def _follow(self, now_s: float) -> None:

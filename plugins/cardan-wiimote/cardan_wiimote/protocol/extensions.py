@@ -42,7 +42,7 @@ class Extension(enum.Enum):
     """Active, passes a Nunchuk through."""
     MOTION_PLUS_CLASSIC = "motion-plus-classic"
     MOTION_PLUS_INACTIVE = "motion-plus-inactive"
-    UNINITIALISED = "uninitialised"
+    UNINITIALIZED = "uninitialized"
     """Something is there and wants its start-up."""
     UNKNOWN = "unknown"
 
@@ -71,7 +71,7 @@ def extension_of(identity: bytes) -> Extension:
     if len(identity) != ID_BYTES:
         return Extension.UNKNOWN
     if identity[4:] == b"\xff\xff":
-        return Extension.UNINITIALISED
+        return Extension.UNINITIALIZED
     if identity[3] != 0x20 or identity[2] not in (0xA4, 0xA6):
         return Extension.UNKNOWN
     if identity[2] == 0xA6 and identity[5] == 0x05:

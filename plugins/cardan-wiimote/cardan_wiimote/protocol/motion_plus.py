@@ -29,7 +29,7 @@ PASS_NONE, PASS_NUNCHUK, PASS_CLASSIC = 0x04, 0x05, 0x07
 
 READ_MOTION_PLUS_ID = ReadMemory(MOTION_PLUS_ADDRESS + ID_OFFSET, ID_BYTES)
 MOTION_PLUS_START = WriteMemory(MOTION_PLUS_ADDRESS + 0xF0, b"\x55")
-"""Initialise; comes before `motion_plus_activate`."""
+"""Initialize; comes before `motion_plus_activate`."""
 MOTION_PLUS_STOP = WriteMemory(EXTENSION_ADDRESS + 0xF0, b"\x55")
 READ_MOTION_PLUS_CALIBRATION = ReadMemory(MOTION_PLUS_ADDRESS + CALIBRATION_OFFSET, 32)
 """While it is inactive."""

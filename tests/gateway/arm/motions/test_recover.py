@@ -74,10 +74,10 @@ def test_it_ends_near_its_robot_and_at_rest():
     assert recovery.apart_m <= NEAR.linear_m
 
 
-def test_a_robot_that_is_farther_than_a_leash_is_not_reached():
+def test_a_robot_that_is_farther_than_the_maximum_lead_is_not_reached():
     recovery = Recovery(robot(0.3)).run()
     assert not recovery.activity.near
-    assert 0.8 * LIMITS.leash_m <= recovery.way_m <= LIMITS.leash_m
+    assert 0.8 * LIMITS.max_lead_m <= recovery.way_m <= LIMITS.max_lead_m
 
 
 def test_a_robot_that_goes_along_is_not_chased():
@@ -107,7 +107,7 @@ def test_one_that_is_near_already_moves_nothing():
     assert recovery.body.pose == IDENTITY_POSE
 
 
-@pytest.mark.parametrize("limits", [LIMITS, ReferenceLimits(leash_m=0.01, leash_rad=0.05)])
+@pytest.mark.parametrize("limits", [LIMITS, ReferenceLimits(max_lead_m=0.01, max_lead_rad=0.05)])
 def test_one_that_creeps_ends_in_time(limits):
     """A robot that shivers about the edge of nearness is no reason to go on."""
     recovery = Recovery(robot(0.009), limits)
@@ -116,7 +116,7 @@ def test_one_that_creeps_ends_in_time(limits):
         recovery.away = robot(recovery.body.pose.position.x + 0.009)
         ticks += 1
         assert ticks * DT_S < 10.0
-    assert recovery.way_m <= limits.leash_m
+    assert recovery.way_m <= limits.max_lead_m
 
 
 @settings(max_examples=20)
@@ -125,8 +125,8 @@ def test_one_that_creeps_ends_in_time(limits):
     st.floats(-2.0, 2.0),
     st.floats(-2.0, 2.0),
 )
-def test_wherever_the_robot_is_and_goes_the_leash_is_its_end(x, turn, share):
+def test_wherever_the_robot_is_and_goes_the_maximum_lead_is_its_end(x, turn, share):
     along = Vector3(share * APPROACH_SPEED_M_S * DT_S, 0.0, 0.0)
     recovery = Recovery(robot(x, Vector3(0.0, 0.0, turn))).run(along)
-    assert recovery.way_m <= LIMITS.leash_m + 1e-3
-    assert recovery.way_rad <= LIMITS.leash_rad + 5e-3
+    assert recovery.way_m <= LIMITS.max_lead_m + 1e-3
+    assert recovery.way_rad <= LIMITS.max_lead_rad + 5e-3

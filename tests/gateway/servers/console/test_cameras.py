@@ -1,4 +1,4 @@
-"""Cameras are shown to whoever may come in, the newest picture, and rest while nobody looks."""
+"""Cameras are shown to each client with access, the newest picture, and rest while nobody looks."""
 
 from __future__ import annotations
 

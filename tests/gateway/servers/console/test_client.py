@@ -102,6 +102,16 @@ def test_a_page_says_who_is_at_it_before_it_moves_anything(page, arm):
         assert "at most 30 printable" in page.next("cardan.refused", id="h")["why"]
 
 
+def test_a_message_of_the_page_has_the_codes_of_the_terminal(page):
+    message = "gripper.output: 99 is not allowed; it must be 0 to 39"
+    for text, codes in ((message, ["S004"]), ("all is well", [])):
+        page.ask("cardan.codes", id="c", text=text)
+        assert page.next("cardan.codes", id="c")["codes"] == codes
+    for bad in (None, 5, "x" * 1001):
+        page.ask("cardan.codes", id="c", text=bad)
+        assert "up to 1000 characters" in page.next("cardan.refused", id="c")["why"]
+
+
 def test_rosbridge_goes_on_beside_it(page):
     page.ask("call_service", id="c", service="/rosapi/get_time")
     assert page.next("service_response")["result"]
@@ -563,7 +573,7 @@ def test_a_page_asks_another_for_the_authority_which_keeps_it(running, arm):
         owner.ask("cardan.keep", arm=ARM, source=names[1])
         for each in (owner, other):
             asked_for(each, source=names[1], owner=names[0], answer="kept")
-    assert arm.requests == []  # Who has it hands it over; nobody else does anything.
+    assert arm.requests == []  # Its owner hands it over; nobody else does anything.
 
 
 def test_who_asks_is_told_what_is_wrong(page, running, arm, network):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan_serial_mice.conform.puck.decoded import PuckSeen, Tongue
+from cardan_serial_mice.conform.puck.decoded import PacketMeaning, PuckSeen
 from cardan_serial_mice.protocol import (
     MagellanError,
     MagellanKeys,
@@ -15,7 +15,7 @@ from cardan_serial_mice.protocol import (
 MagellanSeen = PuckSeen[MagellanPacket]
 
 
-class MagellanTongue(Tongue[MagellanPacket]):
+class MagellanMeaning(PacketMeaning[MagellanPacket]):
     """An answer begins with its command's letter."""
 
     def reader(self) -> MagellanReader:

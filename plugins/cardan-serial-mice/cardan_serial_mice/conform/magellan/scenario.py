@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan.conform.hands import HandPilot
+from cardan.conform.hands import HandScenario
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Script, Wait, mark, send
 from cardan.conform.timeline import Event
@@ -28,7 +28,7 @@ UNKNOWN = b"y0"
 """No command."""
 
 
-class MagellanPilot(HandPilot):
+class MagellanScenario(HandScenario):
     """Reads; only from level 1 on it sends commands."""
 
     def __init__(self, level: Level, seconds: float) -> None:

@@ -11,9 +11,9 @@ from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
 from cardan.conform.transports import Wires
 from cardan.sim_peers.base import FaultSwitch
-from cardan_serial_mice.conform.magellan.decoded import MagellanSeen, MagellanTongue
+from cardan_serial_mice.conform.magellan.decoded import MagellanMeaning, MagellanSeen
 from cardan_serial_mice.conform.magellan.requirements import requires
-from cardan_serial_mice.conform.magellan.scenario import MagellanPilot
+from cardan_serial_mice.conform.magellan.scenario import MagellanScenario
 from cardan_serial_mice.conform.puck.simulated import PuckRig
 from cardan_serial_mice.conform.wire import SerialLine
 from cardan_serial_mice.peer.line import SERIAL_FAULTS
@@ -39,13 +39,13 @@ class Magellan(Suite[MagellanSeen]):
     }
 
     def see(self, timeline: Timeline) -> MagellanSeen:
-        return MagellanSeen(timeline, MagellanTongue())
+        return MagellanSeen(timeline, MagellanMeaning())
 
-    def pilot(self, level: Level, seconds: float) -> MagellanPilot:
-        return MagellanPilot(level, seconds)
+    def scenario(self, level: Level, seconds: float) -> MagellanScenario:
+        return MagellanScenario(level, seconds)
 
-    def simulate(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        PuckRig("magellan", conduct, faults, seed).run()
+    def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        PuckRig("magellan", exchange, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         return SerialLine(target, BAUD, stop_bits=2)

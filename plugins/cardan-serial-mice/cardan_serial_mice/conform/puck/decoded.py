@@ -47,7 +47,7 @@ class Asked(Generic[V]):
     answer: Packet[V] | None
 
 
-class Tongue(ABC, Generic[V]):
+class PacketMeaning(ABC, Generic[V]):
     """What the packets of one protocol mean."""
 
     @abstractmethod
@@ -70,15 +70,15 @@ class Tongue(ABC, Generic[V]):
 class PuckSeen(Generic[V]):
     """The packets of a timeline."""
 
-    def __init__(self, timeline: Timeline, tongue: Tongue[V]) -> None:
+    def __init__(self, timeline: Timeline, meaning: PacketMeaning[V]) -> None:
         self.phases = timeline.phases()
         self.packets: list[Packet[V]] = []
         self.stream = b""
         """All that came."""
         self.lost: list[int] = []
         self.refused: list[int] = []
-        self._tongue = tongue
-        reader = tongue.reader()
+        self._meaning = meaning
+        reader = meaning.reader()
         commands: list[tuple[int, float, bytes]] = []
         for index, event in enumerate(timeline):
             if event.kind is Kind.CLOSED and not event.sent:
@@ -92,7 +92,7 @@ class PuckSeen(Generic[V]):
             else:
                 self.stream += event.data
                 self.packets += [
-                    Packet(index, event.time_s, value, tongue.counts(value), tongue.mask(value))
+                    Packet(index, event.time_s, value, meaning.counts(value), meaning.mask(value))
                     for value in reader.feed(event.data)
                 ]
         self.asked = [
@@ -103,7 +103,7 @@ class PuckSeen(Generic[V]):
 
     def _answer(self, index: int, command: bytes) -> Packet[V] | None:
         later = (each for each in self.packets if each.number > index)
-        return next((e for e in later if self._tongue.answers(e.value, command)), None)
+        return next((e for e in later if self._meaning.answers(e.value, command)), None)
 
     def told(self, command: bytes) -> Asked[V] | None:
         """The first command of these bytes."""

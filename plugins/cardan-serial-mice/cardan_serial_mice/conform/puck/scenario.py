@@ -4,33 +4,33 @@ from __future__ import annotations
 
 from typing import Any
 
-from cardan.conform.hands import HandPilot
+from cardan.conform.hands import HandScenario
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Script, Wait, mark, send
 from cardan.conform.timeline import Event
-from cardan_serial_mice.conform.puck.decoded import Tongue
+from cardan_serial_mice.conform.puck.decoded import PacketMeaning
 
 REST_S = 0.6
 ANSWER_S = 0.6
 
 
-class PuckPilot(HandPilot):
+class PuckScenario(HandScenario):
     """Reads; only from level 1 on it sends commands."""
 
-    def __init__(self, level: Level, seconds: float, tongue: Tongue[Any]) -> None:
+    def __init__(self, level: Level, seconds: float, meaning: PacketMeaning[Any]) -> None:
         super().__init__(level, seconds)
-        self._tongue, self._reader = tongue, tongue.reader()
+        self._meaning, self._reader = meaning, meaning.reader()
         self._command = b""
         self._answered = False
 
     def _note(self, event: Event) -> None:
         for value in self._reader.feed(event.data):
-            self._moved = self._moved or any(self._tongue.counts(value))
-            mask = self._tongue.mask(value)
+            self._moved = self._moved or any(self._meaning.counts(value))
+            mask = self._meaning.mask(value)
             # Some tell their keys every second, whether they change or not.
             if mask is not None and bool(mask) == (self._key == "press"):
                 self._pressed = True
-            if self._command and self._tongue.answers(value, self._command):
+            if self._command and self._meaning.answers(value, self._command):
                 self._answered = True
 
     def _told(self, command: bytes, within_s: float = ANSWER_S) -> Script:

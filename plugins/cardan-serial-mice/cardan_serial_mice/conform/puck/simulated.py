@@ -18,9 +18,11 @@ _REST = (0.0,) * 6
 class PuckRig:
     """Has the device moved as a person would who does what is asked."""
 
-    def __init__(self, key: str, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
+    def __init__(
+        self, key: str, exchange: Exchange, faults: Mapping[str, float], seed: int
+    ) -> None:
         """`key`: of the device's model."""
-        self._conduct = conduct
+        self._exchange = exchange
         model = serial_model_by_key(key)
         self._device = simulated_serial_puck(model, faults=faults, jitter_lsb=1, seed=seed)
         self._refused_s = faults.get("refuse", 0.0)
@@ -29,19 +31,19 @@ class PuckRig:
 
     def run(self) -> None:
         """Until the pilot's script is over."""
-        conduct, device = self._conduct, self._device
-        while not conduct.over and self._now_s < LONGEST_S:
+        exchange, device = self._exchange, self._device
+        while not exchange.over and self._now_s < LONGEST_S:
             # First, or a hand that moves now would have moved since the device was last heard.
             for data in device.reports(self._now_s):
                 if self._open:
-                    self._do(conduct.heard(self._now_s, "", data))
-            self._do(conduct.due(self._now_s))
+                    self._do(exchange.heard(self._now_s, "", data))
+            self._do(exchange.due(self._now_s))
             if self._open and not device.plugged:
                 self._open = False
-                self._do(conduct.heard(self._now_s, "", kind=Kind.CLOSED))
-            if conduct.over:
+                self._do(exchange.heard(self._now_s, "", kind=Kind.CLOSED))
+            if exchange.over:
                 break
-            self._now_s = max(self._now_s + 1e-6, min(device.next_due_s, conduct.next_s))
+            self._now_s = max(self._now_s + 1e-6, min(device.next_due_s, exchange.next_s))
 
     def _do(self, acts: list[Act]) -> None:
         for act in acts:
@@ -52,7 +54,7 @@ class PuckRig:
                 if self._open:
                     self._device.power(True)
                 kind = Kind.OPENED if self._open else Kind.REFUSED
-                self._do(self._conduct.heard(self._now_s, "", kind=kind))
+                self._do(self._exchange.heard(self._now_s, "", kind=kind))
             elif act.kind is Kind.ASKED:
                 self._by_hand(act.channel)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan_serial_mice.conform.puck.decoded import PuckSeen, Tongue
+from cardan_serial_mice.conform.puck.decoded import PacketMeaning, PuckSeen
 from cardan_serial_mice.protocol import (
     SpaceballAdvancedKeys,
     SpaceballEcho,
@@ -20,7 +20,7 @@ UNKNOWN = b"U0"
 """No command."""
 
 
-class BallTongue(Tongue[SpaceballPacket]):
+class SpaceballMeaning(PacketMeaning[SpaceballPacket]):
     """Settings are echoed by their letter; a reset is over with its second line."""
 
     def reader(self) -> SpaceballReader:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Script, Wait, mark
-from cardan_serial_mice.conform.puck.scenario import REST_S, PuckPilot
-from cardan_serial_mice.conform.spaceball.packets import UNKNOWN, BallTongue
+from cardan_serial_mice.conform.puck.scenario import REST_S, PuckScenario
+from cardan_serial_mice.conform.spaceball.packets import UNKNOWN, SpaceballMeaning
 from cardan_serial_mice.protocol.spaceball import (
     BINARY,
     QUERY_KEYS,
@@ -19,11 +19,11 @@ BOOT_S = 2.0
 RESET_S = 2.5
 
 
-class SpaceballPilot(PuckPilot):
+class SpaceballScenario(PuckScenario):
     """Without a command a Spaceball tells its buttons only, so motion is for level 1."""
 
     def __init__(self, level: Level, seconds: float) -> None:
-        super().__init__(level, seconds, BallTongue())
+        super().__init__(level, seconds, SpaceballMeaning())
 
     def script(self) -> Script:
         yield from self._begin(BOOT_S)

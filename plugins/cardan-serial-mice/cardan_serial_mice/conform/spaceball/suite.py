@@ -12,9 +12,9 @@ from cardan.conform.timeline import Timeline
 from cardan.conform.transports import Wires
 from cardan.sim_peers.base import FaultSwitch
 from cardan_serial_mice.conform.puck.simulated import PuckRig
-from cardan_serial_mice.conform.spaceball.packets import BallSeen, BallTongue
+from cardan_serial_mice.conform.spaceball.packets import BallSeen, SpaceballMeaning
 from cardan_serial_mice.conform.spaceball.requirements import requires
-from cardan_serial_mice.conform.spaceball.scenario import SpaceballPilot
+from cardan_serial_mice.conform.spaceball.scenario import SpaceballScenario
 from cardan_serial_mice.conform.wire import SerialLine
 from cardan_serial_mice.peer.line import SERIAL_FAULTS
 from cardan_serial_mice.protocol.spaceball import BAUD
@@ -35,13 +35,13 @@ class Spaceball(Suite[BallSeen]):
     tried_with: ClassVar[Mapping[str, float]] = {"power-loss": 4.5, "overrange": 1.5}
 
     def see(self, timeline: Timeline) -> BallSeen:
-        return BallSeen(timeline, BallTongue())
+        return BallSeen(timeline, SpaceballMeaning())
 
-    def pilot(self, level: Level, seconds: float) -> SpaceballPilot:
-        return SpaceballPilot(level, seconds)
+    def scenario(self, level: Level, seconds: float) -> SpaceballScenario:
+        return SpaceballScenario(level, seconds)
 
-    def simulate(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        PuckRig("spaceball-2003", conduct, faults, seed).run()
+    def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        PuckRig("spaceball-2003", exchange, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         return SerialLine(target, BAUD)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan_serial_mice.conform.puck.decoded import PuckSeen, Tongue
+from cardan_serial_mice.conform.puck.decoded import PacketMeaning, PuckSeen
 from cardan_serial_mice.protocol import OrbKeys, OrbMotion, OrbPacket, OrbReader, OrbText
 
 OrbSeen = PuckSeen[OrbPacket]
@@ -11,7 +11,7 @@ POLL = b"d"
 NULL_REGION = b"n"
 
 
-class OrbTongue(Tongue[OrbPacket]):
+class SpaceOrbMeaning(PacketMeaning[OrbPacket]):
     """`?` is answered with information, `n` with the null region, `d` with a motion."""
 
     def reader(self) -> OrbReader:

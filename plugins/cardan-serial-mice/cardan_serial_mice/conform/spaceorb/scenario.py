@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Script, Wait, mark
-from cardan_serial_mice.conform.puck.scenario import REST_S, PuckPilot
-from cardan_serial_mice.conform.spaceorb.packets import NULL_REGION, POLL, OrbTongue
+from cardan_serial_mice.conform.puck.scenario import REST_S, PuckScenario
+from cardan_serial_mice.conform.spaceorb.packets import NULL_REGION, POLL, SpaceOrbMeaning
 from cardan_serial_mice.protocol.spaceorb import HEARTBEAT_S, QUERY
 
 BOOT_S = 2.0
@@ -14,11 +14,11 @@ BEATS = 2.5
 """Heartbeats of the phase in which it is only listened to."""
 
 
-class SpaceOrbPilot(PuckPilot):
+class SpaceOrbScenario(PuckScenario):
     """Reads; only from level 1 on it sends commands."""
 
     def __init__(self, level: Level, seconds: float) -> None:
-        super().__init__(level, seconds, OrbTongue())
+        super().__init__(level, seconds, SpaceOrbMeaning())
 
     def script(self) -> Script:
         yield from self._begin(BOOT_S)

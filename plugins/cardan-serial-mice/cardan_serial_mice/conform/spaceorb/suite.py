@@ -12,9 +12,9 @@ from cardan.conform.timeline import Timeline
 from cardan.conform.transports import Wires
 from cardan.sim_peers.base import FaultSwitch
 from cardan_serial_mice.conform.puck.simulated import PuckRig
-from cardan_serial_mice.conform.spaceorb.packets import OrbSeen, OrbTongue
+from cardan_serial_mice.conform.spaceorb.packets import OrbSeen, SpaceOrbMeaning
 from cardan_serial_mice.conform.spaceorb.requirements import requires
-from cardan_serial_mice.conform.spaceorb.scenario import SpaceOrbPilot
+from cardan_serial_mice.conform.spaceorb.scenario import SpaceOrbScenario
 from cardan_serial_mice.conform.wire import SerialLine
 from cardan_serial_mice.peer.line import SERIAL_FAULTS
 from cardan_serial_mice.protocol.spaceorb import BAUD
@@ -35,13 +35,13 @@ class SpaceOrb(Suite[OrbSeen]):
     tried_with: ClassVar[Mapping[str, float]] = {"power-loss": 5.5}
 
     def see(self, timeline: Timeline) -> OrbSeen:
-        return OrbSeen(timeline, OrbTongue())
+        return OrbSeen(timeline, SpaceOrbMeaning())
 
-    def pilot(self, level: Level, seconds: float) -> SpaceOrbPilot:
-        return SpaceOrbPilot(level, seconds)
+    def scenario(self, level: Level, seconds: float) -> SpaceOrbScenario:
+        return SpaceOrbScenario(level, seconds)
 
-    def simulate(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        PuckRig("spaceorb", conduct, faults, seed).run()
+    def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        PuckRig("spaceorb", exchange, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         return SerialLine(target, BAUD)

@@ -3,7 +3,7 @@
 A server exports devices over TCP; the kernel's vhci-hcd imports them (``usbip attach``), and from
 then on asks for transfers as it asks a host controller: control transfers on endpoint 0, and reads
 of interrupt endpoints which wait until the device has something. A :class:`UsbipSession` is one
-connection without any I/O, bytes in and bytes out; :class:`UsbipCarrier` listens. All numbers are
+connection without any I/O, bytes in and bytes out; :class:`UsbipBackend` listens. All numbers are
 big-endian but those of USB itself. Source: Linux, Documentation/usb/usbip_protocol.rst;
 tools/usb/usbip/src.
 """
@@ -20,8 +20,8 @@ from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from cardan.sim_peers.carriers.base import Carrier, Shell
-from cardan.sim_peers.carriers.server import Server, StreamClient, bound_to
+from cardan.sim_peers.backends.base import DeviceBackend, Shell
+from cardan.sim_peers.backends.server import Server, StreamClient, bound_to
 
 USBIP_PORT = 3240
 VERSION = 0x0111
@@ -299,7 +299,7 @@ class _Connection(StreamClient):
         self.session = session
 
 
-class UsbipCarrier(Carrier[bytes]):
+class UsbipBackend(DeviceBackend[bytes]):
     """A USB device on a TCP port, which one host at a time can attach. To attach it, as root::
 
         modprobe vhci-hcd

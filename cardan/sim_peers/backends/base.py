@@ -12,7 +12,7 @@ M = TypeVar("M")
 
 
 class Shell(Protocol):
-    """What a carrier may use of the peer that it is a part of."""
+    """What a backend may use of the peer that it is a part of."""
 
     @property
     def selector(self) -> selectors.BaseSelector:
@@ -33,11 +33,11 @@ class Shell(Protocol):
         """Bring the device to the present and send what it has sent by then."""
 
 
-class Carrier(ABC, Generic[M]):
+class DeviceBackend(ABC, Generic[M]):
     """One way to reach a simulated device, which sends what is of type M.
 
-    The shell calls a carrier's methods. What programs send reaches the device from functions that
-    the carrier registers with `Shell.selector`.
+    The shell calls a backend's methods. What programs send reaches the device from functions that
+    the backend registers with `Shell.selector`.
     """
 
     shell: Shell

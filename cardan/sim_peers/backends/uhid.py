@@ -2,7 +2,7 @@
 
 A program that writes to /dev/uhid is the hardware: the kernel binds its HID drivers to it and
 makes hidraw and evdev nodes. The device is gone when its file is closed. The codec below does no
-I/O; :class:`UhidDevice` is the file, :class:`UhidCarrier` serves a simulated device by it. Source:
+I/O; :class:`UhidDevice` is the file, :class:`UhidBackend` serves a simulated device by it. Source:
 Linux, include/uapi/linux/uhid.h and Documentation/hid/uhid.rst. All numbers are in the machine's
 byte order, without padding.
 """
@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from cardan.errors import DeviceAccessError
-from cardan.sim_peers.carriers.base import Carrier, Shell
+from cardan.sim_peers.backends.base import DeviceBackend, Shell
 
 UHID_PATH = "/dev/uhid"
 
@@ -271,7 +271,7 @@ class UhidDevice:
         os.write(self._fd, event)
 
 
-class UhidCarrier(Carrier[bytes]):
+class UhidBackend(DeviceBackend[bytes]):
     """A simulated device of the kernel's; unplugging makes its nodes vanish.
 
     `take` gets each output report and the device's time, s.

@@ -12,7 +12,7 @@ from cardan.bus.options import BusOptions
 from cardan.common import bounds
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan.protocols.ros2.zenoh import SUBSCRIPTION
-from cardan.sim_peers.carriers.base import Carrier
+from cardan.sim_peers.backends.base import DeviceBackend
 from cardan.sim_peers.command import listen_option, option
 from cardan.sim_peers.hand_peer import HandOptions
 
@@ -44,7 +44,7 @@ class BusPeerOptions(HandOptions):
         return self.router or f"tcp/{self.host}:{self.port}"
 
 
-class BusCarrier(Carrier[bytes]):
+class BusBackend(DeviceBackend[bytes]):
     """Publishes a device's messages, in CDR, and passes on what programs let the hand feel."""
 
     def __init__(

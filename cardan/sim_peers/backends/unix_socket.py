@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
 from cardan.common.sockets import OWNER_ONLY, UnixSocket
-from cardan.sim_peers.carriers.base import Carrier, M
-from cardan.sim_peers.carriers.server import PacketClient, Server
+from cardan.sim_peers.backends.base import DeviceBackend, M
+from cardan.sim_peers.backends.server import PacketClient, Server
 
 MAX_CLIENTS = 8
 """Programs that may have the device open at once."""
@@ -52,7 +52,7 @@ class PacketServer(Server[C]):
         return super()._unwanted(sock) or _only_looked(sock)
 
 
-class PacketCarrier(Carrier[M], Generic[M, C]):
+class PacketBackend(DeviceBackend[M], Generic[M, C]):
     """A socket at `path` that stands for a node, for up to `MAX_CLIENTS` programs of the users
     whom `mode` names.
 
@@ -150,7 +150,7 @@ class ReportClient(PacketClient):
         self._queue.append(report)
 
 
-class ReportSocket(PacketCarrier[bytes, ReportClient]):
+class ReportSocket(PacketBackend[bytes, ReportClient]):
     """A socket whose packets are raw HID reports: all programs get all input reports.
 
     `take` gets each output report and the device's time, s; without it they are ignored. While the

@@ -16,7 +16,7 @@ from typing import Protocol
 
 from cardan.common.sockets import OWNER_ONLY
 from cardan.errors import AddressError
-from cardan.sim_peers.carriers.base import Carrier, Shell
+from cardan.sim_peers.backends.base import DeviceBackend, Shell
 
 WATCH_PERIOD_S = 0.01
 """Period of checks whether a host has opened the port: a pseudo-terminal does not report it."""
@@ -34,7 +34,7 @@ class SerialDevice(Protocol):
         """Take bytes of the host's."""
 
 
-class PseudoTerminal(Carrier[bytes]):
+class PseudoTerminal(DeviceBackend[bytes]):
     """A serial port at the path `link`: a program that opens it powers the device.
 
     Unplugging hangs the port up and removes the link; replugging brings both back. A locked file

@@ -60,9 +60,9 @@ from cardan.protocols.evdev.uinput import (
     encode_setup,
     end_upload,
 )
-from cardan.sim_peers.carriers.base import Carrier
-from cardan.sim_peers.carriers.server import PacketClient
-from cardan.sim_peers.carriers.unix_socket import PacketCarrier
+from cardan.sim_peers.backends.base import DeviceBackend
+from cardan.sim_peers.backends.server import PacketClient
+from cardan.sim_peers.backends.unix_socket import PacketBackend
 from cardan.sim_peers.evdev.core import EFFECTS, InputEvents, SimulatedInput
 
 if sys.platform != "win32":
@@ -90,7 +90,7 @@ class _Client(PacketClient):
         self._queue.append(packet)
 
 
-class EventSocket(PacketCarrier[InputEvents, _Client]):
+class EventSocket(PacketBackend[InputEvents, _Client]):
     """A socket that stands for a node of /dev/input: a packet is a read or a write.
 
     A packet that is not of whole events is an ioctl request or its answer.
@@ -157,7 +157,7 @@ class EventSocket(PacketCarrier[InputEvents, _Client]):
         self._device.gone(client)
 
 
-class UinputCarrier(Carrier[InputEvents]):
+class UinputBackend(DeviceBackend[InputEvents]):
     """The kernel's own: the device becomes a node of /dev/input, with all that the kernel does.
 
     `root` is where /dev and /sys are.

@@ -13,7 +13,7 @@ from cardan.gateway.force.watchdog import (
     LEAST_DERATING,
     LET_OUT,
     SOURCE_LOST_S,
-    ForceGuard,
+    ForceWatchdog,
 )
 from cardan.types import Vector3
 
@@ -26,16 +26,16 @@ class Rig:
     """A guard whose hand was taken up at 1 s with the fifth command."""
 
     def __init__(self):
-        self.guard = ForceGuard(max_age_s=0.1)
+        self.watchdog = ForceWatchdog(max_age_s=0.1)
         self.now_s = 1.0
-        self.guard.engage(5, self.now_s)
+        self.watchdog.engage(5, self.now_s)
 
     def see(self, state, seconds=0.0, fixtures=True, refusal="", source=""):
         """What the guard says at the end of so long, and when it began to."""
         begun_s = self.now_s
         for _ in range(max(1, round(seconds / PERIOD_S))):
             self.now_s += PERIOD_S
-            words = self.guard.disengage_reason(
+            words = self.watchdog.disengage_reason(
                 state, self.now_s, fixtures=fixtures, refusal=refusal, source=source
             )
             if words:
@@ -46,24 +46,24 @@ class Rig:
 def test_a_force_that_is_there_is_never_objected_to():
     rig = Rig()
     assert rig.see(IN, 60.0) == ("", None)
-    assert (rig.guard.losses, rig.guard.out_s) == (0, 0.0)
-    assert rig.guard.rendered
+    assert (rig.watchdog.losses, rig.watchdog.out_s) == (0, 0.0)
+    assert rig.watchdog.rendered
 
 
 def test_the_robot_waits_for_a_force_that_has_not_begun_or_is_gone():
     rig = Rig()
     rig.see(OUT)
-    assert rig.guard.in_doubt
+    assert rig.watchdog.in_doubt
     rig.see(IN)
-    assert not rig.guard.in_doubt
+    assert not rig.watchdog.in_doubt
     rig.see(OUT, 0.008)
-    assert not rig.guard.in_doubt  # One tick that was late is nothing.
+    assert not rig.watchdog.in_doubt  # One tick that was late is nothing.
     rig.see(OUT, 0.008)
-    assert rig.guard.in_doubt
+    assert rig.watchdog.in_doubt
     rig.see(IN)
-    assert not rig.guard.in_doubt
-    rig.guard.release()
-    assert not rig.guard.in_doubt
+    assert not rig.watchdog.in_doubt
+    rig.watchdog.release()
+    assert not rig.watchdog.in_doubt
 
 
 def test_a_short_gap_is_borne_and_a_long_one_is_not():
@@ -74,8 +74,8 @@ def test_a_short_gap_is_borne_and_a_long_one_is_not():
     words, after_s = rig.see(OUT, 1.0)
     assert words == "the force is lost: the tick was late"
     assert after_s == pytest.approx(FORCE_LOST_S, abs=2 * PERIOD_S)
-    assert rig.guard.losses == 1
-    assert rig.guard.out_s == pytest.approx(1.9 * FORCE_LOST_S, abs=3 * PERIOD_S)
+    assert rig.watchdog.losses == 1
+    assert rig.watchdog.out_s == pytest.approx(1.9 * FORCE_LOST_S, abs=3 * PERIOD_S)
 
 
 def test_a_force_that_flickers_is_lost():
@@ -85,7 +85,7 @@ def test_a_force_that_flickers_is_lost():
         if rig.see(OUT, 0.02)[0]:
             break
         rig.see(IN, 0.02)
-    assert rig.guard.losses == 1
+    assert rig.watchdog.losses == 1
 
 
 @given(st.integers(1, 20), st.integers(100, 400))
@@ -100,7 +100,7 @@ def test_a_late_tick_now_and_then_is_borne(out, rest):
 def test_what_was_rendered_before_the_clutch_in_does_not_count():
     rig = Rig()
     assert rig.see(IN._replace(command_sequence=4), 0.5)[0] == ""
-    assert not rig.guard.rendered
+    assert not rig.watchdog.rendered
 
 
 @pytest.mark.parametrize("state", [OperatingState.FAULT, OperatingState.DISABLED])
@@ -141,24 +141,24 @@ def test_a_force_of_long_pressing_is_not_taken_for_one_of_warm_motors():
 def test_a_measured_force_that_ends_is_missed_and_one_that_never_was_is_not():
     rig = Rig()
     assert rig.see(IN, 5.0)[0] == ""
-    rig.guard.give(rig.now_s)
+    rig.watchdog.give(rig.now_s)
     words, after_s = rig.see(IN, 5.0, source="the robot reports none")
     assert words.endswith(", the robot reports none")
     assert after_s == pytest.approx(0.2, abs=2 * PERIOD_S)
-    rig.guard.release()
+    rig.watchdog.release()
     assert rig.see(IN, 5.0)[0] == ""
-    rig.guard.engage(6, rig.now_s)
+    rig.watchdog.engage(6, rig.now_s)
     assert rig.see(IN._replace(command_sequence=6), 5.0)[0] == ""
-    assert rig.guard.losses == 1
+    assert rig.watchdog.losses == 1
 
 
 def test_a_device_that_cannot_be_enabled_may_become_ready_within_a_second():
     rig = Rig()
     disabled = OUT._replace(state=OperatingState.DISABLED)
     assert rig.see(disabled, 0.5, refusal="no force: a moment")[0] == ""
-    assert rig.guard.in_doubt
+    assert rig.watchdog.in_doubt
     assert rig.see(IN, 1.0)[0] == ""
-    rig.guard.engage(5, rig.now_s)
+    rig.watchdog.engage(5, rig.now_s)
     words, after_s = rig.see(disabled, 2.0, refusal="no force: it is not calibrated")
     assert words == "there is no force: it is not calibrated"
     assert after_s == pytest.approx(BEGINS_WITHIN_S, abs=2 * PERIOD_S)
@@ -173,13 +173,13 @@ class Exact:
     """A guard that was engaged at zero, and sees a state at chosen times."""
 
     def __init__(self, *rendered_at_s):
-        self.guard = ForceGuard(max_age_s=0.0)
-        self.guard.engage(5, 0.0)
+        self.watchdog = ForceWatchdog(max_age_s=0.0)
+        self.watchdog.engage(5, 0.0)
         for now_s in rendered_at_s:
             assert self.at(now_s, IN) == ""
 
     def at(self, now_s, state, *, fixtures=True, refusal="", source=""):
-        return self.guard.disengage_reason(
+        return self.watchdog.disengage_reason(
             state, now_s, fixtures=fixtures, refusal=refusal, source=source
         )
 
@@ -192,11 +192,11 @@ def pushing(given_n, of_n, **known):
 
 
 def test_a_guard_that_nobody_engaged_says_nothing():
-    guard = ForceGuard(max_age_s=0.1)
+    watchdog = ForceWatchdog(max_age_s=0.1)
     for now_s in (0.0, 60.0):
-        words = guard.disengage_reason(OUT, now_s, fixtures=True, refusal="", source="")
-        assert (words, guard.lost_reason, guard.losses, guard.out_s) == ("", "", 0, 0.0)
-        assert (guard.rendered, guard.in_doubt, guard.heard) == (False, False, False)
+        words = watchdog.disengage_reason(OUT, now_s, fixtures=True, refusal="", source="")
+        assert (words, watchdog.lost_reason, watchdog.losses, watchdog.out_s) == ("", "", 0, 0.0)
+        assert (watchdog.rendered, watchdog.in_doubt, watchdog.heard) == (False, False, False)
 
 
 def test_what_was_seen_before_the_clutch_out_does_not_count_after_it():
@@ -204,11 +204,11 @@ def test_what_was_seen_before_the_clutch_out_does_not_count_after_it():
     for state in (OUT, warm):
         rig = Exact(0.0)
         assert rig.at(FORCE_LOST_S, state) == ""
-        rig.guard.engage(5, 1.0)
+        rig.watchdog.engage(5, 1.0)
         assert rig.at(1.0, IN) == ""
         assert rig.at(1.0 + 0.5 * IN_DOUBT_S, state) == ""
-        assert not rig.guard.in_doubt
-    rig.guard.release()
+        assert not rig.watchdog.in_doubt
+    rig.watchdog.release()
     assert rig.at(9.0, OUT) == ""
 
 
@@ -217,20 +217,20 @@ def test_the_robot_waits_after_and_not_at_the_time_of_doubt():
     for state in (OUT, warm):
         rig = Exact(0.0)
         rig.at(IN_DOUBT_S, state)
-        assert not rig.guard.in_doubt
+        assert not rig.watchdog.in_doubt
         rig.at(IN_DOUBT_S + LATER_S, state)
-        assert rig.guard.in_doubt
+        assert rig.watchdog.in_doubt
 
 
 def test_a_force_is_lost_after_and_not_at_its_time():
     rig = Exact(0.0)
     assert rig.at(FORCE_LOST_S, OUT) == ""
-    assert rig.guard.lost_reason == "the tick was late"
+    assert rig.watchdog.lost_reason == "the tick was late"
     assert rig.at(FORCE_LOST_S + LATER_S, OUT) == "the force is lost: the tick was late"
-    assert rig.guard.lost_reason == "the force is lost: the tick was late"
+    assert rig.watchdog.lost_reason == "the force is lost: the tick was late"
     rig = Exact(0.0)
     assert rig.at(LATER_S, OUT._replace(reason="")) == ""
-    assert rig.guard.lost_reason == "the device gives none"
+    assert rig.watchdog.lost_reason == "the device gives none"
 
 
 def test_a_quarter_of_the_time_with_force_makes_up_for_time_without():
@@ -281,7 +281,7 @@ def test_warm_motors_that_give_too_little_of_what_is_asked_lose_the_force(left, 
     rig, warm = Exact(0.0), pushing(given_n, 1.0, thermal_derating=left)
     assert rig.at(FORCE_LOST_S, warm) == ""
     assert ("let them cool down" in rig.at(FORCE_LOST_S + LATER_S, warm)) is lost
-    assert rig.guard.in_doubt is lost
+    assert rig.watchdog.in_doubt is lost
 
 
 def test_motors_that_are_cool_in_between_begin_anew():
@@ -293,9 +293,9 @@ def test_motors_that_are_cool_in_between_begin_anew():
 
 def test_a_measured_force_is_lost_after_and_not_at_its_time():
     rig = Exact(0.0)
-    rig.guard.give(0.0)
+    rig.watchdog.give(0.0)
     assert rig.at(SOURCE_LOST_S, IN) == ""
     assert rig.at(0.2, IN) == "the measured force is lost: none for 0.20 s"
     rig = Exact(1.0)
-    rig.guard.give(1.0)
+    rig.watchdog.give(1.0)
     assert rig.at(1.25, IN, source="gone") == ("the measured force is lost: none for 0.25 s, gone")

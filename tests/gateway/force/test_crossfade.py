@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from cardan.common.haptics import WorldMap
-from cardan.gateway.force.crossfade import GLIDE_M_S, LONGEST_STEP_S, MapGlide
+from cardan.gateway.force.crossfade import CROSSFADE_M_S, LONGEST_STEP_S, MapCrossfade
 from cardan.gateway.force.fixtures import world_point
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.spatial import norm, subtract
@@ -24,7 +24,7 @@ def shifted(x):
 
 
 def test_an_engagement_begins_with_its_own_map_at_once():
-    glide, world = MapGlide(), shifted(0.5)
+    glide, world = MapCrossfade(), shifted(0.5)
     assert glide.follow(world, HERE, 1.0) is world
     assert glide.follow(world, HERE, 1.004) is world
     glide.release()
@@ -33,26 +33,26 @@ def test_an_engagement_begins_with_its_own_map_at_once():
 
 
 def test_a_leap_is_glided():
-    glide = MapGlide()
+    glide = MapCrossfade()
     glide.follow(shifted(0.5), HERE, 1.0)
     places = [glide.follow(shifted(0.52), HERE, 1.0 + k * DT_S).offset.x for k in range(1, 600)]
     assert places[0] == pytest.approx(0.5)
-    assert places[249] - places[0] == pytest.approx(GLIDE_M_S * 249 * DT_S, rel=0.01)
-    assert max(b - a for a, b in itertools.pairwise(places)) < 1.01 * GLIDE_M_S * DT_S
+    assert places[249] - places[0] == pytest.approx(CROSSFADE_M_S * 249 * DT_S, rel=0.01)
+    assert max(b - a for a, b in itertools.pairwise(places)) < 1.01 * CROSSFADE_M_S * DT_S
     assert places[-1] == 0.52
 
 
 def test_a_stall_makes_no_leap_of_the_glide():
-    glide = MapGlide()
+    glide = MapCrossfade()
     glide.follow(shifted(0.5), HERE, 1.0)
     glide.follow(shifted(0.6), HERE, 1.004)
     after = glide.follow(shifted(0.6), HERE, 9.0).offset.x
-    assert after == pytest.approx(0.5 + GLIDE_M_S * LONGEST_STEP_S)
+    assert after == pytest.approx(0.5 + CROSSFADE_M_S * LONGEST_STEP_S)
 
 
 def test_what_the_hand_does_itself_is_no_leap():
     """A slip and an edge of the workspace move the map by no more than the hand moves."""
-    glide = MapGlide()
+    glide = MapCrossfade()
     glide.follow(shifted(0.5), HERE, 1.0)
     slipped = shifted(0.499)
     assert glide.follow(slipped, HERE._replace(x=0.101), 1.004) is slipped
@@ -61,7 +61,7 @@ def test_what_the_hand_does_itself_is_no_leap():
 
 
 def test_another_direction_is_glided_as_it_is_where_the_hand_is():
-    glide, half = MapGlide(), math.sqrt(0.5)
+    glide, half = MapCrossfade(), math.sqrt(0.5)
     glide.follow(shifted(0.5), HERE, 1.0)
     turned = WorldMap((half, -half, 0, half, half, 0, 0, 0, 1), Vector3(0.5, 0.0, 0.0))
     rendered = glide.follow(turned, HERE, 1.0)
@@ -85,7 +85,7 @@ def test_nothing_makes_the_rendered_place_leap(plan, rpy, factor):
         slip_m=0.05,
     )
     rig.run().tap("button_2")
-    glide, before = MapGlide(), None
+    glide, before = MapCrossfade(), None
     for (kind, value), ticks, _ in plan:
         if kind in ("send", "leap"):
             rig.send_hand(displaced(*value[:3]))
@@ -109,13 +109,13 @@ def test_nothing_makes_the_rendered_place_leap(plan, rpy, factor):
                 hand_m = factor * norm(subtract(hand, before[1]))
                 passed_s = rig.now_s - before[2]
                 moved_m = norm(subtract(at, before[0]))
-                assert moved_m <= 2.0 * hand_m + GLIDE_M_S * passed_s + 1e-6
+                assert moved_m <= 2.0 * hand_m + CROSSFADE_M_S * passed_s + 1e-6
             before = at, hand, rig.now_s
 
 
 def test_after_a_recapture_the_glide_ends_at_the_true_map():
     rig = HandRig(recapture="button_1", slip_m=0.1).run().tap("button_2")
-    glide = MapGlide()
+    glide = MapCrossfade()
     rig.send_hand(displaced(y=0.4))
     for k in range(1500):
         if k == 30:

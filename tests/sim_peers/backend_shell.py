@@ -1,15 +1,15 @@
-"""A shell for a carrier alone: no device is played behind it."""
+"""A shell for a backend alone: no device is played behind it."""
 
 from __future__ import annotations
 
 import selectors
 import time
 
-from cardan.sim_peers.carriers.base import Carrier
+from cardan.sim_peers.backends.base import DeviceBackend
 
 
 class BareShell:
-    """What a carrier uses of its peer. `now_s` is the device's time."""
+    """What a backend uses of its peer. `now_s` is the device's time."""
 
     refused_until_s = 0.0
 
@@ -27,7 +27,7 @@ class BareShell:
     def catch_up(self) -> None:
         """There is nothing to play."""
 
-    def serve(self, carrier: Carrier, timeout_s: float) -> None:
+    def serve(self, backend: DeviceBackend, timeout_s: float) -> None:
         """One turn of the loop."""
-        carrier.wait(timeout_s)
-        carrier.attend(time.monotonic())
+        backend.wait(timeout_s)
+        backend.attend(time.monotonic())
