@@ -471,6 +471,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="another seed: another sample")
     parser.add_argument("--only", nargs="+", default=[], metavar="PATH", help="file or folder")
     parser.add_argument("--area", nargs="+", default=[], choices=AREAS)
+    parser.add_argument("--survivors", type=Path, help="of a report; with --tests, of others")
     parser.add_argument("--tests", nargs="+", metavar="PATH", help="those that are run")
     parser.add_argument(
         "--at-most-s", type=float, default=math.inf, help="of tests for each mutant, nearest first"
@@ -487,6 +488,10 @@ def main() -> int:
     there = len(mutants)
     if asked.sample is not None and asked.sample < there:
         mutants = sorted(random.Random(asked.seed).sample(mutants, asked.sample))
+    if asked.survivors is not None:
+        told = json.loads(asked.survivors.read_text())
+        alive = {(each["path"], each["change"]) for each in told if each["outcome"] == SURVIVED}
+        mutants = [each for each in mutants if (each.path, each.change) in alive]
     say(f"{len(mutants)} of {there} mutants of {len(paths)} files")
     if asked.list:
         print(*(f"{m.path}:{m.line} {m.name.partition('::')[2]}" for m in mutants), sep="\n")
