@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import pytest
 
@@ -41,8 +42,10 @@ def test_a_leap_is_told_in_what_was_exceeded(after, words):
 
 def test_joints_away_from_the_arm_are_told_in_degrees():
     measured = Robot(1, 0.0, "", EgmRobot(feed_back=answer().message.planned))
-    words = a_session_begins_where_the_arm_is((measured, answer(joint_deg=5.0)))
-    assert words == "away by 5.00 of at most 0.05 degrees"
+    answers = [answer(joint_deg=5.0)]
+    seen = SimpleNamespace(robots=[measured], answers=answers, sessions=[[measured]])
+    found = [*a_session_begins_where_the_arm_is(seen)]
+    assert found == [(2, "away by 5.00 of at most 0.05 degrees")]
 
 
 def test_a_driver_that_has_ended_is_not_judged_by_what_comes_later():

@@ -12,7 +12,14 @@ from cardan.conform import Level, Outcome, registry
 from cardan.conform.comparison import as_text, compare
 from cardan.conform.redaction import Redaction
 from cardan.conform.report import read
-from cardan.conform.requirements import Requirements, failed
+from cardan.conform.requirements import (
+    Requirements,
+    Words,
+    failed,
+    not_applicable,
+    not_seen,
+    passed,
+)
 from cardan.conform.run import simulated
 from cardan.errors import ConfigurationError
 
@@ -91,6 +98,36 @@ def test_a_failure_that_a_late_computer_can_have_made_is_not_judged():
     assert found.outcome is Outcome.NOT_SEEN
     assert found.said == "not judged: this computer was late by 200 ms; after 70 ms"
     assert other.verdict(None, 9.0) == failed("cut")
+
+
+def test_a_judge_may_yield_what_it_finds_of_each_thing():
+    requires = Requirements("X", "no numbers came")
+
+    @requires(1, "the manual")
+    def small(seen):
+        """They are below 5."""
+        if "words" in seen:
+            return not_applicable("those are words")
+        for number, each in enumerate(seen):
+            yield number, f"{each} is too large" if each > 4 else ""
+        return Words("{} numbers")
+
+    @requires(2, "the manual")
+    def most_are_small(seen):
+        """Two in three are below 5."""
+        for number, each in enumerate(seen):
+            yield number, f"{each} is too large" if each > 4 else ""
+        return Words("{} numbers, {} large", not_applicable("it has none"), "numbers", few=0.34)
+
+    first, second = requires.all()
+    assert first.text == "They are below 5."
+    assert first.verdict([1, 2], 0.0) == passed("2 numbers")
+    assert first.verdict([1, 7, 9], 0.0) == failed("2 of 3: 7 is too large", [1, 2])
+    assert first.verdict([], 0.0) == not_seen("no numbers came")
+    assert first.verdict(["words"], 0.0) == not_applicable("those are words")
+    assert second.verdict([1, 7, 2], 0.0) == passed("3 numbers, 1 large")
+    assert second.verdict([1, 7], 0.0) == failed("1 of 2 numbers: 7 is too large", [1])
+    assert second.verdict([], 0.0) == not_applicable("it has none")
 
 
 def test_junit_has_a_case_for_each(bad):

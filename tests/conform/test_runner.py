@@ -23,6 +23,7 @@ from cardan.conform.requirements import (
     NOTHING,
     Over,
     Requirements,
+    Words,
     failed,
     met,
     must,
@@ -175,8 +176,13 @@ def test_a_judge_ends_where_what_must_be_is_not():
 
 def test_events_that_show_what_is_wrong_can_be_others_than_the_thing_s_own():
     requires = Requirements("X")
-    things = Over(lambda seen: [(n, SimpleNamespace(number=n)) for n in seen], "{} things")
-    requires.each(101, "", things)(lambda each: [(40 + n, "odd") for n in range(each[0])])
+
+    @requires(101, "")
+    def judge(seen):
+        for n, why in enumerate(seen):
+            yield 40 + n, why
+        return Words("{} things")
+
     (requirement,) = requires.all()
-    assert requirement.judge([0, 2]) == failed("2 of 2: odd", (40, 41))
-    assert requirement.judge([0, 0]) == passed("2 things")
+    assert requirement.judge(["odd", "odd"]) == failed("2 of 2: odd", (40, 41))
+    assert requirement.judge(["", ""]) == passed("2 things")

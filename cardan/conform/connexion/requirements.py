@@ -6,16 +6,16 @@ from itertools import pairwise, takewhile
 
 from cardan.conform.connexion.decoded import ConnexionSeen, Report
 from cardan.conform.requirements import (
+    Findings,
     Over,
     Requirements,
     Verdict,
+    Words,
     at_most,
     failed,
     met,
     must,
-    none_wrong,
     not_applicable,
-    not_seen,
     passed,
     some,
 )
@@ -111,10 +111,9 @@ def the_family_is_the_models(seen: ConnexionSeen) -> Verdict:
     """Motion comes as the model sends it, which its vendor and product id say."""
     if seen.model is None:
         return not_applicable("its model is not known")
-    if seen.family is None:
-        return not_seen(_NOTHING)
-    said = f"{seen.model.name}: {seen.family.value}"
-    return met(seen.family is seen.model.family, said, [seen.motions[0].number])
+    family = some(seen.family, _NOTHING)
+    said = f"{seen.model.name}: {family.value}"
+    return met(family is seen.model.family, said, [seen.motions[0].number])
 
 
 def _moving(seen: ConnexionSeen) -> list[list[Report]]:
@@ -124,28 +123,25 @@ def _moving(seen: ConnexionSeen) -> list[list[Report]]:
 
 
 @requires(8, f"{RATE}: one half every 8 ms, in turn")
-def halves_take_turns(seen: ConnexionSeen) -> Verdict:
+def halves_take_turns(seen: ConnexionSeen) -> Findings:
     """Translations and rotations come in turn, one of each."""
     if seen.family is connexion.Family.ONE:
         return not_applicable("motion comes whole")
-    wrong, count = [], 0
     for motion in _moving(seen):
         for one, other in pairwise(motion):
-            count += 1
-            if type(one.value) is type(other.value):
-                wrong.append((other.number, f"two {type(one.value).__name__.lower()}s in a row"))
-    return none_wrong(wrong, count, f"{count} in turn", _NOTHING)
+            twice = type(one.value) is type(other.value)
+            words = f"two {type(one.value).__name__.lower()}s in a row"
+            yield other.number, words if twice else ""
+    return Words("{} in turn")
 
 
 @requires(9, RATE)
 def the_rate_is_the_families(seen: ConnexionSeen) -> Verdict:
     """Held deflected, it sends a half every 8 ms, or a whole motion every 16 ms, to 15 %."""
-    moving, family = _moving(seen), seen.family
-    if not moving or family is None:
-        return not_seen(_NOTHING)
+    moving, period_s = some(_moving(seen), _NOTHING), PERIOD_S[some(seen.family, _NOTHING)]
     periods = [(m[-1].time_s - m[0].time_s) / (len(m) - 1) for m in moving]
-    worst = max(periods, key=lambda each: abs(each - PERIOD_S[family]))
-    return met(abs(worst / PERIOD_S[family] - 1.0) < PERIOD_TOLERANCE, f"{worst * 1e3:.2f} ms")
+    worst = max(periods, key=lambda each: abs(each - period_s))
+    return met(abs(worst / period_s - 1.0) < PERIOD_TOLERANCE, f"{worst * 1e3:.2f} ms")
 
 
 @requires(10, f"{RATE}: while deflected the device keeps sending")
@@ -167,18 +163,16 @@ def rest_is_silent(seen: ConnexionSeen) -> Verdict:
 
 
 @requires(12, f"{RATE}: the last value of a motion is zero")
-def the_last_value_is_zero(seen: ConnexionSeen) -> Verdict:
+def the_last_value_is_zero(seen: ConnexionSeen) -> Findings:
     """Of every motion the last reports say zero on all axes, and there are at most 8 of them."""
-    wrong, count = [], 0
+    least = 2 if seen.family is connexion.Family.SPLIT else 1
     for name in ("push", "twist"):
         found = [each for each in seen.during(f"{name}-held", f"{name}-over") if each.is_motion]
         if any(any(each.counts) for each in found):
-            count += 1
             zeros = len(list(takewhile(lambda each: not any(each.counts), reversed(found))))
-            least = 2 if seen.family is connexion.Family.SPLIT else 1
-            if not least <= zeros <= ZEROS_AT_MOST:
-                wrong.append((found[-1].number, f"{zeros} zeros at the end"))
-    return none_wrong(wrong, count, f"{count} motions", "it was never deflected")
+            few = least <= zeros <= ZEROS_AT_MOST
+            yield found[-1].number, "" if few else f"{zeros} zeros at the end"
+    return Words("{} motions", "it was never deflected")
 
 
 @requires(13, f"{DESCRIPTOR}: logical range -350 to 350")
@@ -230,13 +224,14 @@ def _buttons(found: list[Report]) -> list[bool]:
 
 
 @requires(16, f"{DESCRIPTOR}, battery strength")
-def the_battery_is_not_empty(seen: ConnexionSeen) -> Verdict:
+def the_battery_is_not_empty(seen: ConnexionSeen) -> Findings:
     """The battery, where it is told of, has 10 % and more."""
-    found = [(e, e.value.percent) for e in seen.reports if isinstance(e.value, connexion.Battery)]
-    if not found:
-        return not_applicable("no battery was told of")
-    wrong = ((each.number, f"{percent} %") for each, percent in found if percent < LOW_PERCENT)
-    return none_wrong(wrong, len(found), f"{found[-1][1]} %", _NOTHING)
+    percent = 0
+    for each in seen.reports:
+        if isinstance(each.value, connexion.Battery):
+            percent = each.value.percent
+            yield each.number, f"{percent} %" if percent < LOW_PERCENT else ""
+    return Words(f"{percent} %", not_applicable("no battery was told of"))
 
 
 @requires(17, "the system's HID driver")
@@ -270,8 +265,7 @@ def both_descriptions_agree(seen: ConnexionSeen) -> Verdict:
 @requires(101, f"{SPACENAVD}: output report 4")
 def the_led_disturbs_nothing(seen: ConnexionSeen) -> Verdict:
     """Told to switch its LED on and off, the device sends on as before."""
-    if seen.phase("push-again") is None or seen.refused:
-        return not_seen("it was not told")
+    some(seen.phase("push-again") and not seen.refused, "it was not told")
     if seen.model is not None and not seen.model.led:
         return not_applicable("the model has no LED")
     found = [each for each in seen.during("push-again") if any(each.counts)]

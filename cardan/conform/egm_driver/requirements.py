@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from cardan.conform.controllers import had_ended
 from cardan.conform.egm.decoded import Answer, EgmSeen, Robot, joints_of, not_normal, place_of, step
+from cardan.conform.egm.requirements import MANUAL, SCHEMA
 from cardan.conform.requirements import (
     Findings,
     Over,
@@ -32,8 +33,6 @@ from cardan.conform.second_reading import read_twice, refused, second_descriptio
 from cardan.protocols.egm import EgmSensor, EgmSensorPathCorr, MessageType
 from cardan.protocols.egm.messages import EgmMotion
 
-MANUAL = "ABB application manual 3HAC073318-001 (RobotWare 7.16)"
-SCHEMA = "ABB's egm.proto, RobotWare 6.08 to 7.16"
 LIBEGM = "ros-industrial/abb_libegm, src/egm_base_interface.cpp"
 LAW = f"{MANUAL}: every reference acts at once; there is no path planner"
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from functools import partial
 from itertools import pairwise
 
+from cardan.conform.motoros.requirements import CONTROLLER, MESSAGES, SERVER, STATES, VELOCITY
 from cardan.conform.motoros_driver.decoded import VELOCITY_TYPES, DriverSeen, Link, Said
 from cardan.conform.motoros_driver.scenario import (
     ANSWERED_WITHIN_S,
@@ -39,12 +40,7 @@ from cardan.robots import load_arm
 from cardan.sim_peers.motoros_controller.io_image import BIT_AND_GROUP_TYPES, REGISTER_TYPES
 
 MANUAL = "docs/protocols/simple-message.md"
-SERVER = "motoman_driver 1.9.12, MotoPlus/MotionServer.c"
-STATES = "motoman_driver 1.9.12, MotoPlus/StateServer.c"
-CONTROLLER = "motoman_driver 1.9.12, MotoPlus/Controller.c"
-MESSAGES = "motoman_driver 1.9.12, MotoPlus/SimpleMessage.h"
 CLIENT = "motoman_driver 1.9.12, src/joint_trajectory_streamer.cpp"
-VELOCITY = "docs/protocols/motoros-velocity-mode.md"
 ENDS = f"{CONTROLLER}: queues are emptied, START_TRAJ_MODE is needed"
 AGAIN = "ISO 13850: resetting an emergency stop only permits a restart"
 

@@ -4,7 +4,7 @@ decoded once."""
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, NoReturn
 
 from cardan.conform.timeline import Event, Kind, Seen, Timeline, UnaskedError
@@ -31,6 +31,13 @@ TOKEN = re.compile(r"write_output_integer_register\(\d+, (\d{2,})\)")
 _OF_A_VERSION = frozenset((rtde.PacketType.OUTPUTS, rtde.PacketType.DATA, rtde.PacketType.TEXT))
 """What has another form in another version of RTDE."""
 _NAME = re.compile(r"def (\w+)\(\)")
+_READERS: Mapping[str, Callable[[], Any]] = {
+    PRIMARY: PackageReader,
+    SECONDARY: PackageReader,
+    REALTIME: RealtimeReader,
+    "dashboard": LineReader,
+}
+"""What cuts a channel's bytes, where it is not RTDE."""
 
 
 class Heard(NamedTuple):
@@ -127,8 +134,7 @@ class _Connection:
     """What is known of an RTDE connection while it is open."""
 
     def __init__(self, version: int) -> None:
-        self.theirs, self.ours = rtde.PacketReader(), rtde.PacketReader()
-        self.begun_s = 0.0
+        self.ours = rtde.PacketReader()
         self.version = version
         self.open: list[tuple[int, float, rtde.Request | rtde.Setup]] = []
         self.outputs: rtde.Recipe | None = None
@@ -169,10 +175,10 @@ class UrSeen(Seen):
         self.called: list[tuple[int, Event]] = []
         """Programs of ours that came to our port, and what they sent."""
         self._connections: dict[str, _Connection] = {}
-        self._packages = {PRIMARY: PackageReader(), SECONDARY: PackageReader()}
-        self._package_begun_s: dict[str, float] = {}
-        self._realtime = RealtimeReader()
-        self._lines, self._asked_line = LineReader(), (0, 0.0, "")
+        self._readers: dict[str, Any] = {}
+        self._begun_s: dict[str, float] = {}
+        """When the first bytes came of what is not whole yet, by channels."""
+        self._asked_line = (0, 0.0, "")
         self._answered = False
         for number, event in enumerate(timeline):
             self._take(number, event)
@@ -190,17 +196,13 @@ class UrSeen(Seen):
                 self.called.append((number, event))
         elif event.kind is Kind.OPENED:
             self.opened.append(channel)
+            self._begin(channel)
             if channel.startswith(RTDE):
                 # A controller speaks the oldest until another is agreed on. What was before the
                 # beginning of a capture is not known.
                 self._connections[channel] = _Connection(
                     rtde.VERSION if event.note else rtde.VERSIONS[0]
                 )
-            elif channel in self._packages:
-                self._packages[channel] = PackageReader()
-                self._package_begun_s.pop(channel, None)
-            elif channel == REALTIME:
-                self._realtime = RealtimeReader()
         elif event.kind in (Kind.CLOSED, Kind.REFUSED):
             if not event.sent:
                 self.ended.append((number, event))
@@ -210,16 +212,40 @@ class UrSeen(Seen):
                 self._dashboard(number, event)
             elif event.sent and channel not in self._connections:
                 self._uploaded(number, event)
-            elif channel in self._packages:
-                self._told(number, event)
+            elif channel in (PRIMARY, SECONDARY):
+                into = self.told if channel == PRIMARY else self.secondary
+                for begun_s, found in self._whole(number, event):
+                    into.append(Told(number, begun_s, event.time_s, found, read_message(found)))
             elif channel == REALTIME:
-                self._sampled(number, event)
+                for _, found in self._whole(number, event):
+                    self.samples.append(Sample(number, event.time_s, found))
             elif channel in self._connections:
                 connection = self._connections[channel]
                 if event.sent:
                     self._sent(number, event, connection)
                 else:
                     self._received(number, event, connection)
+
+    def _begin(self, channel: str) -> None:
+        self._readers[channel] = _READERS.get(channel, rtde.PacketReader)()
+        self._begun_s.pop(channel, None)
+
+    def _whole(self, number: int, event: Event) -> Iterator[tuple[float, Any]]:
+        """What is whole now of what comes on a channel, and when the first bytes of each came."""
+        channel = event.channel
+        if channel not in self._readers:
+            self._begin(channel)
+        reader = self._readers[channel]
+        begun_s = self._begun_s.pop(channel, event.time_s)
+        reader.feed(event.data)
+        while (found := reader.take()) is not None:
+            yield begun_s, found
+            begun_s = event.time_s
+        if reader.pending_bytes:
+            self._begun_s[channel] = begun_s
+        if reader.failure:
+            self.unread.append((number, reader.failure))
+            self._begin(channel)
 
     def _over(self, channel: str, now_s: float) -> None:
         connection = self._connections.pop(channel, None)
@@ -249,14 +275,8 @@ class UrSeen(Seen):
                     self.commands.append(State(number, event.time_s, Values(values)))
 
     def _received(self, number: int, event: Event, connection: _Connection) -> None:
-        reader = connection.theirs
-        if not reader.pending_bytes:
-            connection.begun_s = event.time_s
-        reader.feed(event.data)
-        while (found := reader.take()) is not None:
-            kind, payload = found
+        for begun_s, (kind, payload) in self._whole(number, event):
             reply = rtde.read_reply(kind, payload, connection.version)
-            begun_s, connection.begun_s = connection.begun_s, event.time_s
             if isinstance(reply, rtde.Malformed):
                 self.unread.append((number, reply.reason))
                 continue
@@ -269,9 +289,6 @@ class UrSeen(Seen):
                 self._data(heard, reply, connection)
             else:
                 self._reply(heard, connection)
-        if reader.failure:
-            self.unread.append((number, reader.failure))
-            connection.theirs = rtde.PacketReader()
 
     def _data(self, heard: Heard, data: rtde.Data, connection: _Connection) -> None:
         recipe = connection.outputs
@@ -331,45 +348,16 @@ class UrSeen(Seen):
         known = name.group(1) if name else "", int(token.group(1)) if token else 0
         self.uploads.append(Upload(number, event.time_s, event.channel, *known))
 
-    def _told(self, number: int, event: Event) -> None:
-        channel = event.channel
-        into = self.told if channel == PRIMARY else self.secondary
-        reader = self._packages[channel]
-        begun_s = self._package_begun_s.pop(channel, event.time_s)
-        reader.feed(event.data)
-        while (found := reader.take()) is not None:
-            into.append(Told(number, begun_s, event.time_s, found, read_message(found)))
-            begun_s = event.time_s
-        if reader.pending_bytes:
-            self._package_begun_s[channel] = begun_s
-        if reader.failure:
-            self.unread.append((number, reader.failure))
-            self._packages[channel] = PackageReader()
-            self._package_begun_s.pop(channel, None)
-
-    def _sampled(self, number: int, event: Event) -> None:
-        reader = self._realtime
-        reader.feed(event.data)
-        while (found := reader.take()) is not None:
-            self.samples.append(Sample(number, event.time_s, found))
-        if reader.failure:
-            self.unread.append((number, reader.failure))
-            self._realtime = RealtimeReader()
-
     def _dashboard(self, number: int, event: Event) -> None:
         if event.sent:
             self._unanswered_line()
             words = event.data.decode("utf-8", "replace").strip()
             self._asked_line, self._answered = (number, event.time_s, words), False
             return
-        self._lines.feed(event.data)
-        while (line := self._lines.take()) is not None:
+        for _, line in self._whole(number, event):
             request, _, words = self._asked_line
             self.lines.append(Line(number, event.time_s, request, words, line))
             self._answered = True
-        if self._lines.failure:
-            self.unread.append((number, self._lines.failure))
-            self._lines = LineReader()
 
     def _unanswered_line(self) -> None:
         number, time_s, words = self._asked_line

@@ -67,6 +67,11 @@ class LineReader:
         self.failure = ""
         """Why nothing after this can be read; empty: all is well."""
 
+    @property
+    def pending_bytes(self) -> int:
+        """Bytes that wait for the rest of their line."""
+        return len(self._pending)
+
     def feed(self, data: bytes) -> None:
         """Add what came."""
         self._pending += data
