@@ -41,7 +41,7 @@ from cardan.gateway.arm.states import (
 from cardan.gateway.arm.status import TAUT_SHARE, ArmStatus, Phase
 from cardan.gateway.arm.supervision import Cause, StopReason, Supervision, Watchdogs, step_s
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
-from cardan.gateway.operator.arming import Arming
+from cardan.gateway.operator.deadman import Arming
 from cardan.gateway.operator.input import NO_REQUEST, ArmView, MotionRequest, OperatorInput
 from cardan.gateway.operator.position import resting_pose
 from cardan.types import (
@@ -447,9 +447,9 @@ class ArmController:
             self.advanced_s = dt_s = step_s(robot, self._period_s, self.supervision.gap_s)
             cause = None if finding is None else finding.cause
             if finding is not None and cause in (Cause.LOST, Cause.NOT_READY):
-                return self._without_robot(finding, robot, device, events, dt_s)
+                return self._robot_lost(finding, robot, device, events, dt_s)
             if finding is not None and finding.cause is Cause.NEW_SESSION and finding.reason:
-                return self._without_robot(finding, robot, device, events, dt_s)
+                return self._robot_lost(finding, robot, device, events, dt_s)
             self.not_ready = ""
             if finding is not None:
                 self._act_on(finding, robot)
@@ -562,7 +562,7 @@ class ArmController:
             return None
         return before if robot.stamp_s - before.stamp_s <= COASTS_S else None
 
-    def _without_robot(
+    def _robot_lost(
         self,
         finding: StopReason,
         robot: RobotState,
