@@ -128,7 +128,7 @@ GONE = frozenset(
 )
 """Names of modules that the field has other words for: CHANGELOG.md has them."""
 GONE_WORDS = (
-    "Anatomy", "Askers", "Carrier", "ConnexionPilot", "EgmPilot", "ForceGuard", "HandPilot",
+    "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "EgmPilot", "ForceGuard", "FreeBody", "HandPilot",
     "MapGlide", "MotorosPilot", "Outbox", "PlainBook", "Tongue", "UrPilot", "VerbDesk",
     "leash_used", "leashed", "no_farewell_after_s", "owes_answer", "tongue",
 )  # fmt: skip
@@ -156,7 +156,7 @@ ARM_LIBRARIES = {"numpy", "pinocchio", "coal", "eigenpy", "daqp"}
 ARM_MODEL = (
     "cardan.common.arm_libraries",
     "cardan.gateway.arm.motions.",
-    "cardan.gateway.arm.arm_body",
+    "cardan.gateway.arm.joint_space_arm",
     "cardan.gateway.arm.device",
     "cardan.gateway.arm.neighbours",
     "cardan.gateway.arm.options",

@@ -21,7 +21,7 @@ from typing import Protocol
 
 from cardan.common.haptics import WorldMap
 from cardan.gateway.arm.authority import HAND, Authority
-from cardan.gateway.arm.body import Body, FollowingError
+from cardan.gateway.arm.commanded_arm import CommandedArm, FollowingError
 from cardan.gateway.arm.motions.base import Activity
 from cardan.gateway.arm.motions.brake import Brake
 from cardan.gateway.arm.motions.hand import FollowHand
@@ -96,7 +96,7 @@ class ArmController:
 
     def __init__(
         self,
-        body: Body,
+        body: CommandedArm,
         limits: ReferenceLimits,
         watchdogs: Watchdogs | None = None,
         hand: OperatorInput | None = None,
@@ -355,7 +355,7 @@ class ArmController:
 
     def place_neighbour(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
         """From the next tick on keep away from a neighbour where it is at `joints`, as
-        :class:`cardan.gateway.arm.arm_body.ArmBody` does."""
+        :class:`cardan.gateway.arm.joint_space_arm.JointSpaceArm` does."""
         with self.lock:
             if self.recorder is not None:
                 self.note("place_neighbour", json.dumps((index, joints, ways_m)))

@@ -8,9 +8,9 @@ from typing import Literal, NamedTuple
 
 from cardan.common.arm_libraries import np
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.arm_body import PREFERRED, ArmBody
 from cardan.gateway.arm.arrival import Arrival
 from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.joint_space_arm import PREFERRED, JointSpaceArm
 from cardan.gateway.arm.motions.base import Activity, Deceleration
 from cardan.gateway.arm.motions.joint_path import FollowJoints, Standing
 from cardan.gateway.arm.motions.line import FollowLine
@@ -82,7 +82,7 @@ class Plans:
     def __init__(
         self,
         controller: ArmController,
-        body: ArmBody,
+        body: JointSpaceArm,
         model: ArmModel,
         planner: Planner,
         capabilities: RobotCapabilities,
