@@ -128,9 +128,9 @@ GONE = frozenset(
 )
 """Names of modules that the field has other words for: CHANGELOG.md has them."""
 GONE_WORDS = (
-    "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "EgmPilot", "ForceGuard", "FreeBody", "HandPilot",
-    "MapGlide", "MotorosPilot", "Outbox", "PlainBook", "Tongue", "UrPilot", "VerbDesk",
-    "leash_used", "leashed", "no_farewell_after_s", "owes_answer", "tongue",
+    "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "EgmPilot", "ForceGuard",
+    "FreeBody", "HandPilot", "MapGlide", "MotorosPilot", "Outbox", "PlainBook", "Tongue", "UrPilot",
+    "VerbDesk", "leash_used", "leashed", "no_farewell_after_s", "owes_answer", "tongue",
 )  # fmt: skip
 """Words of identifiers, likewise."""
 FREE_OF_CIRCLES = (
