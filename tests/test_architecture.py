@@ -519,6 +519,7 @@ def test_names_that_only_we_knew_do_not_come_back():
 SENTENCES = {
     "a client, a sender, an operator": r"(?<![A-Za-z])[Ww]hoever\b",
     "likewise: no sentence begins with Who": r"(?:\"\"\"|\. |# )Who (?!may\b)[a-z]+ ",
+    "reports, gets, learns": r"\b(?:is|are|was|were|be|been) told of\b",
     "-ize": r"(?i)(?:initial|minim|normal|optim|quant|recogn|regular|synchron)"
     r"is(?:e[ds]?|ing|ations?)(?![a-z])",
 }
@@ -536,6 +537,30 @@ def test_sentences_are_as_the_field_says_them(instead):
         if pattern.search(line)
     ]
     assert found == []
+
+
+def raised(tree):
+    """Line and fixed words of each text that an exception is raised with."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+            for given in node.exc.args:
+                parts = given.values if isinstance(given, ast.JoinedStr) else [given]
+                words = [each.value for each in parts if isinstance(each, ast.Constant)]
+                yield node.lineno, "".join(each for each in words if isinstance(each, str))
+
+
+def test_no_part_of_a_message_is_longer_than_120_characters():
+    """Cause, what happens and what to do stand between full stops, colons and semicolons."""
+    assert [*raised(ast.parse("raise ValueError(f'{a}: is {b}', 3)"))] == [(1, ": is "), (1, "")]
+    strange = [
+        f"{path.relative_to(SOURCE_TREE)}:{line}: {part}"
+        for path, text in own_sources()
+        if "tests" not in path.parts and "raise " in text
+        for line, words in raised(ast.parse(text))
+        for part in re.split(r"[.:;]\s", words)
+        if len(part) > 120
+    ]
+    assert strange == []
 
 
 @functools.cache

@@ -231,10 +231,10 @@ def _buttons(found: list[Report]) -> list[bool]:
 
 @requires(16, f"{DESCRIPTOR}, battery strength")
 def the_battery_is_not_empty(seen: ConnexionSeen) -> Verdict:
-    """The battery, where it is told of, has 10 % and more."""
+    """The battery, where it is reported, has 10 % and more."""
     found = [(e, e.value.percent) for e in seen.reports if isinstance(e.value, connexion.Battery)]
     if not found:
-        return not_applicable("no battery was told of")
+        return not_applicable("no battery was reported")
     wrong = ((each.number, f"{percent} %") for each, percent in found if percent < LOW_PERCENT)
     return none_wrong(wrong, len(found), f"{found[-1][1]} %", _NOTHING)
 

@@ -125,7 +125,7 @@ class ArmController:
         self.ticks = 0
         """Counts the ticks that have begun."""
         self._noting = 0
-        """The thread whose present request was told of as a whole; 0: none."""
+        """The thread whose present request is recorded as a whole; 0: none."""
         self._period_s = period_s
         self.not_ready = "nothing was heard of the robot yet"
         """Why the robot cannot be commanded now; empty when it can."""

@@ -58,7 +58,7 @@ TRAJECTORY_STEP_RAD = 0.05
 """Longest way of a joint between two samples of a trajectory."""
 
 WORTH_A_NOTE = 0.995
-"""Share of the speed below which a slower trajectory is told of: planners use the limits up."""
+"""Share of the speed below which a slower trajectory is reported: planners use the limits up."""
 
 _STILL = 1e-9
 
