@@ -11,7 +11,7 @@ import math
 from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
 from cardan.drivers.spacemouse import SpaceMouseOptions
 from cardan.drivers.spacemouse.core import SpaceMouseCore
-from cardan.gateway.arm.arm_body import ArmBody
+from cardan.gateway.arm.joint_space_arm import JointSpaceArm
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.motion.reference import ReferenceLimits
@@ -74,7 +74,7 @@ class Chain:
         robot_faults: dict[str, float] | None = None,
         deadman: tuple[str, ...] = ("left",),
         limits: ReferenceLimits | None = None,
-        arm: ArmBody | None = None,
+        arm: JointSpaceArm | None = None,
         egm: AbbEgmOptions | None = None,
         **controller: object,
     ) -> None:

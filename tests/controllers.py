@@ -1,6 +1,6 @@
 """Controllers as sessions make them, for tests in virtual time."""
 
-from cardan.gateway.arm.body import FreeBody
+from cardan.gateway.arm.commanded_arm import TaskSpaceArm
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.motion.reference import ReferenceLimits
@@ -34,7 +34,7 @@ def controller_for_hand(
         joints = arm.servo.joints
         gate = arm.gate_limits(RobotCapabilities(frozenset(), period_s, joints, None, 0, 0))
     return ArmController(
-        arm or FreeBody(limits),
+        arm or TaskSpaceArm(limits),
         limits,
         watchdogs,
         hand,

@@ -127,6 +127,12 @@ GONE = frozenset(
     ]
 )
 """Names of modules that the field has other words for: CHANGELOG.md has them."""
+GONE_WORDS = (
+    "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "EgmPilot", "ForceGuard",
+    "FreeBody", "HandPilot", "MapGlide", "MotorosPilot", "Outbox", "PlainBook", "Tongue", "UrPilot",
+    "VerbDesk", "leash_used", "leashed", "no_farewell_after_s", "owes_answer", "tongue",
+)  # fmt: skip
+"""Words of identifiers, likewise."""
 FREE_OF_CIRCLES = (
     "bus", "common", "conform", "demos", "doctor", "drivers", "gateway", "own_arm",
     "protocols", "recording", "sim_peers",
@@ -150,7 +156,7 @@ ARM_LIBRARIES = {"numpy", "pinocchio", "coal", "eigenpy", "daqp"}
 ARM_MODEL = (
     "cardan.common.arm_libraries",
     "cardan.gateway.arm.motions.",
-    "cardan.gateway.arm.arm_body",
+    "cardan.gateway.arm.joint_space_arm",
     "cardan.gateway.arm.device",
     "cardan.gateway.arm.neighbours",
     "cardan.gateway.arm.options",
@@ -500,19 +506,73 @@ def test_names_that_only_we_knew_do_not_come_back():
     folders = [PACKAGE, *(folder / folder.name.replace("-", "_") for folder in PLUGINS)]
     names = {path for folder in folders for path in folder.rglob("*") if path.stem in GONE}
     assert not {path for path in names if path.suffix == ".py"}
+    pattern = re.compile(rf"\b_?(?:{'|'.join(GONE_WORDS)})\b")
+    strange = [
+        f"{path.relative_to(SOURCE_TREE)}: {found[0]}"
+        for path, text in own_sources()
+        for found in [pattern.search(text)]
+        if found
+    ]
+    assert strange == []
 
 
-def test_sentences_have_a_subject_of_the_field():
-    """A client, a sender, an operator; not "Who ..." or "whoever"."""
-    pattern = re.compile(r"\b[Ww]hoever\b|(?:\"\"\"|\. |# )Who (?!may\b)[a-z]+ ")
+SENTENCES = {
+    "a client, a sender, an operator": r"(?<![A-Za-z])[Ww]hoever\b",
+    "likewise: no sentence begins with Who": r"(?:\"\"\"|\. |# )Who (?!may\b)[a-z]+ ",
+    "reports, gets, learns": r"\b(?:is|are|was|were|be|been) told of\b",
+    "-ize": r"(?i)(?:initial|minim|normal|optim|quant|recogn|regular|synchron)"
+    r"is(?:e[ds]?|ing|ations?)(?![a-z])",
+}
+"""What is to be said instead of what a pattern finds."""
+
+
+@pytest.mark.parametrize("instead", SENTENCES)
+def test_sentences_are_as_the_field_says_them(instead):
+    pattern = re.compile(SENTENCES[instead])
     found = [
         f"{path.relative_to(SOURCE_TREE)}:{number}: {line.strip()}"
-        for folder in (PACKAGE, *(folder / folder.name.replace("-", "_") for folder in PLUGINS))
-        for path in folder.rglob("*.py")
-        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        for path, text in own_sources()
+        if pattern.search(text)
+        for number, line in enumerate(text.splitlines(), 1)
         if pattern.search(line)
     ]
     assert found == []
+
+
+def raised(tree):
+    """Line and fixed words of each text that an exception is raised with."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+            for given in node.exc.args:
+                parts = given.values if isinstance(given, ast.JoinedStr) else [given]
+                words = [each.value for each in parts if isinstance(each, ast.Constant)]
+                yield node.lineno, "".join(each for each in words if isinstance(each, str))
+
+
+def test_no_part_of_a_message_is_longer_than_120_characters():
+    """Cause, what happens and what to do stand between full stops, colons and semicolons."""
+    assert [*raised(ast.parse("raise ValueError(f'{a}: is {b}', 3)"))] == [(1, ": is "), (1, "")]
+    strange = [
+        f"{path.relative_to(SOURCE_TREE)}:{line}: {part}"
+        for path, text in own_sources()
+        if "tests" not in path.parts and "raise " in text
+        for line, words in raised(ast.parse(text))
+        for part in re.split(r"[.:;]\s", words)
+        if len(part) > 120
+    ]
+    assert strange == []
+
+
+@functools.cache
+def own_sources():
+    """Path and text of all Python of the repository but this module."""
+    folders = ("bench", "cardan", "examples", "fuzz", "plugins", "studies", "tests")
+    return [
+        (path, path.read_text(encoding="utf-8"))
+        for folder in folders
+        for path in sorted((SOURCE_TREE / folder).rglob("*.py"))
+        if path != Path(__file__)
+    ]
 
 
 def rows_of(text):
@@ -523,6 +583,24 @@ def rows_of(text):
 
 def names_in(cell):
     return {name.rstrip("/") for name in re.findall("`([^`]*)`", cell)}
+
+
+def test_contributors_find_what_the_list_of_tasks_says():
+    """Each file is there, and in one of a row's files each name."""
+    listed = (SOURCE_TREE / "CONTRIBUTING.md").read_text("utf-8").split("## Where is what\n", 1)[1]
+    missing = []
+    for task, files, names in rows_of(listed):
+        folder, found = Path(), []
+        for file in re.findall("`([^`]*)`", files):
+            folder = Path(file).parent if "/" in file else folder
+            paths = list(SOURCE_TREE.glob(str(folder / Path(file).name).replace("NAME", "*")))
+            missing += [] if paths else [f"{task}: {file}"]
+            found += [path.read_text("utf-8") for path in paths]
+        for name in re.findall("`([^`]*)`", names):
+            made = rf"(?m)\b(?:class|def|async) {name}\b|^ *{name}\b *[:=]"
+            if not re.search(made, "\n".join(found)):
+                missing.append(f"{task}: {name}")
+    assert missing == []
 
 
 def test_the_page_of_the_architecture_has_every_room_and_no_other():

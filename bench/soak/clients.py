@@ -34,7 +34,7 @@ STARTS_S: Final = 15.0
 """Longest time for a command line to move the arm."""
 
 NOTES_S: Final = 1.0
-"""Motions that ended as soon as they had begun are told of within this."""
+"""Motions that ended as soon as they had begun are reported within this."""
 
 STREAM_S: Final = 0.02
 
@@ -125,7 +125,7 @@ class Clients:
                     thread.join()
                 for source in motions:
                     self._watch.asks(name, source)
-                # Motions that ended at once are told of right after the answers.
+                # Motions that ended at once are reported right after the answers.
                 self._stop.wait(NOTES_S)
                 with self._watch.lock:
                     for source, motion in motions.items():

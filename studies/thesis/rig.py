@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple, TypeVar
 from cardan.common.arm_libraries import np, npt, pin
 from cardan.drivers.sim_arm import SimArm
 from cardan.drivers.sim_arm.options import SimArmOptions
-from cardan.gateway.arm.arm_body import ArmBody
+from cardan.gateway.arm.joint_space_arm import JointSpaceArm
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.kinematics.arm import ArmKinematics
@@ -141,7 +141,7 @@ class Shaped:
         kinematics = ArmKinematics(load_arm(robot))
         collision = CollisionModel(kinematics, obstacles)
         self.servo = choose_servo(kinematics, collision, weights=kinematics.arm.task.weights)
-        self._follower = ArmBody(self.servo, frozenset({CommandKind.JOINT}))
+        self._follower = JointSpaceArm(self.servo, frozenset({CommandKind.JOINT}))
         self._shaper = PoseShaper(limits, damping=damping)
         self._home = np.array(kinematics.arm.home)
         self.target: Pose | None = None
@@ -189,7 +189,7 @@ class Session:
         kinematics = ArmKinematics(load_arm(robot))
         collision = CollisionModel(kinematics, obstacles)
         self.servo = choose_servo(kinematics, collision, weights=kinematics.arm.task.weights)
-        self._follower = ArmBody(self.servo, frozenset({CommandKind.JOINT}))
+        self._follower = JointSpaceArm(self.servo, frozenset({CommandKind.JOINT}))
         self._reference = Reference(limits)
         self.target: Twist = ZERO_TWIST
         self._placed = False

@@ -207,7 +207,7 @@ def test_the_second_finger_moves_the_tool_as_the_screen_is_turned(phone):
         )
         phone.page.until(f"screen.orientation.angle === {90 * quarter}")
         turn_slowly(phone.page, 0.0, alpha)
-        # What was told of the turn may come after the press: then it is a turn of the hand.
+        # A report of the turn may come after the press: then it is a turn of the hand.
         straight = "axes[0] > 0.3 and max(map(abs, axes[1:])) < 0.1"
         phone.hold_until(straight, lambda: phone.drag(0, -60))
         phone.let_go()

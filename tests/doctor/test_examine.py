@@ -1,4 +1,4 @@
-"""All checks together, and what is told of them; nothing in a report names a person or a device."""
+"""All checks together, and the report on them; nothing in a report names a person or a device."""
 
 import json
 import socket

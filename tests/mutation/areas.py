@@ -9,11 +9,11 @@ SERVERS = "cardan/gateway/servers"
 
 AREAS: dict[str, tuple[str, ...]] = {
     "arming": (
-        "cardan/gateway/operator/arming.py",
+        "cardan/gateway/operator/deadman.py",
         "cardan/gateway/operator/input.py",
         "cardan/gateway/operator/mapping.py",
     ),
-    "states": ("cardan/gateway/arm/states.py", "cardan/gateway/operator/arming.py"),
+    "states": ("cardan/gateway/arm/states.py", "cardan/gateway/operator/deadman.py"),
     "authority": ("cardan/gateway/arm/authority.py",),
     "limits": (
         "cardan/common/braking.py",

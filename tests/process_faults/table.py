@@ -69,7 +69,7 @@ class Row(NamedTuple):
     started: list[str]
     """What had to be started by hand for it."""
     lost: int
-    """Events that were told of and are not in the log."""
+    """Events that were reported and are not in the log."""
     wrong: list[str]
 
 

@@ -82,7 +82,7 @@ def nothing_moves(watch):
 
 @pytest.fixture
 def client(running):
-    """A client of rosbridge that is told of errors, and of results."""
+    """A client of rosbridge that gets errors and results."""
     with plain_client(running) as found:
         found.send("set_level", level="error")
         found.send("subscribe", topic=RESULT, type="cardan_msgs/CommandResult")

@@ -225,13 +225,13 @@ def _buttons(found: list[Report]) -> list[bool]:
 
 @requires(16, f"{DESCRIPTOR}, battery strength")
 def the_battery_is_not_empty(seen: ConnexionSeen) -> Findings:
-    """The battery, where it is told of, has 10 % and more."""
+    """The battery, where it is reported, has 10 % and more."""
     percent = 0
     for each in seen.reports:
         if isinstance(each.value, connexion.Battery):
             percent = each.value.percent
             yield each.number, f"{percent} %" if percent < LOW_PERCENT else ""
-    return Words(f"{percent} %", not_applicable("no battery was told of"))
+    return Words(f"{percent} %", not_applicable("no battery was reported"))
 
 
 @requires(17, "the system's HID driver")

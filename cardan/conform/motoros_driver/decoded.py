@@ -124,7 +124,7 @@ class DriverSeen(Seen):
         """What was sent to the state port."""
         self.links: list[Link] = []
         self.feedback: list[tuple[int, sm.JointFeedback]] = []
-        """What was told of group 0, by the number of the event."""
+        """What was reported of group 0, by the number of the event."""
         self.statuses: list[tuple[int, sm.RobotStatus]] = []
         """What was told, by the number of the event."""
         self._readers: dict[str, sm.FrameReader] = {}

@@ -81,13 +81,13 @@ class RemoteCore(BusCore):
         "back": "states whose stamp went back, ignored",
         "future": "states from the future by their stamp, ignored",
         "old_presses": "presses that were too old to count, ignored until let go",
-        "missed_edges": "edges of buttons that came too often to be told of",
+        "missed_edges": "edges of buttons that came too often to be reported",
         "others": "states of a second computer that shares under the same name, ignored: end one "
         "of the two",
     }
 
     def __init__(self, options: RemoteOptions, lessee: int, name: str) -> None:
-        """`lessee`: a number that nobody else has, not 0; `name`: what others are told of it."""
+        """`lessee`: a number that nobody else has, not 0; `name`: its name for others."""
         super().__init__()
         self._options = options
         self._lessee, self._name = lessee, name

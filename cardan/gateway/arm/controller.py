@@ -21,7 +21,7 @@ from typing import Protocol
 
 from cardan.common.haptics import WorldMap
 from cardan.gateway.arm.authority import HAND, Authority
-from cardan.gateway.arm.body import Body, FollowingError
+from cardan.gateway.arm.commanded_arm import CommandedArm, FollowingError
 from cardan.gateway.arm.motions.base import Activity
 from cardan.gateway.arm.motions.brake import Brake
 from cardan.gateway.arm.motions.hand import FollowHand
@@ -41,7 +41,7 @@ from cardan.gateway.arm.states import (
 from cardan.gateway.arm.status import TAUT_SHARE, ArmStatus, Phase
 from cardan.gateway.arm.supervision import Cause, StopReason, Supervision, Watchdogs, step_s
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
-from cardan.gateway.operator.arming import Arming
+from cardan.gateway.operator.deadman import Arming
 from cardan.gateway.operator.input import NO_REQUEST, ArmView, MotionRequest, OperatorInput
 from cardan.gateway.operator.position import resting_pose
 from cardan.types import (
@@ -96,7 +96,7 @@ class ArmController:
 
     def __init__(
         self,
-        body: Body,
+        body: CommandedArm,
         limits: ReferenceLimits,
         watchdogs: Watchdogs | None = None,
         hand: OperatorInput | None = None,
@@ -125,7 +125,7 @@ class ArmController:
         self.ticks = 0
         """Counts the ticks that have begun."""
         self._noting = 0
-        """The thread whose present request was told of as a whole; 0: none."""
+        """The thread whose present request is recorded as a whole; 0: none."""
         self._period_s = period_s
         self.not_ready = "nothing was heard of the robot yet"
         """Why the robot cannot be commanded now; empty when it can."""
@@ -355,7 +355,7 @@ class ArmController:
 
     def place_neighbour(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
         """From the next tick on keep away from a neighbour where it is at `joints`, as
-        :class:`cardan.gateway.arm.arm_body.ArmBody` does."""
+        :class:`cardan.gateway.arm.joint_space_arm.JointSpaceArm` does."""
         with self.lock:
             if self.recorder is not None:
                 self.note("place_neighbour", json.dumps((index, joints, ways_m)))
@@ -447,9 +447,9 @@ class ArmController:
             self.advanced_s = dt_s = step_s(robot, self._period_s, self.supervision.gap_s)
             cause = None if finding is None else finding.cause
             if finding is not None and cause in (Cause.LOST, Cause.NOT_READY):
-                return self._without_robot(finding, robot, device, events, dt_s)
+                return self._robot_lost(finding, robot, device, events, dt_s)
             if finding is not None and finding.cause is Cause.NEW_SESSION and finding.reason:
-                return self._without_robot(finding, robot, device, events, dt_s)
+                return self._robot_lost(finding, robot, device, events, dt_s)
             self.not_ready = ""
             if finding is not None:
                 self._act_on(finding, robot)
@@ -562,7 +562,7 @@ class ArmController:
             return None
         return before if robot.stamp_s - before.stamp_s <= COASTS_S else None
 
-    def _without_robot(
+    def _robot_lost(
         self,
         finding: StopReason,
         robot: RobotState,

@@ -8,9 +8,9 @@ from typing import Literal, NamedTuple
 
 from cardan.common.arm_libraries import np
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.arm_body import PREFERRED, ArmBody
 from cardan.gateway.arm.arrival import Arrival
 from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.joint_space_arm import PREFERRED, JointSpaceArm
 from cardan.gateway.arm.motions.base import Activity, Deceleration
 from cardan.gateway.arm.motions.joint_path import FollowJoints, Standing
 from cardan.gateway.arm.motions.line import FollowLine
@@ -58,7 +58,7 @@ TRAJECTORY_STEP_RAD = 0.05
 """Longest way of a joint between two samples of a trajectory."""
 
 WORTH_A_NOTE = 0.995
-"""Share of the speed below which a slower trajectory is told of: planners use the limits up."""
+"""Share of the speed below which a slower trajectory is reported: planners use the limits up."""
 
 _STILL = 1e-9
 
@@ -82,7 +82,7 @@ class Plans:
     def __init__(
         self,
         controller: ArmController,
-        body: ArmBody,
+        body: JointSpaceArm,
         model: ArmModel,
         planner: Planner,
         capabilities: RobotCapabilities,

@@ -1,7 +1,7 @@
 """What an arm is doing: a few small machines, each an enum and one function that says the next
 state.
 
-That of the operator device, its dead-man and clutch is :mod:`cardan.gateway.operator.arming`. The
+That of the operator device, its dead-man and clutch is :mod:`cardan.gateway.operator.deadman`. The
 machines are independent: each looks at its own state, at what happened (an :class:`Event`), and
 at a few :class:`Facts`. The controller asks them and does what follows from the answer; it assigns
 states in one place, `ArmController._enter`. What a state carries (reasons, the activity that moves
@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from cardan.gateway.arm.status import Phase
-from cardan.gateway.operator.arming import Arming
+from cardan.gateway.operator.deadman import Arming
 from cardan.gateway.operator.input import MotionRequest
 
 

@@ -12,10 +12,10 @@ from typing import Any
 
 from cardan.common.arm_libraries import np
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.arm_body import ArmBody
 from cardan.gateway.arm.authority import HAND, VERBS
 from cardan.gateway.arm.backlog import Delays
 from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.joint_space_arm import JointSpaceArm
 from cardan.gateway.arm.motions.base import Activity
 from cardan.gateway.arm.motions.joint_stream import FollowJointStream
 from cardan.gateway.arm.motions.pose_stream import FollowPoseStream
@@ -68,7 +68,7 @@ def _is_time(stamp_s: object) -> bool:
 class Streams:
     """The streaming commands of one arm. Each answers with the reason why not, "" when taken."""
 
-    def __init__(self, controller: ArmController, body: ArmBody, plans: Plans) -> None:
+    def __init__(self, controller: ArmController, body: JointSpaceArm, plans: Plans) -> None:
         self._controller, self._body, self._plans = controller, body, plans
         self._link: _Link | None = None
         self._delays = Delays()

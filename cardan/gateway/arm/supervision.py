@@ -16,7 +16,7 @@ from typing import Annotated, NamedTuple
 
 from cardan.common import bounds
 from cardan.common.options import CODE_ONLY, Options
-from cardan.gateway.arm.body import Body, FollowingError
+from cardan.gateway.arm.commanded_arm import CommandedArm, FollowingError
 from cardan.gateway.arm.motions.base import Activity
 from cardan.gateway.motion.reference import Reference
 from cardan.types import NEVER_S, RobotLink, RobotState
@@ -121,7 +121,7 @@ class Supervision:
         """Accept the readings again: after a deliberate act."""
         self.implausible = ""
 
-    def look(self, state: RobotState, body: Body) -> StopReason | None:
+    def look(self, state: RobotState, body: CommandedArm) -> StopReason | None:
         """The gravest thing about this state before the command is compared with it; None when
         all is well."""
         self.gap_s, self._ticked_s = state.stamp_s - self._ticked_s, state.stamp_s
@@ -162,7 +162,7 @@ class Supervision:
     def compare(
         self,
         state: RobotState,
-        body: Body,
+        body: CommandedArm,
         reference: Reference | None,
         activity: Activity | None,
     ) -> StopReason | None:

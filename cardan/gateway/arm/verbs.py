@@ -14,9 +14,9 @@ from dataclasses import replace
 from cardan.common.arm_libraries import np
 from cardan.errors import CardanError, ConfigurationError, MotionRefusedError
 from cardan.gateway.arm import parameters as prm
-from cardan.gateway.arm.arm_body import PREFERRED, ArmBody
 from cardan.gateway.arm.authority import VERBS, Authority
 from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.joint_space_arm import PREFERRED, JointSpaceArm
 from cardan.gateway.arm.motion import (
     ControllerStatus,
     Motion,
@@ -96,7 +96,7 @@ class ArmVerbs:
     def __init__(
         self,
         controller: ArmController,
-        body: ArmBody,
+        body: JointSpaceArm,
         model: ArmModel,
         capabilities: RobotCapabilities,
         options: ControllerOptions | None = None,
@@ -176,7 +176,7 @@ class ArmVerbs:
         )
         if len(model.joints) > 6:
             servo.posture = np.array(model.home)
-        body = ArmBody(
+        body = JointSpaceArm(
             servo,
             frozenset() if drive is None else frozenset({drive}),
             capabilities.lag_s,

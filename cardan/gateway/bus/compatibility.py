@@ -47,7 +47,7 @@ NamesOf = Literal["servo", "crtk", "fzi", "cmd_vel", "yarp"]
 
 
 class Shown(NamedTuple):
-    """What is told of the arm under other names."""
+    """State of the arm as it is published under other names."""
 
     stamp_ns: int
     """Of the robot's state, since the epoch."""

@@ -92,7 +92,7 @@ class _Route(NamedTuple):
     request: Any
     endless: bool
     note: Mapping[str, Any] = MappingProxyType({})
-    """What was told of the motion at its beginning."""
+    """What was reported of the motion at its beginning."""
 
 
 ReloadOutcome = Sequence[Change] | CardanError
@@ -128,7 +128,7 @@ class Daemon:
         self._routes: dict[tuple[str, int], _Route] = {}
         """Clients that wait for the answer to a request, by session and the daemon's own number."""
         self._motions: dict[tuple[str, int], _Route] = {}
-        """Clients that are told of a motion, by session and the motion's id."""
+        """Clients to be notified of a motion, by session and the motion's id."""
         self._shared: dict[str, SharedDevice] = {}
         """The devices that several sessions share, by name."""
         for name, session in layout.sessions.items():

@@ -47,7 +47,7 @@ STARTS_WITHIN_S: Final = 60.0
 once, and a small computer, which would be no quicker if the daemon were started anew, takes some
 10 s for each."""
 
-SILENT_S: Final = 8.0
+HUNG_S: Final = 8.0
 """Longest time between snapshots of a session: one whose loop hangs, and that its supervisor cannot
 help, ends the daemon by its watchdog."""
 
@@ -133,7 +133,7 @@ class RunningSession(Process):
             self._answered(packet)
             return None
         self.snapshot = Snapshot.from_bytes(packet)
-        self.due_s = time.monotonic() + SILENT_S
+        self.due_s = time.monotonic() + HUNG_S
         return self.snapshot
 
 

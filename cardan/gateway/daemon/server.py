@@ -199,7 +199,7 @@ class ControlServer:
                 sock, _ = self._socket.sock.accept()
             except OSError as error:
                 if words := shortage(error):
-                    # The client stays in the queue, and would be told of again at once, for ever.
+                    # The client stays in the queue, and would be reported again at once, for ever.
                     _log.warning("programs that ask wait: %s", words)
                     self._selector.unregister(self._socket.sock)
                     self._listening = False

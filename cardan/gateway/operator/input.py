@@ -14,7 +14,7 @@ from typing import NamedTuple
 from cardan.common.haptics import WorldMap
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.operator.absolute import AbsoluteMapping
-from cardan.gateway.operator.arming import Arming, armed_by_deadman, armed_by_rest
+from cardan.gateway.operator.deadman import Arming, armed_by_deadman, armed_by_rest
 from cardan.gateway.operator.filters.base import TwistFilter
 from cardan.gateway.operator.mapping import MappingOptions, Mode, TwistMapping
 from cardan.gateway.operator.position import HandMapping, PositionMapping, is_pose

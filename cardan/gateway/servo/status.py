@@ -17,7 +17,8 @@ UNREACHABLE_M_S, UNREACHABLE_RAD_S = 1e-3, 1e-2
 """Smallest part of the commanded motion that counts as one that the arm cannot do."""
 
 NEARER_M = 5e-3
-"""Least that is told of what comes nearer by itself. One at rest may come as far within a cycle."""
+"""Least that is reported of what comes nearer by itself. One at rest may come as far within a
+cycle."""
 
 
 class ServoStatus(NamedTuple):

@@ -21,7 +21,7 @@ from cardan.spatial import compose, inverse, norm, scale, to_rotation_vector
 from cardan.types import IDENTITY_POSE, Pose, RobotCapabilities, Vector3
 
 if TYPE_CHECKING:
-    from cardan.gateway.arm.arm_body import ArmBody
+    from cardan.gateway.arm.joint_space_arm import JointSpaceArm
     from cardan.gateway.arm.neighbours import NeighbourBodies
     from cardan.gateway.bus.neighbours import ArmNeighbours
     from cardan.gateway.kinematics.arm import ArmKinematics
@@ -57,12 +57,12 @@ def make_neighbours(
     """What hears the neighbours of a session's arm, not open yet; None without any."""
     if not config.neighbours:
         return None
-    from cardan.gateway.arm.arm_body import ArmBody
+    from cardan.gateway.arm.joint_space_arm import JointSpaceArm
     from cardan.gateway.arm.neighbours import NeighbourWatch
     from cardan.gateway.bus.neighbours import ArmNeighbours
 
     body = controller.body
-    assert isinstance(body, ArmBody)
+    assert isinstance(body, JointSpaceArm)
     watches = [
         NeighbourWatch(each, table.topic, table.max_age_s)
         for table, each in zip(config.neighbours, body.neighbours, strict=True)
@@ -70,7 +70,7 @@ def make_neighbours(
     return ArmNeighbours(watches, controller, robot.capabilities.period_s)
 
 
-def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmBody | None:
+def make_arm(config: SessionConfig, robot: RobotDriver) -> JointSpaceArm | None:
     """The body of a session's arm; None without an ``[arm]`` table.
 
     Where the robot's driver has limits of its own, the stricter of both hold. Pinocchio is only
@@ -80,7 +80,7 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmBody | None:
     if table is None:
         return None
     from cardan.common.arm_libraries import np
-    from cardan.gateway.arm.arm_body import ArmBody
+    from cardan.gateway.arm.joint_space_arm import JointSpaceArm
     from cardan.gateway.kinematics.arm import ArmKinematics
     from cardan.gateway.kinematics.soft_neck import SOFT_NECKS, SoftNeck, load_soft_neck
     from cardan.gateway.servo.choice import choose_servo
@@ -119,7 +119,7 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmBody | None:
     _take_limits(kinematics, able)
     servo = choose_servo(kinematics, collision, _servo_options(table), weights)
     servo.posture = posture
-    body = ArmBody(
+    body = JointSpaceArm(
         servo,
         able.commands,
         able.lag_s,

@@ -17,7 +17,7 @@ from cardan.drivers import registry
 from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.errors import ConfigurationError, ExtraMissingError, MotionRefusedError, below, together
 from cardan.gateway.arm.authority import Authority
-from cardan.gateway.arm.body import Body, FreeBody
+from cardan.gateway.arm.commanded_arm import CommandedArm, TaskSpaceArm
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.vocab import Action
 from cardan.gateway.operator.filters import registry as filter_registry
@@ -109,7 +109,7 @@ def make_controller(config: SessionConfig, robot: RobotDriver) -> ArmController:
     """The controller of a session's arm, with its operator device where there is one."""
     limits, watchdogs = config.limits, config.watchdogs
     arm = make_arm(config, robot)
-    body: Body = FreeBody(limits) if arm is None else arm
+    body: CommandedArm = TaskSpaceArm(limits) if arm is None else arm
     hand = None
     if config.device is not None:
         mapping = TwistMapping(config.mapping, config.gripper)
@@ -137,13 +137,13 @@ def make_verbs(
     """
     if why := why_no_verbs(config):
         raise MotionRefusedError(why)
-    from cardan.gateway.arm.arm_body import ArmBody
+    from cardan.gateway.arm.joint_space_arm import JointSpaceArm
     from cardan.gateway.arm.verbs import ArmVerbs, narrowed
     from cardan.gateway.kinematics.arm import ArmKinematics
 
     table, body = config.arm, controller.body
     assert table is not None
-    assert isinstance(body, ArmBody)
+    assert isinstance(body, JointSpaceArm)
     model = narrowed(own_model(config), robot.capabilities)
     joints = tuple(
         joint._replace(

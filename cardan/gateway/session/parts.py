@@ -19,7 +19,7 @@ from cardan.common.plugins import reason
 from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.drivers.foreign import RobotCalls, close_in_order, counted, told
 from cardan.errors import CommandError, ConfigurationError
-from cardan.gateway.arm.body import FreeBody
+from cardan.gateway.arm.commanded_arm import TaskSpaceArm
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.loop import Cycle
@@ -88,7 +88,7 @@ class Whole:
         body, arm = self.controller.body, self.config.arm
         # A verb may have changed the tool.
         same_tool = body.tool == IDENTITY_POSE and (arm is None or arm.has_no_tool)
-        if isinstance(body, FreeBody) or (state.pose is not None and same_tool):
+        if isinstance(body, TaskSpaceArm) or (state.pose is not None and same_tool):
             return state.pose
         return body.reported(state) if state.ready else None
 
@@ -142,7 +142,7 @@ class Figures(Part):
         if controller.phase not in IN_MOTION:
             return
         body = controller.body
-        if not isinstance(body, FreeBody):
+        if not isinstance(body, TaskSpaceArm):
             # An arm's model may have a tool that the robot's own pose does not know of.
             error_m = controller.reference.ahead_m
         elif state.pose is not None:

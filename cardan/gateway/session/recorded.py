@@ -35,7 +35,7 @@ def recorded(options: BusOptions, path: Path, *join: str) -> Iterator[Launched]:
     """Record the bus that `options` are of into `path`; gives the recorder, which has its report
     (`lines`, `code`) at the end.
 
-    `join` is what ``cardan net record`` is told of the bus. The router is there before the
+    `join` has the options of the bus for ``cardan net record``. The router is there before the
     recorder, where it would be for the session to bring, so that the record has the first cycle.
     Raises DriverError where it cannot record.
     """

@@ -122,7 +122,7 @@ class _Begun(NamedTuple):
 
 
 class _Packet(NamedTuple):
-    """What a client sent; None: motions that are over are to be told of."""
+    """What a client sent; None: the ends of motions are to be reported."""
 
     client: Client
     packet: Any

@@ -1,4 +1,4 @@
-"""The goals of an action server: what becomes of each, and what clients are told of it.
+"""The goals of an action server: the state of each, and what is reported to its client.
 
 Source: design.ros2.org, "Actions"; action_msgs.
 """

@@ -39,7 +39,7 @@ class PseudoTerminal(DeviceBackend[bytes]):
 
     Unplugging hangs the port up and removes the link; replugging brings both back. A locked file
     beside the link, its name with ".lock", tells a link in use from one that a killed peer left.
-    `device` is told of power and of what programs write; None: it has power of its own, and takes
+    `device` gets power and what programs write; None: it has power of its own, and takes
     nothing. `mode` names the users who may open the port.
     """
 

@@ -483,7 +483,7 @@ class Waiter:
     """Waits in one thread until one of many readers has something, without the interpreter."""
 
     MOST = 256
-    """Readers that one wait tells of; the others are told of by the next."""
+    """Readers that one wait tells of; the next one tells of the others."""
 
     def __init__(self, library: _Library, participant: Any) -> None:
         self._library = library

@@ -463,7 +463,7 @@ class _Hub:
         return True
 
     def _warn_of(self, endpoint: Endpoint) -> None:
-        """A client that our servers cannot answer is told of once."""
+        """A client that our servers cannot answer is reported once."""
         if self._warned or not endpoint.writes or endpoint.vendor in HEADER_SENDERS:
             return
         ros = endpoint.ros

@@ -128,7 +128,7 @@ def test_a_publisher_that_is_found_while_a_subscription_is_made_is_not_missed(ou
         def late(given):
             theirs.advertise("/their/description", STRING, latched=True)
             theirs.publish("/their/description", STRING, {"data": "<arm/>"})
-            # Nothing is told of it any more once its node has announced it.
+            # Nothing is reported of it any more once its node has announced it.
             until(lambda: "/fast" in ours.topics().get("/their/description", ((), ()))[1])
             follow(given)
 

@@ -32,7 +32,7 @@ and the model whose home it is."""
 
 MOST_FPS = 1000
 MOST_GAPS = 5
-"""That are told of one episode, one by one."""
+"""That are reported of one episode, one by one."""
 
 
 @dataclass

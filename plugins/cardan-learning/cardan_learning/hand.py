@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from cardan.errors import ConfigurationError
 from cardan.gateway.motion.reference import ReferenceLimits
-from cardan.gateway.operator.arming import Arming
+from cardan.gateway.operator.deadman import Arming
 from cardan.gateway.operator.input import ArmView, MotionRequest, OperatorInput
 from cardan.gateway.operator.mapping import (
     GripperOptions,

@@ -203,7 +203,7 @@ class Episode:
 
 @dataclass
 class Frames:
-    """All that is exported, and what is to be told of it."""
+    """All that is exported, and the report on it."""
 
     fps: int
     observation_names: tuple[str, ...]

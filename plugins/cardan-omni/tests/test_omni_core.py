@@ -398,7 +398,7 @@ def test_gaps_are_kept_for_each_reader_of_the_snapshot():
     assert rig.core.metrics(rig.now_s)["longest_gap_s"] == 0.016
 
 
-# -- what is told of the force -------------------------------------------------------------------
+# -- reports of the force -------------------------------------------------------------------
 
 
 def rendering(rig):

@@ -190,7 +190,7 @@ class SpnavServerCore:
         return self._present
 
     def identify(self, identity: DeviceIdentity) -> None:
-        """Set what programs are told of the device, best while it is absent.
+        """Set what programs learn of the device, best while it is absent.
 
         Its buttons are numbered anew when it is another device.
         """

@@ -205,7 +205,7 @@ def test_a_deflection_that_is_not_offered_any_more_ends():
 
 
 GROWN = DeviceChange(True, 0, 0, 0, 0)
-"""The device is told of again when it has more buttons than were known."""
+"""The device is reported again when it has more buttons than were known."""
 
 
 @pytest.mark.parametrize("first", [("left", "right"), ("right", "left")])

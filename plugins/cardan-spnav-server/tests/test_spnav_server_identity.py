@@ -1,4 +1,4 @@
-"""What programs are told of the device behind the server, and what counts they then get."""
+"""What programs learn of the device behind the server, and what counts they then get."""
 
 import pytest
 

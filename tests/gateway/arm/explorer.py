@@ -30,7 +30,7 @@ from cardan.gateway.arm.motions.recover import Recover
 from cardan.gateway.arm.states import RESTING, Inhibit, States
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.arm.vocab import Stream
-from cardan.gateway.operator.arming import Arming
+from cardan.gateway.operator.deadman import Arming
 from cardan.gateway.operator.mapping import MappingOptions
 from cardan.gateway.servo.compiled import CompiledServo
 from cardan.gateway.servo.native import kernel_library

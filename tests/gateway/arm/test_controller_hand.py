@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from cardan.gateway.arm.body import FreeBody
+from cardan.gateway.arm.commanded_arm import TaskSpaceArm
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.supervision import LONGEST_STEP_PERIODS, TRUST_AFTER_S, Watchdogs
@@ -623,7 +623,7 @@ def test_without_a_deadman_a_failing_filter_trips_once():
     assert rig.core.phase is Phase.HOLDING
 
 
-class Model(FreeBody):
+class Model(TaskSpaceArm):
     """An arm's model that is at START whatever the robot reports."""
 
     def obstacle(self, state, new):

@@ -14,7 +14,7 @@ from cardan.gateway.arm.authority import (
     AuthorityOptions,
     AuthorityPolicy,
 )
-from cardan.gateway.arm.body import FreeBody
+from cardan.gateway.arm.commanded_arm import TaskSpaceArm
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.options import ControllerOptions
@@ -163,7 +163,7 @@ def test_a_new_session_of_an_arm_keeps_every_joint_within_its_acceleration():
 # -- the last gate -------------------------------------------------------------------------------
 
 
-class Broken(FreeBody):
+class Broken(TaskSpaceArm):
     """A body that computes nonsense on demand."""
 
     nonsense = None
@@ -477,7 +477,7 @@ def test_an_acknowledgement_comes_too_early_while_readings_leap():
 
 
 def test_a_controller_without_a_hand_commands_nothing_until_somebody_asks():
-    controller = ArmController(FreeBody(LIMITS), LIMITS, period_s=PERIOD_S)
+    controller = ArmController(TaskSpaceArm(LIMITS), LIMITS, period_s=PERIOD_S)
     state = RobotState(1.0, RobotLink.LIVE, 1, 0, PERIOD_S, REST, (), START, "")
     for _ in range(3):
         state = state._replace(stamp_s=state.stamp_s + PERIOD_S)

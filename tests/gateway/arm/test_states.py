@@ -27,7 +27,7 @@ from cardan.gateway.arm.states import (
     separation_after,
 )
 from cardan.gateway.arm.status import Phase
-from cardan.gateway.operator.arming import Arming, armed_by_deadman, armed_by_rest
+from cardan.gateway.operator.deadman import Arming, armed_by_deadman, armed_by_rest
 from cardan.gateway.operator.input import NO_REQUEST
 
 ALL = [

@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.gateway.arm.body import FreeBody
+from cardan.gateway.arm.commanded_arm import TaskSpaceArm
 from cardan.gateway.arm.motions.base import GOING, Activity
 from cardan.gateway.arm.supervision import (
     LONGEST_STEP_PERIODS,
@@ -26,7 +26,7 @@ class Watched:
 
     def __init__(self, **watchdogs):
         self.supervision = Supervision(Watchdogs(**watchdogs))
-        self.body = FreeBody(ReferenceLimits())
+        self.body = TaskSpaceArm(ReferenceLimits())
         self.state = RobotState(
             10.0, RobotLink.LIVE, 1, 0, DT_S, (), (), self.pose(0.0), ""
         )  # fmt: skip

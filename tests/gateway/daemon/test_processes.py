@@ -6,7 +6,7 @@ import threading
 import time
 
 from cardan.gateway.daemon import processes
-from cardan.gateway.daemon.processes import SILENT_S, STARTS_WITHIN_S, RunningSession
+from cardan.gateway.daemon.processes import HUNG_S, STARTS_WITHIN_S, RunningSession
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import Outcome
 from tests.waiting import WITHIN_S
@@ -34,6 +34,6 @@ def test_a_session_has_longer_for_its_first_snapshot(monkeypatch):
     assert before_s <= session.due_s - STARTS_WITHIN_S <= time.monotonic()
     session._process.may_tell.set()
     assert session._process.told.wait(WITHIN_S)
-    assert before_s <= session.due_s - SILENT_S <= time.monotonic()
+    assert before_s <= session.due_s - HUNG_S <= time.monotonic()
     session._process.may_end.set()
     session.join(WITHIN_S)

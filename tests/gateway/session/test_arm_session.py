@@ -9,7 +9,7 @@ import pytest
 
 from cardan.drivers.sim_arm import SimArm, SimArmOptions
 from cardan.errors import ConfigurationError
-from cardan.gateway.arm.arm_body import ArmBody
+from cardan.gateway.arm.joint_space_arm import JointSpaceArm
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.servo.compiled import CompiledServo
 from cardan.gateway.session.arm_assembly import make_arm
@@ -337,7 +337,7 @@ def test_a_whole_turn_of_a_continuous_joint_is_no_error():
 
 def test_a_pushed_robot_of_velocities_comes_back_inside_its_accelerations():
     servo = Run().arm.servo
-    follower = ArmBody(servo, frozenset({CommandKind.JOINT_VELOCITY}))
+    follower = JointSpaceArm(servo, frozenset({CommandKind.JOINT_VELOCITY}))
     run = Run()
     run.go(0.1, held=False)
     follower.place(run.state)

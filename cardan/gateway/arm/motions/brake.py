@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan.gateway.arm.body import Body
+from cardan.gateway.arm.commanded_arm import CommandedArm
 from cardan.gateway.arm.motions.base import ARRIVED, GOING, Progress
 from cardan.gateway.arm.motions.reference_motion import ReferenceMotion
 from cardan.gateway.motion.reference import Reference
@@ -12,7 +12,7 @@ from cardan.types import RobotState
 class Brake(ReferenceMotion):
     """Ramps the TCP to rest within the reference's limits, from the speed that the body has."""
 
-    def __init__(self, body: Body, reference: Reference) -> None:
+    def __init__(self, body: CommandedArm, reference: Reference) -> None:
         super().__init__(body, reference)
         reference.place(body.pose)
         twist = body.twist

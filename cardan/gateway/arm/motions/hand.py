@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cardan.gateway.arm.body import Body
+from cardan.gateway.arm.commanded_arm import CommandedArm
 from cardan.gateway.arm.motions.base import ARRIVED, GOING, Progress
 from cardan.gateway.arm.motions.reference_motion import ReferenceMotion
 from cardan.gateway.motion.reference import Reference
@@ -16,7 +16,7 @@ class FollowHand(ReferenceMotion):
 
     follows_hand = True
 
-    def __init__(self, body: Body, reference: Reference) -> None:
+    def __init__(self, body: CommandedArm, reference: Reference) -> None:
         super().__init__(body, reference)
         self._twist = ZERO_TWIST
         self._rates: Mapping[str, float] | None = None

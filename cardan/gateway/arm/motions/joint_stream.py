@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cardan.common.arm_libraries import np
-from cardan.gateway.arm.arm_body import ArmBody
+from cardan.gateway.arm.joint_space_arm import JointSpaceArm
 from cardan.gateway.arm.motions.base import ARRIVED, GOING, Activity, Progress
 from cardan.gateway.kinematics.base import FloatArray
 from cardan.types import RobotState
@@ -12,7 +12,7 @@ from cardan.types import RobotState
 class FollowJointStream(Activity):
     """Every joint moves at the speed that was streamed last."""
 
-    def __init__(self, body: ArmBody, speed_share: float, acceleration_share: float) -> None:
+    def __init__(self, body: JointSpaceArm, speed_share: float, acceleration_share: float) -> None:
         """Shares of the arm's joint speeds and accelerations that may be used."""
         self._body, servo = body, body.servo
         self._fastest = speed_share * servo.kinematics.velocity

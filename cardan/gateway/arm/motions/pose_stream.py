@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from cardan.gateway.arm.body import Body
+from cardan.gateway.arm.commanded_arm import CommandedArm
 from cardan.gateway.arm.motions.base import ARRIVED, GOING, Deceleration, Progress
 from cardan.gateway.arm.motions.reference_motion import ReferenceMotion
 from cardan.gateway.motion.reference import Reference
@@ -41,7 +41,7 @@ class FollowPoseStream(ReferenceMotion):
 
     def __init__(
         self,
-        body: Body,
+        body: CommandedArm,
         reference: Reference,
         deceleration: Deceleration,
         shaper: PoseShaper,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.gateway.arm.body import (
+from cardan.gateway.arm.commanded_arm import (
     APPROACH_SPEED_M_S,
     APPROACH_SPEED_RAD_S,
     APPROACH_TIME_S,
-    Body,
+    CommandedArm,
     FollowingError,
 )
 from cardan.gateway.arm.motions.base import GOING, Activity, Progress
@@ -47,7 +47,7 @@ class Recover(Activity):
 
     def __init__(
         self,
-        body: Body,
+        body: CommandedArm,
         reference: Reference,
         near: FollowingError,
         error: FollowingError,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from cardan.gateway.arm.body import Body
+from cardan.gateway.arm.commanded_arm import CommandedArm
 from cardan.gateway.arm.motions.base import Activity, Deceleration
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.types import ZERO_TWIST, Twist
@@ -18,7 +18,7 @@ class ReferenceMotion(Activity):
     """Whether an obstacle leaves the part of the motion that goes along it."""
 
     def __init__(
-        self, body: Body, reference: Reference, deceleration: Deceleration | None = None
+        self, body: CommandedArm, reference: Reference, deceleration: Deceleration | None = None
     ) -> None:
         """`deceleration`: for stops, where it is more than the reference's own acceleration."""
         self._body = body

@@ -9,7 +9,7 @@ from cardan.common import bounds
 from cardan.common.arm_libraries import np, pin
 from cardan.common.options import Options
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.arm_body import ArmBody
+from cardan.gateway.arm.joint_space_arm import JointSpaceArm
 from cardan.gateway.arm.motions.base import ARRIVED, GOING, Activity, Progress
 from cardan.gateway.arm.vocab import State
 from cardan.gateway.kinematics.arm import ArmKinematics
@@ -47,7 +47,7 @@ class TorqueMotion(Activity):
         self,
         state: State,
         model: ArmModel,
-        body: ArmBody,
+        body: JointSpaceArm,
         kinematics: ArmKinematics,
         limits: TorqueLimits,
     ) -> None:

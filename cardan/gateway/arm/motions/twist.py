@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan.gateway.arm.body import Body
+from cardan.gateway.arm.commanded_arm import CommandedArm
 from cardan.gateway.arm.motions.base import GOING, Deceleration, Progress
 from cardan.gateway.arm.motions.path import STUCK_S, STUCK_SHARE
 from cardan.gateway.arm.motions.reference_motion import ReferenceMotion
@@ -19,7 +19,7 @@ class FollowTwist(ReferenceMotion):
     slides = False
 
     def __init__(
-        self, body: Body, reference: Reference, deceleration: Deceleration, twist: Twist
+        self, body: CommandedArm, reference: Reference, deceleration: Deceleration, twist: Twist
     ) -> None:
         """`twist` in base axes."""
         super().__init__(body, reference, deceleration)

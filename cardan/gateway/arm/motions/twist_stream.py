@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan.gateway.arm.body import Body
+from cardan.gateway.arm.commanded_arm import CommandedArm
 from cardan.gateway.arm.motions.base import ARRIVED, GOING, Deceleration, Progress
 from cardan.gateway.arm.motions.reference_motion import ReferenceMotion
 from cardan.gateway.motion.reference import Reference
@@ -12,7 +12,9 @@ from cardan.types import ZERO_TWIST, RobotState
 class FollowTwistStream(ReferenceMotion):
     """Streamed twists."""
 
-    def __init__(self, body: Body, reference: Reference, deceleration: Deceleration) -> None:
+    def __init__(
+        self, body: CommandedArm, reference: Reference, deceleration: Deceleration
+    ) -> None:
         super().__init__(body, reference, deceleration)
         self.target = ZERO_TWIST
 

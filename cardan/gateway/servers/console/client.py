@@ -375,9 +375,8 @@ class Operator:
         given = [key for key in _TARGETS if isinstance(table.get(key), str)]
         if len(given) != 1:
             raise RefusedError(
-                "a channel is opened for an arm (the full name of its node), for a device (the "
-                "topic of its driver), for joy (the topic of ros2_joy), or for imu (the topic on "
-                "which a phone's sensors are published)"
+                f"a channel is opened for one of {', '.join(_TARGETS)}: give an arm by the full "
+                "name of its node, another one by its topic"
             )
         (key,) = given
         self.channels[number] = channel = _TARGETS[key](self, number, checked_name(table[key]))

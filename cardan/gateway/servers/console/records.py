@@ -60,7 +60,7 @@ class Records:
     def __init__(
         self, folder: Path, bus_words: Sequence[str], recorder: Sequence[str] = RECORDER
     ) -> None:
-        """`bus_words`: how the recorder is told of the bus."""
+        """`bus_words`: the options of the bus for the recorder."""
         self.folder = folder
         self.shown = 0
         """How many are shown to pages now."""

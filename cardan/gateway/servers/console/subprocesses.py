@@ -26,7 +26,7 @@ class Beside:
     """A command from its start to its end."""
 
     def __init__(self, command: Sequence[str], heard: Callable[[str], None]) -> None:
-        """`heard` is told of each line that it prints, also of its complaints."""
+        """`heard` gets each line that it prints, also of its complaints."""
         self._command, self._heard = command, heard
         self._process: asyncio.subprocess.Process | None = None
         self._reading: asyncio.Task[None] | None = None

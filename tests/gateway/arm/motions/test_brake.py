@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.gateway.arm.body import FreeBody
+from cardan.gateway.arm.commanded_arm import TaskSpaceArm
 from cardan.gateway.arm.motions.base import ARRIVED
 from cardan.gateway.arm.motions.brake import Brake
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
@@ -26,7 +26,7 @@ ROBOT = RobotState(1.0, RobotLink.LIVE, 1, 0, DT_S, (), (), IDENTITY_POSE, "")
 
 def moving(linear=ZERO3, angular=ZERO3, limits=LIMITS):
     """A free body at that speed, and its reference."""
-    body, reference = FreeBody(limits), Reference(limits)
+    body, reference = TaskSpaceArm(limits), Reference(limits)
     body.place(ROBOT)
     reference.place(body.pose)
     reference.linear, reference.angular = linear, angular

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
-from cardan.gateway.arm.arm_body import ArmBody
+from cardan.gateway.arm.joint_space_arm import JointSpaceArm
 from cardan.gateway.arm.motions.base import ARRIVED, GOING
 from cardan.gateway.arm.motions.joint_stream import FollowJointStream
 from cardan.gateway.kinematics.arm import ArmKinematics
@@ -24,7 +24,7 @@ class Stream:
     """A stream to an arm at home, without bodies to collide."""
 
     def __init__(self, q=MODEL.home):
-        self.body = ArmBody(Servo(KINEMATICS), frozenset({CommandKind.JOINT}))
+        self.body = JointSpaceArm(Servo(KINEMATICS), frozenset({CommandKind.JOINT}))
         self.body.place(ROBOT._replace(joints=tuple(q)))
         self.servo = self.body.servo
         self.activity = FollowJointStream(self.body, SPEED, ACCELERATION)

@@ -3,11 +3,11 @@
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.gateway.arm.body import (
+from cardan.gateway.arm.commanded_arm import (
     APPROACH_SPEED_M_S,
     APPROACH_SPEED_RAD_S,
     FollowingError,
-    FreeBody,
+    TaskSpaceArm,
 )
 from cardan.gateway.arm.motions.recover import MARGIN_M, MARGIN_SHARE, Recover
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
@@ -30,7 +30,7 @@ class Recovery:
 
     def __init__(self, away, limits=LIMITS):
         self.away = away
-        self.body, self.reference = FreeBody(limits), Reference(limits)
+        self.body, self.reference = TaskSpaceArm(limits), Reference(limits)
         self.body.place(robot())
         self.reference.place(self.body.pose)
         self.reference.observe(away.pose)

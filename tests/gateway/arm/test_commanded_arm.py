@@ -5,13 +5,13 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.gateway.arm.body import (
+from cardan.gateway.arm.commanded_arm import (
     APPROACH_SPEED_M_S,
     APPROACH_SPEED_RAD_S,
     FASTEST_TCP_M_S,
     READING_NOISE_M,
     FollowingError,
-    FreeBody,
+    TaskSpaceArm,
 )
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.spatial import (
@@ -49,7 +49,7 @@ def at(x=0.0, y=0.0, z=0.0, turn=ZERO3):
 
 def moving(linear=ZERO3, angular=ZERO3):
     """A body that was commanded to move so."""
-    body = FreeBody(LIMITS)
+    body = TaskSpaceArm(LIMITS)
     body.place(at())
     reference = Reference(LIMITS)
     reference.place(body.pose)
@@ -79,7 +79,7 @@ def test_a_following_error_is_said_in_words():
 
 
 def test_the_reference_knows_how_far_a_free_pose_is_from_its_robot():
-    body, reference = FreeBody(LIMITS), Reference(LIMITS)
+    body, reference = TaskSpaceArm(LIMITS), Reference(LIMITS)
     body.place(at())
     assert body.following_error(at(0.1), None) == FollowingError(0.0, 0.0)
     reference.place(body.pose)
@@ -102,12 +102,12 @@ def test_the_reference_knows_how_far_a_free_pose_is_from_its_robot():
     ],
 )
 def test_a_robot_without_a_usable_pose_is_an_obstacle(pose, words):
-    found = FreeBody(LIMITS).obstacle(robot(pose), True)
+    found = TaskSpaceArm(LIMITS).obstacle(robot(pose), True)
     assert words in found if words else found == ""
 
 
 def test_no_tcp_goes_farther_than_any_arm_can():
-    body = FreeBody(LIMITS)
+    body = TaskSpaceArm(LIMITS)
     most_m = READING_NOISE_M + FASTEST_TCP_M_S * 0.02
     assert body.leap(at(), at(0.99 * most_m), 0.02) == ""
     assert "jumped by 112 mm" in body.leap(at(), at(1.02 * most_m), 0.02)
@@ -119,7 +119,7 @@ def test_no_tcp_goes_farther_than_any_arm_can():
 
 
 def test_it_begins_at_rest_where_the_robot_is():
-    body = FreeBody(LIMITS)
+    body = TaskSpaceArm(LIMITS)
     assert not body.placed
     body.place(at(0.5, 0.1, 0.2))
     assert body.placed
@@ -226,7 +226,7 @@ def test_it_follows_its_reference_exactly():
 
 
 def test_a_period_is_one_step_and_no_time_is_none():
-    body = FreeBody(LIMITS)
+    body = TaskSpaceArm(LIMITS)
     assert body.steps(0.02) == [0.02]
     assert body.steps(0.0) == []
     assert body.status() is None

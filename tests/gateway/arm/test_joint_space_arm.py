@@ -7,17 +7,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from cardan.drivers.robot_core import LEAP_NOISE_RAD, LEAP_SHARE
-from cardan.gateway.arm.arm_body import (
-    APPROACH_SHARE,
-    JOINT_TCP_TOLERANCE_M,
-    POSE_TCP_TOLERANCE_M,
-    ArmBody,
-)
-from cardan.gateway.arm.body import (
+from cardan.gateway.arm.commanded_arm import (
     APPROACH_SPEED_M_S,
     APPROACH_SPEED_RAD_S,
     FASTEST_TCP_M_S,
     FASTEST_TCP_RAD_S,
+)
+from cardan.gateway.arm.joint_space_arm import (
+    APPROACH_SHARE,
+    JOINT_TCP_TOLERANCE_M,
+    POSE_TCP_TOLERANCE_M,
+    JointSpaceArm,
 )
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import to_pose
@@ -47,7 +47,7 @@ def robot(joints=HOME, pose=None):
 
 
 def arm(*kinds, kinematics=KINEMATICS, **more):
-    return ArmBody(Servo(kinematics), frozenset(kinds or (CommandKind.JOINT,)), **more)
+    return JointSpaceArm(Servo(kinematics), frozenset(kinds or (CommandKind.JOINT,)), **more)
 
 
 def moving(v, *kinds):

@@ -1,7 +1,8 @@
 """Carries out motions, and makes the robot's commands of them.
 
-A robot whose arm has a model is moved joint by joint (:mod:`cardan.gateway.arm.arm_body`); one
-that is sent poses and has no model moves as a free pose.
+A robot whose arm has a model is moved joint by joint
+(:mod:`cardan.gateway.arm.joint_space_arm`); one that is sent poses and has no model moves as a free
+pose.
 """
 
 from __future__ import annotations
@@ -89,7 +90,7 @@ class FollowingError(NamedTuple):
         )
 
 
-class Body(ABC):
+class CommandedArm(ABC):
     """The commanded state of one robot, moved one control period at a time."""
 
     placed = False
@@ -208,7 +209,7 @@ class Body(ABC):
         return ""
 
 
-class FreeBody(Body):
+class TaskSpaceArm(CommandedArm):
     """The TCP of a robot that is sent poses: moves freely within the reference's limits."""
 
     def __init__(self, limits: ReferenceLimits) -> None:

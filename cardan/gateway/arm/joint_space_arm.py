@@ -8,14 +8,14 @@ from collections.abc import Mapping, Sequence
 
 from cardan.common.arm_libraries import np
 from cardan.drivers.robot_core import leap
-from cardan.gateway.arm.body import (
+from cardan.gateway.arm.commanded_arm import (
     APPROACH_SPEED_M_S,
     APPROACH_SPEED_RAD_S,
     APPROACH_TIME_S,
     FASTEST_TCP_M_S,
     FASTEST_TCP_RAD_S,
     SHORTEST_S,
-    Body,
+    CommandedArm,
     FollowingError,
 )
 from cardan.gateway.arm.neighbours import NeighbourBodies
@@ -71,7 +71,7 @@ AT_REST_RAD_S = 2e-4
 """All joints slower than this can stop within one period."""
 
 
-class ArmBody(Body):
+class JointSpaceArm(CommandedArm):
     """The commanded joints of one arm."""
 
     def __init__(
