@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from operator import sub
 
 from cardan.common.arm_libraries import np, npt
 from cardan.gateway.kinematics.base import TURN, FloatArray
@@ -27,6 +28,9 @@ class ResponseLag:
         self._rows: list[list[float]] = []
         self._next_s = 0.0
         self._at = 0
+        """The newest row."""
+        self._nearest = 0
+        """The row that was nearest last."""
         self._known: tuple[Sequence[float], Sequence[float], Sequence[float]] = (), (), ()
         """What `expected` was asked for last, and its answer: a control cycle asks twice."""
 
@@ -68,19 +72,16 @@ class ResponseLag:
             return measured
         if measured is self._known[0] and commanded == self._known[1]:
             return self._known[2]
-        nearest, least = commanded, math.inf
-        for row in (commanded, *self._rows):
-            farthest = 0.0
-            for there, now, continuous in zip(row, measured, self._continuous, strict=True):
-                away = abs(there - now)
-                if away > math.pi and continuous:
-                    away = abs(math.remainder(away, TURN))
-                if away >= least:
-                    break
-                if away > farthest:
-                    farthest = away
-            else:
-                nearest, least = row, farthest
+        rows, nearest = self._rows, commanded
+        least, joint = self._apart(commanded, measured)
+        # The place that was nearest last rules most others out, by the joint that is farthest off.
+        last, its = self._apart(rows[self._nearest], measured)
+        if last < least:
+            nearest, least, joint = rows[self._nearest], last, its
+        for index in self._closer(measured, joint, least):
+            away, _ = self._apart(rows[index], measured)
+            if away < least:
+                nearest, least, self._nearest = rows[index], away, index
         found = measured
         if nearest is not commanded:
             found = [
@@ -89,3 +90,23 @@ class ResponseLag:
             ]
         self._known = measured, commanded, found
         return found
+
+    def _apart(self, place: Sequence[float], measured: Sequence[float]) -> tuple[float, int]:
+        """How far the joint is away that is farthest, rad or m, and which."""
+        ways = [*map(abs, map(sub, place, measured))]
+        farthest = max(ways)
+        if farthest > math.pi:
+            ways = [
+                abs(math.remainder(way, TURN)) if continuous else way
+                for way, continuous in zip(ways, self._continuous, strict=True)
+            ]
+            farthest = max(ways)
+        return farthest, ways.index(farthest)
+
+    def _closer(self, measured: Sequence[float], joint: int, least: float) -> list[int]:
+        """Which rows have that one joint closer than `least`."""
+        there, rows = measured[joint], enumerate(self._rows)
+        if self._continuous[joint]:
+            turn = math.remainder
+            return [index for index, row in rows if abs(turn(row[joint] - there, TURN)) < least]
+        return [index for index, row in rows if abs(row[joint] - there) < least]
