@@ -18,6 +18,22 @@ _ROWS = 17
 """Number of past commands that are kept. At 0.3 s they are 19 ms apart, 5 mm at 0.25 m/s."""
 
 
+def farthest(
+    place: Sequence[float], other: Sequence[float], continuous: Sequence[bool]
+) -> tuple[float, int]:
+    """How far that joint is away which is farthest, rad or m, and which it is. Whole turns of
+    `continuous` joints are no way."""
+    ways = [*map(abs, map(sub, place, other))]
+    most = max(ways)
+    if most > math.pi:
+        ways = [
+            abs(math.remainder(way, TURN)) if turns else way
+            for way, turns in zip(ways, continuous, strict=True)
+        ]
+        most = max(ways)
+    return most, ways.index(most)
+
+
 class ResponseLag:
     """Keeps the commanded joints of the last `lag_s`."""
 
@@ -73,13 +89,13 @@ class ResponseLag:
         if measured is self._known[0] and commanded == self._known[1]:
             return self._known[2]
         rows, nearest = self._rows, commanded
-        least, joint = self._apart(commanded, measured)
+        least, joint = farthest(commanded, measured, self._continuous)
         # The place that was nearest last rules most others out, by the joint that is farthest off.
-        last, its = self._apart(rows[self._nearest], measured)
+        last, its = farthest(rows[self._nearest], measured, self._continuous)
         if last < least:
             nearest, least, joint = rows[self._nearest], last, its
         for index in self._closer(measured, joint, least):
-            away, _ = self._apart(rows[index], measured)
+            away, _ = farthest(rows[index], measured, self._continuous)
             if away < least:
                 nearest, least, self._nearest = rows[index], away, index
         found = measured
@@ -90,18 +106,6 @@ class ResponseLag:
             ]
         self._known = measured, commanded, found
         return found
-
-    def _apart(self, place: Sequence[float], measured: Sequence[float]) -> tuple[float, int]:
-        """How far the joint is away that is farthest, rad or m, and which."""
-        ways = [*map(abs, map(sub, place, measured))]
-        farthest = max(ways)
-        if farthest > math.pi:
-            ways = [
-                abs(math.remainder(way, TURN)) if continuous else way
-                for way, continuous in zip(ways, self._continuous, strict=True)
-            ]
-            farthest = max(ways)
-        return farthest, ways.index(farthest)
 
     def _closer(self, measured: Sequence[float], joint: int, least: float) -> list[int]:
         """Which rows have that one joint closer than `least`."""
