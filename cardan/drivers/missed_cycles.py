@@ -403,16 +403,21 @@ class SlipCompensation:
                 share *= math.sqrt(square / slower)
             share = min(share, 1.0)
         left = False
-        for i, each in enumerate(offset):
-            v = velocity[i]
+        for i, (each, v, was, r) in enumerate(zip(offset, velocity, before, rate, strict=True)):
             # The robot's speed moves towards its aim and never away from it: a robot that stands
             # while its command brakes would otherwise be moved back.
-            current, aim = before[i] + rate[i], v + back * each
-            speed = v + rate[i] + share * (back * each - rate[i])
-            low, high = (current, aim) if current < aim else (aim, current)
-            rate[i] = r = min(max(speed, low), high) - v
+            low, high = was + r, v + back * each
+            if low > high:
+                low, high = high, low
+            speed = v + r + share * (back * each - r)
+            if speed < low:
+                speed = low
+            if speed > high:
+                speed = high
+            rate[i] = r = speed - v
             offset[i] = each = each + r * dt_s
-            left = left or abs(each) > _NOTHING or abs(r) > _NOTHING
+            if not (-_NOTHING <= each <= _NOTHING and -_NOTHING <= r <= _NOTHING):
+                left = True
         if not left:
             self.reset()
 

@@ -269,6 +269,10 @@ def leap(
     """Which joint cannot have come from `before` to `joints` within `time_s`, and how far away it
     is, rad or m; None: all can. Whole turns of `continuous` joints are no way."""
     share = LEAP_SHARE * time_s
+    # The usual case: no joint has gone farther than all of them together.
+    alike = share >= 0.0 and len(joints) == len(before)
+    if alike and math.dist(joints, before) <= LEAP_NOISE_RAD:
+        return None
     for now, then, speed in zip(joints, before, fastest, strict=False):
         if not abs(now - then) <= LEAP_NOISE_RAD + share * speed:
             break

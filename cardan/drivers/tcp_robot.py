@@ -287,27 +287,28 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
             return
         with self._looping(loop):
             while self._loop == loop:
+                # Between an answer and the next state there is time for all but that state.
+                self._turn(session, _monotonic())
+                self._wait(session, _LONGEST_WAIT_S)
                 now_s = _monotonic()
-                self._turn(session, now_s)
+                session.advance(now_s)
                 state = session.due_state(now_s)
+                if not session.owes_answer:  # Else with the answer.
+                    self._flush(session)
                 if state is not None:
                     yield state
                     if self._loop != loop:
                         return
                     if session.reply_pending:
                         self.send(HoldCommand())
-                    if self._tasks:
-                        continue
-                self._wait(session, _LONGEST_WAIT_S)
 
     def _turn(self, session: TcpSessionT, now_s: float) -> None:
-        """Do what is due."""
+        """Do what is asked for, connect, and send what that gives."""
         while self._tasks:
             session.ask(self._tasks.popleft(), now_s)
         for channel in self.channels:
             if channel not in self._links and session.wants(channel, now_s):
                 self._connect(session, channel, now_s)
-        session.advance(now_s)
         self._flush(session)
 
     def _wait(self, session: TcpSessionT, longest_s: float) -> None:

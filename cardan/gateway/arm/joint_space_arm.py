@@ -23,7 +23,7 @@ from cardan.gateway.arm.output_check import OutputLimits
 from cardan.gateway.kinematics.base import SE3, FloatArray, Kinematics, short_way, to_pose
 from cardan.gateway.motion.reference import Reference
 from cardan.gateway.servo.choice import AnyServo
-from cardan.gateway.servo.lag import ResponseLag
+from cardan.gateway.servo.lag import ResponseLag, farthest
 from cardan.gateway.servo.servo import servo_steps
 from cardan.gateway.servo.status import SINGULAR, ServoStatus
 from cardan.spatial import is_finite, norm, rotation_between, subtract
@@ -234,21 +234,11 @@ class JointSpaceArm(CommandedArm):
         return self._short(self.servo.q - np.array(self._joints(state)))
 
     def following_error(self, state: RobotState, reference: Reference | None) -> FollowingError:
-        worst, worst_joint = -1.0, 0
-        for joint, (commanded, there) in enumerate(
-            zip(self.servo.q.tolist(), self._joints(state), strict=True)
-        ):
-            error = abs(commanded - there)
-            if error > worst:
-                if error > math.pi and self.servo.kinematics.continuous[joint]:
-                    error = abs(math.remainder(error, 2.0 * math.pi))
-                    if error <= worst:
-                        continue
-                worst, worst_joint = error, joint
+        worst, joint = farthest(self.servo.q.tolist(), self._joints(state), self._continuous)
         linear, angular = 0.0, 0.0
         if reference is not None:
             linear, angular = reference.ahead_m, reference.ahead_rad
-        return FollowingError(linear, angular, worst, self.servo.kinematics.names[worst_joint])
+        return FollowingError(linear, angular, worst, self.servo.kinematics.names[joint])
 
     # -- motion ----------------------------------------------------------------------------------
 
