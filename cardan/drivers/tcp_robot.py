@@ -293,7 +293,7 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
                 now_s = _monotonic()
                 session.advance(now_s)
                 state = session.due_state(now_s)
-                if not session.owes_answer:  # Else with the answer.
+                if not session.reply_pending:  # Else with the answer.
                     self._flush(session)
                 if state is not None:
                     yield state
