@@ -1,4 +1,4 @@
-"""a scenario, run by times and events."""
+"""A scenario, run by times and events."""
 
 from __future__ import annotations
 
