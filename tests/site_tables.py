@@ -14,6 +14,7 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
+from cardan.cli.common import page_path
 from cardan.conform import registry as suites
 from cardan.sim_peers import registry as peers
 from cardan.sim_peers.ur_controller import UrController
@@ -61,7 +62,7 @@ def _driver_options() -> Iterator[tuple[str, SiteTable]]:
             yield (
                 f"options of driver {name}",
                 SiteTable(
-                    f"docs/{driver.page}",
+                    page_path(driver.page),
                     "the options of the driver, with defaults and ranges",
                     docs_tables.driver_options_of(name),
                     f"cardan devices drivers {name}",
@@ -79,7 +80,7 @@ def _faults() -> Iterator[tuple[str, SiteTable]]:
         yield (
             f"faults of {title}",
             SiteTable(
-                f"docs/{peer.page}",
+                page_path(peer.page),
                 "its faults, the default of each and what happens",
                 docs_tables.faults_of(name),
                 f"cardan sim {name} --list-faults",
@@ -94,7 +95,7 @@ def _options() -> Iterator[tuple[str, SiteTable]]:
             yield (
                 f"options of {name}",
                 SiteTable(
-                    f"docs/{peer.page}",
+                    page_path(peer.page),
                     "its own options",
                     docs_tables.options_of(name),
                     f"cardan sim {name} --help",
@@ -104,7 +105,7 @@ def _options() -> Iterator[tuple[str, SiteTable]]:
             yield (
                 f"scripts of {name}",
                 SiteTable(
-                    f"docs/{peer.page}",
+                    page_path(peer.page),
                     "the built-in scripts, and the verbs of a script",
                     docs_tables.scripts_of(name),
                     f"cardan sim {name} --list-scripts",

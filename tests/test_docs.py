@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 import pytest
 
 from cardan import cli
+from cardan.cli.common import page_path
 from cardan.common.bounds import Range
 from cardan.common.options import hints
 from cardan.common.tables import keys_of, read_table
@@ -45,7 +46,9 @@ else:
     import tomli as tomllib
 
 ROOT = Path(__file__).parents[1]
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+PAGES = sorted(
+    [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *ROOT.glob("plugins/*/README.md")]
+)
 
 
 def kinds(hint: Any) -> list[type[Any]]:
@@ -64,8 +67,8 @@ TABLES = {
 
 @functools.cache
 def text(name: str) -> str:
-    """A page as the site has it, with all tables."""
-    return site_tables.read(f"docs/{name}")
+    """A page, as seen from docs/, as the site has it, with all tables."""
+    return site_tables.read(page_path(name))
 
 
 def section(page: str, heading: str) -> str:
@@ -463,7 +466,7 @@ def test_worked_messages_are_what_the_codec_says():
     exec(blocks(text("protocols/simple-message.md"), "python")[0], names)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_snippets_are_programs_and_settings(page, tmp_path, monkeypatch):
     content = page.read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
@@ -497,7 +500,7 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)]+)\)", site_tables.read(page.relative_to(ROOT).as_posix())):
         if "://" in target:
