@@ -35,7 +35,7 @@ class Omni(PeerCommand[OmniOptions]):
     Options = OmniOptions
     page = "simulated-peers.md"
     speaks = (
-        "[HDAPI](protocols/hdapi.md), the C functions of the vendor's libHD, in the process "
+        "[HDAPI](../plugins/cardan-omni/README.md#protocol), the C functions of the vendor's libHD, in the process "
         "of the program that uses it"
     )
     epilog = (
