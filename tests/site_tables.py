@@ -56,18 +56,16 @@ SCRIPTED = ("abb-gofa", "spacemouse", "wiimote", "leap", "gamepad", "keyboard", 
 
 
 def _driver_options() -> Iterator[tuple[str, SiteTable]]:
-    """Of each driver; `spacemouse_serial` has those of the SpaceMouse."""
     for name, driver in docs_tables.DRIVERS.items():
-        if name != "spacemouse_serial":
-            yield (
-                f"options of driver {name}",
-                SiteTable(
-                    page_path(driver.page),
-                    "the options of the driver, with defaults and ranges",
-                    docs_tables.driver_options_of(name),
-                    f"cardan devices drivers {name}",
-                ),
-            )
+        yield (
+            f"options of driver {name}",
+            SiteTable(
+                page_path(driver.page),
+                "the options of the driver, with defaults and ranges",
+                docs_tables.driver_options_of(name),
+                f"cardan devices drivers {name}",
+            ),
+        )
 
 
 def _faults() -> Iterator[tuple[str, SiteTable]]:

@@ -124,13 +124,8 @@ def default_of(field: dataclasses.Field[Any]) -> str:
     return written(getattr(field.default, "value", field.default))
 
 
-SERIAL = {"spacemouse_serial", "spacemouse-serial"}
-"""They share the pages of the SpaceMouse, where their sections are."""
-
 DRIVER_PAGES = [
-    pytest.param(driver.page, driver.Options, id=name)
-    for name, driver in ours(registry).items()
-    if name not in SERIAL
+    pytest.param(driver.page, driver.Options, id=name) for name, driver in ours(registry).items()
 ]
 
 
@@ -307,7 +302,9 @@ def test_every_button_name_is_there():
 
 
 PEERS = [
-    pytest.param(name, peer, id=name) for name, peer in ours(peers).items() if name not in SERIAL
+    pytest.param(name, peer, id=name)
+    for name, peer in ours(peers).items()
+    if name != "spacemouse-serial"  # It shares the section of the SpaceMouse.
 ]
 
 
