@@ -1,4 +1,4 @@
-"""The example of docs/lerobot.md, by LeRobot where it is installed, else by records; and what is
+"""The example of plugins/cardan-learning/README.md, by LeRobot where it is installed, else by records; and what is
 said where LeRobot cannot be installed."""
 
 import json
