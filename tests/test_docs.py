@@ -226,8 +226,8 @@ def said(bounds: Range) -> str:
     ("page", "options"),
     [
         *DRIVER_PAGES,
-        ("shared-control.md", ProximityOptions),
-        ("shared-control.md", CameraOptions),
+        ("../plugins/cardan-filters/README.md", ProximityOptions),
+        ("../plugins/cardan-filters/README.md", CameraOptions),
     ],
 )
 def test_every_range_of_an_option_is_there(page, options):
