@@ -20,7 +20,7 @@ from cardan_serial_mice.protocol import OrbError, OrbKeys, OrbReset, OrbText
 from cardan_serial_mice.protocol.spaceorb import HEARTBEAT_S, QUERY
 
 KERNEL = "Linux drivers/input/joystick/spaceorb.c"
-CAPTURES = "descriptions and captures of the SpaceOrb (plugins/cardan-serial-mice/README.md)"
+CAPTURES = (
     "published descriptions and captures of the SpaceOrb (plugins/cardan-serial-mice/README.md)"
 )
 
