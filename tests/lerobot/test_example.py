@@ -1,4 +1,4 @@
-"""The example of cardan-learning's README.md, by LeRobot where it is installed, else by records; and
+"""The example of cardan-learning's README.md, by LeRobot where it is there, else by records; and
 what is said where LeRobot cannot be installed."""
 
 import json
