@@ -200,7 +200,9 @@ TABLES: dict[str, SiteTable] = {
         "docs/devices.md", "each device, its transports, and what judged them", device_table.table
     ),
     "buttons": SiteTable(
-        "docs/spnav.md", "the key behind each number, device by device", docs_tables.spnav_buttons
+        "docs/spacemouse.md",
+        "the key behind each number, device by device",
+        docs_tables.spnav_buttons,
     ),
     "models of 3Dconnexion": SiteTable(
         "docs/spacemouse.md",
