@@ -42,7 +42,7 @@ STATES = "motoman_driver 1.9.12, MotoPlus/StateServer.c"
 CONTROLLER = "motoman_driver 1.9.12, MotoPlus/Controller.c"
 MESSAGES = "motoman_driver 1.9.12, MotoPlus/SimpleMessage.h"
 CLIENT = "motoman_driver 1.9.12, src/joint_trajectory_streamer.cpp"
-VELOCITY = "docs/protocols/motoros-velocity-mode.md"
+VELOCITY = "docs/protocols/simple-message.md, velocity mode"
 ENDS = f"{CONTROLLER}: queues are emptied, START_TRAJ_MODE is needed"
 AGAIN = "ISO 13850: resetting an emergency stop only permits a restart"
 
