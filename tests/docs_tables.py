@@ -18,6 +18,7 @@ from typing import Any, get_type_hints
 
 from click import Command, Context
 
+from cardan.cli.common import page_path
 from cardan.cli.driver_options import driver_options
 from cardan.common.troubles import AREAS, troubles
 from cardan.demos.examples import find_demos
@@ -80,9 +81,8 @@ def ours(registry: Any) -> dict[str, Any]:
     }
 
 
-def link(kind: type[Driver], folder: str = "", section: str = "") -> str:
-    """What a driver drives, linked to its page from a page that is outside of `folder`."""
-    page = kind.page if "://" in kind.page else folder + kind.page
+def link(kind: type[Driver], page: str, section: str = "") -> str:
+    """What a driver drives, linked to its `page`, as it is seen from where the link stands."""
     return f"[{kind.summary}]({page}{section}){plugin_of(kind)}"
 
 
@@ -94,7 +94,7 @@ ROBOTS = {name: kind for name, kind in DRIVERS.items() if name not in DEVICES}
 def _overview() -> str:
     rows = [
         (
-            link(kind, "docs/"),
+            link(kind, page_path(kind.page)),
             f"`{name}`",
             f"`cardan sim {kind.peer}`",
             ", ".join(f"`{each}`" for each, demo in find_demos().items() if name in demo.drivers),
@@ -106,7 +106,7 @@ def _overview() -> str:
 
 def _devices() -> str:
     rows = [
-        (link(kind), f"`{name}`", kind.gives, kind.takes_back, kind.suits)
+        (link(kind, kind.page), f"`{name}`", kind.gives, kind.takes_back, kind.suits)
         for name, kind in DEVICES.items()
     ]
     return markdown(("device", "driver", "gives", "takes back", "mapping"), rows)
@@ -115,7 +115,7 @@ def _devices() -> str:
 def options_table() -> str:
     """Each driver, and where its options are."""
     rows = [
-        (f"`[{table}]`", f"`{name}`", link(kind, section="#options"))
+        (f"`[{table}]`", f"`{name}`", link(kind, kind.page, "#options"))
         for table, kinds in (("device", DEVICES), ("robot", ROBOTS))
         for name, kind in kinds.items()
     ]
@@ -305,7 +305,8 @@ def codes_of_messages() -> str:
         for code, (_, words, cause, now, do, page) in troubles().items():
             if code[0] == letter:
                 said = "  \n".join(f"``{each}``" if "`" in each else f"`{each}`" for each in words)
-                about = page.partition("#")[0].removesuffix(".md")
+                path = Path(page.partition("#")[0])
+                about = path.parent.name if path.stem == "README" else path.with_suffix("")
                 made.append(
                     f"### {code}\n\n{said}\n\n{cause}\n\n- Meanwhile: {now}\n"
                     f"- What to do: {do}\n- [{about}]({page})\n\n"

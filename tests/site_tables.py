@@ -14,6 +14,7 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
+from cardan.cli.common import page_path
 from cardan.conform import registry as suites
 from cardan.sim_peers import registry as peers
 from cardan.sim_peers.ur_controller import UrController
@@ -54,18 +55,16 @@ SCRIPTED = ("abb-gofa", "spacemouse", "wiimote", "leap", "gamepad", "keyboard", 
 
 
 def _driver_options() -> Iterator[tuple[str, SiteTable]]:
-    """Of each driver; `spacemouse_serial` has those of the SpaceMouse."""
     for name, driver in docs_tables.DRIVERS.items():
-        if name != "spacemouse_serial":
-            yield (
-                f"options of driver {name}",
-                SiteTable(
-                    f"docs/{driver.page}",
-                    "the options of the driver, with defaults and ranges",
-                    docs_tables.driver_options_of(name),
-                    f"cardan devices drivers {name}",
-                ),
-            )
+        yield (
+            f"options of driver {name}",
+            SiteTable(
+                page_path(driver.page),
+                "the options of the driver, with defaults and ranges",
+                docs_tables.driver_options_of(name),
+                f"cardan devices drivers {name}",
+            ),
+        )
 
 
 def _faults() -> Iterator[tuple[str, SiteTable]]:
@@ -78,7 +77,7 @@ def _faults() -> Iterator[tuple[str, SiteTable]]:
         yield (
             f"faults of {title}",
             SiteTable(
-                f"docs/{peer.page}",
+                page_path(peer.page),
                 "its faults, the default of each and what happens",
                 docs_tables.faults_of(name),
                 f"cardan sim {name} --list-faults",
@@ -93,7 +92,7 @@ def _options() -> Iterator[tuple[str, SiteTable]]:
             yield (
                 f"options of {name}",
                 SiteTable(
-                    f"docs/{peer.page}",
+                    page_path(peer.page),
                     "its own options",
                     docs_tables.options_of(name),
                     f"cardan sim {name} --help",
@@ -103,7 +102,7 @@ def _options() -> Iterator[tuple[str, SiteTable]]:
             yield (
                 f"scripts of {name}",
                 SiteTable(
-                    f"docs/{peer.page}",
+                    page_path(peer.page),
                     "the built-in scripts, and the verbs of a script",
                     docs_tables.scripts_of(name),
                     f"cardan sim {name} --list-scripts",
@@ -209,7 +208,9 @@ TABLES: dict[str, SiteTable] = {
         "docs/devices.md", "each device, its transports, and what judged them", device_table.table
     ),
     "buttons": SiteTable(
-        "docs/spnav.md", "the key behind each number, device by device", docs_tables.spnav_buttons
+        "docs/spacemouse.md",
+        "the key behind each number, device by device",
+        docs_tables.spnav_buttons,
     ),
     "models of 3Dconnexion": SiteTable(
         "docs/spacemouse.md",

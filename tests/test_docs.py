@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 import pytest
 
 from cardan import cli
+from cardan.cli.common import page_path
 from cardan.common.bounds import Range
 from cardan.common.options import hints
 from cardan.common.tables import keys_of, read_table
@@ -45,7 +46,9 @@ else:
     import tomli as tomllib
 
 ROOT = Path(__file__).parents[1]
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+PAGES = sorted(
+    [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *ROOT.glob("plugins/*/README.md")]
+)
 
 
 def kinds(hint: Any) -> list[type[Any]]:
@@ -64,8 +67,8 @@ TABLES = {
 
 @functools.cache
 def text(name: str) -> str:
-    """A page as the site has it, with all tables."""
-    return site_tables.read(f"docs/{name}")
+    """A page, as seen from docs/, as the site has it, with all tables."""
+    return site_tables.read(page_path(name))
 
 
 def section(page: str, heading: str) -> str:
@@ -121,13 +124,8 @@ def default_of(field: dataclasses.Field[Any]) -> str:
     return written(getattr(field.default, "value", field.default))
 
 
-SERIAL = {"spacemouse_serial", "spacemouse-serial"}
-"""They share the pages of the SpaceMouse, where their sections are."""
-
 DRIVER_PAGES = [
-    pytest.param(driver.page, driver.Options, id=name)
-    for name, driver in ours(registry).items()
-    if name not in SERIAL
+    pytest.param(driver.page, driver.Options, id=name) for name, driver in ours(registry).items()
 ]
 
 
@@ -228,8 +226,8 @@ def said(bounds: Range) -> str:
     ("page", "options"),
     [
         *DRIVER_PAGES,
-        ("shared-control.md", ProximityOptions),
-        ("shared-control.md", CameraOptions),
+        ("../plugins/cardan-filters/README.md", ProximityOptions),
+        ("../plugins/cardan-filters/README.md", CameraOptions),
     ],
 )
 def test_every_range_of_an_option_is_there(page, options):
@@ -304,7 +302,9 @@ def test_every_button_name_is_there():
 
 
 PEERS = [
-    pytest.param(name, peer, id=name) for name, peer in ours(peers).items() if name not in SERIAL
+    pytest.param(name, peer, id=name)
+    for name, peer in ours(peers).items()
+    if name != "spacemouse-serial"  # It shares the section of the SpaceMouse.
 ]
 
 
@@ -417,7 +417,7 @@ def test_worked_datagrams_are_what_the_codec_says():
 
 
 def test_every_number_of_simple_message_is_there():
-    page = text("protocols/simple-message.md") + text("protocols/motoros-velocity-mode.md")
+    page = text("protocols/simple-message.md")
     for codes in (sm.MessageType, sm.MotionCommand, sm.InvalidSubcode, sm.NotReadySubcode):
         missing = [
             code.name
@@ -443,27 +443,23 @@ UNSERVED = {
 
 
 def test_worked_messages_are_what_the_codec_says():
-    expected = {
-        "protocols/simple-message.md": (
-            sm.request(sm.MotionCtrl(0, 2, sm.MotionCommand.START_TRAJ_MODE)),
-            sm.reply(sm.MotionReply(0, 2, sm.MotionCommand.START_TRAJ_MODE, 0, 0)),
+    page = text("protocols/simple-message.md")
+    messages = (
+        sm.request(sm.MotionCtrl(0, 2, sm.MotionCommand.START_TRAJ_MODE)),
+        sm.reply(sm.MotionReply(0, 2, sm.MotionCommand.START_TRAJ_MODE, 0, 0)),
+        sm.topic(
+            sm.JointVelocity(
+                0, 5, 5, 1.25, sm.ZEROS, sm.joints10((0.25, -0.1, 0, 0, 0, 0.5)), sm.ZEROS
+            )
         ),
-        "protocols/motoros-velocity-mode.md": (
-            sm.topic(
-                sm.JointVelocity(
-                    0, 5, 5, 1.25, sm.ZEROS, sm.joints10((0.25, -0.1, 0, 0, 0, 0.5)), sm.ZEROS
-                )
-            ),
-        ),
-    }
-    for page, messages in expected.items():
-        words = "".join(blocks(section(text(page), "Worked bytes"), ""))
-        assert bytes.fromhex(words) == b"".join(map(sm.wire().encode, messages))
+    )
+    words = "".join(blocks(section(page, "Worked bytes"), ""))
+    assert bytes.fromhex(words) == b"".join(map(sm.wire().encode, messages))
     names: dict[str, Any] = {}
-    exec(blocks(text("protocols/simple-message.md"), "python")[0], names)
+    exec(blocks(page, "python")[0], names)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_snippets_are_programs_and_settings(page, tmp_path, monkeypatch):
     content = page.read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
@@ -497,7 +493,7 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)]+)\)", site_tables.read(page.relative_to(ROOT).as_posix())):
         if "://" in target:

@@ -19,7 +19,6 @@ from tests.npm import installed
 from tests.test_docs import PAGES, ROOT, blocks
 
 PYRIGHT = "1.1.414"
-EVERY_PAGE = [*PAGES, *sorted(ROOT.glob("plugins/*/*.md"))]
 PACKAGES = [str(each) for each in sorted(ROOT.glob("examples/packages/*"))]
 SOURCES = [str(ROOT), *map(str, sorted(ROOT.glob("plugins/cardan-*"))), *PACKAGES]
 """Where the programs find what they import."""
@@ -44,7 +43,7 @@ def is_program(code: str) -> bool:
 
 def programs() -> Iterator[tuple[Path, int, str]]:
     """Each block of Python: its page, its number there, and the block."""
-    for page in EVERY_PAGE:
+    for page in PAGES:
         for number, code in enumerate(blocks(page.read_text(encoding="utf-8"), "python")):
             yield page, number, code
 

@@ -1,6 +1,6 @@
 """Whatever goes wrong between the MotoROS driver and its controller: it stops, and says why.
 
-The rows of the tables in docs/motoman.md and docs/protocols/motoros-velocity-mode.md, with the
+The rows of the tables in docs/motoman.md and docs/protocols/simple-message.md, with the
 bytes of the wire between both sides and time as an argument.
 """
 

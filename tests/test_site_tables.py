@@ -7,6 +7,7 @@ import shlex
 
 import pytest
 
+from cardan.cli.common import page_path
 from cardan.common.troubles import AREAS, troubles
 from cardan.sim_peers import registry as peers
 from tests import docs_tables, site_tables
@@ -82,7 +83,7 @@ def test_every_peer_has_its_faults_on_its_page(name):
     if name == "keyboard":
         return  # It has those of the gamepad.
     title = "serial devices" if name == "spacemouse-serial" else name
-    assert TABLES[f"faults of {title}"].page == f"docs/{peers.load(name).page}"
+    assert TABLES[f"faults of {title}"].page == page_path(peers.load(name).page)
 
 
 def test_the_page_of_codes_names_each_letter_and_the_site_has_each_code():

@@ -12,6 +12,7 @@ import pytest
 from rich.console import Console
 
 from cardan.cli import main
+from cardan.cli.common import page_path
 from cardan.cli.doctor import _lines
 from cardan.common import troubles
 from cardan.common.tables import parse_toml
@@ -171,7 +172,7 @@ def test_explain_by_code_and_by_words(monkeypatch, capsys, asked):
     assert code == 0
     entry = TABLE["S002"]
     assert printed.out.startswith("S002: ")
-    for text in (entry.cause, entry.now, entry.do, f"docs/{entry.page}"):
+    for text in (entry.cause, entry.now, entry.do, page_path(entry.page)):
         assert text in printed.out
 
 

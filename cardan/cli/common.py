@@ -7,6 +7,7 @@ import json
 import logging
 import math
 import os
+import posixpath
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -141,3 +142,9 @@ def print_table(
         # What stands in brackets is no markup.
         table.add_row(*(Text(printable(cell), overflow="fold") for cell in cells))
     Console().print(table)
+
+
+def page_path(page: str) -> str:
+    """Where a page of the documentation is, relative to the repository: `page` is as seen from its
+    docs/. A URL, and no page, stay as they are."""
+    return posixpath.normpath(f"docs/{page}") if page and "://" not in page else page

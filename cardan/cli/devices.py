@@ -16,6 +16,7 @@ from cardan.cli.common import (
     Seconds,
     Verbose,
     begin_serving,
+    page_path,
     print_table,
     print_unusable,
 )
@@ -94,7 +95,7 @@ def drivers(
                 "[device]" if issubclass(driver, OperatorDevice) else "[robot]",
                 driver.summary,
                 driver.peer and f"cardan sim {driver.peer}",
-                driver.page if "://" in driver.page or not driver.page else f"docs/{driver.page}",
+                page_path(driver.page),
             )
             for name, driver in found.classes.items()
         ],

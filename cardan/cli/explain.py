@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from cardan.cli import completion
-from cardan.cli.common import AsJson, print_json
+from cardan.cli.common import AsJson, page_path, print_json
 
 
 def explain(
@@ -34,6 +34,6 @@ def explain(
         ("cause", found.cause),
         ("meanwhile", found.now),
         ("what to do", found.do),
-        ("page", f"docs/{found.page}"),
+        ("page", page_path(found.page)),
     ):
         print(f"{title:<10}  {text}")

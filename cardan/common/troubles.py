@@ -46,7 +46,7 @@ class Trouble(NamedTuple):
     """What happens meanwhile."""
     do: str
     page: str
-    """Of the documentation, below docs/."""
+    """Of the documentation, as seen from docs/."""
 
 
 @functools.cache

@@ -70,7 +70,7 @@ class Driver(Openable):
     summary: ClassVar[str] = ""
     """What it drives, in a few words; lists and tables begin with it."""
     page: ClassVar[str] = ""
-    """Its documentation: a page of Cardan's docs/, or a URL."""
+    """Its documentation: a page as seen from Cardan's docs/, or a URL."""
     peer: ClassVar[str] = ""
     """The simulated peer that stands in for the hardware: ``cardan sim PEER``."""
     tap: Tap | None = None

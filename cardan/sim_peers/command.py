@@ -105,7 +105,7 @@ class PeerCommand(Generic[OptionsT]):
     Options: ClassVar[type]
     """A frozen dataclass. All fields have defaults."""
     page: ClassVar[str] = ""
-    """Its documentation: a page of Cardan's docs/, or a URL."""
+    """Its documentation: a page as seen from Cardan's docs/, or a URL."""
     speaks: ClassVar[str] = ""
     """Protocol and transport, for documentation tables (Markdown, links as in docs/)."""
     Peer: ClassVar[type]

@@ -1,5 +1,5 @@
-"""The example of docs/lerobot.md, by LeRobot where it is installed, else by records; and what is
-said where LeRobot cannot be installed."""
+"""The example of cardan-learning's README.md, by LeRobot where it is there, else by records; and
+what is said where LeRobot cannot be installed."""
 
 import json
 import re

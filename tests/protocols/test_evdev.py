@@ -37,7 +37,7 @@ OTHER_NAMES = {
 
 @pytest.mark.judged(device="Gamepad", transport="evdev", by="worked bytes")
 def test_worked_frame_of_a_pad():
-    """docs/protocols/evdev.md: the left stick pushed half away, and a button."""
+    """docs/gamepad.md: the left stick pushed half away, and a button."""
     data = bytes.fromhex(
         "00f15365 00000000 80380100 00000000 0300 0100 00c0ffff"
         "00f15365 00000000 80380100 00000000 0100 3001 01000000"

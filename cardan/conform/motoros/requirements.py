@@ -40,7 +40,7 @@ MESSAGES = "motoman_driver 1.9.12, MotoPlus/SimpleMessage.h"
 CONTROLLER = "motoman_driver 1.9.12, MotoPlus/Controller.c"
 GROUP = "motoman_driver 1.9.12, MotoPlus/CtrlGroup.c"
 IO = "motoman_driver 1.9.12, MotoPlus/IoServer.c"
-VELOCITY = "docs/protocols/motoros-velocity-mode.md"
+VELOCITY = "docs/protocols/simple-message.md, velocity mode"
 
 PERIOD_S, PERIOD_TOLERANCE_S = 0.025, 0.0005
 MISSED_S = 0.075

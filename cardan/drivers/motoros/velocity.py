@@ -1,6 +1,6 @@
 """The velocity mode: joint speeds at absolute deadlines, the newest wins.
 
-Source: docs/protocols/motoros-velocity-mode.md.
+Source: docs/protocols/simple-message.md.
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ class Spnav(ReadDevice[SpnavCore]):
 
     Options: ClassVar[type[SpnavOptions]] = SpnavOptions
     summary = "a running spacenavd"
-    page = "spnav.md"
+    page = "spacemouse.md"
     peer = "spacemouse"
     simulated = ({"socket": OWN},)
     gives = "six deflections, buttons"

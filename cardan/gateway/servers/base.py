@@ -31,7 +31,7 @@ class Server(ABC, Generic[OptionsT]):
     Options: ClassVar[type]
     """A frozen dataclass. All fields have defaults, and no two of them the same name."""
     page: ClassVar[str] = ""
-    """Its documentation: a page of Cardan's docs/, or a URL."""
+    """Its documentation: a page as seen from Cardan's docs/, or a URL."""
     epilog: ClassVar[str] = "Prints READY and its endpoint once it serves."
     """Below the options in the help."""
 

@@ -1,7 +1,7 @@
 """The numbers of simple message and their names.
 
 Sources: ROS-Industrial simple_message (simple_message.h, shared types), MotoROS 1.9.12
-(SimpleMessage.h, IoServer.h) and, for what is marked so, docs/protocols/motoros-velocity-mode.md.
+(SimpleMessage.h, IoServer.h) and, for what is marked so, docs/protocols/simple-message.md.
 """
 
 from __future__ import annotations

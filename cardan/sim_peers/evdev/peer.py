@@ -100,8 +100,8 @@ class Gamepad(PeerCommand[EvdevPeerOptions]):
     Peer = EvdevPeer
     page = "simulated-peers.md"
     speaks = (
-        "[input events](protocols/evdev.md), a frame per packet of a Unix socket, or the "
-        "kernel's own by uinput"
+        "[input events](gamepad.md#input-events-byte-for-byte), a frame per packet of a Unix "
+        "socket, or the kernel's own by uinput"
     )
     epilog = "Prints READY and where it is once it can be opened."
     faults, scripts, verbs = FAULTS, GAMEPAD_SCRIPTS, SCRIPT_VERBS

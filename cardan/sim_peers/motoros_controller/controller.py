@@ -4,7 +4,7 @@
 cycle and the I/O image.
 
 Sources: MotoROS 1.9.12 (MotionServer.c, Controller.c) and, for the velocity mode,
-docs/protocols/motoros-velocity-mode.md.
+docs/protocols/simple-message.md.
 """
 
 from __future__ import annotations

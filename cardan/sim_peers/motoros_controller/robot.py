@@ -5,7 +5,7 @@ are polled, tasks of the server wait, and every interpolation period (IPC) the a
 follows.
 
 Sources: MotoROS 1.9.12 (Controller.c, CtrlGroup.c, MotionServer.c) and, for the velocity mode,
-docs/protocols/motoros-velocity-mode.md. Where MotoROS leaves something to the controller that it
+docs/protocols/simple-message.md. Where MotoROS leaves something to the controller that it
 runs on, this is decided so:
 
 - An increment more than a tenth above an axis's highest speed, or out of its range, is refused,

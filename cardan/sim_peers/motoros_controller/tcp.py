@@ -100,7 +100,7 @@ class MotomanGp8(PeerCommand[MotorosControllerOptions]):
     page = "simulated-peers.md"
     speaks = (
         "[simple message](protocols/simple-message.md) on three TCP ports, with [velocity "
-        "mode](protocols/motoros-velocity-mode.md)"
+        "mode](protocols/simple-message.md#velocity-mode)"
     )
     epilog = "Prints READY and the address of motion once it serves."
     faults = FAULTS

@@ -2,7 +2,7 @@
 
 Newest speeds in, pulses out: within speed, acceleration and position limits by construction, in
 the direction that was asked for as long as no position limit is near, and with the fractions of
-pulses carried on (no dead band, no drift). Source: docs/protocols/motoros-velocity-mode.md.
+pulses carried on (no dead band, no drift). Source: docs/protocols/simple-message.md.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ from cardan_filters.readings import decode_proximity
 from tests.test_docs import blocks, rows, section, text, written
 
 EXAMPLE = Path(cardan_filters.__file__).parent / "examples" / "shared-control-simulated.toml"
+PAGE = "../plugins/cardan-filters/README.md"
 NAMES = "camera", "proximity"
 
 
@@ -26,7 +27,7 @@ def test_ours_are_complete(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_option_is_there_with_its_default(name):
-    table = rows(section(text("shared-control.md"), name.capitalize()))
+    table = rows(section(text(PAGE), name.capitalize()))
     fields = dataclasses.fields(registry.load(name).Options)
     assert {key: cells[0] for key, cells in table.items()} == {
         field.name: written(field.default) for field in fields
@@ -44,7 +45,7 @@ def test_the_example_has_every_filter():
 
 
 def test_the_skin_text_shown_is_one():
-    shown = section(text("shared-control.md"), "Proximity")
+    shown = section(text(PAGE), "Proximity")
     board = blocks(shown, "")[0].replace("...\n", "").split("J")[0]
     data = "".join(board.replace("I", name) for name in "IJK").encode()
     assert decode_proximity(data) == (16.0,) * 48

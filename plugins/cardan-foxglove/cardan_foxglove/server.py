@@ -1,6 +1,6 @@
 """The Foxglove server: live view and commands for Foxglove and Lichtblick, by foxglove-sdk.
 
-`serve` runs it; docs/protocols/foxglove.md says what is spoken, and what bounds a client.
+`serve` runs it; the plug-in's README.md says what is spoken, and what bounds a client.
 
 The SDK asks nobody who comes in. So clients come in by a front of ours, and behind it each has a
 server of the SDK of its own, at an address of this machine that only this process knows.
@@ -208,7 +208,7 @@ class Foxglove(Server[FoxgloveServerOptions]):
     """Serve the bus to Foxglove and Lichtblick: topics, services and parameters, live."""
 
     Options = FoxgloveServerOptions
-    page = "protocols/foxglove.md"
+    page = "../plugins/cardan-foxglove/README.md"
 
     @classmethod
     def serve(cls, options: FoxgloveServerOptions, ready: Ready, stop: threading.Event) -> None:

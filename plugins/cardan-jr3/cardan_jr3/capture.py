@@ -48,7 +48,7 @@ class Jr3Can(Dissector):
     """
 
     name = "JR3"
-    page = "protocols/jr3-can.md"
+    page = "../plugins/cardan-jr3/README.md"
     link_types = LINK_TYPES
     options = (
         Numbers(

@@ -37,7 +37,7 @@ class SpnavBusServer(Server[SpnavBusServerOptions]):
     does."""
 
     Options = SpnavBusServerOptions
-    page = "spnav.md"
+    page = "../plugins/cardan-spnav-server/README.md"
 
     @classmethod
     def serve(cls, options: SpnavBusServerOptions, ready: Ready, stop: threading.Event) -> None:

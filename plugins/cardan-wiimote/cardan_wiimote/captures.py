@@ -34,7 +34,7 @@ class Wiimote(Dissector):
     """
 
     name = "Wiimote"
-    page = "protocols/wiimote.md"
+    page = "../plugins/cardan-wiimote/README.md"
     link_types = bluetooth.LINK_TYPES
 
     def __init__(self, numbers: Mapping[str, frozenset[int]]) -> None:

@@ -42,7 +42,7 @@ class Jr3(ReadDevice[Jr3Core]):
 
     Options: ClassVar[type[Jr3Options]] = Jr3Options
     summary = "JR3 force-torque sensor"
-    page = "jr3.md"
+    page = "../plugins/cardan-jr3/README.md"
     peer = "jr3"
     simulated = (
         {"interface": ("udp_multicast",), "hop_limit": (0,)},

@@ -13,6 +13,9 @@ class Jr3(PeerCommand[Jr3PeerOptions]):
 
     Options, Peer = Jr3PeerOptions, Jr3Peer
     page = "simulated-peers.md"
-    speaks = "[JR3 over CAN](protocols/jr3-can.md), on any bus of python-can, or on one it serves"
+    speaks = (
+        "[JR3 over CAN](../plugins/cardan-jr3/README.md#protocol), on any bus of python-can, "
+        "or on one it serves"
+    )
     epilog = "Prints READY and the bus once it is on it."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS

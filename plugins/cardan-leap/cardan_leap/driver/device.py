@@ -53,7 +53,7 @@ class Leap(ReadDevice[LeapCore]):
 
     Options: ClassVar[type[LeapOptions]] = LeapOptions
     summary = "Leap Motion"
-    page = "leap.md"
+    page = "../plugins/cardan-leap/README.md"
     peer = "leap"
     simulated = ({"host": LOOPBACK, "port": OWN},)
     gives = "pose of the palm, grab, pinch"

@@ -13,6 +13,6 @@ class Leap(PeerCommand[LeapPeerOptions]):
 
     Options, Peer = LeapPeerOptions, LeapPeer
     page = "simulated-peers.md"
-    speaks = "[JSON over WebSocket](protocols/leap-websocket.md), 110 frames a second"
+    speaks = "[JSON over WebSocket](../plugins/cardan-leap/README.md#protocol), 110 frames a second"
     epilog = "Prints READY and its address once it listens."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS

@@ -31,7 +31,8 @@ from cardan_omni.protocol import (
 
 GUIDE = "OpenHaptics Toolkit 3, programmer's guide and API reference"
 LOOP = f"{GUIDE}: the scheduler's default rate is 1000 Hz"
-OMNI = "docs/protocols/hdapi.md, kinematics"
+PAGE = "plugins/cardan-omni/README.md"
+OMNI = f"{PAGE}, kinematics"
 
 RATE_SHARE = 0.02
 GAP_S = 0.005
@@ -254,7 +255,7 @@ def callbacks_come_at_their_rate(seen: HdapiSeen) -> Verdict:
     return passed(said) if abs(rate / RATE_HZ - 1.0) < RATE_SHARE else failed(said)
 
 
-@requires(117, "docs/omni.md, safety limits: what is stable at 1 kHz is not at 50 Hz")
+@requires(117, f"{PAGE}, safety limits: what is stable at 1 kHz is not at 50 Hz")
 def callbacks_do_not_cease(seen: HdapiSeen) -> Verdict:
     """Two ticks are never more than 5 ms apart."""
     ticks = seen.ticks(*SERVED)
@@ -531,7 +532,7 @@ def a_small_force_raises_no_errors(seen: HdapiSeen) -> Verdict:
     return _bad(wrong, len(ticks), f"{len(ticks)} ticks", "no force was set")
 
 
-@requires(204, f"docs/omni.md: {GREATEST_N} N is less than the friction of the mechanism")
+@requires(204, f"{PAGE}: {GREATEST_N} N is less than the friction of the mechanism")
 def nothing_flies(seen: HdapiSeen) -> Verdict:
     """Held and pushed by 0.2 N, the stylus is never faster than 0.2 m/s."""
     ticks = [tick for tick in seen.ticks("force", "force-over") if tick.set_n]

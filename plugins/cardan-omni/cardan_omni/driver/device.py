@@ -81,7 +81,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
 
     Options: ClassVar[type[OmniOptions]] = OmniOptions
     summary = "Phantom Omni, Geomagic Touch, 3D Systems Touch"
-    page = "omni.md"
+    page = "../plugins/cardan-omni/README.md"
     peer = "omni"
     simulated = ({"library": LAUNCHED},)
     gives = "pose of the stylus, buttons; its displacement as deflections"

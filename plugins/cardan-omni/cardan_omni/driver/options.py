@@ -26,7 +26,8 @@ _Angle = Annotated[float, bounds.ANGLE_DEG]
 class OmniOptions(ShapingOptions, TickLimits):
     """Options of :class:`Omni`. Raises OptionError for a value that is not allowed.
 
-    The limits of the tick are among them, with its defaults: docs/omni.md has the reason of each.
+    The limits of the tick are among them, with its defaults: the plug-in's README.md has the reason
+    of each.
     The device's own nominal forces are never exceeded, whatever is set here, and the workspace is
     the device's own unless it is set.
     """

@@ -35,8 +35,8 @@ class Omni(PeerCommand[OmniOptions]):
     Options = OmniOptions
     page = "simulated-peers.md"
     speaks = (
-        "[HDAPI](protocols/hdapi.md), the C functions of the vendor's libHD, in the process "
-        "of the program that uses it"
+        "[HDAPI](../plugins/cardan-omni/README.md#protocol), the C functions of the vendor's "
+        "libHD, in the process of the program that uses it"
     )
     epilog = (
         "The program finds it as libHD.so, whether it is linked to that or loads it itself; "

@@ -37,7 +37,7 @@ class SpaceMouseSerial(ReadDevice[SerialMouseCore]):
 
     Options: ClassVar[type[SpaceMouseSerialOptions]] = SpaceMouseSerialOptions
     summary = "serial 3Dconnexion mice: Magellan, Spaceball, SpaceOrb"
-    page = "spacemouse.md"
+    page = "../plugins/cardan-serial-mice/README.md"
     peer = "spacemouse-serial"
     simulated = ({"path": OWN},)
     gives = "six deflections, buttons"

@@ -13,6 +13,8 @@ class SpaceMouseSerial(PeerCommand[SerialPuckPeerOptions]):
 
     Options, Peer = SerialPuckPeerOptions, SerialPuckPeer
     page = "simulated-peers.md"
-    speaks = "[serial packets](protocols/3dconnexion-serial.md) on a pseudo-terminal"
+    speaks = (
+        "[serial packets](../plugins/cardan-serial-mice/README.md#protocol) on a pseudo-terminal"
+    )
     epilog = "Prints READY and the port's path once it can be opened."
     faults, scripts, verbs = SERIAL_FAULTS, SCRIPTS, SCRIPT_VERBS

@@ -45,7 +45,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
 
     Options: ClassVar[type[WiimoteOptions]] = WiimoteOptions
     summary = "Wii Remotes"
-    page = "wiimote.md"
+    page = "../plugins/cardan-wiimote/README.md"
     peer = "wiimote"
     simulated = ({"transport": ("socket",), "path": OWN},)
     gives = "tilt, buttons, MotionPlus, Nunchuk"

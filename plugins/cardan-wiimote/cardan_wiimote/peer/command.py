@@ -13,6 +13,9 @@ class Wiimote(PeerCommand[WiimotePeerOptions]):
 
     Options, Peer = WiimotePeerOptions, WiimotePeer
     page = "simulated-peers.md"
-    speaks = "[its reports](protocols/wiimote.md) over seqpacket sockets, uhid or L2CAP"
+    speaks = (
+        "[its reports](../plugins/cardan-wiimote/README.md#protocol) "
+        "over seqpacket sockets, uhid or L2CAP"
+    )
     epilog = "Prints READY and where it is once it can be connected to."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS

@@ -37,7 +37,7 @@ from cardan_serial_mice.protocol.spaceball import (
     XON,
 )
 
-HOSTS = "VRPN, Linux spaceball.c and inputattach (docs/protocols/3dconnexion-serial.md)"
+HOSTS = "VRPN, Linux spaceball.c and inputattach (plugins/cardan-serial-mice/README.md)"
 SPACENAVD = "FreeSpacenav spacenavd, src/serial"
 KERNEL = "Linux drivers/input/joystick/spaceball.c"
 

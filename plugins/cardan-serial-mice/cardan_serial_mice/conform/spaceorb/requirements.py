@@ -21,7 +21,7 @@ from cardan_serial_mice.protocol.spaceorb import HEARTBEAT_S, QUERY
 
 KERNEL = "Linux drivers/input/joystick/spaceorb.c"
 CAPTURES = (
-    "published descriptions and captures of the SpaceOrb (docs/protocols/3dconnexion-serial.md)"
+    "published descriptions and captures of the SpaceOrb (plugins/cardan-serial-mice/README.md)"
 )
 
 FASTEST_S, SLOWEST_S = 0.028, 0.040
