@@ -41,7 +41,6 @@ from cardan.sim_peers.motoros_controller.io_image import BIT_AND_GROUP_TYPES, RE
 
 MANUAL = "docs/protocols/simple-message.md"
 CLIENT = "motoman_driver 1.9.12, src/joint_trajectory_streamer.cpp"
-VELOCITY = "docs/protocols/simple-message.md, velocity mode"
 ENDS = f"{CONTROLLER}: queues are emptied, START_TRAJ_MODE is needed"
 AGAIN = "ISO 13850: resetting an emergency stop only permits a restart"
 
