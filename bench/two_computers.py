@@ -50,6 +50,13 @@ _SIOCETHTOOL: Final = 0x8946
 _ETHTOOL_OFFLOADS: Final = (0x15, 0x17, 0x19, 0x1F, 0x24, 0x2C)
 
 
+_NONE: Final = (
+    "no network namespaces can be made here: unshare, nsenter (util-linux) and ip (iproute2) have "
+    "to be installed, and user namespaces allowed; try: "
+    "unshare --user --map-root-user --net ip link add ve0 type veth peer name ve1"
+)
+
+
 class NoNamespacesError(RuntimeError):
     """This computer makes no network namespaces for this user."""
 
@@ -65,11 +72,7 @@ class TwoComputers:
             """The latter is TCP's congestion control there."""
         except (OSError, ValueError):
             self._process.kill()
-            raise NoNamespacesError(
-                "no network namespaces can be made here: unshare, nsenter (util-linux) and ip "
-                "(iproute2) have to be installed, and user namespaces allowed; try: "
-                "unshare --user --map-root-user --net ip link add ve0 type veth peer name ve1"
-            ) from None
+            raise NoNamespacesError(_NONE) from None
 
     def at(self, computer: str) -> tuple[str, ...]:
         """What is put before a command so that it runs at OPERATOR or ROBOT."""
@@ -118,10 +121,11 @@ def two_computers(
     to_robot: Conditions, to_operator: Conditions, seed: int = 0
 ) -> Iterator[TwoComputers]:
     """Have both until the end of the context. NoNamespacesError: this computer makes none."""
+    if not all(map(shutil.which, ("unshare", "nsenter", "ip"))):
+        raise NoNamespacesError(_NONE)
     here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    words = [sys.executable, "-m", __name__, str(there.fileno()), str(seed)]
-    if shutil.which("unshare"):
-        words = ["unshare", "--user", "--map-root-user", "--net", "--", *words]
+    words = ["unshare", "--user", "--map-root-user", "--net", "--", sys.executable]
+    words += ["-m", __name__, str(there.fileno()), str(seed)]
     with here:
         process = subprocess.Popen(words, pass_fds=[there.fileno()])
         there.close()
