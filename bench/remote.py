@@ -11,9 +11,9 @@ Speed: one session reads the device itself, one by ``cardan devices share`` and 
 what ROS 2's spacenav_node would publish, on the same router. All run side by side and are asked in
 turns.
 
-Networks: between ``cardan devices share`` and the router is a process that holds back what passes.
-TCP makes delays of what a network loses, and keeps the order; so does it (:class:`Network`). It is
-a model of those networks, and not one of them.
+Networks: ``cardan devices share`` is at one computer, router and session are at another, both made
+of network namespaces, and between them is a link (:mod:`bench.two_computers`). It is a model of
+those networks, and not one of them; TCP over it is the kernel's.
 
 `--pages` writes the tables into docs/measurements.md.
 """
@@ -30,17 +30,25 @@ import sys
 import tempfile
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from bench import pages
 from bench.figures import Figures
-from bench.slow_network import NETWORKS, Network, between
+from bench.link import Conditions
+from bench.two_computers import (
+    ADDRESSES,
+    OPERATOR,
+    ROBOT,
+    NoNamespacesError,
+    TwoComputers,
+    two_computers,
+)
 from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
 from cardan.demos.examples import free_ports
-from cardan.gateway.session.subprocesses import launched
+from cardan.gateway.session.subprocesses import Launched, launched
 from cardan.protocols.connexion.reports import encode_buttons, encode_motion
 from cardan.protocols.ros2.cdr import codec_of
 from studies.cartesian.controller import START, datagram, obeyed
@@ -64,10 +72,56 @@ PAUSE_S = 0.3
 """At rest, with the button held, before the device is deflected."""
 READY_WITHIN_S, ACT_WITHIN_S = 60.0, 5.0
 
+EGM_PORT: Final = 6510
+"""Of the session at the robot's computer."""
+ROUTER_PORT: Final = 7447
+
 ADDED_S: Final = 1.0e-3
 """Most that a shared device may add to the median of a local one."""
 OF_SPACENAV: Final = 0.5
 """Most of what spacenav_node adds."""
+
+
+class Network(NamedTuple):
+    """One of the networks over which a device is used."""
+
+    name: str
+    link: Conditions
+    """Each way."""
+    max_age_s: float
+    """Of the driver, as docs/remote.md would have it set."""
+    aim_ms: tuple[float, float]
+    """Median and p99 from the device to the arm, beyond the delay."""
+    rest_s: float
+    """Aim from letting go to rest."""
+
+    @property
+    def in_words(self) -> str:
+        """For a table."""
+        link = self.link
+        words = [f"{1e3 * link.delay_s:g}"]
+        if link.jitter_s:
+            words[0] += f" ± {1e3 * link.jitter_s:g}"
+        words[0] += " ms"
+        if link.loss:
+            words.append(f"{link.loss:.1%}")
+        if link.stall_s:
+            words.append(f"{1e3 * link.stall_s:g} ms each {link.stall_every_s:g} s")
+        return ", ".join(words)
+
+    @property
+    def longest_s(self) -> float:
+        """What it delays at most, but for several losses at once."""
+        link = self.link
+        return link.delay_s + link.jitter_s + link.stall_s + 2 * link.delay_s + 3 * REPORT_S
+
+
+NETWORKS: Final = (
+    Network("LAN", Conditions(0.0003), 0.15, (1.0, 3.0), 0.12),
+    Network("Wi-Fi", Conditions(0.005, 0.005, 0.01, 0.08, 2.0), 0.15, (1.0, 10.0), 0.255),
+    Network("LTE", Conditions(0.045, 0.02, 0.01, 0.5, 10.0), 0.25, (2.0, 25.0), 0.295),
+    Network("Internet", Conditions(0.12, 0.01, 0.005), 0.4, (2.0, 15.0), 0.37),
+)
 
 
 class HandHeld(ABC):
@@ -133,9 +187,10 @@ class Spacenav(HandHeld):
 class Robot:
     """A controller that a session answers, and whose arm does at once what it is told."""
 
-    def __init__(self, port: int, device: HandHeld) -> None:
+    def __init__(self, port: int, device: HandHeld, datagrams: socket.socket | None = None) -> None:
+        """`datagrams`: a socket of the computer where the session is; None: of this one."""
         self.device = device
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket = datagrams or socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.connect(("127.0.0.1", port))
         self.socket.setblocking(False)
         self.place = START
@@ -248,9 +303,14 @@ class Cell:
 
 @contextlib.contextmanager
 def session(
-    folder: Path, port: int, device: str, deadman: str, device_age_s: float = 0.1
+    folder: Path,
+    port: int,
+    device: str,
+    deadman: str,
+    device_age_s: float = 0.1,
+    at: Sequence[str] = (),
 ) -> Iterator[None]:
-    """``cardan run``, for a robot that asks at `port`."""
+    """``cardan run``, for a robot that asks at `port`; `at`: put before the command."""
     config = folder / f"session-{port}.toml"
     config.write_text(
         f'[robot]\ndriver = "abb_egm"\nlisten_port = {port}\n\n[device]\n{device}\n\n'
@@ -258,7 +318,7 @@ def session(
         f"[watchdogs]\ndevice_age_s = {device_age_s}\n"
     )
     process = subprocess.Popen(
-        [sys.executable, "-m", "cardan", "run", str(config)], stdout=subprocess.PIPE
+        [*at, sys.executable, "-m", "cardan", "run", str(config)], stdout=subprocess.PIPE
     )
     try:
         assert process.stdout is not None
@@ -270,12 +330,16 @@ def session(
 
 
 @contextlib.contextmanager
-def shared(folder: Path, mouse: str, router: str) -> Iterator[None]:
-    """``cardan devices share``, of the mouse."""
+def shared(folder: Path, mouse: str, router: str, at: Sequence[str] = ()) -> Iterator[Launched]:
+    """``cardan devices share``, of the mouse; `at`: put before the command."""
     config = folder / "operator.toml"
     config.write_text(f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{mouse}"\n')
-    with launched("devices", "share", str(config), "--router", router, "--name", "hand"):
-        yield
+    words = ("devices", "share", str(config), "--router", router, "--name", "hand")
+    command = Launched(*words, at=at)
+    try:
+        yield command
+    finally:
+        command.end()
 
 
 def remote(router: str, more: str = "") -> str:
@@ -326,22 +390,55 @@ def measure_speed(acts: int) -> Figures:
     return figures
 
 
+class Apart(NamedTuple):
+    """A hand at one computer, and the arm that it moves at the other."""
+
+    cell: Cell
+    robot: Robot
+    both: TwoComputers
+    routers: list[Launched]
+    """At the robot's computer: the one that runs is the last."""
+
+    def start_router(self) -> None:
+        """Start it, once no other runs."""
+        endpoint = f"tcp/0.0.0.0:{ROUTER_PORT}"
+        words = ("net", "server", "router", "--endpoint", endpoint)
+        self.routers.append(Launched(*words, at=self.both.at(ROBOT)))
+
+    def end_routers(self) -> None:
+        """End all that run."""
+        for router in self.routers:
+            router.end()
+
+
+@contextlib.contextmanager
+def apart(network: Network) -> Iterator[Apart]:
+    """Both, with that network between them."""
+    with tempfile.TemporaryDirectory(prefix="cardan-remote-") as name, _stack() as stack:
+        folder = Path(name)
+        both = stack.enter_context(two_computers(network.link, network.link))
+        mouse = Mouse(f"{name}/mouse")
+        stack.callback(mouse.close)
+        robot = Robot(EGM_PORT, mouse, both.datagrams(ROBOT))
+        stack.callback(robot.socket.close)
+        found = Apart(Cell({REMOTE: robot}), robot, both, [])
+        stack.callback(found.end_routers)
+        found.start_router()
+        router = f"tcp/{ADDRESSES[ROBOT]}:{ROUTER_PORT}"
+        stack.enter_context(shared(folder, f"{name}/mouse", router, both.at(OPERATOR)))
+        keys = remote(
+            f"tcp/127.0.0.1:{ROUTER_PORT}",
+            f"max_age_s = {network.max_age_s}\nwait_for_device = true\n",
+        )
+        age_s, at = network.max_age_s, both.at(ROBOT)
+        stack.enter_context(session(folder, EGM_PORT, keys, "left", age_s, at))
+        yield found
+
+
 def measure_network(network: Network, acts: int) -> tuple[Figures, Figures]:
     """Until motion, and until rest, over it."""
     moves, rests = Figures(network.name), Figures(network.name)
-    with tempfile.TemporaryDirectory(prefix="cardan-remote-") as name, _stack() as stack:
-        folder = Path(name)
-        router = stack.enter_context(_router())
-        slow = stack.enter_context(between(network, int(router.rpartition(":")[2])))
-        mouse = Mouse(f"{name}/mouse")
-        stack.callback(mouse.close)
-        stack.enter_context(shared(folder, f"{name}/mouse", f"tcp/127.0.0.1:{slow}"))
-        port = free_ports()
-        keys = remote(router, f"max_age_s = {network.max_age_s}\n")
-        stack.enter_context(session(folder, port, keys, "left", network.max_age_s))
-        robot = Robot(port, mouse)
-        stack.callback(robot.socket.close)
-        cell = Cell({REMOTE: robot})
+    with apart(network) as (cell, robot, *_):
         rest_s = network.longest_s
         cell.make_ready(robot, rest_s)
         for _ in range(acts):
@@ -396,7 +493,7 @@ def network_table(rows: list[tuple[Network, Figures, Figures]], local: Figures) 
     alone = [local.quantile(LOCAL, quantile) for quantile in ("median", "p99")]
     for network, moves, rests in rows:
         beyond = [
-            moves.quantile(REMOTE, quantile) - network.delay_s - least_s
+            moves.quantile(REMOTE, quantile) - network.link.delay_s - least_s
             for quantile, least_s in zip(("median", "p99"), alone, strict=True)
         ]
         rest = [rests.quantile(REMOTE, q) for q in ("median", "p99.9")]
@@ -422,7 +519,10 @@ def main() -> None:
     speed = measure_speed(acts)
     parts = {SPEED_PART: speed_table(speed, conditions)}
     print(pages.marked(SPEED_PART, parts[SPEED_PART]), flush=True)
-    rows = [(network, *measure_network(network, acts)) for network in NETWORKS]
+    try:
+        rows = [(network, *measure_network(network, acts)) for network in NETWORKS]
+    except NoNamespacesError as error:
+        sys.exit(f"the networks are left out, and no page is written: {error}")
     parts[NETWORK_PART] = f"{network_table(rows, speed)}\n\n{conditions}"
     print(pages.marked(NETWORK_PART, parts[NETWORK_PART]), flush=True)
     if "--pages" in words:

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO
 
@@ -41,9 +41,11 @@ class Launched:
         folder: Path | None = None,
         ready_within_s: float = READY_WITHIN_S,
         end_within_s: float = END_WITHIN_S,
+        at: Sequence[str] = (),
     ) -> None:
         """Start it in `folder` (None: here), which is removed if this process is killed. It is
-        killed where it does not end within `end_within_s` of being asked to.
+        killed where it does not end within `end_within_s` of being asked to. `at`: what stands
+        before the command and executes it, as nsenter does.
 
         Raises DriverError where it does not serve in time; what it said is on standard error then.
         """
@@ -64,6 +66,7 @@ class Launched:
         which a selector does not see."""
         self._process = subprocess.Popen(
             [
+                *at,
                 sys.executable,
                 "-m",
                 "cardan.gateway.session.parent_death",

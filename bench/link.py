@@ -1,0 +1,85 @@
+"""A link between two computers, one way: what is lost, late, overtaken, sent twice. No I/O."""
+
+from __future__ import annotations
+
+import heapq
+import random
+from collections import Counter
+from typing import NamedTuple
+
+
+class Conditions(NamedTuple):
+    """What a link does to Ethernet frames, one way."""
+
+    delay_s: float = 0.0
+    jitter_s: float = 0.0
+    """Half of the range in which delays are; each frame has its own."""
+    loss: float = 0.0
+    """Probability that a frame is lost."""
+    stall_s: float = 0.0
+    """Nothing arrives for so long, then all of it, ..."""
+    stall_every_s: float = 0.0
+    """... once in so long; 0: never."""
+    rate_bps: float = 0.0
+    """0: not bounded."""
+    queue_bytes: int = 65536
+    """Most that waits before a link whose rate is bounded; what comes then is lost."""
+    twice: float = 0.0
+    """Probability that a frame comes twice."""
+    in_order: bool = True
+    """A frame that is late holds up those after it; else they overtake it."""
+    cut: bool = False
+    """All is lost, also what is on its way."""
+
+
+class Way:
+    """One way of a link. Times are of any clock that does not go back, s."""
+
+    def __init__(self, conditions: Conditions, chosen: random.Random) -> None:
+        self.conditions = conditions
+        """May be replaced at any time; what is on its way keeps its time of arrival."""
+        self.counts: Counter[str] = Counter()
+        """Frames "sent", and of these "lost", and "overflowed" before the link."""
+        self._chosen = chosen
+        self._free_s = self._latest_s = 0.0
+        self._coming: list[tuple[float, int, bytes]] = []
+
+    def send(self, frame: bytes, now_s: float) -> None:
+        """Take a frame."""
+        conditions, chosen = self.conditions, self._chosen
+        self.counts["sent"] += 1
+        sent_s = now_s
+        if conditions.rate_bps:
+            waits_s = max(0.0, self._free_s - now_s)
+            if waits_s * conditions.rate_bps / 8 + len(frame) > conditions.queue_bytes:
+                self.counts["overflowed"] += 1
+                return
+            sent_s = self._free_s = now_s + waits_s + 8 * len(frame) / conditions.rate_bps
+        if conditions.cut or chosen.random() < conditions.loss:
+            self.counts["lost"] += 1
+            return
+        for copy in range(1 + (chosen.random() < conditions.twice)):
+            jitter_s = chosen.uniform(-conditions.jitter_s, conditions.jitter_s)
+            comes_s = sent_s + max(0.0, conditions.delay_s + jitter_s)
+            if conditions.stall_every_s:
+                stalled_s = comes_s % conditions.stall_every_s
+                comes_s += max(0.0, conditions.stall_s - stalled_s)
+            if conditions.in_order:
+                comes_s = max(comes_s, self._latest_s)
+            self._latest_s = max(comes_s, self._latest_s)
+            heapq.heappush(self._coming, (comes_s, 2 * self.counts["sent"] + copy, frame))
+
+    @property
+    def next_s(self) -> float:
+        """When the next frame arrives; inf: none is on its way."""
+        return self._coming[0][0] if self._coming else float("inf")
+
+    def arrived(self, now_s: float) -> list[bytes]:
+        """The frames that have arrived until now and were not given yet, in their order."""
+        frames = []
+        while self.next_s <= now_s:
+            frames.append(heapq.heappop(self._coming)[2])
+        if self.conditions.cut:
+            self.counts["lost"] += len(frames)
+            return []
+        return frames
