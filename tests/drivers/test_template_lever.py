@@ -9,7 +9,6 @@ import pytest
 from cardan.errors import DeviceNotFoundError
 from cardan.types import DeviceLink
 from tests.serving import in_a_thread
-from tests.test_docs import blocks, text
 from tests.waiting import WITHIN_S
 
 REST = (0.0,) * 6
@@ -122,8 +121,3 @@ def test_unplugged_and_back_it_has_to_be_seen_at_rest_again(module, tmp_path):
     lost = links.index(DeviceLink.LOST)
     assert DeviceLink.LIVE in links[:lost]
     assert links[-2:] == [DeviceLink.NEEDS_NEUTRAL, DeviceLink.LIVE]
-
-
-def test_the_page_shows_its_driver_as_it_is():
-    (shown,) = (b for b in blocks(text("adding-a-driver.md"), "python") if "(ReadDevice" in b)
-    assert (PACKAGE / "cardan_lever" / "driver.py").read_text(encoding="utf-8").endswith(shown)
