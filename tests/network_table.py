@@ -1,6 +1,6 @@
 """Every topic, service and action of a session, and who has judged it on which transport.
 
-The rows are what a session puts on its node. A judgement is a mark of a test, ``shown_on``; the
+The rows are what a session puts on its node. A judgment is a mark of a test, ``shown_on``; the
 table of docs/judged.md, which is made of both, says no more and no less.
 The site has it (site_tables).
 """

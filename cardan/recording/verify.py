@@ -39,13 +39,13 @@ ENGINE = "/engine"
 _STRING = "std_msgs/msg/String"
 
 
-def _place_neighbour(controller: ArmController, text: str) -> None:
+def _place_neighbor(controller: ArmController, text: str) -> None:
     try:
         index, joints, ways_m = json.loads(text)
-        controller.place_neighbour(index, joints, ways_m)
+        controller.place_neighbor(index, joints, ways_m)
     except (ValueError, TypeError, IndexError, RecursionError):
         raise CaptureError(
-            f"the record has no neighbour's joints and ways in {text!r:.80}"
+            f"the record has no neighbor's joints and ways in {text!r:.80}"
         ) from None
 
 
@@ -55,7 +55,7 @@ def _inhibit(kind: Inhibit) -> Callable[[ArmController, str], object]:
 
 REPEATED: Mapping[str, Callable[[ArmController, str], object]] = {
     "stop": lambda controller, reason: controller.stop(reason),
-    "place_neighbour": _place_neighbour,
+    "place_neighbor": _place_neighbor,
     "acknowledge": lambda controller, _reason: controller.acknowledge(),
     **{kind.value: _inhibit(kind) for kind in Inhibit},
 }

@@ -62,7 +62,7 @@ class Result(NamedTuple):
         return sum(phase.stopped_s for phase in self.phases)
 
 
-def analyse(recording: Recording) -> Result:
+def analyze(recording: Recording) -> Result:
     """Every phase of `recording`. ValueError when the joint did not follow a push."""
     try:
         phases = tuple(_phase(recording, start_s) for start_s in recording.pushes)

@@ -357,8 +357,8 @@ def unpacked(text):
         assert struct.unpack_from(">I", image, at + 8 + length)[0] == zlib.crc32(kind + data)
         chunks[kind] = data
         at += 12 + length
-    width, height, depth, colour = struct.unpack_from(">IIBB", chunks[b"IHDR"])
-    assert (depth, colour) == (8, 2)
+    width, height, depth, color = struct.unpack_from(">IIBB", chunks[b"IHDR"])
+    assert (depth, color) == (8, 2)
     pixels = zlib.decompress(chunks[b"IDAT"])
     stride = 3 * width + 1
     assert len(pixels) == stride * height

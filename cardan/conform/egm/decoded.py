@@ -148,7 +148,7 @@ class EgmSeen(Seen):
         return found
 
     def steps(self) -> Iterator[tuple[Robot, Robot, int]]:
-        """Neighbours in a session, and how far the sequence number went between them."""
+        """Neighbors in a session, and how far the sequence number went between them."""
         for session in self.sessions:
             for one, other in pairwise(session):
                 assert one.seqno is not None

@@ -46,7 +46,7 @@ GAP_PERIODS = 12
 CLOCK_STEP_S = 0.05
 ACTS_WITHIN_S = 0.06
 """The manual's 20 ms from writing a reference until it affects the robot, 20 ms of the servo's lag,
-and the time in which half a millimetre begun at the default gain is more than noise."""
+and the time in which half a millimeter begun at the default gain is more than noise."""
 IN_TIME_S = 0.1
 """The first answers may meet a run that ends for want of earlier ones."""
 LATE_ANSWERS_S = 0.1

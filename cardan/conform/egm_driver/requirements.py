@@ -131,7 +131,7 @@ def answers_have_their_type(answer: Answer) -> str:
 @requires(104, f"{SCHEMA}, EgmHeader.seqno")
 def answers_count_up_by_one(seen: EgmSeen) -> Findings:
     """seqno goes up by one from message to message; it may begin anew with a run."""
-    for one, other in _neighbours(seen):
+    for one, other in _neighbors(seen):
         a, b = one.message.header, other.message.header
         if a is None or b is None or a.seqno is None or b.seqno is None:
             return failed("there is no seqno", [other.number])
@@ -232,7 +232,7 @@ def a_session_begins_where_the_arm_is(seen: EgmSeen) -> Findings:
     return Words("{} sessions")
 
 
-def _neighbours(seen: EgmSeen) -> Iterator[tuple[Answer, Answer]]:
+def _neighbors(seen: EgmSeen) -> Iterator[tuple[Answer, Answer]]:
     """Answers that follow each other, without a session that began between them."""
     starts = [session[0].number for session in seen.sessions]
     for one, other in pairwise(seen.answers):
@@ -240,7 +240,7 @@ def _neighbours(seen: EgmSeen) -> Iterator[tuple[Answer, Answer]]:
             yield one, other
 
 
-@requires.each(110, LAW, Over(_neighbours, "{} steps"))
+@requires.each(110, LAW, Over(_neighbors, "{} steps"))
 def references_do_not_leap(each: tuple[Answer, Answer]) -> str | None:
     """From answer to answer the reference goes no further than 4 mm and 1 degree."""
     a, b = map(_planned, each)

@@ -87,7 +87,7 @@ class Said(NamedTuple):
         return body if isinstance(body, sm.JointVelocity) else None
 
 
-Neighbours = tuple[Said, sm.JointTrajPtFull, Said, sm.JointTrajPtFull]
+Neighbors = tuple[Said, sm.JointTrajPtFull, Said, sm.JointTrajPtFull]
 """Two points of a trajectory, one after the other, and what said them."""
 
 
@@ -261,7 +261,7 @@ class DriverSeen(Seen):
         """All speeds."""
         return [(each, body) for each in self.said if (body := each.velocity) is not None]
 
-    def neighbours(self) -> Iterator[Neighbours]:
+    def neighbors(self) -> Iterator[Neighbors]:
         """Points of one trajectory that were accepted one after the other."""
         for messages in self.motion.values():
             before: tuple[Said, sm.JointTrajPtFull] | None = None

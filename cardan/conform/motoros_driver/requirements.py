@@ -269,7 +269,7 @@ def a_trajectory_begins_where_the_arm_is(seen: DriverSeen) -> Findings:
 @requires(122, f"{CLIENT}: the index of the point; {SERVER}: 0 begins, below 0 is refused")
 def points_count_up(seen: DriverSeen) -> Findings:
     """The sequence goes up by one from point to point of a trajectory."""
-    for _, one, said, point in seen.neighbours():
+    for _, one, said, point in seen.neighbors():
         up = point.sequence == one.sequence + 1
         yield said.number, "" if up else f"{point.sequence} after {one.sequence}"
     return Words("{} points", _NO_POINTS)
@@ -278,7 +278,7 @@ def points_count_up(seen: DriverSeen) -> Findings:
 @requires(123, f"{SERVER}: of a point that is not later nothing is queued, and it is SUCCESS")
 def time_goes_on(seen: DriverSeen) -> Findings:
     """From point to point of a trajectory the time rises by a whole millisecond at least."""
-    for _, one, said, point in seen.neighbours():
+    for _, one, said, point in seen.neighbors():
         later = int(point.time * 1e3) > int(one.time * 1e3)
         yield said.number, "" if later else f"{point.time:.4f} s after {one.time:.4f}"
     return Words("{} points", _NO_POINTS)
@@ -325,7 +325,7 @@ def _steepest(one: sm.JointTrajPtFull, other: sm.JointTrajPtFull) -> list[float]
 @requires(125, f"{SERVER}: increments beyond an axis's speed are refused, INC_MOVE_ERROR")
 def the_way_between_is_within_the_arm(seen: DriverSeen) -> Findings:
     """On the cubic from point to point no joint is more than a tenth faster than it can be."""
-    for _, one, said, point in seen.neighbours():
+    for _, one, said, point in seen.neighbors():
         yield said.number, _too_fast(_steepest(one, point), TOO_FAST)
     return Words("{} points", _NO_POINTS)
 
@@ -367,7 +367,7 @@ def the_queue_does_not_run_empty(seen: DriverSeen) -> Findings:
     """In motion every point is accepted before the ones before it have been played."""
     inside = {each.place for each in seen.during("run")}
     ends_s = 0.0
-    for before, one, said, point in seen.neighbours():
+    for before, one, said, point in seen.neighbors():
         assert before.answered is not None
         assert said.answered is not None
         if one.sequence == 0:

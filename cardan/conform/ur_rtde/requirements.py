@@ -210,7 +210,7 @@ def states_come_from_start_to_pause(seen: UrSeen) -> Verdict:
 
 
 def _steps(seen: UrSeen) -> list[tuple[State, State]]:
-    """Neighbours in the streams of the connection that is judged."""
+    """Neighbors in the streams of the connection that is judged."""
     return [pair for each in streams(seen) for pair in pairwise(each.states)]
 
 

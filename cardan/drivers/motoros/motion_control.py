@@ -247,7 +247,7 @@ class MotionControl:
             self.over(words or "the controller does not allow motion any more", now_s)
             if status is None or not status_in_words(status._replace(motion_possible=1)):
                 # The status alone does not tell HOLD from a stopped job or a collaborative stop.
-                self.requests.control(MotionCommand.CHECK_MOTION_READY, self._learnt)
+                self.requests.control(MotionCommand.CHECK_MOTION_READY, self._learned)
             return
         motion.advance(now_s)
         self.proceed(now_s)
@@ -268,7 +268,7 @@ class MotionControl:
         if motion.ended:
             self.over(motion.ended, now_s)
             if motion.unexplained:
-                self.requests.control(MotionCommand.CHECK_MOTION_READY, self._learnt)
+                self.requests.control(MotionCommand.CHECK_MOTION_READY, self._learned)
         elif self.phase is Phase.BRAKING and (
             motion.settled(now_s) or now_s >= self._brake_until_s
         ):
@@ -459,7 +459,7 @@ class MotionControl:
         self.phase = Phase.IDLE
         self._check_s = now_s + IDLE_CHECK_S
 
-    def _learnt(self, answer: Answer, now_s: float) -> None:
+    def _learned(self, answer: Answer, now_s: float) -> None:
         """Replace the reason for the end of motion by the controller's own."""
         if self.phase is not Phase.IDLE or not isinstance(answer, MotionReply):
             return

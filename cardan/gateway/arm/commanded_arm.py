@@ -128,10 +128,10 @@ class CommandedArm(ABC):
         `new`: the robot was not commanded before, so tool and model are compared as well.
         """
 
-    def place_neighbour(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
-        """Keep away from the neighbour of this number where it is at `joints` (rad or m), though
-        each of its bodies may go as far as `ways_m` says. Only an arm's model has neighbours."""
-        raise IndexError(f"there is no neighbour {index}")
+    def place_neighbor(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
+        """Keep away from the neighbor of this number where it is at `joints` (rad or m), though
+        each of its bodies may go as far as `ways_m` says. Only an arm's model has neighbors."""
+        raise IndexError(f"there is no neighbor {index}")
 
     @abstractmethod
     def measured(self, state: RobotState) -> Pose:

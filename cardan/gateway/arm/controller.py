@@ -353,13 +353,13 @@ class ArmController:
             self._require_act(f"and stays so: {reason}")
         self._end_activity(reason)
 
-    def place_neighbour(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
-        """From the next tick on keep away from a neighbour where it is at `joints`, as
+    def place_neighbor(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
+        """From the next tick on keep away from a neighbor where it is at `joints`, as
         :class:`cardan.gateway.arm.joint_space_arm.JointSpaceArm` does."""
         with self.lock:
             if self.recorder is not None:
-                self.note("place_neighbour", json.dumps((index, joints, ways_m)))
-            self.body.place_neighbour(index, joints, ways_m)
+                self.note("place_neighbor", json.dumps((index, joints, ways_m)))
+            self.body.place_neighbor(index, joints, ways_m)
 
     def acknowledge(self) -> str:
         """The deliberate act after implausible readings, or after a recovery that was given up;

@@ -500,7 +500,7 @@ def share_until(
         claims = node.waiting_subscription(claim_topic(options.name), CLAIM_TYPE, CLAIMS_KEPT)
         publisher = node.publisher(topic, STATE_TYPE, express=True)
         router = "" if options.bus.zenoh_config else options.bus.router
-        news = News(router, routed=bool(node.neighbours()[0]))
+        news = News(router, routed=bool(node.neighbors()[0]))
         look_s = time.monotonic()
         stack.callback(device.on_state(lambda _state: claims.wake()))
         ask_for_real_time()
@@ -529,7 +529,7 @@ def share_until(
             if now_s >= look_s:
                 look_s = now_s + NEWS_S
                 others_there = [each.full_node for each in others.others()]
-                lines += news.of_bus(others_there, routed=bool(node.neighbours()[0]))
+                lines += news.of_bus(others_there, routed=bool(node.neighbors()[0]))
             for line in lines:
                 tell(line)
         if hand is not None:

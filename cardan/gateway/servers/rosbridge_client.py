@@ -123,7 +123,7 @@ class _Goal:
         self.name, self.action, self.goal_id = name, action, goal_id
         self.accepted = accepted
         """The server's response to it."""
-        self.cancelled = False
+        self.canceled = False
         """Whether it is not wanted any more."""
 
 
@@ -524,21 +524,21 @@ class Client:
         self._cancel(goal)
 
     def _answered_goal(self, goal: _Goal) -> None:
-        """A goal has been answered: one that was cancelled meanwhile is cancelled now that its
+        """A goal has been answered: one that was canceled meanwhile is canceled now that its
         server knows it, and one that nobody follows, as its answer did not come in time."""
         unknown = goal.accepted.exception() is not None
-        if unknown or (goal.cancelled and goal.accepted.result()["accepted"]):
+        if unknown or (goal.canceled and goal.accepted.result()["accepted"]):
             self._cancel(goal)
 
     def _answered_cancel(self, goal: _Goal, answer: asyncio.Future[Message]) -> None:
         """Tell where the goal goes on; else its result tells what became of it."""
         error = answer.exception()
         if error is not None:
-            self._not_cancelled(goal, str(error))
+            self._not_canceled(goal, str(error))
         elif answer.result()["return_code"] == CancelCode.REJECTED:
-            self._not_cancelled(goal, f"{goal.action} does not cancel this goal")
+            self._not_canceled(goal, f"{goal.action} does not cancel this goal")
 
-    def _not_cancelled(self, goal: _Goal, reason: str) -> None:
+    def _not_canceled(self, goal: _Goal, reason: str) -> None:
         if self._gone:
             _log.warning("%s: its goal may go on: %s", self.peer, reason)
         else:
@@ -548,21 +548,21 @@ class Client:
         """Ask the action's server to cancel, at once and, where it has not accepted the goal yet,
         again when it has: until then most servers do not know it. The goal's result tells whether
         it did."""
-        goal.cancelled = True
+        goal.canceled = True
         request = {"goal_info": {"goal_id": {"uuid": goal.goal_id}}}
         service = f"{goal.action}/_action/cancel_goal"
         whole = completed(f"{CANCEL_TYPE}_Request", request)
         try:
             answer = self._lasting.start(service, CANCEL_TYPE, whole, self._service_timeout_s)
         except NetworkError as error:
-            self._not_cancelled(goal, str(error))
+            self._not_canceled(goal, str(error))
         else:
             answer.add_done_callback(partial(self._answered_cancel, goal))
 
     # -- the end ---------------------------------------------------------------------------------
 
     def _leave(self) -> None:
-        """Take from the network all that the client had there; goals under way are cancelled."""
+        """Take from the network all that the client had there; goals under way are canceled."""
         if self._gone:
             return
         self._gone = True

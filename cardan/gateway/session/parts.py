@@ -42,7 +42,7 @@ from cardan.spatial import norm, subtract
 from cardan.types import IDENTITY_POSE, ZERO3, DeviceFeedback, DeviceLink, Pose, RobotState
 
 if TYPE_CHECKING:  # Imports the messages of the network, which most sessions do without.
-    from cardan.gateway.bus.neighbours import ArmNeighbours
+    from cardan.gateway.bus.neighbors import ArmNeighbors
     from cardan.gateway.session.network import SessionNetwork
 
 LISTEN_PERIOD_S: Final = 0.025
@@ -414,22 +414,22 @@ class Requests(Part):
         self.whole.worker.close()
 
 
-class Neighbours(Part):
+class Neighbors(Part):
     """Arms beside this one, that move by themselves; without them no source moves the arm."""
 
-    def __init__(self, whole: Whole, neighbours: ArmNeighbours) -> None:
+    def __init__(self, whole: Whole, neighbors: ArmNeighbors) -> None:
         super().__init__(whole)
-        self._neighbours = neighbours
+        self._neighbors = neighbors
 
     def begin(self, now_s: float) -> None:
-        self.fault = self._neighbours.turn(now_s)
+        self.fault = self._neighbors.turn(now_s)
 
     def after(self, cycle: Cycle, now_s: float) -> None:
-        self._neighbours.hear(now_s, time.time_ns())
-        self.fault = self._neighbours.turn(now_s)
+        self._neighbors.hear(now_s, time.time_ns())
+        self.fault = self._neighbors.turn(now_s)
 
     def tell(self, snapshot: Snapshot, now: Now) -> None:
-        snapshot.diagnosis += self._neighbours.diagnosis()
+        snapshot.diagnosis += self._neighbors.diagnosis()
 
 
 class Network(Part):

@@ -24,7 +24,7 @@ from cardan.gateway.arm.backlog import STREAMED_S
 from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import (
-    CANCELLED,
+    CANCELED,
     LATE_S,
     MotionNote,
     PacketError,
@@ -336,7 +336,7 @@ class RequestWorker:
             if request.verb in NEW_MOTION and job.ended_by:
                 raise MotionRefusedError(f"{request.verb}: {_ENDED[job.ended_by]}")
             if request.wanted is not None and not request.wanted():
-                raise MotionRefusedError(f"{request.verb}: {CANCELLED}")
+                raise MotionRefusedError(f"{request.verb}: {CANCELED}")
             if request.verb in NEW_MOTION and job.late_s > LATE_S:
                 raise MotionRefusedError(f"{request.verb}: {_late(job.late_s)}; ask again")
             if request.verb in ENDLESS and request.there is not None and not request.there():

@@ -208,7 +208,7 @@ def test_a_session_that_leaves_whole_turns_as_they_are_fails(monkeypatch):
 
 @pytest.mark.matrix
 def test_a_session_that_forgets_early_cancellations_fails(monkeypatch):
-    monkeypatch.setattr(Goals, "_remember_cancelled", lambda _self, _goal_id: None)
+    monkeypatch.setattr(Goals, "_remember_canceled", lambda _self, _goal_id: None)
     found = worse_than(Outcome.PASSED, judged(turned_arm(0), earlier=CANCEL))
     assert next(iter(found)) == "210"
 

@@ -464,7 +464,7 @@ def test_the_end_of_a_session_is_said_also_where_the_robot_is_not_ready():
     assert rig.status.message == "stopped on request"
 
 
-def test_an_acknowledgement_comes_too_early_while_readings_leap():
+def test_an_acknowledgment_comes_too_early_while_readings_leap():
     rig = Driven().drive()
     there = Pose(add(rig.robot.pose.position, Vector3(0.0, 0.4, 0.0)), IDENTITY)
     rig.command = HoldCommand()

@@ -236,7 +236,7 @@ def test_movv_goes_on_and_stops_on_command():
     way = start[2] - world.six()[2]
     assert way == pytest.approx(
         0.2 - 0.5 * 0.1 * 0.1 - 0.1 * 0.025, abs=2e-3
-    )  # More than refSpeed metres.
+    )  # More than refSpeed meters.
     world.verbs.stop()
     assert world.verbs.state is State.NOT_CONTROLLING
     world.rest()

@@ -494,7 +494,7 @@ def test_the_authority_is_taken_and_given_up_by_topics(bench):
     assert "panel" in reasons(bench)[-1]
 
 
-def test_an_acknowledgement_is_an_act_and_none_that_is_repeated(bench):
+def test_an_acknowledgment_is_an_act_and_none_that_is_repeated(bench):
     acts = []
     bench.world.verbs.acknowledge = lambda: acts.append(bench.now_s)
     for _ in range(4):

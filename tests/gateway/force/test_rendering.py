@@ -20,7 +20,7 @@ from cardan.spatial import from_euler_zyx, subtract
 from cardan.types import IDENTITY, DeviceLink, DeviceState, Pose, RobotLink, Vector3
 from tests.gateway.force.fakes import PERIOD_S, REST, FakeHaptic, FakeSensor, robot_state
 
-SPHERE = SphereTable(centre_m=(0.3, 0.0, 0.4), radius_m=0.1, stiffness_n_m=100.0)
+SPHERE = SphereTable(center_m=(0.3, 0.0, 0.4), radius_m=0.1, stiffness_n_m=100.0)
 HAND = Pose(Vector3(0.0, 0.0, 0.05), IDENTITY)
 SHIFTED = WorldMap(offset=Vector3(0.5, 0.0, 0.3))
 QUIET = Conditioning(scale=0.1, deadband_n=0.0, tare=False)

@@ -160,7 +160,7 @@ async def test_a_cancellation_right_after_its_goal_is_for_when_it_is_accepted():
 
 
 @in_loop
-async def test_an_accepted_goal_is_cancelled_once():
+async def test_an_accepted_goal_is_canceled_once():
     async with a_goal() as bench:
         bench.server.accept()
         await bench.settle()
@@ -171,7 +171,7 @@ async def test_an_accepted_goal_is_cancelled_once():
 
 
 @in_loop
-async def test_a_goal_that_is_not_accepted_needs_no_more_cancelling():
+async def test_a_goal_that_is_not_accepted_needs_no_more_canceling():
     async with a_goal() as bench:
         bench.ask("cancel_action_goal")
         await bench.settle()
@@ -182,7 +182,7 @@ async def test_a_goal_that_is_not_accepted_needs_no_more_cancelling():
 
 
 @in_loop
-async def test_a_goal_whose_acceptance_does_not_come_is_cancelled():
+async def test_a_goal_whose_acceptance_does_not_come_is_canceled():
     # The client is told that it failed, so nobody would end it.
     async with a_goal() as bench:
         goal_id, answered = bench.server.asked.pop()
@@ -230,7 +230,7 @@ async def test_a_client_that_leaves_asks_at_once_too():
         (Failure("/move/_action/cancel_goal: no reply"), "no reply"),
     ],
 )
-def test_a_client_is_told_that_its_goal_is_not_cancelled(answer, words):
+def test_a_client_is_told_that_its_goal_is_not_canceled(answer, words):
     async def told():
         async with a_goal() as bench:
             bench.ask("set_level", level="error")

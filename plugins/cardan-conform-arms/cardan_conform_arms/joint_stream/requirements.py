@@ -84,7 +84,7 @@ def datagrams_are_states(seen: JointStreamSeen) -> Verdict:
 
 
 def _gaps(seen: JointStreamSeen) -> list[tuple[State, State]]:
-    """Neighbours in a session in phases in which the arm is commanded."""
+    """Neighbors in a session in phases in which the arm is commanded."""
     found = []
     for session in seen.sessions:
         numbers = {each.number for each in seen.during(*COMMANDED)}

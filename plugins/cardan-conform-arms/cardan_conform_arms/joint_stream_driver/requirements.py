@@ -308,7 +308,7 @@ def commands_are_within_the_arm(each: Said) -> str:
 
 
 def _steps(seen: JointStreamSeen) -> Iterator[tuple[Said, Said, float]]:
-    """Neighbouring commands of positions in one session, and the arm's time between them."""
+    """Neighboring commands of positions in one session, and the arm's time between them."""
     for a, b in pairwise(_said(seen, "run", "acknowledged", "junk", "anew")):
         both = a.value.mode is b.value.mode is ControlMode.POSITION
         if not both or a.state is None or b.state is None:

@@ -79,7 +79,7 @@ class TrajectorySeen(RosArmSeen):
         super().__init__(timeline)
         self.goals: list[Goal] = []
         self.feedback: list[tuple[int, Message]] = []
-        self.cancelled: dict[bytes, float] = {}
+        self.canceled: dict[bytes, float] = {}
         """When the cancellation of a goal was sent, by its id."""
         self._asked: list[bytes] = []
         """Ids of the goals whose results were asked for."""
@@ -101,7 +101,7 @@ class TrajectorySeen(RosArmSeen):
             self.goals.append(Goal(number, event.time_s, goal_id, trajectory))
         elif event.channel == CANCEL:
             goal_id = bytes(message["goal_info"]["goal_id"]["uuid"])
-            self.cancelled[goal_id] = event.time_s
+            self.canceled[goal_id] = event.time_s
         else:
             self._asked.append(bytes(message["goal_id"]["uuid"]))
 

@@ -203,25 +203,25 @@ def _canceled(goal: Goal) -> Verdict:
 
 
 @requires(208, f"{DESIGN}: Cancel Goal Service; action_msgs/msg/GoalStatus")
-def a_cancelled_goal_is_canceled(seen: TrajectorySeen) -> Verdict:
-    """A goal that is cancelled while it moves the arm ends as CANCELED."""
+def a_canceled_goal_is_canceled(seen: TrajectorySeen) -> Verdict:
+    """A goal that is canceled while it moves the arm ends as CANCELED."""
     found = seen.sent_in("cancel")
     return _canceled(found[0]) if found else not_seen(_NOTHING)
 
 
-@requires(209, f"{CONTROLLER}: a goal that is cancelled holds the arm where it is")
-def a_cancelled_arm_rests(seen: TrajectorySeen) -> Verdict:
+@requires(209, f"{CONTROLLER}: a goal that is canceled holds the arm where it is")
+def a_canceled_arm_rests(seen: TrajectorySeen) -> Verdict:
     """From 0.5 s after its cancellation on no joint moves by more than 0.00015 rad."""
     found = seen.sent_in("cancel")
-    cancelled_s = seen.cancelled.get(found[0].id) if found else None
-    if cancelled_s is None:
-        return not_seen("none was cancelled")
-    later = [each for each in seen.during("cancel") if each.time_s > cancelled_s + REST_S]
+    canceled_s = seen.canceled.get(found[0].id) if found else None
+    if canceled_s is None:
+        return not_seen("none was canceled")
+    later = [each for each in seen.during("cancel") if each.time_s > canceled_s + REST_S]
     return _still(seen, later, RESTS)
 
 
 @requires(210, f"{DESIGN}: Cancel Goal Service: by the goal's id, which its client chooses")
-def a_goal_cancelled_at_once_is_canceled(seen: TrajectorySeen) -> Verdict:
+def a_goal_canceled_at_once_is_canceled(seen: TrajectorySeen) -> Verdict:
     """A goal whose cancellation is sent with it, before it is accepted, ends as CANCELED, or is
     rejected; nothing moves."""
     found = seen.sent_in("at-once")

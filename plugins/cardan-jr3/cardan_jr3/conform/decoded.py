@@ -31,7 +31,7 @@ class Said(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """A request of ours, and the acknowledgement that came next."""
+    """A request of ours, and the acknowledgment that came next."""
 
     number: int
     time_s: float

@@ -108,7 +108,7 @@ def requests_are_acknowledged(seen: Jr3Seen) -> Verdict:
 
 @requires(102, f"{FIRMWARE}: 0 is ready")
 def it_is_ready(seen: Jr3Seen) -> Verdict:
-    """Every acknowledgement says that the board is ready."""
+    """Every acknowledgment says that the board is ready."""
     found = [each for each in seen.said if isinstance(each.value, Ack)]
     wrong = [
         (each.number, f"state {each.value.state}")
@@ -120,7 +120,7 @@ def it_is_ready(seen: Jr3Seen) -> Verdict:
 
 @requires(103, f"{FIRMWARE}; JR3's full scales are hundreds of N and tens of N·m")
 def full_scales_are_told(seen: Jr3Seen) -> Verdict:
-    """Asked for, the full scales come with the acknowledgement, all above 0."""
+    """Asked for, the full scales come with the acknowledgment, all above 0."""
     asked = [e for e in seen.asked if isinstance(e.value, (GetFsForces, GetFsMoments))]
     if not asked:
         return not_seen("they were not asked for")

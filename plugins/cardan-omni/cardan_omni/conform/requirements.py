@@ -372,7 +372,7 @@ def transforms_are_rotations(seen: HdapiSeen) -> Verdict:
 
 
 def _place(joints: tuple[float, ...]) -> tuple[float, float, float]:
-    """Where the gimbal's centre of an Omni is with these angles, mm."""
+    """Where the gimbal's center of an Omni is with these angles, mm."""
     turret, thigh, shin = joints
     r = L1_MM * (math.cos(thigh) + math.sin(shin))
     y = L1_MM * (math.sin(thigh) - math.cos(shin)) + L3_MM

@@ -155,7 +155,7 @@ def status_is_told(seen: WiimoteSeen) -> Verdict:
 
 @requires(102, f"{WIIBREW}, 0x22: on request, and to every write")
 def what_wants_an_answer_gets_one(seen: WiimoteSeen) -> Verdict:
-    """Reports that ask for an acknowledgement get one within 0.2 s, without an error."""
+    """Reports that ask for an acknowledgment get one within 0.2 s, without an error."""
     asked = [
         each
         for each in seen.asked
@@ -312,7 +312,7 @@ def the_extension_stays(seen: WiimoteSeen) -> Verdict:
 
 @requires(111, f"{EXTENSIONS}: A4 20 00 00 of a Nunchuk")
 def the_nunchuk_says_what_it_is(seen: WiimoteSeen) -> Verdict:
-    """An extension that the status tells of says what it is, and a Nunchuk's stick is centred."""
+    """An extension that the status tells of says what it is, and a Nunchuk's stick is centered."""
     told = [e.value for e in seen.during("ask") if isinstance(e.value, Status)]
     if not told:
         return not_seen(_NOT_ASKED)

@@ -121,7 +121,7 @@ class Requests:
         if value.error:
             return self._end(Answer(value.error))
         if isinstance(value, Ack):
-            # The acknowledgement of a read without an error announces its data.
+            # The acknowledgment of a read without an error announces its data.
             return None if isinstance(request, ReadMemory) else self._end(Answer(value.error))
         assert isinstance(request, ReadMemory)
         self._data += value.data
