@@ -17,8 +17,8 @@ from cardan.errors import CaptureError, ConfigurationError, MotionRefusedError
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.cycle_record import (
     CycleRecord,
+    RecordedRequest,
     RecordError,
-    Request,
     command_text,
     decode_cycle,
 )
@@ -219,7 +219,7 @@ def replay_cycles(config: SessionConfig, records: Iterable[CycleRecord]) -> Engi
     return report
 
 
-def _why(number: int, request: Request) -> str:
+def _why(number: int, request: RecordedRequest) -> str:
     return (
         f"not replayed from cycle {number} on: {request.name} {request.argument}: motions of "
         "programs are planned beside the loop, for a time that is not recorded"

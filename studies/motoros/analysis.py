@@ -18,7 +18,7 @@ LEAD_S = 0.06
 Find = Callable[[float, Array, Array, float], float]
 
 
-class Phase(NamedTuple):
+class PushDelays(NamedTuple):
     """One push."""
 
     delays: Delays
@@ -35,7 +35,7 @@ class Result(NamedTuple):
 
     mode: str
     plant: str
-    phases: tuple[Phase, ...]
+    phases: tuple[PushDelays, ...]
 
     @property
     def delays(self) -> tuple[Delays, ...]:
@@ -72,7 +72,7 @@ def analyze(recording: Recording) -> Result:
     return Result(recording.mode, recording.plant, phases)
 
 
-def _phase(recording: Recording, start_s: float) -> Phase:
+def _phase(recording: Recording, start_s: float) -> PushDelays:
     first = int(np.searchsorted(recording.times_s, start_s - BEFORE_S))
     last = int(np.searchsorted(recording.times_s, start_s - BEFORE_S + PUSH_S))
     window = slice(first, last)
@@ -93,7 +93,7 @@ def _phase(recording: Recording, start_s: float) -> Phase:
         goal[pushed, None],
         _delayed(measured, pushed, late(goal, measured))[:, None],
     )
-    return Phase(
+    return PushDelays(
         Delays(late(device, goal), late(goal, measured), late(device, measured)),
         late(device, command),
         late(goal, command),

@@ -14,7 +14,7 @@ import pytest
 from cardan.protocols.ros2.cdr import codec_of
 from tests import network_table
 from tests.fastdds import FastNode
-from tests.network_table import Shown
+from tests.network_table import Coverage
 from tests.npm import installed
 from tests.ros2_packages import write_packages
 from tests.sweep.plan import RESULT, command, plan, wanted_rows
@@ -31,7 +31,7 @@ ROSLIB = ("node", "--input-type=module", "-e", MODULE, "--")
 @pytest.fixture
 def judgment(request, session):
     """The mark of a test, and what its judge has to do for it."""
-    mark = Shown(**request.node.get_closest_marker("shown_on").kwargs)
+    mark = Coverage(**request.node.get_closest_marker("shown_on").kwargs)
     return plan(network_table.rows(), mark)
 
 

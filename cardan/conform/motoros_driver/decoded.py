@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import NamedTuple, TypeVar
 
 from cardan.conform.motoros_driver.scenario import port_of
-from cardan.conform.timeline import Event, Kind, Phase, Seen, Timeline
+from cardan.conform.timeline import Event, Kind, Seen, Timeline, TimelinePhase
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import MessageType as T
 
@@ -227,7 +227,7 @@ class DriverSeen(Seen):
 
     # -- where ------------------------------------------------------------------------------------
 
-    def named(self, *names: str) -> list[Phase]:
+    def named(self, *names: str) -> list[TimelinePhase]:
         """The phases of these names, of each controller in turn."""
         return [phase for name, phase in self.phases.items() if name.partition(" ")[2] in names]
 
@@ -235,7 +235,7 @@ class DriverSeen(Seen):
         """What was said in phases of these names."""
         return self.within(self.said, *(phase.name for phase in self.named(*names)))
 
-    def after(self, phase: Phase, seconds: float) -> list[Said]:
+    def after(self, phase: TimelinePhase, seconds: float) -> list[Said]:
         """What was said in a phase from so many seconds on."""
         since_s = phase.start_s + seconds
         return [s for s in self.said if phase.first <= s.number < phase.end and s.time_s > since_s]

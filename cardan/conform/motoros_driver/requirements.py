@@ -28,7 +28,7 @@ from cardan.conform.requirements import (
     some,
 )
 from cardan.conform.second_reading import read_twice, refused, second_description
-from cardan.conform.timeline import Phase
+from cardan.conform.timeline import TimelinePhase
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import (
     MessageType as T,
@@ -620,7 +620,7 @@ def an_unanswered_request_ends_the_connection(seen: DriverSeen) -> Verdict:
     return none_wrong(wrong, len(phases), f"{len(phases)} of them", NOT_MOVED)
 
 
-def _link_in(seen: DriverSeen, phase: Phase) -> Link | None:
+def _link_in(seen: DriverSeen, phase: TimelinePhase) -> Link | None:
     """The motion connection that was open when a phase began."""
     found = [e for e in seen.links if e.port == "motion" and e.number < phase.first]
     return found[-1] if found and found[-1].closed_s >= phase.start_s else None

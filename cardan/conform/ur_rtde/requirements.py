@@ -36,8 +36,8 @@ from cardan.conform.ur_rtde.decoded import (
     SECOND,
     Exchange,
     Heard,
+    OutputStream,
     State,
-    Stream,
     Told,
     UrSeen,
     Values,
@@ -92,11 +92,11 @@ def versions(seen: UrSeen, version: int) -> list[Exchange]:
     return [
         each
         for each in seen.exchanges(rtde.PacketType.PROTOCOL_VERSION)
-        if isinstance(each.asked, rtde.Request) and each.asked.version == version
+        if isinstance(each.asked, rtde.ControlRequest) and each.asked.version == version
     ]
 
 
-def streams(seen: UrSeen, channel: str = RTDE) -> list[Stream]:
+def streams(seen: UrSeen, channel: str = RTDE) -> list[OutputStream]:
     """Those of a connection."""
     return [each for each in seen.streams if each.channel == channel]
 

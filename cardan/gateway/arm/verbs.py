@@ -29,7 +29,7 @@ from cardan.gateway.arm.motions.trajectory import FollowTrajectory
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.planner import Planner
 from cardan.gateway.arm.plans import Plan, Plans, kinds_in_words
-from cardan.gateway.arm.replay_requests import Sender, argument_text
+from cardan.gateway.arm.replay_requests import CommandHeader, argument_text
 from cardan.gateway.arm.streams import Streams
 from cardan.gateway.arm.validation import (
     FramedPose,
@@ -617,7 +617,7 @@ class ArmVerbs:
         grow. `begins`: whether, where nothing moves the arm and no streaming command is chosen, or
         one that its sender has left, it chooses its own; None: never.
         """
-        sender = Sender(owner, sequence, stamp_s, self.stamp_s)
+        sender = CommandHeader(owner, sequence, stamp_s, self.stamp_s)
         self.streams.hear(sender)
         began = False
         if begins is not None and self.may_choose(verb, begins, owner):

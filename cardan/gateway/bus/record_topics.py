@@ -20,7 +20,7 @@ from cardan import __version__
 from cardan.bus.node import BusNode, Publisher
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
 from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.arm.cycle_record import Request, encode_cycle
+from cardan.gateway.arm.cycle_record import RecordedRequest, encode_cycle
 from cardan.gateway.arm.loop import Cycle
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.zenoh import LATCHED_QOS
@@ -109,7 +109,7 @@ class _EngineTap:
         self._controller = controller
         self._publisher: Publisher = node.publisher(ENGINE_TOPIC, STRING_TYPE)
         self._codec = codec_of(STRING_TYPE)
-        self._requests: deque[tuple[int, Request]] = deque()
+        self._requests: deque[tuple[int, RecordedRequest]] = deque()
         self._kept: deque[str] = deque()
         self._keeps_until_s = math.inf
         self._heard = False
@@ -136,7 +136,7 @@ class _EngineTap:
         self._kept.clear()
 
     def _recorder(self, ticks: int, name: str, argument: str) -> None:
-        self._requests.append((ticks, Request(name, argument)))
+        self._requests.append((ticks, RecordedRequest(name, argument)))
 
     def publish(self, cycle: Cycle, now_ns: int) -> None:
         """Publish a cycle, from the loop's thread; or keep it until somebody subscribes."""

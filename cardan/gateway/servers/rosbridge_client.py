@@ -22,12 +22,12 @@ from cardan.errors import shown
 from cardan.gateway.arm.backlog import is_stale, stale_words
 from cardan.gateway.servers.allow_list import Allowed
 from cardan.gateway.servers.calls import CallError, Mailbox, ServiceCaller
-from cardan.gateway.servers.connection import Sender
+from cardan.gateway.servers.connection import SendLoop
 from cardan.gateway.servers.publishing import Advertisements, RefusedError, agreed_type
 from cardan.gateway.servers.read_only import READING_SERVICES
 from cardan.gateway.servers.rosapi import LOG, ROSOUT, SERVICES as ROSAPI_SERVICES, RosApi
 from cardan.gateway.servers.rosbridge_subscriptions import ClientStream, Feeds, RosbridgeFeed
-from cardan.gateway.servers.send_queue import LATCHED_DEPTH, Stream
+from cardan.gateway.servers.send_queue import LATCHED_DEPTH, TopicQueue
 from cardan.gateway.servers.web import ListenerConnection
 from cardan.protocols.ros2.actions import CANCEL_TYPE, CancelCode, GoalStatus
 from cardan.protocols.ros2.cdr import CdrError, Malformed, Message, codec_of, decoded
@@ -127,7 +127,7 @@ class _Goal:
         """Whether it is not wanted any more."""
 
 
-class Client:
+class RosbridgeClient:
     """A connected client, in a loop; leaving the ``async with`` takes all that it had from it."""
 
     def __init__(
@@ -149,7 +149,7 @@ class Client:
         """`lasting` calls on the network that outlives `network`, the client's own part of it.
         `max_bytes`: of an operation in fragments, and of answers that it does not read."""
         self.connection, self.peer = connection, peer
-        self.sender: Sender[Delivery, Sample] = Sender(
+        self.sender: SendLoop[Delivery, Sample] = SendLoop(
             connection, peer, max_bytes, counts, self._encoded
         )
         self._network, self._caller, self._rosapi = network, caller, rosapi
@@ -169,7 +169,7 @@ class Client:
         self._gone = False
         self._told = False
 
-    async def __aenter__(self) -> Client:
+    async def __aenter__(self) -> RosbridgeClient:
         await self.sender.__aenter__()
         return self
 
@@ -247,7 +247,7 @@ class Client:
             before.stream.delivery = delivery
             if not latched and before.feed.type == type_name:
                 return
-        stream = before.stream if before else Stream(asked.topic, delivery)
+        stream = before.stream if before else TopicQueue(asked.topic, delivery)
         try:
             feed = self._feeds.join(topic, type_name, latched, stream, self.sender)
         except NetworkError:
@@ -600,17 +600,17 @@ def _by_name(type_name: str, args: Any) -> Any:
     return dict(zip(names, args, strict=False))
 
 
-_HANDLERS: Mapping[type, tuple[str, Callable[[Client, Any], None], str]] = {
-    Subscribe: ("subscribe", Client._subscribe, "topic"),
-    Unsubscribe: ("unsubscribe", Client._unsubscribe, "topic"),
-    Advertise: ("advertise", Client._advertise, "topic"),
-    Unadvertise: ("unadvertise", Client._unadvertise, "topic"),
-    Publish: ("publish", Client._publish, "topic"),
-    CallService: ("call_service", Client._call_service, "service"),
-    AdvertiseService: ("advertise_service", Client._advertise_service, "service"),
-    UnadvertiseService: ("unadvertise_service", Client._unadvertise_service, "service"),
-    ServiceResponse: ("service_response", Client._service_response, "service"),
-    SendActionGoal: ("send_action_goal", Client._send_goal, "action"),
-    CancelActionGoal: ("cancel_action_goal", Client._cancel_goal, "action"),
+_HANDLERS: Mapping[type, tuple[str, Callable[[RosbridgeClient, Any], None], str]] = {
+    Subscribe: ("subscribe", RosbridgeClient._subscribe, "topic"),
+    Unsubscribe: ("unsubscribe", RosbridgeClient._unsubscribe, "topic"),
+    Advertise: ("advertise", RosbridgeClient._advertise, "topic"),
+    Unadvertise: ("unadvertise", RosbridgeClient._unadvertise, "topic"),
+    Publish: ("publish", RosbridgeClient._publish, "topic"),
+    CallService: ("call_service", RosbridgeClient._call_service, "service"),
+    AdvertiseService: ("advertise_service", RosbridgeClient._advertise_service, "service"),
+    UnadvertiseService: ("unadvertise_service", RosbridgeClient._unadvertise_service, "service"),
+    ServiceResponse: ("service_response", RosbridgeClient._service_response, "service"),
+    SendActionGoal: ("send_action_goal", RosbridgeClient._send_goal, "action"),
+    CancelActionGoal: ("cancel_action_goal", RosbridgeClient._cancel_goal, "action"),
 }
 """Of each operation its name, what does it, and which of its fields names what it is about."""

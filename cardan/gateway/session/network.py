@@ -35,7 +35,7 @@ from cardan.gateway.bus.commands import (
     joint_command,
     stat_command,
 )
-from cardan.gateway.bus.compatibility import NamesTopics, Shown, other_names, same_topics
+from cardan.gateway.bus.compatibility import NamesTopics, PublishedState, other_names, same_topics
 from cardan.gateway.bus.device_topics import DeviceTopics
 from cardan.gateway.bus.haptic_server import HapticServer
 from cardan.gateway.bus.options import NetworkOptions
@@ -280,7 +280,7 @@ class SessionNetwork:
             flags |= {"state": int(verbs.state), "stream": int(verbs.streams.kind)}
         self._topics.publish(state, pose, status, flags, now_s, now_ns)
         self._verbs = verbs
-        self._names_topics.publish(Shown.of(state, status, verbs, now_s, now_ns), now_ns)
+        self._names_topics.publish(PublishedState.of(state, status, verbs, now_s, now_ns), now_ns)
         if self._haptic is not None:
             self._haptic.publish(now_s, now_ns)
         if self._server is not None and self._server.running:

@@ -9,8 +9,8 @@ import pytest
 from cardan.gateway.arm.vocab import State, Stream
 from cardan.gateway.bus.compatibility import (
     NamesTopics,
+    PublishedState,
     ServoScales,
-    Shown,
     same_topics,
     servo_status,
 )
@@ -349,7 +349,7 @@ def test_a_pause_passes_while_the_worker_has_enough_to_do(bench):
 
 def shown(bench, **more):
     state = bench.world.state()
-    return Shown.of(
+    return PublishedState.of(
         state._replace(**more), bench.world.verbs.controller.status(), bench.world.verbs,
         state.stamp_s, time.time_ns(),
     )  # fmt: skip

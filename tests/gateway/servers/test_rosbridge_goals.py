@@ -15,7 +15,7 @@ pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[
 
 from cardan.bus.network import Failure, NetworkError
 from cardan.gateway.servers.calls import Mailbox, ServiceCaller
-from cardan.gateway.servers.rosbridge_client import Client
+from cardan.gateway.servers.rosbridge_client import RosbridgeClient
 from cardan.gateway.servers.web import WebOptions
 from cardan.protocols.ros2.actions import CANCEL_TYPE, CancelCode, Goals, GoalStatus
 from cardan.protocols.ros2.cdr import codec_of
@@ -96,7 +96,7 @@ class Bench:
         self.server = SlowServer(self.whole)
         self.sent = []
         mailbox = Mailbox(asyncio.get_running_loop())
-        self.client = Client(
+        self.client = RosbridgeClient(
             SimpleNamespace(waited_s=0.0, transport=SimpleNamespace(is_closing=lambda: True)),
             "test",
             self.part,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Phase, Timeline
+from cardan.conform.timeline import Kind, Timeline, TimelinePhase
 from cardan_jr3.conform.frames import unpack
 from cardan_jr3.protocol import (
     NODE_MASK,
@@ -76,7 +76,7 @@ class Jr3Seen:
             ack = next((each for each in acks if number < each.number < end), None)
             self.asked.append(Asked(number, time_s, message, ack))
 
-    def phase(self, name: str) -> Phase | None:
+    def phase(self, name: str) -> TimelinePhase | None:
         """The phase of that name, if the pilot came to it."""
         return self.phases.get(name)
 
