@@ -2,7 +2,7 @@
 
 import pytest
 
-from cardan.bus.discovery import Survey
+from cardan.bus.discovery import Discovery
 from cardan.bus.options import BusOptions
 from cardan.doctor import network
 from cardan.doctor.base import Subject
@@ -13,7 +13,7 @@ from tests.doctor.told import told
 
 HERE = BusOptions()
 THERE = BusOptions(router="tcp/192.168.7.7:7447", mode="client")
-ALONE = Survey([], {}, {}, 0, 0)
+ALONE = Discovery([], {}, {}, 0, 0)
 
 
 def yes(_address):

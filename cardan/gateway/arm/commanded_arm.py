@@ -123,7 +123,7 @@ class CommandedArm(ABC):
 
     @abstractmethod
     def obstacle(self, state: RobotState, new: bool) -> str:
-        """Why the robot cannot be commanded by this body; empty when it can.
+        """Why the robot cannot be commanded so; empty when it can.
 
         `new`: the robot was not commanded before, so tool and model are compared as well.
         """
@@ -205,7 +205,7 @@ class CommandedArm(ABC):
         return None
 
     def held_by(self) -> str:
-        """What keeps the body from going on; empty when nothing is known."""
+        """What keeps the arm from going on; empty when nothing is known."""
         return ""
 
 

@@ -1,4 +1,4 @@
-"""The body of a robot whose arm has a model: every joint moves inside its own limits."""
+"""The commanded arm whose model is known: every joint moves inside its own limits."""
 
 from __future__ import annotations
 
@@ -141,12 +141,12 @@ class JointSpaceArm(CommandedArm):
         return self.servo.status()
 
     def keep_sent_as(self, kinematics: Kinematics) -> None:
-        """Send poses by the tool of `kinematics`, which this body owns from now on, whatever tool
+        """Send poses by the tool of `kinematics`, which this owns from now on, whatever tool
         the servo gets: the robot's controller knows only that one."""
         self._sent_as = kinematics
 
     def gate_limits(self, capabilities: RobotCapabilities) -> OutputLimits:
-        """Limits of this body's commands: those of its joints, and its robot's for the TCP."""
+        """Limits of these commands: those of its joints, and its robot's for the TCP."""
         bounds = self.servo.kinematics
         return OutputLimits(
             capabilities.linear_speed_m_s or FASTEST_TCP_M_S,

@@ -68,8 +68,8 @@ def _is_time(stamp_s: object) -> bool:
 class Streams:
     """The streaming commands of one arm. Each answers with the reason why not, "" when taken."""
 
-    def __init__(self, controller: ArmController, body: JointSpaceArm, plans: Plans) -> None:
-        self._controller, self._body, self._plans = controller, body, plans
+    def __init__(self, controller: ArmController, commanded: JointSpaceArm, plans: Plans) -> None:
+        self._controller, self._commanded, self._plans = controller, commanded, plans
         self._link: _Link | None = None
         self._delays = Delays()
         """Kept when a stream is chosen again: what waited in a queue is no measure of its delay."""
@@ -141,7 +141,7 @@ class Streams:
         self._link, self._ended = _Link(kind), ""
 
     def _activity(self, kind: Stream, at: FloatArray) -> Activity:
-        plans, options, body = self._plans, self._plans.options, self._body
+        plans, options, commanded = self._plans, self._plans.options, self._commanded
         if kind is Stream.WRENCH:
             torque = plans.torque_motion(State.NOT_CONTROLLING)
             torque.check_weight(at)
@@ -150,7 +150,7 @@ class Streams:
         self._controller.engage()
         if kind is Stream.JOINT:
             return FollowJointStream(
-                body,
+                commanded,
                 plans.parameters[Parameter.JOINT_SPEED],
                 plans.parameters[Parameter.JOINT_ACCELERATION],
             )
@@ -159,13 +159,13 @@ class Streams:
         )
         if kind is Stream.POSE:
             return FollowPoseStream(
-                body,
+                commanded,
                 reference,
                 plans.deceleration,
                 plans.pose_shaper(reference.limits),
                 options.stream_prediction_s,
             )
-        return FollowTwistStream(body, reference, plans.deceleration)
+        return FollowTwistStream(commanded, reference, plans.deceleration)
 
     # -- commands --------------------------------------------------------------------------------
 
@@ -222,8 +222,8 @@ class Streams:
         with controller.lock:
             activity = self._streaming(Stream.POSE, sender)
             assert isinstance(activity, FollowPoseStream)
-            start = self._body.servo.q.copy()
-            now = self._body.servo.pose
+            start = self._commanded.servo.q.copy()
+            now = self._commanded.servo.pose
             target = of(pose, now, activity.target or now)
         check_workspace(verb, target.position, plans.options.streams.workspace_m)
         self._check_step(now, target)
@@ -295,7 +295,7 @@ class Streams:
     def joints(self, rates: Sequence[float], sender: CommandHeader) -> None:
         """Move the joints at `rates` (rad/s or m/s, one a joint) now. Too fast ones are slowed."""
         with self._controller.lock:
-            count = self._body.servo.joints
+            count = self._commanded.servo.joints
             values = np.array(joint_numbers("joints", rates, count))
             activity = self._streaming(Stream.JOINT, sender)
             assert isinstance(activity, FollowJointStream)

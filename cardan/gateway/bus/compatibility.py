@@ -76,7 +76,7 @@ class PublishedState(NamedTuple):
         servo, commanded = verbs.servo, None
         if verbs.controller.engaged:
             commanded = servo.q.tolist(), servo.v.tolist()
-        inhibited, tcp = verbs.controller.inhibited, verbs.body.reported
+        inhibited, tcp = verbs.controller.inhibited, verbs.commanded.reported
         return cls(stamp_ns, robot, status, inhibited, commanded, tcp)
 
     @property

@@ -1,4 +1,4 @@
-"""Makes the body of a session's arm, with the obstacles and neighbors around it."""
+"""Makes the commanded arm of a session, with the obstacles and neighbors around it."""
 
 from __future__ import annotations
 
@@ -61,17 +61,17 @@ def make_neighbors(
     from cardan.gateway.arm.neighbors import NeighborWatch
     from cardan.gateway.bus.neighbors import ArmNeighbors
 
-    body = controller.body
-    assert isinstance(body, JointSpaceArm)
+    commanded = controller.commanded
+    assert isinstance(commanded, JointSpaceArm)
     watches = [
         NeighborWatch(each, table.topic, table.max_age_s)
-        for table, each in zip(config.neighbors, body.neighbors, strict=True)
+        for table, each in zip(config.neighbors, commanded.neighbors, strict=True)
     ]
     return ArmNeighbors(watches, controller, robot.capabilities.period_s)
 
 
 def make_arm(config: SessionConfig, robot: RobotDriver) -> JointSpaceArm | None:
-    """The body of a session's arm; None without an ``[arm]`` table.
+    """The commanded arm of a session; None without an ``[arm]`` table.
 
     Where the robot's driver has limits of its own, the stricter of both hold. Pinocchio is only
     imported here: sessions without an arm's model start without it.
@@ -119,7 +119,7 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> JointSpaceArm | None:
     _take_limits(kinematics, able)
     servo = choose_servo(kinematics, collision, _servo_options(table), weights)
     servo.posture = posture
-    body = JointSpaceArm(
+    commanded = JointSpaceArm(
         servo,
         able.commands,
         able.lag_s,
@@ -127,8 +127,8 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> JointSpaceArm | None:
         neighbors=neighbors,
     )
     for index, each in enumerate(neighbors):
-        body.place_neighbor(index, each.model.home, [0.0] * len(each.shapes))
-    return body
+        commanded.place_neighbor(index, each.model.home, [0.0] * len(each.shapes))
+    return commanded
 
 
 def own_topic(config: SessionConfig, name: str) -> str:

@@ -141,7 +141,7 @@ def make_verbs(
     from cardan.gateway.arm.verbs import ArmVerbs, narrowed
     from cardan.gateway.kinematics.arm import ArmKinematics
 
-    table, body = config.arm, controller.body
+    table, body = config.arm, controller.commanded
     assert table is not None
     assert isinstance(body, JointSpaceArm)
     model = narrowed(own_model(config), robot.capabilities)

@@ -85,12 +85,12 @@ class Whole:
     def tcp(self, state: RobotState) -> Pose | None:
         """The measured TCP: the robot's own pose, or by the arm's model where that has a tool, or
         the robot reports joints alone."""
-        body, arm = self.controller.body, self.config.arm
+        commanded, arm = self.controller.commanded, self.config.arm
         # A verb may have changed the tool.
-        same_tool = body.tool == IDENTITY_POSE and (arm is None or arm.has_no_tool)
-        if isinstance(body, TaskSpaceArm) or (state.pose is not None and same_tool):
+        same_tool = commanded.tool == IDENTITY_POSE and (arm is None or arm.has_no_tool)
+        if isinstance(commanded, TaskSpaceArm) or (state.pose is not None and same_tool):
             return state.pose
-        return body.reported(state) if state.ready else None
+        return commanded.reported(state) if state.ready else None
 
 
 class Part:
@@ -141,19 +141,19 @@ class Figures(Part):
         controller = self.whole.controller
         if controller.phase not in IN_MOTION:
             return
-        body = controller.body
-        if not isinstance(body, TaskSpaceArm):
+        commanded = controller.commanded
+        if not isinstance(commanded, TaskSpaceArm):
             # An arm's model may have a tool that the robot's own pose does not know of.
             error_m = controller.reference.ahead_m
         elif state.pose is not None:
-            error_m = norm(subtract(body.pose.position, state.pose.position))
+            error_m = norm(subtract(commanded.pose.position, state.pose.position))
         else:
             return
         self._error_m = error_m
         self._square_sum_m2 += error_m * error_m
         self._moving_cycles += 1
         self._error_max_m = max(self._error_max_m, error_m)
-        self._path_m += norm(body.twist.linear) * controller.advanced_s
+        self._path_m += norm(commanded.twist.linear) * controller.advanced_s
         self._moving_s += state.period_s
 
     def tell(self, snapshot: Snapshot, now: Now) -> None:

@@ -99,7 +99,7 @@ def test_what_the_arm_refuses_ends_the_goal_with_the_reason(bench, verb, given, 
 
 
 def test_feedback_is_published_while_the_goal_moves_the_arm(bench):
-    pose = bench.world.verbs.body.pose
+    pose = bench.world.verbs.commanded.pose
     now = Instant(3_000_000_001, "base_link", pose, bench.world.state())
     assert not bench.server.running
     bench.server.report(now, 0)

@@ -35,7 +35,7 @@ class PublishedArm:
     def publish(self, state=None, pose="measured", now_s=None):
         world = self.world
         state = state or world.state()
-        pose = world.verbs.body.pose if pose == "measured" else pose
+        pose = world.verbs.commanded.pose if pose == "measured" else pose
         now_s = state.stamp_s + 0.001 if now_s is None else now_s
         self.topics.publish(state, pose, world.verbs.controller.status(), FLAGS, now_s, NOW_NS)
 
@@ -88,7 +88,7 @@ def test_joint_states_have_what_the_robot_reports(shown):
 
 def test_poses_and_transforms_fit_together(shown):
     shown.publish()
-    pose = shown.world.verbs.body.pose
+    pose = shown.world.verbs.commanded.pose
     message = shown.heard("/arm/state/pose")[-1]
     assert message["header"]["frame_id"] == "base_link"
     assert numbers(message["pose"]) == pytest.approx([*pose.position, *pose.orientation])

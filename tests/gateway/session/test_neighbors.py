@@ -147,7 +147,7 @@ class Between:
     """The true distance of two arms of one robot, by Coal."""
 
     def __init__(self, session):
-        self._bodies = session.core.body.neighbors[0]
+        self._bodies = session.core.commanded.neighbors[0]
         own = ArmKinematics(load_arm(session.config.arm.model))
         self._model = CollisionModel(own, movers=[self._bodies.shapes])
         self._pairs = [
@@ -239,7 +239,7 @@ def test_two_arms_that_are_driven_at_each_other_both_stop():
     for one in (left, right):
         assert one.core.phase is not Phase.DISARMED, one.message
         assert np.abs(one.q - moved[id(one)]).max() > 0.05
-        assert not one.core.body.moving
+        assert not one.core.commanded.moving
     assert SAFETY_M <= nearest < 0.12
 
 
@@ -255,12 +255,12 @@ def test_a_verb_through_a_neighbor_is_refused_before_it_begins(verb):
     session = known(neighbor={**FACING, "base_xyz_m": [1.2, 0.218, 0.0]})
     session.cycle(held=False)
     verbs = make_verbs(session.config, session.robot, session.core, None)
-    begin = session.core.body.pose
+    begin = session.core.commanded.pose
     goal = begin._replace(position=begin.position._replace(x=begin.position.x + 0.22))
     with pytest.raises(CollisionError, match=r"'s \w+, where that is now, after \d+%") as refused:
         VERBS_INWARD[verb](verbs, goal)
     assert any(name.startswith("right's ") for name in refused.value.pair)
-    assert not session.core.body.moving
+    assert not session.core.commanded.moving
 
     away = HOME + np.array((math.pi / 2.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     hear(session, away, 0.0)
@@ -271,7 +271,7 @@ def test_a_verb_through_a_neighbor_is_refused_before_it_begins(verb):
 def test_one_that_comes_moves_no_arm_at_rest_and_the_words_say_so():
     session = armed()
     between, before, comes = Between(session), session.q, load_arm("ur5").home
-    at = session.core.body.neighbors[0]
+    at = session.core.commanded.neighbors[0]
     arm, q = ArmKinematics(load_arm("ur5")), np.array(comes)
     for _ in range(500):
         arm.update(q)
@@ -342,7 +342,7 @@ def test_an_arm_that_moves_brakes_and_stays_until_it_is_armed_again(silence):
         SILENCES[silence](session, step)
         session.cycle(INWARD)
     assert session.core.phase is Phase.DISARMED
-    assert not session.core.body.moving
+    assert not session.core.commanded.moving
     assert session.core.trips == 1
     assert "the neighbor right" in session.message
     refused = sum(session.neighbors._watches[0].refused.values())
@@ -418,11 +418,11 @@ def test_both_servos_tell_how_far_a_neighbor_may_come(compiled, monkeypatch):
         monkeypatch.setattr(choice, "CompiledServo", unavailable)
     session = Session()
     session.cycle(held=False)
-    ways = [0.6 + 0.01 * each for each in range(len(session.core.body.neighbors[0].shapes))]
+    ways = [0.6 + 0.01 * each for each in range(len(session.core.commanded.neighbors[0].shapes))]
     session.core.place_neighbor(0, HOME, ways)
-    session.core.body.brake(PERIOD_S)
-    status = session.core.body.servo.status()
-    names = [each.name for each in session.core.body.neighbors[0].shapes]
+    session.core.commanded.brake(PERIOD_S)
+    status = session.core.commanded.servo.status()
+    names = [each.name for each in session.core.commanded.neighbors[0].shapes]
     assert status.compiled is compiled
     assert status.nearer_m == ways[names.index(status.nearest_pair[0])]
 
@@ -436,8 +436,8 @@ def test_a_record_places_the_neighbors_where_they_were():
     again = Session()
     REPEATED[name](again.core, text)
     for one in (session, again):
-        one.core.body.brake(PERIOD_S)
-    found = [one.core.body.servo.status().distance_m for one in (session, again)]
+        one.core.commanded.brake(PERIOD_S)
+    found = [one.core.commanded.servo.status().distance_m for one in (session, again)]
     assert found[0] == found[1]
 
 

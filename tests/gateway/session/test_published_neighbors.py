@@ -42,9 +42,9 @@ def test_the_arms_of_a_robot_that_are_driven_at_each_other_both_stop(robot, tmp_
     between, gap, way = Between(left), [], np.zeros(2)
     for step in range(STEPS):
         for number, (one, other) in enumerate(((left, right), (right, left))):
-            before = one.core.body.pose.position.y
+            before = one.core.commanded.pose.position.y
             one.cycle(INWARD[number] if step >= 10 else REST, held=step >= 5)
-            way[number] += one.core.body.pose.position.y - before
+            way[number] += one.core.commanded.pose.position.y - before
             # As a session publishes, every second cycle, over a network.
             if step % 2 == 0:
                 now_s = one.state.stamp_s
