@@ -106,7 +106,7 @@ class Recorded:
         described = {"versions": {}, "tables": self.tables}
         for topic, texts in (
             ("configuration", [(0.0, json.dumps(described))]),
-            ("engine", list(zip(self.stamps_s, self.texts, strict=True))),
+            ("controller_log", list(zip(self.stamps_s, self.texts, strict=True))),
         ):
             recorded = RecordedTopic(
                 f"{NODE}/{topic}", STRING, type_hash(STRING), topic == "configuration", (NODE,)
