@@ -555,7 +555,7 @@ WITH_S = (
 """What -ise is right after."""
 NOT_OURS = (
     ".cancelled()", "CancelledError", "aria-labelledby", '"centre_m"', '"centre_rpy_deg"',
-    '"device_centre_m"', '"neighbours"',
+    '"device_centre_m"', "mapping.device_centre_m", r"\.centre_m", '"neighbours"',
 )  # fmt: skip
 """Of asyncio, of HTML; and keys that are refused by their new names."""
 WRITTEN = (

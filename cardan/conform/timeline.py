@@ -122,7 +122,7 @@ class Numbered(Protocol):
 N = TypeVar("N", bound=Numbered)
 
 
-class Seen:
+class Traffic:
     """What the judges of any protocol look at: a timeline's phases. Of a protocol it is the base
     of what has the decoded messages."""
 

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import NamedTuple, TypeVar
 
 from cardan.conform.motoros_driver.scenario import port_of
-from cardan.conform.timeline import Event, Kind, Seen, Timeline, TimelinePhase
+from cardan.conform.timeline import Event, Kind, Timeline, TimelinePhase, Traffic
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import MessageType as T
 
@@ -109,7 +109,7 @@ class Link(NamedTuple):
         return port_of(self.channel)
 
 
-class DriverSeen(Seen):
+class DriverTraffic(Traffic):
     """The messages of a timeline in which we are the controller."""
 
     def __init__(self, timeline: Timeline) -> None:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, NoReturn
 
-from cardan.conform.timeline import Event, Kind, Seen, Timeline, UnaskedError
+from cardan.conform.timeline import Event, Kind, Timeline, Traffic, UnaskedError
 from cardan.protocols.ur import rtde
 from cardan.protocols.ur.dashboard import LineReader
 from cardan.protocols.ur.primary import (
@@ -143,7 +143,7 @@ class _Connection:
         self.stream_s = 0.0
 
 
-class UrSeen(Seen):
+class UrTraffic(Traffic):
     """The bytes of a timeline."""
 
     def __init__(self, timeline: Timeline) -> None:

@@ -505,7 +505,7 @@ def _read(reading: _Reading, path: str | os.PathLike[str], suite: Suite[Any]) ->
     for part in reading.parts:
         alone = _timeline([reading.events[n] for n in part.numbers], (*part.lacks, *of_all))
         alone.unsure = _unsure(alone)
-        found.clients.append(ClientTraffic(part.client, part.numbers, alone, suite.see(alone)))
+        found.clients.append(ClientTraffic(part.client, part.numbers, alone, suite.decode(alone)))
     return found
 
 

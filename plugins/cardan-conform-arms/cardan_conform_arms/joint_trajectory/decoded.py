@@ -9,7 +9,7 @@ from cardan.protocols.ros2.actions import CANCEL_TYPE, STATUS_TYPE, GoalStatus
 from cardan.protocols.ros2.cdr import Malformed, Message, decoded
 from cardan_conform_arms.joint_trajectory.names import CANCEL, FEEDBACK, GOAL, RESULT, STATUS, TYPE
 from cardan_conform_arms.joint_trajectory.scenario import apart
-from cardan_conform_arms.ros2_arm.decoded import RosArmSeen, State
+from cardan_conform_arms.ros2_arm.decoded import RosArmTraffic, State
 
 _REQUESTS = {
     GOAL: TYPE.send_goal.request,
@@ -72,7 +72,7 @@ class Goal:
         return f"{name} with error_code {self.code}"
 
 
-class TrajectorySeen(RosArmSeen):
+class TrajectoryTraffic(RosArmTraffic):
     """The goals of a timeline, beside the arm's states."""
 
     def __init__(self, timeline: Timeline) -> None:

@@ -39,7 +39,7 @@ class Asked(NamedTuple):
     ack: Said | None
 
 
-class Jr3Seen:
+class Jr3Traffic:
     """The frames of one node."""
 
     def __init__(self, timeline: Timeline, node_id: int) -> None:

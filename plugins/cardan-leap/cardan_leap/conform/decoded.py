@@ -24,7 +24,7 @@ class Frame(NamedTuple):
     value: TrackingFrame
 
 
-class LeapSeen:
+class LeapTraffic:
     """The messages of a timeline."""
 
     def __init__(self, timeline: Timeline) -> None:

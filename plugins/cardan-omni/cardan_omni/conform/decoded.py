@@ -45,7 +45,7 @@ class Tick(NamedTuple):
     errors: tuple[int, ...]
 
 
-class HdapiSeen:
+class HdapiTraffic:
     """The answers and ticks of a timeline."""
 
     def __init__(self, timeline: Timeline) -> None:

@@ -47,7 +47,7 @@ class Asked(NamedTuple):
         return self.answers[0].value if self.answers else None  # type: ignore[return-value]
 
 
-class SpnavSeen:
+class SpnavTraffic:
     """The records of a timeline."""
 
     def __init__(self, timeline: Timeline) -> None:

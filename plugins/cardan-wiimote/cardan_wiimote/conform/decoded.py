@@ -51,7 +51,7 @@ class Memory(NamedTuple):
         return b"".join(each.data for each in values if isinstance(each, ReadData))
 
 
-class WiimoteSeen:
+class WiimoteTraffic:
     """The reports of a timeline."""
 
     def __init__(self, timeline: Timeline) -> None:

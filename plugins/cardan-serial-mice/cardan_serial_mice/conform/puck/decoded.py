@@ -67,7 +67,7 @@ class PacketMeaning(ABC, Generic[V]):
         """Whether it may be the answer to a command."""
 
 
-class PuckSeen(Generic[V]):
+class PuckTraffic(Generic[V]):
     """The packets of a timeline."""
 
     def __init__(self, timeline: Timeline, meaning: PacketMeaning[V]) -> None:
