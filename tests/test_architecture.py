@@ -128,9 +128,11 @@ GONE = frozenset(
 )
 """Names of modules that the field has other words for: CHANGELOG.md has them."""
 GONE_WORDS = (
-    "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "EgmPilot", "ForceGuard",
-    "FreeBody", "HandPilot", "MapGlide", "MotorosPilot", "Outbox", "PlainBook", "Tongue", "UrPilot",
-    "VerbDesk", "leash_used", "leashed", "no_farewell_after_s", "owes_answer", "tongue",
+    "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "EgmPilot", "EgmSeen",
+    "EngineReport", "Felt", "FeltFigures", "FeltForce", "ForceGuard", "FreeBody", "HandPilot",
+    "JointStreamSeen", "MapGlide", "MotorosPilot", "MotorosSeen", "Outbox", "PlainBook", "Tongue",
+    "UrPilot", "UrSeen", "VerbDesk", "leash_used", "leashed", "no_farewell_after_s", "off_the_wire",
+    "owes_answer", "replay_engine", "tongue", "tried_with",
 )  # fmt: skip
 """Words of identifiers, likewise."""
 FREE_OF_CIRCLES = (

@@ -9,7 +9,7 @@ from typing import Any
 from cardan.common.arm_libraries import np
 from studies.haptics import theory
 from studies.haptics.far import STIFFNESS_N_M, Point
-from studies.haptics.faults import FAULT_S, LIMITS, Felt
+from studies.haptics.faults import FAULT_S, LIMITS, FaultResponse
 from studies.haptics.loop import TICK_S, Array, Trace
 from studies.haptics.remote import Link
 from studies.haptics.stability import (
@@ -41,7 +41,7 @@ THEORY = "black"
 PAIR = (400.0, Link(0.05))
 """Stiffness and link of the traces, held."""
 ROBOT_LAG_S = 0.004
-FELT = (
+FAULT_RESPONSES = (
     "command source dead",
     "NaN as position",
     "comm error",
@@ -62,7 +62,7 @@ def draw(
     channel: list[Compared],
     sampling: list[Compared],
     widths: list[Width],
-    felt: list[Felt],
+    felt: list[FaultResponse],
     far: list[Point],
 ) -> Iterator[Drawn]:
     """All pictures."""
@@ -280,10 +280,10 @@ def _zwidth(widths: list[Width]) -> Any:
     return figure
 
 
-def _faults(felt: list[Felt]) -> Any:
+def _faults(felt: list[FaultResponse]) -> Any:
     figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 3.4), layout="constrained")
     by_name = {one.fault.name: one for one in felt}
-    for name in FELT:
+    for name in FAULT_RESPONSES:
         trace = by_name[name].trace
         since_ms = 1e3 * (trace.times_s - FAULT_S)
         size = np.linalg.norm(trace.felt_n, axis=1)

@@ -141,8 +141,8 @@ class ArmController:
         self._trips = 0
         self._tripped_in_tick = False
         """Whether the present tick ended a motion of some source, or placed the arm."""
-        self._apart_reason = ""
-        """Why the command and its robot are APART, where they are."""
+        self._separation_reason = ""
+        """Why the command and its robot stay apart until re-armed, where they do."""
         self._recovered_way = NO_WAY
         """Length of recoveries since the last deliberate act."""
         self._inhibits: Mapping[Inhibit, str] = {}
@@ -192,9 +192,9 @@ class ArmController:
         return self.state.arming.armed
 
     @property
-    def apart(self) -> bool:
+    def waits_for_rearming(self) -> bool:
         """True while command and robot stay apart until a deliberate act."""
-        return self.state.separation.apart
+        return self.state.separation.until_rearmed
 
     @property
     def rejects(self) -> bool:
@@ -396,8 +396,8 @@ class ArmController:
             return inhibited
         if self.rejects:
             return f"{self.supervision.implausible}: the measured position is implausible"
-        if self.apart:
-            return self._apart_reason
+        if self.waits_for_rearming:
+            return self._separation_reason
         if self.recovering:
             return f"coming back to the arm, {self._trip_reason}"
         return ""
@@ -538,10 +538,10 @@ class ArmController:
             self._disarm()
             self._end_activity(reason)
         elif cause is Cause.HELD:
-            if self.apart or self.recovering:
+            if self.waits_for_rearming or self.recovering:
                 return
             self._trip(reason)
-            self._apart_reason = f"{reason}; recovery is switched off"
+            self._separation_reason = f"{reason}; recovery is switched off"
             self._on(Event.HELD)
         elif cause is Cause.ALARM and self._driven:
             self._trip(reason)
@@ -770,7 +770,7 @@ class ArmController:
 
     def _require_act(self, why: str) -> None:
         """Leave command and robot apart until a deliberate act; `why` ends the sentence."""
-        self._apart_reason = (
+        self._separation_reason = (
             "not resynchronized with the robot: "
             f"{self.supervision.error.in_words('away from')} {why}"
         )
@@ -863,7 +863,7 @@ class ArmController:
         self._rest_reference()
         if isinstance(activity, Recover):
             self._recovered_way = activity.went
-            if not (activity.near or self.apart or self.state.separation.left):
+            if not (activity.near or self.waits_for_rearming or self.state.separation.left):
                 self._require_act("still")
                 if self.state.arming.armed:
                     self._trip("the robot moves along while the reference approaches it")
@@ -873,7 +873,7 @@ class ArmController:
     def _command(self, robot: RobotState, dt_s: float, blind: bool = False) -> RobotCommand:
         commanded = self.commanded
         state, rejects = self.state, self.state.readings.rejected
-        stays = rejects or state.separation.apart
+        stays = rejects or state.separation.until_rearmed
         if not state.motion.commanded or (stays and not commanded.moving):
             commanded.halt()
             self._gate.reset()
@@ -922,10 +922,10 @@ class ArmController:
         if self.rejects:
             why = self.supervision.implausible
             return f"{why}; the measured position is implausible, the arm holds{act}"
-        if self.apart:
+        if self.waits_for_rearming:
             return (
-                f"{why}{self._apart_reason}: check what holds the arm and whether it is measured "
-                f"right, then {act.removeprefix(': ') or 'acknowledge it'}"
+                f"{why}{self._separation_reason}: check what holds the arm and whether it is "
+                f"measured right, then {act.removeprefix(': ') or 'acknowledge it'}"
             )
         if self.hand is None:
             return why.removesuffix("; ")

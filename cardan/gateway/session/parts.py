@@ -28,7 +28,7 @@ from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import ArmStatus, Phase
 from cardan.gateway.arm.vocab import Action
 from cardan.gateway.force.rendering import ForceRenderer
-from cardan.gateway.operator.feedback import Felt, HandFeedback
+from cardan.gateway.operator.feedback import ArmFeedback, HandFeedback
 from cardan.gateway.operator.filters import registry as filter_registry
 from cardan.gateway.operator.filters.base import TwistFilter
 from cardan.gateway.session.assembly import check_buttons, check_mode, has_output
@@ -344,10 +344,10 @@ class Feedback(Part):
     def after(self, cycle: Cycle, now_s: float) -> None:
         feedback = self._feedback
         if feedback.useful and feedback.due(now_s):
-            felt = felt_of(self.whole.controller.status())
+            arm_feedback = arm_feedback_of(self.whole.controller.status())
             if self.whole.network is not None:
-                felt = felt._replace(asked=self.whole.network.rumble(now_s))
-            self._send(feedback.update(felt, cycle.robot, now_s))
+                arm_feedback = arm_feedback._replace(asked=self.whole.network.rumble(now_s))
+            self._send(feedback.update(arm_feedback, cycle.robot, now_s))
 
     def tell(self, snapshot: Snapshot, now: Now) -> None:
         if self._lease.held:
@@ -505,11 +505,11 @@ class Supervisor(Part):
             self._gone("the process that started this session is gone")
 
 
-def felt_of(status: ArmStatus) -> Felt:
+def arm_feedback_of(status: ArmStatus) -> ArmFeedback:
     """The feedback to the operator for `status`."""
     asked = status.target.linear != ZERO3 or status.target.angular != ZERO3
     held = status.arm is not None and bool(status.arm.in_words())
-    return Felt(
+    return ArmFeedback(
         status.phase in (Phase.HOLDING, Phase.MOVING),
         status.trips,
         asked and (status.at_workspace_limit or held),
