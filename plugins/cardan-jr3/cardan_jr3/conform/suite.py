@@ -48,7 +48,7 @@ class Jr3(Suite[Jr3Traffic]):
     def __init__(self) -> None:
         self._node_id = TEO_NODE_IDS["right-hand"]
 
-    def see(self, timeline: Timeline) -> Jr3Traffic:
+    def decode(self, timeline: Timeline) -> Jr3Traffic:
         return Jr3Traffic(timeline, self._node_id)
 
     def scenario(self, level: Level, seconds: float) -> Jr3Scenario:

@@ -44,7 +44,7 @@ class Leap(Suite[LeapTraffic]):
         "new-ids": 1.0,
     }
 
-    def see(self, timeline: Timeline) -> LeapTraffic:
+    def decode(self, timeline: Timeline) -> LeapTraffic:
         return LeapTraffic(timeline)
 
     def scenario(self, level: Level, seconds: float) -> LeapScenario:

@@ -37,7 +37,7 @@ class Hdapi(Suite[HdapiTraffic]):
     # Longer than a gap may be; more than ticks may be early and late.
     fault_test_values: ClassVar[Mapping[str, float]] = {"late-tick": 20.0, "jitter": 1000.0}
 
-    def see(self, timeline: Timeline) -> HdapiTraffic:
+    def decode(self, timeline: Timeline) -> HdapiTraffic:
         return HdapiTraffic(timeline)
 
     def scenario(self, level: Level, seconds: float) -> HdapiScenario:

@@ -37,7 +37,7 @@ class SpnavDaemon(Suite[SpnavTraffic]):
         "replug-untold": Level.BY_HAND,
     }
 
-    def see(self, timeline: Timeline) -> SpnavTraffic:
+    def decode(self, timeline: Timeline) -> SpnavTraffic:
         return SpnavTraffic(timeline)
 
     def scenario(self, level: Level, seconds: float) -> SpnavScenario:

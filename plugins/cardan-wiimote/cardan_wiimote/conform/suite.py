@@ -41,7 +41,7 @@ class Wiimote(Suite[WiimoteTraffic]):
         "stolen-mode": 1.2,
     }
 
-    def see(self, timeline: Timeline) -> WiimoteTraffic:
+    def decode(self, timeline: Timeline) -> WiimoteTraffic:
         return WiimoteTraffic(timeline)
 
     def scenario(self, level: Level, seconds: float) -> WiimoteScenario:

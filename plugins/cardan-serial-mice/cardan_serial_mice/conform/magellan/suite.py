@@ -38,7 +38,7 @@ class Magellan(Suite[MagellanTraffic]):
         "overrange": 1.5,
     }
 
-    def see(self, timeline: Timeline) -> MagellanTraffic:
+    def decode(self, timeline: Timeline) -> MagellanTraffic:
         return MagellanTraffic(timeline, MagellanMeaning())
 
     def scenario(self, level: Level, seconds: float) -> MagellanScenario:

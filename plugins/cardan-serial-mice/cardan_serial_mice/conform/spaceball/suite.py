@@ -34,7 +34,7 @@ class Spaceball(Suite[BallTraffic]):
     # While it is held deflected; more than the range has over.
     fault_test_values: ClassVar[Mapping[str, float]] = {"power-loss": 4.5, "overrange": 1.5}
 
-    def see(self, timeline: Timeline) -> BallTraffic:
+    def decode(self, timeline: Timeline) -> BallTraffic:
         return BallTraffic(timeline, SpaceballMeaning())
 
     def scenario(self, level: Level, seconds: float) -> SpaceballScenario:

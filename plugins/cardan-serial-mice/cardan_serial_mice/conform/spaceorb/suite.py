@@ -34,7 +34,7 @@ class SpaceOrb(Suite[OrbTraffic]):
     # When it has started.
     fault_test_values: ClassVar[Mapping[str, float]] = {"power-loss": 5.5}
 
-    def see(self, timeline: Timeline) -> OrbTraffic:
+    def decode(self, timeline: Timeline) -> OrbTraffic:
         return OrbTraffic(timeline, SpaceOrbMeaning())
 
     def scenario(self, level: Level, seconds: float) -> SpaceOrbScenario:
