@@ -58,7 +58,7 @@ def _asks() -> Iterator[bytes]:
     for ask in _ASKS:
         yield control.encode_ask(ask)
     for kind in ("result", "error", "event"):
-        yield control.encode_told(control.Told(1, kind, [{"name": "gofa"}, "text"]))
+        yield control.encode_told(control.Response(1, kind, [{"name": "gofa"}, "text"]))
 
 
 def _control(data: bytes) -> object:
@@ -101,7 +101,7 @@ class _Program:
         self.gone: list[Callable[[], None]] = []
         self.open, self.since_s = True, time.monotonic()
 
-    def tell(self, *told: control.Told) -> None:
+    def tell(self, *told: control.Response) -> None:
         """As the server's own: what cannot be encoded would end the daemon."""
         for each in told:
             assert each.kind != "error" or "a fault" not in each.value, each.value
