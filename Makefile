@@ -30,20 +30,20 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: help demo page lock test test-matrix test-kernel test-systemd device-table fault-table \
 	fault-table-processes fault-table-network flood-table hold-table console-pictures arm-tables docs-tables \
 	docs-pictures docs-evaluation demo-picture docs release lint types check bench bench-motoros bench-thesis bench-haptics bench-network \
-	bench-console bench-sessions bench-kilohertz bench-remote bench-peers bench-servo fuzz soak test-pythons test-neighbours \
+	bench-console bench-sessions bench-kilohertz bench-remote bench-peers bench-servo fuzz soak test-pythons test-neighbors \
 	test-lerobot dist clean
 
 help:
 	@echo "make demo    run a demo against simulated peers, DEMO_ROBOT=$(DEMO_ROBOT) ($(DEMO_SECONDS) s)"
 	@echo "make test    the tests of every change: what computes, and one of each mechanism that is real"
-	@echo "make test-matrix  all the others, and all demos, part by part: MATRIX=\"tests studies plugins browser docs demos pythons mutants neighbours kernel lerobot\""
+	@echo "make test-matrix  all the others, and all demos, part by part: MATRIX=\"tests studies plugins browser docs demos pythons mutants neighbors kernel lerobot\""
 	@echo "make page    the console's page, where the one that is there is not of these sources"
 	@echo "make lock    the versions that make installs, in locks/ (NEWEST=1: the newest of everything)"
 	@echo "make test-kernel  the drivers against the real Linux kernel, in a virtual machine"
 	@echo "make test-systemd  the service under systemd, which is reloaded, killed and stopped, in that machine"
 	@echo "make check   lint, types and make test (also make lint, make types)"
 	@echo "make test-pythons  what computes under the oldest and the newest Python"
-	@echo "make test-neighbours  the lowest and the newest of what pyproject.toml allows, and beside packages of other projects"
+	@echo "make test-neighbors  the lowest and the newest of what pyproject.toml allows, and beside packages of other projects"
 	@echo "make test-lerobot  the plug-ins and data sets against LeRobot, in an environment of its own"
 	@echo "make fuzz    10^7 damaged inputs for everything that reads foreign bytes (FUZZ_INPUTS=$(FUZZ_INPUTS))"
 	@echo "make device-table  the times to neutral in docs/devices.md, from the test that measures them"
@@ -258,8 +258,8 @@ soak: $(VENV)/.cardan-dev
 test-pythons:
 	tools/test-pythons 3.10 3.13
 
-test-neighbours: $(VENV)/.cardan
-	tools/test-neighbours "$(VENV)" 3.10 3.13
+test-neighbors: $(VENV)/.cardan
+	tools/test-neighbors "$(VENV)" 3.10 3.13
 
 # Gigabytes where pip finds no PyTorch for processors alone; said aloud where it cannot be installed.
 test-lerobot: $(VENV)/.cardan

@@ -111,7 +111,7 @@ def configuration(mouse: str, drive: str = "dynamic") -> SessionConfig:
 
 def pairs(config: SessionConfig) -> int:
     """Pairs of bodies that the session's servo keeps apart."""
-    body: Any = make_controller(config, make_robot(config)).body
+    body: Any = make_controller(config, make_robot(config)).commanded
     return len(body.servo.collision.pairs)
 
 

@@ -5,7 +5,7 @@
 The arms are eleven of the wheel example-robot-data, with the shapes that are fitted to their
 meshes and the pairs of these that are kept apart. Both are timed in C or C++, call upon call and in
 turns within one run, on the same goals: a TCP that wanders at 0.1 m/s. Both keep the limits of
-speed, acceleration and range, and have a row in their programme for each pair that could come too
+speed, acceleration and range, and have a row in their program for each pair that could come too
 near. The peer (bench/native/pinocchio_daqp.cpp) has Coal's distances of the same shapes: they are
 compared before, and its arm has to follow the goal. Cardan's kernel finds the smallest singular
 value and the speed along the path besides. "From Python" is its tick as a session calls it.
@@ -59,7 +59,7 @@ class Found(NamedTuple):
     joints: int
     pairs: int
     rows: int
-    """Most in a programme of the peer."""
+    """Most in a program of the peer."""
     python: tuple[float, float]
     kernel: tuple[float, float]
     peer: tuple[float, float]

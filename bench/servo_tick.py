@@ -4,7 +4,7 @@
 
 All are measured in turns within one run, each call alone, on the same goals: a TCP that wanders at
 0.1 m/s. Cardan's tick is whole: forward kinematics, Jacobian, singular value, limits of speed,
-acceleration and range, the distances of 35 pairs, and the quadratic programme. The others do less:
+acceleration and range, the distances of 35 pairs, and the quadratic program. The others do less:
 the plain step scales and clips, pink has limits but no distances, KDL has neither.
 
 What says "in C" is timed in there, as who writes C++ would call it (bench/native): Cardan's kernel
@@ -90,7 +90,7 @@ def _timed(step: Step) -> Timed:
 
 
 def _cardan(kind: type[AnyServo], name: str, rows: int, pairs: int = PAIRS) -> AnyServo:
-    """Cardan's servo with at least `rows` closing pairs in every programme."""
+    """Cardan's servo with at least `rows` closing pairs in every program."""
     arm = kinematics(name)
     collision = shorten(CollisionModel(arm, surroundings()), pairs)
     home = np.array(arm.arm.home)
@@ -251,7 +251,7 @@ def _ticks(arm: str, joints: int) -> Figures:
     for why in missing:
         print(f"not measured: {why}")
     most = max(servo.status().iterations for servo in compiled.values())
-    print(f"most iterations of the programmes of one tick: {most}")
+    print(f"most iterations of the programs of one tick: {most}")
     return {name: (_figures(tight[name]), _figures(paced[name])) for name in steps}
 
 

@@ -1,6 +1,6 @@
 """Value types that modules share.
 
-Every value is immutable, in SI units (metres, radians, seconds, newtons), and carries the frame
+Every value is immutable, in SI units (meters, radians, seconds, newtons), and carries the frame
 it is expressed in and, where it is a reading or a command, the local monotonic time it belongs to.
 
 They are named tuples because one is made in every control cycle: a frozen dataclass of the same
@@ -28,7 +28,7 @@ class Frame(enum.Enum):
     BASE = "base"
     """The frame the robot reports its poses in: its base, or the active work object (ABB)."""
     TOOL = "tool"
-    """The tool centre point (TCP), moving with the robot."""
+    """The tool center point (TCP), moving with the robot."""
     MIXED = "mixed"
     """Of twists only: linear along the base's axes, angular along the tool's."""
 

@@ -41,14 +41,14 @@ function packages(inputs) {
 }
 
 /** Of all that the page contains. A package without a file of its own has it in its description. */
-async function licences(names) {
+async function licenses(names) {
   const all = [];
   for (const name of names) {
     const folder = join(here, "node_modules", name);
     const own = await readFile(join(folder, "LICENSE"), "utf8").catch(async () => {
       const readme = await readFile(join(folder, "README.md"), "utf8");
       const at = readme.indexOf("# LICENSE");
-      if (at < 0) throw new Error(`${name}: its licence is not found`);
+      if (at < 0) throw new Error(`${name}: its license is not found`);
       return readme.slice(at);
     });
     all.push(`${name}\n\n${own.trim()}\n`);
@@ -82,9 +82,9 @@ const bundle = await build({
 });
 
 const page = new Map(bundle.outputFiles.map((each) => [relative(folder, each.path), each.contents]));
-// Notices in the sources are fewer than the licences themselves, which licences.txt has.
+// Notices in the sources are fewer than the licenses themselves, which licenses.txt has.
 for (const name of [...page.keys()].filter((each) => each.endsWith(".LEGAL.txt"))) page.delete(name);
-page.set("licences.txt", Buffer.from(await licences(packages(Object.keys(bundle.metafile.inputs)))));
+page.set("licenses.txt", Buffer.from(await licenses(packages(Object.keys(bundle.metafile.inputs)))));
 for (const path of await files(join(here, "src", "static"))) {
   page.set(relative(join(here, "src", "static"), path), await readFile(path));
 }

@@ -31,7 +31,7 @@ def velocity(times_s: Array, values: Array) -> Array:
 
 
 def _parabola(scores: Array, best: int) -> float:
-    """Offset of the extremum from `best`, in samples, by the parabola through its neighbours."""
+    """Offset of the extremum from `best`, in samples, by the parabola through its neighbors."""
     if not 0 < best < len(scores) - 1:
         return 0.0
     left, middle, right = scores[best - 1 : best + 2]

@@ -169,7 +169,7 @@ class Chain:
     def between(self, start_s: float, end_s: float) -> list[Sample]:
         return [s for s in self.samples if start_s <= s.time_s < end_s]
 
-    def travelled_m(self, start_s: float, end_s: float) -> float:
+    def traveled_m(self, start_s: float, end_s: float) -> float:
         """Distance between where the TCP was at both times."""
         there = self.between(start_s, end_s)
         return norm(subtract(there[-1].position, there[0].position))

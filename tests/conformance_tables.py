@@ -45,17 +45,17 @@ def tried(suite_name: str) -> tuple[Tried, ...]:
     switches = {each.name: each for each in suite.switches()}
     found = []
     for switch in switches.values():
-        faults = {switch.name: suite.tried_with.get(switch.name, switch.default)}
+        faults = {switch.name: suite.fault_test_values.get(switch.name, switch.default)}
         if switch.after:
             first = switches[switch.after]
-            faults[first.name] = suite.tried_with.get(first.name, first.default)
+            faults[first.name] = suite.fault_test_values.get(first.name, first.default)
         # Most are caught while it is held, and that takes less time.
         levels = (Level.HOLD, Level.MOVE)
         for level in [suite.tried_on[switch.name]] if switch.name in suite.tried_on else levels:
             caught = simulated(suite, level, faults)[0].failed
             if caught:
                 break
-        why_not = suite.off_the_wire.get(switch.name, "")
+        why_not = suite.undetectable_faults.get(switch.name, "")
         found.append(Tried(switch.name, faults[switch.name], switch.help, caught, why_not))
     return tuple(found)
 

@@ -39,7 +39,7 @@ FINER = 2
 """Drawn so much larger, then made smaller: lines without steps."""
 
 SHADES = (1.0, 0.75, 0.5, 0.25, 0.0)
-"""Of each colour on paper, for the edges: areas of few colours make a small file without losses."""
+"""Of each color on paper, for the edges: areas of few colors make a small file without losses."""
 
 SHORTEST_MM = 300.0
 """The path of the TCP is longer in every demo whose hand was seen at rest first."""
@@ -49,7 +49,7 @@ PHASES = {"moving": "#0d9488", "holding": "#2563eb"}
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 SCALE = 250.0
-"""Pixels a metre."""
+"""Pixels a meter."""
 ORIGIN = (390.0, 298.0)
 """Where the base of the arm stands."""
 TURN = math.radians(-28.0)
@@ -156,29 +156,29 @@ class Drawing:
             ORIGIN[1] - SCALE * (z * math.cos(TILT) + away * math.sin(TILT)),
         )
 
-    def _line(self, points: Sequence[tuple[float, float]], colour: str, width: float) -> None:
+    def _line(self, points: Sequence[tuple[float, float]], color: str, width: float) -> None:
         finer = [(FINER * x, FINER * y) for x, y in points]
-        self._draw.line(finer, fill=colour, width=round(FINER * width), joint="curve")
+        self._draw.line(finer, fill=color, width=round(FINER * width), joint="curve")
 
-    def _dot(self, at: tuple[float, float], radius: float, colour: str) -> None:
+    def _dot(self, at: tuple[float, float], radius: float, color: str) -> None:
         x, y, r = FINER * at[0], FINER * at[1], FINER * radius
-        self._draw.ellipse((x - r, y - r, x + r, y + r), fill=colour)
+        self._draw.ellipse((x - r, y - r, x + r, y + r), fill=color)
 
-    def _write(self, x: float, y: float, text: str, size: int, colour: str) -> None:
+    def _write(self, x: float, y: float, text: str, size: int, color: str) -> None:
         font = ImageFont.load_default(FINER * size)
-        self._draw.text((FINER * x, FINER * y), text, fill=colour, font=font)
+        self._draw.text((FINER * x, FINER * y), text, fill=color, font=font)
 
 
 def alike(frames: Sequence[Image.Image]) -> list[Image.Image]:
-    """The pictures in the same few colours."""
+    """The pictures in the same few colors."""
     palette, plain = Image.new("P", (1, 1)), Image.Dither.NONE
     paper = ImageColor.getrgb(PAPER)
     palette.putpalette(
         [
             round(share * one + (1.0 - share) * other)
-            for colour in (INK, FAINT, ARM, JOINT, PATH, HAND, PHASES["holding"])
+            for color in (INK, FAINT, ARM, JOINT, PATH, HAND, PHASES["holding"])
             for share in SHADES
-            for one, other in zip(ImageColor.getrgb(colour), paper, strict=False)
+            for one, other in zip(ImageColor.getrgb(color), paper, strict=False)
         ]
     )
     return [each.quantize(palette=palette, dither=plain).convert("RGB") for each in frames]

@@ -91,7 +91,7 @@ RUN = {
     r"cardan robots (add|show)": "tests/test_robots_command.py",
     r"cardan net record --repair": f"{RECORDS}::test_a_record_that_was_cut_off_is_repaired",
     r"cardan net record": f"{RECORDS}::test_a_record_is_ended_by_ctrl_c",
-    r"cardan net replay --engine": f"{RECORDS}::test_the_engine_is_replayed_in_another_process",
+    r"cardan net replay --verify": f"{RECORDS}::test_a_record_is_verified_in_another_process",
     r"cardan net replay": "tests/recording/test_replay.py::test_topics_can_be_chosen",
     r"cardan net export": "plugins/cardan-learning/tests/test_learning_export.py::test_as_a_program",
     r"cardan net plot": "tests/recording/test_plot.py::test_a_picture",

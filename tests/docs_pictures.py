@@ -1,7 +1,7 @@
 """Makes the pictures of the console's page in docs/images anew, as the acceptance test takes them
 (make docs-pictures).
 
-They are as a person sees the page, with fewer colours, so that each is small.
+They are as a person sees the page, with fewer colors, so that each is small.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tests.acceptance.console import use_console
 from tests.console.browser import find_chromium
 
 FOLDER = Path(__file__).parents[1] / "docs/images"
-COLOURS = 128
+COLORS = 128
 SECONDS = 40.0
 
 
@@ -32,7 +32,7 @@ def main() -> None:
         for path in sorted(Path(folder).glob("console-*.png")):
             with Image.open(path) as picture:
                 plain = picture.convert("RGB").quantize(
-                    COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
+                    COLORS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
                 )
             plain.save(FOLDER / path.name, optimize=True)
             print(f"{FOLDER.name}/{path.name}: {(FOLDER / path.name).stat().st_size} bytes")

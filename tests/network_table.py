@@ -1,6 +1,6 @@
 """Every topic, service and action of a session, and who has judged it on which transport.
 
-The rows are what a session puts on its node. A judgement is a mark of a test, ``shown_on``; the
+The rows are what a session puts on its node. A judgment is a mark of a test, ``shown_on``; the
 table of docs/judged.md, which is made of both, says no more and no less.
 The site has it (site_tables).
 """
@@ -39,7 +39,7 @@ class Row(NamedTuple):
     type_name: str
 
 
-class Shown(NamedTuple):
+class Coverage(NamedTuple):
     """What a test shows on a transport."""
 
     transport: str
@@ -134,7 +134,7 @@ def _order(name: str) -> tuple[int, str]:
     return ("~", "/").index(name[0]) if name[0] in "~/" else 2, name
 
 
-def shown() -> set[Shown]:
+def shown() -> set[Coverage]:
     """What every mark says, whether its test can run here or not."""
     found = set()
     for path in (*TESTS.rglob("*.py"), *PLUGINS.glob("*/tests/*.py")):
@@ -148,11 +148,11 @@ def shown() -> set[Shown]:
                 and node.func.attr == "shown_on"
             ):
                 words = {word.arg: ast.literal_eval(word.value) for word in node.keywords}
-                found.add(Shown(**words))
+                found.add(Coverage(**words))
     return found
 
 
-def checked(marks: Collection[Shown], among: Collection[Row]) -> None:
+def checked(marks: Collection[Coverage], among: Collection[Row]) -> None:
     """Raise ValueError where a mark names what there is not."""
     names = {row.name for row in among}
     for mark in marks:

@@ -153,8 +153,8 @@ def distances(name, count, seed=0, per_scene=100):
     return Distances(checked, farther, nearer, steep)
 
 
-class Programme(NamedTuple):
-    """A programme of a tick: min ½x'Hx + f'x, low <= x <= high, A x >= least softly."""
+class Program(NamedTuple):
+    """A program of a tick: min ½x'Hx + f'x, low <= x <= high, A x >= least softly."""
 
     hessian: np.ndarray
     linear: np.ndarray
@@ -184,7 +184,7 @@ class Programme(NamedTuple):
 
     def by_kernel(self):
         """Solution, multipliers, iterations and flag of the kernel."""
-        library, given = kernel_library(), layout.CProgramme()
+        library, given = kernel_library(), layout.CProgram()
         n, rows = len(self.linear), len(self.rows)
         given.unknowns, given.rows = n, rows
         for i in range(n):
@@ -195,9 +195,9 @@ class Programme(NamedTuple):
             given.row[r][:n] = self.rows[r].tolist()
             given.row_name[r] = r
         given.least[:rows] = self.least.tolist()
-        flag = library.kernel_programme(ctypes.byref(given))
-        again = layout.CProgramme.from_buffer_copy(given)
-        warm = library.kernel_programme(ctypes.byref(again))
+        flag = library.kernel_program(ctypes.byref(given))
+        again = layout.CProgram.from_buffer_copy(given)
+        warm = library.kernel_program(ctypes.byref(again))
         x = np.array(given.x[:n])
         return x, np.array(given.multiplier[: n + rows]), given.iterations, flag, again, warm
 
@@ -257,7 +257,7 @@ class Programme(NamedTuple):
         return max(wrong)
 
 
-def random_programme(generator, degenerate=False):
+def random_program(generator, degenerate=False):
     """As a tick makes them: a task of six directions with damping, and the speed along a path."""
     n = int(generator.integers(1, layout.MAX_JOINTS + 1))
     task = np.zeros((6, n + 1))
@@ -284,11 +284,11 @@ def random_programme(generator, degenerate=False):
         rows[3] = generator.choice((0.0, 1e-17), n + 1)
     if degenerate:
         low[0] = high[0] = middle[0]
-    return Programme(hessian, linear, low, high, rows, least)
+    return Program(hessian, linear, low, high, rows, least)
 
 
-class Programmes(NamedTuple):
-    """What was found about programmes."""
+class Programs(NamedTuple):
+    """What was found about programs."""
 
     solved: int
     daqp: float
@@ -306,33 +306,33 @@ class Programmes(NamedTuple):
     iterations: int
 
 
-def programmes(count, seed=0, degenerate=False):
-    """Random programmes against daqp and quadprog."""
+def programs(count, seed=0, degenerate=False):
+    """Random programs against daqp and quadprog."""
     generator = np.random.default_rng(seed)
     off, other, residual, warm_off, most, better = 0.0, 0.0, 0.0, 0.0, 0, 0
     refused, better_than = 0, 0
     for _ in range(count):
-        programme = random_programme(generator, degenerate)
-        x, multiplier, iterations, flag, again, warm = programme.by_kernel()
-        assert flag == warm == 0, programme
-        y, told = programme.by_daqp()
+        program = random_program(generator, degenerate)
+        x, multiplier, iterations, flag, again, warm = program.by_kernel()
+        assert flag == warm == 0, program
+        y, told = program.by_daqp()
         most = max(most, iterations)
         warm_off = max(warm_off, np.abs(np.array(again.x[: len(x)]) - x).max())
-        residual = max(residual, programme.residual(x, multiplier))
+        residual = max(residual, program.residual(x, multiplier))
         apart = np.abs(x - y).max() if told > 0 else math.inf
-        if apart > 1e-8 and (told < 1 or programme.no_worse(x, y)):
+        if apart > 1e-8 and (told < 1 or program.no_worse(x, y)):
             better += 1
         else:
             off = max(off, apart)
         if not degenerate:
-            z = programme.by_quadprog()
+            z = program.by_quadprog()
             if z is None:
                 refused += 1
-            elif np.abs(x - z).max() > 1e-8 and programme.no_worse(x, z):
+            elif np.abs(x - z).max() > 1e-8 and program.no_worse(x, z):
                 better_than += 1
             else:
                 other = max(other, np.abs(x - z).max())
-    return Programmes(count, off, better, other, refused, better_than, residual, warm_off, most)
+    return Programs(count, off, better, other, refused, better_than, residual, warm_off, most)
 
 
 class Ticks(NamedTuple):
@@ -342,7 +342,7 @@ class Ticks(NamedTuple):
     velocity: float
     """Largest difference of a joint velocity, of ticks that do not cost less."""
     better: int
-    """So many ticks differ by more than SAME_TICK; their programme costs no more."""
+    """So many ticks differ by more than SAME_TICK; their program costs no more."""
     ambiguous: int
     """So many had a pair that overlaps so deeply that the way out of it is not unique."""
     worse: int
@@ -360,12 +360,12 @@ class FinestDaqp:
     for satisfied what is violated by 1e-6."""
 
     last = ()
-    """The programme that was solved last."""
+    """The program that was solved last."""
 
     @classmethod
-    def solve(cls, *programme):
-        cls.last = tuple(part.copy() for part in programme)
-        return daqp.solve(*programme, primal_tol=1e-12, dual_tol=1e-14, iter_limit=10000)
+    def solve(cls, *program):
+        cls.last = tuple(part.copy() for part in program)
+        return daqp.solve(*program, primal_tol=1e-12, dual_tol=1e-14, iter_limit=10000)
 
 
 def pair_of_servos(name, generator, obstacles=True, **options):
@@ -431,7 +431,7 @@ def _ticks(name, count, seed, per_scene):
             off = max(off, apart)
             one, two = python.status(), compiled.status()
             if one.failures > failed:
-                continue  # Both braked: nothing else is of the programme.
+                continue  # Both braked: nothing else is of the program.
             numbers = [(a, b) for a, b in zip(one, two, strict=True) if isinstance(a, float)]
             differs = max(
                 abs(python.path_speed - compiled.path_speed),
@@ -458,17 +458,17 @@ def rows_agree(python, compiled, q):
 
 
 def tick_is_no_worse(python, compiled):
-    """Whether the compiled servo's velocities cost no more by the programme of the other."""
+    """Whether the compiled servo's velocities cost no more by the program of the other."""
     n = python.joints
     normal, linear, rows, highest, lowest, _ = FinestDaqp.last
     unknowns = len(linear)
     low, high = lowest[:unknowns], highest[:unknowns]
-    programme = Programme(normal, linear, low, high, rows, lowest[unknowns:])
-    speed = programme.by_kernel()[0]
+    program = Program(normal, linear, low, high, rows, lowest[unknowns:])
+    speed = program.by_kernel()[0]
     speed[:n] = compiled.v
-    theirs = programme.by_daqp()[0]
+    theirs = program.by_daqp()[0]
     theirs[:n] = python.v
-    return programme.no_worse(speed, theirs)
+    return program.no_worse(speed, theirs)
 
 
 def main() -> None:
@@ -493,7 +493,7 @@ def main() -> None:
             f"{name}: {time.monotonic() - begin:.0f} s, {where}, {apart}, {moved}", file=sys.stderr
         )
     for degenerate in (False, True):
-        print(programmes(total, degenerate=degenerate), flush=True)
+        print(programs(total, degenerate=degenerate), flush=True)
 
 
 if __name__ == "__main__":

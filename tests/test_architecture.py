@@ -128,9 +128,11 @@ GONE = frozenset(
 )
 """Names of modules that the field has other words for: CHANGELOG.md has them."""
 GONE_WORDS = (
-    "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "EgmPilot", "ForceGuard",
-    "FreeBody", "HandPilot", "MapGlide", "MotorosPilot", "Outbox", "PlainBook", "Tongue", "UrPilot",
-    "VerbDesk", "leash_used", "leashed", "no_farewell_after_s", "owes_answer", "tongue",
+    "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "EgmPilot", "EgmSeen",
+    "EngineReport", "Felt", "FeltFigures", "FeltForce", "ForceGuard", "FreeBody", "HandPilot",
+    "JointStreamSeen", "MapGlide", "MotorosPilot", "MotorosSeen", "Outbox", "PlainBook", "Tongue",
+    "UrPilot", "UrSeen", "VerbDesk", "leash_used", "leashed", "no_farewell_after_s", "off_the_wire",
+    "owes_answer", "replay_engine", "tongue", "tried_with",
 )  # fmt: skip
 """Words of identifiers, likewise."""
 FREE_OF_CIRCLES = (
@@ -158,13 +160,13 @@ ARM_MODEL = (
     "cardan.gateway.arm.motions.",
     "cardan.gateway.arm.joint_space_arm",
     "cardan.gateway.arm.device",
-    "cardan.gateway.arm.neighbours",
+    "cardan.gateway.arm.neighbors",
     "cardan.gateway.arm.options",
     "cardan.gateway.arm.planner",
     "cardan.gateway.arm.plans",
     "cardan.gateway.arm.streams",
     "cardan.gateway.arm.verbs",
-    "cardan.gateway.bus.neighbours",
+    "cardan.gateway.bus.neighbors",
     "cardan.gateway.kinematics.",
     "cardan.gateway.motion.paths",
     "cardan.gateway.motion.trajectory",
@@ -520,8 +522,6 @@ SENTENCES = {
     "a client, a sender, an operator": r"(?<![A-Za-z])[Ww]hoever\b",
     "likewise: no sentence begins with Who": r"(?:\"\"\"|\. |# )Who (?!may\b)[a-z]+ ",
     "reports, gets, learns": r"\b(?:is|are|was|were|be|been) told of\b",
-    "-ize": r"(?i)(?:initial|minim|normal|optim|quant|recogn|regular|synchron)"
-    r"is(?:e[ds]?|ing|ations?)(?![a-z])",
 }
 """What is to be said instead of what a pattern finds."""
 
@@ -536,6 +536,68 @@ def test_sentences_are_as_the_field_says_them(instead):
         for number, line in enumerate(text.splitlines(), 1)
         if pattern.search(line)
     ]
+    assert found == []
+
+
+BRITISH = (
+    "acknowledgement", "amongst", "analys(?:e[ds]?|ing)(?![a-z])", "analogue", "anticlockwise",
+    "armour", "artefact", "behaviour", "cancell(?:ed|ing)", "catalogue", "centre", "centring",
+    "colour", "defence", "dialogue", "endeavour", "favour", "fibre", "flavour", "grey", "harbour",
+    "honour", "judgement", "labell(?:ed|ing)", "learnt", "levell(?:ed|ing)", "licence",
+    "litres?(?![a-z])", "manoeuvre", "metres?(?![a-z])", "modell(?:ed|ing)", "neighbour", "offence",
+    "programme(?![dr])", "rigour", "signall(?:ed|ing)", "spelt", "travell(?:ed|ing|er)", "whilst",
+)  # fmt: skip
+"""Patterns of spellings, in small letters."""
+ISE = re.compile("is(?:e[ds]?|ing|ations?)(?![a-z])")
+WITH_S = (
+    "adv", "advert", "compr", "comprom", "conc", "cru", "dev", "disgu", "enterpr", "exerc",
+    "expert", "improv", "no", "pra", "prec", "prem", "prom", "ra", "rev", "r", "superv", "surpr",
+    "w",
+)  # fmt: skip
+"""What -ise is right after."""
+NOT_OURS = (
+    ".cancelled()", "CancelledError", "aria-labelledby", '"centre_m"', '"centre_rpy_deg"',
+    '"device_centre_m"', "mapping.device_centre_m", r"\.centre_m", '"neighbours"',
+)  # fmt: skip
+"""Of asyncio, of HTML; and keys that are refused by their new names."""
+WRITTEN = (
+    "", ".c", ".cpp", ".css", ".h", ".html", ".md", ".mjs", ".py", ".sh", ".svg", ".toml", ".ts",
+    ".urdf",
+)  # fmt: skip
+SPELLED = (
+    "*", "bench/**/*", "cardan/**/*", "console/src/**/*", "console/test/**/*", "docs/**/*",
+    "examples/**/*", "findings/**/*", "fuzz/**/*", "plugins/**/*", "studies/**/*", "tests/**/*",
+    "tools/**/*",
+)  # fmt: skip
+
+
+def british(text):
+    """British spellings in a text, each with its line; of -ise the end alone."""
+    for name in NOT_OURS:
+        text = text.replace(name, "")
+    small = text.lower()
+    found = [each for word in BRITISH for each in re.finditer(word, small)]
+    for each in ISE.finditer(small):
+        before = small[max(each.start() - 12, 0) : each.start()]
+        if re.search("[a-z]{3}$", before) and not before.endswith(WITH_S):
+            found.append(each)
+    return [(small.count("\n", 0, each.start()) + 1, each[0]) for each in found]
+
+
+@pytest.mark.parametrize("files", SPELLED)
+def test_the_spelling_is_american(files):
+    """Names of files, too. The changelog says what was, and has the old names."""
+    text = "Fibres\nsynchronised by modelledMetres: noise, otherwise precise, is raised."
+    assert british(text) == [(1, "fibre"), (2, "metres"), (2, "modelled"), (2, "ised")]
+    found = []
+    for path in sorted(SOURCE_TREE.glob(files)):
+        if path.suffix not in WRITTEN or not path.is_file() or path == Path(__file__):
+            continue
+        name = path.relative_to(SOURCE_TREE)
+        if name.name in ("CHANGELOG.md", "LICENSE") or {"page", ".ruff_cache"} & {*name.parts}:
+            continue
+        found += [f"{name}: {word}" for _, word in british(str(name))]
+        found += [f"{name}:{at}: {word}" for at, word in british(path.read_text("utf-8"))]
     assert found == []
 
 

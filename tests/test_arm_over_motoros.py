@@ -45,7 +45,7 @@ class Hand:
         )
         robot = Motoros(self.rig.options)
         self.core = make_controller(config, robot)
-        self.follower = self.core.body
+        self.follower = self.core.commanded
         self.obstacles = config.obstacles
         self.axes = axes
         self.pressed_s = None

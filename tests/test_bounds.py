@@ -44,7 +44,7 @@ REQUIRED = {
     "driver": "sim_arm",
     "filter": "camera",
     "socket": "force.sock",
-    "centre_m": [0.0, 0.0, 0.0],
+    "center_m": [0.0, 0.0, 0.0],
     "point_m": [0.0, 0.0, 0.0],
     "half_sides_m": [1.0, 1.0, 1.0],
     "normal": [0.0, 0.0, 1.0],

@@ -137,7 +137,7 @@ def test_elsewhere_it_is_skipped(tmp_path):
     assert {name: found[name][0] for name in OTHERWISE} == OTHERWISE
 
 
-SIGNALLED = """
+SIGNALED = """
 import os, signal, subprocess, sys
 
 import pytest
@@ -158,7 +158,7 @@ def test_one_of_a_program(number):
 def test_signals_act_whatever_the_shell_that_starts_the_tests_ignores(tmp_path):
     shutil.copy(CONFTEST, tmp_path)
     (tmp_path / "pytest.ini").write_text("[pytest]\n")
-    (tmp_path / "test_signals.py").write_text(SIGNALLED)
+    (tmp_path / "test_signals.py").write_text(SIGNALED)
     tests = (sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider")
     done = subprocess.run(
         ["sh", "-c", "trap '' INT QUIT HUP TERM; exec \"$@\"", "sh", *tests],

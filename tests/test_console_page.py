@@ -82,14 +82,14 @@ def test_it_is_small():
     assert sum(sizes.values()) <= LARGEST_BYTES, sizes
 
 
-def test_it_has_the_licence_of_each_library_in_it():
-    text = (FOLDER / "licences.txt").read_text(encoding="utf-8")
+def test_it_has_the_license_of_each_library_in_it():
+    text = (FOLDER / "licenses.txt").read_text(encoding="utf-8")
     heads = re.findall(r"(?:\A|^-{80}\n\n)(.+)\n\n", text, re.MULTILINE)
     assert set(heads[:-1]) >= LIBRARIES
     assert text.count("MIT License") + text.count("The MIT License") >= 2
     assert "Jet Propulsion Laboratory" in text
     assert "Apache License" in text
-    assert Site().answer("/licences.txt") is not None
+    assert Site().answer("/licenses.txt") is not None
 
 
 def test_it_has_nothing_of_the_computer_it_was_built_on_and_of_no_registry():

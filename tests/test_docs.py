@@ -61,7 +61,7 @@ def kinds(hint: Any) -> list[type[Any]]:
 TABLES = {
     name: kinds(hint)
     for name, hint in hints(config.SessionConfig).items()
-    if name not in ("device", "robot", "filters")
+    if name not in ("RENAMED", "device", "robot", "filters")
 }
 
 

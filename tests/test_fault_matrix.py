@@ -53,13 +53,13 @@ def within_limits(chain, speed_m_s=SPEED_M_S, hardest_m_s2=1.3):
 
 
 def stays_until_regripped(chain, from_s, until_s=6.7):
-    assert chain.travelled_m(from_s, until_s) <= 2e-4
-    assert chain.travelled_m(7.0, 8.5) == pytest.approx(0.071, rel=0.05)
+    assert chain.traveled_m(from_s, until_s) <= 2e-4
+    assert chain.traveled_m(7.0, 8.5) == pytest.approx(0.071, rel=0.05)
 
 
 def test_no_fault():
     chain = within_limits(Chain(PUSH_AND_REGRIP).run(9.0))
-    assert chain.travelled_m(2.0, 2.9) == pytest.approx(FIRST_PULL_M, rel=0.01)
+    assert chain.traveled_m(2.0, 2.9) == pytest.approx(FIRST_PULL_M, rel=0.01)
     assert chain.core.status().trips == 0
     assert sum(s.sent for s in chain.samples) == chain.cycles
 
@@ -67,8 +67,8 @@ def test_no_fault():
 @pytest.mark.parametrize(("fault", "value"), HARMLESS_HAND.items())
 def test_faulty_reports_do_not_show_at_the_robot(fault, value):
     chain = within_limits(Chain(PUSH_AND_REGRIP, hand_faults={fault: value}).run(9.0))
-    assert chain.travelled_m(2.0, 2.9) == pytest.approx(FIRST_PULL_M, rel=0.02)
-    assert chain.travelled_m(6.3, 6.6) <= 2e-4
+    assert chain.traveled_m(2.0, 2.9) == pytest.approx(FIRST_PULL_M, rel=0.02)
+    assert chain.traveled_m(6.3, 6.6) <= 2e-4
     assert chain.core.status().trips == 0
 
 
@@ -77,7 +77,7 @@ def test_a_bad_network_is_ridden_out(fault, value):
     chain = within_limits(Chain(PUSH_AND_REGRIP, robot_faults={fault: value}).run(9.0))
     # a datagram of ours that comes twice is taken twice: one period late each time, at 5 %
     slowed = 0.06 if fault == "duplicate" else 0.02
-    assert chain.travelled_m(2.0, 2.9) == pytest.approx(FIRST_PULL_M, rel=slowed)
+    assert chain.traveled_m(2.0, 2.9) == pytest.approx(FIRST_PULL_M, rel=slowed)
     assert chain.core.status().trips == 0
     counters = chain.egm.counters
     assert (counters.lost > 50) == (fault in ("drop", "reorder"))
@@ -88,7 +88,7 @@ def test_a_bad_network_is_ridden_out(fault, value):
 def test_unplugged_while_moving():
     chain = within_limits(Chain(PUSH_AND_REGRIP, hand_faults={"unplug": 3.0}).run(9.0))
     # 50 ms of braking, then the servo delay and filter of the arm
-    assert chain.travelled_m(3.0, 9.0) <= 0.004
+    assert chain.traveled_m(3.0, 9.0) <= 0.004
     assert chain.rests_from() <= 3.3
     assert "unplugged" in chain.messages()
     assert chain.core.phase is Phase.DISARMED
@@ -103,7 +103,7 @@ def test_plugged_in_again_while_deflected():
 def test_radio_lost_while_deflected():
     chain = within_limits(Chain(PUSH_AND_REGRIP, hand_faults={"silence": 3.0}).run(9.0))
     # the last report drives for 0.1 s at most
-    assert chain.travelled_m(3.0, 9.0) <= 0.1 * SPEED_M_S + 0.004
+    assert chain.traveled_m(3.0, 9.0) <= 0.1 * SPEED_M_S + 0.004
     assert chain.rests_from() <= 3.4
     assert "but no motion report for 0.09 s" in chain.messages()
 
@@ -111,30 +111,30 @@ def test_radio_lost_while_deflected():
 def test_reports_that_stall_and_come_at_once():
     chain = within_limits(Chain(PUSH_AND_REGRIP, hand_faults={"burst": 0.5}).run(9.0))
     # the first stall takes the hand off; the flood after it does not give it back
-    assert chain.travelled_m(2.0, 6.7) <= 3e-4
+    assert chain.traveled_m(2.0, 6.7) <= 3e-4
     assert chain.core.status().trips >= 1
 
 
 def test_seized_device():
     chain = Chain(PUSH_AND_REGRIP, hand_faults={"seized": 1.0}).run(9.0)
-    assert chain.travelled_m(0.0, 9.0) <= 1e-4
+    assert chain.traveled_m(0.0, 9.0) <= 1e-4
     assert "touch the cap" in chain.messages()
 
 
 def test_a_device_that_opens_late_and_deflected():
     chain = Chain(PUSH_AND_REGRIP, hand_faults={"refuse": 2.0}).run(9.0)
-    assert chain.travelled_m(0.0, 6.7) <= 2e-4
+    assert chain.traveled_m(0.0, 6.7) <= 2e-4
     stays_until_regripped(within_limits(chain), 2.0)
 
 
 def test_a_drifting_device_rests_where_the_hand_rests():
     chain = within_limits(Chain(PUSH_AND_REGRIP, hand_faults={"drift": 5.0}).run(9.0), 0.053)
-    assert chain.travelled_m(6.3, 6.6) <= 2e-4
+    assert chain.traveled_m(6.3, 6.6) <= 2e-4
 
 
 def test_a_drifting_device_is_named():
     chain = Chain("", hand_faults={"drift": 5.0}).run(9.0)
-    assert chain.travelled_m(0.0, 9.0) <= 1e-4
+    assert chain.traveled_m(0.0, 9.0) <= 1e-4
     assert "re-zero" in " ".join(chain.device.diagnosis(chain.now_s))
 
 
@@ -146,7 +146,7 @@ def test_more_than_full_deflection_is_full_deflection():
 
 def test_a_dead_man_that_is_stuck_still_needs_the_cap():
     chain = within_limits(Chain(PUSH_AND_REGRIP, hand_faults={"stuck-button": 0.0}).run(9.0))
-    assert chain.travelled_m(6.3, 6.6) <= 2e-4
+    assert chain.traveled_m(6.3, 6.6) <= 2e-4
 
 
 def test_a_pause_of_the_controller_ends_the_session():
@@ -159,7 +159,7 @@ def test_a_pause_of_the_controller_ends_the_session():
 def test_a_restarted_controller():
     chain = within_limits(Chain(PUSH_AND_REGRIP, robot_faults={"restart": 3.0}).run(9.0))
     # the arm stops by itself at 3.0 s and is back after 2 s, with sequence number 0
-    assert chain.travelled_m(3.2, 5.0) <= 2e-4
+    assert chain.traveled_m(3.2, 5.0) <= 2e-4
     stays_until_regripped(chain, 5.0)
     assert chain.egm.metrics()["sessions"] == 2
 
@@ -168,7 +168,7 @@ def test_the_controllers_port_changes():
     """In the midst of a run: it may be another program, so nobody is answered. The controller stops
     the arm by its CommTimeout, and the program that is started again at 6 s is a new session."""
     chain = within_limits(Chain(PUSH_AND_REGRIP, robot_faults={"port-change": 3.0}).run(8.9))
-    assert chain.travelled_m(3.0, 4.01) <= 0.011
+    assert chain.traveled_m(3.0, 4.01) <= 0.011
     stays_until_regripped(chain, 4.2)
     assert chain.egm.metrics()["sessions"] == 2
     assert chain.egm.metrics()["foreign"] > 200
@@ -177,7 +177,7 @@ def test_the_controllers_port_changes():
 @pytest.mark.parametrize("fault", ["estop", "motors-off"])
 def test_stopped_at_the_robot(fault):
     chain = within_limits(Chain(PUSH_AND_REGRIP, robot_faults={fault: 3.0}).run(9.0))
-    assert chain.travelled_m(3.0, 9.0) <= 0.004
+    assert chain.traveled_m(3.0, 9.0) <= 0.004
     assert "the motors are off" in chain.messages()
 
 
@@ -189,7 +189,7 @@ def test_motors_on_again_makes_no_step(tmp_path):
     chain = Chain(PUSH, script=str(program)).run(6.0)
     within_limits(chain)
     assert chain.samples[-1].phase is Phase.DISARMED
-    assert chain.travelled_m(3.3, 6.0) <= 2e-4
+    assert chain.traveled_m(3.3, 6.0) <= 2e-4
 
 
 @pytest.mark.parametrize("source", [PC_ADDRESS, ("127.0.0.1", 6666)], ids=["forged", "foreign"])
@@ -206,12 +206,12 @@ def test_a_flooded_port(source):
     chain.egm.receive = flooded
     within_limits(chain.run(6.0))
     # noticed within a few cycles, then 50 ms of braking and the arm's own delay
-    assert chain.travelled_m(3.1, 6.7) <= 0.003
+    assert chain.traveled_m(3.1, 6.7) <= 0.003
     assert "is flooded with datagrams that are not the controller's" in chain.messages()
     assert chain.core.status().trips == 1
     # every datagram of the controller was answered all the while
     assert sum(s.sent for s in chain.between(3.0, 6.0)) == len(chain.between(3.0, 6.0))
-    assert chain.travelled_m(7.0, 8.5) == pytest.approx(0.071, rel=0.05)
+    assert chain.traveled_m(7.0, 8.5) == pytest.approx(0.071, rel=0.05)
 
 
 @pytest.mark.parametrize("comm_timeout_s", [0.1, 0.5])
@@ -222,7 +222,7 @@ def test_the_gateways_process_is_killed(comm_timeout_s):
     within_limits(chain)
     # EGM goes on at the last speed until CommTimeout, then ramps down over 0.5 s
     longest_m = SPEED_M_S * (comm_timeout_s + 0.5) + 0.003
-    assert chain.travelled_m(3.0, 7.0) <= longest_m
+    assert chain.traveled_m(3.0, 7.0) <= longest_m
     assert chain.rests_from() <= 3.0 + comm_timeout_s + 0.8
     assert 41822 in [event.code for event in chain.controller.events]
 
@@ -236,14 +236,14 @@ def test_killed_gateway_and_a_new_one_needs_the_deliberate_act():
     chain.device.on_opened(chain.now_s, chain.puck.model)
     chain.session_alive = True
     chain.run(5.0)
-    assert chain.travelled_m(4.5, 9.0) <= 2e-4
+    assert chain.traveled_m(4.5, 9.0) <= 2e-4
     assert chain.samples[-1].phase is Phase.DISARMED
 
 
 def test_the_singularity_in_front_stops_the_arm_and_says_so():
     chain = within_limits(Chain(PUSH.replace("-0.5", "1")).run(6.0), 0.1, hardest_m_s2=2.0)
     assert 50026 in [event.code for event in chain.controller.events]
-    assert chain.travelled_m(5.0, 6.0) <= 1e-4
+    assert chain.traveled_m(5.0, 6.0) <= 1e-4
     assert "the RAPID program is stopped" in chain.messages()
 
 

@@ -55,7 +55,7 @@ def hardest(rig, since_s):
     return np.abs(np.diff(held, 2)).max() / IPC_S**2
 
 
-def travelled(rig, since_s):
+def traveled(rig, since_s):
     times = np.array([row[0] for row in rig.trace])
     command = np.array([row[1] for row in rig.trace])
     return command[-1] - command[int(np.searchsorted(times, since_s))]
@@ -84,7 +84,7 @@ def test_what_the_controller_stops_for(mode, event):
     act(rig.controller, at_s)
     rig.run(0.5)
     # Within 10 ms of status polling and one period more; no ramp.
-    assert travelled(rig, at_s) <= SPEED * (0.010 + 2 * IPC_S) + 1e-4
+    assert traveled(rig, at_s) <= SPEED * (0.010 + 2 * IPC_S) + 1e-4
     assert rig.controller.active_mode is ActiveMode.NONE
     state = rig.states[-1]
     assert not state.ready
@@ -103,7 +103,7 @@ def assert_moves_only_when_enabled_anew(rig):
     controller.remote(True, now_s)
     controller.hold(False, now_s)
     rig.run(3.0)
-    assert travelled(rig, now_s) == 0.0
+    assert traveled(rig, now_s) == 0.0
     assert not rig.states[-1].ready
     rig.ready()
     rig.run(0.6)
@@ -117,7 +117,7 @@ def test_velocity_mode_ramps_when_the_motion_connection_is_cut():
     rig.run(0.2)
     assert speed(rig) == 0.0
     assert hardest(rig, at_s) <= ACCELERATION + ONE_PULSE
-    assert travelled(rig, at_s) <= BRAKING_RAD + SPEED * 3 * IPC_S
+    assert traveled(rig, at_s) <= BRAKING_RAD + SPEED * 3 * IPC_S
     assert rig.controller.active_mode is not ActiveMode.VELOCITY
     assert "motion connection was lost" in rig.session.end_reason
     assert_moves_only_when_enabled_anew(rig)
@@ -129,7 +129,7 @@ def test_stock_firmware_plays_for_50_ms_when_the_motion_connection_is_cut():
     rig.unplug("motion")
     rig.run(0.3)
     assert speed(rig) == 0.0
-    assert travelled(rig, at_s) <= SPEED * (0.050 + 2 * IPC_S)
+    assert traveled(rig, at_s) <= SPEED * (0.050 + 2 * IPC_S)
     assert "motion connection was lost" in rig.session.end_reason
     # What was left in the queue is not played when the driver is back: it stops first.
     assert_moves_only_when_enabled_anew(rig)
@@ -145,9 +145,9 @@ def test_a_half_open_connection(mode):
     assert speed(rig) == 0.0
     if mode == "velocity":
         assert hardest(rig, at_s) <= ACCELERATION + ONE_PULSE
-        assert travelled(rig, at_s) <= SPEED * (0.100 + 2 * IPC_S) + BRAKING_RAD
+        assert traveled(rig, at_s) <= SPEED * (0.100 + 2 * IPC_S) + BRAKING_RAD
     else:
-        assert travelled(rig, at_s) <= SPEED * 0.060
+        assert traveled(rig, at_s) <= SPEED * 0.060
     state = rig.states[-1]
     assert state.link is RobotLink.LOST
     assert "no state" in state.hold_reason or "no state" in rig.session.end_reason
@@ -159,12 +159,12 @@ def test_the_watchdog_of_velocity_mode_when_the_program_is_dead():
     die(rig, 0.5)
     assert speed(rig) == 0.0
     assert hardest(rig, at_s) <= ACCELERATION + ONE_PULSE
-    assert SPEED * 0.095 <= travelled(rig, at_s) <= SPEED * (0.100 + 3 * IPC_S) + BRAKING_RAD
+    assert SPEED * 0.095 <= traveled(rig, at_s) <= SPEED * (0.100 + 3 * IPC_S) + BRAKING_RAD
     assert rig.controller.status().motion_possible == 0
     # It wakes up and goes on as if nothing had been: the latch holds.
     woken_s = rig.now_s
     rig.run(0.5)
-    assert travelled(rig, woken_s) == 0.0
+    assert traveled(rig, woken_s) == 0.0
     assert not rig.session.enabled
     assert_moves_only_when_enabled_anew(rig)
 
@@ -174,7 +174,7 @@ def test_a_stream_runs_out_when_the_program_is_dead():
     at_s = rig.now_s
     die(rig, 0.5)
     assert speed(rig) == 0.0
-    assert travelled(rig, at_s) <= SPEED * 0.045
+    assert traveled(rig, at_s) <= SPEED * 0.045
 
 
 def die(rig, seconds):
@@ -205,7 +205,7 @@ def test_a_second_client_takes_over_at_rest_and_that_is_said():
     rig.answer = lambda state: JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0))
     at_s = rig.now_s
     rig.run(0.2)
-    assert travelled(rig, at_s) == 0.0
+    assert traveled(rig, at_s) == 0.0
     assert "closed it" in rig.session.end_reason
     assert not rig.session.enabled
     rig.servers.eof(thief, rig.now_s)
@@ -269,7 +269,7 @@ def test_the_safety_unit_slows_the_arm_and_nothing_is_caught_up(mode):
     rig.controller.speed_limit(None, rig.now_s)
     rig.run(0.5)
     assert speed(rig) <= SPEED * 1.05
-    assert travelled(rig, slow_s) > 0.0
+    assert traveled(rig, slow_s) > 0.0
 
 
 @pytest.mark.parametrize("big_endian", [False, True])
@@ -318,7 +318,7 @@ def test_a_long_pause_of_this_computer_ends_motion(mode, seconds):
     rig.run(0.5)
     at_s = rig.now_s
     rig.run(1.0)
-    assert travelled(rig, at_s) == 0.0
+    assert traveled(rig, at_s) == 0.0
     assert not rig.session.enabled
     assert rig.states[-1].hold_reason
     assert_moves_only_when_enabled_anew(rig)
@@ -333,7 +333,7 @@ def test_a_queue_that_is_not_played_ends_motion_and_is_emptied():
     rig.controller.speed_limit(None, rig.now_s)
     at_s = rig.now_s
     rig.run(1.0)
-    assert travelled(rig, at_s) == 0.0
+    assert traveled(rig, at_s) == 0.0
     assert_moves_only_when_enabled_anew(rig)
 
 
@@ -395,7 +395,7 @@ def test_a_stream_keeps_its_queue_filled(driver, controller):
     at_s = rig.now_s
     rig.run(2.0)
     assert rig.session.counters.underruns == 0
-    assert travelled(rig, at_s) == pytest.approx(2.0 * SPEED, rel=0.02)
+    assert traveled(rig, at_s) == pytest.approx(2.0 * SPEED, rel=0.02)
 
 
 def test_curves_that_the_arms_filter_cuts_are_not_corrected():

@@ -1,4 +1,4 @@
-"""The compiled parts under the sanitizers of addresses and undefined behaviour, fed nonsense."""
+"""The compiled parts under the sanitizers of addresses and undefined behavior, fed nonsense."""
 
 import os
 import shutil

@@ -3,7 +3,7 @@
 import pytest
 
 from tests import network_table
-from tests.network_table import Row, Shown
+from tests.network_table import Coverage, Row
 
 ROWS = [
     Row("~/state/pose", "published", "geometry_msgs/msg/PoseStamped"),
@@ -14,18 +14,18 @@ ROWS = [
 
 def test_a_mark_is_of_kinds_without_some_or_of_names():
     pose, twist, stop = ROWS
-    assert Shown("DDS", "x", ("published", "taken")).rows(ROWS) == [pose, twist]
-    assert Shown("DDS", "x", ("published", "taken"), but=(twist.name,)).rows(ROWS) == [pose]
-    assert Shown("DDS", "x", names=(stop.name,)).rows(ROWS) == [stop]
+    assert Coverage("DDS", "x", ("published", "taken")).rows(ROWS) == [pose, twist]
+    assert Coverage("DDS", "x", ("published", "taken"), but=(twist.name,)).rows(ROWS) == [pose]
+    assert Coverage("DDS", "x", names=(stop.name,)).rows(ROWS) == [stop]
 
 
 @pytest.mark.parametrize(
     "mark",
     [
-        Shown("DDS", "x", names=("~/nothing",)),
-        Shown("DDS", "x", ("taken",), but=("~/nothing",)),
-        Shown("DDS", "x", ("nothing",)),
-        Shown("nothing", "x", ("taken",)),
+        Coverage("DDS", "x", names=("~/nothing",)),
+        Coverage("DDS", "x", ("taken",), but=("~/nothing",)),
+        Coverage("DDS", "x", ("nothing",)),
+        Coverage("nothing", "x", ("taken",)),
     ],
 )
 def test_a_mark_of_what_there_is_not_is_refused(mark):

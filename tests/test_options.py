@@ -93,7 +93,7 @@ def test_options_are_checked_when_they_are_made():
         Checked(axis=(0.0, math.nan, 0.0))
 
 
-class Colour(enum.Enum):
+class Color(enum.Enum):
     RED = "red"
     BLUE = "blue"
 
@@ -118,7 +118,7 @@ class Point(NamedTuple):
         (Literal["", "0"], ["", "0"], ["1", 0], 'one of "", 0'),
         (Literal[2, 6], [2, 6], [3, "2", 2.0], "one of 2, 6"),
         (Literal[1], [1], [True], "one of 1"),
-        (Colour, list(Colour), ["red", None], "one of red, blue"),
+        (Color, list(Color), ["red", None], "one of red, blue"),
         (int | None, [None, 1], ["x", 1.0], "a whole number"),
         (int | str, [1, "x"], [None, 1.0], "a whole number or a text, in quotes"),
         (tuple[int, int], [(1, 2), [1, 2]], [(1,), (1, 2, 3)], "2 values"),
@@ -129,7 +129,7 @@ class Point(NamedTuple):
         (Mapping[str, float], [{}, {"a": 1.0}], [None, (), 1], "values by name"),
         (Mapping[str, float], [], [{"a": "x"}], "a number"),
         (Mapping[str, float], [], [{1: 1.0}], "a text, in quotes"),
-        (Plain, [Plain()], [None, {}, Colour.RED], "of type Plain"),
+        (Plain, [Plain()], [None, {}, Color.RED], "of type Plain"),
         (Annotated[int, "a note"], [1], ["x"], "a whole number"),
         (Annotated[str, bounds.IPV4], ["127.0.0.1"], ["", "x", "1.2.3", 5], str(bounds.IPV4)),
         (Any, [None, 1, "x"], [], ""),
@@ -198,7 +198,7 @@ def test_forms_of_texts(form, good, bad):
 
 def test_choices_are_those_of_a_literal_or_an_enum():
     assert choices(Literal["a", "b"]) == ("a", "b")
-    assert choices(Colour) == (Colour.RED, Colour.BLUE)
+    assert choices(Color) == (Color.RED, Color.BLUE)
     assert choices(int) == ()
     assert hints(Plain)["free"] is float
 
@@ -363,7 +363,7 @@ def test_limits_cannot_be_taken_from_under_a_robot():
     robot = AbbEgm(workspace_lower_m=lower, workspace_upper_m=[1.0, 1.0, 1.0])
     lower[2] = math.nan
     assert robot.options.workspace_lower_m == (0.0, 0.0, 0.0)
-    assert MappingOptions(device_centre_m=[0.0, 0.0, 0.0]) == MappingOptions()
+    assert MappingOptions(device_center_m=[0.0, 0.0, 0.0]) == MappingOptions()
 
 
 # -- values in messages ----------------------------------------------------------------------------

@@ -33,7 +33,7 @@ from cardan.errors import ConfigurationError, OptionError
 LENGTH_M = Range(0.0, 10.0, "m", "no table is longer", above=True)
 
 
-class Colour(enum.Enum):
+class Color(enum.Enum):
     RED = "red"
     BLUE = "blue"
 
@@ -48,7 +48,7 @@ class Ball:
 class Cube:
     shape: Literal["cube"] = "cube"
     side_m: Annotated[float, LENGTH_M] = 1.0
-    colour: Colour = Colour.RED
+    color: Color = Color.RED
 
 
 Body = Annotated[Ball | Cube, Tag("shape")]
@@ -74,7 +74,7 @@ class Scene(Options):
 WHOLE = {
     "name": "cell",
     "size_m": [2, 1.5],
-    "bodies": [{"shape": "ball", "radius_m": 1}, {"shape": "cube", "colour": "blue"}],
+    "bodies": [{"shape": "ball", "radius_m": 1}, {"shape": "cube", "color": "blue"}],
     "best": {"side_m": 2.0},
     "driver": {"driver": "camera", "port": 5, "rate": [1, 2]},
     "labels": {"x": "left"},
@@ -87,14 +87,14 @@ def test_a_table_becomes_the_options_and_they_the_table():
     scene = read_table(Scene, WHOLE)
     assert scene.size_m == (2.0, 1.5)
     assert type(scene.size_m[0]) is float
-    assert scene.bodies == (Ball(radius_m=1.0), Cube(colour=Colour.BLUE))
+    assert scene.bodies == (Ball(radius_m=1.0), Cube(color=Color.BLUE))
     assert scene.best == Cube(side_m=2.0)
     assert scene.driver == DriverTable("camera", {"port": 5, "rate": [1, 2]})
     assert (scene.labels, scene.buttons, scene.count) == ({"x": "left"}, ("a", "b"), 3)
     assert scene.made_s == 5.0
     assert read_table(Scene, as_table(scene)) == scene
     assert "made_s" not in as_table(scene)
-    assert as_table(scene)["bodies"][1] == {"shape": "cube", "side_m": 1.0, "colour": "blue"}
+    assert as_table(scene)["bodies"][1] == {"shape": "cube", "side_m": 1.0, "color": "blue"}
 
 
 def test_what_is_left_out_has_its_default():
@@ -149,8 +149,8 @@ def test_what_is_left_out_has_its_default():
             'there is no such key with shape = "ball"; allowed: shape, radius_m',
         ),
         (
-            {"bodies": [{"shape": "cube", "colour": "blu"}]},
-            "bodies.0.colour",
+            {"bodies": [{"shape": "cube", "color": "blu"}]},
+            "bodies.0.color",
             "'blu' is not allowed; it must be one of red, blue; did you mean 'blue'?",
         ),
         ({"bodies": [{"shape": "cube"}] * 4}, "bodies", "4 are too many; allowed: at most 3"),
@@ -243,8 +243,8 @@ def test_what_only_code_sets_travels_between_programs_and_not_from_a_file():
 
 
 def test_what_travels_is_plain():
-    table = DriverTable("camera", {"path": Path("/dev/x"), "colour": Colour.RED, "at": (1, [2])})
-    plain = {"driver": "camera", "path": "/dev/x", "colour": "red", "at": [1, [2]]}
+    table = DriverTable("camera", {"path": Path("/dev/x"), "color": Color.RED, "at": (1, [2])})
+    plain = {"driver": "camera", "path": "/dev/x", "color": "red", "at": [1, [2]]}
     assert as_table(table) == plain
     assert json.loads(json.dumps(plain)) == plain
 

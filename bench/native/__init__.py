@@ -253,7 +253,7 @@ class Peer:
 
     @property
     def rows(self) -> int:
-        """How many pairs were in the programme of the last step."""
+        """How many pairs were in the program of the last step."""
         count: int = self._library.peer_rows(self._peer)
         return count
 

@@ -66,7 +66,7 @@ PEER_API void peer_joints(const void *peer, double *q);
 PEER_API void peer_surround(void *peer, const PeerShape *shapes, int32_t shape_count,
                             const PeerPair *pairs, int32_t pair_count);
 
-/* Of the last step: the distance of each pair, and how many had a row in its programme. */
+/* Of the last step: the distance of each pair, and how many had a row in its program. */
 PEER_API void peer_distances(const void *peer, double *distances);
 PEER_API int32_t peer_rows(const void *peer);
 

@@ -1,6 +1,6 @@
 /*
  * A step of differential inverse kinematics as it is written in C++: Pinocchio's Jacobian, and a
- * quadratic programme inside the joints' limits of position, speed and acceleration, which daqp
+ * quadratic program inside the joints' limits of position, speed and acceleration, which daqp
  * solves from where it was. The same task and limits as pink's frame task. Where it has been given
  * pairs, Coal's distance of each, and a row for those that could come too near in a step: which these
  * are, and what they may, is as in cardan/gateway/servo/servo.py.

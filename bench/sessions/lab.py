@@ -174,7 +174,7 @@ def _servo(file: Path) -> str:
     """Which servo the sessions of the file have, and how many pairs of bodies it keeps apart."""
     table = read_toml(file)["sessions"][0]
     config = parse_config({key: table[key] for key in table if key not in ("name", "start")})
-    body: Any = make_controller(config, make_robot(config)).body
+    body: Any = make_controller(config, make_robot(config)).commanded
     how = "compiled" if body.status().compiled else f"in Python ({body.servo.not_compiled})"
     return f"{how}, {len(body.servo.collision.pairs)} pairs"
 

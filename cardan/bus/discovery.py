@@ -64,7 +64,7 @@ def discover(options: BusOptions) -> Discovery:
     DriverError."""
     with BusNetwork(options, f"cardan_network_{time.time_ns() % 10**9}") as network:
         time.sleep(DISCOVERY_S)
-        routers, peers = network.node.neighbours()
+        routers, peers = network.node.neighbors()
         own = network.node.full_name
         return Discovery(
             [name for name in network.nodes() if name != own],

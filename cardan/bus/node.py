@@ -503,7 +503,7 @@ class BusNode:
         are there already first."""
         return TokenWatch(self, key or f"{LIVELINESS}/{self.options.domain}/**")
 
-    def neighbours(self) -> tuple[list[str], list[str]]:
+    def neighbors(self) -> tuple[list[str], list[str]]:
         """Ids of the routers and of the peers that it is connected to."""
         info = self._opened().info
         return [str(each) for each in info.routers_zid()], [str(each) for each in info.peers_zid()]

@@ -94,14 +94,15 @@ def replay(
             help="Wait for no longer time without a message: a clock was set, or there was none.",
         ),
     ] = 60.0,
-    engine: Annotated[
+    verify: Annotated[
         bool,
         typer.Option(
-            "--engine",
+            "--verify",
             help="Publish nothing: put what the recorded sessions saw through the controller, and "
             "compare its commands with the recorded ones, bit for bit.",
         ),
     ] = False,
+    engine: Annotated[bool, typer.Option("--engine", hidden=True, help="Now --verify.")] = False,
     session: Session = None,
     router: Router = "",
     verbose: Verbose = False,
@@ -111,7 +112,9 @@ def replay(
 
     Under its own names, with its own spacing."""
     if engine:
-        _replay_engine(file)
+        raise typer.BadParameter("is now --verify", param_hint="--engine")
+    if verify:
+        _verify(file)
         return
     from cardan.recording.replay import replay as run
 
@@ -131,10 +134,10 @@ def replay(
         raise typer.Exit(EXIT_INCOMPLETE)
 
 
-def _replay_engine(file: Path) -> None:
-    from cardan.recording.verify import replay_engine
+def _verify(file: Path) -> None:
+    from cardan.recording.verify import verify
 
-    reports = replay_engine(file)
+    reports = verify(file)
     for report in reports:
         for line in report.lines():
             print(printable(line))

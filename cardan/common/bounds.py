@@ -200,7 +200,7 @@ TCP_TOLERANCE_M = Range(
     0.0,
     1.0,
     "m",
-    "a tool a metre off is another tool: workspace limits are wrong then",
+    "a tool a meter off is another tool: workspace limits are wrong then",
     above=True,
 )
 ARRIVAL_M = Range(
@@ -208,9 +208,9 @@ ARRIVAL_M = Range(
 )
 ARRIVAL_RAD = Range(0.0, 0.5, "rad", "a tool turned by half a radian has not arrived", above=True)
 ARRIVAL_JOINT = Range(
-    0.0, 0.1, "rad or m", "a metre along the arm that is a hand's breadth", above=True
+    0.0, 0.1, "rad or m", "a meter along the arm that is a hand's breadth", above=True
 )
-PATH_OFFSET_M = Range(0.0, 1.0, "m", "a path a metre off is another path", above=True)
+PATH_OFFSET_M = Range(0.0, 1.0, "m", "a path a meter off is another path", above=True)
 MAX_LEAD_M = Range(
     0.0, 0.5, "m", "an arm that far from its commanded position does not follow it", above=True
 )
@@ -237,7 +237,7 @@ JOINT_POSITION = Range(
     -2000.0, 2000.0, "rad or m", "a wrist that turns on and on does so 250 times, no oftener"
 )
 JOINT_VELOCITY = Range(-1000.0, 1000.0, "rad/s or m/s", "no motor turns a joint so fast")
-JOINT_TORQUE = Range(-1e5, 1e5, "N·m or N", "the largest joints hold a tonne at four metres")
+JOINT_TORQUE = Range(-1e5, 1e5, "N·m or N", "the largest joints hold a tonne at four meters")
 LINEAR_VELOCITY_M_S = Range(-100.0, 100.0, "m/s", "no arm's TCP is nearly so fast")
 ANGULAR_VELOCITY_RAD_S = Range(-1000.0, 1000.0, "rad/s", "no wrist turns so fast")
 ROTATION_LENGTH = Range(0.99, 1.01, "", "a quaternion that is a rotation has length 1")
@@ -257,7 +257,7 @@ AUTHORITY_LEASE_S = Range(
 BLIND_S = Range(
     0.0, LONGEST_BLIND_S, "s", "an arm at 0.25 m/s goes 12 cm meanwhile, unseen", above=True
 )
-NEIGHBOUR_AGE_S = Range(
+NEIGHBOR_AGE_S = Range(
     0.02, LONGEST_BLIND_S, "s", "10 ms for the clocks, and a state's way to here, are its least age"
 )
 LOOP_DELAY_S = Range(0.0, 1.0, "s", "a contact that is felt a second late cannot be held")
@@ -267,7 +267,7 @@ LAG_S = Range(0.0, 2.0, "s", "an arm with a longer delay cannot be teleoperated"
 # -- forces and what goes with them ----------------------------------------------------------------
 
 ROBOT_FORCE_N = Range(0.0, 10_000.0, "N", "the largest arms lift a tonne, no more", above=True)
-ROBOT_TORQUE_NM = Range(0.0, 10_000.0, "N·m", "ten kilonewtons on a metre", above=True)
+ROBOT_TORQUE_NM = Range(0.0, 10_000.0, "N·m", "ten kilonewtons on a meter", above=True)
 DEADBAND_N = Range(0.0, 10_000.0, "N", "a force that the largest arms do not exert")
 FORCE_RATE_S = Range(
     0.0, 1e6, "per s", "the largest force within 10 ms; beyond, all is steady", above=True
@@ -280,7 +280,7 @@ FIXTURE_STIFFNESS_N_M = Range(
     0.0, 100_000.0, "N/m", "a hand feels no difference to a rigid wall", above=True
 )
 ENVIRONMENT_STIFFNESS_N_M = Range(
-    0.0, 1e7, "N/m", "ten newtons for a micrometre: stiffer than any arm", above=True
+    0.0, 1e7, "N/m", "ten newtons for a micrometer: stiffer than any arm", above=True
 )
 DAMPING_N_S_M = Range(0.0, 10_000.0, "N·s/m", "nothing moves against more")
 DRAG_N_S_M = Range(0.0, 10_000.0, "N·s/m", "nothing moves against more", above=True)
@@ -294,7 +294,7 @@ PAYLOAD_KG = Range(0.0, 1000.0, "kg", "the largest arms lift a tonne, no more")
 SHARE = Range(0.001, 1.0, "", "of the whole; at less than a thousandth nothing moves")
 SHARE_OR_NONE = Range(0.0, 1.0, "", "a share of the whole")
 DEAD_ZONE = Range(0.0, 1.0, "", "with all of the deflection at rest nothing would move", below=True)
-MOTION_SCALE = Range(-100.0, 100.0, "", "a millimetre of the hand is ten centimetres of the TCP")
+MOTION_SCALE = Range(-100.0, 100.0, "", "a millimeter of the hand is ten centimeters of the TCP")
 OUTPUT_VALUE = Range(-1e9, 1e9, "", "larger whole numbers are not exact in the robot's program")
 ANALOG_OUTPUT = Range(0, 39, "", "EGM carries 40 values")
 COUNTS = Range(1.0, 1e6, "counts", "no device's raw numbers are larger")

@@ -28,7 +28,7 @@ MAX_FIXTURES = 8
 class Sphere(NamedTuple):
     """A solid sphere, or with `inside` a hollow one that the point is kept in."""
 
-    centre: Vector3
+    center: Vector3
     radius_m: float
     stiffness_n_m: float
     cap_n: float = 3.0
@@ -52,7 +52,7 @@ class Box(NamedTuple):
     A solid box pushes out through its nearest side; a hollow one holds each axis by itself.
     """
 
-    centre: Vector3
+    center: Vector3
     half_sides_m: Vector3
     stiffness_n_m: float
     cap_n: float = 3.0
@@ -196,7 +196,7 @@ class HapticState(NamedTuple):
     reason: str = ""
     """Why the force is not what was commanded; empty when it is."""
     pose: Pose | None = None
-    """Pose of the gimbal's centre, hand frame; orientation orthonormal."""
+    """Pose of the gimbal's center, hand frame; orientation orthonormal."""
     velocity: Vector3 = ZERO3
     """m/s, filtered."""
     joints_rad: Vector3 = ZERO3

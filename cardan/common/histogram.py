@@ -8,7 +8,7 @@ from collections.abc import Sequence
 _LOWEST_S = 1e-7
 _HIGHEST_S = 1e3
 _BUCKETS_PER_OCTAVE = 16
-"""Neighbouring bucket borders differ by 4.4 %, so a percentile is off by 2.2 % at most."""
+"""Neighboring bucket borders differ by 4.4 %, so a percentile is off by 2.2 % at most."""
 _SCALE = _BUCKETS_PER_OCTAVE / math.log(2.0)
 _OFFSET = -math.log(_LOWEST_S) * _SCALE
 _LAST = int(math.log(_HIGHEST_S) * _SCALE + _OFFSET) + 1

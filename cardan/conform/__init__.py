@@ -2,7 +2,7 @@
 
 The same requirements judge a simulated peer in virtual time and the real thing at ``--target``. A
 `Suite` of a protocol has them, reads a `Timeline` of wire events, and knows how to ask: its
-`Scenario` listens, holds, moves by a millimetre, or has somebody make faults by hand.
+`Scenario` listens, holds, moves by a millimeter, or has somebody make faults by hand.
 """
 
 from cardan.conform.report import Report as Report, judged as judged

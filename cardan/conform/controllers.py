@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from cardan.conform.requirements import Verdict, not_seen
 from cardan.conform.runner import Scenario, Script, Wait, send
-from cardan.conform.timeline import Numbered, Seen
+from cardan.conform.timeline import Numbered, Traffic
 
 COME = 6.0
 """A driver has so many times the length of a phase to come, or to answer for the first time."""
@@ -21,7 +21,7 @@ has ended."""
 
 
 def had_ended(
-    seen: Seen,
+    seen: Traffic,
     phase: str,
     asked: Iterable[Numbered],
     answers: Sequence[Numbered],

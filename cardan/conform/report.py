@@ -172,7 +172,7 @@ def judged(
     """The report on `timeline`, which was made on `level` at `target` (empty: simulated, with
     `faults`). Without `redaction` nothing is taken out."""
     clean = redaction or str
-    seen = suite.see(timeline)
+    seen = suite.decode(timeline)
     results = []
     for each in suite.requirements:
         if each.level > level:

@@ -50,15 +50,15 @@ class Suite(Generic[V]):
     dissector: ClassVar[str] = ""
     """Of a device without packets of a network: what finds its reports in a capture of USB or of
     Bluetooth, as cardan-dissect and its plug-ins name it; empty: nothing does."""
-    tried_with: ClassVar[Mapping[str, float]] = {}
+    fault_test_values: ClassVar[Mapping[str, float]] = {}
     """Values of fault switches with which a fault shows within the short time of a simulated run;
     of the others it is the switch's own."""
     tried_on: ClassVar[Mapping[str, Level]] = {}
     """Fault switches that only show on this level."""
-    off_the_wire: ClassVar[Mapping[str, str]] = {}
+    undetectable_faults: ClassVar[Mapping[str, str]] = {}
     """Fault switches that no requirement can catch, and why."""
 
-    sees: Callable[[Timeline], V]
+    decoder: Callable[[Timeline], V]
     """Makes of a timeline what the judges look at."""
     asks: Callable[[Level, float], Scenario]
     """Makes the scenario that asks on every level up to one, each for about so many seconds."""
@@ -70,9 +70,9 @@ class Suite(Generic[V]):
     own_faults: ClassVar[tuple[FaultSwitch, ...] | None] = None
     """The fault switches of what is judged without a target; None: the simulated peer's."""
 
-    def see(self, timeline: Timeline) -> V:
+    def decode(self, timeline: Timeline) -> V:
         """What the judges look at."""
-        return self.sees(timeline)
+        return self.decoder(timeline)
 
     def scenario(self, level: Level, seconds: float) -> Scenario:
         """Asks on every level up to `level`, each for about `seconds`."""

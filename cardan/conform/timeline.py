@@ -40,7 +40,7 @@ class Event(NamedTuple):
     beginning is not known; of others, words."""
 
 
-class Phase(NamedTuple):
+class TimelinePhase(NamedTuple):
     """Events from one mark to the next."""
 
     name: str
@@ -98,7 +98,7 @@ class Timeline:
         """When the last event was; 0 for an empty one."""
         return self.events[-1].time_s if self.events else 0.0
 
-    def phases(self) -> dict[str, Phase]:
+    def phases(self) -> dict[str, TimelinePhase]:
         """By name; of two of one name the later."""
         marks = [(n, each) for n, each in enumerate(self.events) if each.kind is Kind.MARK]
         found = {}
@@ -107,7 +107,7 @@ class Timeline:
                 end, end_s = marks[index + 1][0], marks[index + 1][1].time_s
             else:
                 end, end_s = len(self.events), self.end_s
-            found[event.note] = Phase(event.note, first, end, event.time_s, end_s)
+            found[event.note] = TimelinePhase(event.note, first, end, event.time_s, end_s)
         return found
 
 
@@ -122,7 +122,7 @@ class Numbered(Protocol):
 N = TypeVar("N", bound=Numbered)
 
 
-class Seen:
+class Traffic:
     """What the judges of any protocol look at: a timeline's phases. Of a protocol it is the base
     of what has the decoded messages."""
 
@@ -130,7 +130,7 @@ class Seen:
         self.phases = timeline.phases()
         self.end_s = timeline.end_s
 
-    def phase(self, name: str) -> Phase | None:
+    def phase(self, name: str) -> TimelinePhase | None:
         """The phase of that name, if the scenario came to it."""
         return self.phases.get(name)
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import Protocol
 
 from cardan.conform.requirements import Findings, Verdict, Words, failed, not_seen, passed
-from cardan.conform.timeline import Numbered, Phase
+from cardan.conform.timeline import Numbered, TimelinePhase
 
 
 class Timed(Numbered, Protocol):
@@ -17,7 +17,9 @@ class Timed(Numbered, Protocol):
     def time_s(self) -> float: ...
 
 
-def never_silent(held: Iterable[tuple[Phase | None, Sequence[Timed]]], most_s: float) -> Verdict:
+def never_silent(
+    held: Iterable[tuple[TimelinePhase | None, Sequence[Timed]]], most_s: float
+) -> Verdict:
     """Whether what came in these phases, from their beginnings to their ends, was never more than
     `most_s` apart. A phase that the scenario did not come to is None."""
     longest, wrong, count = 0.0, [], 0

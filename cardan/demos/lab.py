@@ -95,7 +95,7 @@ def _check_simulated(demo: Demo, tables: Mapping[str, Any], layout: Layout) -> N
         check_unattended(demo, layout.sessions[table["name"]].config, names)
 
 
-class Seen:
+class ObservedArms:
     """What was seen of the arms of these sessions."""
 
     def __init__(self, sessions: Iterable[str]) -> None:
@@ -144,7 +144,7 @@ def run_lab(demo: Demo, seconds: float) -> int:
         LivePanel(console, transient=False) as panel,
         ControlClient(daemon.endpoint) as client,
     ):
-        seen = Seen(layout.sessions)
+        seen = ObservedArms(layout.sessions)
         end_s, show_s, waiting = time.monotonic() + READY_S, 0.0, True
         while not told and time.monotonic() < end_s:
             time.sleep(POLL_S)

@@ -48,7 +48,7 @@ class IHapticDevice:
         return spatial.compose(self._transformation, self._device.measured_pose())
 
     def get_position(self) -> Vector3:
-        """Position of the gimbal's centre in the frame of the transformation, m.
+        """Position of the gimbal's center in the frame of the transformation, m.
 
         Raises DriverError while the device cannot tell.
         """

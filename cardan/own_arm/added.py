@@ -312,7 +312,7 @@ def _text(
         "",
         "[collision]",
         'fit = "tight" # "coarse": fewer shapes',
-        "# ignore = [] # pairs of links that always touch, besides neighbours",
+        "# ignore = [] # pairs of links that always touch, besides neighbors",
     ]
     lines += [
         f"# Left out, since they touch in every posture: {printable(' and '.join(pair))}"

@@ -50,7 +50,7 @@ def side_views(arm: ArmModel, poses: Sequence[Posed]) -> list[str]:
     spread = np.ptp(points, axis=0)
     axis = 0 if spread[0] >= spread[1] else 1
     low, high = points.min(axis=0), points.max(axis=0)
-    # Metres of one column; a row is two of them.
+    # Meters of one column; a row is two of them.
     scale = max((high[axis] - low[axis]) / (COLUMNS - 1), (high[2] - low[2]) / (2 * (ROWS - 1)))
     scale = max(float(scale), 1e-6)
     lines: list[str] = []

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from cardan.gateway.arm.replay_requests import Sender
+from cardan.gateway.arm.replay_requests import CommandHeader
 from cardan.gateway.arm.vocab import Parameter, Stream
 from cardan.types import Frame, Pose, Quaternion, Twist, Vector3, Wrench
 
@@ -21,17 +21,17 @@ def _set_parameters(verbs: ArmVerbs, values: Sequence[Sequence[Any]], source: st
 def _aim(verbs: ArmVerbs, target: Sequence[Any], sender: Sequence[Any]) -> None:
     position, orientation, frame = target
     pose = Pose(Vector3(*position), Quaternion(*orientation), Frame(frame))
-    verbs.streams.aim(pose, Sender(*sender))
+    verbs.streams.aim(pose, CommandHeader(*sender))
 
 
 def _twist(verbs: ArmVerbs, numbers: list[float], frame: str, sender: Sequence[Any]) -> None:
     twist = Twist(Vector3(*numbers[:3]), Vector3(*numbers[3:]), Frame(frame))
-    verbs.streams.twist(twist, Sender(*sender))
+    verbs.streams.twist(twist, CommandHeader(*sender))
 
 
 def _wrench(verbs: ArmVerbs, numbers: list[float], frame: str, sender: Sequence[Any]) -> None:
     wrench = Wrench(Vector3(*numbers[:3]), Vector3(*numbers[3:]), Frame(frame))
-    verbs.streams.wrench(wrench, Sender(*sender))
+    verbs.streams.wrench(wrench, CommandHeader(*sender))
 
 
 REPEAT: Mapping[str, Callable[..., None]] = {
@@ -39,7 +39,7 @@ REPEAT: Mapping[str, Callable[..., None]] = {
     "aim": _aim,
     "twist": _twist,
     "wrench": _wrench,
-    "joints": lambda verbs, rates, sender: verbs.streams.joints(rates, Sender(*sender)),
+    "joints": lambda verbs, rates, sender: verbs.streams.joints(rates, CommandHeader(*sender)),
     "take_back": lambda verbs, kind, reason: verbs.take_back(Stream(kind), reason),
     "acquire": lambda verbs, source: verbs.acquire(source=source),
     "hand_over": lambda verbs, to, source: verbs.hand_over(to, source=source),

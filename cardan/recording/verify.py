@@ -17,8 +17,8 @@ from cardan.errors import CaptureError, ConfigurationError, MotionRefusedError
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.cycle_record import (
     CycleRecord,
+    RecordedRequest,
     RecordError,
-    Request,
     command_text,
     decode_cycle,
 )
@@ -33,19 +33,21 @@ from cardan.recording.replay_requests import REPEAT, repeat
 if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
     from cardan.gateway.arm.verbs import ArmVerbs
 
-ENGINE = "/engine"
+CONTROLLER_LOG = "/controller_log"
 """End of the name of a session's topic, after its node's name."""
+FORMER_LOG = "/engine"
+"""Its end in records of versions before 0.2.0."""
 
 _STRING = "std_msgs/msg/String"
 
 
-def _place_neighbour(controller: ArmController, text: str) -> None:
+def _place_neighbor(controller: ArmController, text: str) -> None:
     try:
         index, joints, ways_m = json.loads(text)
-        controller.place_neighbour(index, joints, ways_m)
+        controller.place_neighbor(index, joints, ways_m)
     except (ValueError, TypeError, IndexError, RecursionError):
         raise CaptureError(
-            f"the record has no neighbour's joints and ways in {text!r:.80}"
+            f"the record has no neighbor's joints and ways in {text!r:.80}"
         ) from None
 
 
@@ -55,7 +57,7 @@ def _inhibit(kind: Inhibit) -> Callable[[ArmController, str], object]:
 
 REPEATED: Mapping[str, Callable[[ArmController, str], object]] = {
     "stop": lambda controller, reason: controller.stop(reason),
-    "place_neighbour": _place_neighbour,
+    "place_neighbor": _place_neighbor,
     "acknowledge": lambda controller, _reason: controller.acknowledge(),
     **{kind.value: _inhibit(kind) for kind in Inhibit},
 }
@@ -74,7 +76,7 @@ class Difference(NamedTuple):
 
 
 @dataclass
-class EngineReport:
+class Verification:
     """What became of the replay of one session."""
 
     session: str
@@ -111,25 +113,29 @@ class EngineReport:
 
 
 class _Session(NamedTuple):
-    report: EngineReport
+    report: Verification
     cycles: list[CycleRecord]
     tables: Mapping[str, Any]
 
 
-def replay_engine(
+def verify(
     path: Path, changed: Callable[[SessionConfig], SessionConfig] | None = None
-) -> list[EngineReport]:
+) -> list[Verification]:
     """Replay each session of a record. `changed` may change its configuration before.
 
-    Raises CaptureError for a file without one, and for the configuration of an older version that
-    this one cannot use; ConfigurationError where `changed` has made one that cannot be used.
+    Raises CaptureError for a file without one, and for a record or a configuration of an older
+    version that this one cannot use; ConfigurationError where `changed` has made one that cannot
+    be used.
     """
     reader = RecordReader(path)
     configurations: dict[str, Any] = {}
     cycles: dict[str, list[CycleRecord]] = {}
+    former = ""
     for message in reader:
         topic = message.topic
-        for end in (CONFIGURATION, ENGINE):
+        if topic.name.endswith(FORMER_LOG) and topic.type_name == _STRING:
+            former = topic.name
+        for end in (CONFIGURATION, CONTROLLER_LOG):
             if topic.name.endswith(end) and topic.type_name == _STRING:
                 node = topic.name.removesuffix(end)
                 text = _text(message.data)
@@ -142,10 +148,15 @@ def replay_engine(
                     raise CaptureError(f"{path}: {topic.name}: {error}") from None
                 except (ValueError, RecursionError):
                     continue  # Some other node's topic of that name.
+    if not cycles and former:
+        raise CaptureError(
+            f"{path} has {former} in place of {CONTROLLER_LOG[1:]}: an older version of Cardan "
+            "made it; verify it by that one"
+        )
     if not cycles:
         raise CaptureError(
-            f"{path} has no {ENGINE[1:]} topic of a session: `cardan net record` makes it, of "
-            "sessions with a [network]"
+            f"{path} has no {CONTROLLER_LOG[1:]} topic of a session: `cardan net record` makes it, "
+            "of sessions with a [network]"
         )
     reports = []
     for node, records in sorted(cycles.items()):
@@ -174,12 +185,12 @@ def replay_engine(
     return reports
 
 
-def replay_cycles(config: SessionConfig, records: Iterable[CycleRecord]) -> EngineReport:
+def replay_cycles(config: SessionConfig, records: Iterable[CycleRecord]) -> Verification:
     """Put the cycles of a session through a new controller, until one differs.
 
     Raises ConfigurationError for a configuration that cannot be used here.
     """
-    report = EngineReport("")
+    report = Verification("")
     if config.filters:
         names = ", ".join(each.filter for each in config.filters)
         report.ended = f"not replayed: what the filters read is not in the record ({names})"
@@ -219,7 +230,7 @@ def replay_cycles(config: SessionConfig, records: Iterable[CycleRecord]) -> Engi
     return report
 
 
-def _why(number: int, request: Request) -> str:
+def _why(number: int, request: RecordedRequest) -> str:
     return (
         f"not replayed from cycle {number} on: {request.name} {request.argument}: motions of "
         "programs are planned beside the loop, for a time that is not recorded"

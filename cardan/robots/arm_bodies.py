@@ -46,7 +46,7 @@ def pinocchio_model(arm: ArmModel) -> Any:
             parent,
             pin.Inertia(
                 inertia.mass_kg,
-                np.array(inertia.centre_m),
+                np.array(inertia.center_m),
                 np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))),
             ),
             pin.SE3.Identity(),

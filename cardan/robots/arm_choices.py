@@ -75,7 +75,7 @@ def bent_home(arm: ArmModel) -> tuple[float, ...]:
 
     Of postures conditioned nearly as well as the best, it is the one whose joints carry the least
     (the norm of the torques and forces by gravity; a difference of a tenth of the largest counts),
-    and of several such ones the one nearest to the middle. Whole degrees and millimetres, so that
+    and of several such ones the one nearest to the middle. Whole degrees and millimeters, so that
     it can be read, but for the middle itself.
     """
     postures = _postures(arm)

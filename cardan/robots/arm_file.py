@@ -69,7 +69,7 @@ class CollisionTable(Options):
     """``[collision]``"""
 
     ignore: tuple[tuple[str, str], ...] = ()
-    """Pairs of links, or of names of shapes, whose bodies always touch, besides neighbours."""
+    """Pairs of links, or of names of shapes, whose bodies always touch, besides neighbors."""
     meshes: Literal["fit", "ignore"] = "fit"
     """Whether meshes are covered, or count as nothing."""
     fit: Literal["tight", "coarse"] = "tight"

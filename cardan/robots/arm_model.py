@@ -56,9 +56,9 @@ class Inertia(NamedTuple):
     """Mass of one body, in the body's frame."""
 
     mass_kg: float
-    centre_m: Vector3
+    center_m: Vector3
     moments: Moments
-    """xx, xy, xz, yy, yz, zz about the centre of mass, body axes, kg·m²."""
+    """xx, xy, xz, yy, yz, zz about the center of mass, body axes, kg·m²."""
 
 
 class Capsule(NamedTuple):
@@ -122,13 +122,13 @@ class ArmModel(NamedTuple):
     flange: Pose
     """In the last body."""
     tcp: Pose
-    """Tool centre point without any further tool, in the last body."""
+    """Tool center point without any further tool, in the last body."""
     inertias: tuple[Inertia, ...]
     """Of bodies 1 to n; zero where the URDF gives none."""
     shapes: tuple[BodyShape, ...]
     """Of the arm, and of what is fixed to its base (body 0)."""
     ignored_pairs: frozenset[tuple[int, int]]
-    """Bodies that always touch besides neighbours, lower index first."""
+    """Bodies that always touch besides neighbors, lower index first."""
     home: tuple[float, ...]
     """A configuration to start from, rad or m, inside limits."""
     task: Task

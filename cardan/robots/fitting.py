@@ -175,8 +175,8 @@ class Hull:
         sides = np.concatenate([self.facets[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])
         self.edges = self.corners[sides[sides[:, 0] < sides[:, 1]]]
         self.triangles = Triangles(self.corners[self.facets])
-        centred = self.triangles.corners - self.corners.mean(axis=0)
-        self.volume: float = float(np.linalg.det(centred).sum() / 6.0)
+        centered = self.triangles.corners - self.corners.mean(axis=0)
+        self.volume: float = float(np.linalg.det(centered).sum() / 6.0)
 
     def _first_facets(self) -> Indices:
         """Of a tetrahedron: long, wide and thick."""
@@ -268,8 +268,8 @@ def _once_each(points: Floats) -> Floats:
 
 def _thickened(points: Floats) -> Floats:
     """With a thickness in each direction."""
-    centred = points - points.mean(axis=0)
-    axes = _axes_of(centred.T @ centred)
+    centered = points - points.mean(axis=0)
+    axes = _axes_of(centered.T @ centered)
     for axis in axes:
         if np.ptp(points @ axis) < THINNEST_M:
             points = np.concatenate(
@@ -371,11 +371,11 @@ class _BoxPiece(NamedTuple):
 
     def shape(self) -> Shape:
         size = self.high - self.low
-        centre = (self.low + self.high) / 2.0 @ self.axes
+        center = (self.low + self.high) / 2.0 @ self.axes
         turn = pin.Quaternion(self.axes.T.copy())
         turn.normalize()
         orientation = Quaternion(float(turn.w), float(turn.x), float(turn.y), float(turn.z))
-        return Box(Pose(_vector(centre), orientation), _vector(size))
+        return Box(Pose(_vector(center), orientation), _vector(size))
 
 
 class _CapsulePiece(NamedTuple):
@@ -469,11 +469,11 @@ def _capsule(points: Floats, axes: Floats, steps: int) -> _CapsulePiece:
 def _frames(hull: Hull) -> list[Floats]:
     """Orientations to try: the box of the smallest volume, principal axes, the mesh's own."""
     corners = hull.triangles.corners
-    centres = corners.mean(axis=1)
+    centers = corners.mean(axis=1)
     spans = corners[:, 1:] - corners[:, :1]
     areas = np.linalg.norm(_crosses(spans[:, 0], spans[:, 1]), axis=1)
-    centred = centres - np.average(centres, axis=0, weights=areas)
-    principal = _axes_of((centred * areas[:, None]).T @ centred)
+    centered = centers - np.average(centers, axis=0, weights=areas)
+    principal = _axes_of((centered * areas[:, None]).T @ centered)
     largest = hull.normals[np.argsort(-areas, kind="stable")]
     chosen: list[Floats] = []
     for normal in largest:
@@ -556,8 +556,8 @@ class _Cell:
     def __init__(self, hull: Hull, axes: Floats, planes: tuple[_Plane, ...]) -> None:
         self._hull, self._axes, self._planes = hull, axes, planes
         self.corners = _corners(hull, planes)
-        centred = self.corners - self.corners.mean(axis=0)
-        principal = _axes_of(centred.T @ centred)
+        centered = self.corners - self.corners.mean(axis=0)
+        principal = _axes_of(centered.T @ centered)
         frames = [axes, principal, *(_turned(self.corners, plane.normal) for plane in planes[-1:])]
         self.piece = _smallest(
             [*_boxes(self.corners, frames), _capsule(self.corners, principal, 0)]

@@ -1,6 +1,6 @@
 """MJCF, MuJoCo's XML, as a URDF of the same robot.
 
-Not by Pinocchio's parser: it takes metres of slide joints for degrees, shifts ranges by `ref`,
+Not by Pinocchio's parser: it takes meters of slide joints for degrees, shifts ranges by `ref`,
 keeps those that ``limited="false"`` switches off, and says nothing of bodies of several joints.
 
 Joint positions are those of MuJoCo's qpos: a joint's `ref` is part of where the joint is. Sites

@@ -1,7 +1,7 @@
 """Slides in a row that one of them leads, as one slide: a telescope.
 
 Its position is the way of all of them together. The links between move less than its end: each is
-modelled with the end that it is nearer to, and :func:`swept` makes its bodies as long as they are
+modeled with the end that it is nearer to, and :func:`swept` makes its bodies as long as they are
 anywhere on the way, so that no distance is larger than the true one.
 """
 
@@ -35,7 +35,7 @@ _PARALLEL = 1e-6
 
 
 class Sweep(NamedTuple):
-    """Where a link's bodies are from where they are modelled, along a joint of the arm, m."""
+    """Where a link's bodies are from where they are modeled, along a joint of the arm, m."""
 
     joint: str
     low: float

@@ -1,6 +1,6 @@
 """What every simulated peer shares: fault switches, motion scripts, and the serving loop.
 
-A peer's behaviour is a sans-I/O core that takes time as an argument, so that tests run it in
+A peer's behavior is a sans-I/O core that takes time as an argument, so that tests run it in
 virtual time; a thin shell serves it over the real kind of transport. Peers never import drivers.
 """
 

@@ -96,8 +96,8 @@ export class Arm {
   status: Status | null = null;
   snapshot: Snapshot | null = null;
   surroundings: Surroundings | null = null;
-  /** Where its neighbours were heard to be, by their names. */
-  readonly neighbours = new Map<string, Heard>();
+  /** Where its neighbors were heard to be, by their names. */
+  readonly neighbors = new Map<string, Heard>();
   /** When the newest state came, ms of the page. */
   heardMs = -Infinity;
   onDescription: () => void = () => {};
@@ -110,7 +110,7 @@ export class Arm {
   lends = false;
   private readonly link: Source;
   private readonly ends: (() => void)[] = [];
-  private readonly neighbourEnds: (() => void)[] = [];
+  private readonly neighborEnds: (() => void)[] = [];
   private requests = 0;
   private readonly stops = new Stops();
 
@@ -136,7 +136,7 @@ export class Arm {
     }, 0);
     hear(`${name}/surroundings`, "std_msgs/msg/String", (m: { data: string }) => {
       this.surroundings = JSON.parse(m.data) as Surroundings;
-      this.hearNeighbours(this.surroundings);
+      this.hearNeighbors(this.surroundings);
       this.onSurroundings();
     }, 0);
     hear("/tf_static", "tf2_msgs/msg/TFMessage", (m: Transforms) => {
@@ -177,24 +177,24 @@ export class Arm {
 
   /** Hear no more of it. */
   close(): void {
-    for (const end of [...this.ends, ...this.neighbourEnds]) end();
-    this.ends.length = this.neighbourEnds.length = 0;
+    for (const end of [...this.ends, ...this.neighborEnds]) end();
+    this.ends.length = this.neighborEnds.length = 0;
   }
 
-  private hearNeighbours(told: Surroundings): void {
-    for (const end of this.neighbourEnds) end();
-    this.neighbourEnds.length = 0;
-    this.neighbours.clear();
-    for (const { name, topic, joints } of told.neighbours ?? []) {
+  private hearNeighbors(told: Surroundings): void {
+    for (const end of this.neighborEnds) end();
+    this.neighborEnds.length = 0;
+    this.neighbors.clear();
+    for (const { name, topic, joints } of told.neighbors ?? []) {
       const take = (message: Message) => {
         const m = message as unknown as JointState;
         const positions = new Map(m.name.map((each, index) => [each, m.position[index] ?? NaN]));
         // Others may publish on the topic, too.
         if (!joints.every((each) => Number.isFinite(positions.get(each.name)))) return;
-        this.neighbours.set(name, { joints: positions, ms: performance.now() });
+        this.neighbors.set(name, { joints: positions, ms: performance.now() });
       };
       const type = "sensor_msgs/msg/JointState";
-      this.neighbourEnds.push(this.link.bridge.subscribe(topic, type, take, DRAWN_MS));
+      this.neighborEnds.push(this.link.bridge.subscribe(topic, type, take, DRAWN_MS));
     }
   }
 

@@ -7,7 +7,7 @@ import { Span } from "./span.ts";
 /** How often a plot steps where the person has asked their system for less motion. */
 const CALM_MS = 1000;
 
-const COLOURS = ["#3b82f6", "#e5484d", "#30a46c", "#f59e0b", "#a855f7", "#0ea5e9", "#ec4899", "#84cc16"];
+const COLORS = ["#3b82f6", "#e5484d", "#30a46c", "#f59e0b", "#a855f7", "#0ea5e9", "#ec4899", "#84cc16"];
 
 const USUAL_S = 60;
 const SHORTEST_S = 0.5;
@@ -87,7 +87,7 @@ export class Chart {
           { label: "s", value: (_plot, value) => (value === null ? "–" : value.toFixed(2)) },
           ...recording.names.map((label, index) => ({
             label,
-            stroke: COLOURS[index % COLOURS.length] ?? ink,
+            stroke: COLORS[index % COLORS.length] ?? ink,
             width: 1.75,
             value: (_plot: uPlot, value: number | null) => (value === null ? "–" : value.toFixed(2)),
           })),
@@ -208,7 +208,7 @@ export class Chart {
     ink.fillText(this.title, line / 2, 0.8 * line);
     let x = line / 2;
     recording.names.forEach((name, index) => {
-      ink.fillStyle = COLOURS[index % COLOURS.length] ?? card.color;
+      ink.fillStyle = COLORS[index % COLORS.length] ?? card.color;
       ink.fillText(name, x, 1.8 * line);
       x += ink.measureText(name).width + line;
     });

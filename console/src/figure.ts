@@ -1,11 +1,11 @@
 import * as THREE from "three";
 import URDFLoader, { type URDFCollider, type URDFRobot, type URDFVisual } from "urdf-loader";
 import { type Surroundings, solid } from "./surroundings.ts";
-import { type Colour, parseColour } from "./visuals.ts";
+import { type Color, parseColor } from "./visuals.ts";
 
-/** What something of a link is painted with; null: it has no colour of its own. `flat`: it has no
+/** What something of a link is painted with; null: it has no color of its own. `flat`: it has no
  * normals. */
-export type Paint = (link: string, colour: Colour | null, flat: boolean) => THREE.Material;
+export type Paint = (link: string, color: Color | null, flat: boolean) => THREE.Material;
 
 type Shown = { bodies: THREE.Object3D[]; visuals: URDFVisual[] };
 
@@ -25,7 +25,7 @@ export class Figure {
       const visuals = link.children.filter((each): each is URDFVisual => "isURDFVisual" in each);
       const plain = paint(name, null, false);
       for (const each of bodies) cover(each, plain);
-      for (const each of visuals) cover(each, paint(name, colourOf(each), false));
+      for (const each of visuals) cover(each, paint(name, colorOf(each), false));
       this.links.set(name, { bodies, visuals });
     }
   }
@@ -35,7 +35,7 @@ export class Figure {
     for (const [name, { visuals }] of this.links) {
       for (const each of visuals) {
         if (fileOf(each) !== file || each.children.length) continue;
-        each.add(new THREE.Mesh(geometry, this.paint(name, colourOf(each), true)));
+        each.add(new THREE.Mesh(geometry, this.paint(name, colorOf(each), true)));
       }
     }
   }
@@ -95,14 +95,14 @@ function fileOf(visual: URDFVisual): string | null {
 }
 
 /** Its own, or that of the material of its name. */
-function colourOf(visual: URDFVisual): Colour | null {
+function colorOf(visual: URDFVisual): Color | null {
   const material = visual.urdfNode?.querySelector("material");
   const name = material?.getAttribute("name");
   const all = [...(visual.urdfNode?.closest("robot")?.querySelectorAll("material") ?? [])];
   const named = name ? all.filter((each) => each.getAttribute("name") === name) : [];
   for (const each of material ? [material, ...named] : []) {
-    const colour = parseColour(each.querySelector("color")?.getAttribute("rgba"));
-    if (colour) return colour;
+    const color = parseColor(each.querySelector("color")?.getAttribute("rgba"));
+    if (color) return color;
   }
   return null;
 }

@@ -1,6 +1,6 @@
 import { h } from "./dom.ts";
 
-/** How many are between neighbouring bounds, and beyond the last, of counts that are "no more than
+/** How many are between neighboring bounds, and beyond the last, of counts that are "no more than
  * each bound" among `total`. */
 export function between(within: readonly number[], total: number): number[] {
   const counts = within.map((each, index) => each - (within[index - 1] ?? 0));

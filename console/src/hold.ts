@@ -20,7 +20,7 @@ const REST_MS = 200;
 
 export type End =
   | "released"
-  | "cancelled"
+  | "canceled"
   | "left"
   | "chord"
   | "moved"
@@ -210,7 +210,7 @@ export function whileHeld(
   for (const name of ["pointerdown", "pointermove", "pointerup", "pointercancel"] as const) {
     listen(name, (event) => {
       if (event.pointerId !== pointer?.id) return;
-      if (name === "pointercancel") return over("cancelled");
+      if (name === "pointercancel") return over("canceled");
       buttons(event);
       if (!pointer) return;
       const { clientX: x, clientY: y } = event;
@@ -223,7 +223,7 @@ export function whileHeld(
     listen(name, (event) => pointer?.mouse && buttons(event));
   }
   element.addEventListener("lostpointercapture", (event) => {
-    if (event.pointerId === pointer?.id) over("cancelled");
+    if (event.pointerId === pointer?.id) over("canceled");
   });
   element.addEventListener("keydown", (event) => {
     if (!KEYS.has(event.key)) return;
@@ -243,7 +243,7 @@ export function whileHeld(
   element.addEventListener("dragstart", (event) => event.preventDefault());
   // Whatever ends the hold of the page lets go of its control, too.
   element.addEventListener("let-go", () => over("released"));
-  listen("contextmenu", () => over("cancelled"));
+  listen("contextmenu", () => over("canceled"));
   window.addEventListener("blur", () => over("blur"));
   window.addEventListener("resize", () => over("moved"));
   window.addEventListener("orientationchange", () => over("moved"));

@@ -157,7 +157,7 @@ const panels = h("div", { class: "panels" });
 for (const [word, element] of TABS) {
   element.id = `panel-${word}`;
   element.setAttribute("role", "tabpanel");
-  element.setAttribute("aria-labelledby", `tab-${word}`);
+  element.setAttribute("aria-labeledby", `tab-${word}`);
   element.tabIndex = 0;
   panels.append(element);
   tabList.append(

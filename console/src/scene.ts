@@ -8,10 +8,10 @@ import { t } from "./i18n.ts";
 import type { Part } from "./settings.ts";
 import { type Pose, type Vec3, norm, subtract } from "./spatial.ts";
 import { Around, isOld, nearness, warning } from "./surroundings.ts";
-import type { Colour, Meshes } from "./visuals.ts";
+import type { Color, Meshes } from "./visuals.ts";
 
 const TRAIL_POINTS = 1200;
-/** A point of the trail each so many metres. */
+/** A point of the trail each so many meters. */
 const TRAIL_STEP_M = 0.002;
 
 /** Where the processor draws: it has to be left to the hold, whose frames come first. */
@@ -22,7 +22,7 @@ const RESTS_MS = 700;
 const FORCE_M_PER_N = 0.01;
 const LONGEST_FORCE_M = 0.4;
 
-const COLOURS = {
+const COLORS = {
   even: 0xe4e8ee,
   odd: 0x9fb0c3,
   ghost: 0x3b82f6,
@@ -71,7 +71,7 @@ export class Scene {
   private figures: Figure[] = [];
   private readonly meshes: Meshes;
   private readonly linkMaterials = new Map<string, THREE.MeshLambertMaterial[]>();
-  private readonly ghostMaterials = { round: translucent(COLOURS.ghost), flat: translucent(COLOURS.ghost) };
+  private readonly ghostMaterials = { round: translucent(COLORS.ghost), flat: translucent(COLORS.ghost) };
   private readonly slow: boolean;
   private readonly label: string;
   private drawnMs = -Infinity;
@@ -124,24 +124,24 @@ export class Scene {
     lines.transparent = true;
     lines.opacity = 0.22;
     this.scene.add(grid, this.base, this.measured);
-    this.scene.add(this.around.workspace, this.around.obstacles, this.around.neighbours);
+    this.scene.add(this.around.workspace, this.around.obstacles, this.around.neighbors);
 
     this.commanded = new THREE.Mesh(
       new THREE.TorusGeometry(0.02, 0.0025, 8, 40),
-      new THREE.MeshBasicMaterial({ color: COLOURS.commanded }),
+      new THREE.MeshBasicMaterial({ color: COLORS.commanded }),
     );
     this.commanded.visible = false;
     this.force = new THREE.ArrowHelper(
       new THREE.Vector3(0, 0, 1),
       new THREE.Vector3(),
       0.1,
-      COLOURS.force,
+      COLORS.force,
     );
     this.force.visible = false;
     const path = new THREE.BufferGeometry();
     path.setAttribute("position", new THREE.BufferAttribute(this.trailPoints, 3));
     path.setDrawRange(0, 0);
-    this.trail = new THREE.Line(path, new THREE.LineBasicMaterial({ color: COLOURS.trail }));
+    this.trail = new THREE.Line(path, new THREE.LineBasicMaterial({ color: COLORS.trail }));
     this.trail.frustumCulled = false;
     this.scene.add(this.commanded, this.force, this.trail, this.handle);
 
@@ -176,8 +176,8 @@ export class Scene {
   load(description: string): void {
     this.empty();
     this.figures = [
-      new Figure(description, (link, colour, flat) => this.material(link, colour, flat)),
-      new Figure(description, (_link, _colour, flat) => this.ghostMaterials[flat ? "flat" : "round"]),
+      new Figure(description, (link, color, flat) => this.material(link, color, flat)),
+      new Figure(description, (_link, _color, flat) => this.ghostMaterials[flat ? "flat" : "round"]),
     ];
     const [robot, ghost] = this.figures.map((each) => each.robot) as [URDFRobot, URDFRobot];
     [this.robot, this.ghost] = [robot, ghost];
@@ -214,16 +214,16 @@ export class Scene {
   }
 
   /** Of something of a link of the robot. */
-  private material(link: string, colour: Colour | null, flat: boolean): THREE.Material {
+  private material(link: string, color: Color | null, flat: boolean): THREE.Material {
     const materials = this.linkMaterials.get(link) ?? [];
     if (!materials.length) this.linkMaterials.set(link, materials);
-    const name = JSON.stringify([colour, flat]);
+    const name = JSON.stringify([color, flat]);
     const known = materials.find((each) => each.name === name);
     if (known) return known;
     const number = [...this.linkMaterials.keys()].indexOf(link);
-    const own = new THREE.Color(number % 2 ? COLOURS.odd : COLOURS.even);
-    if (colour) own.setRGB(...colour.rgb, THREE.SRGBColorSpace);
-    const { alpha } = colour ?? { alpha: 1 };
+    const own = new THREE.Color(number % 2 ? COLORS.odd : COLORS.even);
+    if (color) own.setRGB(...color.rgb, THREE.SRGBColorSpace);
+    const { alpha } = color ?? { alpha: 1 };
     const material = new THREE.MeshLambertMaterial({
       name,
       color: own,
@@ -232,7 +232,7 @@ export class Scene {
       transparent: alpha < 1,
       opacity: alpha,
     });
-    material.userData["colour"] = own;
+    material.userData["color"] = own;
     materials.push(material);
     return material;
   }
@@ -243,8 +243,8 @@ export class Scene {
     void this.dress(arm);
     this.around.load(arm.surroundings, this.robot, this.reach);
     this.around.showShells(this.shows("capsules"));
-    const { obstacles, neighbours } = arm.surroundings;
-    const names = [...obstacles, ...(neighbours ?? [])].map((each) => each.name).join(", ");
+    const { obstacles, neighbors } = arm.surroundings;
+    const names = [...obstacles, ...(neighbors ?? [])].map((each) => each.name).join(", ");
     const words = names ? `${this.label}. ${t("shown_obstacles")}: ${names}.` : this.label;
     this.renderer.domElement.setAttribute("aria-label", words);
     this.warm = false;
@@ -259,7 +259,7 @@ export class Scene {
     this.measured.visible = this.shows("tcp");
     this.trail.visible = this.shows("trail");
     this.around.workspace.visible = this.shows("workspace");
-    this.around.obstacles.visible = this.around.neighbours.visible = this.shows("obstacles");
+    this.around.obstacles.visible = this.around.neighbors.visible = this.shows("obstacles");
     this.around.showShells(this.shows("capsules"));
     if (this.ghost) this.ghost.visible = this.hasGhost && this.shows("ghost");
     this.showLooks();
@@ -282,7 +282,7 @@ export class Scene {
     this.commanded.visible = moves && this.shows("commanded");
     if (arm.commanded) place(this.commanded, arm.commanded);
     this.showForce(arm);
-    this.around.follow(arm.neighbours, performance.now());
+    this.around.follow(arm.neighbors, performance.now());
     this.showClearance(arm);
   }
 
@@ -294,7 +294,7 @@ export class Scene {
     this.ghost.visible = this.hasGhost && this.shows("ghost");
     if (joints) setJoints(this.ghost, names, joints);
     for (const each of Object.values(this.ghostMaterials)) {
-      each.color.setHex(reachable ? COLOURS.ghost : COLOURS.unreachable);
+      each.color.setHex(reachable ? COLORS.ghost : COLORS.unreachable);
     }
     if (pose && !this.dragging) place(this.handle, pose);
     this.redraw();
@@ -346,9 +346,9 @@ export class Scene {
 
   look(from: View): void {
     const [x, y, z] = VIEWS[from];
-    const centre = new THREE.Vector3(0.15, 0, 0.33).multiplyScalar(this.reach);
-    this.orbit.target.copy(centre);
-    this.camera.position.set(x, y, z).multiplyScalar(this.reach).add(centre);
+    const center = new THREE.Vector3(0.15, 0, 0.33).multiplyScalar(this.reach);
+    this.orbit.target.copy(center);
+    this.camera.position.set(x, y, z).multiplyScalar(this.reach).add(center);
     this.orbit.update();
     this.redraw();
   }
@@ -373,8 +373,8 @@ export class Scene {
       arm.status?.moving ? 1 : 0,
       arm.snapshot?.clearance_m ?? 1,
       arm.snapshot?.at_workspace_limit ? 1 : 0,
-      ...(arm.surroundings?.neighbours ?? []).flatMap((each) => {
-        const heard = arm.neighbours.get(each.name);
+      ...(arm.surroundings?.neighbors ?? []).flatMap((each) => {
+        const heard = arm.neighbors.get(each.name);
         if (!heard) return [];
         return [...heard.joints.values(), isOld(each, heard, performance.now()) ? 1 : 0];
       }),
@@ -454,11 +454,11 @@ export class Scene {
     const near = nearness(clearance, pair, arm.surroundings);
     for (const [name, materials] of this.linkMaterials) {
       for (const material of materials) {
-        material.color.copy(material.userData["colour"] as THREE.Color);
+        material.color.copy(material.userData["color"] as THREE.Color);
         if (near > 0 && pair.includes(name)) material.color.lerp(warning(near), 0.35 + 0.45 * near);
       }
     }
-    this.around.colour(near, pair, Boolean(arm.snapshot?.at_workspace_limit));
+    this.around.color(near, pair, Boolean(arm.snapshot?.at_workspace_limit));
   }
 
   private resize(place: HTMLElement): void {
@@ -498,9 +498,9 @@ function setJoints(robot: URDFRobot, names: readonly string[], values: readonly 
   });
 }
 
-function translucent(colour: number): THREE.MeshLambertMaterial {
+function translucent(color: number): THREE.MeshLambertMaterial {
   return new THREE.MeshLambertMaterial({
-    color: colour,
+    color: color,
     transparent: true,
     opacity: 0.28,
     depthWrite: false,

@@ -15,7 +15,7 @@ type Placed = { position: Vec3; orientation: Quat };
 
 /** Another arm, that moves by itself: its base in this one's, and its joints from there on, each where
  * it is in the body before at zero. */
-export type Neighbour = {
+export type Neighbor = {
   name: string;
   topic: string;
   max_age_s: number;
@@ -24,7 +24,7 @@ export type Neighbour = {
   shapes: (Solid & { joint: string })[];
 };
 
-/** Joint positions of a neighbour by name, and when they came, ms of the page. */
+/** Joint positions of a neighbor by name, and when they came, ms of the page. */
 export type Heard = { joints: ReadonlyMap<string, number>; ms: number };
 
 /** What an arm's session tells of what is around it: base axes, m and rad. */
@@ -35,7 +35,7 @@ export type Surroundings = {
   obstacles: Solid[];
   /** Of the arm, each in the frame of the link after its joint; "" is the base. */
   shapes: (Solid & { joint: string })[];
-  neighbours?: Neighbour[];
+  neighbors?: Neighbor[];
   /** How many links have no body, and which; empty or absent: all have one. */
   links_without_body?: string;
   /** The keys of visual meshes, by what the description calls them. */
@@ -48,17 +48,17 @@ export type Surroundings = {
   home: number[] | null;
 };
 
-/** What comes nearer than is kept and so much more is coloured. The arm's own bodies pass each other
+/** What comes nearer than is kept and so much more is colored. The arm's own bodies pass each other
  * closely in any posture. */
 const WARNS_M = { obstacle: 0.04, ownBody: 0.01 };
 
 /** What is kept where the session does not say. */
 const KEPT_M = { obstacle: 0.01, ownBody: 0.005 };
 
-const COLOURS = {
+const COLORS = {
   obstacle: new THREE.Color(0x8b7355),
-  neighbour: new THREE.Color(0x8e7cc3),
-  /** Of a neighbour that nothing was heard of for long. */
+  neighbor: new THREE.Color(0x8e7cc3),
+  /** Of a neighbor that nothing was heard of for long. */
   old: new THREE.Color(0x9aa0a6),
   shell: new THREE.Color(0x30a46c),
   near: new THREE.Color(0xf59e0b),
@@ -73,16 +73,16 @@ export function nearness(
   told: Surroundings | null,
 ): number {
   if (clearance === null) return 0;
-  const solids = [told?.obstacles, ...(told?.neighbours ?? []).map((each) => each.shapes)];
+  const solids = [told?.obstacles, ...(told?.neighbors ?? []).map((each) => each.shapes)];
   const obstacle = solids.flat().some((each) => each && pair.includes(each.name));
   const kind = obstacle ? "obstacle" : "ownBody";
   const kept = (obstacle ? told?.obstacle_m : told?.own_body_m) ?? KEPT_M[kind];
   return Math.max(0, Math.min(1, 1 + (kept - clearance) / WARNS_M[kind]));
 }
 
-/** The colour of a warning for how near it is, 0 to 1. */
+/** The color of a warning for how near it is, 0 to 1. */
 export function warning(near: number): THREE.Color {
-  return COLOURS.near.clone().lerp(COLOURS.touching, near);
+  return COLORS.near.clone().lerp(COLORS.touching, near);
 }
 
 /** Corners of the workspace, where its open sides are `open` m away; null: it has no walls. */
@@ -96,14 +96,14 @@ export function walls(
   return { low: [x[0], y[0], z[0]], high: [x[1], y[1], z[1]] };
 }
 
-/** A neighbour's bodies, and what moves them. */
+/** A neighbor's bodies, and what moves them. */
 class Other {
   readonly root = new THREE.Group();
-  readonly told: Neighbour;
+  readonly told: Neighbor;
   readonly materials: THREE.MeshLambertMaterial[] = [];
   private readonly moved: THREE.Group[] = [];
 
-  constructor(told: Neighbour) {
+  constructor(told: Neighbor) {
     this.told = told;
     this.root.visible = false;
     put(this.root, told.base);
@@ -123,11 +123,11 @@ class Other {
     return joint ? this.moved[this.told.joints.findIndex((each) => each.name === joint)] : this.root;
   }
 
-  /** Take what was heard last; before that it is not shown, and once that is old it is grey. */
+  /** Take what was heard last; before that it is not shown, and once that is old it is gray. */
   follow(heard: Heard | undefined, nowMs: number): void {
     this.root.visible = heard !== undefined;
     const old = !heard || isOld(this.told, heard, nowMs);
-    for (const each of this.materials) each.userData["own"] = old ? COLOURS.old : COLOURS.neighbour;
+    for (const each of this.materials) each.userData["own"] = old ? COLORS.old : COLORS.neighbor;
     this.told.joints.forEach((joint, index) => {
       const [moved, value] = [this.moved[index], heard?.joints.get(joint.name)];
       if (!moved || value === undefined) return;
@@ -143,44 +143,44 @@ function put(group: THREE.Group, at: Placed): void {
   group.quaternion.set(...at.orientation);
 }
 
-/** Whether a neighbour may be elsewhere by now. */
-export function isOld(neighbour: Neighbour, heard: Heard, nowMs: number): boolean {
-  return nowMs - heard.ms > 1e3 * neighbour.max_age_s;
+/** Whether a neighbor may be elsewhere by now. */
+export function isOld(neighbor: Neighbor, heard: Heard, nowMs: number): boolean {
+  return nowMs - heard.ms > 1e3 * neighbor.max_age_s;
 }
 
-/** Workspace, obstacles, neighbours, and the collision shapes of the arm with the distance that is kept. */
+/** Workspace, obstacles, neighbors, and the collision shapes of the arm with the distance that is kept. */
 export class Around {
   readonly workspace = new THREE.Group();
   readonly obstacles = new THREE.Group();
-  readonly neighbours = new THREE.Group();
+  readonly neighbors = new THREE.Group();
   private readonly others: Other[] = [];
   private readonly shells: THREE.Mesh[] = [];
   private readonly materials = new Map<string, THREE.MeshLambertMaterial[]>();
-  private readonly edge = new THREE.LineBasicMaterial({ color: COLOURS.edge });
+  private readonly edge = new THREE.LineBasicMaterial({ color: COLORS.edge });
 
   /** Make all of it anew; `reach`: about how far the arm reaches, m. */
   load(told: Surroundings, robot: URDFRobot | null, reach: number): void {
     this.clear();
     for (const each of told.obstacles) {
       const mesh = solid(each, 0, 3 * reach);
-      if (mesh) this.obstacles.add(this.painted(mesh, each.name, COLOURS.obstacle, 0.55));
+      if (mesh) this.obstacles.add(this.painted(mesh, each.name, COLORS.obstacle, 0.55));
     }
-    for (const each of told.neighbours ?? []) {
+    for (const each of told.neighbors ?? []) {
       const other = new Other(each);
       for (const shape of each.shapes) {
         const mesh = solid(shape, 0, reach);
         if (!mesh) continue;
-        other.after(shape.joint)?.add(this.painted(mesh, shape.name, COLOURS.old, 0.55));
+        other.after(shape.joint)?.add(this.painted(mesh, shape.name, COLORS.old, 0.55));
         other.materials.push(mesh.material as THREE.MeshLambertMaterial);
       }
       this.others.push(other);
-      this.neighbours.add(other.root);
+      this.neighbors.add(other.root);
     }
     for (const each of robot ? told.shapes : []) {
       const mesh = solid(each, told.obstacle_m ?? 0, reach);
       const place = each.joint ? robot?.joints[each.joint] : robot;
       if (!mesh || !place) continue;
-      place.add(this.painted(mesh, each.name, COLOURS.shell, 0.22));
+      place.add(this.painted(mesh, each.name, COLORS.shell, 0.22));
       this.shells.push(mesh);
     }
     const box = walls(told.workspace_m, 1.5 * reach);
@@ -191,13 +191,13 @@ export class Around {
     for (const each of this.shells) each.visible = on;
   }
 
-  /** Put the neighbours where they were heard to be, by their names; `colour` then colours them. */
+  /** Put the neighbors where they were heard to be, by their names; `color` then colors them. */
   follow(heard: ReadonlyMap<string, Heard>, nowMs: number): void {
     for (const each of this.others) each.follow(heard.get(each.told.name), nowMs);
   }
 
-  /** Colour the pair that is near, 0 to 1, and the wall that is met. */
-  colour(near: number, pair: readonly string[], atWall: boolean): void {
+  /** Color the pair that is near, 0 to 1, and the wall that is met. */
+  color(near: number, pair: readonly string[], atWall: boolean): void {
     for (const [name, materials] of this.materials) {
       for (const material of materials) {
         const { own, opacity } = material.userData as { own: THREE.Color; opacity: number };
@@ -207,7 +207,7 @@ export class Around {
         material.opacity = warns ? opacity + 0.25 * near : opacity;
       }
     }
-    this.edge.color.copy(atWall ? COLOURS.touching : COLOURS.edge);
+    this.edge.color.copy(atWall ? COLORS.touching : COLORS.edge);
   }
 
   /** Show none of it. */
@@ -216,7 +216,7 @@ export class Around {
     this.shells.length = 0;
     this.materials.clear();
     this.obstacles.clear();
-    this.neighbours.clear();
+    this.neighbors.clear();
     this.others.length = 0;
     this.workspace.clear();
   }

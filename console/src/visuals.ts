@@ -1,10 +1,10 @@
 import * as THREE from "three";
 
 /** Of a URDF's <color>, 0 to 1. */
-export type Colour = { rgb: readonly [number, number, number]; alpha: number };
+export type Color = { rgb: readonly [number, number, number]; alpha: number };
 
-/** The colour of an attribute rgba; null: that is none. */
-export function parseColour(rgba: string | null | undefined): Colour | null {
+/** The color of an attribute rgba; null: that is none. */
+export function parseColor(rgba: string | null | undefined): Color | null {
   const numbers = (rgba ?? "").trim().split(/\s+/).map(Number);
   const [r, g, b, alpha] = numbers;
   if (numbers.length !== 4 || !numbers.every((each) => each >= 0 && each <= 1)) return null;

@@ -47,7 +47,7 @@ export async function startXr(
   await session.updateRenderState({ baseLayer: new XRWebGLLayer(session, gl) });
   const space = await session.requestReferenceSpace("local-floor");
   references += 1;
-  // The headset was recentred, or has found itself elsewhere: all poses are others now.
+  // The headset was recentered, or has found itself elsewhere: all poses are others now.
   space.addEventListener("reset", () => {
     references += 1;
   });

@@ -45,7 +45,7 @@ test("every frame of a hold says so again", () => {
 });
 
 test("every end of a hold sends zero at once, and nothing begins it but a press", () => {
-  const ends: End[] = ["released", "cancelled", "left", "chord", "moved", "blur", "refused"];
+  const ends: End[] = ["released", "canceled", "left", "chord", "moved", "blur", "refused"];
   for (const why of ends) {
     const holding = held();
     holding.tick(FRAME_MS);

@@ -48,7 +48,7 @@ test("a plot follows the newest, or stands where it was put", () => {
   assert.deepEqual(span.range(600), [440, 500]);
 });
 
-test("counts are between neighbours, and what is beyond the last bound is seen", () => {
+test("counts are between neighbors, and what is beyond the last bound is seen", () => {
   assert.deepEqual(between([3, 5, 5], 9), [3, 2, 0, 4]);
   assert.deepEqual(between([], 0), [0]);
   assert.deepEqual(spread([1, 5, 7, 400], [2, 6, 10]), [1, 1, 1, 1]);

@@ -34,7 +34,7 @@ test("a workspace without walls is none, and open sides are far away", () => {
   assert.deepEqual(walls(AROUND.workspace_m, 2), { low: [-0.5, -2, 0], high: [0.5, 2, 0.8] });
 });
 
-test("obstacles stand where they are, and what is near is coloured", () => {
+test("obstacles stand where they are, and what is near is colored", () => {
   const around = new Around();
   around.load(AROUND, null, 1);
   const [table, pole, ball, floor] = around.obstacles.children;
@@ -42,23 +42,23 @@ test("obstacles stand where they are, and what is near is coloured", () => {
   assert.deepEqual(pole?.position.toArray(), [0.4, 0, 0.3]);
   assert.deepEqual(ball?.position.toArray(), [0, 0, 1]);
   assert.equal(floor?.position.z, -0.2);
-  const colour = () => ({ ...(table as unknown as { material: { color: object } }).material.color });
-  const far = colour();
-  around.colour(0, ["table", "wrist"], false);
-  assert.deepEqual(colour(), far);
-  around.colour(0.7, ["forearm", "wrist"], true);
-  assert.deepEqual(colour(), far);
-  around.colour(0.7, ["table", "wrist"], false);
-  assert.notDeepEqual(colour(), far);
+  const color = () => ({ ...(table as unknown as { material: { color: object } }).material.color });
+  const far = color();
+  around.color(0, ["table", "wrist"], false);
+  assert.deepEqual(color(), far);
+  around.color(0.7, ["forearm", "wrist"], true);
+  assert.deepEqual(color(), far);
+  around.color(0.7, ["table", "wrist"], false);
+  assert.notDeepEqual(color(), far);
   around.load({ ...AROUND, obstacles: [], workspace_m: [null, null, null] }, null, 1);
   assert.equal(around.obstacles.children.length + around.workspace.children.length, 0);
 });
 
 const FLAT = [0, 0, 0, 1] as const;
 
-const NEIGHBOUR: Surroundings = {
+const NEIGHBOR: Surroundings = {
   ...AROUND,
-  neighbours: [
+  neighbors: [
     {
       name: "right",
       topic: "/right/joint_states",
@@ -76,39 +76,39 @@ const NEIGHBOUR: Surroundings = {
   ],
 };
 
-test("a neighbour is where its joints have it, and grey once that is old", () => {
+test("a neighbor is where its joints have it, and gray once that is old", () => {
   const around = new Around();
-  around.load(NEIGHBOUR, null, 1);
+  around.load(NEIGHBOR, null, 1);
   const heard = new Map<string, Heard>();
-  const [root] = around.neighbours.children;
+  const [root] = around.neighbors.children;
   assert.ok(root);
   around.follow(heard, 0);
   assert.equal(root.visible, false);
   heard.set("right", { joints: new Map([["pan", Math.PI / 2], ["lift", 0.5], ["other", 3]]), ms: 1000 });
   const meshes: THREE.Mesh[] = [];
-  around.neighbours.traverse((each) => { if (each instanceof THREE.Mesh) meshes.push(each); });
-  const colours = () => {
-    around.colour(0, [], false);
+  around.neighbors.traverse((each) => { if (each instanceof THREE.Mesh) meshes.push(each); });
+  const colors = () => {
+    around.color(0, [], false);
     return meshes.map((each) => (each.material as THREE.MeshLambertMaterial).color.getHex());
   };
   around.follow(heard, 1100);
-  const young = colours();
+  const young = colors();
   assert.equal(root.visible, true);
-  around.neighbours.updateMatrixWorld(true);
+  around.neighbors.updateMatrixWorld(true);
   const places = meshes.map((each) => each.getWorldPosition(new THREE.Vector3()).toArray());
   const expected = [[0.9, -0.3, 0.7], [1, 0, 0]]; // The hand, the foot.
   expected.forEach((at, index) => {
     at.forEach((value, axis) => assert.ok(Math.abs((places[index]?.[axis] ?? NaN) - value) < 1e-9));
   });
   around.follow(heard, 1151);
-  const old = colours();
+  const old = colors();
   old.forEach((each, index) => assert.notEqual(each, young[index]));
   around.follow(heard, 1150);
-  assert.deepEqual(colours(), young);
+  assert.deepEqual(colors(), young);
   // It is kept as far away as obstacles are.
   const pair = ["right's hand", "wrist"];
-  assert.equal(nearness(0.02, pair, NEIGHBOUR), 1);
+  assert.equal(nearness(0.02, pair, NEIGHBOR), 1);
   assert.equal(nearness(0.02, pair, AROUND), 0);
   around.load(AROUND, null, 1);
-  assert.equal(around.neighbours.children.length, 0);
+  assert.equal(around.neighbors.children.length, 0);
 });

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { Meshes, parseColour, parseMesh } from "../src/visuals.ts";
+import { Meshes, parseColor, parseMesh } from "../src/visuals.ts";
 
 /** One triangle more than corners allow where `last` says so. */
 function bytes(last = 2): ArrayBuffer {
@@ -28,10 +28,10 @@ test("what is no mesh is none", () => {
   assert.throws(() => parseMesh(many));
 });
 
-test("a colour is one of four shares", () => {
-  assert.deepEqual(parseColour(" 0.5  0 1 0.25\n"), { rgb: [0.5, 0, 1], alpha: 0.25 });
+test("a color is one of four shares", () => {
+  assert.deepEqual(parseColor(" 0.5  0 1 0.25\n"), { rgb: [0.5, 0, 1], alpha: 0.25 });
   for (const none of [null, undefined, "", "1 1 1", "1 1 1 1 1", "1 x 1 1", "2 0 0 1", "-1 0 0 1"]) {
-    assert.equal(parseColour(none), null);
+    assert.equal(parseColor(none), null);
   }
 });
 

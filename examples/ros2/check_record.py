@@ -9,12 +9,12 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from cardan.recording.verify import replay_engine
+from cardan.recording.verify import verify
 
 
 def main(path: str) -> int:
     """Exit code 1 where a command differs, or the record could not be replayed to its end."""
-    reports = replay_engine(Path(path))
+    reports = verify(Path(path))
     for report in reports:
         print("\n".join(report.lines()))
     return int(not all(report.same and not report.ended for report in reports))

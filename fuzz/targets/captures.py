@@ -22,7 +22,7 @@ from cardan.recording.mcap_file import (
     RecordWriter,
 )
 from cardan.recording.plot import read_series
-from cardan.recording.verify import replay_engine
+from cardan.recording.verify import verify
 from cardan_dissect import dissect_file, network, tcp, usbmon
 from cardan_dissect.capture import Capture, CapturedPacket
 from cardan_jr3 import capture as jr3_capture
@@ -215,7 +215,7 @@ def _records() -> tuple[bytes, ...]:
             ("/arm/reference", "geometry_msgs/msg/PoseStamped", pose),
             ("/arm/state/wrench", "geometry_msgs/msg/WrenchStamped", wrench),
             ("/arm/snapshot", "std_msgs/msg/String", {"data": snapshot}),
-            ("/arm/engine", "std_msgs/msg/String", {"data": _CYCLE}),
+            ("/arm/controller_log", "std_msgs/msg/String", {"data": _CYCLE}),
             ("/arm/configuration", "std_msgs/msg/String", {"data": '{"tables": {}}'}),
         )
     ):
@@ -242,7 +242,7 @@ def _mcap(data: bytes) -> object:
     reader = RecordReader(path)
     count = sum(1 for _ in reader)
     results += [count > 3, bool(reader.cut_off)]
-    for read in (read_series, replay_engine):
+    for read in (read_series, verify):
         try:
             read(path)
             results.append(True)

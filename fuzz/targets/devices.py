@@ -234,7 +234,7 @@ def _spnav_requests() -> Iterator[bytes]:
     )
 
 
-_DATA = (spnav.Reply, spnav_server.Request)
+_DATA = (spnav.Reply, spnav_server.ClientRequest)
 
 
 def _spnav_strings(packets: Packets) -> object:
@@ -274,7 +274,7 @@ def _spnav_core(packets: Packets) -> object:
             for value in reader.feed(piece):
                 if isinstance(value, spnav.Handshake):
                     core.on_bytes(spnav.encode_handshake(value.version), now_s)
-                elif isinstance(value, spnav_server.Request):
+                elif isinstance(value, spnav_server.ClientRequest):
                     core.on_bytes(spnav.encode_reply(value.word, (), spnav.FAILED), now_s)
         core.on_time(now_s)
     core.on_bytes(spnav_server.encode_motion((0,) * 6, 16), now_s)

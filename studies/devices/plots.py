@@ -20,11 +20,11 @@ def draw(found: Sequence[Driven]) -> Iterator[Drawn]:
     left.set_title("how old the hand's motion is when it is used")
     left.legend(fontsize=8)
     places, last = range(len(found)), [each.runs[-1] for each in found]
-    for off, name, colour, values in (
+    for off, name, color, values in (
         (-0.2, "median", "tab:blue", [1e6 * one.tick_p50_s for one in last]),
         (0.2, "p99", "tab:orange", [1e6 * one.tick_p99_s for one in last]),
     ):
-        right.barh([place + off for place in places], values, 0.38, color=colour, label=name)
+        right.barh([place + off for place in places], values, 0.38, color=color, label=name)
     names = [each.device.name for each in found]
     right.set(yticks=list(places), yticklabels=names, xlabel="µs")
     right.invert_yaxis()

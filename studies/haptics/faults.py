@@ -199,7 +199,7 @@ FAULTS = (
 )
 
 
-class Felt(NamedTuple):
+class FaultResponse(NamedTuple):
     """What the hand felt from the fault on."""
 
     fault: Fault
@@ -232,7 +232,7 @@ class Felt(NamedTuple):
         return self.zero_s <= self.fault.dead_s
 
 
-def feel(fault: Fault) -> Felt:
+def feel(fault: Fault) -> FaultResponse:
     """Have one fault, and look."""
     scene = Scene()
     with scene.rig as rig:
@@ -241,10 +241,12 @@ def feel(fault: Fault) -> Felt:
         fault.begin(scene)
         first = len(rig.trace.times_s)
         rig.run(AFTER_S, scene.command, EVERY)
-        return _felt(fault, rig.trace, first, rig.tick.snapshot(), scene.refused)
+        return _response(fault, rig.trace, first, rig.tick.snapshot(), scene.refused)
 
 
-def _felt(fault: Fault, trace: Trace, first: int, after: HapticState, refused: int) -> Felt:
+def _response(
+    fault: Fault, trace: Trace, first: int, after: HapticState, refused: int
+) -> FaultResponse:
     since = slice(first - 1, None)
     times_s, sent, felt = trace.times_s[since], trace.sent_n[since], trace.felt_n[since]
     sizes: Array = np.linalg.norm(sent, axis=1)
@@ -260,7 +262,7 @@ def _felt(fault: Fault, trace: Trace, first: int, after: HapticState, refused: i
         words = _words(state, reason)
         if words not in reasons:
             reasons.append(words)
-    return Felt(
+    return FaultResponse(
         fault,
         float(sizes[0]),
         float(sizes.max()),
@@ -288,7 +290,7 @@ def _words(state: OperatingState, reason: str) -> str:
     return f"{state.value}: {reason}" if reason else state.value
 
 
-def table(found: list[Felt]) -> str:
+def table(found: list[FaultResponse]) -> str:
     """Markdown."""
     lines = [
         "| fault | largest force | rise, fall at most | zero after | then |",

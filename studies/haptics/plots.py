@@ -9,7 +9,7 @@ from typing import Any
 from cardan.common.arm_libraries import np
 from studies.haptics import theory
 from studies.haptics.far import STIFFNESS_N_M, Point
-from studies.haptics.faults import FAULT_S, LIMITS, Felt
+from studies.haptics.faults import FAULT_S, LIMITS, FaultResponse
 from studies.haptics.loop import TICK_S, Array, Trace
 from studies.haptics.remote import Link
 from studies.haptics.stability import (
@@ -36,12 +36,12 @@ from studies.haptics.zwidth import VISCOUS_N_S_M, Width
 from studies.plotting import colors, plt
 from studies.result import Drawn
 
-OURS_COLOUR, OFF_COLOUR, PLAIN_COLOUR = "tab:blue", "tab:orange", "tab:red"
+OURS_COLOR, OFF_COLOR, PLAIN_COLOR = "tab:blue", "tab:orange", "tab:red"
 THEORY = "black"
 PAIR = (400.0, Link(0.05))
 """Stiffness and link of the traces, held."""
 ROBOT_LAG_S = 0.004
-FELT = (
+FAULT_RESPONSES = (
     "command source dead",
     "NaN as position",
     "comm error",
@@ -62,7 +62,7 @@ def draw(
     channel: list[Compared],
     sampling: list[Compared],
     widths: list[Width],
-    felt: list[Felt],
+    felt: list[FaultResponse],
     far: list[Point],
 ) -> Iterator[Drawn]:
     """All pictures."""
@@ -168,13 +168,13 @@ def _far(points: list[Point]) -> Any:
     for cell, hand in zip(axes, hands, strict=True):
         own = [each for each in points if each.hand == hand]
         delays_ms = [1e3 * each.delay_s for each in own]
-        for name, values, colour in (
-            ("law of both ends", [each.felt_n_m for each in own], OURS_COLOUR),
-            ("the tick alone", [each.alone_n_m for each in own], OFF_COLOUR),
+        for name, values, color in (
+            ("law of both ends", [each.felt_n_m for each in own], OURS_COLOR),
+            ("the tick alone", [each.alone_n_m for each in own], OFF_COLOR),
         ):
-            cell.plot(delays_ms, values, "o-", color=colour, label=name)
+            cell.plot(delays_ms, values, "o-", color=color, label=name)
         unstable = [1e3 * each.delay_s for each in own if not each.plain.stable]
-        cell.plot(unstable, [0.0] * len(unstable), "x", color=PLAIN_COLOUR, label="plain unstable")
+        cell.plot(unstable, [0.0] * len(unstable), "x", color=PLAIN_COLOR, label="plain unstable")
         cell.axhline(STIFFNESS_N_M, color=THEORY, ls="--", lw=1, label="the wall")
         cell.set(title=hand.name, xlabel="delay one way, ms", ylabel="stiffness felt, N/m")
         cell.legend(fontsize=8)
@@ -212,13 +212,13 @@ def _bound_mj(trace: Trace) -> Array:
 
 def _pair() -> Any:
     figure, (left, middle, right) = plt.subplots(1, 3, figsize=(10.0, 3.2), layout="constrained")
-    for limits, colour, name in ((PLAIN, PLAIN_COLOUR, "plain"), (OURS, OURS_COLOUR, "ours")):
+    for limits, color, name in ((PLAIN, PLAIN_COLOR, "plain"), (OURS, OURS_COLOR, "ours")):
         trace = remote(limits, HELD, *PAIR)
         every = slice(None, None, 4)
         times_s = trace.times_s[every]
-        left.plot(times_s, 1e3 * trace.position_m[every, 2], colour, lw=1, label=name)
-        middle.plot(times_s, trace.sent_n[every, 2], colour, lw=1, label=name)
-        right.plot(times_s, 1e3 * trace.given_j[every], colour, lw=1.2, label=name)
+        left.plot(times_s, 1e3 * trace.position_m[every, 2], color, lw=1, label=name)
+        middle.plot(times_s, trace.sent_n[every, 2], color, lw=1, label=name)
+        right.plot(times_s, 1e3 * trace.given_j[every], color, lw=1.2, label=name)
         if limits is OURS:
             bound = _bound_mj(trace)[every]
             right.plot(times_s, bound, "0.3", ls="--", lw=1, label="the bound of ours")
@@ -234,15 +234,15 @@ def _pair() -> Any:
 def _energy() -> Any:
     figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.4), layout="constrained")
     for index, push in enumerate(PUSHES):
-        colour = f"C{index}"
+        color = f"C{index}"
         stiffness, link = push.pushed
         for limits, axes in ((PLAIN, left), (OURS, right)):
             trace: Trace = remote(limits, push.hand, stiffness, link)
             given_mj = 1e3 * trace.given_j[::10]
             label = f"{push.name}: {push.hand.name}, {stiffness:.0f} N/m, {link_words(link)}"
-            axes.plot(trace.times_s[::10], given_mj, colour, lw=1, label=label)
+            axes.plot(trace.times_s[::10], given_mj, color, lw=1, label=label)
             if limits is OURS:
-                axes.plot(trace.times_s[::10], _bound_mj(trace)[::10], colour, ls=":", lw=1)
+                axes.plot(trace.times_s[::10], _bound_mj(trace)[::10], color, ls=":", lw=1)
     left.set(xlabel="time, s", ylabel="mJ", title="plain: energy given to the hand")
     left.set_yscale("symlog", linthresh=10.0)
     right.set(xlabel="time, s", ylabel="mJ", title="ours; dotted: its bound", ylim=(-3.0, 10.0))
@@ -255,15 +255,15 @@ def _energy() -> Any:
 def _zwidth(widths: list[Width]) -> Any:
     figure, axes = plt.subplots(figsize=(7.0, 3.8), layout="constrained")
     damping = np.array([one.damping_n_s_m for one in widths])
-    for name, colour, style, label in (
-        ("plain_frictionless", PLAIN_COLOUR, "o--", "plain, no friction"),
-        ("off_frictionless", OFF_COLOUR, "o--", "ours, controller off, no friction"),
-        ("ours_frictionless", OURS_COLOUR, "o--", "ours, no friction"),
-        ("plain", PLAIN_COLOUR, "o-", "plain, friction 0.26 N"),
-        ("off", OFF_COLOUR, "o-", "ours, controller off, friction 0.26 N"),
-        ("ours", OURS_COLOUR, "o-", "ours, friction 0.26 N"),
+    for name, color, style, label in (
+        ("plain_frictionless", PLAIN_COLOR, "o--", "plain, no friction"),
+        ("off_frictionless", OFF_COLOR, "o--", "ours, controller off, no friction"),
+        ("ours_frictionless", OURS_COLOR, "o--", "ours, no friction"),
+        ("plain", PLAIN_COLOR, "o-", "plain, friction 0.26 N"),
+        ("off", OFF_COLOR, "o-", "ours, controller off, friction 0.26 N"),
+        ("ours", OURS_COLOR, "o-", "ours, friction 0.26 N"),
     ):
-        axes.plot(damping, [getattr(one, name) for one in widths], style, color=colour, label=label)
+        axes.plot(damping, [getattr(one, name) for one in widths], style, color=color, label=label)
     fine = np.linspace(0.0, float(damping.max()), 200)
     passive = [theory.passive_stiffness(VISCOUS_N_S_M, b, TICK_S) for b in fine]
     axes.plot(fine, passive, color=THEORY, label="passive by theory: b > KT/2 + |B|")
@@ -280,10 +280,10 @@ def _zwidth(widths: list[Width]) -> Any:
     return figure
 
 
-def _faults(felt: list[Felt]) -> Any:
+def _faults(felt: list[FaultResponse]) -> Any:
     figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 3.4), layout="constrained")
     by_name = {one.fault.name: one for one in felt}
-    for name in FELT:
+    for name in FAULT_RESPONSES:
         trace = by_name[name].trace
         since_ms = 1e3 * (trace.times_s - FAULT_S)
         size = np.linalg.norm(trace.felt_n, axis=1)

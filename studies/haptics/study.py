@@ -35,7 +35,7 @@ class Grids(NamedTuple):
     channel: list[Compared]
     sampling: list[Compared]
     widths: list[zwidth.Width]
-    felt: list[faults.Felt]
+    felt: list[faults.FaultResponse]
     far: list[far.Point]
 
 

@@ -18,7 +18,7 @@ LEAD_S = 0.06
 Find = Callable[[float, Array, Array, float], float]
 
 
-class Phase(NamedTuple):
+class PushDelays(NamedTuple):
     """One push."""
 
     delays: Delays
@@ -35,7 +35,7 @@ class Result(NamedTuple):
 
     mode: str
     plant: str
-    phases: tuple[Phase, ...]
+    phases: tuple[PushDelays, ...]
 
     @property
     def delays(self) -> tuple[Delays, ...]:
@@ -62,7 +62,7 @@ class Result(NamedTuple):
         return sum(phase.stopped_s for phase in self.phases)
 
 
-def analyse(recording: Recording) -> Result:
+def analyze(recording: Recording) -> Result:
     """Every phase of `recording`. ValueError when the joint did not follow a push."""
     try:
         phases = tuple(_phase(recording, start_s) for start_s in recording.pushes)
@@ -72,7 +72,7 @@ def analyse(recording: Recording) -> Result:
     return Result(recording.mode, recording.plant, phases)
 
 
-def _phase(recording: Recording, start_s: float) -> Phase:
+def _phase(recording: Recording, start_s: float) -> PushDelays:
     first = int(np.searchsorted(recording.times_s, start_s - BEFORE_S))
     last = int(np.searchsorted(recording.times_s, start_s - BEFORE_S + PUSH_S))
     window = slice(first, last)
@@ -93,7 +93,7 @@ def _phase(recording: Recording, start_s: float) -> Phase:
         goal[pushed, None],
         _delayed(measured, pushed, late(goal, measured))[:, None],
     )
-    return Phase(
+    return PushDelays(
         Delays(late(device, goal), late(goal, measured), late(device, measured)),
         late(device, command),
         late(goal, command),

@@ -14,7 +14,7 @@ from studies.result import Drawn
 
 DEVICE, GOAL, MEASURED = "tab:blue", "tab:green", "tab:red"
 ZOOMED_S = 2.6
-COLOURS = {"standard": "tab:red", "stream": "tab:orange", "velocity": "tab:blue"}
+COLORS = {"standard": "tab:red", "stream": "tab:orange", "velocity": "tab:blue"}
 STAGES = ("device to goal", "goal to measured", "total")
 
 
@@ -48,8 +48,8 @@ def _motion(recording: Recording) -> Any:
         (recording.measured, MEASURED, "measured"),
     )
     for axes in panels:
-        for values, colour, label in signals:
-            axes.plot(times_s, np.degrees(values[every]), colour, lw=1.2, label=label)
+        for values, color, label in signals:
+            axes.plot(times_s, np.degrees(values[every]), color, lw=1.2, label=label)
         axes.set(xlabel="time, s")
     for number, start_s in enumerate(recording.pushes - origin_s):
         if number % 2 == 0:
@@ -70,13 +70,13 @@ def _averages(results: dict[str, Result]) -> Any:
         ("paper, standard", STANDARD_MEAN, "0.75"),
         ("paper, velocity mode", VELOCITY_MEAN, "0.55"),
     ]
-    for place, (mode, colour) in enumerate(COLOURS.items()):
+    for place, (mode, color) in enumerate(COLORS.items()):
         if mode in results:
-            bars.insert(2 * place + 1, (f"ours, {WORDS[mode]}", results[mode].mean, colour))
+            bars.insert(2 * place + 1, (f"ours, {WORDS[mode]}", results[mode].mean, color))
     width = 0.16
-    for index, (name, delays, colour) in enumerate(bars):
+    for index, (name, delays, color) in enumerate(bars):
         at = np.arange(3) + (index - (len(bars) - 1) / 2.0) * width
-        drawn = axes.bar(at, delays, width * 0.92, color=colour, label=name)
+        drawn = axes.bar(at, delays, width * 0.92, color=color, label=name)
         axes.bar_label(drawn, fmt="%.3f", fontsize=7)
     axes.set(ylabel="delay, s", xticks=range(3), xticklabels=STAGES, ylim=(-0.05, 0.95))
     axes.legend(fontsize=8, loc="upper left")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from studies.motoros.analysis import Result as Run, analyse
+from studies.motoros.analysis import Result as Run, analyze
 from studies.motoros.published import (
     STANDARD,
     STANDARD_MEAN,
@@ -50,7 +50,7 @@ def recorded(mode: str, plant: str, pushes: int) -> tuple[Recording, Run]:
     for left in reversed(range(TRIES)):
         try:
             recording = record(mode, plant, pushes)
-            return recording, analyse(recording)
+            return recording, analyze(recording)
         except ValueError as error:
             if not left:
                 words = f"{WORDS[mode]}, {plant} plant, tried {TRIES} times: {error}"

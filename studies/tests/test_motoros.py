@@ -9,7 +9,7 @@ from bench import yaskawa
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.types import JointCommand
 from studies.motoros import rig as study
-from studies.motoros.analysis import analyse
+from studies.motoros.analysis import analyze
 from studies.motoros.published import (
     STANDARD,
     STANDARD_MEAN,
@@ -55,7 +55,7 @@ def test_delays_of_made_up_motion():
     made = recording(
         "velocity", "ideal", swung(times_s), late(0.02), late(0.05), late(0.3), times_s
     )
-    result = analyse(made)
+    result = analyze(made)
     assert len(result.phases) == 2
     for phase in result.phases:
         assert phase.delays == pytest.approx((0.02, 0.28, 0.30), abs=0.002)
@@ -70,11 +70,11 @@ def test_stops_are_counted_and_a_joint_that_does_not_move_is_told():
     path = swung(times_s)
     stairs = np.round(path / 0.1) * 0.1
     smooth = np.convolve(np.pad(stairs, 10, "edge"), np.ones(21) / 21, "valid")
-    result = analyse(recording("standard", "ideal", path, path, smooth, smooth, times_s))
+    result = analyze(recording("standard", "ideal", path, path, smooth, smooth, times_s))
     assert result.stops >= 4
     assert result.stopped_s > 0.5
     with pytest.raises(ValueError, match=r"moved 0\.0000 rad"):
-        analyse(recording("standard", "ideal", path, path, path, 0.0 * path, times_s))
+        analyze(recording("standard", "ideal", path, path, path, 0.0 * path, times_s))
 
 
 def test_the_published_averages_are_those_of_the_published_phases():
@@ -110,7 +110,7 @@ def in_virtual_time(mode, plant):
     rows = np.array(rig.trace)
     goal_s, goal = np.array(goals).T
     times_s = np.arange(begin_s, rig.now_s - 0.1, GRID_S)
-    return analyse(
+    return analyze(
         recording(
             mode,
             plant,

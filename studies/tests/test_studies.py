@@ -19,7 +19,7 @@ from studies.devices import arms, sessions
 from studies.haptics import drawing, study as haptics
 from studies.haptics.stability import PUSHES, compare
 from studies.motoros import study as motoros
-from studies.motoros.analysis import Phase, Result
+from studies.motoros.analysis import PushDelays, Result
 from studies.motoros.published import STANDARD, STANDARD_MEAN, VELOCITY, Delays as Stages
 from studies.studies import STUDIES
 from studies.thesis import study as thesis
@@ -82,7 +82,7 @@ def test_a_shorter_turn_has_its_own_aim(short_thesis):
 
 
 def phase(shift_s=0.0):
-    return Phase(Stages(0.01, 0.55 + shift_s, 0.56 + shift_s), 0.0, 0.3, 0.5, 4, 0.7)
+    return PushDelays(Stages(0.01, 0.55 + shift_s, 0.56 + shift_s), 0.0, 0.3, 0.5, 4, 0.7)
 
 
 def test_motoros_has_the_papers_phases_beside_ours():

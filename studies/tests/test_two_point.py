@@ -5,7 +5,7 @@ import functools
 import pytest
 
 from cardan.conform.motoros_driver import simulated
-from cardan.drivers.motoros.motion_control import Phase
+from cardan.drivers.motoros.motion_control import MotionPhase
 from cardan.drivers.motoros.trajectory_limiter import JointTrajectoryLimiter
 from cardan.protocols.simple_message import joints10
 from studies.motoros.two_point import TwoPointMoves, TwoPointSession, two_point_time_s
@@ -117,7 +117,7 @@ def test_disabling_leaves_the_mode(monkeypatch):
     run.trace.clear()
     run.session.disable(run.now_s)
     run.run(1.5)
-    assert run.session.phase is Phase.IDLE
+    assert run.session.phase is MotionPhase.IDLE
     assert "disabled" in run.states[-1].hold_reason
     assert driver_session.commanded_speeds(run)[-1][1] == 0.0
     assert run.controller.active_mode != 2

@@ -25,7 +25,7 @@ from studies.thesis.rig import (
 DURATION_S = 33.0
 TAIL_S = 2.0
 CAMERA_HZ = 30.0
-CENTRE_M = np.array((0.45, 0.0, 0.30))
+CENTER_M = np.array((0.45, 0.0, 0.30))
 HALF_LENGTH_M, HALF_WIDTH_M = 0.30, 0.14
 BOX_M = (0.05, 0.04, 0.295)
 """Half a box along x and y, and its top; they stand on the base's plane."""
@@ -49,8 +49,8 @@ GATE_M = 0.015
 BOXES = tuple(
     box_obstacle(
         name,
-        Vector3(CENTRE_M[0] - BOX_M[0], side * BOX_AT_Y_M - BOX_M[1], 0.0),
-        Vector3(CENTRE_M[0] + BOX_M[0], side * BOX_AT_Y_M + BOX_M[1], BOX_M[2]),
+        Vector3(CENTER_M[0] - BOX_M[0], side * BOX_AT_Y_M - BOX_M[1], 0.0),
+        Vector3(CENTER_M[0] + BOX_M[0], side * BOX_AT_Y_M + BOX_M[1], BOX_M[2]),
     )
     for name, side in (("left box", 1.0), ("right box", -1.0))
 )
@@ -71,7 +71,7 @@ def course(times_s: Array, duration_s: float = DURATION_S) -> Array:
         ),
     )
     angle = 2.0 * np.pi * eased / (1.0 - ramp)
-    return CENTRE_M + np.stack(
+    return CENTER_M + np.stack(
         (HALF_WIDTH_M * np.sin(2.0 * angle), HALF_LENGTH_M * np.sin(angle), 0.0 * angle), axis=1
     )
 
@@ -149,17 +149,17 @@ def run(drive: Drive, tracked: bool, seconds: float) -> Course:
     home = np.array(arm.arm.home)
     rotation = arm.forward(home).rotation
     goal = arm.placement.copy()
-    goal.translation, goal.rotation = CENTRE_M, rotation
+    goal.translation, goal.rotation = CENTER_M, rotation
     start = arm.inverse(goal, home)
     assert start is not None
     rig = Rig("ur5", drive, start.tolist(), BOXES)
     driving = rig.streams("pose", timeout_s=0.2)
     images_s = np.arange(0.0, seconds - 1e-9, 1.0 / CAMERA_HZ)
     seen = camera(np.arange(0.0, DURATION_S + TAIL_S, 1.0 / CAMERA_HZ))[: len(images_s)]
-    tracker = Tracker(CENTRE_M, 1.0 / CAMERA_HZ)
+    tracker = Tracker(CENTER_M, 1.0 / CAMERA_HZ)
     sent = np.array([tracker.take(image) for image in seen]) if tracked else seen
     turn = rig.placement(driving).rotation.copy()
-    offset = rig.placement(driving).translation - CENTRE_M
+    offset = rig.placement(driving).translation - CENTER_M
     upcoming = iter(zip(images_s, sent, strict=True))
     waiting: list[Any] = [next(upcoming)]
 

@@ -49,13 +49,13 @@ def _line(straight: Sequence[line.Result], published: line.Line) -> Any:
     left.plot(
         published.times_s[every], 1e3 * published.program_m[every], COMMAND, lw=3, label="program"
     )
-    for one, colour, label in shown:
-        left.plot(one.times_s[every], 1e3 * one.output_m[every, 0], colour, lw=1.2, label=label)
+    for one, color, label in shown:
+        left.plot(one.times_s[every], 1e3 * one.output_m[every, 0], color, lw=1.2, label=label)
     left.set(xlim=(0.0, 1.2), ylim=(-5, 125), xlabel="time, s", ylabel="x, mm", title="the start")
     left.legend(loc="upper left", fontsize=8)
     sent_s = np.arange(len(ideal.relative[0].delays.per_command_s)) / line.RATE_HZ
-    for one, colour, label in shown:
-        middle.plot(sent_s, 1e3 * one.delays.per_command_s, colour, label=label)
+    for one, color, label in shown:
+        middle.plot(sent_s, 1e3 * one.delays.per_command_s, color, label=label)
     middle.axhline(1e3 * line.PUBLISHED_S, color=PUBLISHED, ls="--", lw=1)
     height, place = 1e3 * line.PUBLISHED_S + 9, middle.get_yaxis_transform()
     words = "published: 350 ms"
@@ -63,12 +63,12 @@ def _line(straight: Sequence[line.Result], published: line.Line) -> Any:
     middle.set(
         xlabel="time of the command, s", ylabel="delay, ms", ylim=(0, 560), title="per command"
     )
-    for axis, colour, name in ((1, "tab:purple", "y"), (2, "tab:brown", "z")):
+    for axis, color, name in ((1, "tab:purple", "y"), (2, "tab:brown", "z")):
         for result, style in ((ideal, "-"), (dynamic, ":")):
             one = result.relative[0]
             label = f"{name}, {'ideal' if style == '-' else 'dynamic'}"
             right.plot(
-                one.times_s[every], 1e3 * one.output_m[every, axis], colour, ls=style, label=label
+                one.times_s[every], 1e3 * one.output_m[every, axis], color, ls=style, label=label
             )
     right.set(xlabel="time, s", ylabel="off the line, mm", title="the other axes (twists)")
     right.legend(fontsize=8)
@@ -85,7 +85,7 @@ def _eight(courses: Sequence[eight.Result], simulated_s: Array) -> Any:
     for side in (1.0, -1.0):
         corner = (
             1e3 * (side * eight.BOX_AT_Y_M - eight.BOX_M[1]),
-            1e3 * (eight.CENTRE_M[0] - eight.BOX_M[0]),
+            1e3 * (eight.CENTER_M[0] - eight.BOX_M[0]),
         )
         size = 2e3 * eight.BOX_M[1], 2e3 * eight.BOX_M[0]
         left.add_patch(patches.Rectangle(corner, *size, color="tab:olive", alpha=0.5))
@@ -93,14 +93,14 @@ def _eight(courses: Sequence[eight.Result], simulated_s: Array) -> Any:
     left.legend(loc="upper center", fontsize=8, ncols=2)
     left.set_ylim(280, 660)
     bins = np.arange(-100.0, 701.0, 12.5)
-    for delays_s, colour, label in (
+    for delays_s, color, label in (
         (tracked.delays_s, OURS, "tracked, ideal"),
         (dynamic.tracked.delays_s, "tab:cyan", "tracked, dynamic"),
         (raw.delays_s, "tab:green", "raw, ideal"),
         (simulated_s, OTHER, "published mechanism"),
     ):
         known = 1e3 * delays_s[np.isfinite(delays_s)]
-        right.hist(known, bins=bins, histtype="step", color=colour, lw=1.2, label=label)
+        right.hist(known, bins=bins, histtype="step", color=color, lw=1.2, label=label)
     right.axvspan(370, 650, color=PUBLISHED, alpha=0.12)
     right.axvline(550, color=PUBLISHED, ls="--", lw=1)
     right.text(380, right.get_ylim()[1] * 0.4, "published:\n95 % within,\npeak at 550", fontsize=8)
@@ -112,14 +112,14 @@ def _eight(courses: Sequence[eight.Result], simulated_s: Array) -> Any:
 def _collision(hits: Sequence[collision.Result]) -> Any:
     figure, (left, middle, right) = _figure(3)
     for result, style, name in ((hits[0], "-", "ideal"), (hits[1], ":", "dynamic")):
-        for stop, colour, what in (
+        for stop, color, what in (
             (result.poses, OURS, "poses"),
             (result.twists, "tab:green", "twist"),
         ):
             trace, every = stop.trace, slice(None, None, 5)
             since = trace.times_s[every] - stop.back_s
             clear = 1e3 * trace.obstacle_m[every]
-            left.plot(since, clear, colour, ls=style, label=f"{what}, {name}")
+            left.plot(since, clear, color, ls=style, label=f"{what}, {name}")
         itself = result.itself
         middle.plot(
             itself.trace.times_s[::5] - itself.back_s,
@@ -157,14 +157,14 @@ def _arbitrary(free: dict[bool, list[arbitrary.Result]]) -> Any:
     driven = [(device, OTHER, "Cartesian device")]
     if True in free:
         driven.append((free[True][0], OURS, "shaper"))
-    for result, colour, label in driven:
+    for result, color, label in driven:
         for turning in (result.left, result.right):
             trace = turning.trace
             turned = (trace.joints[::50, 6] - trace.joints[0, 6]) / (2.0 * np.pi)
             left.plot(
                 trace.times_s[::50],
                 turned,
-                colour,
+                color,
                 label=label if turning is result.left else None,
             )
     left.set(xlabel="time, s", ylabel="turns of the wrist's joint", title="turns each way")
@@ -178,12 +178,12 @@ def _arbitrary(free: dict[bool, list[arbitrary.Result]]) -> Any:
         middle.plot(times_s, way, lw=1, label=name)
     middle.set(xlabel="time, s", ylabel="way, mm", title="free motion (Cartesian device)")
     middle.legend(fontsize=8, ncols=2)
-    for result, colour, label in (
+    for result, color, label in (
         *driven,
         (free[False][1], "tab:cyan", "Cartesian device, dynamic"),
     ):
         wander = result.wander
-        right.plot(wander.sent_s[::4], 1e3 * wander.delays_s[::4], color=colour, lw=1, label=label)
+        right.plot(wander.sent_s[::4], 1e3 * wander.delays_s[::4], color=color, lw=1, label=label)
     right.axhline(500, color=PUBLISHED, ls="--", lw=1)
     words = "published: about 500 ms, outliers to 6 s"
     place = right.get_yaxis_transform()

@@ -183,7 +183,7 @@ class Person:
         while not enough():
             self._check_time()
             self._enable(tab)
-            at = tab.centre(selector)
+            at = tab.center(selector)
             tab.mouse("mousePressed", at)
             try:
                 while tab.value("document.body.dataset.state") == "held" and not enough():

@@ -122,7 +122,7 @@ def _judge_record(recorder: Launched, path: Path, outcome: Outcome, say: _Say) -
         say(f"record: {line}")
     if recorder.code != EXIT_OK:
         problems.append(f"the record is not complete: {recorder.complaints or recorder.lines}")
-    code, lines = _cardan("net", "replay", "--engine", str(path))
+    code, lines = _cardan("net", "replay", "--verify", str(path))
     for line in lines:
         say(f"replay through the control core: {line}")
     same = re.search(r": (\d+) cycles, each command bit for bit", lines[0]) if lines else None

@@ -469,4 +469,4 @@ def test_the_router_takes_the_paired_operator_and_nobody_else(tmp_path):
             with pytest.raises(DriverError):
                 BusNode(BusOptions(zenoh_config=str(refused)), "stranger").open()
         with BusNode(BusOptions(zenoh_config=str(client)), "operator") as node:
-            until(lambda: node.neighbours()[0])
+            until(lambda: node.neighbors()[0])

@@ -71,7 +71,9 @@ def failures(found):
 def test_a_capture_of_a_run_is_judged_as_the_run_was(name, fault, failed, tmp_path):
     suite = registry.load(name)
     faults = suite.faults([fault]) if fault else {}
-    faults.update({each: suite.tried_with[each] for each in faults if each in suite.tried_with})
+    faults.update(
+        {each: suite.fault_test_values[each] for each in faults if each in suite.fault_test_values}
+    )
     report, path = recorded(tmp_path, name, faults)
     found = verdicts(path, name)
     compared = 0
@@ -251,7 +253,7 @@ def test_a_client_that_asks_for_no_version_of_rtde_has_the_oldest(tmp_path):
     assert not failures(found)
     assert found["UR-002"].outcome is Outcome.PASSED
     assert found["UR-001"].said == found["UR-004"].said == "it was not asked"
-    assert suite.see(silent).states
+    assert suite.decode(silent).states
 
 
 def test_of_a_connection_of_rtde_without_its_beginning_the_newest_version_is_read(tmp_path):

@@ -31,7 +31,7 @@ def test_a_peer_without_faults_meets_every_requirement(suite):
 
 
 @pytest.mark.parametrize("suite", SUITES)
-def test_every_fault_is_caught_by_a_requirement_or_is_off_the_wire(suite):
+def test_every_fault_is_caught_by_a_requirement_or_is_undetectable(suite):
     """And the table has it so: one test, as it takes some seconds to compute."""
     for each in tables.tried(suite):
         assert bool(each.caught) != bool(each.why_not), each
@@ -45,7 +45,7 @@ def test_every_fault_is_caught_by_a_requirement_or_is_off_the_wire(suite):
 def test_what_is_said_of_faults_is_said_of_faults_that_there_are(suite):
     found = registry.load(suite)
     switches = {each.name for each in found.switches()}
-    assert {*found.tried_with, *found.off_the_wire} <= switches
+    assert {*found.fault_test_values, *found.undetectable_faults} <= switches
 
 
 def test_the_site_lists_every_protocol_and_the_page_has_its_section():

@@ -122,7 +122,7 @@ class Tab:
         """Write what the page shows as a PNG file."""
         path.write_bytes(base64.b64decode(self.ask("Page.captureScreenshot")["data"]))
 
-    def centre(self, selector: str) -> tuple[float, float]:
+    def center(self, selector: str) -> tuple[float, float]:
         """Where an element is, scrolled into sight."""
         x, y = self.value(
             f"(() => {{ const e = document.querySelector({json.dumps(selector)});"
@@ -152,7 +152,7 @@ class Tab:
 
     def click(self, selector: str) -> None:
         """As a person does."""
-        at = self.centre(selector)
+        at = self.center(selector)
         self.mouse("mousePressed", at)
         self.mouse("mouseReleased", at)
 

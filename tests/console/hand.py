@@ -50,13 +50,13 @@ class Hand(NamedTuple):
 
 
 def _press_mouse(page: Tab, selector: str) -> Place:
-    at = page.centre(selector)
+    at = page.center(selector)
     page.mouse("mousePressed", at)
     return at
 
 
 def _press_touch(page: Tab, selector: str) -> Place:
-    at = page.centre(selector)
+    at = page.center(selector)
     page.touch("touchStart", at)
     return at
 

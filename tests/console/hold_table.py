@@ -157,7 +157,7 @@ def _freeze(held: Held) -> None:
     held.page.ask("Page.setWebLifecycleState", state="active")
 
 
-def _open_a_dialogue(held: Held) -> None:
+def _open_a_dialog(held: Held) -> None:
     held.page.tell("Runtime.evaluate", expression="alert('?')")
     time.sleep(STALL_S)
     held.page.ask("Page.handleJavaScriptDialog", accept=True)
@@ -247,7 +247,7 @@ ENDS: dict[str, End] = {
     "finger lifted": End(_lift, FINGER, tested=False, logged=r"^pointerup .*held"),
     "key let go": End(_release_key, KEY, tested=False, logged="^keyup Space"),
     "key let go while something else has the focus": End(_focus_elsewhere, KEY),
-    "touch cancelled: a gesture of the system, a call, a palm": End(
+    "touch canceled: a gesture of the system, a call, a palm": End(
         _cancel, FINGER, logged="^pointercancel", unheard="^pointerup"
     ),
     "pointer captured by something else": End(_take_the_capture),
@@ -292,7 +292,7 @@ ENDS: dict[str, End] = {
     "another tab in front for 1 s": End(_hide),
     "window minimized for half a second": End(_minimize, tested=False),
     "page frozen for 1 s": End(_freeze, lives=False),
-    "a dialogue of the browser for 1 s": End(_open_a_dialogue, tested=False),
+    "a dialog of the browser for 1 s": End(_open_a_dialog, tested=False),
     "page's thread blocked for 1 s": End(_block),
     "browser's main process alone stopped for 2.5 s": End(
         lambda held: held.bench.browser.hang(2.5)

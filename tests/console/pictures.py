@@ -44,7 +44,7 @@ MOVING = ".picture, .readout, .why, .link, .authority, output, .number, .mark, .
 """What is different each time, or drawn without a graphics card: it is left out of comparisons."""
 
 BLOCK_PX = 40
-"""Pictures are compared by the mean colours of squares of this size: fonts differ between systems
+"""Pictures are compared by the mean colors of squares of this size: fonts differ between systems
 by less, what has moved by more."""
 
 _MEANS = """
@@ -120,7 +120,7 @@ def masks(page: Tab) -> list[list[float]]:
 
 
 def means(page: Tab, picture: bytes, left_out: list[list[float]]) -> Means:
-    """Mean colours of a picture's blocks, by the browser's own decoder; `page`: any, without a
+    """Mean colors of a picture's blocks, by the browser's own decoder; `page`: any, without a
     policy of its own."""
     words = json.dumps(base64.b64encode(picture).decode()), json.dumps(left_out), str(BLOCK_PX)
     found: Means = page.value(f"{_MEANS}({', '.join(words)})")

@@ -60,7 +60,7 @@ listen = ["{endpoint}"]
 
 STILL_M = 0.0005
 """Nearer to where it rests in the end the arm counts as at rest: a controller's own position loop
-takes up the last tenths of a millimetre for half a second more."""
+takes up the last tenths of a millimeter for half a second more."""
 
 
 class Stop(NamedTuple):

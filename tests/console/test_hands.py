@@ -99,13 +99,13 @@ class Phone:
         turn(self.page)
         self.page.click(START)
         self.page.until(f"!document.querySelector('{ALIGN}').disabled")
-        at = self.page.centre(ALIGN)
+        at = self.page.center(ALIGN)
         self.page.mouse("mousePressed", at)
         self.session.until("device_link == 'live'")
         self.page.mouse("mouseReleased", at)
 
     def press(self):
-        self.at = self.page.centre(CLUTCH)
+        self.at = self.page.center(CLUTCH)
         self.page.touch("touchStart", self.at)
 
     def hold_until(self, wanted, act=lambda: None, before=lambda: None):

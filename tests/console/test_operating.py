@@ -174,7 +174,7 @@ def test_a_goal_is_looked_at_and_the_arm_goes_there_while_it_is_held(page):
         # A browser on a busy computer stands still now and then, which rightly ends the hold.
         enable(page)
         page.until(f"!{VERDICT}.startsWith('Looking')")
-        at = page.centre(".send")
+        at = page.center(".send")
         page.mouse("mousePressed", at)
         while page.value(STATE) == "held":
             time.sleep(0.02)
@@ -260,7 +260,7 @@ def test_after_a_stop_of_whomever_the_page_is_enabled_anew_before_the_arm_moves(
 
 def presses_in_vain(page, moving):
     """Press what would move the arm: nothing does."""
-    at = page.centre(jog("X"))
+    at = page.center(jog("X"))
     page.mouse("mousePressed", at)
     end_s = time.monotonic() + 1.0
     while time.monotonic() < end_s:

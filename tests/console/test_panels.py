@@ -18,7 +18,7 @@ from tests.gateway.servers.console.test_cameras import camera
 from tests.gateway.servers.rig import served
 from tests.waiting import until
 
-GREY = base64.b64decode(
+GRAY = base64.b64decode(
     "/9j/4AAQSkZJRgABAQAAAQABAAD/2wBDAFA3PEY8MlBGQUZaVVBfeMiCeG5uePWvuZHI////////////////////"
     "////////////////////////////////wAALCAAIAAgBAREA/8QAFAABAAAAAAAAAAAAAAAAAAAAAP/EABQQAQAA"
     "AAAAAAAAAAAAAAAAAAD/2gAIAQEAAD8AP//Z"
@@ -66,7 +66,7 @@ def test_a_plot_can_be_marked_stopped_and_saved(page):
     press(page, "Picture")
     page.until("saved.length === 2 && saved[1].type === 'image/png' && saved[1].size > 1000")
     stopped = "document.querySelector('#panel-plots [aria-pressed]').ariaPressed"
-    x, y = page.centre("#panel-plots .u-over")
+    x, y = page.center("#panel-plots .u-over")
     page.mouse("mousePressed", (x - 40, y))
     page.mouse("mouseMoved", (x + 40, y))
     page.mouse("mouseReleased", (x + 40, y))
@@ -120,7 +120,7 @@ def test_this_device_is_a_sensor_which_is_drawn_beside_a_camera(bus, built, brow
     heard = []
     handle = network.subscribe("/phone/imu", IMU, lambda cdr, _ns: heard.append(cdr))
     with (
-        camera(image=GREY) as (filmed, address),
+        camera(image=GRAY) as (filmed, address),
         served(
             lambda: ConsoleServer(network, ConsoleOptions(port=0, camera=(address,)), built)
         ) as running,
@@ -146,10 +146,10 @@ def test_this_device_is_a_sensor_which_is_drawn_beside_a_camera(bus, built, brow
         filmed.still.set()
         page.until("document.querySelector('.sight').dataset.age === 'old'")
         assert page.value(AGE).startswith("⚠ Old picture: ")
-        colour = page.value(COLOUR)
+        color = page.value(COLOR)
         page.until("document.querySelector('.sight').dataset.age === 'gone'")
         assert re.fullmatch("✕ No picture for [2-9] s", page.value(AGE))
-        assert page.value(COLOUR) != colour
+        assert page.value(COLOR) != color
         filmed.still.clear()
         page.until("document.querySelector('.sight').dataset.age === 'fresh'")
         page.until("document.querySelectorAll('#panel-sensors .u-series').length === 4")
@@ -161,7 +161,7 @@ def test_this_device_is_a_sensor_which_is_drawn_beside_a_camera(bus, built, brow
 
 
 AGE = "document.querySelector('.sight figcaption').textContent"
-COLOUR = "getComputedStyle(document.querySelector('.sight figcaption')).color"
+COLOR = "getComputedStyle(document.querySelector('.sight figcaption')).color"
 
 SENSORS = """
 for (const kind of [DeviceOrientationEvent, DeviceMotionEvent]) {

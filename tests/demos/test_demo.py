@@ -52,12 +52,12 @@ DRAWN = dataclasses.replace(
 )
 
 
-FELT = FeedbackLimits(force_n=2.0, energy_j=0.005)
+LIMITS = FeedbackLimits(force_n=2.0, energy_j=0.005)
 
 
 def test_what_went_well_is_not_found_fault_with():
     assert find_problems(MOVED) == []
-    assert find_problems(DRAWN, FELT) == []
+    assert find_problems(DRAWN, LIMITS) == []
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_what_went_well_is_not_found_fault_with():
     ],
 )
 def test_what_any_demo_may_lack(lack, words):
-    for good, options in ((MOVED, None), (DRAWN, FELT)):
+    for good, options in ((MOVED, None), (DRAWN, LIMITS)):
         (found,) = find_problems(dataclasses.replace(good, **lack), options)
         assert words in found
 
@@ -95,9 +95,9 @@ def test_an_arm_that_nobody_need_move_may_rest(monkeypatch, capsys):
         ({"contact_path_m": 0.0}, "nothing was drawn"),
         ({"contact_force_rms_error_n": HELD_SHARE * 5.6 + 0.1}, "1.5 N RMS away"),
         ({"force_peak_n": 0.0}, "no force was rendered"),
-        ({"force_peak_n": FELT.force_n + 0.1}, "force was 2.10 N, above 2 N"),
+        ({"force_peak_n": LIMITS.force_n + 0.1}, "force was 2.10 N, above 2 N"),
         (
-            {"energy_given_peak_j": FELT.energy_j + 0.001},
+            {"energy_given_peak_j": LIMITS.energy_j + 0.001},
             "given up to 6.0 mJ in one engagement (bound: 5 mJ)",
         ),
         (
@@ -113,7 +113,7 @@ def test_an_arm_that_nobody_need_move_may_rest(monkeypatch, capsys):
     ],
 )
 def test_what_a_drawing_may_lack(lack, words):
-    (found,) = find_problems(dataclasses.replace(DRAWN, **lack), FELT)
+    (found,) = find_problems(dataclasses.replace(DRAWN, **lack), LIMITS)
     assert words in found
 
 
@@ -128,7 +128,7 @@ def test_a_device_without_a_bound_of_its_energy_is_held_against_its_force_alone(
     ("felt", "words"),
     [
         (
-            FELT,
+            LIMITS,
             "0.90 N at most: it was given at most 1.00 mJ in one engagement, of the 5 mJ "
             "that passivity allows",
         ),
@@ -230,12 +230,12 @@ def test_what_comes_of_a_computer_that_stood_still_is_no_problem_of_the_demo(mon
 )
 def test_a_pause_explains_what_is_late_and_nothing_else(change):
     late = dataclasses.replace(DRAWN, **change)
-    assert find_problems(late, FELT, paused_s=PAUSE_S)
-    assert find_remarks(late, FELT, paused_s=PAUSE_S) == []
-    assert find_problems(late, FELT, paused_s=PAUSE_S + 0.001) == []
-    assert len(find_remarks(late, FELT, paused_s=PAUSE_S + 0.001)) == 1
+    assert find_problems(late, LIMITS, paused_s=PAUSE_S)
+    assert find_remarks(late, LIMITS, paused_s=PAUSE_S) == []
+    assert find_problems(late, LIMITS, paused_s=PAUSE_S + 0.001) == []
+    assert len(find_remarks(late, LIMITS, paused_s=PAUSE_S + 0.001)) == 1
     for lack in ({"cycles": 0}, {"error_max_m": 0.03}, {"force_peak_n": 0.0}):
-        assert find_problems(dataclasses.replace(late, **lack), FELT, paused_s=1.0)
+        assert find_problems(dataclasses.replace(late, **lack), LIMITS, paused_s=1.0)
 
 
 def test_a_file_that_is_no_demo_is_refused():

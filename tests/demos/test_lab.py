@@ -12,7 +12,7 @@ import pytest
 from cardan.demos import lab as demo
 from cardan.demos.demo import EXIT_INCOMPLETE, choose_demo
 from cardan.demos.examples import read_demo
-from cardan.demos.lab import Seen, run_lab, simulated_lab
+from cardan.demos.lab import ObservedArms, run_lab, simulated_lab
 from cardan.demos.peers import Peers
 from cardan.errors import ConfigurationError
 from cardan.gateway.session.session import EXIT_OK
@@ -117,7 +117,7 @@ def test_what_is_not_simulated_is_refused(changed, pair, end, words):
     ],
 )
 def test_what_a_lab_may_lack(row, words):
-    lab = Seen(["gofa"])
+    lab = ObservedArms(["gofa"])
     lab.take([seen(**row)])
     found = lab.problems()
     assert len(found) == (words is not None)
@@ -125,7 +125,7 @@ def test_what_a_lab_may_lack(row, words):
 
 
 def test_a_robot_that_was_there_counts_as_there():
-    lab = Seen(["gofa"])
+    lab = ObservedArms(["gofa"])
     assert not lab.all_there
     lab.take([seen()])
     lab.take([seen(robot_link="lost", pid=None, snapshot={"phase": ""})])
@@ -139,7 +139,7 @@ def quick(monkeypatch):
     monkeypatch.setattr(Peers, "start", lambda *_: None)
     monkeypatch.setattr(demo, "Launched", Served)
     monkeypatch.setattr(demo, "ControlClient", Told)
-    monkeypatch.setattr(demo, "Seen", lambda _: Seen(["gofa"]))
+    monkeypatch.setattr(demo, "ObservedArms", lambda _: ObservedArms(["gofa"]))
     monkeypatch.setattr(demo, "POLL_S", 0.0)
 
 

@@ -277,7 +277,7 @@ class InheritingStick(DeclaredStick):
     """It may reach its hardware otherwise than its base class."""
 
 
-class MisspeltStick(Stick):
+class MisspelledStick(Stick):
     simulated = ({"wier": ("simulated",)},)
 
 
@@ -295,7 +295,7 @@ class MisspeltStick(Stick):
         ("DeclaredStick", 'wire = "simulated"', False, ""),
         ("DeclaredStick", 'wire = "simulated"\nhost = "10.0.0.7"', False, "other computers have"),
         ("InheritingStick", 'wire = "simulated"', False, "device.path: '/dev/stick' may reach"),
-        ("MisspeltStick", "", True, "device.driver: driver 'stick' cannot be used: KeyError"),
+        ("MisspelledStick", "", True, "device.driver: driver 'stick' cannot be used: KeyError"),
     ],
 )
 def test_a_driver_of_another_package_is_held_to_the_strictest_rule(

@@ -200,11 +200,11 @@ class Bench:
         for item in self.up.arrived(self.now_s):
             self.share.on_received(item, self.there_s)
         edges, self.edges = self.edges, []
-        felt = None
+        haptic_feedback = None
         if self.hand is not None:
             self.hand.cycle(*self.share.order(self.there_s), self.there_s)
-            felt = self.hand.felt
-        shared = self.share.offer(self.device, edges, ABLE, self.there_s, felt)
+            haptic_feedback = self.hand.haptic_feedback
+        shared = self.share.offer(self.device, edges, ABLE, self.there_s, haptic_feedback)
         if shared is not None:
             message = self.mangle(shared_message(shared))
             item = received(STATE_TYPE, message, next(self.numbers), self.sender)

@@ -236,12 +236,12 @@ class TestOrientation:
         limiter = OrientationLimiter(self.SPEED, self.ACCELERATION)
         limiter.reset(start)
         given_as = Quaternion(*(-c for c in target)) if flip else target
-        travelled = 0.0
+        traveled = 0.0
         for _ in range(900):
             limiter.track(given_as, None, PERIOD_S)
-            travelled += length(limiter.velocity) * PERIOD_S
+            traveled += length(limiter.velocity) * PERIOD_S
         assert length(rotation_between(limiter.reference, target)) == pytest.approx(0, abs=1e-6)
-        assert travelled <= length(rotation_between(start, target)) + 1e-3
+        assert traveled <= length(rotation_between(start, target)) + 1e-3
 
     def test_a_turning_target_is_followed_without_lag(self) -> None:
         limiter = OrientationLimiter(self.SPEED, self.ACCELERATION)

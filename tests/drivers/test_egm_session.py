@@ -1153,12 +1153,12 @@ class TestBadBytes:
 
     @given(st.lists(wild, min_size=6, max_size=6), st.tuples(wild, wild, wild))
     def test_what_is_a_state_may_be_sent_back(
-        self, degrees: list[float], millimetres: tuple[float, float, float]
+        self, degrees: list[float], millimeters: tuple[float, float, float]
     ) -> None:
         for mode in ("joint", "pose"):
             bench = Bench(mode=mode)
             bench.controller.joints = tuple(map(math.radians, degrees))
-            bench.controller.position = Vector3(*(0.001 * value for value in millimetres))
+            bench.controller.position = Vector3(*(0.001 * value for value in millimeters))
             state = bench.hear()
             if state is None:
                 assert bench.session.counters.malformed["implausible"] == 1

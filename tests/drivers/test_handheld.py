@@ -289,37 +289,37 @@ def test_another_type_is_refused():
 
 def test_every_fault_is_one_that_disarms_or_is_counted():
     disarming = {"unplug", "replug", "silence", "refuse", "null", "lost", "hidden", "stuck"}
-    disarming |= {"leap", "recentre"}
+    disarming |= {"leap", "recenter"}
     assert {each.name for each in FAULTS} == disarming | {"late", "nan"}
 
 
-def recentred(bench, turn_rad=math.pi / 2, told=False):
-    bench.device.recentre(turn_rad, told=told)
+def recentered(bench, turn_rad=math.pi / 2, told=False):
+    bench.device.recenter(turn_rad, told=told)
 
 
 def lost_and_found(bench):
     bench.device.lose_tracking()
     bench.run(1.0)
-    recentred(bench)
+    recentered(bench)
     bench.device.tracking = True
 
 
 def silent_and_turned(bench):
     bench.device.silence()
     bench.run(1.0)
-    recentred(bench)
+    recentered(bench)
     bench.device.resume()
 
 
 def hidden_and_turned(bench):
     bench.device.hide()
     bench.run(1.0)
-    recentred(bench)
+    recentered(bench)
     bench.device.visible = True
 
 
 def told_of_a_small_turn(bench):
-    recentred(bench, math.radians(20), told=True)
+    recentered(bench, math.radians(20), told=True)
 
 
 def told_while_lost(bench):
@@ -334,7 +334,7 @@ def told_while_lost(bench):
 @pytest.mark.parametrize(
     ("leaps", "words"),
     [
-        (recentred, "jumped by 90°"),
+        (recentered, "jumped by 90°"),
         (lost_and_found, "elsewhere"),
         (silent_and_turned, "elsewhere"),
         (hidden_and_turned, "elsewhere"),

@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from cardan.drivers.motoros.feedback import StateFeed
 from cardan.drivers.motoros.motion import START_TRIES
-from cardan.drivers.motoros.motion_control import Phase
+from cardan.drivers.motoros.motion_control import MotionPhase
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.session import MotorosSession
 from cardan.errors import CommandError
@@ -65,7 +65,7 @@ def commanded_speeds(rig, of=0.004):
 def test_after_connecting_it_asks_and_starts_nothing():
     run = rig("auto").run(1.0)
     session = run.session
-    assert session.phase is Phase.IDLE
+    assert session.phase is MotionPhase.IDLE
     assert session.control.velocity_info.axes == 6
     assert not session.enabled
     texts = " ".join(text for _, text in run.controller.events)
@@ -110,7 +110,7 @@ def test_the_byte_order_is_the_state_ports(big_endian):
 
 def test_a_byte_order_that_is_told_wrongly_is_named():
     run = rig("stream", driver={"byte_order": "big"}).run(1.0)
-    assert run.session.phase is Phase.DOWN
+    assert run.session.phase is MotionPhase.DOWN
     assert any("prefix" in words for words in run.session.diagnosis(run.now_s))
 
 
@@ -133,7 +133,7 @@ def test_velocity_mode_is_refused_in_words_where_there_is_none():
     run = rig("velocity", velocity_mode=False).run(0.5)
     run.session.enable(run.now_s)
     run.run(0.5)
-    assert run.session.phase is Phase.IDLE
+    assert run.session.phase is MotionPhase.IDLE
     assert "no velocity mode" in run.states[-1].hold_reason
 
 
@@ -227,7 +227,7 @@ def test_at_start_motion_is_enabled_once_and_never_again():
     assert run.session.enabled
     run.unplug("motion")
     run.run(4.0)
-    assert run.session.phase is Phase.IDLE
+    assert run.session.phase is MotionPhase.IDLE
     assert "enable" in run.states[-1].hold_reason
 
 
@@ -238,7 +238,7 @@ def test_enabling_without_a_connection_is_refused_and_not_remembered():
     run.session.enable(run.now_s)
     run.reachable = True
     run.run(4.0)
-    assert run.session.phase is Phase.IDLE
+    assert run.session.phase is MotionPhase.IDLE
 
 
 @pytest.mark.matrix("stream")
@@ -309,7 +309,7 @@ def test_a_start_that_is_refused_says_why():
     run.run(0.2)
     run.session.enable(run.now_s)
     run.run(6.0)
-    assert run.session.phase is Phase.IDLE
+    assert run.session.phase is MotionPhase.IDLE
     assert "TEACH" in run.states[-1].hold_reason
 
 
@@ -377,7 +377,7 @@ def test_a_lost_motion_connection_comes_back_without_motion():
     assert "motion connection was lost" in run.states[-1].hold_reason
     where = run.controller.command_rad(0)
     run.run(3.0)
-    assert run.session.phase is Phase.IDLE
+    assert run.session.phase is MotionPhase.IDLE
     assert run.controller.command_rad(0) == where  # STOP_MOTION emptied what was left
     assert run.session.metrics(run.now_s)["reconnects"] == 1.0
 
@@ -466,13 +466,13 @@ def test_another_arm_than_the_controllers_is_refused():
     run = rig("velocity", robot="asibot").run(0.5)
     run.session.enable(run.now_s)
     run.run(0.3)
-    assert run.session.phase is Phase.IDLE
+    assert run.session.phase is MotionPhase.IDLE
     assert "axes" in run.states[-1].hold_reason
 
 
 def test_enabling_while_the_connection_is_set_up_is_for_this_connection_only():
     def greet(run):
-        return run.run(1.0, until=lambda: run.session.phase is Phase.GREETING)
+        return run.run(1.0, until=lambda: run.session.phase is MotionPhase.GREETING)
 
     run = greet(rig("stream"))
     run.session.enable(run.now_s)
@@ -482,17 +482,17 @@ def test_enabling_while_the_connection_is_set_up_is_for_this_connection_only():
     run.session.enable(run.now_s)
     run.unplug("motion")
     run.run(3.0)
-    assert run.session.phase is Phase.IDLE
+    assert run.session.phase is MotionPhase.IDLE
 
 
 def test_disabling_while_motion_is_being_started():
     run = rig("stream", servo_on=False).run(0.5)
     run.session.enable(run.now_s)
     run.run(0.1)
-    assert run.session.phase is Phase.STARTING
+    assert run.session.phase is MotionPhase.STARTING
     run.session.disable(run.now_s)
     run.run(3.0)
-    assert run.session.phase is Phase.IDLE
+    assert run.session.phase is MotionPhase.IDLE
     assert not run.controller.ready
 
 
@@ -502,7 +502,7 @@ def test_a_connection_that_is_lost_while_motion_is_being_started():
     run.run(0.1)
     run.unplug("motion")
     run.run(4.0)
-    assert run.session.phase is Phase.IDLE
+    assert run.session.phase is MotionPhase.IDLE
     assert "lost" in run.states[-1].hold_reason
 
 
@@ -518,7 +518,7 @@ def test_braking_that_nobody_answers_ends_all_the_same(mode):
     run.run(3.0)
     del run.session.received
     run.run(5.0)
-    assert run.session.phase is Phase.IDLE
+    assert run.session.phase is MotionPhase.IDLE
     where = run.controller.command_rad(0)
     run.run(0.5)
     assert run.controller.command_rad(0) == where
@@ -537,7 +537,7 @@ def test_a_robot_that_takes_its_time_is_waited_for():
     run.session.enable(run.now_s)
     run.states.clear()
     run.run(0.5)
-    assert {state.hold_reason for state in run.states} == {Phase.STARTING.value}
+    assert {state.hold_reason for state in run.states} == {MotionPhase.STARTING.value}
     run.run(2.0)
     assert run.session.enabled
 
@@ -546,7 +546,7 @@ def test_another_client_that_takes_the_place_is_not_fought_for_ever():
     run = rig("stream").run(1.0)
     taken = 0
     for _ in range(400):
-        if "motion" in run.numbers and run.session.phase is Phase.IDLE:
+        if "motion" in run.numbers and run.session.phase is MotionPhase.IDLE:
             taken += 1
             run.unplug("motion")
         run.run(0.025)
@@ -562,7 +562,7 @@ def test_disabling_brakes_along_a_ramp_and_leaves_the_mode(mode):
     run.trace.clear()
     run.session.disable(run.now_s)
     run.run(1.5)
-    assert run.session.phase is Phase.IDLE
+    assert run.session.phase is MotionPhase.IDLE
     assert "disabled" in run.states[-1].hold_reason
     assert commanded_speeds(run)[-1][1] == 0.0
     assert run.controller.active_mode != 2

@@ -24,7 +24,7 @@ from cardan.drivers.remote.shared import (
     CLAIM_TYPE,
     STATE_TYPE,
     Claim,
-    Felt,
+    HapticFeedback,
     Order,
     Shared,
     UnusableError,
@@ -71,7 +71,7 @@ COMMAND = HapticCommand(
     0.5,
 )
 PRESSED = HapticCommand(1, 0.0, True, measured=MeasuredForce(Vector3(0.0, 0.0, 1.0), 0.0))
-FELT = Felt(
+HAPTIC_FEEDBACK = HapticFeedback(
     HapticState(
         state=OperatingState.PAUSED,
         reason="commands stopped",
@@ -105,8 +105,8 @@ def claim(command=COMMAND):
 def test_what_the_hand_is_to_feel_and_feels_arrives_as_it_was_sent():
     assert read_claim(over(CLAIM_TYPE, claim_message(claim()))) == claim()
     state = DeviceState(0.5, DeviceLink.LIVE, NEUTRAL, frozenset())
-    shared = Shared(11, 1.0, 7, "arm", 0.9, state, felt=FELT)
-    assert read_shared(over(STATE_TYPE, shared_message(shared))).felt == FELT
+    shared = Shared(11, 1.0, 7, "arm", 0.9, state, haptic_feedback=HAPTIC_FEEDBACK)
+    assert read_shared(over(STATE_TYPE, shared_message(shared))).haptic_feedback == HAPTIC_FEEDBACK
 
 
 @pytest.mark.parametrize(
@@ -157,9 +157,13 @@ def pressed(link=None, **options):
 def test_a_force_goes_the_way_that_the_motion_came(delay_s):
     bench = pressed(Link(delay_s, 0.1 * delay_s, loss=0.05), max_age_s=0.5)
     assert bench.haptic.calls == ["enable"]
-    felt = bench.core.felt.state
-    assert (felt.state, felt.rendering, felt.command_sequence) == (OperatingState.ENABLED, True, 1)
-    assert bench.core.felt.largest_n == 3.0
+    told = bench.core.haptic_feedback.state
+    assert (told.state, told.rendering, told.command_sequence) == (
+        OperatingState.ENABLED,
+        True,
+        1,
+    )
+    assert bench.core.haptic_feedback.largest_n == 3.0
 
 
 def test_fixtures_are_rendered_beside_the_hand_by_the_maps_of_the_session():
@@ -192,12 +196,12 @@ def stalled(bench):
 @pytest.mark.parametrize("happens", [silent, one_way, killed, stalled])
 def test_silence_lets_a_force_fade_within_a_fifth_of_a_second(happens):
     bench = pressed()
-    felt = []
+    forces = []
     happens(bench)
-    bench.run(0.45, lambda: felt.append(bench.haptic.force_n))
-    steps = [before - after for before, after in itertools.pairwise(felt)]
+    bench.run(0.45, lambda: forces.append(bench.haptic.force_n))
+    steps = [before - after for before, after in itertools.pairwise(forces)]
     assert max(steps) <= 0.004 / FADE_S + 0.01, "it fades"
-    assert not any(felt[round((HOLD_S + FADE_S + 0.008) / 0.002) :])
+    assert not any(forces[round((HOLD_S + FADE_S + 0.008) / 0.002) :])
 
 
 def test_after_a_stall_the_force_comes_back_slowly():
@@ -205,11 +209,11 @@ def test_after_a_stall_the_force_comes_back_slowly():
     stalled(bench)
     bench.run(0.5)
     assert bench.haptic.force_n == 0.0
-    felt = []
-    bench.run(0.3, lambda: felt.append(bench.haptic.force_n))
-    steps = [after - before for before, after in itertools.pairwise(felt)]
+    forces = []
+    bench.run(0.3, lambda: forces.append(bench.haptic.force_n))
+    steps = [after - before for before, after in itertools.pairwise(forces)]
     assert max(steps) <= 0.004 / FADE_S + 0.01
-    assert felt[-1] == pytest.approx(1.0)
+    assert forces[-1] == pytest.approx(1.0)
     assert bench.haptic.calls == ["enable"], "it is the same engagement"
 
 
@@ -258,12 +262,12 @@ def test_what_the_device_refuses_is_told_at_the_arm():
     bench.haptic.obstacle = "the stylus is in its inkwell"
     bench.command = PRESSED
     bench.run(0.3)
-    felt = bench.core.felt.state
-    assert "the stylus is in its inkwell" in felt.reason
-    assert (felt.state, felt.rendering) == (OperatingState.DISABLED, False)
+    told = bench.core.haptic_feedback.state
+    assert "the stylus is in its inkwell" in told.reason
+    assert (told.state, told.rendering) == (OperatingState.DISABLED, False)
     bench.haptic.obstacle = ""
     bench.run(0.3)
-    assert bench.core.felt.state.rendering
+    assert bench.core.haptic_feedback.state.rendering
 
 
 # -- the driver -----------------------------------------------------------------------------------

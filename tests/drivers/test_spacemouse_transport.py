@@ -99,7 +99,7 @@ class FakePuck:
 
 
 def fake_hidapi(pucks):
-    """A module with the behaviour of hidapi 0.15's, and `pucks` plugged in."""
+    """A module with the behavior of hidapi 0.15's, and `pucks` plugged in."""
 
     class FakeHandle:
         def __init__(self):

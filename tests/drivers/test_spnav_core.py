@@ -30,7 +30,7 @@ from cardan.protocols.spnav import (
 from cardan.types import ButtonEvent, DeviceLink
 from cardan_spnav_server.protocol import (
     ClientReader,
-    Request,
+    ClientRequest,
     Sensitivity,
     encode_button,
     encode_config,
@@ -81,7 +81,7 @@ class Daemon:
     def answer(self, value):
         if isinstance(value, Handshake):
             self.send(encode_handshake(value.version))
-        elif isinstance(value, Request):
+        elif isinstance(value, ClientRequest):
             there = self.buttons is not None
             answers = {
                 Code.SET_EVMASK: value.data[:1],
@@ -125,7 +125,7 @@ class Daemon:
         return self.core.state(self.now_s)
 
     def codes(self):
-        return [value.code for value in self.asked if isinstance(value, Request)]
+        return [value.code for value in self.asked if isinstance(value, ClientRequest)]
 
 
 # -- trust --------------------------------------------------------------------------------------

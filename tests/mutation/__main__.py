@@ -270,7 +270,7 @@ class Runs:
         builtins._mutant_hit = lambda path, index: hits.add((path, index))  # type: ignore[attr-defined]
         for path in {mutant.path for mutant in self.mutants}:
             exchange(self.functions, path, instrumented(path))
-        # Neighbours share what is made once for a module.
+        # Neighbors share what is made once for a module.
         files = sorted({str(item.path) for item in self.items})
         mine = set(files[part :: self.number])
         told = []

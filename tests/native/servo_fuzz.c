@@ -1,5 +1,5 @@
 /*
- * Fuzzes the servo's kernel: random arms, shapes, options, goals and programmes, many of them
+ * Fuzzes the servo's kernel: random arms, shapes, options, goals and programs, many of them
  * nonsense.
  *
  *     tools/native --fuzz servo PROGRAM -g -fsanitize=address,undefined -fno-sanitize-recover=all
@@ -251,41 +251,41 @@ static int drive(uint64_t seed)
 
 static int solve(uint64_t seed)
 {
-    static Programme programme;
+    static Program program;
     bad_share = one_in(3) ? 0.002 : 0.0;
-    int n = programme.unknowns = 1 + below(MAX_UNKNOWNS);
-    programme.rows = below(MAX_ROWS + 1);
+    int n = program.unknowns = 1 + below(MAX_UNKNOWNS);
+    program.rows = below(MAX_ROWS + 1);
     if (one_in(2))
-        programme_forget(&programme);
+        program_forget(&program);
     double task[6][MAX_UNKNOWNS], damping = pow(10.0, uniform(-14.0, 0.0));
     for (int row = 0; row < 6; row++)
         numbers(task[row], n, -1.0, 1.0);
     for (int i = 0; i < n; i++) {
         for (int j = 0; j < n; j++) {
-            programme.hessian[i][j] = i == j ? damping : 0.0;
+            program.hessian[i][j] = i == j ? damping : 0.0;
             for (int row = 0; row < 6; row++)
-                programme.hessian[i][j] += task[row][i] * task[row][j];
+                program.hessian[i][j] += task[row][i] * task[row][j];
         }
-        programme.linear[i] = number(-1.0, 1.0);
+        program.linear[i] = number(-1.0, 1.0);
         double one = number(-1.0, 1.0), other = one_in(4) ? one : number(-1.0, 1.0);
-        programme.lowest[i] = fmin(one, other);
-        programme.highest[i] = fmax(one, other);
+        program.lowest[i] = fmin(one, other);
+        program.highest[i] = fmax(one, other);
     }
-    for (int r = 0; r < programme.rows; r++) {
-        numbers(programme.row[r], n, -1.0, 1.0);
+    for (int r = 0; r < program.rows; r++) {
+        numbers(program.row[r], n, -1.0, 1.0);
         if (r && one_in(4))
-            memcpy(programme.row[r], programme.row[below(r)], sizeof programme.row[r]);
+            memcpy(program.row[r], program.row[below(r)], sizeof program.row[r]);
         if (one_in(10))
-            memset(programme.row[r], 0, sizeof programme.row[r]);
-        programme.least[r] = number(-1.0, 0.5);
-        programme.row_name[r] = below(100);
+            memset(program.row[r], 0, sizeof program.row[r]);
+        program.least[r] = number(-1.0, 0.5);
+        program.row_name[r] = below(100);
     }
-    int told = programme_solve(&programme);
-    if (programme.iterations > MAX_ITERATIONS)
-        return wrong("too many iterations of a programme", seed);
+    int told = program_solve(&program);
+    if (program.iterations > MAX_ITERATIONS)
+        return wrong("too many iterations of a program", seed);
     for (int i = 0; !told && i < n; i++)
-        if (!(programme.x[i] >= programme.lowest[i] && programme.x[i] <= programme.highest[i]) &&
-            programme.lowest[i] <= programme.highest[i])
+        if (!(program.x[i] >= program.lowest[i] && program.x[i] <= program.highest[i]) &&
+            program.lowest[i] <= program.highest[i])
             return wrong("an unknown outside its bounds", seed);
     return 0;
 }

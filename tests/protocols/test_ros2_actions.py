@@ -70,7 +70,7 @@ def test_results_are_forgotten_after_a_while(goals):
     assert goals.find(A) is None
 
 
-def test_cancelling_one_goal(goals):
+def test_canceling_one_goal(goals):
     goal, other = goals.accept(A, 0, 0.0), goals.accept(B, 0, 0.0)
     response, going = goals.cancel(request(A))
     assert going == [goal]
@@ -84,21 +84,21 @@ def test_cancelling_one_goal(goals):
 @pytest.mark.parametrize(
     ("stamp_ns", "expected"), [(0, {A, B}), (10, {A}), (9, set()), (20, {A, B})]
 )
-def test_cancelling_all_or_those_before(goals, stamp_ns, expected):
+def test_canceling_all_or_those_before(goals, stamp_ns, expected):
     goals.accept(A, 10, 0.0), goals.accept(B, 20, 0.0)
     response, going = goals.cancel(request(stamp_ns=stamp_ns))
     assert {goal.id for goal in going} == expected
     assert response["return_code"] == CancelCode.NONE
 
 
-def test_cancelling_one_and_those_before(goals):
+def test_canceling_one_and_those_before(goals):
     for number, goal_id in enumerate((A, B, C), 1):
         goals.accept(goal_id, 10 * number, 0.0)
     _, going = goals.cancel(request(C, 10))
     assert {goal.id for goal in going} == {A, C}
 
 
-def test_what_cannot_be_cancelled_is_told(goals):
+def test_what_cannot_be_canceled_is_told(goals):
     assert goals.cancel(request(A))[0]["return_code"] == CancelCode.UNKNOWN_GOAL_ID
     goal = goals.accept(A, 0, 0.0)
     goals.finish(goal, GoalStatus.SUCCEEDED, RESULT, 0.0)
@@ -108,7 +108,7 @@ def test_what_cannot_be_cancelled_is_told(goals):
     assert goal.status is GoalStatus.SUCCEEDED
 
 
-def test_a_goal_that_is_cancelled_before_it_comes_is_accepted_and_never_begins(goals):
+def test_a_goal_that_is_canceled_before_it_comes_is_accepted_and_never_begins(goals):
     response, going = goals.cancel(request(A))
     assert response == {"return_code": CancelCode.UNKNOWN_GOAL_ID, "goals_canceling": []}
     assert going == []

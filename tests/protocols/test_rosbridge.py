@@ -18,7 +18,7 @@ from cardan.protocols.ros2.messages import MessageError, Stamp, completed, json_
 cbor2 = pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
 
 from cardan.gateway.servers.parameters import parameter_name  # noqa: E402
-from cardan.gateway.servers.send_queue import MAX_CONTROL_FRAMES, Due, SendQueue, Stream  # noqa: E402
+from cardan.gateway.servers.send_queue import MAX_CONTROL_FRAMES, Due, SendQueue, TopicQueue  # noqa: E402
 from cardan.protocols.rosbridge import forms, rosapi  # noqa: E402
 from cardan.protocols.rosbridge.delivery import (  # noqa: E402
     Delivery,
@@ -357,8 +357,8 @@ def unpacked(text):
         assert struct.unpack_from(">I", image, at + 8 + length)[0] == zlib.crc32(kind + data)
         chunks[kind] = data
         at += 12 + length
-    width, height, depth, colour = struct.unpack_from(">IIBB", chunks[b"IHDR"])
-    assert (depth, colour) == (8, 2)
+    width, height, depth, color = struct.unpack_from(">IIBB", chunks[b"IHDR"])
+    assert (depth, color) == (8, 2)
     pixels = zlib.decompress(chunks[b"IDAT"])
     stride = 3 * width + 1
     assert len(pixels) == stride * height
@@ -421,7 +421,7 @@ def test_subscriptions_of_one_topic_are_merged():
 
 
 def stream(throttle_s=0.0, queue=0, topic="/t"):
-    return Stream(topic, Delivery(throttle_s, queue, "none", 0))
+    return TopicQueue(topic, Delivery(throttle_s, queue, "none", 0))
 
 
 def test_without_throttle_all_goes_out_at_once():

@@ -38,7 +38,7 @@ from cardan.protocols.spnav import (
 )
 from cardan_spnav_server.protocol import (
     ClientReader,
-    Request,
+    ClientRequest,
     Sensitivity,
     StringAssembler,
     bits_of,
@@ -261,7 +261,7 @@ def test_a_client_is_read_in_any_pieces(sizes):
     assert in_pieces(ClientReader(), data, sizes) == [
         Sensitivity(0.5),
         Handshake(1),
-        Request(REQUEST_TAG | Code.DEV_TYPE, (0,) * 7),
+        ClientRequest(REQUEST_TAG | Code.DEV_TYPE, (0,) * 7),
     ]
 
 

@@ -11,12 +11,12 @@ from cardan.protocols.ur import rtde
 from cardan.protocols.ur.rtde import (
     Accepted,
     ControllerVersion,
+    ControlRequest,
     Data,
     Malformed,
     PacketReader,
     PacketType,
     Recipe,
-    Request,
     Setup,
     SetupReply,
     Text,
@@ -26,10 +26,14 @@ from cardan.protocols.ur.variables import INPUTS, OUTPUTS
 from tests.examples import examples
 
 WORKED = [
-    (rtde.ask_version(), "0005560002", Request(PacketType.PROTOCOL_VERSION, 2)),
-    (rtde.packet(PacketType.CONTROLLER_VERSION), "000376", Request(PacketType.CONTROLLER_VERSION)),
-    (rtde.packet(PacketType.START), "000353", Request(PacketType.START)),
-    (rtde.packet(PacketType.PAUSE), "000350", Request(PacketType.PAUSE)),
+    (rtde.ask_version(), "0005560002", ControlRequest(PacketType.PROTOCOL_VERSION, 2)),
+    (
+        rtde.packet(PacketType.CONTROLLER_VERSION),
+        "000376",
+        ControlRequest(PacketType.CONTROLLER_VERSION),
+    ),
+    (rtde.packet(PacketType.START), "000353", ControlRequest(PacketType.START)),
+    (rtde.packet(PacketType.PAUSE), "000350", ControlRequest(PacketType.PAUSE)),
     (
         rtde.ask_outputs(125.0, ["actual_q", "timestamp"]),
         "001d4f405f400000000000" + b"actual_q,timestamp".hex(),

@@ -13,7 +13,7 @@ from cardan.drivers.sim_arm import SimArm
 from cardan.drivers.spacemouse import SpaceMouseOptions
 from cardan.drivers.spacemouse.core import SpaceMouseCore
 from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.arm.cycle_record import Request, encode_cycle
+from cardan.gateway.arm.cycle_record import RecordedRequest, encode_cycle
 from cardan.gateway.arm.loop import ArmLoop
 from cardan.gateway.session.assembly import make_controller, make_robot
 from cardan.gateway.session.config import SessionConfig, parse_config
@@ -82,9 +82,9 @@ class Recorded:
         robot = make_robot(self.config)
         assert isinstance(robot, SimArm)
         controller: ArmController = make_controller(self.config, robot)
-        requests: list[tuple[int, Request]] = []
+        requests: list[tuple[int, RecordedRequest]] = []
         controller.recorder = lambda ticks, name, argument: requests.append(
-            (ticks, Request(name, argument))
+            (ticks, RecordedRequest(name, argument))
         )
         self.texts: list[str] = []
         self.stamps_s: list[float] = []
@@ -106,7 +106,7 @@ class Recorded:
         described = {"versions": {}, "tables": self.tables}
         for topic, texts in (
             ("configuration", [(0.0, json.dumps(described))]),
-            ("engine", list(zip(self.stamps_s, self.texts, strict=True))),
+            ("controller_log", list(zip(self.stamps_s, self.texts, strict=True))),
         ):
             recorded = RecordedTopic(
                 f"{NODE}/{topic}", STRING, type_hash(STRING), topic == "configuration", (NODE,)

@@ -51,7 +51,7 @@ def test_a_session_is_recorded_while_it_runs_from_its_first_cycle_on(tmp_path):
     assert done.returncode == 0, done.stderr
     assert re.search(rf"{path}: \d+ messages of \d+ topics\n", done.stdout)
     answered = re.search(r"cycles answered\D*([\d,]+)", done.stdout)[1].replace(",", "")
-    replayed = cardan("net", "replay", "--engine", str(path))
+    replayed = cardan("net", "replay", "--verify", str(path))
     assert f" {answered} cycles, each command bit for bit" in replayed.stdout, replayed.stderr
 
     done = cardan("run", file, "--seconds", "1.5", "--record", str(path))
@@ -101,19 +101,27 @@ def test_a_record_that_was_cut_off_is_repaired(tmp_path):
 
 
 @pytest.mark.matrix
-def test_the_engine_is_replayed_in_another_process(tmp_path):
+def test_a_record_is_verified_in_another_process(tmp_path):
     """With another seed of Python's hashes than the session had."""
     path = Recorded(seconds=1.2).write(tmp_path / "r.mcap")
-    done = cardan("net", "replay", "--engine", str(path))
+    done = cardan("net", "replay", "--verify", str(path))
     assert done.returncode == 0, done.stderr
     assert "300 cycles, each command bit for bit the recorded one" in done.stdout
+
+
+@pytest.mark.matrix
+def test_the_former_name_of_the_option_is_refused_by_the_new_one(tmp_path):
+    done = cardan(
+        "net", "replay", "--engine", str(Recorded(seconds=0.3).write(tmp_path / "r.mcap"))
+    )
+    assert (done.returncode, "--engine: is now --verify" in done.stderr) == (2, True)
 
 
 @pytest.mark.matrix
 def test_a_command_that_differs_is_a_failure(tmp_path):
     session = Recorded(seconds=1.2)
     session.tables = session.tables | {"limits": {"linear_speed_m_s": 0.02}}
-    done = cardan("net", "replay", "--engine", str(session.write(tmp_path / "r.mcap")))
+    done = cardan("net", "replay", "--verify", str(session.write(tmp_path / "r.mcap")))
     assert done.returncode == 4
     assert "differs, after" in done.stdout
 
@@ -121,7 +129,7 @@ def test_a_command_that_differs_is_a_failure(tmp_path):
 @pytest.mark.matrix
 @pytest.mark.parametrize(
     "words",
-    [("net", "replay"), ("net", "replay", "--engine"), ("net", "plot")],
+    [("net", "replay"), ("net", "replay", "--verify"), ("net", "plot")],
     ids=lambda words: " ".join(words),
 )
 def test_a_file_that_is_none_is_refused_in_one_line(tmp_path, words):
@@ -144,7 +152,7 @@ def test_a_file_that_is_none_is_refused_in_one_line(tmp_path, words):
 def test_what_is_wrong_with_a_file_is_the_exit_code_of_every_command(tmp_path, spoil, words):
     drawn, replayed = write(tmp_path / "p.mcap", rows()), tmp_path / "e.mcap"
     Recorded(seconds=0.3).write(replayed)
-    for command, path in ((("net", "plot"), drawn), (("net", "replay", "--engine"), replayed)):
+    for command, path in ((("net", "plot"), drawn), (("net", "replay", "--verify"), replayed)):
         assert cardan(*command, str(path)).returncode == 0
         path.write_bytes(spoil(path.read_bytes()))
         done = cardan(*command, str(path))

@@ -21,7 +21,7 @@ from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.zenoh import LATCHED_QOS, PUBLISHER, Attachment
 from cardan.recording.mcap_file import RecordReader, RecordWriter
 from cardan.recording.recorder import QUEUE_MESSAGES, Recorder
-from cardan.recording.verify import replay_engine
+from cardan.recording.verify import verify
 from tests.recording.rig import (
     NODE,
     STRING,
@@ -140,7 +140,7 @@ def test_a_type_that_cardan_does_not_know_is_recorded_and_named(tmp_path):
 
 
 WHOLE = {
-    *(f"{NODE}/{topic}" for topic in ("configuration", "engine", "raw/robot")),
+    *(f"{NODE}/{topic}" for topic in ("configuration", "controller_log", "raw/robot")),
     *(f"{NODE}/{topic}" for topic in ("state/pose", "state/status")),
     *("/joint_states", "/tf", "/tf_static", "/robot_description", "/diagnostics"),
 }
@@ -175,10 +175,10 @@ def test_a_session_is_recorded_whole(tmp_path):
     assert described["tables"]["arm"]["model"] == "ur5"
     assert described["versions"]["cardan"]
     # It began before the session did, so that the session can be replayed from its first cycle.
-    (engine,) = replay_engine(path)
-    assert engine.same
-    assert not engine.ended
-    assert engine.cycles >= 400
+    (verified,) = verify(path)
+    assert verified.same
+    assert not verified.ended
+    assert verified.cycles >= 400
 
 
 @pytest.mark.matrix
@@ -208,12 +208,12 @@ def test_a_session_that_a_program_moved_is_replayed_up_to_there(tmp_path):
             until(begun)
         report = recorder.close()
     assert names_in(path)[f"{NODE}/command/movl"] >= 1
-    (engine,) = replay_engine(path)
-    assert engine.same
-    assert engine.cycles > 0
+    (verified,) = verify(path)
+    assert verified.same
+    assert verified.cycles > 0
     if not report.lost:
-        assert engine.ended.startswith(
-            f"not replayed from cycle {engine.cycles + 1} on: verb movl of 'ros2 /program'"
+        assert verified.ended.startswith(
+            f"not replayed from cycle {verified.cycles + 1} on: verb movl of 'ros2 /program'"
         )
 
 

@@ -14,7 +14,7 @@ from cardan.gateway.arm.vocab import Begins
 from cardan.gateway.session.assembly import make_robot, make_verbs
 from cardan.gateway.session.config import parse_config
 from cardan.recording.mcap_file import RecordedMessage, RecordedTopic, RecordWriter
-from cardan.recording.verify import replay_engine
+from cardan.recording.verify import verify
 from cardan.types import DeviceLink, Inertia, RobotLink, Vector3
 from tests.recording.rig import NODE, NS, STRING, TABLES, Recorded
 
@@ -30,7 +30,7 @@ def file(recorded, tmp_path):
 
 
 def test_a_session_of_a_spacemouse_and_a_ur5_is_replayed_bit_for_bit(recorded, file):
-    (report,) = replay_engine(file)
+    (report,) = verify(file)
     assert report.same
     assert not report.ended
     assert report.session == NODE
@@ -49,7 +49,7 @@ def test_a_changed_limit_is_found_at_the_first_cycle_that_it_changes(recorded, f
             config, limits=dataclasses.replace(config.limits, angular_acceleration_rad_s2=2.5)
         )
 
-    (report,) = replay_engine(file, slower)
+    (report,) = verify(file, slower)
     assert not report.same
     assert not report.ended
     found = report.difference
@@ -66,7 +66,7 @@ def test_one_changed_bit_is_found(recorded, tmp_path):
     table = json.loads(other.texts[500])
     table["command"][0][2] = math.nextafter(table["command"][0][2], math.inf)
     other.texts[500] = json.dumps(table, separators=(",", ":"))
-    (report,) = replay_engine(other.write(tmp_path / "bit.mcap"))
+    (report,) = verify(other.write(tmp_path / "bit.mcap"))
     assert report.difference.cycle == 501
 
 
@@ -74,7 +74,7 @@ def test_the_configuration_of_an_older_version_is_refused_in_words(recorded, tmp
     limits = {**TABLES.get("limits", {}), "leash_m": 0.05}
     monkeypatch.setattr(recorded, "tables", {**TABLES, "limits": limits})
     with pytest.raises(CaptureError, match=r"replay it by that one: limits\.leash_m: is now: max_"):
-        replay_engine(recorded.write(tmp_path / "older.mcap"))
+        verify(recorded.write(tmp_path / "older.mcap"))
 
 
 def test_no_hardware_is_opened(file, monkeypatch):
@@ -83,7 +83,7 @@ def test_no_hardware_is_opened(file, monkeypatch):
 
     for name in ("open", "send", "cycles"):
         monkeypatch.setattr(SimArm, name, refuse)
-    assert replay_engine(file)[0].same
+    assert verify(file)[0].same
 
 
 @pytest.mark.matrix("request_stop-<lambda>", "suspend-<lambda>", "acknowledge-<lambda>")
@@ -108,7 +108,7 @@ def test_requests_between_cycles_are_made_again(tmp_path, name, request_by):
 
     session = Recorded(seconds=1.8, during=ask)
     assert [each.name for each in decode_cycle(session.texts[250]).before] == [name]
-    (report,) = replay_engine(session.write(tmp_path / "asked.mcap"))
+    (report,) = verify(session.write(tmp_path / "asked.mcap"))
     assert report.same
     assert report.cycles == len(session.texts)
 
@@ -155,7 +155,7 @@ def test_the_streams_of_programs_are_replayed_bit_for_bit(tmp_path, kind):
     assert asked[0] == "set_parameters"
     assert asked[-1] == "release"
     assert len(asked) == 60  # and none of those that were refused
-    (report,) = replay_engine(session.write(tmp_path / "stream.mcap"))
+    (report,) = verify(session.write(tmp_path / "stream.mcap"))
     assert report.lines() == [
         f"{NODE}: {len(session.texts)} cycles, each command bit for bit the recorded one"
     ]
@@ -180,7 +180,7 @@ def test_a_stream_that_began_by_itself_is_replayed(tmp_path):
     session = Recorded(seconds=1.6, during=ask, hand=STILL)
     asked = [each.name for text in session.texts for each in decode_cycle(text).before]
     assert asked[:4] == ["set_parameters", "take_back", "set_parameters", "twist"]
-    (report,) = replay_engine(session.write(tmp_path / "begun.mcap"))
+    (report,) = verify(session.write(tmp_path / "begun.mcap"))
     assert report.same
     assert not report.ended
     assert report.cycles == len(session.texts)
@@ -192,7 +192,7 @@ def test_a_verb_ends_the_replay_and_is_named(tmp_path):
             controller.note("verb", "movl of 'ros2'")
 
     session = Recorded(seconds=1.4, during=ask)
-    (report,) = replay_engine(session.write(tmp_path / "verb.mcap"))
+    (report,) = verify(session.write(tmp_path / "verb.mcap"))
     assert report.same
     assert report.cycles == 250
     assert report.ended.startswith("not replayed from cycle 251 on: verb movl of 'ros2'")
@@ -202,7 +202,7 @@ def test_a_record_that_begins_later_says_so(recorded, tmp_path):
     other = Recorded.__new__(Recorded)
     other.tables = TABLES
     other.stamps_s, other.texts = recorded.stamps_s[100:], recorded.texts[100:]
-    (report,) = replay_engine(other.write(tmp_path / "late.mcap"))
+    (report,) = verify(other.write(tmp_path / "late.mcap"))
     assert not report.same
     assert report.ended == (
         "not replayed from cycle 1 on: the record goes on with 101; start `cardan net record` "
@@ -215,7 +215,7 @@ def test_a_missing_cycle_ends_the_replay(recorded, tmp_path):
     other.tables = TABLES
     other.stamps_s = recorded.stamps_s[:400] + recorded.stamps_s[401:]
     other.texts = recorded.texts[:400] + recorded.texts[401:]
-    (report,) = replay_engine(other.write(tmp_path / "gap.mcap"))
+    (report,) = verify(other.write(tmp_path / "gap.mcap"))
     assert report.same
     assert report.cycles == 400
     assert report.ended == "not replayed from cycle 401 on: the record goes on with 402"
@@ -225,7 +225,7 @@ def test_filters_are_not_replayed(recorded, tmp_path):
     other = Recorded.__new__(Recorded)
     other.tables = TABLES | {"filters": [{"filter": "proximity"}]}
     other.stamps_s, other.texts = recorded.stamps_s, recorded.texts
-    (report,) = replay_engine(other.write(tmp_path / "filter.mcap"))
+    (report,) = verify(other.write(tmp_path / "filter.mcap"))
     assert not report.same
     assert "filters" in report.ended
     assert "proximity" in report.ended
@@ -236,8 +236,17 @@ def test_a_record_without_a_session(tmp_path):
     topic = RecordedTopic("/other", STRING, "", False, ())
     writer.add(RecordedMessage(topic, NS, NS, 1, b"\0\1\0\0\1\0\0\0\0"))
     writer.finish()
-    with pytest.raises(CaptureError, match="no engine topic"):
-        replay_engine(tmp_path / "none.mcap")
+    with pytest.raises(CaptureError, match="no controller_log topic"):
+        verify(tmp_path / "none.mcap")
+
+
+def test_a_record_of_a_version_with_another_name_for_its_log_is_refused(tmp_path):
+    writer = RecordWriter(tmp_path / "older.mcap")
+    topic = RecordedTopic("/arm/engine", "std_msgs/msg/String", "", False, ())
+    writer.add(RecordedMessage(topic, NS, NS, 1, b"\0\1\0\0\1\0\0\0\0"))
+    writer.finish()
+    with pytest.raises(CaptureError, match="has /arm/engine in place of controller_log: an older"):
+        verify(tmp_path / "older.mcap")
 
 
 def test_a_cycle_reads_back_as_it_was(recorded):

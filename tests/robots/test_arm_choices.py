@@ -36,8 +36,8 @@ def test_a_chosen_home_is_bent_and_free(name):
     assert nearest(arm, home) > 0.005
     if nearest(arm, middle) > 0.02:
         assert conditioned(arm, home) >= 0.9 * conditioned(arm, middle)
-    for value, centre, (low, high) in zip(home, middle, ranges(arm), strict=True):
-        assert abs(value - centre) <= min(0.25 * (high - low), math.pi / 2) + math.radians(0.5)
+    for value, center, (low, high) in zip(home, middle, ranges(arm), strict=True):
+        assert abs(value - center) <= min(0.25 * (high - low), math.pi / 2) + math.radians(0.5)
         assert math.degrees(value) == pytest.approx(round(math.degrees(value)), abs=1e-9)
 
 

@@ -426,7 +426,7 @@ def test_any_urdf_is_an_arm_of_finite_numbers_or_an_error(text):
             low <= q <= high for low, q, high in zip(arm.lower, arm.home, arm.upper, strict=True)
         )
         assert all(
-            math.isfinite(x) for i in arm.inertias for x in (i.mass_kg, *i.centre_m, *i.moments)
+            math.isfinite(x) for i in arm.inertias for x in (i.mass_kg, *i.center_m, *i.moments)
         )
         assert all(math.isfinite(x) for j in arm.joints for x in (*j.placement.position, *j.axis))
 

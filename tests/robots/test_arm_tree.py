@@ -297,14 +297,14 @@ def test_every_body_is_where_the_whole_tree_has_it(arm_of):
     assert {shape.name: shape.body for shape in arm.shapes if shape.body} == moved
     assert {f"{shape.name}_0" for shape in arm.shapes} == there.keys()
     for shape in arm.shapes:
-        body, centre = bodies[shape.body], there[f"{shape.name}_0"]
+        body, center = bodies[shape.body], there[f"{shape.name}_0"]
         if isinstance(shape.shape, Box):
             here = body * as_se3(shape.shape.pose)
-            np.testing.assert_allclose(here.homogeneous, centre.homogeneous, atol=1e-9)
+            np.testing.assert_allclose(here.homogeneous, center.homogeneous, atol=1e-9)
         else:
             start, end = (body.act(np.array(point)) for point in shape.shape[:2])
-            np.testing.assert_allclose(0.5 * (start + end), centre.translation, atol=1e-9)
-            along = np.cross(end - start, centre.rotation[:, 2])
+            np.testing.assert_allclose(0.5 * (start + end), center.translation, atol=1e-9)
+            along = np.cross(end - start, center.rotation[:, 2])
             np.testing.assert_allclose(along, 0.0, atol=1e-9)
 
 

@@ -59,7 +59,7 @@ def test_the_inverse_of_reachable_poses_is_found(measured):
 
 
 @pytest.mark.timeout(600)
-def test_lines_of_five_centimetres(measured):
+def test_lines_of_five_centimeters(measured):
     ended = measured.lines()
     assert sum(not why for why in ended.values()) >= 4, ended
 
@@ -85,7 +85,7 @@ def test_our_own_file_is_the_published_arm(published, tmp_path):
     # What hangs on the last link may be more than we have.
     for one, other in zip(ours.inertias[:-1], theirs.inertias, strict=False):
         assert one.mass_kg == other.mass_kg
-        assert one.centre_m == pytest.approx(other.centre_m, abs=1e-9)
+        assert one.center_m == pytest.approx(other.center_m, abs=1e-9)
         assert one.moments == pytest.approx(other.moments, abs=1e-9)
 
 

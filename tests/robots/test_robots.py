@@ -489,7 +489,7 @@ CAPSULES = {
     ],
 }
 
-# Each box as (body, centre, size), m; along the body's axes, but for the one of the Panda's flange,
+# Each box as (body, center, size), m; along the body's axes, but for the one of the Panda's flange,
 # which is turned by 45 degrees, and the one of the SO-101's jaw.
 BOXES = {
     "panda": [
@@ -750,9 +750,9 @@ def test_bodies_are_those_of_the_tables(name):
     found = [shape for shape in arm.shapes if shape.name not in fixed]
     boxes = [shape for shape in found if isinstance(shape.shape, Box)]
     assert len(found) == len(given) + len(boxes)
-    for box, (body, centre, size) in zip(boxes, BOXES.get(name, ()), strict=True):
+    for box, (body, center, size) in zip(boxes, BOXES.get(name, ()), strict=True):
         assert box.body == body
-        assert box.shape.pose.position == pytest.approx(centre, abs=1e-6)
+        assert box.shape.pose.position == pytest.approx(center, abs=1e-6)
         assert box.shape.size_m == pytest.approx(size)
     for body, start, end, radius in given:
         if name in ("ur5", "ur5e") and body == 0:
@@ -783,7 +783,7 @@ def test_teo_has_its_trunk_and_head_to_avoid():
 
 
 def distances(arm, q):
-    """Of each pair of bodies' shapes that is neither ignored nor of neighbours, m."""
+    """Of each pair of bodies' shapes that is neither ignored nor of neighbors, m."""
     placements, _ = bodies(arm, q)
     solids = []
     for shape in arm.shapes:
@@ -864,7 +864,7 @@ def test_published_masses():
         inertias = load_arm(name).inertias
         assert [round(i.mass_kg, 6) for i in inertias] == [0.0, 0.0, 1.750625, 0.0, 2.396, 0.75]
         # Plate 0.3 kg at -0.09, hand 0.45 kg at -0.1675 m.
-        assert inertias[5].centre_m.z == pytest.approx((0.3 * -0.09 + 0.45 * -0.1675) / 0.75)
+        assert inertias[5].center_m.z == pytest.approx((0.3 * -0.09 + 0.45 * -0.1675) / 0.75)
     ur5 = load_arm("ur5").inertias
     assert [i.mass_kg for i in ur5] == pytest.approx([3.7, 8.393, 2.275, 1.219, 1.219, 0.1879])
     xx, xy, xz, yy, yz, zz = ur5[1].moments  # A cylinder along x.
@@ -890,7 +890,7 @@ def test_every_arm_can_be_simulated(name):
         if here.mass_kg == 0.0:
             continue
         xx, xy, xz, yy, yz, zz = here.moments
-        np.testing.assert_allclose(there.lever, here.centre_m, atol=1e-9)
+        np.testing.assert_allclose(there.lever, here.center_m, atol=1e-9)
         given = np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
         np.testing.assert_allclose(there.inertia, given, atol=1e-9)
         one, two, three = sorted(np.linalg.eigvalsh(given))

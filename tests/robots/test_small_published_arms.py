@@ -33,7 +33,7 @@ def test_the_inverse_of_reachable_poses_is_found(measured):
     assert measured.inverse_share(poses=100) >= 0.99
 
 
-def test_lines_of_five_centimetres(measured):
+def test_lines_of_five_centimeters(measured):
     ended = measured.lines(UP_AND_DOWN)
     assert not any(ended.values()), ended
 

@@ -208,7 +208,7 @@ def test_an_arm_without_masses_gets_stated_ones():
     assert [body.mass for body in plant.model.inertias.tolist()[1:]] == [4.0, 4.0]
     assert plant.model.inertias[1].lever == pytest.approx((0.0, 0.0, 0.2))
     plant.set_state((math.pi / 2, 0.0))
-    # Both centres lie level, 0.2 m and 0.4 m from the first joint (the second body has no length).
+    # Both centers lie level, 0.2 m and 0.4 m from the first joint (the second body has no length).
     assert gravity_torque(plant)[0] == pytest.approx(-4.0 * 9.81 * (0.2 + 0.4))
 
 

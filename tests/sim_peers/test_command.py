@@ -91,7 +91,7 @@ def test_an_unknown_peer_is_refused():
 # -- somebody else's ------------------------------------------------------------------------------
 
 
-class Colour(enum.Enum):
+class Color(enum.Enum):
     RED = "red"
     BLUE = "blue"
 
@@ -110,7 +110,7 @@ class Oven:
 class ToasterOptions:
     host: str = option("::1", "Where.", name="at", metavar="HOST:PORT", port_field="port")
     port: int = 80
-    colour: Colour = option(Colour.RED, "Which.")
+    color: Color = option(Color.RED, "Which.")
     size: Literal["big", "small"] | None = option(None, "How big.")
     lid: bool = option(True, "Without a lid.", name="no-lid")
     warm: bool = option(False, "Warm.")
@@ -165,7 +165,7 @@ class TestSomebodyElsesPeer:
             assert words in told
         assert "hidden" not in told
         assert flags("toaster") == {
-            *("--at", "--colour", "--size", "--no-lid", "--warm", "--speed-limit", "--power"),
+            *("--at", "--color", "--size", "--no-lid", "--warm", "--speed-limit", "--power"),
             *(
                 "--slot",
                 "--seconds",
@@ -185,7 +185,7 @@ class TestSomebodyElsesPeer:
 
     def test_is_given_what_the_options_say(self):
         said(
-            *("toaster", "--seconds", "2", "--at", "toast:8080", "--colour", "blue"),
+            *("toaster", "--seconds", "2", "--at", "toast:8080", "--color", "blue"),
             *("--size", "small", "--no-lid", "--speed-limit", "4", "--power", "2"),
             *("--slot", "1,2", "--slot", "3,4", "--script", "mine", "--seed", "5"),
             *("--fault", "burn"),
@@ -194,7 +194,7 @@ class TestSomebodyElsesPeer:
             ToasterOptions(
                 host="toast",
                 port=8080,
-                colour=Colour.BLUE,
+                color=Color.BLUE,
                 size="small",
                 lid=False,
                 speed_limit_deg_s=4.0,
@@ -214,7 +214,7 @@ class TestSomebodyElsesPeer:
         [
             (("--at", "nowhere"), "--at: 'nowhere' is not HOST:PORT, as ::1:80"),
             (("--at", "x:65536"), "--at: 'x:65536' is not HOST:PORT"),
-            (("--colour", "pink"), "--colour: 'pink' is unknown; allowed: red, blue"),
+            (("--color", "pink"), "--color: 'pink' is unknown; allowed: red, blue"),
             (("--size", "huge"), "--size: 'huge' is unknown; allowed: big, small"),
             (("--slot", "1"), "--slot: '1' is not 2 numbers with commas"),
             (("--slot", "1,two"), "--slot: '1,two' is not 2 numbers with commas"),

@@ -271,7 +271,7 @@ def test_movel_to_joints_and_movep():
 def test_movec_stays_on_its_circle(mode):
     arm = Arm()
     start = np.array(arm.motion.target_tcp_pose()[:3])
-    centre = start + np.array([0.0, 0.1, 0.0])
+    center = start + np.array([0.0, 0.1, 0.0])
     begin = frame_of(arm.motion.target_tcp_pose())
     took_s = arm.do("movec", arm.pose(0.1, 0.1), arm.pose(0.0, 0.2), 1.2, 0.25, 0, mode)
     along = 1.2 * math.sqrt(0.5)
@@ -279,7 +279,7 @@ def test_movec_stays_on_its_circle(mode):
     speeds, accelerations = arm.tool()
     assert speeds.max() <= 0.25 + CLOSE
     assert accelerations.max() <= 1.2 + CLOSE
-    assert np.linalg.norm(arm.tips - centre, axis=1) == pytest.approx(0.1, abs=1e-6)
+    assert np.linalg.norm(arm.tips - center, axis=1) == pytest.approx(0.1, abs=1e-6)
     assert arm.tips[:, 2] == pytest.approx(start[2], abs=1e-9)
     assert arm.tips[:, 0].max() == pytest.approx(start[0] + 0.1, abs=1e-4)
     end = frame_of(arm.motion.target_tcp_pose())

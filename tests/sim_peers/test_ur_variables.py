@@ -110,7 +110,7 @@ def test_a_cb3_has_no_variables_of_an_e_series():
 def pinocchio_inertia(load):
     xx, yy, zz, xy, xz, yz = load.inertia
     return pin.Inertia(
-        load.mass, np.array(load.centre), np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
+        load.mass, np.array(load.center), np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
     )
 
 
@@ -144,7 +144,7 @@ def test_the_dynamics_are_pinocchios(robot):
 def test_the_functions_of_dynamics_are_pinocchios(robot):
     world = World(robot=robot)
     functions, motion = world.controller.functions, world.controller.motion
-    motion.payload = Payload(LOAD.mass, LOAD.centre, LOAD.inertia)
+    motion.payload = Payload(LOAD.mass, LOAD.center, LOAD.inertia)
     model = pinocchio_model(load_arm(robot))
     model.gravity.linear = np.zeros(3)
     model.appendBodyToJoint(6, pinocchio_inertia(LOAD), pin.SE3.Identity())

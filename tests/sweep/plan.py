@@ -12,7 +12,7 @@ from cardan.gateway.bus.commands import TOPICS, joint_command
 from cardan.gateway.bus.compatibility import NamesOf, ServoScales, other_names
 from cardan.gateway.bus.device_topics import RUMBLE, RUMBLE_TOPIC
 from cardan.protocols.ros2.messages import default_message
-from tests.network_table import Row, Shown, rows
+from tests.network_table import Coverage, Row, rows
 
 NAMESPACE, NODE = "/left", "/left/arm"
 RESULT = f"{NODE}/result"
@@ -80,7 +80,7 @@ def verbs() -> dict[str, str]:
     return {RUMBLE_TOPIC: RUMBLED, **{each.topic: each.verb for each in tables}}
 
 
-def plan(every: Collection[Row], mark: Shown) -> Plan:
+def plan(every: Collection[Row], mark: Coverage) -> Plan:
     """What a judge has to do for its mark."""
     known, asked = verbs(), mark.rows(every)
     commands = []

@@ -14,7 +14,7 @@ import pytest
 from cardan.protocols.ros2.cdr import codec_of
 from tests import network_table
 from tests.fastdds import FastNode
-from tests.network_table import Shown
+from tests.network_table import Coverage
 from tests.npm import installed
 from tests.ros2_packages import write_packages
 from tests.sweep.plan import RESULT, command, plan, wanted_rows
@@ -29,9 +29,9 @@ ROSLIB = ("node", "--input-type=module", "-e", MODULE, "--")
 
 
 @pytest.fixture
-def judgement(request, session):
+def judgment(request, session):
     """The mark of a test, and what its judge has to do for it."""
-    mark = Shown(**request.node.get_closest_marker("shown_on").kwargs)
+    mark = Coverage(**request.node.get_closest_marker("shown_on").kwargs)
     return plan(network_table.rows(), mark)
 
 
@@ -71,7 +71,7 @@ def test_the_table_has_what_a_session_has_on_the_graph(session):
     kinds=("published", "taken", "service", "action"),
     but=("~/raw/device", "imu/data_raw"),
 )
-def test_dora_rs_over_zenoh(session, judgement, tmp_path):
+def test_dora_rs_over_zenoh(session, judgment, tmp_path):
     pytest.importorskip("dora", reason="dora-rs is not installed: pip install dora-rs pyarrow")
     write_packages(tmp_path)
     config = tmp_path / "zenoh.json5"
@@ -81,7 +81,7 @@ def test_dora_rs_over_zenoh(session, judgement, tmp_path):
     )
     command = [sys.executable, "-m", "tests.sweep.dora_judge", str(config)]
     env = {**os.environ, "AMENT_PREFIX_PATH": str(tmp_path)}
-    check(judgement, told(session, command, judgement, env=env))
+    check(judgment, told(session, command, judgment, env=env))
 
 
 @pytest.mark.shown_on(
@@ -90,10 +90,10 @@ def test_dora_rs_over_zenoh(session, judgement, tmp_path):
     kinds=("published", "taken", "service", "action"),
     but=("~/raw/device", "imu/data_raw"),
 )
-def test_roslibpy_over_rosbridge(session, judgement, running):
+def test_roslibpy_over_rosbridge(session, judgment, running):
     pytest.importorskip("roslibpy", reason="roslibpy is not installed: pip install cardan[test]")
     command = [sys.executable, "-m", "tests.sweep.roslibpy_judge", str(running.port)]
-    check(judgement, told(session, command, judgement))
+    check(judgment, told(session, command, judgment))
 
 
 @pytest.mark.shown_on(
@@ -102,9 +102,9 @@ def test_roslibpy_over_rosbridge(session, judgement, running):
     kinds=("published", "taken", "service"),
     but=("~/raw/device", "imu/data_raw"),
 )
-def test_roslib_1_over_rosbridge(session, judgement, running):
+def test_roslib_1_over_rosbridge(session, judgment, running):
     command, folder = [*ROSLIB, str(running.port), RESULT], installed("roslib", "1.4.1")
-    check(judgement, told(session, command, judgement, cwd=folder))
+    check(judgment, told(session, command, judgment, cwd=folder))
 
 
 @pytest.mark.shown_on(
@@ -113,9 +113,9 @@ def test_roslib_1_over_rosbridge(session, judgement, running):
     kinds=("published", "taken", "service", "action"),
     but=("~/raw/device", "imu/data_raw"),
 )
-def test_roslib_2_over_rosbridge(session, judgement, running):
+def test_roslib_2_over_rosbridge(session, judgment, running):
     command, folder = [*ROSLIB, str(running.port), RESULT], installed("roslib", "2.1.0")
-    check(judgement, told(session, command, judgement, cwd=folder))
+    check(judgment, told(session, command, judgment, cwd=folder))
 
 
 # Over DDS dora-rs leaves out the one byte of an empty message, and Cyclone DDS drops what is left;
@@ -133,12 +133,12 @@ def test_roslib_2_over_rosbridge(session, judgement, running):
         "~/command/release",
     ),
 )
-def test_dora_rs_over_dds(session, judgement, domain, tmp_path):
+def test_dora_rs_over_dds(session, judgment, domain, tmp_path):
     pytest.importorskip("dora", reason="dora-rs is not installed: pip install dora-rs pyarrow")
     write_packages(tmp_path)
     env = {**os.environ, "AMENT_PREFIX_PATH": str(tmp_path), "ROS_DOMAIN_ID": str(domain)}
     command = [sys.executable, "-m", "tests.sweep.dora_judge"]
-    check(judgement, told(session, command, judgement, env=env))
+    check(judgment, told(session, command, judgment, env=env))
 
 
 @pytest.mark.shown_on(
@@ -148,9 +148,9 @@ def test_dora_rs_over_dds(session, judgement, domain, tmp_path):
     but=("~/raw/device", "imu/data_raw"),
 )
 @pytest.mark.parametrize("discovery", ["whitelist", "unicast"])
-def test_fast_dds(session, judgement, domain, discovery):
+def test_fast_dds(session, judgment, domain, discovery):
     with FastNode(domain, discovery) as node:
-        check(judgement, met(session, judgement, node))
+        check(judgment, met(session, judgment, node))
 
 
 def met(session, asked, node):

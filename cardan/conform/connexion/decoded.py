@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Seen, Timeline
+from cardan.conform.timeline import Kind, Timeline, Traffic
 from cardan.protocols import connexion
 
 
@@ -31,7 +31,7 @@ class Report(NamedTuple):
         )
 
 
-class ConnexionSeen(Seen):
+class ConnexionTraffic(Traffic):
     """The reports of a timeline."""
 
     def __init__(self, timeline: Timeline) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise, takewhile
 
-from cardan.conform.connexion.decoded import ConnexionSeen, Report
+from cardan.conform.connexion.decoded import ConnexionTraffic, Report
 from cardan.conform.requirements import (
     Findings,
     Over,
@@ -56,24 +56,24 @@ ZEROS_AT_MOST = 8
 HELD = ("push-held", "twist-held")
 
 _NOTHING = "no reports came"
-requires: Requirements[ConnexionSeen] = Requirements("HID3D", _NOTHING)
+requires: Requirements[ConnexionTraffic] = Requirements("HID3D", _NOTHING)
 
 
 @requires(1, "the system's HID driver")
-def it_can_be_opened(seen: ConnexionSeen) -> Verdict:
+def it_can_be_opened(seen: ConnexionTraffic) -> Verdict:
     """The device can be opened to be read."""
     return failed("it was refused", seen.refused) if seen.refused else passed("opened")
 
 
 @requires(2, RATE)
-def deflection_is_reported(seen: ConnexionSeen) -> Verdict:
+def deflection_is_reported(seen: ConnexionTraffic) -> Verdict:
     """Deflected, it sends motion reports."""
     some(not seen.refused and seen.phase("push-held"), "it was never deflected")
     found = [each for each in seen.during("push", "push-held") if any(each.counts)]
     return passed(f"{len(found)} reports") if found else failed("none came")
 
 
-REPORTS: Over[ConnexionSeen, Report] = Over(lambda seen: seen.reports, "{} reports")
+REPORTS: Over[ConnexionTraffic, Report] = Over(lambda seen: seen.reports, "{} reports")
 
 
 @requires.each(3, DESCRIPTOR, REPORTS)
@@ -99,7 +99,7 @@ def reports_are_not_padded(each: Report) -> str:
 
 
 @requires(6, f"{DESCRIPTOR}: ids 1 and 2 of 7 bytes, or id 1 of 13")
-def the_family_is_one(seen: ConnexionSeen) -> Verdict:
+def the_family_is_one(seen: ConnexionTraffic) -> Verdict:
     """All motion comes in halves (ids 1 and 2), or all of it whole (id 1 of 13 bytes)."""
     whole = some([isinstance(each.value, connexion.Motion) for each in seen.motions], _NOTHING)
     odd = [each.number for each, one in zip(seen.motions, whole, strict=True) if one != whole[0]]
@@ -107,7 +107,7 @@ def the_family_is_one(seen: ConnexionSeen) -> Verdict:
 
 
 @requires(7, "device tables of spacenavd, Blender and PySpaceMouse")
-def the_family_is_the_models(seen: ConnexionSeen) -> Verdict:
+def the_family_is_the_models(seen: ConnexionTraffic) -> Verdict:
     """Motion comes as the model sends it, which its vendor and product id say."""
     if seen.model is None:
         return not_applicable("its model is not known")
@@ -116,14 +116,14 @@ def the_family_is_the_models(seen: ConnexionSeen) -> Verdict:
     return met(family is seen.model.family, said, [seen.motions[0].number])
 
 
-def _moving(seen: ConnexionSeen) -> list[list[Report]]:
+def _moving(seen: ConnexionTraffic) -> list[list[Report]]:
     """Motion reports of each time that it was held deflected."""
     held = ([each for each in seen.during(name) if each.is_motion] for name in HELD)
     return [each for each in held if len(each) > 1]
 
 
 @requires(8, f"{RATE}: one half every 8 ms, in turn")
-def halves_take_turns(seen: ConnexionSeen) -> Findings:
+def halves_take_turns(seen: ConnexionTraffic) -> Findings:
     """Translations and rotations come in turn, one of each."""
     if seen.family is connexion.Family.ONE:
         return not_applicable("motion comes whole")
@@ -136,7 +136,7 @@ def halves_take_turns(seen: ConnexionSeen) -> Findings:
 
 
 @requires(9, RATE)
-def the_rate_is_the_families(seen: ConnexionSeen) -> Verdict:
+def the_rate_is_the_families(seen: ConnexionTraffic) -> Verdict:
     """Held deflected, it sends a half every 8 ms, or a whole motion every 16 ms, to 15 %."""
     moving, period_s = some(_moving(seen), _NOTHING), PERIOD_S[some(seen.family, _NOTHING)]
     periods = [(m[-1].time_s - m[0].time_s) / (len(m) - 1) for m in moving]
@@ -145,7 +145,7 @@ def the_rate_is_the_families(seen: ConnexionSeen) -> Verdict:
 
 
 @requires(10, f"{RATE}: while deflected the device keeps sending")
-def deflection_is_never_silent(seen: ConnexionSeen) -> Verdict:
+def deflection_is_never_silent(seen: ConnexionTraffic) -> Verdict:
     """Held deflected, it is never silent for more than 100 ms."""
     return never_silent(
         ((seen.phase(name), [e for e in seen.during(name) if e.is_motion]) for name in HELD),
@@ -154,7 +154,7 @@ def deflection_is_never_silent(seen: ConnexionSeen) -> Verdict:
 
 
 @requires(11, f"{RATE}: three zero pairs, then silence")
-def rest_is_silent(seen: ConnexionSeen) -> Verdict:
+def rest_is_silent(seen: ConnexionTraffic) -> Verdict:
     """Let go, it sends a few zeros, and then nothing."""
     some(seen.phase("push-rest"), "it was never let go")
     rest = seen.during("rest", "push-rest", "twist-rest")
@@ -163,7 +163,7 @@ def rest_is_silent(seen: ConnexionSeen) -> Verdict:
 
 
 @requires(12, f"{RATE}: the last value of a motion is zero")
-def the_last_value_is_zero(seen: ConnexionSeen) -> Findings:
+def the_last_value_is_zero(seen: ConnexionTraffic) -> Findings:
     """Of every motion the last reports say zero on all axes, and there are at most 8 of them."""
     least = 2 if seen.family is connexion.Family.SPLIT else 1
     for name in ("push", "twist"):
@@ -176,7 +176,7 @@ def the_last_value_is_zero(seen: ConnexionSeen) -> Findings:
 
 
 @requires(13, f"{DESCRIPTOR}: logical range -350 to 350")
-def counts_are_in_range(seen: ConnexionSeen) -> Verdict:
+def counts_are_in_range(seen: ConnexionTraffic) -> Verdict:
     """No axis goes beyond the range that the descriptor declares, +-350."""
     found = [(max(map(abs, each.counts)), each.number) for each in seen.motions]
     most = max(some(found, _NOTHING))[0]
@@ -193,7 +193,7 @@ def _mean(found: list[Report], kind: type, at: int) -> list[float]:
 
 
 @requires(14, "posted captures; spacenavd, Blender: +X is right, +Rz clockwise from above")
-def axes_have_their_signs(seen: ConnexionSeen) -> Verdict:
+def axes_have_their_signs(seen: ConnexionTraffic) -> Verdict:
     """Pushed to the right X is positive and the largest of the three; twisted clockwise, so is
     Rz."""
     if seen.model is not None and seen.model.serial_axes:
@@ -206,7 +206,7 @@ def axes_have_their_signs(seen: ConnexionSeen) -> Verdict:
 
 
 @requires(15, DESCRIPTOR)
-def buttons_are_told(seen: ConnexionSeen) -> Verdict:
+def buttons_are_told(seen: ConnexionTraffic) -> Verdict:
     """A button that is pressed is told at once, and again when it is let go."""
     if seen.model is not None and not seen.model.buttons:
         return not_applicable("the model has none")
@@ -224,7 +224,7 @@ def _buttons(found: list[Report]) -> list[bool]:
 
 
 @requires(16, f"{DESCRIPTOR}, battery strength")
-def the_battery_is_not_empty(seen: ConnexionSeen) -> Findings:
+def the_battery_is_not_empty(seen: ConnexionTraffic) -> Findings:
     """The battery, where it is reported, has 10 % and more."""
     percent = 0
     for each in seen.reports:
@@ -235,7 +235,7 @@ def the_battery_is_not_empty(seen: ConnexionSeen) -> Findings:
 
 
 @requires(17, "the system's HID driver")
-def it_stays(seen: ConnexionSeen) -> Verdict:
+def it_stays(seen: ConnexionTraffic) -> Verdict:
     """The device does not go while it is used."""
     hand = seen.phase("unplug")
     wrong = [index for index in seen.lost if hand is None or index < hand.first]
@@ -244,7 +244,7 @@ def it_stays(seen: ConnexionSeen) -> Verdict:
 
 
 @requires(18, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: ConnexionSeen) -> Verdict:
+def both_descriptions_agree(seen: ConnexionTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same axes and buttons."""
 
     def differs(each: Report) -> str:
@@ -263,7 +263,7 @@ def both_descriptions_agree(seen: ConnexionSeen) -> Verdict:
 
 
 @requires(101, f"{SPACENAVD}: output report 4")
-def the_led_disturbs_nothing(seen: ConnexionSeen) -> Verdict:
+def the_led_disturbs_nothing(seen: ConnexionTraffic) -> Verdict:
     """Told to switch its LED on and off, the device sends on as before."""
     some(seen.phase("push-again") and not seen.refused, "it was not told")
     if seen.model is not None and not seen.model.led:
@@ -273,7 +273,7 @@ def the_led_disturbs_nothing(seen: ConnexionSeen) -> Verdict:
 
 
 @requires(301, "the system's HID driver")
-def unplugging_is_told(seen: ConnexionSeen) -> Verdict:
+def unplugging_is_told(seen: ConnexionTraffic) -> Verdict:
     """Unplugged, the device is told to be gone, and sends nothing more."""
     phase = seen.phase("unplug")
     gone = [] if phase is None else [index for index in seen.lost if index >= phase.first]

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.connexion.decoded import ConnexionSeen
+from cardan.conform.connexion.decoded import ConnexionTraffic
 from cardan.conform.connexion.requirements import requires
 from cardan.conform.connexion.scenario import ConnexionScenario
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.transports import DeviceFile, Wires
 
 
-class Connexion(Suite[ConnexionSeen]):
+class Connexion(Suite[ConnexionTraffic]):
     """A SpaceMouse or its kin, report by report."""
 
     name = "3dconnexion"
@@ -23,13 +23,17 @@ class Connexion(Suite[ConnexionSeen]):
     requirements = requires.all()
     transport = Transport("other")
     dissector = "connexion"
-    sees = ConnexionSeen
+    decoder = ConnexionTraffic
     asks = ConnexionScenario
     rig = "cardan.conform.connexion.simulated:ConnexionRig"
     seconds = 1.2
     # Before it is let go for the first time; and without an end.
-    tried_with: ClassVar[Mapping[str, float]] = {"silence": 0.9, "unplug": 1.0, "replug": 1.5}
-    off_the_wire: ClassVar[Mapping[str, str]] = {
+    fault_test_values: ClassVar[Mapping[str, float]] = {
+        "silence": 0.9,
+        "unplug": 1.0,
+        "replug": 1.5,
+    }
+    undetectable_faults: ClassVar[Mapping[str, str]] = {
         "newest-lost": "the queue is the host's, and only a host that does not read sees which "
         "of its reports are lost",
     }

@@ -8,7 +8,7 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from cardan.conform.timeline import Kind, Seen, Timeline
+from cardan.conform.timeline import Kind, Timeline, Traffic
 from cardan.protocols import egm
 
 _WRAP = 1 << 32
@@ -91,7 +91,7 @@ class Refused(NamedTuple):
     malformed: egm.Malformed
 
 
-class EgmSeen(Seen):
+class EgmTraffic(Traffic):
     """The datagrams of a timeline; `robot_sends` says whether we are the controller."""
 
     def __init__(self, timeline: Timeline, robot_sends: bool = False) -> None:
@@ -148,7 +148,7 @@ class EgmSeen(Seen):
         return found
 
     def steps(self) -> Iterator[tuple[Robot, Robot, int]]:
-        """Neighbours in a session, and how far the sequence number went between them."""
+        """Neighbors in a session, and how far the sequence number went between them."""
         for session in self.sessions:
             for one, other in pairwise(session):
                 assert one.seqno is not None

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import dropwhile, pairwise
 
-from cardan.conform.egm.decoded import EgmSeen, Robot, joints_of, not_normal, place_of, step
+from cardan.conform.egm.decoded import EgmTraffic, Robot, joints_of, not_normal, place_of, step
 from cardan.conform.egm.scenario import STEP_M, STEP_RAD
 from cardan.conform.requirements import (
     Findings,
@@ -46,7 +46,7 @@ GAP_PERIODS = 12
 CLOCK_STEP_S = 0.05
 ACTS_WITHIN_S = 0.06
 """The manual's 20 ms from writing a reference until it affects the robot, 20 ms of the servo's lag,
-and the time in which half a millimetre begun at the default gain is more than noise."""
+and the time in which half a millimeter begun at the default gain is more than noise."""
 IN_TIME_S = 0.1
 """The first answers may meet a run that ends for want of earlier ones."""
 LATE_ANSWERS_S = 0.1
@@ -62,11 +62,11 @@ ENOUGH = 50
 
 _NOTHING = "no datagrams of the controller"
 _NEVER_RAN = "the MCI never ran"
-requires: Requirements[EgmSeen] = Requirements("EGM", _NOTHING)
+requires: Requirements[EgmTraffic] = Requirements("EGM", _NOTHING)
 
 
 @requires(1, f"{MANUAL}, UdpUc: the controller is the client")
-def datagrams_come(seen: EgmSeen) -> Verdict:
+def datagrams_come(seen: EgmTraffic) -> Verdict:
     """The controller sends datagrams without having been sent any."""
     first = next((a.time_s for a in seen.answers), math.inf)
     before = [each for each in seen.robots if each.time_s < first]
@@ -74,14 +74,14 @@ def datagrams_come(seen: EgmSeen) -> Verdict:
 
 
 @requires(2, SCHEMA)
-def datagrams_are_messages(seen: EgmSeen) -> Verdict:
+def datagrams_are_messages(seen: EgmTraffic) -> Verdict:
     """Every datagram is one whole EgmRobot, with nothing before, after or between."""
     wrong = ((each.number, each.malformed.detail) for each in seen.refused)
     count = len(seen.robots) + len(seen.refused)
     return none_wrong(wrong, count, f"{count} datagrams", _NOTHING, "datagrams are none")
 
 
-ROBOTS: Over[EgmSeen, Robot] = Over(lambda seen: seen.robots, "{} datagrams", "datagrams")
+ROBOTS: Over[EgmTraffic, Robot] = Over(lambda seen: seen.robots, "{} datagrams", "datagrams")
 
 
 @requires.each(3, f"{SCHEMA}; {LIBEGM}", replace(ROBOTS, good="{} headers", what="headers"))
@@ -93,12 +93,12 @@ def headers_are_whole(each: Robot) -> str:
     return f"mtype {header.mtype:d}" if header.mtype != MessageType.DATA else ""
 
 
-def _sequence(seen: EgmSeen, wrong: Iterable[tuple[int, str]], what: str) -> Verdict:
+def _sequence(seen: EgmTraffic, wrong: Iterable[tuple[int, str]], what: str) -> Verdict:
     return none_wrong(wrong, sum(map(len, seen.sessions)), "every one", _NOTHING, what)
 
 
 @requires(4, f"{SCHEMA}, EgmHeader.seqno", late_s=FULL_S)
-def none_is_missing(seen: EgmSeen) -> Verdict:
+def none_is_missing(seen: EgmTraffic) -> Verdict:
     """No sequence number is left out within a session."""
     wrong = []
     for session in seen.sessions:
@@ -111,7 +111,7 @@ def none_is_missing(seen: EgmSeen) -> Verdict:
 
 
 @requires(5, f"{SCHEMA}, EgmHeader.seqno")
-def none_comes_twice(seen: EgmSeen) -> Verdict:
+def none_comes_twice(seen: EgmTraffic) -> Verdict:
     """No sequence number comes twice within a session."""
     wrong = []
     for session in seen.sessions:
@@ -124,7 +124,7 @@ def none_comes_twice(seen: EgmSeen) -> Verdict:
 
 
 @requires(6, f"{SCHEMA}, EgmHeader.seqno")
-def they_come_in_order(seen: EgmSeen) -> Verdict:
+def they_come_in_order(seen: EgmTraffic) -> Verdict:
     """Datagrams arrive in the order of their sequence numbers."""
     wrong = [
         (other.number, f"{other.seqno} after {one.seqno}")
@@ -134,12 +134,12 @@ def they_come_in_order(seen: EgmSeen) -> Verdict:
     return _sequence(seen, wrong, "were overtaken")
 
 
-def _long(seen: EgmSeen) -> Iterator[list[Robot]]:
+def _long(seen: EgmTraffic) -> Iterator[list[Robot]]:
     return (each for each in seen.sessions if len(each) > ENOUGH)
 
 
 @requires(7, f"{MANUAL}: 4.032 ms, virtual about 4 ms; SampleRate its multiples")
-def the_period_is_a_controllers(seen: EgmSeen) -> Verdict:
+def the_period_is_a_controllers(seen: EgmTraffic) -> Verdict:
     """The mean period is 4.032 ms, or 4 ms of a virtual controller, times a whole number."""
     found = [(_period_s(session), session[-1].number) for session in _long(seen)]
     some(found, f"no session of more than {ENOUGH} datagrams")
@@ -152,7 +152,7 @@ def the_period_is_a_controllers(seen: EgmSeen) -> Verdict:
 
 
 @requires(8, f"{MANUAL}: one datagram in each cycle of the motion task")
-def arrival_is_steady(seen: EgmSeen) -> Verdict:
+def arrival_is_steady(seen: EgmTraffic) -> Verdict:
     """95 % of the datagrams arrive within 1.5 ms of their period after the one before."""
     off = []
     for session in _long(seen):
@@ -163,7 +163,7 @@ def arrival_is_steady(seen: EgmSeen) -> Verdict:
 
 
 @requires(9, f"{MANUAL}: one datagram in each cycle of the motion task")
-def there_are_no_pauses(seen: EgmSeen) -> Verdict:
+def there_are_no_pauses(seen: EgmTraffic) -> Verdict:
     """While a session lasts there is no silence of more than 12 periods."""
     longest, wrong = 0.0, []
     for one, other, n in seen.steps():
@@ -179,7 +179,7 @@ def there_are_no_pauses(seen: EgmSeen) -> Verdict:
 
 
 @requires(10, f"{MANUAL}, Local Port Number; the PC answers to the source of the datagram")
-def a_session_has_one_source(seen: EgmSeen) -> Verdict:
+def a_session_has_one_source(seen: EgmTraffic) -> Verdict:
     """All datagrams of a session come from one address and port."""
     wrong = [
         (other.number, f"{other.source} after {one.source}")
@@ -197,7 +197,7 @@ def _period_s(found: list[Robot]) -> float:
 
 
 @requires(11, f"{SCHEMA}, EgmHeader.tm")
-def the_ms_clock_runs(seen: EgmSeen) -> Verdict:
+def the_ms_clock_runs(seen: EgmTraffic) -> Verdict:
     """tm counts milliseconds: within a session it advances as time does, to 1 % and 10 ms."""
     worst, wrong = 0.0, []
     for session in _long(seen):
@@ -215,7 +215,7 @@ def the_ms_clock_runs(seen: EgmSeen) -> Verdict:
 
 
 @requires(12, f"{SCHEMA}, EgmFeedBack.time (since RobotWare 6.07)")
-def the_wall_clock_runs(seen: EgmSeen) -> Verdict:
+def the_wall_clock_runs(seen: EgmTraffic) -> Verdict:
     """The wall clock in feedBack.time advances as tm does; it never leaps."""
     told = [
         (header.tm_ms, back.time_us, each.number)
@@ -260,7 +260,7 @@ def the_states_are_there(each: Robot) -> str:
     return "one of them is missing" if None in found else ""
 
 
-def _poses(seen: EgmSeen) -> Iterator[tuple[Robot, EgmMotion]]:
+def _poses(seen: EgmTraffic) -> Iterator[tuple[Robot, EgmMotion]]:
     for each in seen.robots:
         for motion in (each.message.feed_back, each.message.planned):
             if motion is not None and motion.cartesian is not None:
@@ -268,7 +268,7 @@ def _poses(seen: EgmSeen) -> Iterator[tuple[Robot, EgmMotion]]:
 
 
 @requires(15, f"{SCHEMA}, EgmQuaternion")
-def quaternions_are_normal(seen: EgmSeen) -> Findings:
+def quaternions_are_normal(seen: EgmTraffic) -> Findings:
     """Every quaternion has the length 1, to 1e-3."""
     for each, motion in _poses(seen):
         words = not_normal(motion)
@@ -278,7 +278,7 @@ def quaternions_are_normal(seen: EgmSeen) -> Findings:
 
 
 @requires(16, f"{SCHEMA}, EgmEuler; {LIBEGM}")
-def euler_agrees(seen: EgmSeen) -> Findings:
+def euler_agrees(seen: EgmTraffic) -> Findings:
     """Euler angles, where they are sent, are the quaternion's: R = Rz Ry Rx."""
     for each, motion in _poses(seen):
         pose = motion.cartesian
@@ -291,7 +291,7 @@ def euler_agrees(seen: EgmSeen) -> Findings:
 
 
 @requires(17, f"{SCHEMA}, EgmMeasuredForce in both layouts")
-def forces_have_six_values(seen: EgmSeen) -> Findings:
+def forces_have_six_values(seen: EgmTraffic) -> Findings:
     """measuredForce, where it is sent, has six values."""
     layouts = set()
     for each in seen.robots:
@@ -305,7 +305,7 @@ def forces_have_six_values(seen: EgmSeen) -> Findings:
 
 
 @requires(18, f"{SCHEMA}: fields since 6.10, 7.6, 7.7, 7.16")
-def fields_are_of_one_release(seen: EgmSeen) -> Findings:
+def fields_are_of_one_release(seen: EgmTraffic) -> Findings:
     """A field of a later RobotWare comes only with those of the releases before it."""
     release = ""
     for each in seen.robots:
@@ -321,7 +321,7 @@ def fields_are_of_one_release(seen: EgmSeen) -> Findings:
 
 
 @requires(19, f"{SCHEMA}: the longest message with every field")
-def datagrams_are_short(seen: EgmSeen) -> Verdict:
+def datagrams_are_short(seen: EgmTraffic) -> Verdict:
     """No datagram is longer than 1113 bytes."""
     lengths = some([(len(seen.raw[each.number]), each.number) for each in seen.robots], _NOTHING)
     longest, index = max(lengths)
@@ -329,7 +329,7 @@ def datagrams_are_short(seen: EgmSeen) -> Verdict:
 
 
 @requires(20, "cardan.dissect: a second description of the protocol, written from the schema")
-def both_descriptions_agree(seen: EgmSeen) -> Verdict:
+def both_descriptions_agree(seen: EgmTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same sequence numbers, clocks and joints."""
 
     def differs(each: Robot) -> str:
@@ -349,7 +349,7 @@ def both_descriptions_agree(seen: EgmSeen) -> Verdict:
     return read_twice(seen.robots, differs, "datagrams", _NOTHING, 40)
 
 
-def _hold(seen: EgmSeen) -> list[Robot]:
+def _hold(seen: EgmTraffic) -> list[Robot]:
     """What comes in the hold, from the first datagram on with which guidance runs and has been
     answered."""
     found = seen.during("hold")
@@ -363,7 +363,7 @@ def _hold(seen: EgmSeen) -> list[Robot]:
     f"{MANUAL}: a run ends by convergence, EGMStop, a stop or an error, not by itself",
     late_s=LATE_ANSWERS_S,
 )
-def an_answered_session_lasts(seen: EgmSeen) -> Verdict:
+def an_answered_session_lasts(seen: EgmTraffic) -> Verdict:
     """While every datagram is answered, no session ends and no other begins."""
     phase, found = seen.phase("hold"), _hold(seen) or seen.during("hold")
     if phase is None or not found:
@@ -377,7 +377,7 @@ def an_answered_session_lasts(seen: EgmSeen) -> Verdict:
 
 
 @requires(102, f"{MANUAL}, egmstate; {SCHEMA}, EgmMotorState, EgmMCIState", late_s=LATE_ANSWERS_S)
-def holding_is_undisturbed(seen: EgmSeen) -> Findings:
+def holding_is_undisturbed(seen: EgmTraffic) -> Findings:
     """Once guidance runs and is answered, the motors stay on and the MCI stays RUNNING."""
     for each in _hold(seen):
         words = "" if each.running else f"the MCI's state is {each.message.mci_state}"
@@ -386,7 +386,7 @@ def holding_is_undisturbed(seen: EgmSeen) -> Findings:
 
 
 @requires(103, f"{SCHEMA}, EgmRapidCtrlExecState; {LIBEGM}: UNDEFINED is a known defect")
-def the_program_is_said_to_run(seen: EgmSeen) -> Findings:
+def the_program_is_said_to_run(seen: EgmTraffic) -> Findings:
     """While the MCI is RUNNING, so is RAPID's execution state."""
     for each in seen.robots:
         if each.running:
@@ -396,7 +396,7 @@ def the_program_is_said_to_run(seen: EgmSeen) -> Findings:
 
 
 @requires(104, LAW)
-def an_arm_that_is_held_stands(seen: EgmSeen) -> Verdict:
+def an_arm_that_is_held_stands(seen: EgmTraffic) -> Verdict:
     """Told its own position, the arm stays within 0.5 mm and 0.1 degrees of it."""
     found = [each for each in _hold(seen) if each.running]
     some(len(found) >= ENOUGH, "the MCI ran too shortly")
@@ -411,7 +411,7 @@ def an_arm_that_is_held_stands(seen: EgmSeen) -> Verdict:
 
 
 @requires(105, f"{MANUAL}, CommTimeout: event 41822")
-def silence_ends_the_run(seen: EgmSeen) -> Verdict:
+def silence_ends_the_run(seen: EgmTraffic) -> Verdict:
     """Without messages of the PC the run ends, after CommTimeout."""
     phase, found = some(seen.phase("silence"), "no run was left alone"), seen.during("silence")
     last = max(some([each.time_s for each in found if each.running], "no run was left alone"))
@@ -422,7 +422,7 @@ def silence_ends_the_run(seen: EgmSeen) -> Verdict:
 
 
 @requires(106, f"{MANUAL}: both directions are independent")
-def silence_does_not_slow_it(seen: EgmSeen) -> Verdict:
+def silence_does_not_slow_it(seen: EgmTraffic) -> Verdict:
     """Until then the controller sends on in its period, whether it is answered or not."""
     found = [each for each in seen.during("silence") if each.running]
     some(len(found) >= ENOUGH, "no run was left alone for long enough")
@@ -433,7 +433,7 @@ def silence_does_not_slow_it(seen: EgmSeen) -> Verdict:
 
 
 @requires(107, "ros-industrial/abb_libegm: sequence number 0 is the start of a session")
-def a_new_run_counts_from_0(seen: EgmSeen) -> Verdict:
+def a_new_run_counts_from_0(seen: EgmTraffic) -> Verdict:
     """A run after an earlier one counts its datagrams from 0 again."""
     later = some([session[0] for session in seen.sessions[1:]], "there was one session only")
     wrong = ((each.number, f"the first is {each.seqno}") for each in later if each.seqno)
@@ -445,7 +445,7 @@ def a_new_run_counts_from_0(seen: EgmSeen) -> Verdict:
     "not documented by ABB: a controller is tried, docs/simulated-peers.md says ignored",
     late_s=LATE_ANSWERS_S,
 )
-def junk_changes_nothing(seen: EgmSeen) -> Verdict:
+def junk_changes_nothing(seen: EgmTraffic) -> Verdict:
     """Datagrams that are not EGM neither stop nor move the arm."""
     found = seen.during("junk")
     some(seen.junk and found and seen.during("hold"), "none were sent")
@@ -465,7 +465,7 @@ def _progress(found: list[Robot], still: Robot) -> Iterator[tuple[Robot, float]]
         yield each, max(by_position, by_joints)
 
 
-def _stepped(seen: EgmSeen) -> tuple[Robot, list[Robot]] | None:
+def _stepped(seen: EgmTraffic) -> tuple[Robot, list[Robot]] | None:
     """The last datagram before the step, and those after it."""
     found = [each for each in seen.during("step") if each.running]
     before = [each for each in seen.robots if found and each.number < found[0].number]
@@ -484,7 +484,7 @@ def _moved(one: Robot, other: Robot) -> bool:
 
 
 @requires(201, LAW, late_s=ACTS_WITHIN_S / 4.0)
-def a_reference_acts_soon(seen: EgmSeen) -> Verdict:
+def a_reference_acts_soon(seen: EgmTraffic) -> Verdict:
     """A reference moves the arm within 60 ms of being sent, what it plans or what it measures."""
     still, found = some(_stepped(seen), _NO_STEP)
     phase = some(seen.phase("step"), _NO_STEP)
@@ -497,7 +497,7 @@ def a_reference_acts_soon(seen: EgmSeen) -> Verdict:
 
 
 @requires(202, LAW)
-def a_reference_is_reached(seen: EgmSeen) -> Verdict:
+def a_reference_is_reached(seen: EgmTraffic) -> Verdict:
     """The arm comes to within 15 % of a small step's end, in the time of five time constants."""
     still, found = some(_stepped(seen), _NO_STEP)
     *_, (last, share) = _progress(found, still)
@@ -505,7 +505,7 @@ def a_reference_is_reached(seen: EgmSeen) -> Verdict:
 
 
 @requires(203, LAW)
-def a_step_does_not_overshoot(seen: EgmSeen) -> Verdict:
+def a_step_does_not_overshoot(seen: EgmTraffic) -> Verdict:
     """On its way it goes no more than 20 % beyond the step's end."""
     still, found = some(_stepped(seen), _NO_STEP)
     far, most = max(_progress(found, still), key=lambda each: each[1])
@@ -513,7 +513,7 @@ def a_step_does_not_overshoot(seen: EgmSeen) -> Verdict:
 
 
 @requires(204, LAW)
-def it_comes_back(seen: EgmSeen) -> Verdict:
+def it_comes_back(seen: EgmTraffic) -> Verdict:
     """Told its old position, the arm comes back to within 15 % of the step."""
     still, _ = some(_stepped(seen), _NO_STEP)
     back = some([each for each in seen.during("back") if each.running], _NO_STEP)
@@ -522,7 +522,7 @@ def it_comes_back(seen: EgmSeen) -> Verdict:
 
 
 @requires(301, f"{SCHEMA}, EgmMotorState, EgmMCIState")
-def an_emergency_stop_is_told(seen: EgmSeen) -> Verdict:
+def an_emergency_stop_is_told(seen: EgmTraffic) -> Verdict:
     """After an emergency stop no datagram says that motors are on and guidance runs."""
     off = dropwhile(lambda each: each.motors_on, seen.during("estop"))
     found = some(list(off), "no datagram said that the motors went off")
@@ -531,7 +531,7 @@ def an_emergency_stop_is_told(seen: EgmSeen) -> Verdict:
 
 
 @requires(302, LAW)
-def it_goes_on_where_it_stood(seen: EgmSeen) -> Verdict:
+def it_goes_on_where_it_stood(seen: EgmTraffic) -> Verdict:
     """Guided again after an emergency stop, the arm is within 1 mm of where it stopped."""
     before = seen.during("estop")
     after = [each for each in seen.during("released") if each.running]

@@ -1,4 +1,4 @@
-"""Asks a controller: listens, holds, steps by half a millimetre, and has it stopped by hand."""
+"""Asks a controller: listens, holds, steps by half a millimeter, and has it stopped by hand."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.egm.decoded import EgmSeen
+from cardan.conform.egm.decoded import EgmTraffic
 from cardan.conform.egm.requirements import requires
 from cardan.conform.egm.scenario import EgmScenario
 from cardan.conform.suite import Suite, Transport
@@ -13,7 +13,7 @@ from cardan.conform.suite import Suite, Transport
 PORT = 6510
 
 
-class Egm(Suite[EgmSeen]):
+class Egm(Suite[EgmTraffic]):
     """An ABB controller in Externally Guided Motion."""
 
     name = "egm"
@@ -23,12 +23,12 @@ class Egm(Suite[EgmSeen]):
     peer = "abb-gofa"
     requirements = requires.all()
     transport = Transport("udp", {"": PORT}, frozenset(("",)))
-    sees = EgmSeen
+    decoder = EgmTraffic
     asks = EgmScenario
     rig = "cardan.conform.egm.simulated:EgmRig"
     seconds = 3.0
     # While it is held.
-    tried_with: ClassVar[Mapping[str, float]] = {
+    fault_test_values: ClassVar[Mapping[str, float]] = {
         "pause": 0.9,
         "restart": 3.0,
         "estop": 3.0,

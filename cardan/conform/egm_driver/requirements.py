@@ -11,7 +11,15 @@ from itertools import dropwhile, pairwise
 from typing import NamedTuple
 
 from cardan.conform.controllers import had_ended
-from cardan.conform.egm.decoded import Answer, EgmSeen, Robot, joints_of, not_normal, place_of, step
+from cardan.conform.egm.decoded import (
+    Answer,
+    EgmTraffic,
+    Robot,
+    joints_of,
+    not_normal,
+    place_of,
+    step,
+)
 from cardan.conform.egm.requirements import MANUAL, SCHEMA
 from cardan.conform.requirements import (
     Findings,
@@ -46,17 +54,17 @@ FAREWELLS = 3
 SILENT_AFTER_S = 0.1
 
 _NOTHING = "no answers came"
-requires: Requirements[EgmSeen] = Requirements("EGMPC", _NOTHING)
+requires: Requirements[EgmTraffic] = Requirements("EGMPC", _NOTHING)
 
 ASKS = {"run": "EGMPC-101", "junk": "EGMPC-112"}
 """Phases in which it is to answer, and what requires it."""
 
 
-def _ended_before(phase: str) -> Callable[[EgmSeen], Verdict | None]:
+def _ended_before(phase: str) -> Callable[[EgmTraffic], Verdict | None]:
     return lambda seen: had_ended(seen, phase, seen.robots, seen.answers, ASKS)
 
 
-ANSWERS: Over[EgmSeen, Answer] = Over(lambda seen: seen.answers, "{} answers")
+ANSWERS: Over[EgmTraffic, Answer] = Over(lambda seen: seen.answers, "{} answers")
 
 
 class Pair(NamedTuple):
@@ -66,7 +74,7 @@ class Pair(NamedTuple):
     answers: list[Answer]
 
 
-def _pairs(seen: EgmSeen, *phases: str) -> list[Pair]:
+def _pairs(seen: EgmTraffic, *phases: str) -> list[Pair]:
     """Those of the phases; junk and old datagrams are none."""
     found = [Pair(robot, []) for robot in seen.robots]
     for answer in seen.answers:
@@ -103,7 +111,7 @@ def _speed(answer: Answer) -> float:
 
 
 @requires(101, f"{MANUAL}: the PC answers to the source of the datagram")
-def the_run_is_answered(seen: EgmSeen) -> Verdict:
+def the_run_is_answered(seen: EgmTraffic) -> Verdict:
     """Once it has begun to answer, it answers 95 % of the datagrams of a run."""
     found = some(_pairs(seen, "run"), "nothing was sent")
     began = must(list(dropwhile(lambda each: not each.answers, found)), "none came")
@@ -112,7 +120,7 @@ def the_run_is_answered(seen: EgmSeen) -> Verdict:
 
 
 @requires(102, SCHEMA)
-def answers_are_messages(seen: EgmSeen) -> Verdict:
+def answers_are_messages(seen: EgmTraffic) -> Verdict:
     """Every answer is one whole EgmSensor or EgmSensorPathCorr, all of whose numbers are finite."""
     count = len(seen.answers) + len(seen.refused)
     wrong = ((each.number, each.malformed.detail) for each in seen.refused)
@@ -129,9 +137,9 @@ def answers_have_their_type(answer: Answer) -> str:
 
 
 @requires(104, f"{SCHEMA}, EgmHeader.seqno")
-def answers_count_up_by_one(seen: EgmSeen) -> Findings:
+def answers_count_up_by_one(seen: EgmTraffic) -> Findings:
     """seqno goes up by one from message to message; it may begin anew with a run."""
-    for one, other in _neighbours(seen):
+    for one, other in _neighbors(seen):
         a, b = one.message.header, other.message.header
         if a is None or b is None or a.seqno is None or b.seqno is None:
             return failed("there is no seqno", [other.number])
@@ -140,7 +148,7 @@ def answers_count_up_by_one(seen: EgmSeen) -> Findings:
 
 
 @requires(105, f"{MANUAL}: the controller takes one message in a cycle, oldest first")
-def one_answer_is_enough(seen: EgmSeen) -> Verdict:
+def one_answer_is_enough(seen: EgmTraffic) -> Verdict:
     """To a datagram there is one answer: more would wait in the controller and make it lag."""
     found = _pairs(seen, "run", "started")
     several = [each.answers for each in found if len(each.answers) > 1]
@@ -154,7 +162,7 @@ def one_answer_is_enough(seen: EgmSeen) -> Verdict:
 
 
 @requires(106, f"{MANUAL}: the controller reads what is there in its next cycle")
-def answers_are_in_time(seen: EgmSeen) -> Verdict:
+def answers_are_in_time(seen: EgmTraffic) -> Verdict:
     """99 of 100 answers come within the cycle of 4 ms."""
     by_tm = {each.message.header.tm_ms: each for each in seen.robots if each.message.header}
     times = []
@@ -185,7 +193,7 @@ def every_answer_has_a_reference(answer: Answer) -> str:
     return "" if position or speed else "neither position nor speed"
 
 
-def _none_sent(seen: EgmSeen) -> Verdict | None:
+def _none_sent(seen: EgmTraffic) -> Verdict | None:
     sent = any(not_normal(_planned(each)) is not None for each in seen.answers)
     return not_applicable("no quaternion is sent") if seen.answers and not sent else None
 
@@ -220,7 +228,7 @@ def _strays(robot: Robot, answer: Answer) -> str:
 
 
 @requires(109, f"{LAW}; a stale target after a restart is a jump")
-def a_session_begins_where_the_arm_is(seen: EgmSeen) -> Findings:
+def a_session_begins_where_the_arm_is(seen: EgmTraffic) -> Findings:
     """The first answer of every session is the measured position, with no speed."""
     pairs = _pairs(seen)
     for session in seen.sessions:
@@ -232,7 +240,7 @@ def a_session_begins_where_the_arm_is(seen: EgmSeen) -> Findings:
     return Words("{} sessions")
 
 
-def _neighbours(seen: EgmSeen) -> Iterator[tuple[Answer, Answer]]:
+def _neighbors(seen: EgmTraffic) -> Iterator[tuple[Answer, Answer]]:
     """Answers that follow each other, without a session that began between them."""
     starts = [session[0].number for session in seen.sessions]
     for one, other in pairwise(seen.answers):
@@ -240,7 +248,7 @@ def _neighbours(seen: EgmSeen) -> Iterator[tuple[Answer, Answer]]:
             yield one, other
 
 
-@requires.each(110, LAW, Over(_neighbours, "{} steps"))
+@requires.each(110, LAW, Over(_neighbors, "{} steps"))
 def references_do_not_leap(each: tuple[Answer, Answer]) -> str | None:
     """From answer to answer the reference goes no further than 4 mm and 1 degree."""
     a, b = map(_planned, each)
@@ -255,7 +263,7 @@ def references_do_not_leap(each: tuple[Answer, Answer]) -> str | None:
     f"{LAW}; {LIBEGM} repeats its last reference there",
     unless=_ended_before("stopped"),
 )
-def it_follows_while_commands_do_not_act(seen: EgmSeen) -> Findings:
+def it_follows_while_commands_do_not_act(seen: EgmTraffic) -> Findings:
     """While the MCI is not RUNNING, answers are the measured position without speed, so that
     going on is no jump."""
     # The first ones may have been on their way.
@@ -271,7 +279,7 @@ def it_follows_while_commands_do_not_act(seen: EgmSeen) -> Findings:
     f"{SCHEMA}: whatever comes to a UDP port; ABBRobotEGM ended at it",
     unless=_ended_before("junk"),
 )
-def junk_does_not_end_it(seen: EgmSeen) -> Verdict:
+def junk_does_not_end_it(seen: EgmTraffic) -> Verdict:
     """Datagrams that are not EGM end nothing: it goes on answering."""
     found, ran = _pairs(seen, "junk"), _answered(_pairs(seen, "run"))
     some(found and seen.junk and ran, "none were sent, or it never answered")
@@ -282,7 +290,7 @@ def junk_does_not_end_it(seen: EgmSeen) -> Verdict:
 @requires(
     113, f"{SCHEMA}, EgmHeader.seqno: old datagrams are none to act on", unless=_ended_before("old")
 )
-def old_datagrams_are_not_answered(seen: EgmSeen) -> Verdict:
+def old_datagrams_are_not_answered(seen: EgmTraffic) -> Verdict:
     """A datagram that is old, or comes again, is not answered."""
     some(_answered(_pairs(seen, "old")), "none were sent, or it did not answer")
     sent = Counter(each.message.header for each in seen.robots)
@@ -304,7 +312,7 @@ def old_datagrams_are_not_answered(seen: EgmSeen) -> Verdict:
     f"{MANUAL}: what is sent waits in the controller for its next run",
     unless=_ended_before("silence"),
 )
-def silence_is_not_answered(seen: EgmSeen) -> Verdict:
+def silence_is_not_answered(seen: EgmTraffic) -> Verdict:
     """While the controller is silent it is sent no more than three messages."""
     phase = some(seen.phase("silence"), _NEVER)
     some(_answered(_pairs(seen, "run")), _NEVER)
@@ -321,7 +329,7 @@ _NEVER = "there was no silence, or it never answered"
     f"{MANUAL}, Local Port Number: 0 is any, and another one after a restart",
     unless=_ended_before("restarted"),
 )
-def a_new_port_is_followed(seen: EgmSeen) -> Verdict:
+def a_new_port_is_followed(seen: EgmTraffic) -> Verdict:
     """After a restart of the controller, which has another port then, that one is answered."""
     found, ran = _pairs(seen, "restarted"), _answered(_pairs(seen, "run"))
     some(len(found) >= 25 and ran, "there was no restart, or it never answered")
@@ -331,7 +339,7 @@ def a_new_port_is_followed(seen: EgmSeen) -> Verdict:
 
 
 @requires(116, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: EgmSeen) -> Verdict:
+def both_descriptions_agree(seen: EgmTraffic) -> Verdict:
     """A second reader, the scapy layers, finds nothing wrong in the answers either."""
 
     def differs(each: Answer) -> str:
@@ -346,7 +354,7 @@ def both_descriptions_agree(seen: EgmSeen) -> Verdict:
     f"{MANUAL}: the controller goes on at the last speed until CommTimeout",
     unless=_ended_before("ended"),
 )
-def it_leaves_without_speed(seen: EgmSeen) -> Verdict:
+def it_leaves_without_speed(seen: EgmTraffic) -> Verdict:
     """When the driver's program ends, the last message says no speed."""
     phase = some(seen.phase("ended"), "it was not ended")
     last = some(seen.answers, "it was not ended")[-1]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import ClassVar
 
-from cardan.conform.egm.decoded import EgmSeen
+from cardan.conform.egm.decoded import EgmTraffic
 from cardan.conform.egm.suite import PORT
 from cardan.conform.egm_driver.faults import FAULTS
 from cardan.conform.egm_driver.requirements import requires
@@ -15,7 +15,7 @@ from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 
 
-class EgmDriver(Suite[EgmSeen]):
+class EgmDriver(Suite[EgmTraffic]):
     """A driver that guides an ABB controller: Cardan is the controller, and nothing real moves."""
 
     name = "egm-driver"
@@ -26,10 +26,10 @@ class EgmDriver(Suite[EgmSeen]):
     harmless = Level.HOLD
     requirements = requires.all()
     transport = Transport("udp", {FIRST: PORT, SECOND: PORT})
-    sees = staticmethod(partial(EgmSeen, robot_sends=True))
+    decoder = staticmethod(partial(EgmTraffic, robot_sends=True))
     asks = ControllerScenario
     rig = "cardan.conform.egm_driver.simulated:EgmDriverRig"
     own_faults = FAULTS
     seconds = 0.6
-    # Seen where it is ended, which only level 3 does.
+    # Traffic where it is ended, which only level 3 does.
     tried_on: ClassVar[Mapping[str, Level]] = {"leaves-moving": Level.BY_HAND}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple, TypeVar
 
-from cardan.conform.timeline import Event, Kind, Seen, Timeline
+from cardan.conform.timeline import Event, Kind, Timeline, Traffic
 from cardan.protocols import simple_message as sm
 
 
@@ -56,7 +56,7 @@ class Exchange(NamedTuple):
         return body if isinstance(body, sm.MotionReply) else None
 
 
-class MotorosSeen(Seen):
+class MotorosTraffic(Traffic):
     """The messages of a timeline."""
 
     def __init__(self, timeline: Timeline) -> None:

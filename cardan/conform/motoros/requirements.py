@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from itertools import pairwise
 
-from cardan.conform.motoros.decoded import Exchange, Heard, MotorosSeen
+from cardan.conform.motoros.decoded import Exchange, Heard, MotorosTraffic
 from cardan.conform.motoros.scenario import STEP_RAD, STEP_S, UNKNOWN_TYPE
 from cardan.conform.requirements import (
     Findings,
@@ -51,7 +51,7 @@ STILL_RAD = 2e-3
 PLAYED_LATE_S = 0.06
 REACHED_SHARE = 0.2
 
-requires: Requirements[MotorosSeen] = Requirements("MOTO")
+requires: Requirements[MotorosTraffic] = Requirements("MOTO")
 _UNANSWERED = "nothing was answered"
 _OTHERWISE = "it was not answered by a motion reply"
 _NO_STATUS, _NO_FEEDBACK = "no status came", "no feedback came"
@@ -63,14 +63,14 @@ Echoed = tuple[Exchange, sm.MotionReply]
 
 
 @requires(1, f"{STATES}: nothing is ever read there")
-def states_come_unasked(seen: MotorosSeen) -> Verdict:
+def states_come_unasked(seen: MotorosTraffic) -> Verdict:
     """The state port sends feedback and status to every client."""
     count, states = len(seen.feedback("listen")), len(seen.statuses("listen"))
     return met(count > 0 and states > 0, f"{count} feedbacks, {states} statuses")
 
 
 @requires(2, f"{MESSAGES}: prefix, header, body")
-def bytes_are_messages(seen: MotorosSeen) -> Verdict:
+def bytes_are_messages(seen: MotorosTraffic) -> Verdict:
     """All that comes on any port is whole messages with the right prefix, one after the other."""
     wrong = ((each.number, f"{each.channel}: {each.reason}") for each in seen.unread)
     count = len(seen.heard) + len(seen.unread)
@@ -78,7 +78,7 @@ def bytes_are_messages(seen: MotorosSeen) -> Verdict:
 
 
 @requires(3, f"{STATES}: a cycle every 25 ms")
-def the_state_cycle_is_25_ms(seen: MotorosSeen) -> Verdict:
+def the_state_cycle_is_25_ms(seen: MotorosTraffic) -> Verdict:
     """The mean period of ROBOT_STATUS is 25 ms, to half a millisecond."""
     times = [each.time_s for each, _ in seen.statuses("listen")]
     some(len(times) >= 10, "fewer than 10 statuses")
@@ -87,7 +87,7 @@ def the_state_cycle_is_25_ms(seen: MotorosSeen) -> Verdict:
 
 
 @requires(4, f"{STATES}; a client stops its stream after three missed cycles")
-def no_three_cycles_are_missed(seen: MotorosSeen) -> Verdict:
+def no_three_cycles_are_missed(seen: MotorosTraffic) -> Verdict:
     """From one ROBOT_STATUS to the next it is never more than 75 ms, whatever else is done."""
     found = some(seen.statuses(), _NO_STATUS)
     gaps = [(b.time_s - a.time_s, b.number) for (a, _), (b, _) in pairwise(found)]
@@ -98,7 +98,7 @@ def no_three_cycles_are_missed(seen: MotorosSeen) -> Verdict:
 
 
 @requires(5, f"{STATES}: JOINT_FEEDBACK of each group, then ROBOT_STATUS")
-def a_cycle_has_its_order(seen: MotorosSeen) -> Findings:
+def a_cycle_has_its_order(seen: MotorosTraffic) -> Findings:
     """In each cycle feedback of the groups comes in their order, and the status last."""
     groups: list[int] = []
     for each in seen.heard:
@@ -113,7 +113,7 @@ def a_cycle_has_its_order(seen: MotorosSeen) -> Findings:
 
 
 @requires(6, f"{MESSAGES}: TOPIC is 1, the reply code of topics 0")
-def states_are_topics(seen: MotorosSeen) -> Findings:
+def states_are_topics(seen: MotorosTraffic) -> Findings:
     """Messages of the state port are topics with the reply code 0."""
     for each in seen.heard:
         if each.channel == "state":
@@ -124,7 +124,7 @@ def states_are_topics(seen: MotorosSeen) -> Findings:
 
 
 @requires(7, f"{STATES}: POSITION, and VELOCITY where speed feedback is available")
-def feedback_says_what_is_valid(seen: MotorosSeen) -> Findings:
+def feedback_says_what_is_valid(seen: MotorosTraffic) -> Findings:
     """valid_fields of feedback are POSITION, or POSITION and VELOCITY; all values are finite."""
     position, had = sm.ValidFields.POSITION, set()
     for each, body in seen.feedback():
@@ -138,7 +138,7 @@ def feedback_says_what_is_valid(seen: MotorosSeen) -> Findings:
 
 
 @requires(8, f"{STATES}: speed feedback since the API has it")
-def feedback_has_speeds(seen: MotorosSeen) -> Verdict:
+def feedback_has_speeds(seen: MotorosTraffic) -> Verdict:
     """Feedback has speeds, as of firmware that is not old."""
     found = seen.feedback()
     without = [
@@ -149,7 +149,7 @@ def feedback_has_speeds(seen: MotorosSeen) -> Verdict:
 
 
 @requires(9, f"{MESSAGES}, ROBOT_STATUS: MotoROS sends no unknowns")
-def statuses_are_plausible(seen: MotorosSeen) -> Findings:
+def statuses_are_plausible(seen: MotorosTraffic) -> Findings:
     """Switches of a status are 0 or 1, and the mode is 1 (teach) or 2 (play)."""
     for each, s in seen.statuses():
         switches = (s.drives_powered, s.e_stopped, s.in_error, s.motion_possible)
@@ -162,13 +162,13 @@ def statuses_are_plausible(seen: MotorosSeen) -> Findings:
 
 
 @requires(10, f"{STATES}: each message in one send()")
-def messages_are_not_torn(seen: MotorosSeen) -> Findings:
+def messages_are_not_torn(seen: MotorosTraffic) -> Findings:
     """Of a message whose first bytes have come the rest is there within half a millisecond."""
     return not_torn(seen.heard, "{} messages, {} in pieces")
 
 
 @requires(11, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: MotorosSeen) -> Verdict:
+def both_descriptions_agree(seen: MotorosTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same types, groups and positions."""
 
     def differs(each: Heard) -> str:
@@ -207,12 +207,12 @@ _LAYERS_HAVE = {
 # -- level 1: asked, and held ---------------------------------------------------------------------
 
 
-def _control(seen: MotorosSeen, command: C, phase: str = "") -> list[Exchange]:
+def _control(seen: MotorosTraffic, command: C, phase: str = "") -> list[Exchange]:
     return seen.requests(sm.MotionCtrl, phase, command=command)
 
 
 @requires(101, f"{SERVER}: every request is answered, one at a time")
-def every_request_is_answered(seen: MotorosSeen) -> Findings:
+def every_request_is_answered(seen: MotorosTraffic) -> Findings:
     """Each request is answered on its connection before a client's time is out."""
     ends = [event.time_s for _, event in seen.ended]
     for each in seen.asked:
@@ -223,7 +223,7 @@ def every_request_is_answered(seen: MotorosSeen) -> Findings:
 
 
 @requires(102, "0.2 to 1.1 ms in a capture of a controller (2015)")
-def answers_are_quick(seen: MotorosSeen) -> Verdict:
+def answers_are_quick(seen: MotorosTraffic) -> Verdict:
     """Nine of ten requests that start nothing are answered within 20 ms."""
     times = sorted(
         (each.reply.time_s - each.time_s, each.number)
@@ -237,7 +237,7 @@ def answers_are_quick(seen: MotorosSeen) -> Verdict:
 
 
 @requires(103, f"{SERVER}: group, sequence and command are echoed")
-def answers_are_to_what_was_asked(seen: MotorosSeen) -> Findings:
+def answers_are_to_what_was_asked(seen: MotorosTraffic) -> Findings:
     """The reply to an order has its command and its sequence."""
     for each in seen.asked:
         body, found = each.body, each.motion
@@ -249,7 +249,7 @@ def answers_are_to_what_was_asked(seen: MotorosSeen) -> Findings:
 
 
 @requires(104, f"{MESSAGES}: SERVICE_REPLY is 3, the reply code SUCCESS even of errors")
-def replies_are_replies(seen: MotorosSeen) -> Findings:
+def replies_are_replies(seen: MotorosTraffic) -> Findings:
     """A motion reply has the communication type 3 and the reply code 1."""
     for each in seen.asked:
         if each.motion and each.reply:
@@ -260,7 +260,7 @@ def replies_are_replies(seen: MotorosSeen) -> Findings:
 
 
 @requires(105, f"{SERVER}: PING is answered with PING")
-def ping_is_answered(seen: MotorosSeen) -> Verdict:
+def ping_is_answered(seen: MotorosTraffic) -> Verdict:
     """PING on the motion port is answered with a PING of 16 bytes."""
     found = [e for e in seen.exchanges("ask") if e.request and e.request.msg_type == T.PING]
     reply = some(found[0].reply if found else None, "no PING was answered")
@@ -268,7 +268,7 @@ def ping_is_answered(seen: MotorosSeen) -> Verdict:
     return passed("16 B") if good else failed(f"type {reply.message.msg_type}", [reply.number])
 
 
-def _refused(seen: MotorosSeen, msg_type: int, subcode: int) -> Verdict:
+def _refused(seen: MotorosTraffic, msg_type: int, subcode: int) -> Verdict:
     big = seen.order is sm.ByteOrder.BIG
     found = [
         each
@@ -282,33 +282,33 @@ def _refused(seen: MotorosSeen, msg_type: int, subcode: int) -> Verdict:
 
 
 @requires(106, f"{SERVER}: INVALID, MSGTYPE, and the connection is kept")
-def unknown_types_are_refused(seen: MotorosSeen) -> Verdict:
+def unknown_types_are_refused(seen: MotorosTraffic) -> Verdict:
     """A type that nobody knows is answered INVALID with 3003."""
     return _refused(seen, UNKNOWN_TYPE, sm.InvalidSubcode.MSGTYPE)
 
 
 @requires(107, f"{SERVER}: INVALID, MSGSIZE")
-def short_messages_are_refused(seen: MotorosSeen) -> Verdict:
+def short_messages_are_refused(seen: MotorosTraffic) -> Verdict:
     """An order with too short a body is answered INVALID with 3001."""
     return _refused(seen, T.MOTO_MOTION_CTRL, sm.InvalidSubcode.MSGSIZE)
 
 
 @requires(108, f"{SERVER}: NOT_READY before GROUPNO")
-def points_are_refused_before_the_start(seen: MotorosSeen) -> Verdict:
+def points_are_refused_before_the_start(seen: MotorosTraffic) -> Verdict:
     """A point before START_TRAJ_MODE, of a group that is not there, is refused and does nothing."""
     found = seen.requests(sm.JointTrajPtFull, "ask")
     reply = _motion(found, _OTHERWISE)
     return met(reply.result in (R.NOT_READY, R.INVALID), _words(reply), [found[0].number])
 
 
-def _echoed(seen: MotorosSeen, command: C, phase: str = "") -> list[Echoed]:
+def _echoed(seen: MotorosTraffic, command: C, phase: str = "") -> list[Echoed]:
     """Orders of a command with the replies that name it."""
     pairs = [(each, each.motion) for each in _control(seen, command, phase)]
     return [(each, reply) for each, reply in pairs if reply and reply.command == command]
 
 
 @requires(109, f"{CONTROLLER}: the first NOT_READY reason that applies")
-def not_ready_has_a_reason(seen: MotorosSeen) -> Findings:
+def not_ready_has_a_reason(seen: MotorosTraffic) -> Findings:
     """CHECK_MOTION_READY that is not TRUE is FALSE with a subcode of 5000 to 5099."""
     for each, reply in _echoed(seen, C.CHECK_MOTION_READY):
         if reply.result != R.SUCCESS:
@@ -318,7 +318,7 @@ def not_ready_has_a_reason(seen: MotorosSeen) -> Findings:
 
 
 @requires(110, f"{IO}: results 0 and 1001")
-def inputs_and_outputs_are_read(seen: MotorosSeen) -> Verdict:
+def inputs_and_outputs_are_read(seen: MotorosTraffic) -> Verdict:
     """The I/O port gives the bit 10010, and refuses the address 9 with 1001."""
     found = [each for each in seen.exchanges("ask") if each.channel == "io"]
     bodies = [e.reply.message.body for e in found if e.reply is not None]
@@ -332,7 +332,7 @@ def inputs_and_outputs_are_read(seen: MotorosSeen) -> Verdict:
 
 
 @requires(111, "RFC 9293: TCP keeps no borders of messages; MotionServer.c loses torn ones")
-def torn_messages_are_understood(seen: MotorosSeen) -> Verdict:
+def torn_messages_are_understood(seen: MotorosTraffic) -> Verdict:
     """A PING that arrives in two pieces is answered as one that arrives whole."""
     found = seen.exchanges("pieces")
     some(len(found) >= 2, "none was sent")
@@ -343,7 +343,7 @@ def torn_messages_are_understood(seen: MotorosSeen) -> Verdict:
 
 
 @requires(112, f"{CONTROLLER}, START_TRAJ_MODE")
-def trajectory_mode_starts(seen: MotorosSeen) -> Verdict:
+def trajectory_mode_starts(seen: MotorosTraffic) -> Verdict:
     """START_TRAJ_MODE succeeds, or says with a subcode why not; then motion is possible."""
     found = _control(seen, C.START_TRAJ_MODE, "start")
     reply = _motion(found)
@@ -355,13 +355,13 @@ def trajectory_mode_starts(seen: MotorosSeen) -> Verdict:
     return passed(f"after {took_s:.2f} s", took_s, "s")
 
 
-def _held(seen: MotorosSeen) -> Verdict | None:
+def _held(seen: MotorosTraffic) -> Verdict | None:
     possible = any(s.motion_possible for _, s in seen.statuses("hold"))
     return None if possible else not_seen("motion was never possible")
 
 
 @requires(113, f"{STATES}, ROBOT_STATUS; {CONTROLLER}: what ends motion", unless=_held)
-def holding_is_undisturbed(seen: MotorosSeen) -> Findings:
+def holding_is_undisturbed(seen: MotorosTraffic) -> Findings:
     """Held in trajectory mode, the drives have power, play is on, no stop or alarm, motion is
     possible."""
     for each, s in seen.statuses("hold"):
@@ -377,7 +377,7 @@ def holding_is_undisturbed(seen: MotorosSeen) -> Findings:
 
 
 @requires(114, f"{SERVER}: one client is served until it leaves")
-def connections_last(seen: MotorosSeen) -> Verdict:
+def connections_last(seen: MotorosTraffic) -> Verdict:
     """No connection is closed or refused by the controller while it is used."""
     count = sum(1 for each in seen.phases if each != "listen")
     wrong = ((n, f"{event.channel} {event.kind.value}") for n, event in seen.ended)
@@ -385,7 +385,7 @@ def connections_last(seen: MotorosSeen) -> Verdict:
 
 
 @requires(115, f"{GROUP}: 30 pulses around the command")
-def the_first_point_is_taken(seen: MotorosSeen) -> Verdict:
+def the_first_point_is_taken(seen: MotorosTraffic) -> Verdict:
     """Point 0 at the measured position is taken, and nothing moves."""
     found = seen.requests(sm.JointTrajPtFull, "hold")
     reply = _motion(found, "no point was answered")
@@ -397,7 +397,7 @@ def the_first_point_is_taken(seen: MotorosSeen) -> Verdict:
 
 
 @requires(116, f"{GROUP}: the number of increments")
-def an_empty_queue_is_said_to_be(seen: MotorosSeen) -> Findings:
+def an_empty_queue_is_said_to_be(seen: MotorosTraffic) -> Findings:
     """While nothing was commanded CHECK_QUEUE_CNT counts 0."""
     for each, reply in _echoed(seen, C.CHECK_QUEUE_CNT, "hold"):
         empty = (reply.result, reply.subcode) == (R.SUCCESS, 0)
@@ -405,7 +405,7 @@ def an_empty_queue_is_said_to_be(seen: MotorosSeen) -> Findings:
     return Words("{} times", "it was not answered")
 
 
-def _velocities(seen: MotorosSeen, phase: str) -> list[Exchange]:
+def _velocities(seen: MotorosTraffic, phase: str) -> list[Exchange]:
     found = seen.requests(sm.JointVelocity, phase)
     return [e for e in found if e.request and e.request.comm_type == sm.CommType.SERVICE_REQUEST]
 
@@ -413,7 +413,7 @@ def _velocities(seen: MotorosSeen, phase: str) -> list[Exchange]:
 _NO_VELOCITY = "the controller has no velocity mode"
 
 
-def _info(seen: MotorosSeen) -> sm.VelocityInfo | None:
+def _info(seen: MotorosTraffic) -> sm.VelocityInfo | None:
     for each in seen.exchanges("ask"):
         if each.reply is not None and isinstance(each.reply.message.body, sm.VelocityInfo):
             return each.reply.message.body
@@ -421,7 +421,7 @@ def _info(seen: MotorosSeen) -> sm.VelocityInfo | None:
 
 
 @requires(121, f"{VELOCITY}, finding out")
-def the_velocity_mode_says_what_it_is(seen: MotorosSeen) -> Verdict:
+def the_velocity_mode_says_what_it_is(seen: MotorosTraffic) -> Verdict:
     """MOTO_VELOCITY_INFO gives version 1, a period, and limits of each axis above 0; or, without
     the mode, INVALID with 3003."""
     info = _info(seen)
@@ -434,10 +434,10 @@ def the_velocity_mode_says_what_it_is(seen: MotorosSeen) -> Verdict:
     return _refused(seen, T.MOTO_VELOCITY_INFO, sm.InvalidSubcode.MSGTYPE)
 
 
-def _in_velocity_mode(phase: str) -> Callable[[MotorosSeen], Verdict | None]:
+def _in_velocity_mode(phase: str) -> Callable[[MotorosTraffic], Verdict | None]:
     """Why nothing can be judged of velocities in a phase; None: it can."""
 
-    def why(seen: MotorosSeen) -> Verdict | None:
+    def why(seen: MotorosTraffic) -> Verdict | None:
         if seen.phase(phase) is None:
             return not_seen("it was not tried")
         if _info(seen) is None:
@@ -467,20 +467,20 @@ def _answered(found: list[Exchange], *wanted: tuple[int, int]) -> Verdict:
 
 
 @requires(122, f"{VELOCITY}, the watchdog", unless=_in_velocity_mode("velocity"))
-def the_watchdog_latches(seen: MotorosSeen) -> Verdict:
+def the_watchdog_latches(seen: MotorosTraffic) -> Verdict:
     """After a silence longer than the watchdog waits a velocity is answered NOT_READY with 5041."""
     return _answered(_velocities(seen, "velocity")[1:], (R.NOT_READY, N.VEL_WATCHDOG))
 
 
 @requires(123, f"{VELOCITY}, starting and stopping", unless=_in_velocity_mode("velocity"))
-def modes_exclude_each_other(seen: MotorosSeen) -> Verdict:
+def modes_exclude_each_other(seen: MotorosTraffic) -> Verdict:
     """In velocity mode a point is answered NOT_READY with 5042."""
     found = seen.requests(sm.JointTrajPtFull, "velocity")
     return _answered(found, (R.NOT_READY, N.OTHER_MODE_ACTIVE))
 
 
 @requires(124, f"{VELOCITY}, sequence", unless=_in_velocity_mode("velocity"))
-def old_velocities_are_refused(seen: MotorosSeen) -> Verdict:
+def old_velocities_are_refused(seen: MotorosTraffic) -> Verdict:
     """A sequence that is not newer than the last is answered INVALID with 3040."""
     found = _velocities(seen, "velocity")[4:]
     return _answered(found[-1:], (R.INVALID, sm.InvalidSubcode.VEL_SEQUENCE))
@@ -489,14 +489,14 @@ def old_velocities_are_refused(seen: MotorosSeen) -> Verdict:
 # -- level 2: micro-motion ------------------------------------------------------------------------
 
 
-def _point(seen: MotorosSeen, phase: str, sequence: int) -> list[Exchange]:
+def _point(seen: MotorosTraffic, phase: str, sequence: int) -> list[Exchange]:
     return seen.requests(sm.JointTrajPtFull, phase, sequence=sequence)
 
 
 _NO_POINT = "no point was taken"
 
 
-def _taken(seen: MotorosSeen, phase: str = "out", nothing: str = _NO_POINT) -> Exchange:
+def _taken(seen: MotorosTraffic, phase: str = "out", nothing: str = _NO_POINT) -> Exchange:
     """The point that moves an axis in a phase, which was taken."""
     found = _point(seen, phase, 1)
     some(_motion(found, nothing).result == R.SUCCESS, nothing)
@@ -504,7 +504,7 @@ def _taken(seen: MotorosSeen, phase: str = "out", nothing: str = _NO_POINT) -> E
 
 
 @requires(201, f"{GROUP}, {SERVER}: SUCCESS at acceptance")
-def a_point_is_taken(seen: MotorosSeen) -> Verdict:
+def a_point_is_taken(seen: MotorosTraffic) -> Verdict:
     """A point that turns one axis by 0.2 degrees in 0.1 s is taken."""
     some(seen.phase("out"), "it was not tried")
     found, begun = _point(seen, "out", 1), _point(seen, "out", 0)
@@ -516,7 +516,7 @@ def a_point_is_taken(seen: MotorosSeen) -> Verdict:
 
 
 @requires(202, f"{GROUP}: one increment in each interpolation period")
-def a_trajectory_takes_its_time(seen: MotorosSeen) -> Verdict:
+def a_trajectory_takes_its_time(seen: MotorosTraffic) -> Verdict:
     """The queue is empty 0.1 s after the point was taken, or no more than 60 ms later."""
     point = _taken(seen)
     counts = [
@@ -532,7 +532,7 @@ def a_trajectory_takes_its_time(seen: MotorosSeen) -> Verdict:
     return at_most(STEP_S + PLAYED_LATE_S, took_s, "s", f"after {took_s:.3f} s", [point.number])
 
 
-def _reached(seen: MotorosSeen, phase: str, nothing: str) -> Verdict:
+def _reached(seen: MotorosTraffic, phase: str, nothing: str) -> Verdict:
     """Whether an axis turned during a phase as far as it was to, where its point was answered."""
     asked, found = _point(seen, phase, 1), [body.pos for _, body in seen.feedback(phase)]
     _motion(asked, nothing)
@@ -543,14 +543,14 @@ def _reached(seen: MotorosSeen, phase: str, nothing: str) -> Verdict:
 
 
 @requires(203, f"{GROUP}: the last sample is the point itself")
-def a_point_is_reached(seen: MotorosSeen) -> Verdict:
+def a_point_is_reached(seen: MotorosTraffic) -> Verdict:
     """Half a second later the axis has turned by 0.2 degrees, to a fifth of it; and no error is
     latched."""
     return _reached(seen, "out", _NO_POINT)
 
 
 @requires(204, f"{CONTROLLER}: motion stays possible after motion")
-def motion_stays_possible(seen: MotorosSeen) -> Findings:
+def motion_stays_possible(seen: MotorosTraffic) -> Findings:
     """While it moves and after, motion is possible and no alarm comes."""
     some(_point(seen, "out", 1), _NO_POINT)
     for each, s in seen.statuses("out") + seen.statuses("back"):
@@ -561,7 +561,7 @@ def motion_stays_possible(seen: MotorosSeen) -> Findings:
 
 
 @requires(205, f"{STATES}, in_motion")
-def it_says_that_it_moves(seen: MotorosSeen) -> Verdict:
+def it_says_that_it_moves(seen: MotorosTraffic) -> Verdict:
     """in_motion is 1 while the queue is played, and 0 again afterwards."""
     taken, found = _taken(seen), [s.in_motion for _, s in seen.statuses("out")]
     some(found, _NO_POINT)
@@ -570,13 +570,13 @@ def it_says_that_it_moves(seen: MotorosSeen) -> Verdict:
 
 
 @requires(206, f"{GROUP}: a new point 0 at standstill")
-def it_comes_back(seen: MotorosSeen) -> Verdict:
+def it_comes_back(seen: MotorosTraffic) -> Verdict:
     """A second trajectory, from where the first ended, turns the axis back."""
     return _reached(seen, "back", "no second point was taken")
 
 
 @requires(211, f"{VELOCITY}, law of one interpolation period", unless=_in_velocity_mode("stream"))
-def velocities_move_it(seen: MotorosSeen) -> Verdict:
+def velocities_move_it(seen: MotorosTraffic) -> Verdict:
     """0.1 s of velocities turn the axis, and by no more than 0.2 degrees."""
     before, after = seen.feedback("stream"), seen.feedback("deserted")
     some(before and after, _NO_FEEDBACK)
@@ -585,7 +585,7 @@ def velocities_move_it(seen: MotorosSeen) -> Verdict:
 
 
 @requires(212, f"{VELOCITY}, the watchdog", unless=_in_velocity_mode("stream"))
-def silence_stops_it(seen: MotorosSeen) -> Verdict:
+def silence_stops_it(seen: MotorosTraffic) -> Verdict:
     """Without further velocities the axis stands within 0.3 s, and the watchdog is latched."""
     phase = some(seen.phase("deserted"), "it was not tried")
     found, asked = seen.feedback("deserted"), _velocities(seen, "deserted")
@@ -602,7 +602,7 @@ def silence_stops_it(seen: MotorosSeen) -> Verdict:
 
 
 @requires(301, f"{STATES}, ROBOT_STATUS; {CONTROLLER}")
-def an_emergency_stop_is_told(seen: MotorosSeen) -> Verdict:
+def an_emergency_stop_is_told(seen: MotorosTraffic) -> Verdict:
     """After an emergency stop e_stopped is 1 and motion is not possible."""
     found = [(each, s) for each, s in seen.statuses("estop") if s.e_stopped == 1]
     some(found, "no status told of one")
@@ -611,7 +611,7 @@ def an_emergency_stop_is_told(seen: MotorosSeen) -> Verdict:
 
 
 @requires(302, f"{CONTROLLER}: the order of the reasons")
-def an_emergency_stop_is_the_reason(seen: MotorosSeen) -> Verdict:
+def an_emergency_stop_is_the_reason(seen: MotorosTraffic) -> Verdict:
     """CHECK_MOTION_READY then is FALSE with 5003, or with an alarm or an error, which come before
     it."""
     reasons = ((R.FAILURE, each) for each in (N.ALARM, N.ERROR, N.ESTOP))
@@ -619,7 +619,7 @@ def an_emergency_stop_is_the_reason(seen: MotorosSeen) -> Verdict:
 
 
 @requires(303, f"{CONTROLLER}: START_TRAJ_MODE is needed again")
-def release_starts_nothing(seen: MotorosSeen) -> Verdict:
+def release_starts_nothing(seen: MotorosTraffic) -> Verdict:
     """When the emergency stop is released motion is not possible by itself."""
     found = [(each, s) for each, s in seen.statuses("released") if s.e_stopped == 0]
     some(found, "it was not released")

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.motoros.decoded import MotorosSeen
+from cardan.conform.motoros.decoded import MotorosTraffic
 from cardan.conform.motoros.requirements import requires
 from cardan.conform.motoros.scenario import MotorosScenario
 from cardan.conform.suite import Suite, Transport
 from cardan.protocols.simple_message import IO_PORT, MOTION_PORT, STATE_PORT
 
 
-class Motoros(Suite[MotorosSeen]):
+class Motoros(Suite[MotorosTraffic]):
     """A Motoman controller that runs MotoROS, in trajectory mode and in velocity mode."""
 
     name = "motoros"
@@ -22,13 +22,13 @@ class Motoros(Suite[MotorosSeen]):
     peer = "motoman-gp8"
     requirements = requires.all()
     transport = Transport("tcp", {"motion": MOTION_PORT, "state": STATE_PORT, "io": IO_PORT})
-    sees = MotorosSeen
+    decoder = MotorosTraffic
     asks = MotorosScenario
     rig = "cardan.conform.motoros.simulated:MotorosRig"
     seconds = 3.2
     # The functional safety unit's limit must lie below the speed of a micro-motion.
-    tried_with: ClassVar[Mapping[str, float]] = {"fsu": 0.001}
-    off_the_wire: ClassVar[Mapping[str, str]] = {
+    fault_test_values: ClassVar[Mapping[str, float]] = {"fsu": 0.001}
+    undetectable_faults: ClassVar[Mapping[str, str]] = {
         "merge": "TCP keeps no borders of writes: a reader cannot tell one write of two messages "
         "from two writes that it read at once",
     }

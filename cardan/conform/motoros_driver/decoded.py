@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import NamedTuple, TypeVar
 
 from cardan.conform.motoros_driver.scenario import port_of
-from cardan.conform.timeline import Event, Kind, Phase, Seen, Timeline
+from cardan.conform.timeline import Event, Kind, Timeline, TimelinePhase, Traffic
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import MessageType as T
 
@@ -87,7 +87,7 @@ class Said(NamedTuple):
         return body if isinstance(body, sm.JointVelocity) else None
 
 
-Neighbours = tuple[Said, sm.JointTrajPtFull, Said, sm.JointTrajPtFull]
+Neighbors = tuple[Said, sm.JointTrajPtFull, Said, sm.JointTrajPtFull]
 """Two points of a trajectory, one after the other, and what said them."""
 
 
@@ -109,7 +109,7 @@ class Link(NamedTuple):
         return port_of(self.channel)
 
 
-class DriverSeen(Seen):
+class DriverTraffic(Traffic):
     """The messages of a timeline in which we are the controller."""
 
     def __init__(self, timeline: Timeline) -> None:
@@ -227,7 +227,7 @@ class DriverSeen(Seen):
 
     # -- where ------------------------------------------------------------------------------------
 
-    def named(self, *names: str) -> list[Phase]:
+    def named(self, *names: str) -> list[TimelinePhase]:
         """The phases of these names, of each controller in turn."""
         return [phase for name, phase in self.phases.items() if name.partition(" ")[2] in names]
 
@@ -235,7 +235,7 @@ class DriverSeen(Seen):
         """What was said in phases of these names."""
         return self.within(self.said, *(phase.name for phase in self.named(*names)))
 
-    def after(self, phase: Phase, seconds: float) -> list[Said]:
+    def after(self, phase: TimelinePhase, seconds: float) -> list[Said]:
         """What was said in a phase from so many seconds on."""
         since_s = phase.start_s + seconds
         return [s for s in self.said if phase.first <= s.number < phase.end and s.time_s > since_s]
@@ -261,7 +261,7 @@ class DriverSeen(Seen):
         """All speeds."""
         return [(each, body) for each in self.said if (body := each.velocity) is not None]
 
-    def neighbours(self) -> Iterator[Neighbours]:
+    def neighbors(self) -> Iterator[Neighbors]:
         """Points of one trajectory that were accepted one after the other."""
         for messages in self.motion.values():
             before: tuple[Said, sm.JointTrajPtFull] | None = None

@@ -8,7 +8,7 @@ from functools import partial
 from itertools import pairwise
 
 from cardan.conform.motoros.requirements import CONTROLLER, MESSAGES, SERVER, STATES, VELOCITY
-from cardan.conform.motoros_driver.decoded import VELOCITY_TYPES, DriverSeen, Link, Said
+from cardan.conform.motoros_driver.decoded import VELOCITY_TYPES, DriverTraffic, Link, Said
 from cardan.conform.motoros_driver.scenario import (
     ANSWERED_WITHIN_S,
     ROBOT,
@@ -28,7 +28,7 @@ from cardan.conform.requirements import (
     some,
 )
 from cardan.conform.second_reading import read_twice, refused, second_description
-from cardan.conform.timeline import Phase
+from cardan.conform.timeline import TimelinePhase
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import (
     MessageType as T,
@@ -77,13 +77,13 @@ KNOWN_TYPES = {
 VELOCITY_COMMANDS = frozenset((C.START_VEL_MODE, C.STOP_VEL_MODE))
 LEAVES = frozenset((C.STOP_TRAJ_MODE, C.STOP_VEL_MODE, C.STOP_SERVOS, C.DISCONNECT))
 
-requires: Requirements[DriverSeen] = Requirements("MOTOPC")
+requires: Requirements[DriverTraffic] = Requirements("MOTOPC")
 _NO_POINTS = "no points were sent"
 _NO_SPEEDS = "no speeds were sent"
 _NEVER_STARTED = "motion was never started"
 
 
-def _unused(seen: DriverSeen) -> Verdict | None:
+def _unused(seen: DriverTraffic) -> Verdict | None:
     """The client moves the arm, and does not by the velocity mode."""
     unused = bool(seen.points) and not seen.velocities
     return not_applicable("it does not use the velocity mode") if unused else None
@@ -99,21 +99,21 @@ def _not_to(found: Iterable[str]) -> str:
 
 
 @requires(101, f"{MANUAL}: the controller listens at 50240 and 50241")
-def it_connects(seen: DriverSeen) -> Verdict:
+def it_connects(seen: DriverTraffic) -> Verdict:
     """It connects to the state port and to the motion port."""
     missing = _not_to(each.port for each in seen.links)
     return failed(missing) if missing else passed("to both")
 
 
 @requires(102, f"{MESSAGES}: prefix, header, body")
-def bytes_are_messages(seen: DriverSeen) -> Verdict:
+def bytes_are_messages(seen: DriverTraffic) -> Verdict:
     """All that it sends is whole messages: right prefixes, each of the length of its type."""
     count = len(seen.said) + len(seen.malformed)
     return none_wrong(seen.malformed, count, f"{len(seen.said)} messages")
 
 
 @requires(103, f"{SERVER}: the bytes of one recv are taken for one message")
-def a_message_is_one_piece(seen: DriverSeen) -> Verdict:
+def a_message_is_one_piece(seen: DriverTraffic) -> Verdict:
     """Each message comes by itself and in one piece; speeds sent as topics may come together."""
     count = len(seen.said)
     few = len(seen.pieces) <= PIECES_SHARE * count
@@ -121,7 +121,7 @@ def a_message_is_one_piece(seen: DriverSeen) -> Verdict:
 
 
 @requires(104, f"{SERVER}: a second message in the buffer can be lost; {MANUAL}")
-def one_request_at_a_time(seen: DriverSeen) -> Findings:
+def one_request_at_a_time(seen: DriverTraffic) -> Findings:
     """No request is sent before the one before is answered; speeds sent as topics are none."""
     for said in seen.said:
         if not said.is_topic:
@@ -130,13 +130,13 @@ def one_request_at_a_time(seen: DriverSeen) -> Findings:
 
 
 @requires(105, f"{MANUAL}: the byte order is that of the controller's CPU")
-def the_byte_order_is_the_controllers(seen: DriverSeen) -> Verdict:
+def the_byte_order_is_the_controllers(seen: DriverTraffic) -> Verdict:
     """What it sends has the byte order that the states have, of an FS100 too."""
     return none_wrong(seen.disordered, len(seen.said), f"{len(seen.said)} messages")
 
 
 @requires(106, f"{MESSAGES}, comm_type and reply_code: 2 and 0 of a request")
-def requests_are_requests(seen: DriverSeen) -> Findings:
+def requests_are_requests(seen: DriverTraffic) -> Findings:
     """Everything is a service request with reply code 0; speeds may be topics."""
     for said in seen.said:
         head = said.message.comm_type, said.message.reply_code
@@ -146,7 +146,7 @@ def requests_are_requests(seen: DriverSeen) -> Findings:
 
 
 @requires(107, f"{STATES}: nothing is ever read there")
-def the_state_port_is_left_alone(seen: DriverSeen) -> Verdict:
+def the_state_port_is_left_alone(seen: DriverTraffic) -> Verdict:
     """Nothing is sent to the state port: it would fill the controller's buffers."""
     some(any(each.port == "state" for each in seen.links), "it did not connect there")
     count = len(seen.strays)
@@ -154,7 +154,7 @@ def the_state_port_is_left_alone(seen: DriverSeen) -> Verdict:
 
 
 @requires(108, f"{SERVER}: an unknown command is answered with the reply before")
-def commands_are_known(seen: DriverSeen) -> Findings:
+def commands_are_known(seen: DriverTraffic) -> Findings:
     """Types and commands are such as MotoROS has; the velocity mode's are used where it is."""
     stock = seen.named("connect")
     for said in seen.said:
@@ -172,7 +172,7 @@ def commands_are_known(seen: DriverSeen) -> Findings:
 
 
 @requires(109, f"{SERVER}: what a connection before left in the queue goes on with the next one")
-def stop_motion_comes_first(seen: DriverSeen) -> Findings:
+def stop_motion_comes_first(seen: DriverTraffic) -> Findings:
     """On every motion connection STOP_MOTION is answered before motion is started."""
     for messages in seen.motion.values():
         stopped = False
@@ -207,7 +207,7 @@ def _started(messages: list[Said]) -> Iterator[tuple[Said, str]]:
 
 
 @requires(110, f"{CONTROLLER}: the motion-ready predicate")
-def motion_is_started_first(seen: DriverSeen) -> Findings:
+def motion_is_started_first(seen: DriverTraffic) -> Findings:
     """Points and speeds are only sent after a start of their mode that was answered SUCCESS, and
     not after an answer NOT_READY, until the next one."""
     for messages in seen.motion.values():
@@ -225,7 +225,7 @@ def _answered_lately(said: Said, messages: list[Said]) -> bool:
 
 
 @requires(111, f"{CONTROLLER}: hold, for one, does not let a job be started")
-def a_refused_start_is_taken_for_one(seen: DriverSeen) -> Verdict:
+def a_refused_start_is_taken_for_one(seen: DriverTraffic) -> Verdict:
     """Where the start of motion is answered NOT_READY, neither points nor speeds follow."""
     found = seen.during("refused")
     refused = [e for e in found if e.command in STARTS and e.reply and e.reply.result]
@@ -239,7 +239,7 @@ def a_refused_start_is_taken_for_one(seen: DriverSeen) -> Verdict:
 
 
 @requires(120, f"{SERVER}: else DATA_INSUFFICIENT")
-def points_are_complete(seen: DriverSeen) -> Findings:
+def points_are_complete(seen: DriverTraffic) -> Findings:
     """Every point has a time, positions and velocities, and says so; all are finite."""
     for said, point in seen.points:
         if point.valid_fields & POINT_FIELDS != POINT_FIELDS:
@@ -255,7 +255,7 @@ def _finite(*values: float) -> str:
 
 
 @requires(121, f"{SERVER}: within 30 pulses of the commanded position, else DATA_START_POS")
-def a_trajectory_begins_where_the_arm_is(seen: DriverSeen) -> Findings:
+def a_trajectory_begins_where_the_arm_is(seen: DriverTraffic) -> Findings:
     """The first point (sequence 0) is the measured position, to 0.001 rad, with no speed."""
     for said, point in seen.points:
         measured = seen.feedback_before(said.number)
@@ -267,18 +267,18 @@ def a_trajectory_begins_where_the_arm_is(seen: DriverSeen) -> Findings:
 
 
 @requires(122, f"{CLIENT}: the index of the point; {SERVER}: 0 begins, below 0 is refused")
-def points_count_up(seen: DriverSeen) -> Findings:
+def points_count_up(seen: DriverTraffic) -> Findings:
     """The sequence goes up by one from point to point of a trajectory."""
-    for _, one, said, point in seen.neighbours():
+    for _, one, said, point in seen.neighbors():
         up = point.sequence == one.sequence + 1
         yield said.number, "" if up else f"{point.sequence} after {one.sequence}"
     return Words("{} points", _NO_POINTS)
 
 
 @requires(123, f"{SERVER}: of a point that is not later nothing is queued, and it is SUCCESS")
-def time_goes_on(seen: DriverSeen) -> Findings:
+def time_goes_on(seen: DriverTraffic) -> Findings:
     """From point to point of a trajectory the time rises by a whole millisecond at least."""
-    for _, one, said, point in seen.neighbours():
+    for _, one, said, point in seen.neighbors():
         later = int(point.time * 1e3) > int(one.time * 1e3)
         yield said.number, "" if later else f"{point.time:.4f} s after {one.time:.4f}"
     return Words("{} points", _NO_POINTS)
@@ -301,7 +301,7 @@ def _too_fast(speeds: Iterable[float], share: float = 1.0) -> str:
 
 
 @requires(124, f"{SERVER}: DATA_SPEED of a speed; positions are not checked there")
-def points_are_within_the_arm(seen: DriverSeen) -> Findings:
+def points_are_within_the_arm(seen: DriverTraffic) -> Findings:
     """Positions are within the joints' ranges, and speeds within what the joints can do."""
     for said, point in seen.points:
         yield said.number, _outside(point.pos) or _too_fast(point.vel)
@@ -323,14 +323,14 @@ def _steepest(one: sm.JointTrajPtFull, other: sm.JointTrajPtFull) -> list[float]
 
 
 @requires(125, f"{SERVER}: increments beyond an axis's speed are refused, INC_MOVE_ERROR")
-def the_way_between_is_within_the_arm(seen: DriverSeen) -> Findings:
+def the_way_between_is_within_the_arm(seen: DriverTraffic) -> Findings:
     """On the cubic from point to point no joint is more than a tenth faster than it can be."""
-    for _, one, said, point in seen.neighbours():
+    for _, one, said, point in seen.neighbors():
         yield said.number, _too_fast(_steepest(one, point), TOO_FAST)
     return Words("{} points", _NO_POINTS)
 
 
-def _with_next(seen: DriverSeen, result: R) -> list[tuple[Said, Said | None]]:
+def _with_next(seen: DriverTraffic, result: R) -> list[tuple[Said, Said | None]]:
     """Points that were answered so, each with the next one on its connection."""
     return [
         (each, next((m for m in messages[n + 1 :] if m.point is not None), None))
@@ -341,7 +341,7 @@ def _with_next(seen: DriverSeen, result: R) -> list[tuple[Said, Said | None]]:
 
 
 @requires(126, f"{SERVER}: BUSY, the point is not taken; {CLIENT}: the same is sent again")
-def a_busy_point_is_sent_again(seen: DriverSeen) -> Findings:
+def a_busy_point_is_sent_again(seen: DriverTraffic) -> Findings:
     """A point that is answered BUSY is the next one that is sent, unless motion begins anew."""
     busy = _with_next(seen, R.BUSY)
     some(busy or not seen.points, "no point was answered BUSY")
@@ -352,7 +352,7 @@ def a_busy_point_is_sent_again(seen: DriverSeen) -> Findings:
 
 
 @requires(127, f"{SERVER}: a first point that is refused is kept, and the next goes on from it")
-def a_refused_first_point_is_not_gone_on_from(seen: DriverSeen) -> Findings:
+def a_refused_first_point_is_not_gone_on_from(seen: DriverTraffic) -> Findings:
     """After a first point that is answered INVALID comes another first point, or none."""
     found = [e for e in _with_next(seen, R.INVALID) if e[0].point and not e[0].point.sequence]
     some(found or not seen.points, "no first point was refused")
@@ -363,11 +363,11 @@ def a_refused_first_point_is_not_gone_on_from(seen: DriverSeen) -> Findings:
 
 
 @requires(128, f"{SERVER}: an empty queue stops the command dead, without a ramp")
-def the_queue_does_not_run_empty(seen: DriverSeen) -> Findings:
+def the_queue_does_not_run_empty(seen: DriverTraffic) -> Findings:
     """In motion every point is accepted before the ones before it have been played."""
     inside = {each.place for each in seen.during("run")}
     ends_s = 0.0
-    for before, one, said, point in seen.neighbours():
+    for before, one, said, point in seen.neighbors():
         assert before.answered is not None
         assert said.answered is not None
         if one.sequence == 0:
@@ -381,7 +381,7 @@ def the_queue_does_not_run_empty(seen: DriverSeen) -> Findings:
 
 
 @requires(129, f"{SERVER}: InvalidSubcode; {MANUAL}")
-def points_are_taken(seen: DriverSeen) -> Findings:
+def points_are_taken(seen: DriverTraffic) -> Findings:
     """No point is answered INVALID, but a first one where the arm sags."""
     for said, point in seen.points:
         reply = said.reply
@@ -392,7 +392,7 @@ def points_are_taken(seen: DriverSeen) -> Findings:
 
 
 @requires(130, f"{SERVER}: a new point 0 splices nothing; in_motion of ROBOT_STATUS")
-def a_trajectory_begins_at_rest(seen: DriverSeen) -> Findings:
+def a_trajectory_begins_at_rest(seen: DriverTraffic) -> Findings:
     """No first point is sent while the newest status says that the arm is in motion."""
     for said, point in seen.points:
         status = seen.status_before(said.number)
@@ -405,7 +405,7 @@ def a_trajectory_begins_at_rest(seen: DriverSeen) -> Findings:
 
 
 @requires(140, f"{VELOCITY}, finding out", unless=_unused)
-def the_velocity_mode_is_asked_for(seen: DriverSeen) -> Findings:
+def the_velocity_mode_is_asked_for(seen: DriverTraffic) -> Findings:
     """START_VEL_MODE is only sent after MOTO_VELOCITY_INFO was answered on that connection."""
     for messages in seen.motion.values():
         known = False
@@ -421,7 +421,7 @@ def the_velocity_mode_is_asked_for(seen: DriverSeen) -> Findings:
     f"{VELOCITY}, starting and stopping: 0, or 20 to 500 ms; 0, or 0.01 to 1",
     unless=_unused,
 )
-def the_watchdog_can_be_had(seen: DriverSeen) -> Findings:
+def the_watchdog_can_be_had(seen: DriverTraffic) -> Findings:
     """START_VEL_MODE asks for a watchdog and for a scale of acceleration that there are."""
     for said in seen.said:
         body = said.message.body
@@ -433,7 +433,7 @@ def the_watchdog_can_be_had(seen: DriverSeen) -> Findings:
     return Words("{} starts", _NO_SPEEDS)
 
 
-def _streams(seen: DriverSeen) -> Iterator[tuple[Said, int, int | None]]:
+def _streams(seen: DriverTraffic) -> Iterator[tuple[Said, int, int | None]]:
     """Speeds with their sequence, and that of those before them since START_VEL_MODE, or 0."""
     for messages in seen.motion.values():
         before = None
@@ -447,7 +447,7 @@ def _streams(seen: DriverSeen) -> Iterator[tuple[Said, int, int | None]]:
 
 
 @requires(142, f"{VELOCITY}, sequence: 0 arms, then strictly rising, modulo 2^31", unless=_unused)
-def speeds_count_up(seen: DriverSeen) -> Findings:
+def speeds_count_up(seen: DriverTraffic) -> Findings:
     """The first speeds after a start have sequence 0, and from there on it rises."""
     for said, sequence, before in _streams(seen):
         if before is None:
@@ -459,7 +459,7 @@ def speeds_count_up(seen: DriverSeen) -> Findings:
 
 
 @requires(143, f"{VELOCITY}, valid_fields: VELOCITY, and not POSITION", unless=_unused)
-def speeds_are_complete(seen: DriverSeen) -> Findings:
+def speeds_are_complete(seen: DriverTraffic) -> Findings:
     """Speeds say that they are, and no positions; all are finite."""
     for said, body in seen.velocities:
         fields = body.valid_fields
@@ -471,7 +471,7 @@ def speeds_are_complete(seen: DriverSeen) -> Findings:
 
 
 @requires(144, f"{VELOCITY}, MOTO_VELOCITY_INFO: v_max", unless=_unused)
-def speeds_are_within_the_arm(seen: DriverSeen) -> Findings:
+def speeds_are_within_the_arm(seen: DriverTraffic) -> Findings:
     """No speed is higher than the controller said that it can be."""
     for said, body in seen.velocities:
         yield said.number, _too_fast(body.vel)
@@ -483,7 +483,7 @@ def speeds_are_within_the_arm(seen: DriverSeen) -> Findings:
     f"{VELOCITY}: the newest command wins; nobody stands still at another one",
     unless=_unused,
 )
-def a_stream_begins_at_rest(seen: DriverSeen) -> Findings:
+def a_stream_begins_at_rest(seen: DriverTraffic) -> Findings:
     """The first speeds, of sequence 0, are zero."""
     for said, body in seen.velocities:
         if not body.sequence:
@@ -492,7 +492,7 @@ def a_stream_begins_at_rest(seen: DriverSeen) -> Findings:
 
 
 @requires(146, f"{VELOCITY}, safety: the watchdog", unless=_unused)
-def the_watchdog_is_fed(seen: DriverSeen) -> Verdict:
+def the_watchdog_is_fed(seen: DriverTraffic) -> Verdict:
     """While nothing disturbs it, it is never silent for as long as the watchdog waits."""
     inside = {each.place for each in seen.during(*UNDISTURBED)}
     gaps = [
@@ -521,7 +521,7 @@ def _moving(body: sm.JointTrajPtFull | sm.JointVelocity) -> str:
     f"{VELOCITY}, MOTO_JOINT_VELOCITY: INVALID and NOT_READY; it is never BUSY",
     unless=_unused,
 )
-def speeds_are_taken(seen: DriverSeen) -> Findings:
+def speeds_are_taken(seen: DriverTraffic) -> Findings:
     """Speeds that are asked about are not answered INVALID, nor VEL_WATCHDOG."""
     found = [(said, said.reply) for said, _ in seen.velocities if said.reply is not None]
     if seen.velocities and not found:
@@ -552,7 +552,7 @@ def _moves(found: Iterable[Said]) -> Iterator[tuple[int, str]]:
 NOT_MOVED = "it did not move the arm"
 
 
-def _stopped(seen: DriverSeen, what: str) -> Verdict:
+def _stopped(seen: DriverTraffic, what: str) -> Verdict:
     phases = seen.named(what)
     wrong = [each for phase in phases for each in _moves(seen.after(phase, STOPPED_WITHIN_S))]
     wrong += [
@@ -583,7 +583,7 @@ for number, field, what, when, starts in (
 
 
 @requires(156, f"{ENDS}; {AGAIN}")
-def it_does_not_start_by_itself(seen: DriverSeen) -> Verdict:
+def it_does_not_start_by_itself(seen: DriverTraffic) -> Verdict:
     """What ended motion being over, it starts nothing unless it is told to."""
     names = [f"{name} over" for name in STOPS]
     phases = seen.named(*names)
@@ -593,7 +593,7 @@ def it_does_not_start_by_itself(seen: DriverSeen) -> Verdict:
 
 
 @requires(157, f"{STATES}: a cycle every 25 ms; without states nobody sees what the arm does")
-def without_states_it_stops(seen: DriverSeen) -> Verdict:
+def without_states_it_stops(seen: DriverTraffic) -> Verdict:
     """When the state port falls silent, no motion is commanded from 0.3 s on."""
     phases = seen.named("silence")
     wrong = [each for phase in phases for each in _moves(seen.after(phase, BLIND_WITHIN_S))]
@@ -601,7 +601,7 @@ def without_states_it_stops(seen: DriverSeen) -> Verdict:
 
 
 @requires(158, f"{SERVER}: a request is answered within its 5 s at most, or never")
-def an_unanswered_request_ends_the_connection(seen: DriverSeen) -> Verdict:
+def an_unanswered_request_ends_the_connection(seen: DriverTraffic) -> Verdict:
     """A request that is not answered is not sent again on that connection, which is closed within
     5 s."""
     phases = seen.named("unanswered")
@@ -620,14 +620,14 @@ def an_unanswered_request_ends_the_connection(seen: DriverSeen) -> Verdict:
     return none_wrong(wrong, len(phases), f"{len(phases)} of them", NOT_MOVED)
 
 
-def _link_in(seen: DriverSeen, phase: Phase) -> Link | None:
+def _link_in(seen: DriverTraffic, phase: TimelinePhase) -> Link | None:
     """The motion connection that was open when a phase began."""
     found = [e for e in seen.links if e.port == "motion" and e.number < phase.first]
     return found[-1] if found and found[-1].closed_s >= phase.start_s else None
 
 
 @requires(159, f"{MANUAL}: compare command and sequence of every reply with the request")
-def the_reply_before_is_not_the_answer(seen: DriverSeen) -> Verdict:
+def the_reply_before_is_not_the_answer(seen: DriverTraffic) -> Verdict:
     """After a reply that names another command or sequence it sends no motion any more on that
     connection."""
     wrong, count = [], 0
@@ -650,7 +650,7 @@ def the_reply_before_is_not_the_answer(seen: DriverSeen) -> Verdict:
     return none_wrong(wrong, count, f"{count} of them", "no request was answered so")
 
 
-def _came_again(seen: DriverSeen, what: str, port: str) -> Verdict:
+def _came_again(seen: DriverTraffic, what: str, port: str) -> Verdict:
     """Whether a connection that ended in a phase was made again."""
     phases = some(seen.named(what, f"{what} over"), NOT_MOVED)
     firsts = [phase for phase in phases if not phase.name.endswith("over")]
@@ -665,20 +665,20 @@ def _came_again(seen: DriverSeen, what: str, port: str) -> Verdict:
 
 
 @requires(160, f"{SERVER}: the place is free at once; {ENDS}")
-def it_comes_again(seen: DriverSeen) -> Verdict:
+def it_comes_again(seen: DriverTraffic) -> Verdict:
     """The motion connection cut, it connects again, and does not start motion by itself."""
     return _came_again(seen, "cut", "motion")
 
 
 @requires(161, f"{MANUAL}: a stream that cannot be cut any more must be closed")
-def junk_ends_the_connection_only(seen: DriverSeen) -> Verdict:
+def junk_ends_the_connection_only(seen: DriverTraffic) -> Verdict:
     """Bytes on the state port that are no message end that connection, not the client: it connects
     again, and does not start motion by itself."""
     return _came_again(seen, "junk", "state")
 
 
 @requires(162, f"{MANUAL}: TCP splits and merges")
-def messages_in_pieces_are_read(seen: DriverSeen) -> Verdict:
+def messages_in_pieces_are_read(seen: DriverTraffic) -> Verdict:
     """Messages of the controller that come in pieces, or several at once, disturb nothing."""
     phases = some(seen.named("pieces"), NOT_MOVED)
     wrong = []
@@ -693,7 +693,7 @@ def messages_in_pieces_are_read(seen: DriverSeen) -> Verdict:
 
 
 @requires(163, f"{STATES}, {SERVER}: after power-up the ports are there anew")
-def a_restart_is_followed(seen: DriverSeen) -> Findings:
+def a_restart_is_followed(seen: DriverTraffic) -> Findings:
     """After a restart of the controller it connects again, to both ports."""
     phases = seen.named("connect")[1:]
     some(phases and seen.links, "there was no restart, or it never connected")
@@ -703,7 +703,7 @@ def a_restart_is_followed(seen: DriverSeen) -> Findings:
 
 
 @requires(164, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: DriverSeen) -> Verdict:
+def both_descriptions_agree(seen: DriverTraffic) -> Verdict:
     """A second reader, the scapy layers, finds nothing wrong in the messages either."""
 
     def differs(each: Said) -> str:
@@ -722,7 +722,7 @@ _NOT_ENDED = "it was not ended while the arm moved"
 
 
 @requires(301, f"{SERVER}: a connection that ends stops the command dead, without a ramp")
-def it_leaves_at_rest(seen: DriverSeen) -> Findings:
+def it_leaves_at_rest(seen: DriverTraffic) -> Findings:
     """When the program ends, its last point or speeds are at rest."""
     for phase in seen.named("end"):
         last = [s for s in seen.said if s.number < phase.end and (s.point or s.velocity)][-1]
@@ -732,7 +732,7 @@ def it_leaves_at_rest(seen: DriverSeen) -> Findings:
 
 
 @requires(302, f"{SERVER}: INIT_ROS keeps waiting for increments after a connection")
-def it_leaves_the_mode(seen: DriverSeen) -> Findings:
+def it_leaves_the_mode(seen: DriverTraffic) -> Findings:
     """When the program ends, it leaves the mode: STOP_TRAJ_MODE, STOP_VEL_MODE or DISCONNECT is
     sent and not refused."""
     for phase in seen.named("end"):
@@ -743,7 +743,7 @@ def it_leaves_the_mode(seen: DriverSeen) -> Findings:
 
 
 @requires(303, f"{SERVER}: one client at a time, and nothing but TCP tells that it has gone")
-def it_closes_its_connections(seen: DriverSeen) -> Verdict:
+def it_closes_its_connections(seen: DriverTraffic) -> Verdict:
     """When the program ends, its connections are closed."""
     phases, wrong = seen.named("end"), []
     for phase in phases:

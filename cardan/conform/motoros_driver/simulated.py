@@ -11,7 +11,7 @@ from cardan.conform.rigs import LOOK_S, DriverRig
 from cardan.conform.runner import Exchange
 from cardan.conform.timeline import Kind
 from cardan.drivers.motoros.connections import CHANNELS, Channel
-from cardan.drivers.motoros.motion_control import Phase
+from cardan.drivers.motoros.motion_control import MotionPhase
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.session import MotorosSession
 from cardan.protocols import simple_message as sm
@@ -219,7 +219,7 @@ class MotorosDriverRig(DriverRig):
     def _misbehave(self) -> None:
         """What a driver with these defects does of itself."""
         faults, session, now_s = self._faults, self._session, self._now_s
-        idle = session.phase is Phase.IDLE and session.requests.idle
+        idle = session.phase is MotionPhase.IDLE and session.requests.idle
         status = session.feed.status
         if "restarts" in faults and idle and session.sessions > 1 and not self._leaving:
             session.enable(now_s)

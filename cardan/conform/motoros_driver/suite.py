@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.motoros_driver.decoded import DriverSeen
+from cardan.conform.motoros_driver.decoded import DriverTraffic
 from cardan.conform.motoros_driver.faults import FAULTS
 from cardan.conform.motoros_driver.requirements import requires
 from cardan.conform.motoros_driver.scenario import ControllerScenario
@@ -14,7 +14,7 @@ from cardan.conform.suite import Suite, Transport
 from cardan.protocols.simple_message import IO_PORT, MOTION_PORT, STATE_PORT
 
 
-class MotorosDriver(Suite[DriverSeen]):
+class MotorosDriver(Suite[DriverTraffic]):
     """A driver of a Motoman GP8 under MotoROS: Cardan is the controller, first one with velocity
     mode, then an FS100, then a YRC1000, and nothing real moves."""
 
@@ -30,12 +30,12 @@ class MotorosDriver(Suite[DriverSeen]):
         {"motion": MOTION_PORT, "state": STATE_PORT, "io": IO_PORT},
         frozenset(("motion", "state", "io")),
     )
-    sees = DriverSeen
+    decoder = DriverTraffic
     asks = ControllerScenario
     rig = "cardan.conform.motoros_driver.simulated:MotorosDriverRig"
     own_faults = FAULTS
     seconds = 0.6
-    # Seen where it is ended, which only level 3 does.
+    # Traffic where it is ended, which only level 3 does.
     tried_on: ClassVar[Mapping[str, Level]] = {
         "leaves-moving": Level.BY_HAND,
         "leaves-mode-on": Level.BY_HAND,

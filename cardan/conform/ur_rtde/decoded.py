@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, NoReturn
 
-from cardan.conform.timeline import Event, Kind, Seen, Timeline, UnaskedError
+from cardan.conform.timeline import Event, Kind, Timeline, Traffic, UnaskedError
 from cardan.protocols.ur import rtde
 from cardan.protocols.ur.dashboard import LineReader
 from cardan.protocols.ur.primary import (
@@ -58,7 +58,7 @@ class Exchange(NamedTuple):
     number: int
     time_s: float
     channel: str
-    asked: rtde.Request | rtde.Setup
+    asked: rtde.ControlRequest | rtde.Setup
     reply: Heard | None
 
 
@@ -81,7 +81,7 @@ class State(NamedTuple):
     values: Values
 
 
-class Stream(NamedTuple):
+class OutputStream(NamedTuple):
     """Data packages from a start to a pause, or to the end."""
 
     channel: str
@@ -136,14 +136,14 @@ class _Connection:
     def __init__(self, version: int) -> None:
         self.ours = rtde.PacketReader()
         self.version = version
-        self.open: list[tuple[int, float, rtde.Request | rtde.Setup]] = []
+        self.open: list[tuple[int, float, rtde.ControlRequest | rtde.Setup]] = []
         self.outputs: rtde.Recipe | None = None
         self.inputs: dict[int, rtde.Recipe] = {}
         self.stream: list[State] | None = None
         self.stream_s = 0.0
 
 
-class UrSeen(Seen):
+class UrTraffic(Traffic):
     """The bytes of a timeline."""
 
     def __init__(self, timeline: Timeline) -> None:
@@ -156,7 +156,7 @@ class UrSeen(Seen):
         """Of the connection that is judged."""
         self.strays: list[tuple[int, float, str]] = []
         """Data packages that nothing had been started for."""
-        self.streams: list[Stream] = []
+        self.streams: list[OutputStream] = []
         self.recipes: dict[int, rtde.Recipe] = {}
         """Of each data package, by its event's number: those of the judged connection."""
         self.commands: list[State] = []
@@ -257,7 +257,7 @@ class UrSeen(Seen):
 
     def _stream_ends(self, channel: str, connection: _Connection, now_s: float) -> None:
         if connection.stream is not None:
-            stream = Stream(channel, connection.stream_s, now_s, connection.stream)
+            stream = OutputStream(channel, connection.stream_s, now_s, connection.stream)
             self.streams.append(stream)
             connection.stream = None
 
@@ -267,7 +267,7 @@ class UrSeen(Seen):
         connection.ours.feed(event.data)
         while (found := connection.ours.take()) is not None:
             asked: rtde.Asked | rtde.Malformed = rtde.read_request(*found, connection.version)
-            if isinstance(asked, (rtde.Request, rtde.Setup)):
+            if isinstance(asked, (rtde.ControlRequest, rtde.Setup)):
                 connection.open.append((number, event.time_s, asked))
             elif isinstance(asked, rtde.Data) and asked.recipe in connection.inputs:
                 values = connection.inputs[asked.recipe].unpack(asked.values)
@@ -335,7 +335,7 @@ class UrSeen(Seen):
         elif isinstance(reply, rtde.Accepted) and reply.accepted:
             if reply.kind is rtde.PacketType.START:
                 connection.stream, connection.stream_s = [], heard.time_s
-            elif isinstance(asked, rtde.Request):  # for a version
+            elif isinstance(asked, rtde.ControlRequest):  # for a version
                 connection.version = asked.version
                 if asked.version != rtde.VERSION:
                     self.old.add(heard.channel)

@@ -23,7 +23,7 @@ from cardan.conform.requirements import (
     some,
 )
 from cardan.conform.timeline import Kind
-from cardan.conform.ur_rtde.decoded import State, Upload, UrSeen
+from cardan.conform.ur_rtde.decoded import State, Upload, UrTraffic
 from cardan.conform.ur_rtde.requirements import (
     BOARD,
     CLIENT,
@@ -86,7 +86,7 @@ RUNTIME = "runtime_state"
 
 
 @requires(101, f"{GUIDE}: field names of inputs; IN_USE")
-def inputs_are_given(seen: UrSeen) -> Verdict:
+def inputs_are_given(seen: UrTraffic) -> Verdict:
     """The registers that the driver writes are given, with the documented types."""
     found = [each for each in seen.setups(PacketType.INPUTS, "inputs") if each[1].names == INPUTS]
     exchange, asked, reply = some(found, "it was not answered")[0]
@@ -98,7 +98,7 @@ def inputs_are_given(seen: UrSeen) -> Verdict:
 
 
 @requires(102, f"{GUIDE}: IN_USE")
-def registers_have_one_writer(seen: UrSeen) -> Verdict:
+def registers_have_one_writer(seen: UrTraffic) -> Verdict:
     """Registers that one client writes are IN_USE for another."""
     if not any(each[2].recipe for each in seen.setups(PacketType.INPUTS, "inputs")):
         return not_seen("no client had any")
@@ -106,13 +106,13 @@ def registers_have_one_writer(seen: UrSeen) -> Verdict:
 
 
 @requires(103, f"{GUIDE}: NOT_FOUND")
-def unknown_inputs_arerefused(seen: UrSeen) -> Verdict:
+def unknown_inputs_arerefused(seen: UrTraffic) -> Verdict:
     """An input that there is not is NOT_FOUND, and the recipe 0: none."""
     return refused(seen, PacketType.INPUTS, UNKNOWN, NOT_FOUND)
 
 
 @requires(104, f"{DRIVER}: the driver reconnects, and needs its registers then")
-def what_a_client_had_is_free_when_it_goes(seen: UrSeen) -> Verdict:
+def what_a_client_had_is_free_when_it_goes(seen: UrTraffic) -> Verdict:
     """A register of a client that has gone is free 0.2 s later."""
     first, again = (
         [each for each in seen.setups(PacketType.INPUTS, phase) if SPARE_INPUT in each[1].names]
@@ -125,7 +125,7 @@ def what_a_client_had_is_free_when_it_goes(seen: UrSeen) -> Verdict:
 
 
 @requires(105, "RFC 9293: TCP keeps no borders of packets")
-def torn_requests_are_understood(seen: UrSeen) -> Verdict:
+def torn_requests_are_understood(seen: UrTraffic) -> Verdict:
     """A request that arrives in two pieces is answered as one that arrives whole."""
     found = some(seen.exchanges(PacketType.CONTROLLER_VERSION, "pieces"), "none was sent")
     reply = found[0].reply
@@ -133,7 +133,7 @@ def torn_requests_are_understood(seen: UrSeen) -> Verdict:
 
 
 @requires(106, f"{BOARD}; the driver asks CB3 what only e-Series know")
-def unknown_requests_are_answered(seen: UrSeen) -> Verdict:
+def unknown_requests_are_answered(seen: UrTraffic) -> Verdict:
     """A request that the dashboard does not know is answered, by a line that is no consent."""
     found = some(seen.said(NONSENSE), "it was not asked")
     said = found[0].said
@@ -146,12 +146,12 @@ def unknown_requests_are_answered(seen: UrSeen) -> Verdict:
 _NO_REMOTE_CONTROL = "the controller has no remote control, as CB3 have none"
 
 
-def _has_remote_control(seen: UrSeen) -> bool:
+def _has_remote_control(seen: UrTraffic) -> bool:
     return any(each.said in ("true", "false") for each in seen.said(dashboard.REMOTE_CONTROL))
 
 
 @requires(107, f"{BOARD}: is in remote control")
-def it_is_in_remote_control(seen: UrSeen) -> Findings:
+def it_is_in_remote_control(seen: UrTraffic) -> Findings:
     """An e-Series is in remote control, from the beginning to the end."""
     for each in seen.said(dashboard.REMOTE_CONTROL):
         if each.said is not None and not seen.inside(each.number, "local", "remote"):
@@ -162,7 +162,7 @@ def it_is_in_remote_control(seen: UrSeen) -> Findings:
 
 
 @requires(108, f"{BOARD}: power on, brake release")
-def power_and_brakes_obey(seen: UrSeen) -> Verdict:
+def power_and_brakes_obey(seen: UrTraffic) -> Verdict:
     """`power on` and `brake release` are granted, and the robot's mode is RUNNING 40 s later."""
     before, after = _before(seen, "power"), seen.during("power")
     some(before and after, NO_STATES)
@@ -179,7 +179,7 @@ def power_and_brakes_obey(seen: UrSeen) -> Verdict:
     return passed(f"after {took_s:.1f} s", took_s, "s")
 
 
-def _programs(seen: UrSeen, *phases: str) -> list[Upload]:
+def _programs(seen: UrTraffic, *phases: str) -> list[Upload]:
     """Those that are to be begun; in these phases, or in all but where none may be."""
     return [
         each
@@ -194,19 +194,19 @@ def first(states: Sequence[State], name: str, value: int) -> State | None:
     return next((each for each in states if each.values[name] == value), None)
 
 
-def _before(seen: UrSeen, phase: str) -> list[State]:
+def _before(seen: UrTraffic, phase: str) -> list[State]:
     """The states that came before a phase; none where the scenario did not come to it."""
     found = seen.phase(phase)
     return [] if found is None else [s for s in seen.states if s.number < found.first]
 
 
-def after(seen: UrSeen, time_s: float) -> list[State]:
+def after(seen: UrTraffic, time_s: float) -> list[State]:
     """The states since then."""
     return [each for each in seen.states if each.time_s > time_s]
 
 
 @requires(109, f"{CLIENT}: a client sends a program, and the controller runs it")
-def programs_are_begun(seen: UrSeen) -> Verdict:
+def programs_are_begun(seen: UrTraffic) -> Verdict:
     """Each program that is sent has written its first register within 1 s."""
     found = some(_programs(seen), NO_PROGRAM)
     wrong, latest_s = [], 0.0
@@ -224,7 +224,7 @@ def programs_are_begun(seen: UrSeen) -> Verdict:
 
 
 @requires(110, f"{SCRIPT}: textmsg; {CLIENT}: text message")
-def what_a_program_says_is_told(seen: UrSeen) -> Findings:
+def what_a_program_says_is_told(seen: UrTraffic) -> Findings:
     """What a program says by textmsg comes over the primary interface."""
     texts = [each.text for each in seen.messages(MessageKind.TEXT)]
     for each in _programs(seen, "say", "replaced"):
@@ -235,7 +235,7 @@ def what_a_program_says_is_told(seen: UrSeen) -> Findings:
 
 
 @requires(111, f"{GUIDE}: runtime_state")
-def runtime_state_says_what_runs(seen: UrSeen) -> Verdict:
+def runtime_state_says_what_runs(seen: UrTraffic) -> Verdict:
     """runtime_state is PLAYING while a program of 0.2 s runs, and STOPPED before it and after."""
     states, found = seen.during("say"), _begun(seen, "say")
     playing = [each for each in states if each.values[RUNTIME] == RuntimeState.PLAYING]
@@ -246,7 +246,7 @@ def runtime_state_says_what_runs(seen: UrSeen) -> Verdict:
     return met(took_s > 0.9 * SLEEP_S and last == RuntimeState.STOPPED, said, [playing[-1].number])
 
 
-def _begun(seen: UrSeen, phase: str, name: str = "") -> Upload:
+def _begun(seen: UrTraffic, phase: str, name: str = "") -> Upload:
     """The first program of a phase, of that name where one is given, which was begun."""
     found = [each for each in _programs(seen, phase) if name in ("", each.name)]
     begun = found and first(seen.during(phase), TOKEN, found[0].token)
@@ -254,7 +254,7 @@ def _begun(seen: UrSeen, phase: str, name: str = "") -> Upload:
 
 
 @requires(112, f"{CLIENT}: key message")
-def programs_are_announced(seen: UrSeen) -> Verdict:
+def programs_are_announced(seen: UrTraffic) -> Verdict:
     """Key messages tell that a program has begun, and that it has ended."""
     some(first(seen.during("say"), RUNTIME, RuntimeState.PLAYING), "no program ran")
     titles = [each.title for each in seen.messages(MessageKind.KEY, during=("say", "wrong"))]
@@ -263,7 +263,7 @@ def programs_are_announced(seen: UrSeen) -> Verdict:
 
 
 @requires(113, f"{SCRIPT}; {CLIENT}: what is wrong with a program is a message")
-def wrong_programs_are_refused_in_words(seen: UrSeen) -> Verdict:
+def wrong_programs_are_refused_in_words(seen: UrTraffic) -> Verdict:
     """A program that calls what there is not ends at once, and the primary interface says why."""
     uploads = some([each for each in seen.uploads if each.name == WRONG], NO_PROGRAM)
     kinds = MessageKind.TEXT, MessageKind.RUNTIME_EXCEPTION
@@ -279,7 +279,7 @@ def _follows(state: State) -> bool:
 
 
 @requires(114, f"{GUIDE}: robot_mode, safety_mode, runtime_state, target_speed_fraction")
-def holding_is_undisturbed(seen: UrSeen) -> Findings:
+def holding_is_undisturbed(seen: UrTraffic) -> Findings:
     """Held by the driver's program, the robot is RUNNING, safety is normal, the program plays and
     the speed slider stands at 100 %."""
     some(seen.sent_during("hold"), "it was not held")
@@ -298,7 +298,7 @@ def holding_is_undisturbed(seen: UrSeen) -> Findings:
 
 
 @requires(115, f"{GUIDE}: inputs act in the cycle after they came; {DRIVER}")
-def commands_are_obeyed(seen: UrSeen) -> Verdict:
+def commands_are_obeyed(seen: UrTraffic) -> Verdict:
     """Nine of ten commands show their effect within 10 ms and two control cycles, each within 0.3
     s."""
     phase, sent = seen.phase("hold"), seen.sent_during("hold")
@@ -332,7 +332,7 @@ def _farthest(states: Sequence[State], joints: slice = slice(None)) -> float:
 
 
 @requires(116, f"{SCRIPT}: servoj")
-def held_it_stands(seen: UrSeen) -> Verdict:
+def held_it_stands(seen: UrTraffic) -> Verdict:
     """Sent to its own target by servoj, every joint stays within 0.02 degrees."""
     found = [each for each in seen.during("hold") if _follows(each)]
     some(len(found) >= 50, "it was not held")
@@ -340,7 +340,7 @@ def held_it_stands(seen: UrSeen) -> Verdict:
     return met(far < STILL_RAD, f"{math.degrees(far):.4f} degrees at most")
 
 
-def _ended(seen: UrSeen, phase: str) -> tuple[float, State] | None:
+def _ended(seen: UrTraffic, phase: str) -> tuple[float, State] | None:
     """How long after the phase's begin the driver's program reported another than that it follows,
     and the state that says so."""
     begun, found = seen.phase(phase), seen.during(phase)
@@ -351,7 +351,7 @@ def _ended(seen: UrSeen, phase: str) -> tuple[float, State] | None:
     return (math.inf, found[-1]) if state is None else (state.time_s - begun.start_s, state)
 
 
-def _watchdog(seen: UrSeen, phase: str) -> Verdict:
+def _watchdog(seen: UrTraffic, phase: str) -> Verdict:
     """Whether the program's own watchdog ended it in time, with the arm at rest after it."""
     found = some(_ended(seen, phase), _NONE_FOLLOWED)
     took_s, state = found
@@ -367,13 +367,13 @@ def _watchdog(seen: UrSeen, phase: str) -> Verdict:
 
 
 @requires(117, f"{DRIVER}: the program's watchdog; {SCRIPT}: servoj takes its time")
-def silence_ends_the_program(seen: UrSeen) -> Verdict:
+def silence_ends_the_program(seen: UrTraffic) -> Verdict:
     """Without commands the driver's program ends after 0.1 s, or no more than 50 ms later."""
     return _watchdog(seen, "silence")
 
 
 @requires(118, f"{DRIVER}")
-def an_order_ends_the_program(seen: UrSeen) -> Verdict:
+def an_order_ends_the_program(seen: UrTraffic) -> Verdict:
     """A program that was begun again ends by order, its registers keep what it reported, and
     runtime_state is STOPPED."""
     _, state = some(_ended(seen, "order"), _NONE_FOLLOWED)
@@ -385,7 +385,7 @@ def an_order_ends_the_program(seen: UrSeen) -> Verdict:
 
 
 @requires(119, f"{CLIENT}: a program takes the place of the one that runs")
-def a_program_replaces_another(seen: UrSeen) -> Verdict:
+def a_program_replaces_another(seen: UrTraffic) -> Verdict:
     """A program that is sent while another runs takes its place."""
     begun, found = _programs(seen, "replace"), _programs(seen, "replaced")
     some(begun and found, _NONE_FOLLOWED)
@@ -405,7 +405,7 @@ def _last_joint(states: Sequence[State], name: str = "actual_q") -> list[float]:
     return [each.values[name][-1] - first for each in states]
 
 
-def _unmoved(seen: UrSeen) -> Verdict | None:
+def _unmoved(seen: UrTraffic) -> Verdict | None:
     """Why nothing can be judged of the motion there; None: it can."""
     if not seen.sent_during("out"):
         return not_seen("it was not tried")
@@ -413,7 +413,7 @@ def _unmoved(seen: UrSeen) -> Verdict | None:
 
 
 @requires(201, f"{SCRIPT}: servoj", unless=_unmoved)
-def commands_move_it(seen: UrSeen) -> Verdict:
+def commands_move_it(seen: UrTraffic) -> Verdict:
     """The last joint moves within 0.1 s of the first command that says so."""
     found, sent = seen.during("out"), seen.sent_during("out")
     begins = sent[0].values[LAST_JOINT]
@@ -427,7 +427,7 @@ def commands_move_it(seen: UrSeen) -> Verdict:
 
 
 @requires(202, f"{SCRIPT}: servoj", unless=_unmoved)
-def it_gets_there(seen: UrSeen) -> Verdict:
+def it_gets_there(seen: UrTraffic) -> Verdict:
     """Half a second after a step of 0.2 degrees the joint is there, to a tenth of it."""
     found = seen.during("out")
     far = _last_joint(found)[-1]
@@ -436,7 +436,7 @@ def it_gets_there(seen: UrSeen) -> Verdict:
 
 
 @requires(203, f"{SCRIPT}: servoj, lookahead_time and gain", unless=_unmoved)
-def it_does_not_overshoot(seen: UrSeen) -> Verdict:
+def it_does_not_overshoot(seen: UrTraffic) -> Verdict:
     """On its way it goes no more than 20 % beyond the step's end."""
     found = seen.during("out")
     beyond = max(_last_joint(found)) / STEP_RAD - 1.0
@@ -444,14 +444,14 @@ def it_does_not_overshoot(seen: UrSeen) -> Verdict:
 
 
 @requires(204, f"{SCRIPT}: servoj", unless=_unmoved)
-def the_other_joints_stand(seen: UrSeen) -> Verdict:
+def the_other_joints_stand(seen: UrTraffic) -> Verdict:
     """Meanwhile no other joint moves by more than a tenth of the step."""
     far = _farthest(seen.during("out"), slice(-1))
     return met(far < AWAY_SHARE * STEP_RAD, f"{math.degrees(far):.4f} degrees at most")
 
 
 @requires(205, f"{GUIDE}: actual_qd, target_qd", unless=_unmoved)
-def speeds_are_those_of_the_joints(seen: UrSeen) -> Findings:
+def speeds_are_those_of_the_joints(seen: UrTraffic) -> Findings:
     """The speeds that it tells add up to the way that the joint goes, to a tenth of it."""
     found = seen.during("out")
     for place, speed in (("actual_q", "actual_qd"), ("target_q", "target_qd")):
@@ -467,7 +467,7 @@ def speeds_are_those_of_the_joints(seen: UrSeen) -> Findings:
 
 
 @requires(206, f"{DRIVER}: the program's watchdog; {SCRIPT}: stopj")
-def deserted_in_motion_it_stops(seen: UrSeen) -> Verdict:
+def deserted_in_motion_it_stops(seen: UrTraffic) -> Verdict:
     """Without commands in motion the program ends by its watchdog, and the arm stands 0.1 s
     later, having gone on no farther than it had to."""
     verdict = _watchdog(seen, "deserted")
@@ -487,7 +487,7 @@ def deserted_in_motion_it_stops(seen: UrSeen) -> Verdict:
 
 
 @requires(207, f"{SCRIPT}: servoj; a program begun anew starts where the arm is", unless=_unmoved)
-def it_comes_back(seen: UrSeen) -> Verdict:
+def it_comes_back(seen: UrTraffic) -> Verdict:
     """Begun anew, the program takes the joint back to where it was, to a tenth of the step."""
     there, back = seen.during("out"), seen.during("back")
     some(seen.sent_during("back") and back, _NONE_FOLLOWED)
@@ -500,7 +500,7 @@ def it_comes_back(seen: UrSeen) -> Verdict:
 
 
 @requires(301, f"{GUIDE}: target_speed_fraction")
-def the_speed_slider_is_told(seen: UrSeen) -> Verdict:
+def the_speed_slider_is_told(seen: UrTraffic) -> Verdict:
     """target_speed_fraction follows the speed slider to the half, and back."""
     half, full = seen.during("slider-half"), seen.during("slider-full")
     some(half and full, NO_STATES)
@@ -508,7 +508,7 @@ def the_speed_slider_is_told(seen: UrSeen) -> Verdict:
     return met(0.3 < values[0] < 0.7 and values[1] > 0.95, f"{values[0]:.2f}, then {values[1]:.2f}")
 
 
-def _never_local(seen: UrSeen) -> Verdict | None:
+def _never_local(seen: UrTraffic) -> Verdict | None:
     """Why nothing can be judged of local control; None: it can."""
     if seen.phase("local") is not None:
         return None
@@ -518,7 +518,7 @@ def _never_local(seen: UrSeen) -> Verdict | None:
 
 
 @requires(302, f"{BOARD}: is in remote control", unless=_never_local)
-def local_control_is_told(seen: UrSeen) -> Verdict:
+def local_control_is_told(seen: UrTraffic) -> Verdict:
     """In local control the dashboard says so, and in remote control again."""
     asked = seen.said(dashboard.REMOTE_CONTROL)
     found = (seen.within(asked, name) for name in ("local", "remote"))
@@ -527,20 +527,20 @@ def local_control_is_told(seen: UrSeen) -> Verdict:
 
 
 @requires(303, "UR's user manual, e-Series: remote control", unless=_never_local)
-def local_control_takes_no_programs(seen: UrSeen) -> Verdict:
+def local_control_takes_no_programs(seen: UrTraffic) -> Verdict:
     """In local control a program that is sent is not begun."""
     uploads = some(_programs(seen, "local"), NO_PROGRAM)
     state = first(seen.states, TOKEN, uploads[0].token)
     return passed("it was not") if state is None else failed("it was", [state.number])
 
 
-def _emergency(seen: UrSeen) -> list[State]:
+def _emergency(seen: UrTraffic) -> list[State]:
     stops = (SafetyMode.ROBOT_EMERGENCY_STOP, SafetyMode.SYSTEM_EMERGENCY_STOP)
     return [each for each in seen.during("estop") if each.values["safety_mode"] in stops]
 
 
 @requires(304, f"{GUIDE}: safety_mode")
-def an_emergency_stop_is_told(seen: UrSeen) -> Verdict:
+def an_emergency_stop_is_told(seen: UrTraffic) -> Verdict:
     """After an emergency stop safety_mode says so, and no state says that a program plays half a
     second later."""
     found = some(_emergency(seen), "no state told of one")
@@ -550,7 +550,7 @@ def an_emergency_stop_is_told(seen: UrSeen) -> Verdict:
 
 
 @requires(305, f"{GUIDE}: robot_mode; stop category 1")
-def an_emergency_stop_takes_the_power(seen: UrSeen) -> Verdict:
+def an_emergency_stop_takes_the_power(seen: UrTraffic) -> Verdict:
     """Within a second of it the robot is no longer RUNNING."""
     found = some(_emergency(seen), "no state told of one")
     mode = found[-1].values["robot_mode"]
@@ -559,7 +559,7 @@ def an_emergency_stop_takes_the_power(seen: UrSeen) -> Verdict:
 
 
 @requires(306, f"{DRIVER}: after a stop nothing starts by itself")
-def release_starts_nothing(seen: UrSeen) -> Findings:
+def release_starts_nothing(seen: UrTraffic) -> Findings:
     """When the emergency stop is released the robot is not RUNNING by itself, and no program
     plays."""
     found = [each for each in seen.during("release") if each.values["safety_mode"] in MOVES_IN]
@@ -575,7 +575,7 @@ def release_starts_nothing(seen: UrSeen) -> Findings:
 
 
 @requires(120, f"{CLIENT}: a line that is sent alone is run")
-def a_line_is_a_program_of_its_own(seen: UrSeen) -> Verdict:
+def a_line_is_a_program_of_its_own(seen: UrTraffic) -> Verdict:
     """What is sent in one line, without `def` and `end`, is done: its text comes over the primary
     interface."""
     lines = [each for each in seen.uploads if not each.token and seen.inside(each.number, "lines")]
@@ -586,7 +586,7 @@ def a_line_is_a_program_of_its_own(seen: UrSeen) -> Verdict:
 
 
 @requires(121, f"{CLIENT}: lines and programs on one connection")
-def lines_spoil_no_program(seen: UrSeen) -> Verdict:
+def lines_spoil_no_program(seen: UrTraffic) -> Verdict:
     """After lines, comments and `stop program` the next program of the connection is begun."""
     found = some(_programs(seen, "lines"), NO_PROGRAM)
     state = first(after(seen, found[0].time_s), TOKEN, found[0].token)
@@ -594,7 +594,7 @@ def lines_spoil_no_program(seen: UrSeen) -> Verdict:
 
 
 @requires(122, f"{CLIENT}: runtime exception message")
-def runtime_exceptions_are_told(seen: UrSeen) -> Verdict:
+def runtime_exceptions_are_told(seen: UrTraffic) -> Verdict:
     """A program that fails while it runs ends, and a runtime exception on the primary interface
     says in which line."""
     found, last = _begun(seen, "raise"), seen.during("raise")[-1]
@@ -605,7 +605,7 @@ def runtime_exceptions_are_told(seen: UrSeen) -> Verdict:
 
 
 @requires(123, f"{SCRIPT}: socket_open, socket_send_line, socket_read_line")
-def programs_open_sockets(seen: UrSeen) -> Verdict:
+def programs_open_sockets(seen: UrTraffic) -> Verdict:
     """A program opens a socket to a port of ours, sends a line, and hears what is answered."""
     found = _begun(seen, "call", CALLS)
     came = any(event.kind is Kind.OPENED for _, event in seen.called)
@@ -620,7 +620,7 @@ def programs_open_sockets(seen: UrSeen) -> Verdict:
 
 
 @requires(124, f"{CLIENT}: the secondary and the real-time interface take programs, too")
-def other_interfaces_take_programs(seen: UrSeen) -> Findings:
+def other_interfaces_take_programs(seen: UrTraffic) -> Findings:
     """Programs that are sent over the secondary and over the real-time interface are begun."""
     found = _programs(seen, "elsewhere")
     for each in found:

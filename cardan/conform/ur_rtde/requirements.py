@@ -36,10 +36,10 @@ from cardan.conform.ur_rtde.decoded import (
     SECOND,
     Exchange,
     Heard,
+    OutputStream,
     State,
-    Stream,
     Told,
-    UrSeen,
+    UrTraffic,
     Values,
 )
 from cardan.protocols.ur import dashboard, rtde
@@ -65,17 +65,17 @@ STATE_PERIOD_S, STATE_PERIOD_SHARE = 0.1, 0.1
 MODE_FOLLOWS_S = 0.3
 """The interfaces tell of one moment at different times."""
 
-requires: Requirements[UrSeen] = Requirements("UR")
+requires: Requirements[UrTraffic] = Requirements("UR")
 NO_STATES = "no states came"
 _NOT_OPENED = "it was not opened"
 
 
-def cycle_s(seen: UrSeen) -> float:
+def cycle_s(seen: UrTraffic) -> float:
     """The period of its control loop, by the version that it tells."""
     return 1.0 / rtde.control_rate_hz(version_of(seen))
 
 
-def version_of(seen: UrSeen) -> rtde.ControllerVersion | None:
+def version_of(seen: UrTraffic) -> rtde.ControllerVersion | None:
     """The version of its software, where it told one."""
     found = (each.reply for each in seen.heard if isinstance(each.reply, rtde.ControllerVersion))
     return next(found, None)
@@ -87,16 +87,16 @@ def accepted(exchange: Exchange) -> bool | None:
     return reply.accepted if isinstance(reply, rtde.Accepted) else None
 
 
-def versions(seen: UrSeen, version: int) -> list[Exchange]:
+def versions(seen: UrTraffic, version: int) -> list[Exchange]:
     """Requests for a version of the protocol."""
     return [
         each
         for each in seen.exchanges(rtde.PacketType.PROTOCOL_VERSION)
-        if isinstance(each.asked, rtde.Request) and each.asked.version == version
+        if isinstance(each.asked, rtde.ControlRequest) and each.asked.version == version
     ]
 
 
-def streams(seen: UrSeen, channel: str = RTDE) -> list[Stream]:
+def streams(seen: UrTraffic, channel: str = RTDE) -> list[OutputStream]:
     """Those of a connection."""
     return [each for each in seen.streams if each.channel == channel]
 
@@ -105,7 +105,7 @@ def streams(seen: UrSeen, channel: str = RTDE) -> list[Stream]:
 
 
 @requires(1, f"{GUIDE}: protocol version 2")
-def version_2_is_spoken(seen: UrSeen) -> Verdict:
+def version_2_is_spoken(seen: UrTraffic) -> Verdict:
     """The protocol version 2 is accepted."""
     found = versions(seen, rtde.VERSION)
     wrong = [(each.number, "refused") for each in found if accepted(each) is False]
@@ -115,7 +115,7 @@ def version_2_is_spoken(seen: UrSeen) -> Verdict:
 
 
 @requires(2, f"{GUIDE}: header, and a payload for each type")
-def bytes_are_packets(seen: UrSeen) -> Verdict:
+def bytes_are_packets(seen: UrTraffic) -> Verdict:
     """All that comes is whole: packets of a known type and form, packages, and lines of text."""
     count = len(seen.heard) + len(seen.told) + len(seen.lines)
     said = f"{len(seen.heard)} packets, {len(seen.told)} packages, {len(seen.lines)} lines"
@@ -123,7 +123,7 @@ def bytes_are_packets(seen: UrSeen) -> Verdict:
 
 
 @requires(3, f"{GUIDE}: accepted or not")
-def other_versions_arerefused(seen: UrSeen) -> Verdict:
+def other_versions_arerefused(seen: UrTraffic) -> Verdict:
     """A protocol version that there is not is refused."""
     found = versions(seen, scenario.FUTURE_VERSION)
     if not found or accepted(found[0]) is None:
@@ -132,7 +132,7 @@ def other_versions_arerefused(seen: UrSeen) -> Verdict:
 
 
 @requires(4, f"{GUIDE}: URControl version")
-def it_says_its_version(seen: UrSeen) -> Verdict:
+def it_says_its_version(seen: UrTraffic) -> Verdict:
     """It tells its software's version, which is 3 or newer."""
     found = version_of(seen)
     if found is None:
@@ -142,7 +142,7 @@ def it_says_its_version(seen: UrSeen) -> Verdict:
 
 
 @requires(5, f"{GUIDE}: each request has its return")
-def every_request_is_answered(seen: UrSeen) -> Verdict:
+def every_request_is_answered(seen: UrTraffic) -> Verdict:
     """Each RTDE request is answered within 1 s by a packet of its own type."""
     took = [(e.reply.time_s - e.time_s if e.reply else math.inf, e) for e in seen.asked]
     wrong = [
@@ -156,7 +156,7 @@ def every_request_is_answered(seen: UrSeen) -> Verdict:
 
 
 @requires(6, f"{GUIDE}: field names and associated types")
-def outputs_are_as_documented(seen: UrSeen) -> Verdict:
+def outputs_are_as_documented(seen: UrTraffic) -> Verdict:
     """All states that the driver asks for are there, with the documented types."""
     found = [
         each for each in seen.setups(rtde.PacketType.OUTPUTS) if each[1].names == scenario.OUTPUTS
@@ -175,7 +175,7 @@ def outputs_are_as_documented(seen: UrSeen) -> Verdict:
     return none_wrong(wrong, len(asked.names), f"{len(asked.names)} states", "")
 
 
-def refused(seen: UrSeen, kind: rtde.PacketType, name: str, word: str, *phases: str) -> Verdict:
+def refused(seen: UrTraffic, kind: rtde.PacketType, name: str, word: str, *phases: str) -> Verdict:
     """Whether a recipe with a name was refused with `word`."""
     found = [each for each in seen.setups(kind, *phases) if name in each[1].names]
     some(found, "it was not answered")
@@ -186,13 +186,13 @@ def refused(seen: UrSeen, kind: rtde.PacketType, name: str, word: str, *phases: 
 
 
 @requires(7, f"{GUIDE}: NOT_FOUND")
-def unknown_outputs_arerefused(seen: UrSeen) -> Verdict:
+def unknown_outputs_arerefused(seen: UrTraffic) -> Verdict:
     """A name that there is not is NOT_FOUND, and the recipe 0: none."""
     return refused(seen, rtde.PacketType.OUTPUTS, scenario.UNKNOWN, rtde.NOT_FOUND)
 
 
 @requires(8, f"{GUIDE}: start and pause")
-def states_come_from_start_to_pause(seen: UrSeen) -> Verdict:
+def states_come_from_start_to_pause(seen: UrTraffic) -> Verdict:
     """Data packages come between START and PAUSE, and at no other time."""
     period_s = cycle_s(seen)
     ends = [each.end_s for each in seen.streams]
@@ -209,13 +209,13 @@ def states_come_from_start_to_pause(seen: UrSeen) -> Verdict:
     return none_wrong(wrong, count + len(wrong), f"{len(seen.streams)} streams", NO_STATES)
 
 
-def _steps(seen: UrSeen) -> list[tuple[State, State]]:
-    """Neighbours in the streams of the connection that is judged."""
+def _steps(seen: UrTraffic) -> list[tuple[State, State]]:
+    """Neighbors in the streams of the connection that is judged."""
     return [pair for each in streams(seen) for pair in pairwise(each.states)]
 
 
 @requires(9, f"{GUIDE}: 500 Hz on e-Series, 125 Hz on CB3")
-def the_period_is_the_control_loop_s(seen: UrSeen) -> Verdict:
+def the_period_is_the_control_loop_s(seen: UrTraffic) -> Verdict:
     """Asked for all, it sends a state in each control cycle: 2 ms, CB3 8 ms, to 2 % in the mean."""
     found = seen.during("listen")
     some(len(found) >= FEWEST, "too few states")
@@ -230,7 +230,7 @@ def _advance_s(pair: tuple[State, State]) -> float:
 
 
 @requires(10, f"{GUIDE}: a controller that is busy leaves packages out")
-def none_is_left_out(seen: UrSeen) -> Verdict:
+def none_is_left_out(seen: UrTraffic) -> Verdict:
     """At most 1 % of the states are left out, as their timestamps say."""
     period_s, found = cycle_s(seen), _steps(seen)
     some(len(found) >= FEWEST, "too few states")
@@ -241,7 +241,7 @@ def none_is_left_out(seen: UrSeen) -> Verdict:
 
 
 @requires(11, f"{GUIDE}: timestamp, seconds since the controller was started")
-def its_clock_goes_as_ours(seen: UrSeen) -> Verdict:
+def its_clock_goes_as_ours(seen: UrTraffic) -> Verdict:
     """timestamp never goes back, and advances as time does, to 1 % and 20 ms."""
     found = _steps(seen)
     wrong = [(b.number, "it does not advance") for a, b in found if _advance_s((a, b)) <= 0.0]
@@ -255,7 +255,7 @@ def its_clock_goes_as_ours(seen: UrSeen) -> Verdict:
 
 
 @requires(12, f"{DRIVER}: state_timeout_s")
-def it_is_never_silent(seen: UrSeen) -> Verdict:
+def it_is_never_silent(seen: UrTraffic) -> Verdict:
     """From START to PAUSE it is never 0.1 s without a state, whatever else is done."""
     gaps = []
     for each in streams(seen):
@@ -269,7 +269,7 @@ def it_is_never_silent(seen: UrSeen) -> Verdict:
 
 
 @requires(13, f"{GUIDE}: a package in each control cycle")
-def arrival_is_steady(seen: UrSeen) -> Verdict:
+def arrival_is_steady(seen: UrTraffic) -> Verdict:
     """95 % of the states arrive within 1.5 ms of their period after the one before."""
     found = some(_steps(seen), "too few states")
     some(len(found) >= FEWEST, "too few states")
@@ -280,7 +280,7 @@ def arrival_is_steady(seen: UrSeen) -> Verdict:
 
 
 @requires(14, "a controller writes a packet at once; half of one says nothing yet")
-def packets_are_not_torn(seen: UrSeen) -> Findings:
+def packets_are_not_torn(seen: UrTraffic) -> Findings:
     """Of an RTDE packet whose first bytes have come the rest is there within half a millisecond."""
     return not_torn(seen.heard, "{} packets, {} in pieces")
 
@@ -292,7 +292,7 @@ def _uneven(pairs: list[tuple[State, State]], off: Callable[[float], bool], few:
 
 
 @requires(15, f"{GUIDE}: each client has its recipes and its frequency")
-def another_client_has_its_own_rate(seen: UrSeen) -> Verdict:
+def another_client_has_its_own_rate(seen: UrTraffic) -> Verdict:
     """Another client beside it gets a tenth of the states, evenly, when it asks for a tenth."""
     found = [pair for each in streams(seen, SECOND) for pair in pairwise(each.states)]
     some(len(found) >= 3, "it got no states")
@@ -304,7 +304,7 @@ def another_client_has_its_own_rate(seen: UrSeen) -> Verdict:
 
 
 @requires(16, f"{GUIDE}: field names, units and modes")
-def states_are_plausible(seen: UrSeen) -> Findings:
+def states_are_plausible(seen: UrTraffic) -> Findings:
     """Values are finite, joints inside their ranges, modes known, and the speed slider 0 to 1."""
     for each in seen.states:
         yield each.number, _implausible(each.values)
@@ -330,7 +330,7 @@ _MODES = {"robot_mode": RobotMode, "safety_mode": SafetyMode, "runtime_state": R
 
 
 @requires(17, f"{GUIDE}: robot_status_bits, safety_status_bits")
-def bits_say_what_modes_say(seen: UrSeen) -> Verdict:
+def bits_say_what_modes_say(seen: UrTraffic) -> Verdict:
     """The bits for power, for normal mode and for a protective stop say what the modes say."""
     wrong = (each for state in seen.states for each in _contradictions(state))
     return none_wrong(wrong, len(seen.states), f"{len(seen.states)} states", NO_STATES)
@@ -354,7 +354,7 @@ def _contradictions(each: State) -> Wrongs:
 
 
 @requires(18, "a client's connection is its own to end")
-def connections_last(seen: UrSeen) -> Verdict:
+def connections_last(seen: UrTraffic) -> Verdict:
     """No connection is refused, or closed by the controller while it is used."""
     wrong = [(number, f"{event.channel} {event.kind.value}") for number, event in seen.ended]
     count = len(seen.opened) + len(wrong)
@@ -376,7 +376,7 @@ def _ten_times_a_second(times: Sequence[float]) -> Verdict:
 
 
 @requires(21, f"{CLIENT}: version message, robot state")
-def the_primary_interface_begins_with_a_version(seen: UrSeen) -> Verdict:
+def the_primary_interface_begins_with_a_version(seen: UrTraffic) -> Verdict:
     """The primary interface sends its version first, and then robot states."""
     some(seen.phase(PRIMARY), _NOT_OPENED)
     version = _version_first(seen.told)
@@ -385,14 +385,14 @@ def the_primary_interface_begins_with_a_version(seen: UrSeen) -> Verdict:
 
 
 @requires(22, f"{CLIENT}: 10 Hz")
-def robot_states_come_ten_times_a_second(seen: UrSeen) -> Verdict:
+def robot_states_come_ten_times_a_second(seen: UrTraffic) -> Verdict:
     """Robot states of the primary interface come ten times a second, to a tenth."""
     times = [each.time_s for each in seen.told if each.package.kind == ROBOT_STATE]
     some(len(times) >= 4, "too few robot states")
     return _ten_times_a_second(times)
 
 
-def near(seen: UrSeen, time_s: float) -> list[State]:
+def near(seen: UrTraffic, time_s: float) -> list[State]:
     """States of about that time."""
     time_of = attrgetter("time_s")
     first = bisect_right(seen.states, time_s - MODE_FOLLOWS_S, key=time_of)
@@ -400,7 +400,7 @@ def near(seen: UrSeen, time_s: float) -> list[State]:
 
 
 @requires(23, f"{CLIENT}: robot mode data; {GUIDE}: robot_mode")
-def both_interfaces_tell_one_mode(seen: UrSeen) -> Findings:
+def both_interfaces_tell_one_mode(seen: UrTraffic) -> Findings:
     """The robot mode of the primary interface is one that RTDE tells within 0.3 s of it."""
     for each in seen.told:
         mode = read_mode(each.package)
@@ -412,7 +412,7 @@ def both_interfaces_tell_one_mode(seen: UrSeen) -> Findings:
 
 
 @requires(24, f"{BOARD}: a line a request, a line a reply")
-def the_dashboard_greets_and_answers(seen: UrSeen) -> Verdict:
+def the_dashboard_greets_and_answers(seen: UrTraffic) -> Verdict:
     """The dashboard server greets, and answers each request by one line."""
     some(seen.phase("dashboard"), _NOT_OPENED)
     greeting = [each.said for each in seen.said("")]
@@ -435,7 +435,7 @@ _BOARD_MODES = {
 
 
 @requires(25, f"{BOARD}; {GUIDE}: robot_mode, safety_mode")
-def the_dashboard_tells_the_same_modes(seen: UrSeen) -> Findings:
+def the_dashboard_tells_the_same_modes(seen: UrTraffic) -> Findings:
     """robotmode and safetystatus of the dashboard are those that RTDE tells within 0.3 s."""
     for words, (name, begins, modes) in _BOARD_MODES.items():
         for each in seen.said(words):
@@ -449,7 +449,7 @@ def the_dashboard_tells_the_same_modes(seen: UrSeen) -> Findings:
 
 
 @requires(26, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: UrSeen) -> Verdict:
+def both_descriptions_agree(seen: UrTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same replies, recipes and values."""
     return readings_differ(seen)
 
@@ -472,7 +472,7 @@ def _documented(names: Sequence[str], found: Mapping[str, tuple[int, str]], aske
 
 
 @requires(27, f"{GUIDE}: protocol version 1")
-def version_1_is_spoken(seen: UrSeen) -> Verdict:
+def version_1_is_spoken(seen: UrTraffic) -> Verdict:
     """The protocol version 1 is accepted: outputs are asked for without a frequency, and come in
     each control cycle without a recipe's number."""
     asked = some(versions(seen, 1), "it was not asked")
@@ -493,7 +493,7 @@ def version_1_is_spoken(seen: UrSeen) -> Verdict:
 
 
 @requires(28, f"{GUIDE}: controller output, and since which version")
-def all_published_outputs_are_there(seen: UrSeen) -> Verdict:
+def all_published_outputs_are_there(seen: UrTraffic) -> Verdict:
     """Every output variable that is published for its version is there, with its type."""
     names = scenario.published(version_of(seen))
     found = {
@@ -507,7 +507,7 @@ def all_published_outputs_are_there(seen: UrSeen) -> Verdict:
 
 
 @requires(29, f"{CLIENT}: the secondary interface has no messages but that of the version")
-def the_secondary_interface_tells_states(seen: UrSeen) -> Verdict:
+def the_secondary_interface_tells_states(seen: UrTraffic) -> Verdict:
     """The secondary interface sends its version first, and then robot states ten times a second,
     and no other messages."""
     some(seen.phase(PRIMARY), _NOT_OPENED)
@@ -521,7 +521,7 @@ def the_secondary_interface_tells_states(seen: UrSeen) -> Verdict:
 
 
 @requires(30, f"{CLIENT}: sub-packages of a robot state")
-def robot_states_are_whole(seen: UrSeen) -> Verdict:
+def robot_states_are_whole(seen: UrTraffic) -> Verdict:
     """Robot states of the primary and the secondary interface have all documented sub-packages,
     none shorter than documented, and nothing between them."""
     version = version_of(seen)
@@ -544,7 +544,7 @@ def robot_states_are_whole(seen: UrSeen) -> Verdict:
 
 
 @requires(31, f"{REALTIME}: 500 Hz on e-Series, 125 Hz on CB3; the length of each version")
-def the_real_time_interface_keeps_time(seen: UrSeen) -> Verdict:
+def the_real_time_interface_keeps_time(seen: UrTraffic) -> Verdict:
     """The real-time interface sends a packet in each control cycle, to 2 % in the mean, all of one
     length, which is no less than what is documented for the version."""
     version = some(seen.phase(PRIMARY) and version_of(seen), _NOT_OPENED)
@@ -561,7 +561,7 @@ def the_real_time_interface_keeps_time(seen: UrSeen) -> Verdict:
 
 
 @requires(32, f"{REALTIME}: actual joint positions; {GUIDE}: actual_q")
-def the_real_time_interface_tells_the_same_joints(seen: UrSeen) -> Findings:
+def the_real_time_interface_tells_the_same_joints(seen: UrTraffic) -> Findings:
     """Joints of the real-time interface are those that RTDE tells within 0.3 s, to 0.01 rad."""
     version = some(version_of(seen) if seen.samples else None, "no packet came")
     form = RealtimeForm(version[:2])
@@ -586,7 +586,7 @@ _WORDS = {
 
 
 @requires(33, f"{BOARD}: safetymode, running, programState, get loaded program, ...")
-def the_dashboard_answers_in_its_words(seen: UrSeen) -> Findings:
+def the_dashboard_answers_in_its_words(seen: UrTraffic) -> Findings:
     """What the dashboard says of safety, program and version begins with the documented words."""
     for each in (line for words in scenario.WORDED for line in seen.said(words)):
         known = each.said and re.fullmatch(_WORDS[each.asked], each.said, re.IGNORECASE)
@@ -594,7 +594,7 @@ def the_dashboard_answers_in_its_words(seen: UrSeen) -> Findings:
     return Words("{} answers", "nothing was asked")
 
 
-def readings_differ(seen: UrSeen) -> Verdict:
+def readings_differ(seen: UrTraffic) -> Verdict:
     """Whether the layers and the codec read the controller's packets alike."""
 
     def differs(each: Heard) -> str:
@@ -610,7 +610,7 @@ def readings_differ(seen: UrSeen) -> Verdict:
     return read_twice(chosen, differs, "packets", compared=max(1, len(chosen)))
 
 
-def _difference(seen: UrSeen, heard: Heard, layer: object, layers: Any) -> str:
+def _difference(seen: UrTraffic, heard: Heard, layer: object, layers: Any) -> str:
     """What a layer says otherwise; empty: nothing."""
     reply = heard.reply
     if isinstance(reply, SetupReply):

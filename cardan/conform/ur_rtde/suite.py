@@ -68,7 +68,7 @@ def _home(host: str, port: int) -> str:
         return LOOPBACK  # The first wire says what is wrong.
 
 
-class UrRtde(Suite[decoded.UrSeen]):
+class UrRtde(Suite[decoded.UrTraffic]):
     """An e-Series or CB3 of Universal Robots."""
 
     name = "ur-rtde"
@@ -88,11 +88,11 @@ class UrRtde(Suite[decoded.UrSeen]):
         frozenset((decoded.REVERSE,)),
         frozenset((decoded.SECOND, decoded.OLD)),
     )
-    sees = decoded.UrSeen
+    decoder = decoded.UrTraffic
     rig = "cardan.conform.ur_rtde.simulated:UrRig"
     seconds = 3.0
     # While it is held; before that most would only keep the program from being begun.
-    tried_with: ClassVar[Mapping[str, float]] = dict.fromkeys(
+    fault_test_values: ClassVar[Mapping[str, float]] = dict.fromkeys(
         (
             "protective-stop",
             "estop",

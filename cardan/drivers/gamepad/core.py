@@ -37,10 +37,10 @@ from cardan.protocols.evdev import (
 from cardan.types import Axes, DeviceLink
 
 LEAST_REST = 0.02
-"""Deflection that counts as rest whatever the dead zone: 0..255 has no value at its centre."""
+"""Deflection that counts as rest whatever the dead zone: 0..255 has no value at its center."""
 
 TRIGGER_DOWN, TRIGGER_UP = 0.5, 0.3
-"""An analogue trigger as a button goes down above the first and up below the second."""
+"""An analog trigger as a button goes down above the first and up below the second."""
 
 RESTS_WITHIN = 0.25
 """Share of an axis's range from its middle, or its lower end, that is there."""
@@ -64,19 +64,19 @@ _NAMES = {
 class _Stick:
     """One axis of a stick: -1 to 1 by the range that it declares."""
 
-    __slots__ = ("centre", "code", "flat", "negative", "positive", "sign")
+    __slots__ = ("center", "code", "flat", "negative", "positive", "sign")
 
     def __init__(self, code: int, info: AbsInfo, sign: float) -> None:
         low, high = info.minimum, info.maximum
         self.code = code
         self.sign = sign
-        self.centre = 0.0 if low < 0 < high else 0.5 * (low + high)
-        self.positive = max(high - self.centre, 1.0)
-        self.negative = max(self.centre - low, 1.0)
+        self.center = 0.0 if low < 0 < high else 0.5 * (low + high)
+        self.positive = max(high - self.center, 1.0)
+        self.negative = max(self.center - low, 1.0)
         self.flat = info.flat / self.positive
 
     def of(self, values: dict[int, int]) -> float:
-        away = values[self.code] - self.centre
+        away = values[self.code] - self.center
         share = away / (self.positive if away > 0.0 else self.negative)
         return self.sign * min(1.0, max(-1.0, share))
 
@@ -230,7 +230,7 @@ class GamepadCore(EvdevCore):
 
     @property
     def _trigger_buttons(self) -> list[_Trigger]:
-        """Analogue triggers that are buttons, too: those that no axis is on."""
+        """Analog triggers that are buttons, too: those that no axis is on."""
         if self._on_triggers:
             return []
         return [trigger for trigger in self._triggers if trigger.code is not None]

@@ -42,7 +42,7 @@ class StateFeed:
     def __init__(self, options: MotorosOptions) -> None:
         self.joints = options.joints
         self.byte_order: ByteOrder | None = options.known_byte_order
-        """The controller's byte order; None until it was learnt."""
+        """The controller's byte order; None until it was learned."""
         self.status: RobotStatus | None = None
         self.status_s = NEVER_S
         self.statuses = 0

@@ -48,7 +48,7 @@ STOP_RETRY_S = 0.05
 """A controller refuses to leave trajectory mode while its queue is not empty."""
 
 
-class Phase(enum.Enum):
+class MotionPhase(enum.Enum):
     """What the motion connection is doing."""
 
     DOWN = "not connected"
@@ -83,7 +83,7 @@ class MotionControl:
         self.feed = feed
         self.counters = MotionCounters()
         self.record = MotionRecord(options.record, options.joints)
-        self.phase = Phase.DOWN
+        self.phase = MotionPhase.DOWN
         self.motion: Motion | None = None
         """From START_*_MODE's reply to the end of motion."""
         self.sessions = 0
@@ -129,7 +129,7 @@ class MotionControl:
     @property
     def enabled(self) -> bool:
         """True while commands move the robot, or would if they came."""
-        return self.phase is Phase.MOVING
+        return self.phase is MotionPhase.MOVING
 
     @property
     def next_s(self) -> float:
@@ -138,9 +138,9 @@ class MotionControl:
         motion = self.motion
         if motion is not None:
             found = min(found, motion.next_s)
-            if self.phase is Phase.BRAKING:
+            if self.phase is MotionPhase.BRAKING:
                 found = min(found, self._advanced_s + BRAKE_CHECK_S)
-        elif self.phase is Phase.IDLE:
+        elif self.phase is MotionPhase.IDLE:
             found = min(found, self._check_s)
         return found
 
@@ -159,7 +159,7 @@ class MotionControl:
         self.requests.reset()
         self.failure = ""
         self.sessions += 1
-        self.phase = Phase.GREETING
+        self.phase = MotionPhase.GREETING
         # What a connection before this one left in the queue must not be played.
         self.requests.control(MotionCommand.STOP_MOTION, self._stopped)
 
@@ -168,9 +168,14 @@ class MotionControl:
         self.requests.reset()
         self._topics.clear()
         self._asked_early = False
-        if self.phase in (Phase.STARTING, Phase.MOVING, Phase.BRAKING, Phase.LEAVING):
+        if self.phase in (
+            MotionPhase.STARTING,
+            MotionPhase.MOVING,
+            MotionPhase.BRAKING,
+            MotionPhase.LEAVING,
+        ):
             self._finish(f"the motion connection was lost: {reason}", now_s)
-        self.phase = Phase.DOWN
+        self.phase = MotionPhase.DOWN
 
     def _stopped(self, answer: Answer, now_s: float) -> None:
         failed = self._failure(answer)
@@ -191,8 +196,8 @@ class MotionControl:
     def _checked(self, answer: Answer, now_s: float) -> None:
         """The connection works; every status says whether motion is ready."""
         self._check_s = now_s + IDLE_CHECK_S
-        if self.phase is Phase.GREETING:
-            self.phase = Phase.IDLE
+        if self.phase is MotionPhase.GREETING:
+            self.phase = MotionPhase.IDLE
             if self._start_once or self._asked_early:
                 self._start_once = self._asked_early = False
                 self.enable(now_s)
@@ -217,20 +222,20 @@ class MotionControl:
         if paused_s > STATE_PERIOD_S and self.feed.live(self._advanced_s):
             self._reading_until_s = now_s + READING_S
         self._advanced_s = now_s
-        if self.phase is Phase.MOVING and paused_s > STALL_S:
+        if self.phase is MotionPhase.MOVING and paused_s > STALL_S:
             self.over(f"this computer stood still for {paused_s:.2f} s", now_s)
         self.failure = self.requests.overdue(now_s)
         if self.failure:
             return
         motion = self.motion
         if motion is not None:
-            if self.phase is Phase.MOVING and not self.live(now_s):
+            if self.phase is MotionPhase.MOVING and not self.live(now_s):
                 self.brake("no state was heard of the controller", now_s)
             motion.advance(now_s)
-            if self.phase is Phase.BRAKING or motion.waiting:
+            if self.phase is MotionPhase.BRAKING or motion.waiting:
                 self._hold(motion, now_s)
             self.proceed(now_s)
-        if self.phase is Phase.IDLE and now_s >= self._check_s:
+        if self.phase is MotionPhase.IDLE and now_s >= self._check_s:
             self._check_s = math.inf
             self.requests.control(MotionCommand.CHECK_MOTION_READY, self._checked)
         if now_s >= self._stop_s:
@@ -247,7 +252,7 @@ class MotionControl:
             self.over(words or "the controller does not allow motion any more", now_s)
             if status is None or not status_in_words(status._replace(motion_possible=1)):
                 # The status alone does not tell HOLD from a stopped job or a collaborative stop.
-                self.requests.control(MotionCommand.CHECK_MOTION_READY, self._learnt)
+                self.requests.control(MotionCommand.CHECK_MOTION_READY, self._learned)
             return
         motion.advance(now_s)
         self.proceed(now_s)
@@ -256,7 +261,7 @@ class MotionControl:
         """Command zero speed at a control instant for which the application is not asked."""
         period_s = motion.due(now_s)
         # A stream that rests is left to run out.
-        over = self.phase is Phase.BRAKING and motion.at_rest and not motion.feeds_at_rest
+        over = self.phase is MotionPhase.BRAKING and motion.at_rest and not motion.feeds_at_rest
         if period_s and not over:
             motion.command(HoldCommand(), period_s, now_s)
 
@@ -268,8 +273,8 @@ class MotionControl:
         if motion.ended:
             self.over(motion.ended, now_s)
             if motion.unexplained:
-                self.requests.control(MotionCommand.CHECK_MOTION_READY, self._learnt)
-        elif self.phase is Phase.BRAKING and (
+                self.requests.control(MotionCommand.CHECK_MOTION_READY, self._learned)
+        elif self.phase is MotionPhase.BRAKING and (
             motion.settled(now_s) or now_s >= self._brake_until_s
         ):
             # The last command, of zero speed, goes before what leaves the mode.
@@ -277,7 +282,7 @@ class MotionControl:
             self.motion = None
             self.reply_pending = False
             self.requests.drop()
-            self.phase = Phase.LEAVING
+            self.phase = MotionPhase.LEAVING
             self._stop_tries = 0
             self._leave(now_s)
 
@@ -293,14 +298,14 @@ class MotionControl:
             self.stop(now_s)
         else:
             command = _CONTROLS[task]
-            if self.phase is Phase.IDLE:
+            if self.phase is MotionPhase.IDLE:
                 self._control(command, now_s)
-            elif self.phase in (Phase.DOWN, Phase.GREETING):
+            elif self.phase in (MotionPhase.DOWN, MotionPhase.GREETING):
                 self.answer = f"{task}: {self.phase.value}"
             elif command is MotionCommand.STOP_SERVOS:
-                if self.phase is Phase.STARTING:
+                if self.phase is MotionPhase.STARTING:
                     self.disable(now_s)
-                if self.phase is Phase.LEAVING:
+                if self.phase is MotionPhase.LEAVING:
                     self._after.append(command)
                 else:
                     self.brake("the servos were switched off", now_s, (command,))
@@ -309,15 +314,15 @@ class MotionControl:
     def enable(self, now_s: float) -> None:
         """Start motion. A controller that is not connected is not asked later instead."""
         phase = self.phase
-        if phase is Phase.GREETING:
+        if phase is MotionPhase.GREETING:
             self._asked_early = True
-        elif phase is Phase.DOWN:
+        elif phase is MotionPhase.DOWN:
             self.end_reason = "motion could not be enabled while there was no connection"
-        elif phase is Phase.IDLE:
+        elif phase is MotionPhase.IDLE:
             if self._lacking():
                 return
             self.end_reason = self.answer = ""
-            self.phase = Phase.STARTING
+            self.phase = MotionPhase.STARTING
             self._check_s = math.inf
             if self.uses_velocity:
                 data = joints10((float(self.options.watchdog_ms), 1.0))
@@ -344,17 +349,17 @@ class MotionControl:
 
     def _started(self, answer: Answer, now_s: float) -> None:
         failed = self._failure(answer)
-        if self.phase is not Phase.STARTING:
+        if self.phase is not MotionPhase.STARTING:
             return
         if not failed and not self.feed.live(now_s):
             failed = "no state was heard of the controller"
-        self.phase = Phase.IDLE
+        self.phase = MotionPhase.IDLE
         self._check_s = now_s + IDLE_CHECK_S
         if failed:
             self.end_reason = failed
             return
         self.sessions += 1
-        self.phase = Phase.MOVING
+        self.phase = MotionPhase.MOVING
         self._check_s = math.inf
         limits = self._limits()
         guide = JointTrajectoryLimiter(
@@ -376,8 +381,8 @@ class MotionControl:
     def disable(self, now_s: float) -> None:
         """Brake along a ramp, then leave the controller's mode."""
         self._start_once = self._asked_early = False
-        if self.phase is Phase.STARTING:
-            self.phase = Phase.LEAVING
+        if self.phase is MotionPhase.STARTING:
+            self.phase = MotionPhase.LEAVING
             self._stop_tries = 0
             self._after = list(self._stop_commands)
             self.requests.drop()
@@ -389,20 +394,22 @@ class MotionControl:
         """STOP_MOTION at once: a trajectory's command stops dead, velocity mode ramps down at the
         controller's own acceleration. A reply that is awaited comes first."""
         self._start_once = self._asked_early = False
-        if self.phase in (Phase.DOWN, Phase.GREETING):
+        if self.phase in (MotionPhase.DOWN, MotionPhase.GREETING):
             return
         self.over("motion was stopped", now_s, stop=True)
 
     def leave(self, now_s: float) -> None:
         """Brake and leave the controller's mode, because the application ends its loop."""
-        if self.phase in (Phase.GREETING, Phase.STARTING, Phase.MOVING):
+        if self.phase in (MotionPhase.GREETING, MotionPhase.STARTING, MotionPhase.MOVING):
             self.disable(now_s)
 
     @property
     def left(self) -> bool:
         """True when nothing is left to be sent to the controller."""
         phase = self.phase
-        return phase in (Phase.DOWN, Phase.GREETING) or (phase is Phase.IDLE and self.requests.idle)
+        return phase in (MotionPhase.DOWN, MotionPhase.GREETING) or (
+            phase is MotionPhase.IDLE and self.requests.idle
+        )
 
     @property
     def _stop_commands(self) -> tuple[MotionCommand, ...]:
@@ -425,9 +432,9 @@ class MotionControl:
         motion = self.motion
         if motion is None:
             return
-        if self.phase is Phase.MOVING:
+        if self.phase is MotionPhase.MOVING:
             self._note_end(reason)
-            self.phase = Phase.BRAKING
+            self.phase = MotionPhase.BRAKING
             self._brake_until_s = now_s + motion.braking_s
             self.reply_pending = False
             motion.wind_down()
@@ -449,19 +456,19 @@ class MotionControl:
             self.requests.control(MotionCommand.STOP_MOTION, _ignore)
 
     def _finish(self, reason: str, now_s: float) -> None:
-        if self.phase is Phase.MOVING or not self.end_reason:
+        if self.phase is MotionPhase.MOVING or not self.end_reason:
             self._note_end(reason)
         self.motion = None
         self.reply_pending = False
         self._after = []
         self._stop_s = math.inf
         self.requests.drop()
-        self.phase = Phase.IDLE
+        self.phase = MotionPhase.IDLE
         self._check_s = now_s + IDLE_CHECK_S
 
-    def _learnt(self, answer: Answer, now_s: float) -> None:
+    def _learned(self, answer: Answer, now_s: float) -> None:
         """Replace the reason for the end of motion by the controller's own."""
-        if self.phase is not Phase.IDLE or not isinstance(answer, MotionReply):
+        if self.phase is not MotionPhase.IDLE or not isinstance(answer, MotionReply):
             return
         # Old firmware gives no reason, and says 0.
         if answer.result != MotionResult.SUCCESS and answer.subcode:
@@ -476,13 +483,13 @@ class MotionControl:
         """Ask for what is to be done after the braking, one after the other."""
         self._stop_s = math.inf
         if not self._after:
-            self.phase = Phase.IDLE
+            self.phase = MotionPhase.IDLE
             self._check_s = now_s + IDLE_CHECK_S
             return
         self.requests.control(self._after[0], self._left)
 
     def _left(self, answer: Answer, now_s: float) -> None:
-        if self.phase is not Phase.LEAVING or not self._after:
+        if self.phase is not MotionPhase.LEAVING or not self._after:
             return
         failed = self._failure(answer)
         if failed and self._stop_tries < STOP_TRIES:
@@ -499,16 +506,16 @@ class MotionControl:
         """Why commands would not act now; empty when they do."""
         phase = self.phase
         motion = self.motion
-        if phase is Phase.MOVING and motion is not None:
+        if phase is MotionPhase.MOVING and motion is not None:
             return motion.waiting
-        if phase is Phase.IDLE:
+        if phase is MotionPhase.IDLE:
             lacking = self._lacking()
             if lacking:
                 return lacking
             # A reply may have ended motion first; what the status says by now is more exact.
             found = self._stopped_by() or self.end_reason
             return f"{found} (enable motion again)" if found else "motion is not enabled"
-        if phase in (Phase.BRAKING, Phase.LEAVING):
+        if phase in (MotionPhase.BRAKING, MotionPhase.LEAVING):
             return self.end_reason or str(phase.value)
         return str(phase.value)
 

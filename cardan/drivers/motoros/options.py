@@ -149,5 +149,5 @@ class MotorosOptions(Options):
 
     @property
     def known_byte_order(self) -> ByteOrder | None:
-        """None: to be learnt from the state port."""
+        """None: to be learned from the state port."""
         return {"little": ByteOrder.LITTLE, "big": ByteOrder.BIG}.get(self.byte_order)

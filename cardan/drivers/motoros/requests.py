@@ -27,7 +27,7 @@ from cardan.protocols.simple_message import (
     request,
 )
 
-Request = MotionCtrl | JointTrajPtFull | JointVelocity | VelocityInfoRequest
+MotorosRequest = MotionCtrl | JointTrajPtFull | JointVelocity | VelocityInfoRequest
 Answer = MotionReply | VelocityInfo
 Then = Callable[[Answer, float], None]
 """Gets the reply and the time of its reception."""
@@ -47,7 +47,7 @@ SLOW = frozenset(
 
 
 class _Asked(NamedTuple):
-    body: Request
+    body: MotorosRequest
     command: int
     """What a reply must name: a MotionCommand or the type of the message."""
     sequence: int

@@ -13,7 +13,7 @@ from cardan.common.histogram import LatencyHistogram
 from cardan.drivers.motoros.connections import CHANNELS, Channel
 from cardan.drivers.motoros.feedback import StateFeed
 from cardan.drivers.motoros.motion import MotionCounters
-from cardan.drivers.motoros.motion_control import MotionControl, Phase, Task
+from cardan.drivers.motoros.motion_control import MotionControl, MotionPhase, Task
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.requests import MotionRequests
 from cardan.drivers.motoros.status_text import findings, no_motion_connection, silence
@@ -95,7 +95,7 @@ class MotorosSession(TcpSession[Channel, Task]):
         return self.control.braking_s
 
     @property
-    def phase(self) -> Phase:
+    def phase(self) -> MotionPhase:
         """What the motion connection is doing."""
         return self.control.phase
 
@@ -266,7 +266,7 @@ class MotorosSession(TcpSession[Channel, Task]):
                 now_s, link, 0.0, silence(self.options, feed, self._links["state"], now_s)
             )
         motion = self.control.motion
-        if motion is not None and self.phase is Phase.MOVING and not motion.waiting:
+        if motion is not None and self.phase is MotionPhase.MOVING and not motion.waiting:
             period_s = motion.due(now_s)
             if period_s:
                 self._period_s = period_s
@@ -330,7 +330,7 @@ class MotorosSession(TcpSession[Channel, Task]):
     def hold_reason(self) -> str:
         """Why commands would not act now; empty when they do."""
         control = self.control
-        if control.phase is Phase.DOWN:
+        if control.phase is MotionPhase.DOWN:
             return no_motion_connection(self.options, self._links["motion"], control.end_reason)
         return control.hold_reason
 

@@ -29,7 +29,7 @@ from cardan.drivers.remote.shared import (
     FORCE_PERIOD_S,
     STATE_TYPE,
     Claim,
-    Felt,
+    HapticFeedback,
     Order,
     Shared,
     UnusableError,
@@ -108,7 +108,7 @@ class RemoteCore(BusCore):
         self._shared: DeviceState | None = None
         self._playout.clear()
         self._playout.forget()
-        self.felt: Felt | None = None
+        self.haptic_feedback: HapticFeedback | None = None
         """What the hand felt at the newest state; None: not known, or the device gives no force."""
         self._sequences: deque[int] = deque(maxlen=SEQUENCES_KEPT)
         """Those of the newest states."""
@@ -237,7 +237,7 @@ class RemoteCore(BusCore):
         self._heard = True
         self._last_s = self._newest_s
         self._take_edges(shared, now_s)
-        self._shared, self.felt = state, shared.felt
+        self._shared, self.haptic_feedback = state, shared.haptic_feedback
         self._battery = state.battery
         stamp_s = self._clock.here_s(state.stamp_s)
         stamp_s = now_s if stamp_s is None else min(stamp_s, now_s)
@@ -310,7 +310,7 @@ class RemoteCore(BusCore):
         self._fall_silent(f"no state is younger than max_age_s, {longest_s:g} s{trip}", now_s)
 
     def _drop_input(self, now_s: float) -> None:
-        self._shared = self.felt = None
+        self._shared = self.haptic_feedback = None
         self._playout.clear()
 
     def _axes(self, now_s: float) -> Axes:

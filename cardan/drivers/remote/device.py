@@ -171,12 +171,12 @@ class RemoteForce(Remote, HapticDevice):
         """What the hand felt at the newest state. Without one, or while its age does not count,
         there is no force."""
         with self._lock:
-            now_s, felt = time.monotonic(), self._core.felt
+            now_s, haptic_feedback = time.monotonic(), self._core.haptic_feedback
             told = self._core.state(now_s)
-        if felt is None or told.link not in (DeviceLink.LIVE, DeviceLink.NEEDS_NEUTRAL):
+        if haptic_feedback is None or told.link not in (DeviceLink.LIVE, DeviceLink.NEEDS_NEUTRAL):
             reason = told.reason or f"{self.options.device} gives no force"
             return self._last._replace(stamp_s=now_s, rendering=False, reason=reason)
-        self._last = felt.state._replace(stamp_s=now_s)
+        self._last = haptic_feedback.state._replace(stamp_s=now_s)
         if not self._enabled:
             self._last = self._last._replace(state=OperatingState.DISABLED, rendering=False)
         return self._last
@@ -209,5 +209,5 @@ class RemoteForce(Remote, HapticDevice):
     def feedback_limits(self) -> FeedbackLimits:
         """The largest force that the device lets out; 0 while it is not known."""
         with self._lock:
-            felt = self._core.felt
-        return FeedbackLimits(0.0 if felt is None else felt.largest_n)
+            haptic_feedback = self._core.haptic_feedback
+        return FeedbackLimits(0.0 if haptic_feedback is None else haptic_feedback.largest_n)

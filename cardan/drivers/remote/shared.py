@@ -87,7 +87,7 @@ class Order(NamedTuple):
     """Stamp of the device's state that it was made from, by the clock there."""
 
 
-class Felt(NamedTuple):
+class HapticFeedback(NamedTuple):
     """What the hand feels."""
 
     state: HapticState
@@ -123,7 +123,7 @@ class Shared(NamedTuple):
     driver: str = ""
     capabilities: DeviceCapabilities | None = None
     """In answers to claims."""
-    felt: Felt | None = None
+    haptic_feedback: HapticFeedback | None = None
     """None: the device gives no force."""
 
 
@@ -186,7 +186,9 @@ def shared_message(shared: Shared) -> Message:
                 "feedback": sorted(able.feedback & FEEDBACK),
             }
         ],
-        "felt": [] if shared.felt is None else [_felt_message(shared.felt)],
+        "haptic_feedback": []
+        if shared.haptic_feedback is None
+        else [_haptic_message(shared.haptic_feedback)],
     }
 
 
@@ -226,7 +228,7 @@ def read_shared(message: Message) -> Shared:
         _edges(message["edges"], sent_s),
         "" if able is None else able["driver"][:MOST_TEXT],
         None if able is None else _capabilities(able),
-        _felt(_at_most_one(message["felt"], "forces")),
+        _haptic_feedback(_at_most_one(message["haptic_feedback"], "forces")),
     )
 
 
@@ -339,8 +341,8 @@ def _fixture(value: Message) -> Fixture:
     return fixture
 
 
-def _felt_message(felt: Felt) -> Message:
-    state = felt.state
+def _haptic_message(haptic_feedback: HapticFeedback) -> Message:
+    state = haptic_feedback.state
     return {
         "number": state.command_sequence,
         "state": state.state.value,
@@ -348,7 +350,7 @@ def _felt_message(felt: Felt) -> Message:
         "rendering": state.rendering,
         "commanded": state.force_commanded.to_ros(),
         "force": state.force.to_ros(),
-        "largest": felt.largest_n,
+        "largest": haptic_feedback.largest_n,
         "peak": state.peak_n,
         "energy": state.energy_j,
         "delivered": state.delivered_j,
@@ -360,7 +362,7 @@ def _felt_message(felt: Felt) -> Message:
     }
 
 
-def _felt(value: Message | None) -> Felt | None:
+def _haptic_feedback(value: Message | None) -> HapticFeedback | None:
     if value is None:
         return None
     try:
@@ -384,7 +386,7 @@ def _felt(value: Message | None) -> Felt | None:
         command_sequence=value["number"],
         faults=value["faults"],
     )
-    return Felt(state, _number(value["largest"], "a force"))
+    return HapticFeedback(state, _number(value["largest"], "a force"))
 
 
 def _matrix(values: Sequence[float]) -> Matrix3:

@@ -23,7 +23,7 @@ from cardan.types import JointLimits, Vector3
 SILENT_PERIODS = 3
 """Missed states after which the link is LOST; fewer are a hiccup."""
 
-_Metre = Annotated[float, bounds.COORDINATE_M]
+_Meter = Annotated[float, bounds.COORDINATE_M]
 _Radius = Annotated[float, bounds.LENGTH_M]
 _Component = Annotated[float, bounds.DIRECTION]
 
@@ -49,10 +49,10 @@ class SimArmOptions(Options):
     """ideal: the joints are exactly where they are commanded to be."""
     gravity_feedforward: bool = False
     """The servo knows gravity: hardly any sag."""
-    planes: tuple[tuple[_Metre, _Metre, _Metre, _Component, _Component, _Component], ...] = ()
+    planes: tuple[tuple[_Meter, _Meter, _Meter, _Component, _Component, _Component], ...] = ()
     """Solid half spaces: x y z of a point in m and the outward normal, base frame."""
-    spheres: tuple[tuple[_Metre, _Metre, _Metre, _Radius], ...] = ()
-    """Solid spheres: centre x y z and radius, m, base frame."""
+    spheres: tuple[tuple[_Meter, _Meter, _Meter, _Radius], ...] = ()
+    """Solid spheres: center x y z and radius, m, base frame."""
     payload_kg: Annotated[float, bounds.PAYLOAD_KG] = 0.0
     """A point mass at the TCP."""
     start: tuple[Annotated[float, bounds.JOINT_POSITION], ...] = ()

@@ -48,7 +48,7 @@ from cardan.types import (
 Channel = Literal["rtde", "dashboard", "primary"]
 CHANNELS: tuple[Channel, ...] = ("rtde", "dashboard", "primary")
 Task = Literal["enable", "disable", "unlock"]
-Phase = Literal["down", "idle", "starting", "moving", "braking"]
+SessionPhase = Literal["down", "idle", "starting", "moving", "braking"]
 """What the driver does at the controller: no states come; nothing; motion is started; the program
 runs, and commands act; a ramp, and then the program's end."""
 
@@ -94,7 +94,7 @@ class UrSession(TcpSession[Channel, Task]):
         self.options = options
         self.limits = options.limits
         self.feed = RtdeFeed(options)
-        self.phase: Phase = "down"
+        self.phase: SessionPhase = "down"
         self.sessions = 0
         """Starts of motion and connections; earlier targets are void when it changes."""
         self.end_reason = ""

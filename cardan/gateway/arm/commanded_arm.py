@@ -123,15 +123,15 @@ class CommandedArm(ABC):
 
     @abstractmethod
     def obstacle(self, state: RobotState, new: bool) -> str:
-        """Why the robot cannot be commanded by this body; empty when it can.
+        """Why the robot cannot be commanded so; empty when it can.
 
         `new`: the robot was not commanded before, so tool and model are compared as well.
         """
 
-    def place_neighbour(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
-        """Keep away from the neighbour of this number where it is at `joints` (rad or m), though
-        each of its bodies may go as far as `ways_m` says. Only an arm's model has neighbours."""
-        raise IndexError(f"there is no neighbour {index}")
+    def place_neighbor(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
+        """Keep away from the neighbor of this number where it is at `joints` (rad or m), though
+        each of its bodies may go as far as `ways_m` says. Only an arm's model has neighbors."""
+        raise IndexError(f"there is no neighbor {index}")
 
     @abstractmethod
     def measured(self, state: RobotState) -> Pose:
@@ -205,7 +205,7 @@ class CommandedArm(ABC):
         return None
 
     def held_by(self) -> str:
-        """What keeps the body from going on; empty when nothing is known."""
+        """What keeps the arm from going on; empty when nothing is known."""
         return ""
 
 

@@ -96,7 +96,7 @@ class ArmController:
 
     def __init__(
         self,
-        body: CommandedArm,
+        commanded: CommandedArm,
         limits: ReferenceLimits,
         watchdogs: Watchdogs | None = None,
         hand: OperatorInput | None = None,
@@ -106,7 +106,7 @@ class ArmController:
         gate: OutputLimits | None = None,
     ) -> None:
         """`limits` are those of the operator's motion; `period_s` is the robot's; 0: unknown."""
-        self.body = body
+        self.commanded = commanded
         self.hand = hand
         self.authority = authority or Authority()
         self.supervision = Supervision(watchdogs or Watchdogs())
@@ -141,8 +141,8 @@ class ArmController:
         self._trips = 0
         self._tripped_in_tick = False
         """Whether the present tick ended a motion of some source, or placed the arm."""
-        self._apart_reason = ""
-        """Why the command and its robot are APART, where they are."""
+        self._separation_reason = ""
+        """Why the command and its robot stay apart until re-armed, where they do."""
         self._recovered_way = NO_WAY
         """Length of recoveries since the last deliberate act."""
         self._inhibits: Mapping[Inhibit, str] = {}
@@ -159,7 +159,7 @@ class ArmController:
         with self.lock:
             return phase_of(
                 self.state,
-                self.body.moving,
+                self.commanded.moving,
                 self._request.asks,
                 self._activity is not None and self._activity.recovers,
             )
@@ -192,9 +192,9 @@ class ArmController:
         return self.state.arming.armed
 
     @property
-    def apart(self) -> bool:
+    def waits_for_rearming(self) -> bool:
         """True while command and robot stay apart until a deliberate act."""
-        return self.state.separation.apart
+        return self.state.separation.until_rearmed
 
     @property
     def rejects(self) -> bool:
@@ -240,13 +240,13 @@ class ArmController:
         activity = self._activity
         if activity is not None and activity.yields:
             return False
-        return not self.body.moving and not self.reference.moving
+        return not self.commanded.moving and not self.reference.moving
 
     @property
     def idle(self) -> bool:
         """True when nothing is commanded to move and nothing is about to be."""
         activity = self._activity
-        return not self.body.moving if activity is None else activity.idle
+        return not self.commanded.moving if activity is None else activity.idle
 
     @property
     def following(self) -> bool:
@@ -266,9 +266,9 @@ class ArmController:
     def status(self) -> ArmStatus:
         """A snapshot for views and recorders."""
         with self.lock:
-            body, hand = self.body, self.hand
-            placed = body.placed and self.engaged
-            arm = body.status() if placed else None
+            commanded, hand = self.commanded, self.hand
+            placed = commanded.placed and self.engaged
+            arm = commanded.status() if placed else None
             by_hand = self._activity is None or self._activity.follows_hand
             if arm is not None and not self._request.asks and by_hand:
                 arm = arm._replace(path_speed=1.0)  # Nothing is asked, so nothing is slowed.
@@ -276,8 +276,8 @@ class ArmController:
                 self.phase,
                 self.message,
                 self._request.twist,
-                body.twist if placed else ZERO_TWIST,
-                body.pose if placed else None,
+                commanded.twist if placed else ZERO_TWIST,
+                commanded.pose if placed else None,
                 self.reference.lead_used,
                 self.reference.at_workspace_limit,
                 hand is not None and hand.mapping.gripper_closed,
@@ -291,10 +291,10 @@ class ArmController:
 
     def _on(self, event: Event, by: Activity | None = None, moving: bool | None = None) -> None:
         """Enter the states after `event`; the arm moves `by` an activity from now on. `moving`:
-        whether it moves, where that is not the body's."""
+        whether it moves, where that is not the commanded arm's."""
         facts = Facts(
             self.hand is not None,
-            self.body.moving if moving is None else moving,
+            self.commanded.moving if moving is None else moving,
             not self.supervision.error.exceeds(self.supervision.limit, NEAR_SHARE),
             self.supervision.watchdogs.recovery,
         )
@@ -353,13 +353,13 @@ class ArmController:
             self._require_act(f"and stays so: {reason}")
         self._end_activity(reason)
 
-    def place_neighbour(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
-        """From the next tick on keep away from a neighbour where it is at `joints`, as
+    def place_neighbor(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
+        """From the next tick on keep away from a neighbor where it is at `joints`, as
         :class:`cardan.gateway.arm.joint_space_arm.JointSpaceArm` does."""
         with self.lock:
             if self.recorder is not None:
-                self.note("place_neighbour", json.dumps((index, joints, ways_m)))
-            self.body.place_neighbour(index, joints, ways_m)
+                self.note("place_neighbor", json.dumps((index, joints, ways_m)))
+            self.commanded.place_neighbor(index, joints, ways_m)
 
     def acknowledge(self) -> str:
         """The deliberate act after implausible readings, or after a recovery that was given up;
@@ -396,8 +396,8 @@ class ArmController:
             return inhibited
         if self.rejects:
             return f"{self.supervision.implausible}: the measured position is implausible"
-        if self.apart:
-            return self._apart_reason
+        if self.waits_for_rearming:
+            return self._separation_reason
         if self.recovering:
             return f"coming back to the arm, {self._trip_reason}"
         return ""
@@ -419,7 +419,7 @@ class ArmController:
         """Command the robot from now on; from where it is, if it was not commanded before."""
         if not self.engaged:
             assert self.robot is not None
-            self.body.place(self.robot)
+            self.commanded.place(self.robot)
             self._gate.reset()
             self._rest_reference()
             self._on(Event.ENGAGED)
@@ -443,7 +443,7 @@ class ArmController:
             self.ticks += 1
             self.robot = robot
             self._tripped_in_tick = False
-            finding = self.supervision.look(robot, self.body)
+            finding = self.supervision.look(robot, self.commanded)
             self.advanced_s = dt_s = step_s(robot, self._period_s, self.supervision.gap_s)
             cause = None if finding is None else finding.cause
             if finding is not None and cause in (Cause.LOST, Cause.NOT_READY):
@@ -457,7 +457,7 @@ class ArmController:
                 self._on(Event.READY)
             observed = self._observe(robot)
             if self.state.motion.commanded and not self.state.readings.rejected:
-                finding = self.supervision.compare(robot, self.body, observed, self._activity)
+                finding = self.supervision.compare(robot, self.commanded, observed, self._activity)
                 if finding is not None:
                     self._act_on(finding, robot)
             ignored = bool(self._inhibits) and self._heed_inhibits()
@@ -496,7 +496,7 @@ class ArmController:
         if activity is None or activity.recovers:
             return False
         streamed = activity.silence_s < math.inf
-        return activity.driven or self.body.moving if streamed else not activity.idle
+        return activity.driven or self.commanded.moving if streamed else not activity.idle
 
     def _observe(self, robot: RobotState) -> Reference | None:
         """Give the measured TCP to the reference that it is compared with, and return that; None
@@ -508,7 +508,7 @@ class ArmController:
             reference = activity.reference
         if reference is None or reference.pose is None or self.state.readings.rejected:
             return reference
-        reference.observe(self.body.measured(robot))
+        reference.observe(self.commanded.measured(robot))
         return reference
 
     # -- what is wrong ---------------------------------------------------------------------------
@@ -538,10 +538,10 @@ class ArmController:
             self._disarm()
             self._end_activity(reason)
         elif cause is Cause.HELD:
-            if self.apart or self.recovering:
+            if self.waits_for_rearming or self.recovering:
                 return
             self._trip(reason)
-            self._apart_reason = f"{reason}; recovery is switched off"
+            self._separation_reason = f"{reason}; recovery is switched off"
             self._on(Event.HELD)
         elif cause is Cause.ALARM and self._driven:
             self._trip(reason)
@@ -558,7 +558,9 @@ class ArmController:
     def _before(self, robot: RobotState) -> RobotState | None:
         """The state before, where the arm moved by command since and may still move."""
         before = self.supervision.previous
-        if before is None or not (self.supervision.acted and self.engaged and self.body.moving):
+        if before is None or not (
+            self.supervision.acted and self.engaged and self.commanded.moving
+        ):
             return None
         return before if robot.stamp_s - before.stamp_s <= COASTS_S else None
 
@@ -582,7 +584,7 @@ class ArmController:
         else:
             self._trip_if_driven(reason)
         self._disarm()
-        moves = cause is not Cause.LOST and self._activity is not None and self.body.moving
+        moves = cause is not Cause.LOST and self._activity is not None and self.commanded.moving
         self._on(Event.UNREADY, moving=moves)
         self.not_ready = reason
         if self.hand is not None and device is not None:
@@ -592,7 +594,7 @@ class ArmController:
         if moves:
             self.brake()
             self._move(robot, dt_s)
-            if self.body.moving:
+            if self.commanded.moving:
                 return self._command(robot, dt_s, blind=True)
         self._disengage(reason)
         return HoldCommand()
@@ -602,7 +604,7 @@ class ArmController:
         self.plan_epoch += 1
         self._end_activity(reason)
         self._on(Event.FORGOTTEN)
-        self.body.halt()
+        self.commanded.halt()
         self._gate.reset()
         if self.reference.pose is not None:
             self.reference.place(self.reference.pose)
@@ -613,23 +615,27 @@ class ArmController:
         self._recovered_way = NO_WAY
         self._tripped_in_tick = True
         self._end_activity("the command was restarted from the measured position")
-        self.body.place(robot, before, 0.0 if before is None else robot.stamp_s - before.stamp_s)
+        self.commanded.place(
+            robot, before, 0.0 if before is None else robot.stamp_s - before.stamp_s
+        )
         self._gate.reset()
         self._rest_reference()
-        self._on(Event.PLACED, Brake(self.body, self.reference) if self.body.moving else None)
+        self._on(
+            Event.PLACED, Brake(self.commanded, self.reference) if self.commanded.moving else None
+        )
 
     def _rest_here(self, reason: str) -> None:
         """Be at rest where the command is: it is not known where the robot is, or how it moves."""
         self.plan_epoch += 1
         self._end_activity(reason)
         self._on(Event.OVER)
-        self.body.halt()
+        self.commanded.halt()
         self._gate.reset()
         self._rest_reference()
 
     def _rest_reference(self) -> None:
-        if self.body.placed:
-            self.reference.place(self.body.pose)
+        if self.commanded.placed:
+            self.reference.place(self.commanded.pose)
 
     @property
     def _driven(self) -> bool:
@@ -692,7 +698,7 @@ class ArmController:
         state = self.state
         if hand.filters and not state.readings.rejected:
             # A robot may report joints alone, or another tool's pose: filters get the model's.
-            seen = robot._replace(pose=self.body.measured(robot))
+            seen = robot._replace(pose=self.commanded.measured(robot))
         view = ArmView(
             seen,
             dt_s,
@@ -764,7 +770,7 @@ class ArmController:
 
     def _require_act(self, why: str) -> None:
         """Leave command and robot apart until a deliberate act; `why` ends the sentence."""
-        self._apart_reason = (
+        self._separation_reason = (
             "not resynchronized with the robot: "
             f"{self.supervision.error.in_words('away from')} {why}"
         )
@@ -775,13 +781,13 @@ class ArmController:
     def _move(self, robot: RobotState, dt_s: float) -> None:
         """Let the one activity move the commanded arm."""
         self._choose()
-        body, activity = self.body, self._activity
+        commanded, activity = self.commanded, self._activity
         whole = activity is not None and activity.in_one_step and dt_s > 0.0
-        for step in [dt_s] if whole else body.steps(dt_s):
+        for step in [dt_s] if whole else commanded.steps(dt_s):
             activity = self._activity
             if activity is None:
-                if body.moving:
-                    body.brake(step)
+                if commanded.moving:
+                    commanded.brake(step)
                 continue
             over, reason = activity.tick(robot, step)
             if activity.fault and not self.braking:
@@ -797,22 +803,22 @@ class ArmController:
         if isinstance(activity, Recover):
             if self.state.arming.armed and request.asks:
                 self._on(Event.OVER)  # The operator goes on from the commanded position.
-                self.reference.place(self.body.pose)
+                self.reference.place(self.commanded.pose)
                 activity = None
             else:
                 return
-        if self.state.separation.waits and activity is None and not self.body.moving:
+        if self.state.separation.waits and activity is None and not self.commanded.moving:
             self._begin_recovery()
             return
         if not self.state.arming.armed:
             if activity is None and self._drifted:
                 self._begin_recovery()
             return
-        if activity is None and not self.body.moving:
+        if activity is None and not self.commanded.moving:
             if not request.asks and self._drifted:
                 self._begin_recovery()
                 return
-            activity = FollowHand(self.body, self.reference)
+            activity = FollowHand(self.commanded, self.reference)
             self._on(Event.FOLLOWS, activity)
         if isinstance(activity, FollowHand):
             if not request.asks and activity.idle and self._drifted:
@@ -834,7 +840,7 @@ class ArmController:
             and self.state.separation.together
             and not self._why_no_recovery
             and self.supervision.watchdogs.recovery
-            and not self.body.moving
+            and not self.commanded.moving
         )
 
     def _begin_recovery(self) -> None:
@@ -845,11 +851,11 @@ class ArmController:
             NEAR_SHARE * limit.joint_error,
         )
         reference = self.reference
-        reference.place(self.body.pose)
+        reference.place(self.commanded.pose)
         assert self.robot is not None
-        reference.observe(self.body.measured(self.robot))
-        error = self.body.following_error(self.robot, reference)
-        activity = Recover(self.body, reference, near, error, self._recovered_way)
+        reference.observe(self.commanded.measured(self.robot))
+        error = self.commanded.following_error(self.robot, reference)
+        activity = Recover(self.commanded, reference, near, error, self._recovered_way)
         self._on(Event.RESYNCHRONIZES, activity)
 
     def _finish(self, activity: Activity, reason: str) -> None:
@@ -857,7 +863,7 @@ class ArmController:
         self._rest_reference()
         if isinstance(activity, Recover):
             self._recovered_way = activity.went
-            if not (activity.near or self.apart or self.state.separation.left):
+            if not (activity.near or self.waits_for_rearming or self.state.separation.left):
                 self._require_act("still")
                 if self.state.arming.armed:
                     self._trip("the robot moves along while the reference approaches it")
@@ -865,25 +871,25 @@ class ArmController:
             self.listener.finished(reason)
 
     def _command(self, robot: RobotState, dt_s: float, blind: bool = False) -> RobotCommand:
-        body = self.body
+        commanded = self.commanded
         state, rejects = self.state, self.state.readings.rejected
-        stays = rejects or state.separation.apart
-        if not state.motion.commanded or (stays and not body.moving):
-            body.halt()
+        stays = rejects or state.separation.until_rearmed
+        if not state.motion.commanded or (stays and not commanded.moving):
+            commanded.halt()
             self._gate.reset()
             return HoldCommand()
         activity = self._activity
         command = None if activity is None else activity.command
         if command is None:
             recovers = activity is not None and activity.recovers
-            command = body.command(robot, dt_s, recovers, blind or rejects)
+            command = commanded.command(robot, dt_s, recovers, blind or rejects)
         wrong = self._gate.violation(command, dt_s)
         if not wrong:
             return command
         self._trip(f"an invalid command was not sent: {wrong}")
         self._disengage(self._trip_reason)
         self._on(Event.INVALID)
-        if not self.rejects and body.obstacle(robot, False) == "":
+        if not self.rejects and commanded.obstacle(robot, False) == "":
             self._place(robot)
         return HoldCommand()
 
@@ -898,7 +904,7 @@ class ArmController:
             behind = self.supervision.error.in_words("behind")
             return f"the robot does not follow: {behind}"
         if activity.share < HELD_SHARE:
-            held = self.body.held_by()
+            held = self.commanded.held_by()
             return f"the arm does not follow: {held}" if held else ""
         if reference.at_workspace_limit:
             return "the TCP is at the limit of the workspace"
@@ -916,10 +922,10 @@ class ArmController:
         if self.rejects:
             why = self.supervision.implausible
             return f"{why}; the measured position is implausible, the arm holds{act}"
-        if self.apart:
+        if self.waits_for_rearming:
             return (
-                f"{why}{self._apart_reason}: check what holds the arm and whether it is measured "
-                f"right, then {act.removeprefix(': ') or 'acknowledge it'}"
+                f"{why}{self._separation_reason}: check what holds the arm and whether it is "
+                f"measured right, then {act.removeprefix(': ') or 'acknowledge it'}"
             )
         if self.hand is None:
             return why.removesuffix("; ")

@@ -35,7 +35,7 @@ class RecordError(ValueError):
     """A text is no record of a cycle; the message says why."""
 
 
-class Request(NamedTuple):
+class RecordedRequest(NamedTuple):
     """A request as the controller's recorder has it."""
 
     name: str
@@ -48,7 +48,7 @@ class CycleRecord(NamedTuple):
 
     number: int
     """Counts the controller's ticks, from 1."""
-    before: tuple[Request, ...]
+    before: tuple[RecordedRequest, ...]
     """Requests since the tick before, in their order."""
     robot: RobotState
     device: DeviceState | None
@@ -74,7 +74,7 @@ def command_text(command: RobotCommand) -> str:
     return _encode(command)
 
 
-def encode_cycle(number: int, before: Sequence[Request], cycle: Cycle) -> str:
+def encode_cycle(number: int, before: Sequence[RecordedRequest], cycle: Cycle) -> str:
     """The record of a cycle."""
     return _encode(
         {
@@ -94,7 +94,7 @@ def decode_cycle(text: str) -> CycleRecord:
         table: Mapping[str, Any] = json.loads(text)
         return CycleRecord(
             int(table["cycle"]),
-            tuple(Request(str(name), str(argument)) for name, argument in table["before"]),
+            tuple(RecordedRequest(str(name), str(argument)) for name, argument in table["before"]),
             _robot(*table["robot"]),
             None if table["device"] is None else _device(*table["device"]),
             tuple(ButtonEvent(*each) for each in table["events"]),

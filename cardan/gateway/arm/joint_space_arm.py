@@ -1,4 +1,4 @@
-"""The body of a robot whose arm has a model: every joint moves inside its own limits."""
+"""The commanded arm whose model is known: every joint moves inside its own limits."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cardan.gateway.arm.commanded_arm import (
     CommandedArm,
     FollowingError,
 )
-from cardan.gateway.arm.neighbours import NeighbourBodies
+from cardan.gateway.arm.neighbors import NeighborBodies
 from cardan.gateway.arm.output_check import OutputLimits
 from cardan.gateway.kinematics.base import SE3, FloatArray, Kinematics, short_way, to_pose
 from cardan.gateway.motion.reference import Reference
@@ -82,12 +82,12 @@ class JointSpaceArm(CommandedArm):
         *,
         sent_as: Kinematics | None = None,
         tcp_tolerance_m: float | None = None,
-        neighbours: Sequence[NeighbourBodies] = (),
+        neighbors: Sequence[NeighborBodies] = (),
     ) -> None:
         """`kinds` are the commands that the robot takes, at least one of PREFERRED; `lag_s` is how
         far it may be behind them in good order. `sent_as`: the kinematics whose TCP the robot's
         own controller knows, where that is not the servo's. `tcp_tolerance_m`: most that the
-        robot's TCP may differ from the model's; None: by the kind of command. `neighbours`: other
+        robot's TCP may differ from the model's; None: by the kind of command. `neighbors`: other
         arms, whose bodies are the movers of the servo's collision model, in this order.
         """
         self.servo = servo
@@ -102,8 +102,8 @@ class JointSpaceArm(CommandedArm):
         self._fastest: list[float] = self._highest.tolist()
         self._continuous: list[bool] = servo.kinematics.continuous.tolist()
         self._still = np.zeros(servo.joints)
-        self.neighbours = neighbours
-        self._placed: list[Sequence[SE3]] = [()] * len(neighbours)
+        self.neighbors = neighbors
+        self._placed: list[Sequence[SE3]] = [()] * len(neighbors)
         self._sent: FloatArray | None = None
         self._relaxed = getattr(servo.kinematics, "relaxed", None)
         self._lag = ResponseLag(lag_s, servo.kinematics.continuous)
@@ -141,12 +141,12 @@ class JointSpaceArm(CommandedArm):
         return self.servo.status()
 
     def keep_sent_as(self, kinematics: Kinematics) -> None:
-        """Send poses by the tool of `kinematics`, which this body owns from now on, whatever tool
+        """Send poses by the tool of `kinematics`, which this owns from now on, whatever tool
         the servo gets: the robot's controller knows only that one."""
         self._sent_as = kinematics
 
     def gate_limits(self, capabilities: RobotCapabilities) -> OutputLimits:
-        """Limits of this body's commands: those of its joints, and its robot's for the TCP."""
+        """Limits of these commands: those of its joints, and its robot's for the TCP."""
         bounds = self.servo.kinematics
         return OutputLimits(
             capabilities.linear_speed_m_s or FASTEST_TCP_M_S,
@@ -159,13 +159,13 @@ class JointSpaceArm(CommandedArm):
             tuple(bounds.acceleration.tolist()),
         )
 
-    def place_neighbour(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
-        first = sum(len(each.shapes) for each in self.neighbours[:index])
-        self._placed[index] = frames = self.neighbours[index].frames(joints)
+    def place_neighbor(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
+        first = sum(len(each.shapes) for each in self.neighbors[:index])
+        self._placed[index] = frames = self.neighbors[index].frames(joints)
         self.servo.move(first, frames, ways_m)
 
-    def neighbour_frames(self) -> list[SE3]:
-        """Where the neighbours' bodies were placed last, for any thread: the frame of each of their
+    def neighbor_frames(self) -> list[SE3]:
+        """Where the neighbors' bodies were placed last, for any thread: the frame of each of their
         shapes in the base."""
         return list(itertools.chain.from_iterable(self._placed))
 

@@ -82,7 +82,7 @@ class Plans:
     def __init__(
         self,
         controller: ArmController,
-        body: JointSpaceArm,
+        commanded: JointSpaceArm,
         model: ArmModel,
         planner: Planner,
         capabilities: RobotCapabilities,
@@ -97,8 +97,8 @@ class Plans:
         self.deceleration = Deceleration(
             options.stop_deceleration_m_s2, options.stop_deceleration_rad_s2, 0.5
         )
-        self._controller, self._body = controller, body
-        self.servo = body.servo
+        self._controller, self._commanded = controller, commanded
+        self.servo = commanded.servo
 
     @property
     def tcp_frame(self) -> bool:
@@ -319,7 +319,7 @@ class Plans:
         with controller.lock:
             if controller.idle:
                 controller.engage()
-            activity = FollowTwist(self._body, reference, self.deceleration, twist)
+            activity = FollowTwist(self._commanded, reference, self.deceleration, twist)
         return Plan(activity, math.inf, note)
 
     def torque(self, state: State, wrench: Wrench | None, start: FloatArray) -> Plan:
@@ -335,7 +335,7 @@ class Plans:
         return Plan(activity, math.inf)
 
     def torque_motion(self, state: State) -> TorqueMotion:
-        return TorqueMotion(state, self.model, self._body, self.measuring, self.options.torque)
+        return TorqueMotion(state, self.model, self._commanded, self.measuring, self.options.torque)
 
     def reference(self, linear_m_s2: float, angular_rad_s2: float) -> Reference:
         """A reference for streams and movv with these accelerations."""
@@ -408,7 +408,7 @@ class Plans:
         )
 
     def require_drive(self, verb: str) -> None:
-        if self._body.kind is None:
+        if self._commanded.kind is None:
             raise MotionRefusedError(
                 f"{verb}: the robot takes {kinds_in_words(self.capabilities)}; "
                 f"a motion needs one of {', '.join(kind.value for kind in PREFERRED)}"

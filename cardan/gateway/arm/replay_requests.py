@@ -11,7 +11,7 @@ import json
 from typing import Any, NamedTuple
 
 
-class Sender(NamedTuple):
+class CommandHeader(NamedTuple):
     """Sender, number and times of a streamed command."""
 
     owner: str

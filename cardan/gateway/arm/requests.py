@@ -41,7 +41,7 @@ _ValueT = TypeVar("_ValueT")
 MAX_REQUEST_BYTES = 4096
 """Largest size of a request: the longest, all parameters at once, has a quarter of it."""
 
-CANCELLED = "it was cancelled before it began"
+CANCELED = "it was canceled before it began"
 """Why a motion was not begun that is not `wanted` any more."""
 
 
@@ -70,7 +70,7 @@ class Request(NamedTuple):
     begins: Begins | None = None
     """Of a streamed command: whether it chooses its own where none is chosen; None: never."""
     wanted: Callable[[], bool] | None = None
-    """Whether it is still to begin: what was cancelled before its turn is not; None: always."""
+    """Whether it is still to begin: what was canceled before its turn is not; None: always."""
     since_s: float | None = None
     """Local monotonic time: it can have waited since then until it came to the session; None: since
     the session looked before, at most."""

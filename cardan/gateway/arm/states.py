@@ -80,13 +80,14 @@ class Separation(enum.Enum):
     """They are not."""
     TO_RESYNCHRONIZE = "to resynchronize"
     """The command is to be brought back to its robot as soon as it rests."""
-    APART = "apart"
+    UNTIL_REARMED = "until re-armed"
     """They stay apart until a deliberate act."""
     LEFT = "left"
     """A button ended the resynchronization; none begins until motion is asked for."""
 
     def __init__(self, value: str) -> None:
-        self.waits, self.apart = value == "to resynchronize", value == "apart"
+        self.waits = value == "to resynchronize"
+        self.until_rearmed = value == "until re-armed"
         self.together, self.left = value == "none", value == "left"
 
 
@@ -243,12 +244,12 @@ def separation_after(separation: Separation, event: Event, facts: Facts) -> Sepa
         case Event.HELD if facts.resynchronizes:
             return Separation.TO_RESYNCHRONIZE
         case Event.HELD | Event.NOT_BACK:
-            return Separation.APART
+            return Separation.UNTIL_REARMED
         case Event.LEFT:
             return Separation.LEFT
         case Event.ASKED if separation is Separation.LEFT:
             return Separation.NONE
-        case Event.ACKNOWLEDGED if separation is Separation.APART:
+        case Event.ACKNOWLEDGED if separation is Separation.UNTIL_REARMED:
             again = facts.resynchronizes and not facts.near
             return Separation.TO_RESYNCHRONIZE if again else Separation.NONE
     return separation

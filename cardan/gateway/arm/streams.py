@@ -22,7 +22,7 @@ from cardan.gateway.arm.motions.pose_stream import FollowPoseStream
 from cardan.gateway.arm.motions.torque import TorqueMotion
 from cardan.gateway.arm.motions.twist_stream import FollowTwistStream
 from cardan.gateway.arm.plans import Plans
-from cardan.gateway.arm.replay_requests import Sender, argument_text
+from cardan.gateway.arm.replay_requests import CommandHeader, argument_text
 from cardan.gateway.arm.validation import (
     LONGEST_NAME,
     FramedPose,
@@ -68,8 +68,8 @@ def _is_time(stamp_s: object) -> bool:
 class Streams:
     """The streaming commands of one arm. Each answers with the reason why not, "" when taken."""
 
-    def __init__(self, controller: ArmController, body: JointSpaceArm, plans: Plans) -> None:
-        self._controller, self._body, self._plans = controller, body, plans
+    def __init__(self, controller: ArmController, commanded: JointSpaceArm, plans: Plans) -> None:
+        self._controller, self._commanded, self._plans = controller, commanded, plans
         self._link: _Link | None = None
         self._delays = Delays()
         """Kept when a stream is chosen again: what waited in a queue is no measure of its delay."""
@@ -141,7 +141,7 @@ class Streams:
         self._link, self._ended = _Link(kind), ""
 
     def _activity(self, kind: Stream, at: FloatArray) -> Activity:
-        plans, options, body = self._plans, self._plans.options, self._body
+        plans, options, commanded = self._plans, self._plans.options, self._commanded
         if kind is Stream.WRENCH:
             torque = plans.torque_motion(State.NOT_CONTROLLING)
             torque.check_weight(at)
@@ -150,7 +150,7 @@ class Streams:
         self._controller.engage()
         if kind is Stream.JOINT:
             return FollowJointStream(
-                body,
+                commanded,
                 plans.parameters[Parameter.JOINT_SPEED],
                 plans.parameters[Parameter.JOINT_ACCELERATION],
             )
@@ -159,17 +159,17 @@ class Streams:
         )
         if kind is Stream.POSE:
             return FollowPoseStream(
-                body,
+                commanded,
                 reference,
                 plans.deceleration,
                 plans.pose_shaper(reference.limits),
                 options.stream_prediction_s,
             )
-        return FollowTwistStream(body, reference, plans.deceleration)
+        return FollowTwistStream(commanded, reference, plans.deceleration)
 
     # -- commands --------------------------------------------------------------------------------
 
-    def hear(self, sender: Sender) -> None:
+    def hear(self, sender: CommandHeader) -> None:
         """Learn from the stamp of a command, before anything decides whether it is taken: what
         waited in a queue while its sender was refused is no measure of its delay."""
         owner, _, stamp_s, heard_s = sender
@@ -179,7 +179,7 @@ class Streams:
                 kept = self._controller.authority.owner
                 self._delays.hear(owner, stamp_s, heard_s, kept)
 
-    def pose(self, x: Target | FramedPose, sender: Sender) -> None:
+    def pose(self, x: Target | FramedPose, sender: CommandHeader) -> None:
         """Go to the pose `x` now. Raises MotionRefusedError, as all of these do."""
         relative = self._plans.tcp_frame
         if isinstance(x, FramedPose):
@@ -190,7 +190,7 @@ class Streams:
 
         self._aim("pose", x, of, sender)
 
-    def jog(self, dx: Target, sender: Sender) -> None:
+    def jog(self, dx: Target, sender: CommandHeader) -> None:
         """Move the pose that is gone to by `dx` (m, rotation vector in rad).
 
         The deltas of a stream add up, so none is lost, however they are bunched. In base axes
@@ -210,7 +210,11 @@ class Streams:
         self._aim("jog", dx, of, sender)
 
     def _aim(
-        self, verb: str, given: Target, of: Callable[[Pose, Pose, Pose], Pose], sender: Sender
+        self,
+        verb: str,
+        given: Target,
+        of: Callable[[Pose, Pose, Pose], Pose],
+        sender: CommandHeader,
     ) -> None:
         """Aim the pose stream at `of` what is given, the commanded pose and the target before."""
         controller, plans = self._controller, self._plans
@@ -218,8 +222,8 @@ class Streams:
         with controller.lock:
             activity = self._streaming(Stream.POSE, sender)
             assert isinstance(activity, FollowPoseStream)
-            start = self._body.servo.q.copy()
-            now = self._body.servo.pose
+            start = self._commanded.servo.q.copy()
+            now = self._commanded.servo.pose
             target = of(pose, now, activity.target or now)
         check_workspace(verb, target.position, plans.options.streams.workspace_m)
         self._check_step(now, target)
@@ -235,14 +239,14 @@ class Streams:
                 )
             self._aim_at(activity, target, sender)
 
-    def aim(self, target: Pose, sender: Sender) -> None:
+    def aim(self, target: Pose, sender: CommandHeader) -> None:
         """Go to a pose in the base that is checked already, as when a record is repeated."""
         with self._controller.lock:
             activity = self._streaming(Stream.POSE, sender)
             assert isinstance(activity, FollowPoseStream)
             self._aim_at(activity, target, sender)
 
-    def _aim_at(self, activity: FollowPoseStream, target: Pose, sender: Sender) -> None:
+    def _aim_at(self, activity: FollowPoseStream, target: Pose, sender: CommandHeader) -> None:
         self._tell("aim", target, sender=sender)
         activity.aim(target, self._controller.stamp_s)
         self._note_command(activity, sender)
@@ -257,7 +261,7 @@ class Streams:
                 f"{options.stream_step_m:.3f} m and {options.stream_step_rad:.3f} rad"
             )
 
-    def twist(self, xdot: Sequence[float] | Twist, sender: Sender) -> None:
+    def twist(self, xdot: Sequence[float] | Twist, sender: CommandHeader) -> None:
         """Move with the twist `xdot` (m/s, rad/s) now. Too fast a one is slowed. A Twist is along
         its own frame, numbers along that of the parameter referenceFrame."""
         frame = Frame.TOOL if self._plans.tcp_frame else Frame.BASE
@@ -274,7 +278,7 @@ class Streams:
             activity.target = Twist(linear, angular, frame) if asked else ZERO_TWIST
             self._note_command(activity, sender)
 
-    def wrench(self, w: Sequence[float] | Wrench, sender: Sender) -> None:
+    def wrench(self, w: Sequence[float] | Wrench, sender: CommandHeader) -> None:
         """Exert the wrench `w` (N, N·m, at the TCP) on the world now. A Wrench is along its own
         frame, numbers along that of the parameter referenceFrame."""
         frame = Frame.TOOL if self._plans.tcp_frame else Frame.BASE
@@ -288,10 +292,10 @@ class Streams:
             activity.set_wrench(Wrench(Vector3(*numbers[:3]), Vector3(*numbers[3:]), frame))
             self._note_command(activity, sender)
 
-    def joints(self, rates: Sequence[float], sender: Sender) -> None:
+    def joints(self, rates: Sequence[float], sender: CommandHeader) -> None:
         """Move the joints at `rates` (rad/s or m/s, one a joint) now. Too fast ones are slowed."""
         with self._controller.lock:
-            count = self._body.servo.joints
+            count = self._commanded.servo.joints
             values = np.array(joint_numbers("joints", rates, count))
             activity = self._streaming(Stream.JOINT, sender)
             assert isinstance(activity, FollowJointStream)
@@ -301,7 +305,7 @@ class Streams:
 
     # -- who may stream --------------------------------------------------------------------------
 
-    def _streaming(self, kind: Stream, sender: Sender) -> Activity:
+    def _streaming(self, kind: Stream, sender: CommandHeader) -> Activity:
         """The activity of the stream, if this command may act on it."""
         owner, sequence, stamp_s, _ = sender
         controller = self._controller
@@ -331,7 +335,7 @@ class Streams:
             raise MotionRefusedError(f"{name}: {late}")
         return activity
 
-    def _check_order(self, name: str, link: _Link, sender: Sender) -> None:
+    def _check_order(self, name: str, link: _Link, sender: CommandHeader) -> None:
         _, sequence, stamp_s, _ = sender
         if sequence is not None and link.sequence is not None and sequence <= link.sequence:
             self.late += 1
@@ -342,13 +346,13 @@ class Streams:
                 f"{name}: sent at {stamp_s:.6f} s, after one of {link.sent_s:.6f} s"
             )
 
-    def _tell(self, name: str, *values: Any, sender: Sender) -> None:
+    def _tell(self, name: str, *values: Any, sender: CommandHeader) -> None:
         """Tell the controller's recorder of a command that is taken."""
         controller = self._controller
         if controller.recorder is not None:
             controller.note(name, argument_text(*values, sender))
 
-    def _note_command(self, activity: Activity, sender: Sender) -> None:
+    def _note_command(self, activity: Activity, sender: CommandHeader) -> None:
         owner, sequence, stamp_s, _ = sender
         link, now_s = self._link, self._controller.stamp_s
         assert link is not None

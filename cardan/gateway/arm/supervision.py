@@ -121,7 +121,7 @@ class Supervision:
         """Accept the readings again: after a deliberate act."""
         self.implausible = ""
 
-    def look(self, state: RobotState, body: CommandedArm) -> StopReason | None:
+    def look(self, state: RobotState, commanded: CommandedArm) -> StopReason | None:
         """The gravest thing about this state before the command is compared with it; None when
         all is well."""
         self.gap_s, self._ticked_s = state.stamp_s - self._ticked_s, state.stamp_s
@@ -130,7 +130,7 @@ class Supervision:
         self._not_acting = self._not_acting or not state.ready
         if state.link is not RobotLink.LIVE:
             return StopReason(Cause.LOST, state.hold_reason or f"the robot is {state.link.value}")
-        wrong = state.hold_reason or body.obstacle(state, new_session or began)
+        wrong = state.hold_reason or commanded.obstacle(state, new_session or began)
         if wrong:
             if new_session and self._session is not None:
                 return StopReason(Cause.NEW_SESSION, wrong)
@@ -147,7 +147,7 @@ class Supervision:
         if before is not None:
             # The longer of the two clocks: what waited in a queue was measured earlier.
             time_s = max(state.stamp_s - before.stamp_s, state.period_s, 0.0)
-            leap = body.leap(before, state, time_s)
+            leap = commanded.leap(before, state, time_s)
             if leap:
                 self._plausible_s = state.stamp_s
                 self.implausible = leap
@@ -162,12 +162,12 @@ class Supervision:
     def compare(
         self,
         state: RobotState,
-        body: CommandedArm,
+        commanded: CommandedArm,
         reference: Reference | None,
         activity: Activity | None,
     ) -> StopReason | None:
         """The gravest finding about the robot and its commands; None without any."""
-        self.error = body.following_error(state, reference)
+        self.error = commanded.following_error(state, reference)
         if self.error.exceeds(self.limit):
             return StopReason(
                 Cause.HELD, f"{self.error.in_words('away from')}: something else holds it"

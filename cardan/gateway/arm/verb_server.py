@@ -109,7 +109,7 @@ class VerbServer:
         """`look` at a motion from where an arm that slows down comes to rest."""
         verbs = self.verbs
         began_s = verbs.stamp_s
-        while verbs.body.moving and verbs.stamp_s - began_s < SLOWS_S:
+        while verbs.commanded.moving and verbs.stamp_s - began_s < SLOWS_S:
             self.link.require()
             self.link.wait()
         return look()

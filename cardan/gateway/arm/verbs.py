@@ -29,7 +29,7 @@ from cardan.gateway.arm.motions.trajectory import FollowTrajectory
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.planner import Planner
 from cardan.gateway.arm.plans import Plan, Plans, kinds_in_words
-from cardan.gateway.arm.replay_requests import Sender, argument_text
+from cardan.gateway.arm.replay_requests import CommandHeader, argument_text
 from cardan.gateway.arm.streams import Streams
 from cardan.gateway.arm.validation import (
     FramedPose,
@@ -96,7 +96,7 @@ class ArmVerbs:
     def __init__(
         self,
         controller: ArmController,
-        body: JointSpaceArm,
+        commanded: JointSpaceArm,
         model: ArmModel,
         capabilities: RobotCapabilities,
         options: ControllerOptions | None = None,
@@ -108,29 +108,31 @@ class ArmVerbs:
         """For an existing controller; `alone` makes one. `gripper` passes an action on; without it
         `act` is refused."""
         self.options = options = options or ControllerOptions()
-        self.controller, self.body, self.model = controller, body, model
-        self.servo = body.servo
+        self.controller, self.commanded, self.model = controller, commanded, model
+        self.servo = commanded.servo
         self.capabilities = capabilities
-        collision = body.servo.collision
+        collision = commanded.servo.collision
         self.planner = Planner(
             model,
             obstacles=tuple(obstacles),
             tool_shapes=tuple(tool_shapes),
-            movers=[each.shapes for each in body.neighbours],
-            mover_frames=body.neighbour_frames,
+            movers=[each.shapes for each in commanded.neighbors],
+            mover_frames=commanded.neighbor_frames,
             ignored=() if collision is None else collision.ignored,
             workspace=options.streams.workspace_m,
             margins=options.margins,
         )
-        self.planner.set_tool(body.tool)
+        self.planner.set_tool(commanded.tool)
         self.parameters = values = prm.defaults()
-        values[Parameter.GAIN] = body.velocity_gain_1_s * values[Parameter.CONTROL_PERIOD] / 1000.0
-        values[Parameter.POLICY] = float(_TO_CODE[body.servo.policy])
-        self.plans = Plans(
-            controller, body, model, self.planner, capabilities, options, self.parameters
+        values[Parameter.GAIN] = (
+            commanded.velocity_gain_1_s * values[Parameter.CONTROL_PERIOD] / 1000.0
         )
-        self.plans.measuring.set_tool(body.tool)
-        self.streams = Streams(controller, body, self.plans)
+        values[Parameter.POLICY] = float(_TO_CODE[commanded.servo.policy])
+        self.plans = Plans(
+            controller, commanded, model, self.planner, capabilities, options, self.parameters
+        )
+        self.plans.measuring.set_tool(commanded.tool)
+        self.streams = Streams(controller, commanded, self.plans)
         self._gripper = gripper
         self.planning = threading.RLock()
         """Held by the thread that uses `planner`; always taken before the controller's lock."""
@@ -176,7 +178,7 @@ class ArmVerbs:
         )
         if len(model.joints) > 6:
             servo.posture = np.array(model.home)
-        body = JointSpaceArm(
+        commanded = JointSpaceArm(
             servo,
             frozenset() if drive is None else frozenset({drive}),
             capabilities.lag_s,
@@ -184,7 +186,7 @@ class ArmVerbs:
             tcp_tolerance_m=options.tcp_tolerance_m,
         )
         values = prm.defaults()
-        body.velocity_gain_1_s = prm.feedback_gain_1_s(
+        commanded.velocity_gain_1_s = prm.feedback_gain_1_s(
             values[Parameter.GAIN], values[Parameter.CONTROL_PERIOD]
         )
         limits = replace(options.streams, linear_jerk_m_s3=None, angular_jerk_rad_s3=None)
@@ -193,17 +195,17 @@ class ArmVerbs:
         if mapping is not None:
             hand = OperatorInput(TwistMapping(mapping), limits, (), age_s)
         controller = ArmController(
-            body,
+            commanded,
             limits,
             options.watchdogs,
             hand,
             Authority(options.authority),
             period_s=capabilities.period_s,
-            gate=body.gate_limits(capabilities),
+            gate=commanded.gate_limits(capabilities),
         )
         return cls(
             controller,
-            body,
+            commanded,
             model,
             capabilities,
             options,
@@ -248,7 +250,7 @@ class ArmVerbs:
                 state=self.state,
                 stream=streams.kind,
                 ready=robot is not None and robot.ready,
-                moving=self.body.moving,
+                moving=self.commanded.moving,
                 braking=controller.braking,
                 torque=isinstance(controller.activity, TorqueMotion),
                 recovering=controller.recovering,
@@ -262,7 +264,7 @@ class ArmVerbs:
                 trips=controller.trips,
                 refusals=self._refusals,
                 last_refusal=self._last_refusal,
-                pose=six_of(self.body.pose) if controller.engaged else None,
+                pose=six_of(self.commanded.pose) if controller.engaged else None,
                 servo=self.servo.status(),
                 authority=controller.authority.state(),
             )
@@ -296,10 +298,10 @@ class ArmVerbs:
         with self.controller.lock, self._counted():
             robot = self._require_joints("stat")
             pose = to_pose(self.plans.measuring.forward(np.array(robot.joints)))
-            body, target = self.body, None
+            commanded, target = self.commanded, None
             if self.controller.engaged:
-                target = six_of(body.pose)
-            linear, angular, _frame = body.twist
+                target = six_of(commanded.pose)
+            linear, angular, _frame = commanded.twist
             return Stat(
                 six_of(pose),
                 self.state,
@@ -337,7 +339,7 @@ class ArmVerbs:
 
     def _rehearse(self, verb: str, prepare: _Prepare) -> Rehearsal:
         with self.planning:
-            if self.body.moving:
+            if self.commanded.moving:
                 # From where it begins is not known, and the loop needs the time.
                 return Rehearsal("the arm moves: that is looked at when it rests", "", 0.0)
             try:
@@ -594,7 +596,7 @@ class ArmVerbs:
             except MotionRefusedError:
                 self.parameters.update(before)
                 raise
-            self.body.velocity_gain_1_s = prm.feedback_gain_1_s(
+            self.commanded.velocity_gain_1_s = prm.feedback_gain_1_s(
                 self.parameters[Parameter.GAIN], self.parameters[Parameter.CONTROL_PERIOD]
             )
             self.servo.policy = _TO_POLICY[PolicyCode(int(self.parameters[Parameter.POLICY]))]
@@ -617,7 +619,7 @@ class ArmVerbs:
         grow. `begins`: whether, where nothing moves the arm and no streaming command is chosen, or
         one that its sender has left, it chooses its own; None: never.
         """
-        sender = Sender(owner, sequence, stamp_s, self.stamp_s)
+        sender = CommandHeader(owner, sequence, stamp_s, self.stamp_s)
         self.streams.hear(sender)
         began = False
         if begins is not None and self.may_choose(verb, begins, owner):
@@ -645,7 +647,7 @@ class ArmVerbs:
             return True
         if begins is not Begins.NEW or streams.kind is preset_of(verb) or not streams.owner:
             return False
-        if self.body.moving:
+        if self.commanded.moving:
             return False
         return streams.owner == source or streams.owner != self.controller.authority.owner
 
@@ -773,7 +775,7 @@ class ArmVerbs:
 
     def _check_measured(self, verb: str, robot: RobotState) -> None:
         """Before the first command: the robot rests, and is what its model says."""
-        misfit = self.body.obstacle(robot, True)
+        misfit = self.commanded.obstacle(robot, True)
         if misfit:
             raise MotionRefusedError(f"{verb}: {misfit}")
         if robot.velocities:

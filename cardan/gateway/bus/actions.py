@@ -1,8 +1,8 @@
-"""Motions of an arm as ROS 2 actions: goals that tell how far they are, and that can be cancelled.
+"""Motions of an arm as ROS 2 actions: goals that tell how far they are, and that can be canceled.
 
 A goal that can be read is accepted at once, and another one rejected; what the arm then refuses
 ends it as aborted, with the reason in its result, as a rejected goal could not tell one. A later
-motion takes the arm from the goal before, through rest, as all motions do. A goal that is cancelled
+motion takes the arm from the goal before, through rest, as all motions do. A goal that is canceled
 before it moves the arm, also before it is accepted, never begins: it is accepted and ends as
 canceled.
 """
@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from cardan.bus.node import BusNode, ServiceRequest
 from cardan.errors import CardanError
 from cardan.gateway.arm.motion import Outcome
-from cardan.gateway.arm.requests import CANCELLED, MotionNote, PacketError, Request
+from cardan.gateway.arm.requests import CANCELED, MotionNote, PacketError, Request
 from cardan.gateway.bus.commands import ActionCommand, Instant
 from cardan.gateway.bus.serving import CommandServer
 from cardan.protocols.ros2.actions import (
@@ -195,7 +195,7 @@ class ArmAction:
         return message
 
     def request(self, taken: _Taken, packet: ServiceRequest) -> Request:
-        """The goal of `packet` as a request to the arm, which is not begun once it is cancelled,
+        """The goal of `packet` as a request to the arm, which is not begun once it is canceled,
         and ends with who asked where it has no end of its own."""
         (number, goal, value), server = taken, self._server
         request = Request(
@@ -247,7 +247,7 @@ class _GoalClient:
             return None
         number, goal, _ = taken
         if goal.status is GoalStatus.CANCELING:
-            action.end(goal, GoalStatus.CANCELED, f"{action.verb}: {CANCELLED}")
+            action.end(goal, GoalStatus.CANCELED, f"{action.verb}: {CANCELED}")
             return None
         self._asked[number] = goal
         return action.request(taken, packet)

@@ -237,7 +237,7 @@ class ArmServer:
 
     def _collect_cancels(self, action: ArmAction) -> None:
         """Collect the cancellations of an action's goals. Goals that are there by then came before
-        them or with them: they are accepted before, and begin after, unless they are cancelled."""
+        them or with them: they are accepted before, and begin after, unless they are canceled."""
         arrived, self._arrived = self._arrived, []
         self._collect((action.cancels,))
         cancels, self._arrived = self._arrived, []

@@ -46,7 +46,7 @@ by 2e-4 of itself in it, and nothing is lost in rounding."""
 NamesOf = Literal["servo", "crtk", "fzi", "cmd_vel", "yarp"]
 
 
-class Shown(NamedTuple):
+class PublishedState(NamedTuple):
     """State of the arm as it is published under other names."""
 
     stamp_ns: int
@@ -68,7 +68,7 @@ class Shown(NamedTuple):
         verbs: ArmVerbs | None,
         now_s: float,
         now_ns: int,
-    ) -> Shown:
+    ) -> PublishedState:
         """Of one instant; `now_s` monotonic, `now_ns` since the epoch."""
         stamp_ns = now_ns - int((now_s - robot.stamp_s) * 1e9)
         if verbs is None:
@@ -76,7 +76,7 @@ class Shown(NamedTuple):
         servo, commanded = verbs.servo, None
         if verbs.controller.engaged:
             commanded = servo.q.tolist(), servo.v.tolist()
-        inhibited, tcp = verbs.controller.inhibited, verbs.body.reported
+        inhibited, tcp = verbs.controller.inhibited, verbs.commanded.reported
         return cls(stamp_ns, robot, status, inhibited, commanded, tcp)
 
     @property
@@ -113,7 +113,7 @@ class Told(NamedTuple):
 
     topic: str
     type_name: str
-    message: Callable[[Shown], Message | None]
+    message: Callable[[PublishedState], Message | None]
     """Of an instant; None where there is nothing to tell."""
 
 
@@ -228,11 +228,11 @@ def _no_positions(speeds: str, pose: str) -> str:
     )
 
 
-def _measured_twist(names: ArmNames) -> Callable[[Shown], Message | None]:
+def _measured_twist(names: ArmNames) -> Callable[[PublishedState], Message | None]:
     """What makes a geometry_msgs/TwistStamped of the measured twist along the base's axes; None
     where the robot does not report the speeds of its joints."""
 
-    def tell(shown: Shown) -> Message | None:
+    def tell(shown: PublishedState) -> Message | None:
         twist = shown.twist
         if twist is None:
             return None
@@ -321,7 +321,7 @@ def servo_names(servo: str, names: ArmNames, scales: ServoScales) -> Names:
     )  # fmt: skip
 
 
-def servo_status(shown: Shown, paused: str = "") -> Message:
+def servo_status(shown: PublishedState, paused: str = "") -> Message:
     """A moveit_msgs/msg/ServoStatus. Its code has one of the things that limit the arm, its text
     all; a singularity that the arm leaves is not told apart from one it goes to."""
     status, code = shown.status, NO_WARNING
@@ -424,7 +424,7 @@ class _Operating:
             self._disabled, self.gate.closed = False, ""
         return Asks("acknowledge" if word == "enable" and state == "FAULT" else "")
 
-    def tell(self, shown: Shown) -> Message:
+    def tell(self, shown: PublishedState) -> Message:
         """A crtk_msgs/OperatingState."""
         self._faulty = shown.faulty
         return {
@@ -453,7 +453,7 @@ def crtk_names(names: ArmNames) -> Names:
     def rates(message: Message) -> list[float]:
         return frames.rates_or_all(message["name"], message["velocity"], "velocities")
 
-    def setpoint(shown: Shown) -> Message | None:
+    def setpoint(shown: PublishedState) -> Message | None:
         if shown.commanded is None:
             return None
         positions, velocities = shown.commanded
@@ -541,7 +541,7 @@ class _Telling:
         self._message: Message | None = None
         self._data = b""
 
-    def publish(self, shown: Shown, now_ns: int) -> None:
+    def publish(self, shown: PublishedState, now_ns: int) -> None:
         message = self._message_of(shown)
         if message is None:
             return
@@ -558,7 +558,7 @@ class NamesTopics:
         """`node` is open."""
         self._telling = [_Telling(node, told) for names in sets for told in names.told]
 
-    def publish(self, shown: Shown, now_ns: int) -> None:
+    def publish(self, shown: PublishedState, now_ns: int) -> None:
         """Publish one instant."""
         for each in self._telling:
             each.publish(shown, now_ns)

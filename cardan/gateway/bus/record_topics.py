@@ -20,13 +20,13 @@ from cardan import __version__
 from cardan.bus.node import BusNode, Publisher
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
 from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.arm.cycle_record import Request, encode_cycle
+from cardan.gateway.arm.cycle_record import RecordedRequest, encode_cycle
 from cardan.gateway.arm.loop import Cycle
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.zenoh import LATCHED_QOS
 
 STRING_TYPE = "std_msgs/msg/String"
-CONFIGURATION_TOPIC, ENGINE_TOPIC = "~/configuration", "~/engine"
+CONFIGURATION_TOPIC, CONTROLLER_LOG_TOPIC = "~/configuration", "~/controller_log"
 RAW_TYPE = "cardan_msgs/msg/RawPacket"
 
 LOOK_PERIOD_S = 0.25
@@ -102,14 +102,14 @@ class _RawTap:
             self._publisher.put(self._codec.encode(message), now_ns)
 
 
-class _EngineTap:
+class _ControllerLog:
     """Publishes what goes into each cycle of the loop, and what comes out of it."""
 
     def __init__(self, node: BusNode, controller: ArmController) -> None:
         self._controller = controller
-        self._publisher: Publisher = node.publisher(ENGINE_TOPIC, STRING_TYPE)
+        self._publisher: Publisher = node.publisher(CONTROLLER_LOG_TOPIC, STRING_TYPE)
         self._codec = codec_of(STRING_TYPE)
-        self._requests: deque[tuple[int, Request]] = deque()
+        self._requests: deque[tuple[int, RecordedRequest]] = deque()
         self._kept: deque[str] = deque()
         self._keeps_until_s = math.inf
         self._heard = False
@@ -136,7 +136,7 @@ class _EngineTap:
         self._kept.clear()
 
     def _recorder(self, ticks: int, name: str, argument: str) -> None:
-        self._requests.append((ticks, Request(name, argument)))
+        self._requests.append((ticks, RecordedRequest(name, argument)))
 
     def publish(self, cycle: Cycle, now_ns: int) -> None:
         """Publish a cycle, from the loop's thread; or keep it until somebody subscribes."""
@@ -176,7 +176,7 @@ class SessionTaps:
         self._configuration = node.publisher(CONFIGURATION_TOPIC, STRING_TYPE, LATCHED_QOS)
         text = json.dumps(_described(tables))
         self._configuration.put(codec_of(STRING_TYPE).encode({"data": text}), time.time_ns())
-        self._engine = _EngineTap(node, controller)
+        self._log = _ControllerLog(node, controller)
         self._raw = [_RawTap(node, "robot", robot)]
         if device is not None:
             self._raw.append(_RawTap(node, "device", device))
@@ -191,18 +191,18 @@ class SessionTaps:
         """Publish what belongs to a cycle, after its answer has left."""
         if now_s >= self._look_s:
             self._look_s = now_s + LOOK_PERIOD_S
-            self._engine.look(now_s)
+            self._log.look(now_s)
             for raw in self._raw:
                 raw.look()
         now_ns = time.time_ns()
-        if self._engine.on:
-            self._engine.publish(cycle, now_ns)
+        if self._log.on:
+            self._log.publish(cycle, now_ns)
         for raw in self._raw:
             raw.publish(now_ns)
 
     def close(self) -> None:
         """Take nothing any more: the bus is about to be left."""
-        self._engine.finish(time.time_ns())
+        self._log.finish(time.time_ns())
         for raw in self._raw:
             raw.end()
 

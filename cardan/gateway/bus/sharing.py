@@ -31,7 +31,7 @@ from cardan.drivers.remote.shared import (
     STATE_TYPE,
     Claim,
     Edge,
-    Felt,
+    HapticFeedback,
     Order,
     Shared,
     UnusableError,
@@ -242,17 +242,17 @@ class ShareCore:
         edges: Iterable[ButtonEvent],
         able: DeviceCapabilities,
         now_s: float,
-        felt: Felt | None = None,
+        haptic_feedback: HapticFeedback | None = None,
     ) -> Shared | None:
         """What to publish now, if it is time to; `state` and `edges`, oldest first, were taken
-        before `now_s`; `felt`: of a device that gives force."""
+        before `now_s`; `haptic_feedback`: of a device that gives force."""
         self._expire(now_s)
         self._lost = state.link is DeviceLink.LOST
         if self._lost:
             self._shown = None
         shared = self._offer(*self._settled(state, edges, now_s), able, now_s)
         self._offered_s, self._next_s = now_s, self.due_s
-        return shared if shared is None else shared._replace(felt=felt)
+        return shared if shared is None else shared._replace(haptic_feedback=haptic_feedback)
 
     def _offer(
         self,
@@ -409,7 +409,7 @@ class HandEnd:
             self._given.append((self._sequence, number))
 
     @property
-    def felt(self) -> Felt:
+    def haptic_feedback(self) -> HapticFeedback:
         """What the hand feels."""
         told = self._device.haptics()
         number = 0
@@ -418,7 +418,7 @@ class HandEnd:
                 number = theirs
         reason = self._enabling.refusal or self._refusal or told.reason
         state = told._replace(command_sequence=number, reason=reason)
-        return Felt(state, self._device.feedback_limits.force_n)
+        return HapticFeedback(state, self._device.feedback_limits.force_n)
 
 
 class News:
@@ -500,7 +500,7 @@ def share_until(
         claims = node.waiting_subscription(claim_topic(options.name), CLAIM_TYPE, CLAIMS_KEPT)
         publisher = node.publisher(topic, STATE_TYPE, express=True)
         router = "" if options.bus.zenoh_config else options.bus.router
-        news = News(router, routed=bool(node.neighbours()[0]))
+        news = News(router, routed=bool(node.neighbors()[0]))
         look_s = time.monotonic()
         stack.callback(device.on_state(lambda _state: claims.wake()))
         ask_for_real_time()
@@ -519,8 +519,8 @@ def share_until(
             now_s = time.monotonic()
             if hand is not None:
                 hand.cycle(*core.order(now_s), now_s)
-            felt = None if hand is None else hand.felt
-            shared = core.offer(state, edges, device.capabilities, now_s, felt)
+            haptic_feedback = None if hand is None else hand.haptic_feedback
+            shared = core.offer(state, edges, device.capabilities, now_s, haptic_feedback)
             if shared is not None:
                 publisher.put(codec.encode(shared_message(shared)), time.time_ns())
             if (feedback := core.feedback_due(now_s)) is not None:
@@ -529,7 +529,7 @@ def share_until(
             if now_s >= look_s:
                 look_s = now_s + NEWS_S
                 others_there = [each.full_node for each in others.others()]
-                lines += news.of_bus(others_there, routed=bool(node.neighbours()[0]))
+                lines += news.of_bus(others_there, routed=bool(node.neighbors()[0]))
             for line in lines:
                 tell(line)
         if hand is not None:

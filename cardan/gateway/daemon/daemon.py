@@ -39,7 +39,7 @@ from cardan.gateway.daemon.changes import (
 )
 from cardan.gateway.daemon.config import Layout, ServerEntry, SessionEntry, sharers
 from cardan.gateway.daemon.control import Ask, ControlError, Response
-from cardan.gateway.daemon.device_sharing import Order, Seen, SharedDevice
+from cardan.gateway.daemon.device_sharing import Order, SessionState, SharedDevice
 from cardan.gateway.daemon.events import Event, EventLog, default_event_log
 from cardan.gateway.daemon.notify import Notifier
 from cardan.gateway.daemon.processes import (
@@ -341,11 +341,11 @@ class Daemon:
                     with contextlib.suppress(OSError):
                         kept.process.send(TAKE if order is Order.TAKE else GIVE)
 
-    def _seen(self, name: str) -> Seen:
+    def _seen(self, name: str) -> SessionState:
         kept = self._kept[name]
         assert isinstance(kept, SessionService)
         s = kept.snapshot
-        return Seen(
+        return SessionState(
             kept.unit.wanted,
             kept.process is not None,
             s.device_held,

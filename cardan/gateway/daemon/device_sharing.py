@@ -21,7 +21,7 @@ class Order(enum.Enum):
     GIVE = "give"
 
 
-class Seen(NamedTuple):
+class SessionState(NamedTuple):
     """What is known of a session now."""
 
     wanted: bool
@@ -70,7 +70,7 @@ class SharedDevice:
         round_ = (*self.sessions[start + 1 :], *self.sessions[:start])
         return next((each for each in round_ if may(each)), "")
 
-    def poll(self, seen: Callable[[str], Seen]) -> list[tuple[str, Order]]:
+    def poll(self, seen: Callable[[str], SessionState]) -> list[tuple[str, Order]]:
         """Several times a second: who is to be told what."""
         found: list[tuple[str, Order]] = []
         now = {session: seen(session) for session in self.sessions}

@@ -56,7 +56,7 @@ COUNTERS: Final = (
      "Control instants that never arrived, or that had passed before they were answered."),
     ("cardan_trips", "trips", "How often a watchdog or a fault disengaged who moved the arm."),
     ("cardan_moving_seconds", "moving_s", "Time in which the arm was moved."),
-    ("cardan_reference_path_meters", "path_m", "How far the reference has travelled."),
+    ("cardan_reference_path_meters", "path_m", "How far the reference has traveled."),
     ("cardan_force_losses", "force_losses", "Disengagements because the force was lost."),
     ("cardan_device_passes", "device_passes",
      "How often the operator asked to pass the device on."),

@@ -88,7 +88,7 @@ class ContactFigures:
         }
 
 
-class FeltFigures:
+class HapticFigures:
     """What the device rendered: largest force and energy, and the ages of forces."""
 
     def __init__(self) -> None:

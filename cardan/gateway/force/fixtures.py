@@ -30,7 +30,7 @@ from cardan.spatial import add, dot, limit_norm, norm, rotate, scale, subtract
 from cardan.types import ZERO3, Quaternion, Vector3
 
 UP = Vector3(0.0, 0.0, 1.0)
-"""Direction of the push at a body's very centre, where every direction is as near."""
+"""Direction of the push at a body's very center, where every direction is as near."""
 
 
 def matrix_of(q: Quaternion) -> Matrix3:
@@ -122,7 +122,7 @@ def fixture_force(fixture: Fixture, point: Vector3, velocity: Vector3 = ZERO3) -
         outward, depth = fixture.normal, dot(subtract(fixture.point, point), fixture.normal)
     elif isinstance(fixture, Sphere):
         outward, depth = outward_of_round(
-            subtract(point, fixture.centre), fixture.radius_m, fixture.inside
+            subtract(point, fixture.center), fixture.radius_m, fixture.inside
         )
     else:
         away = subtract(point, fixture.point)
@@ -133,7 +133,7 @@ def fixture_force(fixture: Fixture, point: Vector3, velocity: Vector3 = ZERO3) -
 
 def outward_of_round(away: Vector3, radius: float, inside: bool = False) -> tuple[Vector3, float]:
     """The unit vector out of a round body's material, and how deep the point is in it, m, that is
-    `away` from its centre or axis."""
+    `away` from its center or axis."""
     distance = norm(away)
     outward = scale(away, 1.0 / distance) if distance > 1e-9 else UP
     return (scale(outward, -1.0), distance - radius) if inside else (outward, radius - distance)
@@ -149,7 +149,7 @@ def _push(
 
 
 def _box_force(box: Box, point: Vector3, velocity: Vector3) -> Vector3:
-    local = turned_back(box.rotation, subtract(point, box.centre))
+    local = turned_back(box.rotation, subtract(point, box.center))
     moving = turned_back(box.rotation, velocity)
     depths = [half - abs(at) for half, at in zip(box.half_sides_m, local, strict=True)]
     units = (Vector3(1.0, 0.0, 0.0), Vector3(0.0, 1.0, 0.0), Vector3(0.0, 0.0, 1.0))

@@ -15,7 +15,7 @@ from cardan.common.haptics import HapticCommand, MeasuredForce, WorldMap
 from cardan.drivers.haptic import HapticDevice
 from cardan.errors import DriverError
 from cardan.gateway.force.crossfade import MapCrossfade
-from cardan.gateway.force.figures import FeltFigures
+from cardan.gateway.force.figures import HapticFigures
 from cardan.gateway.force.fixtures import FixtureSet, world_point
 from cardan.gateway.force.input import ForceInput, MeasuredTcp
 from cardan.gateway.force.passive import FarPort
@@ -50,7 +50,7 @@ class ForceRenderer:
         self.device = device
         self.fixtures = fixtures
         self.measured = measured
-        self.felt = FeltFigures()
+        self.figures = HapticFigures()
         self.watchdog = ForceWatchdog(max_age_s)
         self._enabling = ForceEnabling(device)
         self._crossfade = MapCrossfade()
@@ -100,7 +100,7 @@ class ForceRenderer:
         self._look_s = now_s
         told = self.device.haptics()
         fixtures = self._engaged and bool(self.fixtures.fixtures)
-        self.felt.add(told, fixtures, self._engaged)
+        self.figures.add(told, fixtures, self._engaged)
         if not self._engaged:
             return ""
         return self.watchdog.disengage_reason(
@@ -170,7 +170,7 @@ class ForceRenderer:
     def diagnosis(self) -> tuple[str, ...]:
         """What prevents a force, or a good one."""
         words = [each for each in (self._enabling.refusal, self._rejection) if each]
-        newest = self.felt.newest
+        newest = self.figures.newest
         if self.watchdog.heard and newest.reason:
             words.append(("force: " if newest.rendering else "no force: ") + newest.reason)
         if self.measured is not None:
@@ -180,7 +180,7 @@ class ForceRenderer:
     def report(self) -> dict[str, Any]:
         """The figures of a snapshot, by the snapshot's names."""
         return {
-            **self.felt.report(),
+            **self.figures.report(),
             "force_losses": self.watchdog.losses,
             "force_out_s": self.watchdog.out_s,
             "force_lost_reason": self.watchdog.lost_reason,

@@ -32,6 +32,7 @@ Place = tuple[Near, Near, Near]
 """m"""
 
 MAX_CONTACTS = 8
+FORMER_KEYS = {"centre_m": "center_m"}
 
 # -- [[fixtures]]: geometry in the robot's base frame that pushes the hand -------------------------
 
@@ -75,13 +76,15 @@ class _PlacedFixtureTable(StiffFixtureTable):
 class SphereTable(StiffFixtureTable):
     """A solid sphere, or a hollow one that the hand is kept in."""
 
+    RENAMED: ClassVar = FORMER_KEYS
+
     shape: Literal["sphere"] = "sphere"
-    centre_m: Place
+    center_m: Place
     radius_m: Length
     inside: bool = False
 
     def made(self, tcp: Vector3 = ZERO3) -> Sphere:
-        return Sphere(Vector3(*self.centre_m), self.radius_m, *self._material, self.inside)
+        return Sphere(Vector3(*self.center_m), self.radius_m, *self._material, self.inside)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,16 +104,18 @@ class PlaneTable(_PlacedFixtureTable):
 class BoxTable(StiffFixtureTable):
     """A solid box, or a hollow one that the hand is kept in."""
 
+    RENAMED: ClassVar = FORMER_KEYS
+
     shape: Literal["box"] = "box"
-    centre_m: Place
+    center_m: Place
     half_sides_m: tuple[Length, Length, Length]
     rpy_deg: Angles = (0.0, 0.0, 0.0)
     inside: bool = False
 
     def made(self, tcp: Vector3 = ZERO3) -> Box:
         rotation = matrix_of(from_euler_zyx(*map(math.radians, self.rpy_deg)))
-        centre, sides = Vector3(*self.centre_m), Vector3(*self.half_sides_m)
-        return Box(centre, sides, *self._material, self.inside, rotation)
+        center, sides = Vector3(*self.center_m), Vector3(*self.half_sides_m)
+        return Box(center, sides, *self._material, self.inside, rotation)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,12 +185,14 @@ class PlaneContactTable(ContactTable):
 class SphereContactTable(ContactTable):
     """A solid sphere."""
 
+    RENAMED: ClassVar = FORMER_KEYS
+
     shape: Literal["sphere"] = "sphere"
-    centre_m: Place
+    center_m: Place
     radius_m: Length
 
     def depth_at(self, place: Vector3) -> tuple[Vector3, float]:
-        away = subtract(place, Vector3(*self.centre_m))
+        away = subtract(place, Vector3(*self.center_m))
         return outward_of_round(away, self.radius_m)
 
 

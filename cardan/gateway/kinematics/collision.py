@@ -314,7 +314,7 @@ def _coal_shape(shape: Shape | HalfSpace) -> tuple[Any, Any]:
 
 def reach_of(arm: ArmModel, shapes: tuple[BodyShape, ...]) -> FloatArray:
     """Farthest any point of each shape can be from each joint's axis (1.0 for a prismatic one:
-    metres per metre), whatever the joints between them do. n × shapes."""
+    meters per meter), whatever the joints between them do. n × shapes."""
     n = len(arm.joints)
     reach = np.zeros((n, len(shapes)))
     for column, shape in enumerate(shapes):

@@ -147,7 +147,7 @@ def _arc(squared: float) -> _Arc:
 
 
 class SoftNeck:
-    """Kinematics of one soft neck, as the servo knows arms; the TCP is the platform's centre.
+    """Kinematics of one soft neck, as the servo knows arms; the TCP is the platform's center.
 
     Three joints, the tendons in m, but two degrees of freedom: position and inclination of the
     platform go together, and it never turns about its own axis.

@@ -22,7 +22,7 @@ class ProfileState(NamedTuple):
     """Acceleration, per s²."""
 
 
-class Phase(NamedTuple):
+class JerkSegment(NamedTuple):
     """A stretch of constant jerk."""
 
     duration_s: float
@@ -39,7 +39,7 @@ def _require_positive(**values: float) -> None:
 
 def stopping_phases(
     speed: float, acceleration_now: float, acceleration: float, jerk: float
-) -> tuple[Phase, ...]:
+) -> tuple[JerkSegment, ...]:
     """The quickest way from `speed` >= 0 and `acceleration_now` to rest, in up to three phases.
 
     Speed falls at every time at least as fast as in any other motion within `acceleration` and
@@ -53,23 +53,23 @@ def stopping_phases(
     if math.isinf(jerk):
         if math.isinf(acceleration):
             return ()
-        return (Phase(speed / acceleration, -acceleration, 0.0),)
+        return (JerkSegment(speed / acceleration, -acceleration, 0.0),)
     if a < 0.0 and 2.0 * jerk * speed <= a * a:
         duration = -2.0 * speed / a
-        return (Phase(duration, a, -a / duration),)
+        return (JerkSegment(duration, a, -a / duration),)
     peak = math.sqrt(jerk * speed + 0.5 * a * a)
     hold = 0.0
     if peak > acceleration:
         peak = acceleration
         hold = max(0.0, (speed + 0.5 * a * a / jerk - peak * peak / jerk) / peak)
     return (
-        Phase((a + peak) / jerk, a, -jerk),
-        Phase(hold, -peak, 0.0),
-        Phase(peak / jerk, -peak, jerk),
+        JerkSegment((a + peak) / jerk, a, -jerk),
+        JerkSegment(hold, -peak, 0.0),
+        JerkSegment(peak / jerk, -peak, jerk),
     )
 
 
-def _ways(speed: float, phases: tuple[Phase, ...]) -> Iterator[float]:
+def _ways(speed: float, phases: tuple[JerkSegment, ...]) -> Iterator[float]:
     """Way covered in each phase, from `speed` on."""
     for time, a, jerk in phases:
         yield time * (speed + time * (0.5 * a + time * jerk / 6.0))
@@ -84,7 +84,7 @@ class Profile:
 
     def __init__(
         self,
-        phases: tuple[Phase, ...],
+        phases: tuple[JerkSegment, ...],
         acceleration: float,
         jerk: float,
         start: ProfileState,
@@ -177,23 +177,23 @@ def _peak_speed(length: float, acceleration: float, jerk: float) -> float:
     return float((0.25 * length * length * jerk) ** (1.0 / 3.0))
 
 
-def _rise(speed: float, jerk_s: float, constant_s: float) -> tuple[Phase, ...]:
+def _rise(speed: float, jerk_s: float, constant_s: float) -> tuple[JerkSegment, ...]:
     """From rest to `speed`."""
     if speed <= 0.0 or jerk_s + constant_s <= 0.0:
         return ()
     if jerk_s == 0.0:
-        return (Phase(constant_s, speed / constant_s, 0.0),)
+        return (JerkSegment(constant_s, speed / constant_s, 0.0),)
     peak = speed / (jerk_s + constant_s)
     return (
-        Phase(jerk_s, 0.0, peak / jerk_s),
-        Phase(constant_s, peak, 0.0),
-        Phase(jerk_s, peak, -peak / jerk_s),
+        JerkSegment(jerk_s, 0.0, peak / jerk_s),
+        JerkSegment(constant_s, peak, 0.0),
+        JerkSegment(jerk_s, peak, -peak / jerk_s),
     )
 
 
 def _rest_to_rest(
     length: float, speed: float, acceleration: float, jerk: float, duration_s: float | None
-) -> tuple[Phase, ...]:
+) -> tuple[JerkSegment, ...]:
     """Phases of the quickest symmetric motion over `length`, stretched to `duration_s`."""
     if not 0.0 <= length < math.inf:
         raise ValueError(f"length {length:g} is not a finite number from 0")
@@ -204,7 +204,7 @@ def _rest_to_rest(
         if duration_s is not None and not 0.0 <= duration_s < math.inf:
             raise ValueError(f"duration {duration_s:g} s is not a finite time")
         # Standing still lasts as long as it is asked to.
-        return () if duration_s is None else (Phase(duration_s, 0.0, 0.0),)
+        return () if duration_s is None else (JerkSegment(duration_s, 0.0, 0.0),)
     jerk_s, constant_s = _ramp(speed, acceleration, jerk)
     ramp_s = 2.0 * jerk_s + constant_s
     if speed * ramp_s > length:
@@ -224,12 +224,14 @@ def _rest_to_rest(
         rate = min(1.0, quickest_s / duration_s)
     rise = _rise(speed, jerk_s, constant_s)
     fall = tuple(
-        Phase(phase.duration_s, -phase.acceleration - phase.jerk * phase.duration_s, phase.jerk)
+        JerkSegment(
+            phase.duration_s, -phase.acceleration - phase.jerk * phase.duration_s, phase.jerk
+        )
         for phase in reversed(rise)
     )
     return tuple(
-        Phase(phase.duration_s / rate, phase.acceleration * rate**2, phase.jerk * rate**3)
-        for phase in (*rise, Phase(cruise_s, 0.0, 0.0), *fall)
+        JerkSegment(phase.duration_s / rate, phase.acceleration * rate**2, phase.jerk * rate**3)
+        for phase in (*rise, JerkSegment(cruise_s, 0.0, 0.0), *fall)
     )
 
 

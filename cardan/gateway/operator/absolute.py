@@ -38,7 +38,7 @@ class AbsoluteMapping(HandMapping):
         super().__init__(options, limits)
         self._orientation = options.orientation or Orientation.FIXED
         self._origin = Vector3(*(options.origin_m or ZERO3))
-        self._device_centre = Vector3(*options.device_centre_m)
+        self._device_center = Vector3(*options.device_center_m)
         roll, pitch, yaw = (math.radians(angle) for angle in options.hand_to_tool_rpy_deg)
         self._tool_in_hand = from_euler_zyx(roll, pitch, yaw)
         self.arrived = False
@@ -106,4 +106,4 @@ class AbsoluteMapping(HandMapping):
         return inside
 
     def _map_offset(self) -> Vector3:
-        return subtract(self._origin, self._mapped(self._device_centre))
+        return subtract(self._origin, self._mapped(self._device_center))

@@ -50,7 +50,7 @@ class FeedbackOptions(Options):
     """Measured force that rumbles at full strength."""
 
 
-class Felt(NamedTuple):
+class ArmFeedback(NamedTuple):
     """The part of the arm's state that feedback renders."""
 
     engaged: bool
@@ -85,14 +85,16 @@ class HandFeedback:
         """Whether `update` may have something new."""
         return now_s >= self._due_s
 
-    def update(self, felt: Felt, robot: RobotState, now_s: float) -> DeviceFeedback | None:
+    def update(
+        self, arm_feedback: ArmFeedback, robot: RobotState, now_s: float
+    ) -> DeviceFeedback | None:
         """What to send now; None: nothing new."""
         self._due_s = now_s + FEEDBACK_PERIOD_S
         led = rumble = None
-        if self._led_wanted and felt.engaged is not self._led:
-            led = self._led = felt.engaged
+        if self._led_wanted and arm_feedback.engaged is not self._led:
+            led = self._led = arm_feedback.engaged
         if self._sources:
-            level = self._level(felt, robot, now_s)
+            level = self._level(arm_feedback, robot, now_s)
             changed = abs(level - self._rumble) >= STEP or (level == 0.0) is not (
                 self._rumble == 0.0
             )
@@ -108,19 +110,19 @@ class HandFeedback:
         self._led, self._rumble = (False if led is not None else self._led), 0.0
         return None if led is None and rumble is None else DeviceFeedback(led, rumble)
 
-    def _level(self, felt: Felt, robot: RobotState, now_s: float) -> float:
-        if felt.trips != self._trips:
-            self._trips, self._tripped_s = felt.trips, now_s
+    def _level(self, arm_feedback: ArmFeedback, robot: RobotState, now_s: float) -> float:
+        if arm_feedback.trips != self._trips:
+            self._trips, self._tripped_s = arm_feedback.trips, now_s
         level = 0.0
         sources = self._sources
         if "trip" in sources and now_s - self._tripped_s < TRIP_PULSE_S:
             return 1.0
-        if "limit" in sources and felt.limited:
+        if "limit" in sources and arm_feedback.limited:
             level = LIMIT_LEVEL
         if "max_lead" in sources:
-            level = max(level, (felt.lead_used - LEAD_FROM) / (1.0 - LEAD_FROM))
+            level = max(level, (arm_feedback.lead_used - LEAD_FROM) / (1.0 - LEAD_FROM))
         if "force" in sources and robot.wrench is not None:
             level = max(level, norm(robot.wrench.force) / self._full_force_n)
         if "network" in sources:
-            level = max(level, felt.asked)
+            level = max(level, arm_feedback.asked)
         return min(1.0, level)

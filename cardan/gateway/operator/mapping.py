@@ -13,7 +13,7 @@ import enum
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from cardan.common import bounds
 from cardan.common.bounds import Angle, Angles, Point
@@ -83,6 +83,8 @@ AXES_IN_WORDS = f"{', '.join(AXES)}, each also with a minus in front"
 class MappingOptions(Options):
     """``[mapping]``: how a device is turned into a motion of the TCP."""
 
+    RENAMED: ClassVar = {"device_centre_m": "device_center_m"}
+
     mode: Mode = Mode.RATE
     frame: Frame = Frame.BASE
     """Axes the motion is expressed along: the robot's base, the tool, or mixed. In position mode
@@ -105,8 +107,8 @@ class MappingOptions(Options):
     """What the hand's orientation means. None: in position mode what `frame` says, the hand's turn
     about its device's axes; in absolute mode it is fixed."""
     origin_m: Point | None = None
-    """Where the TCP is, base frame, when the hand is at `device_centre_m`; absolute mode."""
-    device_centre_m: Point = ZERO3
+    """Where the TCP is, base frame, when the hand is at `device_center_m`; absolute mode."""
+    device_center_m: Point = ZERO3
     """A place of the hand, along the device's axes; absolute mode."""
     hand_to_tool_rpy_deg: Angles = NO_ANGLES
     """How the tool's axes stand in the hand's (roll, pitch, yaw); orientation absolute."""
@@ -197,13 +199,13 @@ class MappingOptions(Options):
                 f"{mode} has no references to take anew",
             ),
             ("origin_m", not absolute and self.origin_m is not None, only),
-            ("device_centre_m", not absolute and self.device_centre_m != ZERO3, only),
+            ("device_center_m", not absolute and self.device_center_m != ZERO3, only),
             ("hand_to_tool_rpy_deg", not absolute and any(self.hand_to_tool_rpy_deg), only),
             ("orientation", not absolute and whole, '"absolute" is for mode = "absolute" only'),
             (
                 "origin_m",
                 absolute and self.origin_m is None,
-                f"{mode} needs it: where the TCP is when the hand is at device_centre_m",
+                f"{mode} needs it: where the TCP is when the hand is at device_center_m",
             ),
             (
                 "frame",

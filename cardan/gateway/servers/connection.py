@@ -13,7 +13,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame as WireFrame, Opcode
 from websockets.protocol import State
 
-from cardan.gateway.servers.send_queue import Due, Frame, PaceT, SampleT, SendQueue, Stream
+from cardan.gateway.servers.send_queue import Due, Frame, PaceT, SampleT, SendQueue, TopicQueue
 
 FREE_BYTES = 64 * 1024
 """While more than this waits for a client to read, only the newest of each topic is kept."""
@@ -43,7 +43,7 @@ def _in_parts(frame: Frame) -> Frame | Iterable[Frame]:
     return (frame[at : at + FREE_BYTES] for at in range(0, len(frame), FREE_BYTES))
 
 
-class Sender(Generic[PaceT, SampleT]):
+class SendLoop(Generic[PaceT, SampleT]):
     """The way to a client, in a loop; within its ``async with`` what waits is sent."""
 
     def __init__(
@@ -52,7 +52,7 @@ class Sender(Generic[PaceT, SampleT]):
         peer: str,
         max_bytes: int,
         counts: Counter[str],
-        encoded: Callable[[Stream[PaceT, SampleT], SampleT], Iterable[Frame]],
+        encoded: Callable[[TopicQueue[PaceT, SampleT], SampleT], Iterable[Frame]],
     ) -> None:
         """`max_bytes`: of what is no publication, and that the client does not read. `encoded`: the
         frames of a publication that has waited."""
@@ -73,7 +73,7 @@ class Sender(Generic[PaceT, SampleT]):
         self._sending = False
         self._closed = False
 
-    async def __aenter__(self) -> Sender[PaceT, SampleT]:
+    async def __aenter__(self) -> SendLoop[PaceT, SampleT]:
         self._writer = self._loop.create_task(self._write())
         return self
 

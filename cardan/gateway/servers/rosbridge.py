@@ -23,7 +23,7 @@ from cardan.gateway.servers.numbers import ClientNumbers
 from cardan.gateway.servers.read_only import network_for
 from cardan.gateway.servers.refusals import Refusals
 from cardan.gateway.servers.rosapi import RosApi
-from cardan.gateway.servers.rosbridge_client import Client
+from cardan.gateway.servers.rosbridge_client import RosbridgeClient
 from cardan.gateway.servers.rosbridge_subscriptions import shared_feeds
 from cardan.gateway.servers.tokens import Role
 from cardan.gateway.servers.web import (
@@ -60,7 +60,7 @@ class RosbridgeServer:
         self._network = network
         self._allowed = self.options.allowed
         self._listener = self._make_listener()
-        self._clients: set[Client] = set()
+        self._clients: set[RosbridgeClient] = set()
         self._numbers = ClientNumbers()
         self._mailbox: Mailbox | None = None
 
@@ -113,7 +113,7 @@ class RosbridgeServer:
         mailbox = self._mailbox
         assert mailbox is not None
         with self._numbers.joined("rosbridge", connection, self._network, role) as (name, network):
-            client = Client(
+            client = RosbridgeClient(
                 connection,
                 peer,
                 network,
@@ -136,7 +136,11 @@ class RosbridgeServer:
                 self._clients.discard(client)
 
     async def _serve(
-        self, client: Client, connection: ListenerConnection, _network: Network, _role: Role
+        self,
+        client: RosbridgeClient,
+        connection: ListenerConnection,
+        _network: Network,
+        _role: Role,
     ) -> None:
         """Take a client's frames until it leaves; `network`: its own part."""
         async for frame in connection:

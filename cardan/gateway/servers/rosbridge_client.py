@@ -22,12 +22,12 @@ from cardan.errors import shown
 from cardan.gateway.arm.backlog import is_stale, stale_words
 from cardan.gateway.servers.allow_list import Allowed
 from cardan.gateway.servers.calls import CallError, Mailbox, ServiceCaller
-from cardan.gateway.servers.connection import Sender
+from cardan.gateway.servers.connection import SendLoop
 from cardan.gateway.servers.publishing import Advertisements, RefusedError, agreed_type
 from cardan.gateway.servers.read_only import READING_SERVICES
 from cardan.gateway.servers.rosapi import LOG, ROSOUT, SERVICES as ROSAPI_SERVICES, RosApi
 from cardan.gateway.servers.rosbridge_subscriptions import ClientStream, Feeds, RosbridgeFeed
-from cardan.gateway.servers.send_queue import LATCHED_DEPTH, Stream
+from cardan.gateway.servers.send_queue import LATCHED_DEPTH, TopicQueue
 from cardan.gateway.servers.web import ListenerConnection
 from cardan.protocols.ros2.actions import CANCEL_TYPE, CancelCode, GoalStatus
 from cardan.protocols.ros2.cdr import CdrError, Malformed, Message, codec_of, decoded
@@ -123,11 +123,11 @@ class _Goal:
         self.name, self.action, self.goal_id = name, action, goal_id
         self.accepted = accepted
         """The server's response to it."""
-        self.cancelled = False
+        self.canceled = False
         """Whether it is not wanted any more."""
 
 
-class Client:
+class RosbridgeClient:
     """A connected client, in a loop; leaving the ``async with`` takes all that it had from it."""
 
     def __init__(
@@ -149,7 +149,7 @@ class Client:
         """`lasting` calls on the network that outlives `network`, the client's own part of it.
         `max_bytes`: of an operation in fragments, and of answers that it does not read."""
         self.connection, self.peer = connection, peer
-        self.sender: Sender[Delivery, Sample] = Sender(
+        self.sender: SendLoop[Delivery, Sample] = SendLoop(
             connection, peer, max_bytes, counts, self._encoded
         )
         self._network, self._caller, self._rosapi = network, caller, rosapi
@@ -169,7 +169,7 @@ class Client:
         self._gone = False
         self._told = False
 
-    async def __aenter__(self) -> Client:
+    async def __aenter__(self) -> RosbridgeClient:
         await self.sender.__aenter__()
         return self
 
@@ -247,7 +247,7 @@ class Client:
             before.stream.delivery = delivery
             if not latched and before.feed.type == type_name:
                 return
-        stream = before.stream if before else Stream(asked.topic, delivery)
+        stream = before.stream if before else TopicQueue(asked.topic, delivery)
         try:
             feed = self._feeds.join(topic, type_name, latched, stream, self.sender)
         except NetworkError:
@@ -524,21 +524,21 @@ class Client:
         self._cancel(goal)
 
     def _answered_goal(self, goal: _Goal) -> None:
-        """A goal has been answered: one that was cancelled meanwhile is cancelled now that its
+        """A goal has been answered: one that was canceled meanwhile is canceled now that its
         server knows it, and one that nobody follows, as its answer did not come in time."""
         unknown = goal.accepted.exception() is not None
-        if unknown or (goal.cancelled and goal.accepted.result()["accepted"]):
+        if unknown or (goal.canceled and goal.accepted.result()["accepted"]):
             self._cancel(goal)
 
     def _answered_cancel(self, goal: _Goal, answer: asyncio.Future[Message]) -> None:
         """Tell where the goal goes on; else its result tells what became of it."""
         error = answer.exception()
         if error is not None:
-            self._not_cancelled(goal, str(error))
+            self._not_canceled(goal, str(error))
         elif answer.result()["return_code"] == CancelCode.REJECTED:
-            self._not_cancelled(goal, f"{goal.action} does not cancel this goal")
+            self._not_canceled(goal, f"{goal.action} does not cancel this goal")
 
-    def _not_cancelled(self, goal: _Goal, reason: str) -> None:
+    def _not_canceled(self, goal: _Goal, reason: str) -> None:
         if self._gone:
             _log.warning("%s: its goal may go on: %s", self.peer, reason)
         else:
@@ -548,21 +548,21 @@ class Client:
         """Ask the action's server to cancel, at once and, where it has not accepted the goal yet,
         again when it has: until then most servers do not know it. The goal's result tells whether
         it did."""
-        goal.cancelled = True
+        goal.canceled = True
         request = {"goal_info": {"goal_id": {"uuid": goal.goal_id}}}
         service = f"{goal.action}/_action/cancel_goal"
         whole = completed(f"{CANCEL_TYPE}_Request", request)
         try:
             answer = self._lasting.start(service, CANCEL_TYPE, whole, self._service_timeout_s)
         except NetworkError as error:
-            self._not_cancelled(goal, str(error))
+            self._not_canceled(goal, str(error))
         else:
             answer.add_done_callback(partial(self._answered_cancel, goal))
 
     # -- the end ---------------------------------------------------------------------------------
 
     def _leave(self) -> None:
-        """Take from the network all that the client had there; goals under way are cancelled."""
+        """Take from the network all that the client had there; goals under way are canceled."""
         if self._gone:
             return
         self._gone = True
@@ -600,17 +600,17 @@ def _by_name(type_name: str, args: Any) -> Any:
     return dict(zip(names, args, strict=False))
 
 
-_HANDLERS: Mapping[type, tuple[str, Callable[[Client, Any], None], str]] = {
-    Subscribe: ("subscribe", Client._subscribe, "topic"),
-    Unsubscribe: ("unsubscribe", Client._unsubscribe, "topic"),
-    Advertise: ("advertise", Client._advertise, "topic"),
-    Unadvertise: ("unadvertise", Client._unadvertise, "topic"),
-    Publish: ("publish", Client._publish, "topic"),
-    CallService: ("call_service", Client._call_service, "service"),
-    AdvertiseService: ("advertise_service", Client._advertise_service, "service"),
-    UnadvertiseService: ("unadvertise_service", Client._unadvertise_service, "service"),
-    ServiceResponse: ("service_response", Client._service_response, "service"),
-    SendActionGoal: ("send_action_goal", Client._send_goal, "action"),
-    CancelActionGoal: ("cancel_action_goal", Client._cancel_goal, "action"),
+_HANDLERS: Mapping[type, tuple[str, Callable[[RosbridgeClient, Any], None], str]] = {
+    Subscribe: ("subscribe", RosbridgeClient._subscribe, "topic"),
+    Unsubscribe: ("unsubscribe", RosbridgeClient._unsubscribe, "topic"),
+    Advertise: ("advertise", RosbridgeClient._advertise, "topic"),
+    Unadvertise: ("unadvertise", RosbridgeClient._unadvertise, "topic"),
+    Publish: ("publish", RosbridgeClient._publish, "topic"),
+    CallService: ("call_service", RosbridgeClient._call_service, "service"),
+    AdvertiseService: ("advertise_service", RosbridgeClient._advertise_service, "service"),
+    UnadvertiseService: ("unadvertise_service", RosbridgeClient._unadvertise_service, "service"),
+    ServiceResponse: ("service_response", RosbridgeClient._service_response, "service"),
+    SendActionGoal: ("send_action_goal", RosbridgeClient._send_goal, "action"),
+    CancelActionGoal: ("cancel_action_goal", RosbridgeClient._cancel_goal, "action"),
 }
 """Of each operation its name, what does it, and which of its fields names what it is about."""

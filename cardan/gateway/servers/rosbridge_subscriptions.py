@@ -9,8 +9,8 @@ from collections import Counter, deque
 
 from cardan.bus.network import Network
 from cardan.gateway.servers.calls import Mailbox
-from cardan.gateway.servers.connection import Sender, ready
-from cardan.gateway.servers.send_queue import Stream
+from cardan.gateway.servers.connection import SendLoop, ready
+from cardan.gateway.servers.send_queue import TopicQueue
 from cardan.gateway.servers.subscriptions import Feed, SharedFeeds
 from cardan.protocols.ros2.interfaces import InterfaceError
 from cardan.protocols.rosbridge.delivery import Delivery
@@ -22,8 +22,8 @@ DEPTH = 100
 _log = logging.getLogger(__name__)
 
 
-ClientStream = Stream[Delivery, Sample]
-Receiver = Sender[Delivery, Sample]
+ClientStream = TopicQueue[Delivery, Sample]
+Receiver = SendLoop[Delivery, Sample]
 
 
 class RosbridgeFeed(Feed[ClientStream, Receiver]):

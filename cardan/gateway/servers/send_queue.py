@@ -36,7 +36,7 @@ PaceT = TypeVar("PaceT", bound=Pace)
 SampleT = TypeVar("SampleT")
 
 
-class Stream(Generic[PaceT, SampleT]):
+class TopicQueue(Generic[PaceT, SampleT]):
     """A topic on its way to a client."""
 
     def __init__(self, topic: str, delivery: PaceT) -> None:
@@ -52,7 +52,7 @@ class Stream(Generic[PaceT, SampleT]):
 class Due(Generic[PaceT, SampleT]):
     """A publication that is to be sent now."""
 
-    stream: Stream[PaceT, SampleT]
+    stream: TopicQueue[PaceT, SampleT]
     sample: SampleT
 
 
@@ -68,7 +68,7 @@ class SendQueue(Generic[PaceT, SampleT]):
         self._max_control_bytes = max_control_bytes
         self._control: deque[Frame] = deque()
         self._control_bytes = 0
-        self._ready: deque[Stream[PaceT, SampleT]] = deque()
+        self._ready: deque[TopicQueue[PaceT, SampleT]] = deque()
         """Streams with something that waits, in the order of their turns."""
 
     @property
@@ -84,7 +84,7 @@ class SendQueue(Generic[PaceT, SampleT]):
             self.overflowed = True
 
     def offer(
-        self, stream: Stream[PaceT, SampleT], sample: SampleT, now_s: float, free: bool
+        self, stream: TopicQueue[PaceT, SampleT], sample: SampleT, now_s: float, free: bool
     ) -> bool:
         """A publication: true where it is to be sent at once. `free`: the way to the client is."""
         throttle_s, queue_length = stream.delivery.throttle_s, stream.delivery.queue_length
@@ -126,7 +126,7 @@ class SendQueue(Generic[PaceT, SampleT]):
             return float("-inf")
         return min((stream.next_s for stream in self._ready), default=None)
 
-    def forget(self, stream: Stream[PaceT, SampleT]) -> None:
+    def forget(self, stream: TopicQueue[PaceT, SampleT]) -> None:
         """The client does not want the stream any more."""
         if stream.waiting:
             stream.waiting.clear()

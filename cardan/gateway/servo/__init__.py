@@ -1,1 +1,1 @@
-"""The servo: one quadratic programme a tick turns what is wanted into joint motion that is safe."""
+"""The servo: one quadratic program a tick turns what is wanted into joint motion that is safe."""

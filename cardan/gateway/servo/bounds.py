@@ -67,7 +67,7 @@ class JointBounds:
                 stop = gain - sqrt(gain * gain + 2.0 * acceleration * room) if room > 0 else 0.0
                 if bottom < stop:
                     bottom, ending = stop, True
-            # Braking harder than the joint can is impossible, and no programme may be infeasible.
+            # Braking harder than the joint can is impossible, and no program may be infeasible.
             highest[index] = top if top > slowed else slowed
             lowest[index] = bottom if bottom < sped else sped
         return ending

@@ -47,7 +47,7 @@ REFUSED = {
     layout.GOOD: "",
     layout.BAD_INPUT: "a goal, twist, rate or posture that is not a number: braked",
     layout.BAD_PERIOD: "a period that is not above 0 and at most 10 s: nothing moved",
-    layout.NO_SOLUTION: "the programme has no solution: braked",
+    layout.NO_SOLUTION: "the program has no solution: braked",
 }
 
 

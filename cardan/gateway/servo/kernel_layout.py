@@ -139,8 +139,8 @@ class CState(ctypes.Structure):
     )
 
 
-class CProgramme(ctypes.Structure):
-    """The programme's data and solution; what the solver works with follows and is its own."""
+class CProgram(ctypes.Structure):
+    """The program's data and solution; what the solver works with follows and is its own."""
 
     _fields_ = (
         ("unknowns", c_int32),
@@ -181,7 +181,7 @@ class CProgramme(ctypes.Structure):
 def expected_layout() -> list[int]:
     """Sizes and field offsets as `kernel_layout` of the compiled library must give them."""
     expected = []
-    for structure in (CArm, COptions, CShape, CPair, CState, CProgramme):
+    for structure in (CArm, COptions, CShape, CPair, CState, CProgram):
         expected.append(ctypes.sizeof(structure))
         expected += [getattr(structure, field[0]).offset for field in structure._fields_]
     return expected

@@ -46,7 +46,7 @@ def kernel_library() -> Any:
         ("kernel_status", None, (c_void_p,)),
         ("kernel_kinematics", None, (c_void_p, numbers, numbers, numbers, numbers)),
         ("kernel_distances", None, (c_void_p, numbers, numbers, numbers)),
-        ("kernel_programme", c_int32, (c_void_p,)),
+        ("kernel_program", c_int32, (c_void_p,)),
         ("kernel_smallest_eigenvalue", c_double, (numbers, c_int32)),
     ):
         function = getattr(loaded, name)

@@ -42,7 +42,7 @@ MAX_PARTS = 3
 """Parts of a twist that slides, each with a path speed of its own."""
 
 MAX_ROWS = 16
-"""Closing pairs in one programme, the most urgent first: more cannot act on nine joints."""
+"""Closing pairs in one program, the most urgent first: more cannot act on nine joints."""
 
 CLOSING_LEVER_M = 0.13
 """Lever that makes the acceleration of a joint that turns a deceleration of the bodies it moves:
@@ -293,7 +293,7 @@ class Servo:
 
         task, normal, linear = self._task, self._normal, self._linear
         np.multiply(jacobian, self._column_weights, out=self._task_of_joints)
-        # The path's unknown is its speed itself and not the share s, so that the programme is as
+        # The path's unknown is its speed itself and not the share s, so that the program is as
         # well conditioned at 1 µm/s as at 1 m/s.
         weighed = wanted * self._weights
         pace = math.sqrt(weighed.dot(weighed))
@@ -577,7 +577,7 @@ class Servo:
     def _slide(
         self, parts: list[FloatArray], stiffness: float, rows: int
     ) -> tuple[FloatArray, float]:
-        """The programme's solution with a path speed for each of `parts`, of which what is left is
+        """The program's solution with a path speed for each of `parts`, of which what is left is
         put in place of what is asked; and the share that is left."""
         n, weights = self.joints, self._weights
         unknowns, end = n + len(parts), n + 1 + rows
@@ -590,7 +590,7 @@ class Servo:
         linear = np.concatenate((self._linear[:n], -(weights * self._feedback).dot(task[:, n:])))
         linear[n:] -= stiffness * paces
         none = np.zeros(len(parts))
-        x = self._programme(
+        x = self._program(
             normal,
             linear,
             np.hstack((self._rows_of_joints[:rows], np.zeros((rows, len(parts))))),
@@ -601,13 +601,13 @@ class Servo:
         return x, min(1.0, float(x[n:].dot(paces) / paces.dot(paces)))
 
     def _solve(self, dt_s: float) -> FloatArray:
-        """The programme's solution, v and s; a braking ramp where there is none."""
+        """The program's solution, v and s; a braking ramp where there is none."""
         highest, lowest = self._highest, self._lowest
         self._ending = self.bounds.fill(self.q.tolist(), self.v.tolist(), dt_s, lowest, highest)
         self._add_rows(dt_s)
         rows = self._active
         end = self.joints + 1 + rows
-        return self._programme(
+        return self._program(
             self._normal,
             self._linear,
             self._rows[:rows],
@@ -615,7 +615,7 @@ class Servo:
             lowest[:end],
         )
 
-    def _programme(
+    def _program(
         self,
         normal: FloatArray,
         linear: FloatArray,

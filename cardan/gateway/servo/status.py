@@ -44,7 +44,7 @@ class ServoStatus(NamedTuple):
     failures: int
     """Ticks so far without a solution, or whose step would have collided; each braked."""
     iterations: int = 0
-    """Most iterations of the programme in a tick so far."""
+    """Most iterations of the program in a tick so far."""
     compiled: bool = False
     """Whether the compiled servo runs."""
     refused: str = ""

@@ -1,4 +1,4 @@
-"""Makes the body of a session's arm, with the obstacles and neighbours around it."""
+"""Makes the commanded arm of a session, with the obstacles and neighbors around it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.operator.mapping import AXES
 from cardan.gateway.servo.kernel_layout import MAX_PAIRS, MAX_SHAPES
 from cardan.gateway.servo.options import ServoOptions
-from cardan.gateway.session.config import ArmTable, NeighbourTable, ObstacleTable, SessionConfig
+from cardan.gateway.session.config import ArmTable, NeighborTable, ObstacleTable, SessionConfig
 from cardan.robots import ArmModel, load_arm
 from cardan.robots.urdf import ARM_BASE, read_tree
 from cardan.spatial import compose, inverse, norm, scale, to_rotation_vector
@@ -22,8 +22,8 @@ from cardan.types import IDENTITY_POSE, Pose, RobotCapabilities, Vector3
 
 if TYPE_CHECKING:
     from cardan.gateway.arm.joint_space_arm import JointSpaceArm
-    from cardan.gateway.arm.neighbours import NeighbourBodies
-    from cardan.gateway.bus.neighbours import ArmNeighbours
+    from cardan.gateway.arm.neighbors import NeighborBodies
+    from cardan.gateway.bus.neighbors import ArmNeighbors
     from cardan.gateway.kinematics.arm import ArmKinematics
     from cardan.gateway.kinematics.base import Kinematics
     from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
@@ -51,27 +51,27 @@ def has_rigid_arm(config: SessionConfig) -> bool:
     return not why_no_verbs(config)
 
 
-def make_neighbours(
+def make_neighbors(
     config: SessionConfig, robot: RobotDriver, controller: ArmController
-) -> ArmNeighbours | None:
-    """What hears the neighbours of a session's arm, not open yet; None without any."""
-    if not config.neighbours:
+) -> ArmNeighbors | None:
+    """What hears the neighbors of a session's arm, not open yet; None without any."""
+    if not config.neighbors:
         return None
     from cardan.gateway.arm.joint_space_arm import JointSpaceArm
-    from cardan.gateway.arm.neighbours import NeighbourWatch
-    from cardan.gateway.bus.neighbours import ArmNeighbours
+    from cardan.gateway.arm.neighbors import NeighborWatch
+    from cardan.gateway.bus.neighbors import ArmNeighbors
 
-    body = controller.body
-    assert isinstance(body, JointSpaceArm)
+    commanded = controller.commanded
+    assert isinstance(commanded, JointSpaceArm)
     watches = [
-        NeighbourWatch(each, table.topic, table.max_age_s)
-        for table, each in zip(config.neighbours, body.neighbours, strict=True)
+        NeighborWatch(each, table.topic, table.max_age_s)
+        for table, each in zip(config.neighbors, commanded.neighbors, strict=True)
     ]
-    return ArmNeighbours(watches, controller, robot.capabilities.period_s)
+    return ArmNeighbors(watches, controller, robot.capabilities.period_s)
 
 
 def make_arm(config: SessionConfig, robot: RobotDriver) -> JointSpaceArm | None:
-    """The body of a session's arm; None without an ``[arm]`` table.
+    """The commanded arm of a session; None without an ``[arm]`` table.
 
     Where the robot's driver has limits of its own, the stricter of both hold. Pinocchio is only
     imported here: sessions without an arm's model start without it.
@@ -87,27 +87,27 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> JointSpaceArm | None:
 
     kinematics: Kinematics
     arm, collision, posture = None, None, None
-    neighbours = make_neighbour_bodies(config)
+    neighbors = make_neighbor_bodies(config)
     try:
         if table.model in SOFT_NECKS:
             kinematics, weights = SoftNeck(load_soft_neck(table.model)), SoftNeck.TASK
-            if table.tool() != IDENTITY_POSE or config.obstacles or neighbours:
+            if table.tool() != IDENTITY_POSE or config.obstacles or neighbors:
                 raise ConfigurationError(
-                    "", f"{table.model} takes neither tool nor obstacles nor neighbours"
+                    "", f"{table.model} takes neither tool nor obstacles nor neighbors"
                 )
         else:
             model = own_model(config)
             kinematics = arm = ArmKinematics(model, table.tool())
             weights = model.task.weights
-            if (config.obstacles or neighbours) and not table.i_accept_links_without_bodies:
+            if (config.obstacles or neighbors) and not table.i_accept_links_without_bodies:
                 model.require_bodies("")
             if len(model.joints) > FREE_JOINTS:
                 posture = np.array(model.home)
     except ConfigurationError as error:
         raise ConfigurationError("arm.model", str(error)) from None
     if arm is not None and table.collisions:
-        collision = make_collision_model(config, arm, neighbours)
-        _check_count(collision, bool(neighbours))
+        collision = make_collision_model(config, arm, neighbors)
+        _check_count(collision, bool(neighbors))
     able = robot.capabilities
     if able.joints != kinematics.joints:
         raise ConfigurationError(
@@ -119,16 +119,16 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> JointSpaceArm | None:
     _take_limits(kinematics, able)
     servo = choose_servo(kinematics, collision, _servo_options(table), weights)
     servo.posture = posture
-    body = JointSpaceArm(
+    commanded = JointSpaceArm(
         servo,
         able.commands,
         able.lag_s,
         tcp_tolerance_m=table.tcp_tolerance_m,
-        neighbours=neighbours,
+        neighbors=neighbors,
     )
-    for index, each in enumerate(neighbours):
-        body.place_neighbour(index, each.model.home, [0.0] * len(each.shapes))
-    return body
+    for index, each in enumerate(neighbors):
+        commanded.place_neighbor(index, each.model.home, [0.0] * len(each.shapes))
+    return commanded
 
 
 def own_topic(config: SessionConfig, name: str) -> str:
@@ -137,12 +137,12 @@ def own_topic(config: SessionConfig, name: str) -> str:
 
 
 def disagreements(sessions: Mapping[str, SessionConfig]) -> list[str]:
-    """Where sessions of one daemon say of their neighbours what these do not say of themselves."""
+    """Where sessions of one daemon say of their neighbors what these do not say of themselves."""
     by_topic = {own_topic(each, "joint_states"): name for name, each in sessions.items()}
     found = []
     for name, config in sessions.items():
-        for index, table in enumerate(config.neighbours):
-            key = f"{name}: neighbours.{index}"
+        for index, table in enumerate(config.neighbors):
+            key = f"{name}: neighbors.{index}"
             topic = own_topic(config, table.topic)
             if topic not in by_topic:
                 # It may be an arm that no session of ours moves.
@@ -165,12 +165,12 @@ def disagreements(sessions: Mapping[str, SessionConfig]) -> list[str]:
                 )
             back = [
                 number
-                for number, each in enumerate(sessions[other].neighbours)
+                for number, each in enumerate(sessions[other].neighbors)
                 if _is_of(sessions, other, each, name)
             ]
             if not back:
                 found.append(
-                    f"{key}: {who} has no neighbour for this arm, and may drive into it: add one"
+                    f"{key}: {who} has no neighbor for this arm, and may drive into it: add one"
                 )
             elif name < other and (
                 away := _apart(_base_of(config, index), _base_of(sessions[other], back[0]))
@@ -184,15 +184,15 @@ def disagreements(sessions: Mapping[str, SessionConfig]) -> list[str]:
 
 
 def _is_of(
-    sessions: Mapping[str, SessionConfig], own: str, table: NeighbourTable, other: str
+    sessions: Mapping[str, SessionConfig], own: str, table: NeighborTable, other: str
 ) -> bool:
-    """Whether a neighbour of the session `own` is the arm of `other`."""
+    """Whether a neighbor of the session `own` is the arm of `other`."""
     return own_topic(sessions[own], table.topic) == own_topic(sessions[other], "joint_states")
 
 
 def _base_of(config: SessionConfig, index: int) -> Pose:
-    """Of the arm of ``[[neighbours]]`` number `index`, in the base of a session's arm."""
-    table = config.neighbours[index]
+    """Of the arm of ``[[neighbors]]`` number `index`, in the base of a session's arm."""
+    table = config.neighbors[index]
     given = table.base()
     if given is not None or not has_rigid_arm(config):
         return given or IDENTITY_POSE
@@ -201,7 +201,7 @@ def _base_of(config: SessionConfig, index: int) -> Pose:
     own, theirs = (read_tree(each.urdf).fixed_links() for each in (model, load_arm(table.model)))
     common = [link for link in own if link in theirs]
     common = [link for link in common if link.rstrip("_") != ARM_BASE] or common
-    key = f"neighbours.{index}.base_xyz_m"
+    key = f"neighbors.{index}.base_xyz_m"
     if not common:
         raise ConfigurationError(
             key,
@@ -229,24 +229,24 @@ def _apart(one: Pose, other: Pose) -> tuple[float, float] | None:
     return away if away[0] > SAME_BASE_M or away[1] > SAME_BASE_RAD else None
 
 
-def make_neighbour_bodies(config: SessionConfig) -> list[NeighbourBodies]:
-    """The bodies of the arms of ``[[neighbours]]``."""
-    if not config.neighbours or config.arm is None:
+def make_neighbor_bodies(config: SessionConfig) -> list[NeighborBodies]:
+    """The bodies of the arms of ``[[neighbors]]``."""
+    if not config.neighbors or config.arm is None:
         return []
-    from cardan.gateway.arm.neighbours import NeighbourBodies
+    from cardan.gateway.arm.neighbors import NeighborBodies
 
     own: set[str] = set()
     if has_rigid_arm(config):
         own |= set(load_arm(config.arm.model, "arm.model").joint_names)
     heard = {own_topic(config, "joint_states"): ("this session's own arm", own)}
     found = []
-    for index, table in enumerate(config.neighbours):
-        key = f"neighbours.{index}.model"
+    for index, table in enumerate(config.neighbors):
+        key = f"neighbors.{index}.model"
         model = load_arm(table.model, key)
         joints = set(model.joint_names)
         if table.base_xyz_m is None and joints <= own:
             raise ConfigurationError(
-                f"neighbours.{index}.base_xyz_m",
+                f"neighbors.{index}.base_xyz_m",
                 f"is missing: the joints of {table.model!r} are this arm's own, so it is no other "
                 "arm of the same robot; say where its base is",
             )
@@ -260,16 +260,16 @@ def make_neighbour_bodies(config: SessionConfig) -> list[NeighbourBodies]:
                 "their .toml files",
             )
         topic = own_topic(config, table.topic)
-        who, theirs = heard.setdefault(topic, (f"the neighbour {table.name!r}", joints))
+        who, theirs = heard.setdefault(topic, (f"the neighbor {table.name!r}", joints))
         if theirs is not joints and joints <= theirs:
             raise ConfigurationError(
-                f"neighbours.{index}.topic",
+                f"neighbors.{index}.topic",
                 f"{topic} is that of {who}, whose joints have the same names: name the topic on "
                 f"which {table.name!r} alone is published",
             )
         if not config.arm.i_accept_links_without_bodies:
             model.require_bodies(key)
-        made = NeighbourBodies(
+        made = NeighborBodies(
             table.name,
             model,
             _base_of(config, index),
@@ -283,23 +283,23 @@ def make_neighbour_bodies(config: SessionConfig) -> list[NeighbourBodies]:
 
 
 def own_model(config: SessionConfig) -> ArmModel:
-    """Of a session's rigid arm, without the links of the same robot that a neighbour moves."""
+    """Of a session's rigid arm, without the links of the same robot that a neighbor moves."""
     assert config.arm is not None
     model = load_arm(config.arm.model)
-    for each in config.neighbours:
+    for each in config.neighbors:
         if each.base_xyz_m is None:
             model = model.without(load_arm(each.model))
     return model
 
 
 def make_collision_model(
-    config: SessionConfig, arm: ArmKinematics, neighbours: Sequence[NeighbourBodies]
+    config: SessionConfig, arm: ArmKinematics, neighbors: Sequence[NeighborBodies]
 ) -> CollisionModel:
-    """Of a session's arm, of the obstacles around it, and of its neighbours."""
+    """Of a session's arm, of the obstacles around it, and of its neighbors."""
     from cardan.gateway.kinematics.collision import CollisionModel
 
     ignored = set()
-    for index, (table, each) in enumerate(zip(config.neighbours, neighbours, strict=True)):
+    for index, (table, each) in enumerate(zip(config.neighbors, neighbors, strict=True)):
         own = [shape.name for shape in arm.arm.shapes if shape.body > 0]
         theirs = [shape.name for shape in each.model.shapes]
         for pair in table.ignore:
@@ -308,7 +308,7 @@ def make_collision_model(
             ):
                 if name not in known:
                     raise ConfigurationError(
-                        f"neighbours.{index}.ignore",
+                        f"neighbors.{index}.ignore",
                         f"there is no body {name!r} of {what}; allowed: "
                         f"{', '.join(dict.fromkeys(known))}" + suggestion(name, known),
                     )
@@ -316,19 +316,19 @@ def make_collision_model(
     return CollisionModel(
         arm,
         [make_obstacle(each) for each in config.obstacles],
-        movers=[each.shapes for each in neighbours],
+        movers=[each.shapes for each in neighbors],
         ignored=ignored,
     )
 
 
-def _check_count(collision: CollisionModel, neighbours: bool) -> None:
+def _check_count(collision: CollisionModel, neighbors: bool) -> None:
     for count, most, what in (
         (len(collision.solids), MAX_SHAPES, "bodies"),
         (len(collision.pairs), MAX_PAIRS, "pairs of bodies"),
     ):
-        if neighbours and count > most:
+        if neighbors and count > most:
             raise ConfigurationError(
-                "neighbours",
+                "neighbors",
                 f"with them there are {count} {what} to keep apart, and at most {most} can be: set "
                 'fit = "coarse" in [collision] of the arms\' .toml files, or leave some out',
             )

@@ -27,7 +27,7 @@ from cardan.gateway.operator.mapping import GripperOptions, MappingOptions, Mode
 from cardan.gateway.session.arm_assembly import (
     has_rigid_arm,
     make_arm,
-    make_neighbour_bodies,
+    make_neighbor_bodies,
     make_obstacle,
     own_model,
     why_no_verbs,
@@ -141,7 +141,7 @@ def make_verbs(
     from cardan.gateway.arm.verbs import ArmVerbs, narrowed
     from cardan.gateway.kinematics.arm import ArmKinematics
 
-    table, body = config.arm, controller.body
+    table, body = config.arm, controller.commanded
     assert table is not None
     assert isinstance(body, JointSpaceArm)
     model = narrowed(own_model(config), robot.capabilities)
@@ -212,7 +212,7 @@ def make_network(
             joints, description = model.joint_names, model.urdf
     names = ArmNames(joints, options.base_frame, options.flange_frame, options.tcp_frame)
     tables = as_table(config, from_file=False)
-    around = surroundings(config, has_rigid_arm(config), make_neighbour_bodies(config))
+    around = surroundings(config, has_rigid_arm(config), make_neighbor_bodies(config))
     return SessionNetwork(options, names, description, tool, offer, full, tables, around)
 
 

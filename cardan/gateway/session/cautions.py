@@ -9,7 +9,7 @@ from cardan.gateway.servo.status import SINGULAR
 from cardan.gateway.session.arm_assembly import (
     has_rigid_arm,
     make_collision_model,
-    make_neighbour_bodies,
+    make_neighbor_bodies,
     make_obstacle,
     own_model,
 )
@@ -46,7 +46,7 @@ def cautions(config: SessionConfig) -> list[str]:
         obstacles = [make_obstacle(each) for each in config.obstacles]
         words = arm_cautions(model, obstacles, config.arm.collisions)
         found += [f"arm: {each}" for each in words]
-        found += _touching_neighbours(config, model)
+        found += _touching_neighbors(config, model)
     return found
 
 
@@ -95,16 +95,16 @@ def _touching(model: ArmModel, obstacles: Sequence[Obstacle]) -> list[str]:
     return found
 
 
-def _touching_neighbours(config: SessionConfig, model: ArmModel) -> list[str]:
-    """Bodies of neighbours that overlap with the arm's where both arms are at home."""
-    if not config.neighbours:
+def _touching_neighbors(config: SessionConfig, model: ArmModel) -> list[str]:
+    """Bodies of neighbors that overlap with the arm's where both arms are at home."""
+    if not config.neighbors:
         return []
     from cardan.common.arm_libraries import np
     from cardan.gateway.kinematics.arm import ArmKinematics
 
-    neighbours = make_neighbour_bodies(config)
-    bodies, first = make_collision_model(config, ArmKinematics(model), neighbours), 0
-    for each in neighbours:
+    neighbors = make_neighbor_bodies(config)
+    bodies, first = make_collision_model(config, ArmKinematics(model), neighbors), 0
+    for each in neighbors:
         bodies.move(first, each.frames(each.model.home), [0.0] * len(each.shapes))
         first += len(each.shapes)
     least: dict[tuple[str, str], float] = {}
@@ -114,7 +114,7 @@ def _touching_neighbours(config: SessionConfig, model: ArmModel) -> list[str]:
         if one >= bodies.first_mover and distance < min(0.0, least.get(names, 0.0)):
             least[names] = distance
     return [
-        f"neighbours: at home {theirs} and {own} overlap by {distance * -1e3:.1f} mm, which ends "
+        f"neighbors: at home {theirs} and {own} overlap by {distance * -1e3:.1f} mm, which ends "
         "motions there: check base_xyz_m, or name the two in `ignore` if they do so in every "
         "posture"
         for (theirs, own), distance in least.items()

@@ -100,8 +100,8 @@ class ObstacleTable(SolidTable):
 
 
 @dataclass(frozen=True, kw_only=True)
-class NeighbourTable(Options):
-    """One of ``[[neighbours]]``: another arm, whose moving bodies this one keeps away from."""
+class NeighborTable(Options):
+    """One of ``[[neighbors]]``: another arm, whose moving bodies this one keeps away from."""
 
     name: str
     model: Annotated[str, bounds.ARM_FILE]
@@ -116,7 +116,7 @@ class NeighbourTable(Options):
     """Of its joints' accelerations, as its own session's [arm] has it: how late it stops."""
     ignore: tuple[tuple[str, str], ...] = ()
     """Pairs that are not kept apart, as they always touch: a body of this arm and one of it."""
-    max_age_s: Annotated[float, bounds.NEIGHBOUR_AGE_S] = 0.15
+    max_age_s: Annotated[float, bounds.NEIGHBOR_AGE_S] = 0.15
     """While its newest joint states are older, this arm brakes and is not moved."""
 
     def __post_init__(self) -> None:
@@ -131,7 +131,7 @@ class NeighbourTable(Options):
             )
 
     def base(self) -> Pose | None:
-        """Of the neighbour in this arm's base; None: by the robot's description."""
+        """Of the neighbor in this arm's base; None: by the robot's description."""
         if self.base_xyz_m is None:
             return None
         x, y, z = (math.radians(angle) for angle in self.base_rpy_deg)
@@ -173,13 +173,15 @@ class ForceConfig(Options):
 class SessionConfig(Options):
     """A whole configuration file."""
 
+    RENAMED: ClassVar = {"neighbours": "neighbors"}
+
     device: DriverTable | None = None
     """None: only verbs and streams move the arm."""
     robot: DriverTable
     arm: ArmTable | None = None
     authority: AuthorityOptions = field(default_factory=AuthorityOptions)
     obstacles: tuple[ObstacleTable, ...] = ()
-    neighbours: tuple[NeighbourTable, ...] = ()
+    neighbors: tuple[NeighborTable, ...] = ()
     mapping: MappingOptions = field(default_factory=MappingOptions)
     filters: tuple[FilterTable, ...] = ()
     """Shared control, applied in this order."""
@@ -220,18 +222,18 @@ class SessionConfig(Options):
                 "only an arm's model keeps away from them: add [arm] with its model, and leave "
                 "arm.collisions on",
             )
-        if self.neighbours and (self.arm is None or not self.arm.collisions):
+        if self.neighbors and (self.arm is None or not self.arm.collisions):
             raise ConfigurationError(
-                "neighbours",
+                "neighbors",
                 "only an arm's model keeps away from them: add [arm] with its model, and leave "
                 "arm.collisions on",
             )
-        names = [each.name for each in self.neighbours]
+        names = [each.name for each in self.neighbors]
         if len(set(names)) < len(names):
-            raise ConfigurationError("neighbours", "two have one name: name each differently")
-        if self.neighbours and self.network is None:
+            raise ConfigurationError("neighbors", "two have one name: name each differently")
+        if self.neighbors and self.network is None:
             raise ConfigurationError(
-                "neighbours", "their joint states come from the network: add the table [network]"
+                "neighbors", "their joint states come from the network: add the table [network]"
             )
         self._check_buttons()
         self._check_limits()

@@ -35,7 +35,7 @@ from cardan.gateway.bus.commands import (
     joint_command,
     stat_command,
 )
-from cardan.gateway.bus.compatibility import NamesTopics, Shown, other_names, same_topics
+from cardan.gateway.bus.compatibility import NamesTopics, PublishedState, other_names, same_topics
 from cardan.gateway.bus.device_topics import DeviceTopics
 from cardan.gateway.bus.haptic_server import HapticServer
 from cardan.gateway.bus.options import NetworkOptions
@@ -48,7 +48,7 @@ from cardan.types import DeviceLink, DeviceState, Pose, RobotLink, RobotState, V
 
 if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
     from cardan.gateway.arm.verbs import ArmVerbs
-    from cardan.gateway.bus.neighbours import ArmNeighbours
+    from cardan.gateway.bus.neighbors import ArmNeighbors
 
 _log = logging.getLogger(__name__)
 
@@ -136,13 +136,13 @@ class SessionNetwork:
         robot: RobotDriver,
         device: OperatorDevice | None,
         force: ForceSource | None = None,
-        neighbours: ArmNeighbours | None = None,
+        neighbors: ArmNeighbors | None = None,
     ) -> None:
-        """Join the bus; `force`: the source of the session's measured force; `neighbours` are heard
+        """Join the bus; `force`: the source of the session's measured force; `neighbors` are heard
         there. Raises DriverError, ConfigurationError, or ExtraMissingError."""
         self._node.join()
-        if neighbours is not None:
-            neighbours.open(self._node)
+        if neighbors is not None:
+            neighbors.open(self._node)
         self._twins = Twins(self._node)
         self._twins.begin()
         if self.options.device and device is not None:
@@ -280,7 +280,7 @@ class SessionNetwork:
             flags |= {"state": int(verbs.state), "stream": int(verbs.streams.kind)}
         self._topics.publish(state, pose, status, flags, now_s, now_ns)
         self._verbs = verbs
-        self._names_topics.publish(Shown.of(state, status, verbs, now_s, now_ns), now_ns)
+        self._names_topics.publish(PublishedState.of(state, status, verbs, now_s, now_ns), now_ns)
         if self._haptic is not None:
             self._haptic.publish(now_s, now_ns)
         if self._server is not None and self._server.running:

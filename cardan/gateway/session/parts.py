@@ -28,7 +28,7 @@ from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import ArmStatus, Phase
 from cardan.gateway.arm.vocab import Action
 from cardan.gateway.force.rendering import ForceRenderer
-from cardan.gateway.operator.feedback import Felt, HandFeedback
+from cardan.gateway.operator.feedback import ArmFeedback, HandFeedback
 from cardan.gateway.operator.filters import registry as filter_registry
 from cardan.gateway.operator.filters.base import TwistFilter
 from cardan.gateway.session.assembly import check_buttons, check_mode, has_output
@@ -42,7 +42,7 @@ from cardan.spatial import norm, subtract
 from cardan.types import IDENTITY_POSE, ZERO3, DeviceFeedback, DeviceLink, Pose, RobotState
 
 if TYPE_CHECKING:  # Imports the messages of the network, which most sessions do without.
-    from cardan.gateway.bus.neighbours import ArmNeighbours
+    from cardan.gateway.bus.neighbors import ArmNeighbors
     from cardan.gateway.session.network import SessionNetwork
 
 LISTEN_PERIOD_S: Final = 0.025
@@ -85,12 +85,12 @@ class Whole:
     def tcp(self, state: RobotState) -> Pose | None:
         """The measured TCP: the robot's own pose, or by the arm's model where that has a tool, or
         the robot reports joints alone."""
-        body, arm = self.controller.body, self.config.arm
+        commanded, arm = self.controller.commanded, self.config.arm
         # A verb may have changed the tool.
-        same_tool = body.tool == IDENTITY_POSE and (arm is None or arm.has_no_tool)
-        if isinstance(body, TaskSpaceArm) or (state.pose is not None and same_tool):
+        same_tool = commanded.tool == IDENTITY_POSE and (arm is None or arm.has_no_tool)
+        if isinstance(commanded, TaskSpaceArm) or (state.pose is not None and same_tool):
             return state.pose
-        return body.reported(state) if state.ready else None
+        return commanded.reported(state) if state.ready else None
 
 
 class Part:
@@ -141,19 +141,19 @@ class Figures(Part):
         controller = self.whole.controller
         if controller.phase not in IN_MOTION:
             return
-        body = controller.body
-        if not isinstance(body, TaskSpaceArm):
+        commanded = controller.commanded
+        if not isinstance(commanded, TaskSpaceArm):
             # An arm's model may have a tool that the robot's own pose does not know of.
             error_m = controller.reference.ahead_m
         elif state.pose is not None:
-            error_m = norm(subtract(body.pose.position, state.pose.position))
+            error_m = norm(subtract(commanded.pose.position, state.pose.position))
         else:
             return
         self._error_m = error_m
         self._square_sum_m2 += error_m * error_m
         self._moving_cycles += 1
         self._error_max_m = max(self._error_max_m, error_m)
-        self._path_m += norm(body.twist.linear) * controller.advanced_s
+        self._path_m += norm(commanded.twist.linear) * controller.advanced_s
         self._moving_s += state.period_s
 
     def tell(self, snapshot: Snapshot, now: Now) -> None:
@@ -344,10 +344,10 @@ class Feedback(Part):
     def after(self, cycle: Cycle, now_s: float) -> None:
         feedback = self._feedback
         if feedback.useful and feedback.due(now_s):
-            felt = felt_of(self.whole.controller.status())
+            arm_feedback = arm_feedback_of(self.whole.controller.status())
             if self.whole.network is not None:
-                felt = felt._replace(asked=self.whole.network.rumble(now_s))
-            self._send(feedback.update(felt, cycle.robot, now_s))
+                arm_feedback = arm_feedback._replace(asked=self.whole.network.rumble(now_s))
+            self._send(feedback.update(arm_feedback, cycle.robot, now_s))
 
     def tell(self, snapshot: Snapshot, now: Now) -> None:
         if self._lease.held:
@@ -414,22 +414,22 @@ class Requests(Part):
         self.whole.worker.close()
 
 
-class Neighbours(Part):
+class Neighbors(Part):
     """Arms beside this one, that move by themselves; without them no source moves the arm."""
 
-    def __init__(self, whole: Whole, neighbours: ArmNeighbours) -> None:
+    def __init__(self, whole: Whole, neighbors: ArmNeighbors) -> None:
         super().__init__(whole)
-        self._neighbours = neighbours
+        self._neighbors = neighbors
 
     def begin(self, now_s: float) -> None:
-        self.fault = self._neighbours.turn(now_s)
+        self.fault = self._neighbors.turn(now_s)
 
     def after(self, cycle: Cycle, now_s: float) -> None:
-        self._neighbours.hear(now_s, time.time_ns())
-        self.fault = self._neighbours.turn(now_s)
+        self._neighbors.hear(now_s, time.time_ns())
+        self.fault = self._neighbors.turn(now_s)
 
     def tell(self, snapshot: Snapshot, now: Now) -> None:
-        snapshot.diagnosis += self._neighbours.diagnosis()
+        snapshot.diagnosis += self._neighbors.diagnosis()
 
 
 class Network(Part):
@@ -505,11 +505,11 @@ class Supervisor(Part):
             self._gone("the process that started this session is gone")
 
 
-def felt_of(status: ArmStatus) -> Felt:
+def arm_feedback_of(status: ArmStatus) -> ArmFeedback:
     """The feedback to the operator for `status`."""
     asked = status.target.linear != ZERO3 or status.target.angular != ZERO3
     held = status.arm is not None and bool(status.arm.in_words())
-    return Felt(
+    return ArmFeedback(
         status.phase in (Phase.HOLDING, Phase.MOVING),
         status.trips,
         asked and (status.at_workspace_limit or held),

@@ -24,7 +24,7 @@ from cardan.gateway.arm.backlog import STREAMED_S
 from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import (
-    CANCELLED,
+    CANCELED,
     LATE_S,
     MotionNote,
     PacketError,
@@ -62,7 +62,7 @@ _BEGINNING = SEQUENCED & QUICK
 """Streamed commands that plan only where they begin their stream."""
 
 
-class Client(Protocol):
+class Requester(Protocol):
     """Where requests come from and their answers go. The worker's threads call it."""
 
     def decode(self, packet: Any) -> Request | None:
@@ -116,7 +116,7 @@ class _Begun(NamedTuple):
     """A motion that is not over."""
 
     motion: Motion
-    client: Client
+    client: Requester
     there: Callable[[], bool] | None
     """As the request has it."""
 
@@ -124,7 +124,7 @@ class _Begun(NamedTuple):
 class _Packet(NamedTuple):
     """What a client sent; None: the ends of motions are to be reported."""
 
-    client: Client
+    client: Requester
     packet: Any
     received_s: float
     late_s: float
@@ -139,7 +139,9 @@ _ENDED = {
 
 
 class _Job:
-    def __init__(self, client: Client, request: Request, received_s: float, late_s: float) -> None:
+    def __init__(
+        self, client: Requester, request: Request, received_s: float, late_s: float
+    ) -> None:
         """`late_s`: how long it may have waited before it was received."""
         self.client, self.request = client, request
         self.received_s, self.late_s = received_s, late_s
@@ -179,7 +181,7 @@ class RequestWorker:
         self._waits = threading.BoundedSemaphore(MAX_WAITS)
         self._turned_s = NEVER_S
         self._late_s = 0.0
-        self._beginning: deque[tuple[Client, str]] = deque()
+        self._beginning: deque[tuple[Requester, str]] = deque()
         """Senders of the streamed commands that wait as their stream is to begin, in order."""
         self._under_way: list[_Job] = []
         """What the planning thread has to do, and does."""
@@ -207,7 +209,7 @@ class RequestWorker:
         self._late_s = now_s - self._turned_s
         self._turned_s = now_s
 
-    def offer(self, client: Client, packet: Any, now_s: float) -> None:
+    def offer(self, client: Requester, packet: Any, now_s: float) -> None:
         """Take what a client sent; it is decoded beside the loop."""
         if not self.busy:
             self.busy = True
@@ -336,7 +338,7 @@ class RequestWorker:
             if request.verb in NEW_MOTION and job.ended_by:
                 raise MotionRefusedError(f"{request.verb}: {_ENDED[job.ended_by]}")
             if request.wanted is not None and not request.wanted():
-                raise MotionRefusedError(f"{request.verb}: {CANCELLED}")
+                raise MotionRefusedError(f"{request.verb}: {CANCELED}")
             if request.verb in NEW_MOTION and job.late_s > LATE_S:
                 raise MotionRefusedError(f"{request.verb}: {_late(job.late_s)}; ask again")
             if request.verb in ENDLESS and request.there is not None and not request.there():

@@ -17,13 +17,13 @@ from cardan.spatial import norm, scale
 from cardan.types import Pose, Vector3
 
 if TYPE_CHECKING:
-    from cardan.gateway.arm.neighbours import NeighbourBodies
+    from cardan.gateway.arm.neighbors import NeighborBodies
 
 
 def surroundings(
-    config: SessionConfig, rigid: bool, neighbours: Sequence[NeighbourBodies] = ()
+    config: SessionConfig, rigid: bool, neighbors: Sequence[NeighborBodies] = ()
 ) -> str:
-    """What is around the arm of a session, as JSON; `rigid`: whether its links are; `neighbours`:
+    """What is around the arm of a session, as JSON; `rigid`: whether its links are; `neighbors`:
     those of `config`.
 
     ``workspace_m``: for x, y and z the range that the TCP keeps to, or null. ``reach_m``: those
@@ -32,7 +32,7 @@ def surroundings(
     likewise, in the frame that is fixed to the link after ``joint``; "" is the base.
     ``obstacle_m`` and ``own_body_m``: the distances that are kept to obstacles and between the
     arm's own bodies; null where collisions are not avoided. ``links_without_body``: how many, and
-    which, in words; "" where all have one. ``neighbours``: of each its ``name``, the ``topic`` of
+    which, in words; "" where all have one. ``neighbors``: of each its ``name``, the ``topic`` of
     its joint states, ``max_age_s`` of these, its ``base`` in this one, its ``shapes``, as those of
     the arm, and its ``joints`` from the base on: each by ``name``, where it is in the body before
     at zero, and its ``axis``, along which it ``slides`` or about which it turns. ``visuals``: by
@@ -53,7 +53,7 @@ def surroundings(
         from cardan.robots.visuals import keep_visuals
 
         model = load_arm(table.model)
-        for named, each in zip(config.neighbours, neighbours, strict=True):
+        for named, each in zip(config.neighbors, neighbors, strict=True):
             if named.base_xyz_m is None:
                 model = model.without(each.model)
         shapes = _shapes(model, model.shapes)
@@ -67,7 +67,7 @@ def surroundings(
             "reach_m": reach_m,
             "obstacles": [{"name": each.name, **_obstacle(each)} for each in config.obstacles],
             "shapes": shapes,
-            "neighbours": [
+            "neighbors": [
                 {
                     "name": each.name,
                     "topic": "" if config.network is None else config.network.absolute(named.topic),
@@ -84,7 +84,7 @@ def surroundings(
                     ],
                     "shapes": _shapes(each.model, each.shapes),
                 }
-                for named, each in zip(config.neighbours, neighbours, strict=True)
+                for named, each in zip(config.neighbors, neighbors, strict=True)
             ],
             "links_without_body": bare,
             "visuals": visuals,

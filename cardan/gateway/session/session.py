@@ -32,7 +32,7 @@ from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.loop import ArmLoop, Cycle
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.force.rendering import ForceRenderer
-from cardan.gateway.session.arm_assembly import make_neighbours
+from cardan.gateway.session.arm_assembly import make_neighbors
 from cardan.gateway.session.assembly import make_controller, make_network, make_robot, make_verbs
 from cardan.gateway.session.config import SessionConfig, parse_config
 from cardan.gateway.session.device_sharing import DeviceLease
@@ -43,7 +43,7 @@ from cardan.gateway.session.parts import (
     Figures,
     Forces,
     Gripper,
-    Neighbours,
+    Neighbors,
     Network,
     Now,
     Operator,
@@ -92,7 +92,7 @@ class Session:
         )
         lease = None if device is None else DeviceLease(device)
         network = make_network(config, robot, worker.offer, lambda: worker.full)
-        neighbours = make_neighbours(config, robot, controller)
+        neighbors = make_neighbors(config, robot, controller)
         whole = Whole(config, robot, controller, device, lease, self._link, worker, network)
         gripper = Gripper(whole)
         self._parts: list[Part] = [Figures(whole), gripper]
@@ -101,14 +101,14 @@ class Session:
             if force is not None:
                 self._parts.append(Forces(whole, force))
             self._parts.append(Feedback(whole, device, lease))
-        if neighbours is not None:
-            self._parts.append(Neighbours(whole, neighbours))
+        if neighbors is not None:
+            self._parts.append(Neighbors(whole, neighbors))
         if channel is not None or network is not None:
             self._parts.append(Requests(whole))
         if network is not None:
             measured = None if force is None else force.measured
             source = None if measured is None else measured.source
-            join = functools.partial(network.open, controller, robot, device, source, neighbours)
+            join = functools.partial(network.open, controller, robot, device, source, neighbors)
             self._parts.append(Network(whole, network, join))
         if channel is not None:
             self._parts.append(Supervisor(whole, channel, self.stop))

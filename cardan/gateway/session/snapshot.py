@@ -83,7 +83,7 @@ class Snapshot:
     cycles: int = 0
     """Control instants of the robot that were answered."""
     path_m: float = 0.0
-    """How far the reference has travelled."""
+    """How far the reference has traveled."""
     moving_s: float = 0.0
     error_m: float | None = None
     """Distance between reference and robot; None while it does not move."""

@@ -80,7 +80,7 @@ def encode_path_corr(message: EgmSensorPathCorr) -> bytes:
     return _serialized(
         schema.SensorPathCorr,
         header=_header(message.header),
-        pathCorr={"pos": _millimetres(message.pos), "age": _unsigned(message.age_ms)},
+        pathCorr={"pos": _millimeters(message.pos), "age": _unsigned(message.age_ms)},
     )
 
 
@@ -119,7 +119,7 @@ def _motion(motion: EgmMotion | None) -> _Fields | None:
 def _pose(pose: EgmPose | None) -> _Fields | None:
     if pose is None:
         return None
-    fields: _Fields = {"pos": pose.pos and _millimetres(pose.pos)}
+    fields: _Fields = {"pos": pose.pos and _millimeters(pose.pos)}
     if pose.orient is not None:
         fields["orient"] = dict(zip(("u0", "u1", "u2", "u3"), pose.orient, strict=True))
     if pose.euler is not None:
@@ -144,7 +144,7 @@ def _rapid_data(data: EgmRapidData | None) -> _Fields | None:
     return None if data is None else {"digVal": data.dig_val, "dnum": data.dnum}
 
 
-def _millimetres(position: Sequence[float]) -> _Fields:
+def _millimeters(position: Sequence[float]) -> _Fields:
     return {axis: value * MM_PER_M for axis, value in zip("xyz", position, strict=True)}
 
 

@@ -69,7 +69,7 @@ class EgmHeader(NamedTuple):
 
 
 class EgmPose(NamedTuple):
-    """A Cartesian pose as it travelled; the quaternion is not normalized here."""
+    """A Cartesian pose as it traveled; the quaternion is not normalized here."""
 
     pos: Vector3 | None
     """m."""
@@ -104,7 +104,7 @@ class EgmCollisionInfo(NamedTuple):
     """Collision detection (RobotWare 7.6 and later)."""
 
     collision_triggered: bool | None
-    """Spelt collsionTriggered in ABB's schema."""
+    """Spelled collsionTriggered in ABB's schema."""
     coll_det_quota: tuple[float, ...]
     """Per axis."""
 

@@ -76,18 +76,18 @@ class Goals:
     A goal and its cancellation come through two services, between which nothing in ROS 2 keeps the
     order. A cancellation of a goal that has not come is answered with UNKNOWN_GOAL_ID, as there is
     no goal to name, and remembered: ids are made for one goal each. The goal is then accepted as
-    one that is being cancelled, and must not begin. It is not rejected, because only an accepted
+    one that is being canceled, and must not begin. It is not rejected, because only an accepted
     goal has a result, and a client that waits for it has to be told CANCELED.
     """
 
     def __init__(self, kept: int = KEPT, kept_s: float = KEPT_S) -> None:
         self._kept, self._kept_s = kept, kept_s
         self._goals: dict[bytes, Goal] = {}
-        self._cancelled_before: dict[bytes, None] = {}
-        """Ids of goals that were cancelled and have not come: the newest last."""
+        self._canceled_before: dict[bytes, None] = {}
+        """Ids of goals that were canceled and have not come: the newest last."""
 
     def accept(self, goal_id: bytes, now_ns: int, now_s: float) -> Goal | None:
-        """A new goal, CANCELING where it was cancelled before it came; None for an id that there is
+        """A new goal, CANCELING where it was canceled before it came; None for an id that there is
         already, or where all that are kept go on.
 
         `now_ns` since the epoch, `now_s` monotonic.
@@ -96,8 +96,8 @@ class Goals:
         if goal_id in self._goals or len(self._goals) >= self._kept:
             return None
         goal = self._goals[goal_id] = Goal(goal_id, now_ns)
-        if goal_id in self._cancelled_before:
-            del self._cancelled_before[goal_id]
+        if goal_id in self._canceled_before:
+            del self._canceled_before[goal_id]
             goal.status = GoalStatus.CANCELING
         return goal
 
@@ -106,7 +106,7 @@ class Goals:
         return self._goals.get(goal_id)
 
     def execute(self, goal: Goal) -> None:
-        """It has begun; one that is being cancelled stays so."""
+        """It has begun; one that is being canceled stays so."""
         if goal.status is GoalStatus.ACCEPTED:
             goal.status = GoalStatus.EXECUTING
 
@@ -139,7 +139,7 @@ class Goals:
             ]
             if wanted not in self._goals:
                 code = CancelCode.UNKNOWN_GOAL_ID
-                self._remember_cancelled(wanted)
+                self._remember_canceled(wanted)
             elif self._goals[wanted].status.over:
                 code = CancelCode.GOAL_TERMINATED
         going = [goal for goal in found if not goal.status.over]
@@ -149,11 +149,11 @@ class Goals:
             code = CancelCode.NONE
         return {"return_code": int(code), "goals_canceling": [g.info() for g in going]}, going
 
-    def _remember_cancelled(self, goal_id: bytes) -> None:
-        self._cancelled_before.pop(goal_id, None)
-        if len(self._cancelled_before) >= self._kept:
-            del self._cancelled_before[next(iter(self._cancelled_before))]
-        self._cancelled_before[goal_id] = None
+    def _remember_canceled(self, goal_id: bytes) -> None:
+        self._canceled_before.pop(goal_id, None)
+        if len(self._canceled_before) >= self._kept:
+            del self._canceled_before[next(iter(self._canceled_before))]
+        self._canceled_before[goal_id] = None
 
     def status_array(self) -> Message:
         """All goals that are kept, as action_msgs/GoalStatusArray."""

@@ -467,7 +467,7 @@ SharedFixture[] fixtures
 geometry_msgs/Vector3 force
 geometry_msgs/Vector3[] measured
 float64 absorbed
-@cardan_msgs/msg/FeltForce
+@cardan_msgs/msg/HapticFeedback
 uint64 number
 string state
 string reason
@@ -502,7 +502,7 @@ bool wrench_in_tool
 geometry_msgs/Vector3[] inertia
 float64[] battery
 DeviceAbilities[] abilities
-FeltForce[] felt
+HapticFeedback[] haptic_feedback
 @cardan_msgs/msg/DeviceClaim
 uint8 version
 uint64 lessee

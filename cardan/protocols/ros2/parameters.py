@@ -3,7 +3,7 @@
 A :class:`ParameterServer` has a table of what there is; the values stay where they are used, and
 are handed in. The server carries the changes out.
 
-Source: rcl_interfaces, and the behaviour of rclcpp's parameter services.
+Source: rcl_interfaces, and the behavior of rclcpp's parameter services.
 """
 
 from __future__ import annotations

@@ -128,7 +128,7 @@ class Data(NamedTuple):
     values: bytes
 
 
-class Request(NamedTuple):
+class ControlRequest(NamedTuple):
     """A request without a payload, or the protocol version that is asked for."""
 
     kind: PacketType
@@ -260,7 +260,7 @@ def speaks_rtde(said: bytes) -> bool | None:
 
 
 Reply = Accepted | ControllerVersion | Text | SetupReply | Data
-Asked = Request | Text | Setup | Data
+Asked = ControlRequest | Text | Setup | Data
 
 
 def read_reply(kind: int, payload: bytes, version: int = VERSION) -> Reply | Malformed:
@@ -296,9 +296,13 @@ def read_request(kind: int, payload: bytes, version: int = VERSION) -> Asked | M
     if kind == PacketType.PROTOCOL_VERSION:
         if len(payload) != _WORD.size:
             return Malformed(f"a version of {len(payload)} bytes, not {_WORD.size}")
-        return Request(PacketType.PROTOCOL_VERSION, _WORD.unpack(payload)[0])
+        return ControlRequest(PacketType.PROTOCOL_VERSION, _WORD.unpack(payload)[0])
     if kind in (PacketType.CONTROLLER_VERSION, PacketType.START, PacketType.PAUSE):
-        return Malformed(f"{len(payload)} bytes too many") if payload else Request(PacketType(kind))
+        return (
+            Malformed(f"{len(payload)} bytes too many")
+            if payload
+            else ControlRequest(PacketType(kind))
+        )
     if kind == PacketType.INPUTS:
         return Setup(PacketType.INPUTS, _names(payload))
     if kind == PacketType.OUTPUTS:

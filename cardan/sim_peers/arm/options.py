@@ -55,7 +55,7 @@ class Plane(NamedTuple):
 class Ball(NamedTuple):
     """A solid sphere to touch."""
 
-    centre: Vector3
+    center: Vector3
     """m, base frame."""
     radius_m: Annotated[float, bounds.POSITIVE]
 
@@ -137,7 +137,7 @@ class PlantOptions(Options):
             good = finite and plane.normal != ZERO3
             require(good, "planes", plane, "with a finite point and a direction")
         for ball in self.balls:
-            require(all(map(math.isfinite, ball.centre)), "balls", ball, "with a finite centre")
+            require(all(map(math.isfinite, ball.center)), "balls", ball, "with a finite center")
 
 
 @dataclass(frozen=True, kw_only=True)

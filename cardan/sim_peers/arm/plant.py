@@ -121,7 +121,7 @@ class ArmPlant:
             normals /= np.linalg.norm(normals, axis=1)[:, None]
             points = np.array([plane.point for plane in options.planes], float)
             self._planes = np.column_stack((normals, (normals * points).sum(axis=1)))
-        self._balls = [(np.array(ball.centre, float), ball.radius_m) for ball in options.balls]
+        self._balls = [(np.array(ball.center, float), ball.radius_m) for ball in options.balls]
         self._touchable = bool(len(self._planes) or self._balls)
         self._probes = self._make_probes()
         self._contact = np.zeros(n)
@@ -398,7 +398,7 @@ class ArmPlant:
     # -- contact --------------------------------------------------------------------------------
 
     def _make_probes(self) -> list[tuple[int, Array, float]]:
-        """What can touch: body, centre in that body, radius. The TCP comes first."""
+        """What can touch: body, center in that body, radius. The TCP comes first."""
         tcp = np.array(self.arm.tcp.position)
         probes = [(self.joints, tcp, self.options.contact_radius_m)]
         if not self.options.body_contact:
@@ -422,9 +422,9 @@ class ArmPlant:
         self._push[:] = 0.0
         jacobians = False
         planes = self._planes
-        for index, (body, centre, radius) in enumerate(self._probes):
+        for index, (body, center, radius) in enumerate(self._probes):
             placement = data.oMi[body]
-            at = placement.act(centre)
+            at = placement.act(center)
             found = []
             if len(planes):
                 depths = radius - (planes[:, :3] @ at - planes[:, 3])
@@ -567,13 +567,13 @@ def build_model(arm: ArmModel, options: PlantOptions) -> pin.Model:
         if not unknown:
             xx, xy, xz, yy, yz, zz = inertia.moments
             tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-            mass_kg, centre = inertia.mass_kg, np.array(inertia.centre_m)
+            mass_kg, center = inertia.mass_kg, np.array(inertia.center_m)
         else:
             mass_kg = DEFAULT_MASSES_KG[min(index, len(DEFAULT_MASSES_KG) - 1)]
-            centre = 0.5 * np.array(end)
+            center = 0.5 * np.array(end)
             square_m2 = DEFAULT_GYRATION_M**2 + float(np.dot(end, end)) / 12.0
             tensor = mass_kg * square_m2 * np.eye(3)
-        body = pin.Inertia(mass_kg, centre, tensor)
+        body = pin.Inertia(mass_kg, center, tensor)
         model.appendBodyToJoint(number, body, pin.SE3.Identity())
     if options.payload_kg > 0.0:
         tensor = options.payload_kg * PAYLOAD_GYRATION_M**2 * np.eye(3)

@@ -17,7 +17,7 @@ _SMALLEST_BUFFER = 1
 """Smallest kernel buffer (a few packets), so that the client's own queue sets the limit."""
 
 
-class Client(ABC):
+class DeviceClient(ABC):
     """One program that has the device open, and what it has not read yet."""
 
     def __init__(self, sock: socket.socket) -> None:
@@ -39,7 +39,7 @@ class Client(ABC):
             self._pass_on()
 
 
-class PacketClient(Client):
+class PacketClient(DeviceClient):
     """A client that gets packets.
 
     Subclasses put them into `_queue`, and count in `lost` what they drop when that is full.
@@ -62,7 +62,7 @@ class PacketClient(Client):
             self._queue.popleft()
 
 
-class StreamClient(Client):
+class StreamClient(DeviceClient):
     """A TCP client that gets bytes: put them into `unsent`."""
 
     def __init__(self, sock: socket.socket) -> None:
@@ -81,7 +81,7 @@ class StreamClient(Client):
             del self.unsent[: self.sock.send(self.unsent)]
 
 
-C = TypeVar("C", bound=Client)
+C = TypeVar("C", bound=DeviceClient)
 
 
 class Server(Generic[C]):

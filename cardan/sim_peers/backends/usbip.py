@@ -37,8 +37,8 @@ MAX_CONNECTIONS = 8
 MAX_TRANSFER_BYTES = 1 << 16
 """No transfer of a HID device is as long; a longer one is not USB/IP."""
 
-MAX_CANCELLED = 64
-"""Most transfers that are cancelled before they are asked for: a host has few under way."""
+MAX_CANCELED = 64
+"""Most transfers that are canceled before they are asked for: a host has few under way."""
 
 ENDPOINT_REPORTS = 4
 """Most reports kept for an endpoint that is not read; beyond it the oldest are dropped."""
@@ -139,8 +139,8 @@ class UsbipSession:
         self._reports: dict[int, deque[bytes]] = {}
         self._newest = 0
         """Sequence number of the newest transfer that was asked for."""
-        self._cancelled: dict[int, int] = {}
-        """Transfers that were cancelled before they were asked for: by which command."""
+        self._canceled: dict[int, int] = {}
+        """Transfers that were canceled before they were asked for: by which command."""
 
     def take_output(self) -> bytes:
         """What is to be sent now."""
@@ -230,8 +230,8 @@ class UsbipSession:
         data = bytes(self._in[COMMAND_BYTES:size])
         del self._in[:size]
         self._newest = sequence
-        if sequence in self._cancelled:
-            self._unlinked(self._cancelled.pop(sequence), -errno.ECONNRESET)
+        if sequence in self._canceled:
+            self._unlinked(self._canceled.pop(sequence), -errno.ECONNRESET)
         elif endpoint == 0:
             self._control(sequence, Setup(*_SETUP.unpack(setup)), data, length, bool(to_host))
         elif to_host:
@@ -272,8 +272,8 @@ class UsbipSession:
         the device; so the cancellation is answered once the transfer has come.
         """
         if 0 < (victim - self._newest) % _SEQUENCES < _SEQUENCES // 2:
-            if len(self._cancelled) < MAX_CANCELLED:
-                self._cancelled[victim] = sequence
+            if len(self._canceled) < MAX_CANCELED:
+                self._canceled[victim] = sequence
             return
         status = 0
         for waiting in self._waiting.values():

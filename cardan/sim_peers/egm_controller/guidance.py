@@ -241,7 +241,7 @@ def _joint_speeds(
         multiply(from_rotation_vector(Vector3(wx, wy, wz)), orientation),
     )
     step = differential.joints((vx, vy, vz, wx, wy, wz))
-    # The Jacobian alone is off by the curvature of the step; one correction leaves nanometres.
+    # The Jacobian alone is off by the curvature of the step; one correction leaves nanometers.
     reached = forward([q + dq for q, dq in zip(servo.planned, step, strict=True)], servo.arm.links)
     rest = differential.joints(pose_error(target, reached.pose))
     return [(a + b) / period for a, b in zip(step, rest, strict=True)]
@@ -347,7 +347,7 @@ class PathGuidance(Guidance):
         self._z = cross(self._x, self._y)
         self._top_speed = move.speed_mm_s * 1e-3
         self._left = move.repeats
-        self._travelled = 0.0
+        self._traveled = 0.0
         self._speed = 0.0
         self._backwards = False
         self._offset = (0.0, 0.0)
@@ -375,13 +375,13 @@ class PathGuidance(Guidance):
 
     def speeds(self, elapsed_s: float) -> list[float]:
         period = self.servo.period_s
-        left = self._length - self._travelled
+        left = self._length - self._traveled
         reachable = math.sqrt(2.0 * self._ACCELERATION_M_S2 * max(0.0, left))
         self._speed = min(
             self._speed + self._ACCELERATION_M_S2 * period, self._top_speed, reachable
         )
-        self._travelled = min(self._length, self._travelled + self._speed * period)
-        if self._length - self._travelled < 1e-7:
+        self._traveled = min(self._length, self._traveled + self._speed * period)
+        if self._length - self._traveled < 1e-7:
             self._next_leg()
         share = self._share
         offset_y, offset_z = (
@@ -389,7 +389,7 @@ class PathGuidance(Guidance):
         )
         self._offset = (offset_y, offset_z)
         self._past.append(self._offset)
-        along = self._length - self._travelled if self._backwards else self._travelled
+        along = self._length - self._traveled if self._backwards else self._traveled
         target = Vector3(
             *(
                 p + along * x + offset_y * y + offset_z * z
@@ -405,10 +405,10 @@ class PathGuidance(Guidance):
     def _next_leg(self) -> None:
         self._left -= 1
         if self._left <= 0:
-            self._travelled = self._length
+            self._traveled = self._length
             self.done = True
             return
-        self._travelled = 0.0
+        self._traveled = 0.0
         self._speed = 0.0
         self._backwards = not self._backwards
 

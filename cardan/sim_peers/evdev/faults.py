@@ -15,7 +15,7 @@ FAULTS = (
     FaultSwitch("silence", "no more events from VALUE s on, without any notice", 3.0),
     FaultSwitch("stuck-axis", "the left stick stays where it is at VALUE s", 3.0),
     FaultSwitch("stuck-button", "what is down at VALUE s stays down", 3.0),
-    FaultSwitch("drift", "the sticks rest VALUE of the full scale off centre", 0.2, -1.0, 1.0),
+    FaultSwitch("drift", "the sticks rest VALUE of the full scale off center", 0.2, -1.0, 1.0),
     FaultSwitch("dropped", "SYN_DROPPED in the place of every VALUE-th frame", 50.0, 1.0),
     FaultSwitch("short", "every VALUE-th packet is cut short", 50.0, 1.0),
     FaultSwitch("garbage", "before every VALUE-th packet one of random bytes", 50.0, 1.0),

@@ -33,9 +33,9 @@ FAULTS: Final = (
     FaultSwitch("null", "the sensors tell nothing from VALUE s on", 3.0),
     FaultSwitch("lost", "the tracking is lost from VALUE s on", 3.0),
     FaultSwitch("hidden", "the page is hidden from VALUE s on", 3.0),
-    FaultSwitch("leap", "the hand leaps by half a metre and a right angle at VALUE s", 3.0),
+    FaultSwitch("leap", "the hand leaps by half a meter and a right angle at VALUE s", 3.0),
     FaultSwitch(
-        "recentre", "the reference is another one from VALUE s on, turned by a right angle", 3.0
+        "recenter", "the reference is another one from VALUE s on, turned by a right angle", 3.0
     ),
     FaultSwitch("stuck", "the control counts as held from VALUE s on, whatever the hand does", 3.0),
     FaultSwitch("late", "every frame is VALUE s on its way", 0.2),
@@ -93,7 +93,7 @@ class SimulatedHand(HeldPeriodicDevice[bytes]):
                 "lost": self.lose_tracking,
                 "hidden": self.hide,
                 "leap": self.leap,
-                "recentre": self.recentre,
+                "recenter": self.recenter,
                 "stuck": self.stick,
             },
         )
@@ -125,8 +125,8 @@ class SimulatedHand(HeldPeriodicDevice[bytes]):
         """The tracking says that it is elsewhere from now on."""
         self.leapt = True
 
-    def recentre(self, turn_rad: float = 0.5 * math.pi, *, told: bool = True) -> None:
-        """All poses are in another reference from now on, as after a headset's recentring.
+    def recenter(self, turn_rad: float = 0.5 * math.pi, *, told: bool = True) -> None:
+        """All poses are in another reference from now on, as after a headset's recentering.
 
         `told`: the browser says so.
         """

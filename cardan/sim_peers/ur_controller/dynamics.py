@@ -27,9 +27,9 @@ class Load(NamedTuple):
     """A rigid body in the frame of the last joint."""
 
     mass: float
-    centre: Sequence[float]
+    center: Sequence[float]
     inertia: Sequence[float]
-    """About its centre: xx, yy, zz, xy, xz, yz."""
+    """About its center: xx, yy, zz, xy, xz, yz."""
 
 
 class Effort(NamedTuple):
@@ -83,7 +83,7 @@ class Dynamics:
             turn = joint.placement.orientation
             x, y, z = (rotate(turn, axis) for axis in _AXES)
             xx, xy, xz, yy, yz, zz = inertia.moments
-            load = Load(inertia.mass_kg, inertia.centre_m, (xx, yy, zz, xy, xz, yz))
+            load = Load(inertia.mass_kg, inertia.center_m, (xx, yy, zz, xy, xz, yz))
             self._bodies.append(_Body(x, y, z, joint.placement.position, load))
 
     def mass_matrix(self, q: Sequence[float], load: Load) -> list[tuple[float, ...]]:

@@ -116,7 +116,7 @@ class Kinematics:
                 q5 = atan2(sign * s5, a)
                 q6 = last_q if s5 < _SINGULAR else atan2(-sign * o, sign * n)
                 s6, c6 = sin(q6), cos(q6)
-                # The direction of joint 5, and the centre of the wrist, in the plane.
+                # The direction of joint 5, and the center of the wrist, in the plane.
                 ux, uy, uz = -s6 * nx - c6 * ox, -s6 * ny - c6 * oy, -s6 * nz - c6 * oz
                 across = c1 * ux + s1 * uy
                 x = c1 * (wx - d5 * ux) + s1 * (wy - d5 * uy)

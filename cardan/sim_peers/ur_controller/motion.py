@@ -296,8 +296,8 @@ class Motion:
         force, torque = rotate(turn, force), rotate(turn, add(Vector3(*self.sensed[3:]), lever))
         # It feels the load's weight, which is taken out.
         held = scale(Vector3(*self.gravity), self.payload.mass)
-        centre = rotate(turn, Vector3(*self.payload.cog))
-        return Pose((*add(force, held), *add(torque, scale(cross(centre, held), way))))
+        center = rotate(turn, Vector3(*self.payload.cog))
+        return Pose((*add(force, held), *add(torque, scale(cross(center, held), way))))
 
     def contact_force(self) -> Pose:
         """The force of what the arm touches (N, N·m) about the flange, base frame, since it was

@@ -397,8 +397,8 @@ def _settings(motion: Motion) -> Mapping[str, Function]:
         motion.zero_force()
 
     def set_payload(m: Any, cog: Any) -> None:
-        centre = motion.tcp.position if cog is None else checks.vector("cog", cog, 3)
-        carry(m, tuple(centre), (0.0,) * AXES)
+        center = motion.tcp.position if cog is None else checks.vector("cog", cog, 3)
+        carry(m, tuple(center), (0.0,) * AXES)
 
     def set_payload_mass(m: Any) -> None:
         carry(m, motion.payload.cog, (0.0,) * AXES)

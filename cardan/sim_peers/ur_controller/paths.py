@@ -2,7 +2,7 @@
 
 A path is by its length: of a joint move the way of the joint that goes farthest (rad), of a move in
 tool space that of the TCP (m). What the tool turns counts, too, where it is the more: a radian as
-`TURNING_M` metres (chosen; UR publishes no such law).
+`TURNING_M` meters (chosen; UR publishes no such law).
 """
 
 from __future__ import annotations
@@ -86,11 +86,11 @@ class ArcPath:
         )
         self.start = start
         self.radius = norm(offset)
-        self._centre = add(start.position, offset)
+        self._center = add(start.position, offset)
         self._normal = scale(normal, 1.0 / math.sqrt(square))
         self._out = scale(offset, -1.0)
         self._along = cross(self._normal, self._out)
-        reached = subtract(goal.position, self._centre)
+        reached = subtract(goal.position, self._center)
         self._angle = math.atan2(dot(reached, self._along), dot(reached, self._out)) % math.tau
         if fixed:
             turned = from_rotation_vector(scale(self._normal, self._angle))
@@ -109,7 +109,7 @@ class ArcPath:
         angle = self._angle * share
         out = add(scale(self._out, math.cos(angle)), scale(self._along, math.sin(angle)))
         return Frame(
-            add(self._centre, out),
+            add(self._center, out),
             multiply(from_rotation_vector(scale(self._turn, share)), self.start.orientation),
         )
 

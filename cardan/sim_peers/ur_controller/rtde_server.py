@@ -10,12 +10,12 @@ from cardan.protocols.ur.rtde import (
     IN_USE,
     NOT_FOUND,
     VERSIONS,
+    ControlRequest,
     Data,
     Malformed,
     PacketReader,
     PacketType,
     Recipe,
-    Request,
     Setup,
     SetupReply,
     Text,
@@ -130,12 +130,12 @@ class RtdeClient:
             self._write(asked)
         elif isinstance(asked, Setup):
             self._send(reply_setup(self._set_up(asked), self._version))
-        elif isinstance(asked, Request):
+        elif isinstance(asked, ControlRequest):
             self._answer(asked)
         else:
             assert isinstance(asked, Text)  # A client's words go to the log, which nobody reads.
 
-    def _answer(self, asked: Request) -> None:
+    def _answer(self, asked: ControlRequest) -> None:
         if asked.kind is PacketType.PROTOCOL_VERSION:
             self._version = asked.version if asked.version in self._versions else 0
             self._send(reply_accepted(asked.kind, self._version > 0))

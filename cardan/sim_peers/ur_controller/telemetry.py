@@ -46,7 +46,7 @@ _IDLE: Final = 255
 _OFF: Final = 239
 """Of joints, and of the tool."""
 
-_NEWTON_METRES_PER_A: Final = (10.5, 10.5, 10.5, 8.4, 8.4, 8.4)
+_NEWTON_METERS_PER_A: Final = (10.5, 10.5, 10.5, 8.4, 8.4, 8.4)
 """Of each joint, behind its gear."""
 _WINDING_OHM: Final = 0.5
 _IDLE_A: Final = 0.4
@@ -472,4 +472,4 @@ def _signal(fraction: float, domain: int) -> float:
 
 
 def _currents(torques: Sequence[float]) -> tuple[float, ...]:
-    return tuple(a / b for a, b in zip(torques, _NEWTON_METRES_PER_A, strict=True))
+    return tuple(a / b for a, b in zip(torques, _NEWTON_METERS_PER_A, strict=True))

@@ -132,7 +132,7 @@ class SessionRig:
 def judged(bench, suite=SUITE, rig=SessionRig, **more):
     exchange = Exchange(suite.scenario(Level.MOVE, 0.5))
     rig(exchange, bench, **more).run()
-    seen = SUITE.see(exchange.timeline)
+    seen = SUITE.decode(exchange.timeline)
     return {each.id[-3:]: each.judge(seen) for each in requires.all()}
 
 
@@ -208,7 +208,7 @@ def test_a_session_that_leaves_whole_turns_as_they_are_fails(monkeypatch):
 
 @pytest.mark.matrix
 def test_a_session_that_forgets_early_cancellations_fails(monkeypatch):
-    monkeypatch.setattr(Goals, "_remember_cancelled", lambda _self, _goal_id: None)
+    monkeypatch.setattr(Goals, "_remember_canceled", lambda _self, _goal_id: None)
     found = worse_than(Outcome.PASSED, judged(turned_arm(0), earlier=CANCEL))
     assert next(iter(found)) == "210"
 
@@ -229,7 +229,7 @@ def test_each_requirement_is_failed_by_a_fault():
 @pytest.mark.matrix
 def test_an_arm_that_begins_a_whole_turn_is_stopped_and_asked_no_more():
     _, timeline = simulated(SUITE, Level.MOVE, {"whole-turn": 1.0})
-    seen = SUITE.see(timeline)
+    seen = SUITE.decode(timeline)
     states = seen.during("wrap")
     assert FAR < seen.farthest(states)[0] < 3.0 * FAR
     assert "home" not in seen.phases
@@ -244,7 +244,7 @@ def test_nothing_that_comes_ends_the_pilot_or_a_judge():
     for channel in CHANNELS:
         exchange.over = False
         exchange.heard(1e3, channel, b"\0\1\0\0junk", note="1")
-    seen = SUITE.see(exchange.timeline)
+    seen = SUITE.decode(exchange.timeline)
     assert len(seen.malformed) == len(CHANNELS) - 1
     assert worse_than(Outcome.PASSED, {r.id: r.judge(seen) for r in requires.all()}) == {}
 
@@ -256,11 +256,11 @@ def test_joints_of_another_publisher_and_infinite_ones_are_seen_as_they_are():
     _hear(timeline, DESCRIPTION, described)
     for given in ({"finger": 0.1}, {"a": 3.0, "b": 1.0}, {"finger": 0.1}, {"a": -3.2, "b": 1.2}):
         _hear(timeline, STATES, {"name": [*given], "position": [*given.values()]})
-    seen = SUITE.see(timeline)
+    seen = SUITE.decode(timeline)
     assert seen.farthest(seen.states) == (pytest.approx(0.2), "b", 4)
     assert seen.off(seen.states[-1], {"a": 3.0}) == {"a": pytest.approx(2 * math.pi - 6.2)}
     _hear(timeline, STATES, {"name": ["a"], "position": [math.inf]})
-    seen = SUITE.see(timeline)
+    seen = SUITE.decode(timeline)
     assert seen.farthest(seen.states)[:2] == (math.inf, "a")
     assert requires.all()[0].judge(seen) == failed("a position is no number", [5])
 
@@ -276,7 +276,7 @@ def test_feedback_of_every_distribution_is_read(names, index):
     if index is not None:
         name, feedback["index"] = revised(name), index
     _hear(timeline, FEEDBACK, {"feedback": feedback}, name)
-    seen = SUITE.see(timeline)
+    seen = SUITE.decode(timeline)
     assert not seen.malformed
     ((_, message),) = seen.feedback
     assert message["feedback"]["joint_names"] == names

@@ -43,7 +43,7 @@ LOOPBACK = f"""
 """This computer alone. It meets peers by multicast and by unicast on loopback: those of all of ROS
 2's ways to be on one computer. Without key hashes Fast DDS does not notice that an endpoint was
 deleted, and has it for as long as its participant is there. A writer that is deleted waits for the
-acknowledgement of its last messages, by default for a second, though its reader has crashed."""
+acknowledgment of its last messages, by default for a second, though its reader has crashed."""
 
 CONFIG_VARIABLE = "CYCLONEDDS_URI"
 

@@ -18,7 +18,7 @@ LEAST_MESSAGES = 2
 """What is read once can be read by chance."""
 
 
-class _Seen(NamedTuple):
+class _FlowHints(NamedTuple):
     """The first packets of a flow."""
 
     packets: list[tuple[CapturedPacket, Segment]]
@@ -29,7 +29,7 @@ class Hints:
     """The flows of a capture that nothing read."""
 
     def __init__(self) -> None:
-        self._flows: dict[tuple[str, Endpoint, Endpoint], _Seen] = {}
+        self._flows: dict[tuple[str, Endpoint, Endpoint], _FlowHints] = {}
 
     def add(self, packet: CapturedPacket, segment: Segment) -> None:
         """A packet that no dissector took."""
@@ -41,7 +41,7 @@ class Hints:
         if seen is None:
             if len(self._flows) >= MOST_FLOWS:
                 return
-            seen = self._flows[key] = _Seen([], [])
+            seen = self._flows[key] = _FlowHints([], [])
         if len(seen.sizes) < FLOW_PACKETS and sum(seen.sizes) < FLOW_BYTES:
             seen.packets.append((packet._replace(data=b""), segment))
             seen.sizes.append(len(segment.payload))
@@ -75,7 +75,7 @@ class Hints:
 
 
 def _likeness(
-    kind: type[Dissector], seen: _Seen, end: Endpoint, ends: list[Endpoint]
+    kind: type[Dissector], seen: _FlowHints, end: Endpoint, ends: list[Endpoint]
 ) -> tuple[str, int] | None:
     """What the dissector says of the flow when it is given the port of `end`, and that port."""
     option = kind.options[0]

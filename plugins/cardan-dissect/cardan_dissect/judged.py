@@ -29,7 +29,7 @@ from cardan.conform import (
 )
 from cardan.conform.report import DOUBTED
 from cardan.conform.requirements import V
-from cardan.conform.timeline import Phase, UnaskedError
+from cardan.conform.timeline import TimelinePhase, UnaskedError
 from cardan.conform.transports import host_and_port
 from cardan.errors import CaptureError, ConfigurationError
 from cardan_dissect import CaptureReader, network, registry, tcp
@@ -54,7 +54,7 @@ _REPORTS_OF = re.compile(r"(?P<device>.*) (?:endpoint \d+|control|interrupt) (?P
 _USB_IDS = re.compile(r"[0-9a-f]{4}:[0-9a-f]{4}(?= )")
 
 
-class _Unasked(dict[str, Phase]):
+class _Unasked(dict[str, TimelinePhase]):
     """Phases of which there is none: a look for one raises UnaskedError."""
 
     def _none(self, *_: object) -> NoReturn:
@@ -63,7 +63,7 @@ class _Unasked(dict[str, Phase]):
     get = __getitem__ = __contains__ = __iter__ = keys = values = items = _none
 
 
-class Client(NamedTuple):
+class ClientTraffic(NamedTuple):
     """One of several that were there at a time."""
 
     name: str
@@ -90,16 +90,16 @@ class Captured(Timeline):
 
     def __init__(self) -> None:
         super().__init__()
-        self.clients: list[Client] = []
+        self.clients: list[ClientTraffic] = []
         """Where there are several at a time: each is judged by itself."""
 
-    def phases(self) -> dict[str, Phase]:
+    def phases(self) -> dict[str, TimelinePhase]:
         return _Unasked()
 
     def _of_clients(self, requirement: Requirement[Any]) -> Verdict:
         """The worst of what is said of each."""
 
-        def rank(found: tuple[Client, Verdict]) -> tuple[bool, int]:
+        def rank(found: tuple[ClientTraffic, Verdict]) -> tuple[bool, int]:
             outcome, said, *_ = found[1]
             doubted = outcome is Outcome.NOT_SEEN and said.startswith(DOUBTED)
             return outcome is not Outcome.FAILED and not doubted, _WORST.index(outcome)
@@ -505,7 +505,7 @@ def _read(reading: _Reading, path: str | os.PathLike[str], suite: Suite[Any]) ->
     for part in reading.parts:
         alone = _timeline([reading.events[n] for n in part.numbers], (*part.lacks, *of_all))
         alone.unsure = _unsure(alone)
-        found.clients.append(Client(part.client, part.numbers, alone, suite.see(alone)))
+        found.clients.append(ClientTraffic(part.client, part.numbers, alone, suite.decode(alone)))
     return found
 
 

@@ -652,7 +652,7 @@ SENT: tuple[tuple[type[Packet], dict[str, int], tuple[type[SimpleMessage], ...]]
 """Every layer, by what it goes in and the port that it goes to or comes from."""
 
 
-def _catalogue() -> dict[int, tuple[type[SimpleMessage], ...]]:
+def _catalog() -> dict[int, tuple[type[SimpleMessage], ...]]:
     layers: dict[int, tuple[type[SimpleMessage], ...]] = {}
     for layer in (layer for _, _, group in SENT for layer in group if layer is not IoErrorReply):
         msg_type = layer().msg_type
@@ -660,7 +660,7 @@ def _catalogue() -> dict[int, tuple[type[SimpleMessage], ...]]:
     return {**layers, 16: layers[2016], 17: layers[2017]}
 
 
-CATALOGUE = _catalogue()
+CATALOG = _catalog()
 """Layers by type; the second is that of a reply with the type of its request."""
 
 
@@ -726,7 +726,7 @@ def _judge(data: bytes) -> tuple[type[SimpleMessage] | None, str]:
     if len(data) < PREFIX_BYTES + prefix:
         return None, "shorter than its prefix says"
     msg_type, comm_type = struct.unpack_from(f"{order}ii", data, PREFIX_BYTES)
-    layers = CATALOGUE.get(msg_type)
+    layers = CATALOG.get(msg_type)
     if layers is None:
         if msg_type in NAMES:
             return None, f"{NAMES[msg_type]} has no layout on the wire"

@@ -57,7 +57,7 @@ i32 = st.integers(-(2**31), 2**31 - 1)
 u32 = st.integers(0, 2**32 - 1)
 real = st.floats(width=32, allow_nan=False)
 ten = st.lists(real, min_size=10, max_size=10)
-LAYERS = [(t, layer) for t, layers in sm.CATALOGUE.items() for layer in layers]
+LAYERS = [(t, layer) for t, layers in sm.CATALOG.items() for layer in layers]
 
 
 def record(kind):

@@ -28,12 +28,12 @@ from cardan.errors import DriverError, shown
 from cardan.gateway.arm.backlog import STALE_S, is_stale, stale_words
 from cardan.gateway.servers.allow_list import Allowed
 from cardan.gateway.servers.calls import CallError, Mailbox, ServiceCaller
-from cardan.gateway.servers.connection import Sender, ready
+from cardan.gateway.servers.connection import SendLoop, ready
 from cardan.gateway.servers.graph import definition
 from cardan.gateway.servers.parameters import REFUSALS as PARAMETER_REFUSALS, NodeParameters
 from cardan.gateway.servers.publishing import Advertisements, RefusedError
 from cardan.gateway.servers.read_only import READING_SERVICES
-from cardan.gateway.servers.send_queue import LATCHED_DEPTH, Stream
+from cardan.gateway.servers.send_queue import LATCHED_DEPTH, TopicQueue
 from cardan.gateway.servers.subscriptions import Feed, SharedFeeds
 from cardan.gateway.servers.web import ListenerConnection
 from cardan.protocols.rate import MAX_PUBLICATIONS_PER_S, RateLimit
@@ -93,7 +93,7 @@ def sdk() -> Any:
     return foxglove
 
 
-class Shown(NamedTuple):
+class AdvertisedGraph(NamedTuple):
     """What clients see."""
 
     topics: Mapping[str, Topic]
@@ -140,7 +140,7 @@ class _Published(NamedTuple):
     encoding: str
 
 
-class Client:
+class FoxgloveConnection:
     """A connected client, in a loop; leaving the ``async with`` takes all that it had from it."""
 
     def __init__(
@@ -154,7 +154,7 @@ class Client:
         allowed: Allowed,
         packages: Packages,
         counts: Counter[str],
-        shown: Shown,
+        shown: AdvertisedGraph,
         *,
         max_bytes: int,
         service_timeout_s: float,
@@ -168,7 +168,7 @@ class Client:
         self._first = shown
         self._service_timeout_s = service_timeout_s
         self._loop = asyncio.get_running_loop()
-        self._sender: Sender[Pace, bytes] = Sender(
+        self._sender: SendLoop[Pace, bytes] = SendLoop(
             connection, peer, max_bytes, counts, lambda _stream, frame: (frame,)
         )
         self._parameters = NodeParameters(network, caller, allowed)
@@ -182,9 +182,9 @@ class Client:
         self._late_calls: dict[int, float] = {}
         """How long calls waited, in s, that waited for too long to act on, by their numbers."""
         self._services: dict[str, str] = {}
-        self._graph: Shown | None = None
-        self._streams: dict[int, Stream[Pace, bytes]] = {}
-        self._time: Stream[Pace, bytes] = Stream("time", NEWEST)
+        self._graph: AdvertisedGraph | None = None
+        self._streams: dict[int, TopicQueue[Pace, bytes]] = {}
+        self._time: TopicQueue[Pace, bytes] = TopicQueue("time", NEWEST)
         self._clock: Handle | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         self._calls: set[concurrent.futures.Future[bytes]] = set()
@@ -197,7 +197,7 @@ class Client:
         self._id: int | None = None
         """Of the SDK, for our connection to its server."""
 
-    async def __aenter__(self) -> Client:
+    async def __aenter__(self) -> FoxgloveConnection:
         foxglove = sdk()
         capability = foxglove.websocket.Capability
         capabilities = [
@@ -324,7 +324,7 @@ class Client:
             topic = self._topic_of.get(channel, "")
             shown_one = self._channels.get(topic)
             latched = shown_one is not None and shown_one.topic.latched
-            self._streams.setdefault(number, Stream(topic, ALL if latched else NEWEST))
+            self._streams.setdefault(number, TopicQueue(topic, ALL if latched else NEWEST))
         return True
 
     async def _pump(self) -> None:
@@ -347,7 +347,7 @@ class Client:
         if not self._gone:
             await self._close("the server of the SDK has ended")
 
-    def _offer(self, stream: Stream[Pace, bytes], frame: bytes) -> None:
+    def _offer(self, stream: TopicQueue[Pace, bytes], frame: bytes) -> None:
         sender = self._sender
         if sender.outbox.offer(stream, frame, self._loop.time(), sender.free):
             sender.put(ready(frame))
@@ -379,7 +379,7 @@ class Client:
 
     # -- what there is on the network ------------------------------------------------------------
 
-    def show(self, now: Shown) -> None:
+    def show(self, now: AdvertisedGraph) -> None:
         """Have the client see these topics and services, and no others."""
         if self._gone:
             return
@@ -690,7 +690,7 @@ class Client:
 class _Listener:
     """What the SDK calls, in threads of its own: nothing here waits."""
 
-    def __init__(self, client: Client) -> None:
+    def __init__(self, client: FoxgloveConnection) -> None:
         self._client = client
 
     def on_subscribe(self, client: Any, channel: Any) -> None:

@@ -37,7 +37,7 @@ from cardan.gateway.servers.web import (
 )
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan_foxglove.assets import Packages
-from cardan_foxglove.client import Client, Shown, sdk, shared_feeds
+from cardan_foxglove.client import AdvertisedGraph, FoxgloveConnection, sdk, shared_feeds
 from cardan_foxglove.protocol import SUBPROTOCOLS
 
 PORT = 8765
@@ -86,7 +86,7 @@ class FoxgloveServer:
             max_frame_bytes=self.options.max_frame_bytes,
             compress=self.options.compress,
         )
-        self._clients: set[Client] = set()
+        self._clients: set[FoxgloveConnection] = set()
         self._numbers = ClientNumbers()
         self._mailbox: Mailbox | None = None
         self._looking: asyncio.Task[None] | None = None
@@ -132,7 +132,7 @@ class FoxgloveServer:
         mailbox = self._mailbox
         assert mailbox is not None
         with self._numbers.joined("foxglove", connection, self._network, role) as (name, network):
-            client = Client(
+            client = FoxgloveConnection(
                 connection,
                 peer,
                 network,
@@ -154,12 +154,12 @@ class FoxgloveServer:
             finally:
                 self._clients.discard(client)
 
-    def _shown(self) -> Shown:
-        return Shown(self._graph.topics(), self._graph.callable_services())
+    def _shown(self) -> AdvertisedGraph:
+        return AdvertisedGraph(self._graph.topics(), self._graph.callable_services())
 
     async def _look(self) -> None:
         """Show clients what comes to the network and what leaves it."""
-        before: Shown | None = None
+        before: AdvertisedGraph | None = None
         while True:
             await asyncio.sleep(LOOK_S)
             if not self._clients:

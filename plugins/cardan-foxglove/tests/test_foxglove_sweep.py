@@ -20,7 +20,7 @@ from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
 
-session, judgement = conftest.session, shared.judgement  # Fixtures.
+session, judgment = conftest.session, shared.judgment  # Fixtures.
 
 FOXGLOVE = (sys.executable, str(Path(__file__).with_name("foxglove_judge.py")))
 
@@ -41,13 +41,13 @@ def foxglove(session):
     kinds=("published", "taken", "service"),
     but=("~/raw/device", "imu/data_raw"),
 )
-def test_everything_by_foxglove(session, judgement, foxglove):
-    check(judgement, told(session, [*FOXGLOVE, str(foxglove.port), "cdr"], judgement))
+def test_everything_by_foxglove(session, judgment, foxglove):
+    check(judgment, told(session, [*FOXGLOVE, str(foxglove.port), "cdr"], judgment))
 
 
 @pytest.mark.shown_on(transport="Foxglove", by="own client", kinds=("taken",))
-def test_commands_in_json_by_foxglove(session, judgement, foxglove):
-    check(judgement, told(session, [*FOXGLOVE, str(foxglove.port), "json"], judgement))
+def test_commands_in_json_by_foxglove(session, judgment, foxglove):
+    check(judgment, told(session, [*FOXGLOVE, str(foxglove.port), "json"], judgment))
 
 
 def test_every_parameter_is_read_and_set_by_foxglove(session, foxglove):

@@ -422,7 +422,7 @@ def test_no_number_of_requests_floods_the_bus():
     assert board.dropped + board.unsent + len(frames) > 90_000
 
 
-def test_a_late_acknowledgement_does_not_hold_up_the_samples():
+def test_a_late_acknowledgment_does_not_hold_up_the_samples():
     host = started(period_us=1000, faults={"late-ack": 300.0})
     host.ask(jr3.GetState())
     forces, moments = host.samples(0.2)

@@ -126,14 +126,14 @@ def test_pings_are_spaced_out():
 
 
 @pytest.mark.parametrize("every", [2.0, 3.0])
-def test_lost_acknowledgements_only_delay_it(every):
+def test_lost_acknowledgments_only_delay_it(every):
     rig = Rig(faults={"lost-ack": every})
     rig.open()
     assert rig.run(5.0).link is DeviceLink.LIVE
     assert rig.core.metrics(rig.now_s)["timeouts"] > 0
 
 
-def test_late_acknowledgements_are_not_taken_for_others():
+def test_late_acknowledgments_are_not_taken_for_others():
     rig = Rig(faults={"late-ack": 300.0})
     rig.open()
     rig.run(10.0)
@@ -150,7 +150,7 @@ def test_an_error_of_the_board_is_shown():
     assert "error 2" in state.reason
 
 
-def test_an_acknowledgement_of_the_wrong_kind_answers_nothing():
+def test_an_acknowledgment_of_the_wrong_kind_answers_nothing():
     core = Jr3Core(Jr3Options())
     core.on_opened(0.0)
     core.poll(0.0)

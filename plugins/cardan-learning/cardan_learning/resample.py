@@ -67,7 +67,7 @@ JOINTS = "/joint_states"
 
 
 class Gap(NamedTuple):
-    """Two neighbours that are too far apart."""
+    """Two neighbors that are too far apart."""
 
     what: str
     at_ns: int

@@ -62,7 +62,7 @@ def test_statistics_agree(exported):
             )
 
 
-def test_a_subset_and_neighbouring_frames(exported):
+def test_a_subset_and_neighboring_frames(exported):
     """As training asks for them."""
     module = importlib.import_module("lerobot.datasets.lerobot_dataset")
     part = module.LeRobotDataset(

@@ -222,8 +222,8 @@ def test_a_counter_that_jumps_is_no_thousand_clicks():
 # -- axes --------------------------------------------------------------------------------------
 
 
-def test_axes_are_the_displacement_from_the_centre_and_count_once_it_was_there():
-    rig = Rig(OmniOptions(range_m=0.05, dead_zone=0.1, centre_m=(0.02, 0.0, 0.03)))
+def test_axes_are_the_displacement_from_the_center_and_count_once_it_was_there():
+    rig = Rig(OmniOptions(range_m=0.05, dead_zone=0.1, center_m=(0.02, 0.0, 0.03)))
     rig.position = (0.07, 0.0, 0.03)
     rig.live()
     assert rig.state.axes == NEUTRAL
@@ -245,8 +245,8 @@ def test_axes_stay_within_one_far_outside():
     assert rig.state.axes == (1.0, 1.0, -1.0, 0.0, 0.0, 0.0)
 
 
-def test_rotation_is_from_the_orientation_that_is_the_centre():
-    options = OmniOptions(rotation=True, range_deg=30.0, dead_zone=0.0, centre_rpy_deg=(0, -40, 0))
+def test_rotation_is_from_the_orientation_that_is_the_center():
+    options = OmniOptions(rotation=True, range_deg=30.0, dead_zone=0.0, center_rpy_deg=(0, -40, 0))
     core = OmniCore(options)
     core.on_opened(TOUCH, 0.0)
 
@@ -362,8 +362,8 @@ def test_numbers_of_another_locale_are_told_whether_or_not_it_is_open():
     rig = Rig().live()
     rig.core.numbers_hint = "LC_NUMERIC must be C"
     assert "LC_NUMERIC must be C" in told(rig)
-    rig.core.on_lost("no valid licence", rig.now_s)
-    assert rig.core.diagnosis(rig.now_s) == ["no valid licence", "LC_NUMERIC must be C"]
+    rig.core.on_lost("no valid license", rig.now_s)
+    assert rig.core.diagnosis(rig.now_s) == ["no valid license", "LC_NUMERIC must be C"]
     rig.core.on_lost("it cannot be opened; LC_NUMERIC must be C", rig.now_s)
     assert rig.core.diagnosis(rig.now_s) == ["it cannot be opened; LC_NUMERIC must be C"]
 

@@ -167,7 +167,7 @@ def test_a_device_by_its_name(bench):
     [
         (OmniFault("comm-error"), DeviceNotFoundError, "does not answer.*internal -28"),
         (OmniFault("unplug"), DeviceNotFoundError, "plugged in"),
-        (OmniFault("no-license"), DeviceAccessError, "licence"),
+        (OmniFault("no-license"), DeviceAccessError, "license"),
         (OmniFault("init-fails", 0x0303), DeviceNotFoundError, "not configured"),
     ],
 )

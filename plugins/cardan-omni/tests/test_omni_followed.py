@@ -91,7 +91,7 @@ def test_a_tcp_that_follows_a_noisy_gimbal_trembles_a_little_and_trips_nothing(m
     assert 0.003 < np.ptp(still.hand_rad) < 0.02
     # The command is no rougher than the hand's pose, and most of the noise stays behind.
     assert 0.0 < np.ptp(still.tcp_rad) < np.ptp(still.hand_rad)
-    assert still.moved_m < 1e-4  # about its own centre
+    assert still.moved_m < 1e-4  # about its own center
     assert follow(monkeypatch, 0.0, 0.0).tcp_rad.max() < 1e-9
 
 

@@ -130,7 +130,7 @@ def test_a_swing_starts_and_ends_at_rest_and_reaches_its_amplitude():
     assert derivatives(motion, 2) < 1.5
 
 
-def test_a_circle_goes_round_its_centre_anticlockwise():
+def test_a_circle_goes_round_its_center_counterclockwise():
     motion = motion_of("0 move 0.03 0 -0.02 over 0.5\n1 circle -0.02 0 over 4")
     moving = [p for p in motion.waypoints if 1.0 < p.time_s < 5.0]
     for point in moving:

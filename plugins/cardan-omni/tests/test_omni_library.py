@@ -273,7 +273,7 @@ def test_handle_0_is_a_device_and_the_first_has_no_name(fake):
 @pytest.mark.parametrize(
     ("code", "internal", "kind", "words"),
     [
-        (Error.INVALID_LICENSE, 0, DeviceAccessError, "licence"),
+        (Error.INVALID_LICENSE, 0, DeviceAccessError, "license"),
         (Error.DEVICE_ALREADY_INITIATED, 0, DeviceAccessError, "already open"),
         (Error.COMM_ERROR, -28, DeviceNotFoundError, "link-local.*-28|-28.*link-local"),
         (Error.COMM_ERROR, 0, DeviceNotFoundError, "plugged in.*GTDD_HOME"),

@@ -127,7 +127,7 @@ def test_the_position_is_that_of_whole_encoder_counts(
         assert np.abs(rotation - wanted).max() < 0.004
 
 
-def test_one_count_at_the_centre_is_as_large_as_the_reference_has_it(hd: LibHD) -> None:
+def test_one_count_at_the_center_is_as_large_as_the_reference_has_it(hd: LibHD) -> None:
     resting(hd)
     joints = np.array(hd.get(JOINTS))
     quanta = [

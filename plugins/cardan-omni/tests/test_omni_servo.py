@@ -300,7 +300,7 @@ def test_a_wall_in_front_pushes_back_along_the_devices_z(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("raw", [True, False])
-def test_joint_torques_are_in_millinewton_metres(raw: bool) -> None:
+def test_joint_torques_are_in_millinewton_meters(raw: bool) -> None:
     bench = Bench(joint_torque=not raw)
     try:
         if raw:

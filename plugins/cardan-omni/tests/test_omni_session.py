@@ -27,7 +27,7 @@ PRESSED_S, OUT_S = 0.4, 5.2
 LIMITS = TickLimits()
 BACK_M, STROKE_M = -0.032, 0.064
 """Nearly all of the Omni's nominal workspace, at whose edge it pushes by itself."""
-SPHERE = {"shape": "sphere", "centre_m": [0.3, 0.0, 0.4], "radius_m": 0.1, "stiffness_n_m": 100.0}
+SPHERE = {"shape": "sphere", "center_m": [0.3, 0.0, 0.4], "radius_m": 0.1, "stiffness_n_m": 100.0}
 SURFACE = {
     "shape": "plane",
     "point_m": [0.4, 0.0, 0.0],
@@ -145,7 +145,7 @@ def test_the_hand_feels_what_the_tcp_meets_and_gets_no_energy_of_it(monkeypatch,
 
 
 def test_free_space_is_free(monkeypatch):
-    far = {**SPHERE, "centre_m": [-0.3, 0.0, 0.4]}
+    far = {**SPHERE, "center_m": [-0.3, 0.0, 0.4]}
     _, trace, places = run(monkeypatch, fixtures=[far])
     assert np.linalg.norm(trace.sent_n, axis=1).max() < 0.15  # Of the damping alone.
     assert min(place.x for place in places) == pytest.approx(0.36, abs=0.005)
@@ -170,7 +170,7 @@ def test_clutching_in_while_the_tool_presses_brings_the_force_in_by_a_ramp(monke
 
 
 def test_clutching_in_deep_in_a_fixture_ends_with_words(monkeypatch):
-    deep = {**SPHERE, "centre_m": [0.39, 0.0, 0.4]}
+    deep = {**SPHERE, "center_m": [0.39, 0.0, 0.4]}
     last, trace, places = run(monkeypatch, until_s=1.55, fixtures=[deep])
     assert np.linalg.norm(trace.sent_n, axis=1).max() == 0.0
     assert "move out of the fixture, then clutch in" in last.force_lost_reason

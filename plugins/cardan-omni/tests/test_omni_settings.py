@@ -97,7 +97,7 @@ def test_waypoints_are_sixteen_numbers_each():
 
 
 @given(st.floats(-0.2, 0.2))
-def test_a_number_keeps_a_nanometre(x):
+def test_a_number_keeps_a_nanometer(x):
     settings = OmniSettings(motion=HandMotion((Waypoint(0.0, Vector3(x, 0.0, 0.0)),)))
     (line,) = lines(settings, "waypoint")
     assert float(line.split()[2]) == pytest.approx(x, abs=1e-9)

@@ -287,7 +287,7 @@ def test_the_torques_of_the_largest_force_in_the_middle(
     assert np.abs(jacobian.T @ (3.3 * np.array(along))).max() == pytest.approx(torque_n_m, abs=1e-3)
 
 
-def test_350_millinewton_metres_are_two_newtons_sideways_in_the_middle() -> None:
+def test_350_millinewton_meters_are_two_newtons_sideways_in_the_middle() -> None:
     rig = Rig(**BARE, engage_ramp_s=0.0, clamp_n=3.3, slew_fall_n_s=660.0)
     rig.step(joints_rad=Vector3(*inverse(ZERO3)), joint_torque=True)
     rig.engage()

@@ -105,7 +105,7 @@ def judge_once(model, script, folder):
 
 
 @pytest.fixture(scope="module")
-def judgements():
+def judgments():
     """By model: what spacenavd hears and says. All at once, since each takes its seconds."""
     if shutil.which("spacenavd") is None:
         pytest.skip("there is no spacenavd: install the Debian package spacenavd")
@@ -124,8 +124,8 @@ def judgements():
     device="Magellan and Spaceball 5000", transport="pseudo-terminal", by="Debian spacenavd"
 )
 @pytest.mark.parametrize("model", ["magellan", "spaceball-5000"])
-def test_spacenavd_takes_it_for_a_magellan(judgements, model):
-    events, log = judgements[model]
+def test_spacenavd_takes_it_for_a_magellan(judgments, model):
+    events, log = judgments[model]
     assert "Magellan SpaceMouse detected" in log
     assert MODELS[model] in log
     check(events, [share * 400 for share in SHARES])
@@ -135,8 +135,8 @@ def test_spacenavd_takes_it_for_a_magellan(judgements, model):
     device="Spaceball 2003, 3003, 4000 FLX", transport="pseudo-terminal", by="Debian spacenavd"
 )
 @pytest.mark.parametrize("model", ["spaceball-2003", "spaceball-3003", "spaceball-4000"])
-def test_spacenavd_takes_it_for_a_spaceball(judgements, model):
-    events, log = judgements[model]
+def test_spacenavd_takes_it_for_a_spaceball(judgments, model):
+    events, log = judgments[model]
     assert "Spaceball detected" in log
     assert MODELS[model] in log
     check(events, [share * scale for share, scale in zip(SHARES, FULL_SCALES, strict=True)])

@@ -170,8 +170,8 @@ def path_of(hand):
     return path
 
 
-def between(value, neighbours, margin):
-    return min(0.0, *neighbours) - margin <= value <= max(0.0, *neighbours) + margin
+def between(value, neighbors, margin):
+    return min(0.0, *neighbors) - margin <= value <= max(0.0, *neighbors) + margin
 
 
 @settings(max_examples=examples(150))

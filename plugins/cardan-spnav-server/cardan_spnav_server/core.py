@@ -35,7 +35,7 @@ from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
 from cardan_spnav_server.client import SpnavClient
 from cardan_spnav_server.identity import DeviceIdentity
 from cardan_spnav_server.protocol import (
-    Request,
+    ClientRequest,
     Sensitivity,
     bits_of,
     encode_config,
@@ -139,7 +139,7 @@ class SpnavServerCore:
         if client is None:
             return
         for value in client.reader.feed(data):
-            if isinstance(value, Request):
+            if isinstance(value, ClientRequest):
                 client.on_request(now_s)
                 self._answer(client, value)
             elif isinstance(value, Handshake):
@@ -386,7 +386,7 @@ class SpnavServerCore:
 
     # -- requests ------------------------------------------------------------------------------
 
-    def _answer(self, client: SpnavClient, request: Request) -> None:
+    def _answer(self, client: SpnavClient, request: ClientRequest) -> None:
         word, data, code = request.word, request.data, request.code
         if code == Code.SET_NAME:
             self._set_name(client, request)
@@ -441,7 +441,7 @@ class SpnavServerCore:
             return (identity.vendor_id, identity.product_id)
         return None
 
-    def _set_name(self, client: SpnavClient, request: Request) -> None:
+    def _set_name(self, client: SpnavClient, request: ClientRequest) -> None:
         name = client.strings.take(request.data)
         if isinstance(name, Malformed):
             self._counts["malformed"] += 1

@@ -42,7 +42,7 @@ MASK_V0 = EventMask.MOTION | EventMask.BUTTON
 INT_MIN, INT_MAX = -(2**31), 2**31 - 1
 
 
-class Request(NamedTuple):
+class ClientRequest(NamedTuple):
     """What a client asks."""
 
     word: int
@@ -55,7 +55,7 @@ class Request(NamedTuple):
         return self.word & 0xFFFF
 
 
-def decode_request(record: bytes) -> Request | Malformed:
+def decode_request(record: bytes) -> ClientRequest | Malformed:
     """The value of a record that a client of version 1 sent. Never raises.
 
     Unknown codes are requests, too: a server answers them with `FAILED`.
@@ -63,7 +63,7 @@ def decode_request(record: bytes) -> Request | Malformed:
     if len(record) != RECORD_BYTES:
         return Malformed("of the wrong length", 0)
     words = struct.unpack("=8i", record)
-    return Request(words[0], words[1:])
+    return ClientRequest(words[0], words[1:])
 
 
 def encode_motion(counts: Sequence[int], period_ms: int) -> bytes:
@@ -137,13 +137,13 @@ class ClientReader:
         """The version in force."""
         self._buffer = b""
 
-    def feed(self, data: bytes) -> list[Request | Handshake | Sensitivity | Malformed]:
+    def feed(self, data: bytes) -> list[ClientRequest | Handshake | Sensitivity | Malformed]:
         """The values that `data` completes. Never raises.
 
         `Handshake.version` is what to grant; it is in force for the bytes that follow.
         """
         buffer = self._buffer + data
-        values: list[Request | Handshake | Sensitivity | Malformed] = []
+        values: list[ClientRequest | Handshake | Sensitivity | Malformed] = []
         at = 0
         while True:
             size = RECORD_BYTES if self.version else WORD_BYTES

@@ -1,7 +1,7 @@
 """From a captured HCI packet up to the L2CAP payload of a classic Bluetooth link.
 
 Captures have link type 187 (H4) or 201 (H4 with a direction word before it). The layouts of H4,
-ACL data packets, events and L2CAP signalling are those of the Bluetooth core specification; all
+ACL data packets, events and L2CAP signaling are those of the Bluetooth core specification; all
 values are little-endian but the direction word.
 """
 
@@ -19,7 +19,7 @@ ACL, EVENT = 2, 4
 CONNECTION_COMPLETE, DISCONNECTION_COMPLETE, REMOTE_NAME = 0x03, 0x05, 0x07
 CONTINUED = 1
 """Packet boundary flag of a fragment that is not the first."""
-SIGNALLING_CID, FIRST_DYNAMIC_CID = 0x0001, 0x0040
+SIGNALING_CID, FIRST_DYNAMIC_CID = 0x0001, 0x0040
 CONNECTION_REQUEST, CONNECTION_RESPONSE = 0x02, 0x03
 DISCONNECTION_REQUEST = 0x06
 ACCEPTED = 0
@@ -133,7 +133,7 @@ class Links:
                 link.fragments[direction] = packet
             return
         payload = packet[4 : 4 + size]
-        if cid == SIGNALLING_CID:
+        if cid == SIGNALING_CID:
             self._signals(link, direction, payload)
         elif cid >= FIRST_DYNAMIC_CID:
             psm = link.psms.get((direction, cid))

@@ -460,7 +460,7 @@ def test_a_deflected_stick_keeps_it_from_going():
     assert bench.run(0.1).link is DeviceLink.LIVE
 
 
-def test_a_stick_without_calibration_is_centred_by_what_it_shows():
+def test_a_stick_without_calibration_is_centered_by_what_it_shows():
     bench = Bench(extension="nunchuk", faults={"no-calibration": 1.0})
     bench.remote.set_stick(0.1, -0.1)
     bench.ready()

@@ -48,7 +48,7 @@ def check(bench):
             distrusted = True
         if age_s > NEUTRAL_WITHIN_S:
             assert state.link is not DeviceLink.LIVE, now_s
-            # At the start acknowledgements alone may tell of buttons.
+            # At the start acknowledgments alone may tell of buttons.
             assert not state.buttons or state.link is DeviceLink.NEEDS_NEUTRAL, now_s
             assert state.reason, now_s
         if state.link is not DeviceLink.LIVE:
@@ -150,7 +150,7 @@ def test_garbled_reports_alone_are_no_sign_of_life():
     assert "60 reports of an unknown id (id 0x2a)" in words
 
 
-def test_acknowledgements_alone_are_no_data():
+def test_acknowledgments_alone_are_no_data():
     bench = Bench(OPTIONS)
     bench.ready()
     bench.press("a")

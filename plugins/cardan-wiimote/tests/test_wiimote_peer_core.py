@@ -101,7 +101,7 @@ def test_rubbish_is_ignored_without_an_answer():
         (WriteMemory(0x100, b"\x01", EEPROM), [Ack(0, 0x16, 0)]),
     ],
 )
-def test_acknowledgements(value, answers):
+def test_acknowledgments(value, answers):
     host = Host()
     host.run(0.05)
     assert host.send(value) == answers

@@ -87,7 +87,7 @@ def test_errors_are_answers(requests, error):
     assert not answer.ok
 
 
-def test_acknowledgements(requests):
+def test_acknowledgments(requests):
     asked(requests, WRITE)
     assert requests.on_input(Ack(0, 0x11, 0), 0.1) is None
     assert requests.on_input(Ack(0, 0x16, 0), 0.1).ok

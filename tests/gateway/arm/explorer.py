@@ -198,7 +198,7 @@ class World:
         shared = (
             verbs.model, verbs.planner, servo.kinematics, servo.collision, self.core.lock,
             verbs.planning, verbs.plans.measuring, verbs.options, verbs.capabilities,
-            verbs.body._sent_as, self.mapping,
+            verbs.commanded._sent_as, self.mapping,
         )  # fmt: skip
         memo = {id(each): each for each in shared}
         memo[id(servo)] = twin
@@ -222,8 +222,8 @@ class World:
     def abstract(self) -> Abstract:
         core, verbs = self.core, self.verbs
         source, watched, activity = core.hand, core.supervision, core.activity
-        moves = core.body.moving and core.body.placed
-        quick = moves and norm(core.body.twist.linear) > QUICK_M_S
+        moves = core.commanded.moving and core.commanded.placed
+        quick = moves and norm(core.commanded.twist.linear) > QUICK_M_S
         implausible = ""
         if watched.implausible:
             implausible = "rests" if watched.trustworthy else "rejected"
@@ -294,8 +294,8 @@ class World:
         events, self.events = self.events, []
         self._watch_operator(events)
         self.command = self.core.tick(self.state(), self.device, events)
-        if self.core.body.placed and self.start is None:
-            self.start = self.core.body.pose.position.x
+        if self.core.commanded.placed and self.start is None:
+            self.start = self.core.commanded.pose.position.x
         self._obey()
         self.check()
         if self.verbs._pending is not None:
@@ -312,7 +312,7 @@ class World:
     def _steer(self) -> None:
         """Turn round in time, so that no motion meets the arm's limits."""
         if self.start is not None:
-            beyond = self.core.body.pose.position.x - self.start
+            beyond = self.core.commanded.pose.position.x - self.start
             if abs(beyond) > SPACE_M:
                 self.way = -1.0 if beyond > 0.0 else 1.0
         if self.deflected and not self.stale:
@@ -397,7 +397,7 @@ class World:
 
     def check(self) -> None:
         """(a), (c) and (f), by what is known from outside."""
-        core, body, activity = self.core, self.core.body, self.core.activity
+        core, commanded, activity = self.core, self.core.commanded, self.core.activity
         assert (activity is None) is (core.state.motion in RESTING), "who moves it?"
         assert core.rejects is bool(core.supervision.implausible), "rejected for no reason"
         if core.trips != self.trips:
@@ -423,12 +423,12 @@ class World:
         streams = self.verbs.streams
         by_stream = self.heard and self.driveable and core.authority.owner == STREAMER
         assert by_hand + by_verb + by_stream <= 1, "two sources have the arm"
-        moving = body.placed and body.moving and not isinstance(self.command, HoldCommand)
+        moving = commanded.placed and commanded.moving and not isinstance(self.command, HoldCommand)
         if isinstance(activity, Recover):
-            assert norm(body.twist.linear) <= RECOVERS_M_S or not moving
+            assert norm(commanded.twist.linear) <= RECOVERS_M_S or not moving
         if by_hand or by_verb or by_stream or self.start is None:
             self.permitted_s = self.now_s
-        position = body.pose.position if body.placed else None
+        position = commanded.pose.position if commanded.placed else None
         if by_hand or by_verb or by_stream:
             self.recovered_m = 0.0
         elif moving and core.recovering and self.at is not None:
@@ -692,8 +692,8 @@ def filter_mended(w):
 
 def commanded(w: World) -> tuple[object, ...]:
     """What a refusal must not change."""
-    body = w.core.body
-    placed = (body.pose, body.twist) if body.placed else ()
+    commanded = w.core.commanded
+    placed = (commanded.pose, commanded.twist) if commanded.placed else ()
     return (w.abstract()._replace(streaming=False), placed, w.core.plan_epoch)
 
 
@@ -718,7 +718,7 @@ def rests_when_left_alone(w: World) -> None:
     rested = 0
     for _ in range(round(3.0 * SETTLES_S / DT_S)):
         w.tick()
-        rested = 0 if w.core.body.moving or w.core.recovering else rested + 1
+        rested = 0 if w.core.commanded.moving or w.core.recovering else rested + 1
         if rested > BRAKES_S / DT_S:
             return
     raise AssertionError("moves although nobody asks for it")
@@ -834,7 +834,7 @@ def leads_to_motion(w: World) -> int:
                 w.hand(True)
             for _ in range(round(BRAKES_S / DT_S)):
                 w.tick()
-                if norm(w.core.body.twist.linear) > QUICK_M_S and w.core.following:
+                if norm(w.core.commanded.twist.linear) > QUICK_M_S and w.core.following:
                     return acts
             message = w.core.status().message
         if message or not w.core.armed:

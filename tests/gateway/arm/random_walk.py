@@ -76,7 +76,7 @@ class Walk:
         self.last_v = None
         self.placed = False
         for name in ("place", "catch"):
-            setattr(self.core.body, name, self._noted(getattr(self.core.body, name)))
+            setattr(self.core.commanded, name, self._noted(getattr(self.core.commanded, name)))
         self.unasked_m = 0.0
         self.believed_at = None
         self.log = []
@@ -113,7 +113,7 @@ class Walk:
                 self.device = self.device._replace(stamp_s=self.now_s)
             events, self.events = self.events, []
             rested = self.core.at_rest
-            before = self.core.body.pose if self.core.body.placed else None
+            before = self.core.commanded.pose if self.core.commanded.placed else None
             self.last, state = self.command, self.state()
             self.command = self.core.tick(state, self.device, events)
             self._check(rested, before)
@@ -134,7 +134,7 @@ class Walk:
 
     def _check(self, rested, before):
         core, command, servo = self.core, self.command, self.verbs.servo
-        body, activity, bounds = core.body, core.activity, servo.kinematics
+        commanded, activity, bounds = core.commanded, core.activity, servo.kinematics
         numbers = {
             JointCommand: lambda c: (*c.positions, *(c.velocities or ())),
             JointVelocityCommand: lambda c: c.velocities,
@@ -155,7 +155,7 @@ class Walk:
                 step = np.abs(np.array(command.positions) - np.array(self.last.positions))
                 assert np.all(step <= bounds.velocity * self.period_s + 1e-9)
         self.last_v = servo.v.copy()
-        moving = body.moving and not isinstance(command, HoldCommand)
+        moving = commanded.moving and not isinstance(command, HoldCommand)
         if moving and not core.braking and not isinstance(activity, (Recover, Brake)):
             owner = core.authority.owner
             if isinstance(activity, FollowHand):
@@ -163,12 +163,12 @@ class Walk:
             elif activity is not None:
                 assert owner not in ("", HAND), (activity, owner)
         if isinstance(activity, Recover):
-            assert norm(body.twist.linear) <= RECOVERY_M_S * 1.02 or isinstance(
+            assert norm(commanded.twist.linear) <= RECOVERY_M_S * 1.02 or isinstance(
                 command, HoldCommand
             )
             assert core.phase in (Phase.RECOVERING, Phase.BRAKING)
         if before is not None and isinstance(activity, Recover):
-            step_m = norm(subtract(body.pose.position, before.position))
+            step_m = norm(subtract(commanded.pose.position, before.position))
             anew = activity.went.linear_m <= 1.01 * step_m + 1e-6
             self.unasked_m = step_m if anew else self.unasked_m + step_m
         assert self.unasked_m <= 1.1 * core.reference.limits.max_lead_m
@@ -183,7 +183,7 @@ class Walk:
         if core.phase in (Phase.DISARMED, Phase.NO_ROBOT):
             assert core.message
         if core.at_rest:
-            assert not body.moving
+            assert not commanded.moving
             assert not isinstance(command, TorqueCommand)
         if isinstance(activity, TorqueMotion) and isinstance(command, TorqueCommand):
             assert core.authority.owner != HAND
@@ -246,9 +246,9 @@ class Walk:
             self.tick(600)
         assert self.core.armed, (self.core.message, self.core.inhibited)
         self.hand((-0.4, 0, 0.3, 0, 0, 0), *self.mapping.deadman)
-        start = self.core.body.pose.position
+        start = self.core.commanded.pose.position
         self.tick(100)
-        went = norm(subtract(self.core.body.pose.position, start))
+        went = norm(subtract(self.core.commanded.pose.position, start))
         assert went > 0.001 or self.core.message, (went, self.core.phase)
         self.hand()
         self.tick(200)

@@ -1,4 +1,4 @@
-"""A free pose as a robot's body: it is placed, braked and brought back inside its limits."""
+"""An arm in task space: it is placed, braked and brought back inside its limits."""
 
 import math
 
@@ -48,14 +48,14 @@ def at(x=0.0, y=0.0, z=0.0, turn=ZERO3):
 
 
 def moving(linear=ZERO3, angular=ZERO3):
-    """A body that was commanded to move so."""
-    body = TaskSpaceArm(LIMITS)
-    body.place(at())
+    """An arm that was commanded to move so."""
+    commanded = TaskSpaceArm(LIMITS)
+    commanded.place(at())
     reference = Reference(LIMITS)
-    reference.place(body.pose)
+    reference.place(commanded.pose)
     reference.linear, reference.angular = linear, angular
-    body.follow(reference, DT_S)
-    return body
+    commanded.follow(reference, DT_S)
+    return commanded
 
 
 # -- following errors ----------------------------------------------------------------------------
@@ -79,12 +79,12 @@ def test_a_following_error_is_said_in_words():
 
 
 def test_the_reference_knows_how_far_a_free_pose_is_from_its_robot():
-    body, reference = TaskSpaceArm(LIMITS), Reference(LIMITS)
-    body.place(at())
-    assert body.following_error(at(0.1), None) == FollowingError(0.0, 0.0)
-    reference.place(body.pose)
+    commanded, reference = TaskSpaceArm(LIMITS), Reference(LIMITS)
+    commanded.place(at())
+    assert commanded.following_error(at(0.1), None) == FollowingError(0.0, 0.0)
+    reference.place(commanded.pose)
     reference.observe(at(0.03, turn=Vector3(0.0, 0.2, 0.0)).pose)
-    error = body.following_error(at(0.03), reference)
+    error = commanded.following_error(at(0.03), reference)
     assert error == pytest.approx((0.03, 0.2, 0.0, ""))
 
 
@@ -107,31 +107,31 @@ def test_a_robot_without_a_usable_pose_is_an_obstacle(pose, words):
 
 
 def test_no_tcp_goes_farther_than_any_arm_can():
-    body = TaskSpaceArm(LIMITS)
+    commanded = TaskSpaceArm(LIMITS)
     most_m = READING_NOISE_M + FASTEST_TCP_M_S * 0.02
-    assert body.leap(at(), at(0.99 * most_m), 0.02) == ""
-    assert "jumped by 112 mm" in body.leap(at(), at(1.02 * most_m), 0.02)
-    assert "1.00 rad" in body.leap(at(), at(turn=Vector3(1.0, 0.0, 0.0)), 0.02)
-    assert body.leap(robot(None), at(), 0.02) == body.leap(at(), robot(None), 0.02) == ""
+    assert commanded.leap(at(), at(0.99 * most_m), 0.02) == ""
+    assert "jumped by 112 mm" in commanded.leap(at(), at(1.02 * most_m), 0.02)
+    assert "1.00 rad" in commanded.leap(at(), at(turn=Vector3(1.0, 0.0, 0.0)), 0.02)
+    assert commanded.leap(robot(None), at(), 0.02) == commanded.leap(at(), robot(None), 0.02) == ""
 
 
 # -- placing -------------------------------------------------------------------------------------
 
 
 def test_it_begins_at_rest_where_the_robot_is():
-    body = TaskSpaceArm(LIMITS)
-    assert not body.placed
-    body.place(at(0.5, 0.1, 0.2))
-    assert body.placed
-    assert not body.moving
-    assert body.command(at(), DT_S) == PoseCommand(at(0.5, 0.1, 0.2).pose, ZERO_TWIST)
+    commanded = TaskSpaceArm(LIMITS)
+    assert not commanded.placed
+    commanded.place(at(0.5, 0.1, 0.2))
+    assert commanded.placed
+    assert not commanded.moving
+    assert commanded.command(at(), DT_S) == PoseCommand(at(0.5, 0.1, 0.2).pose, ZERO_TWIST)
 
 
 def test_it_goes_on_at_the_speed_that_the_robot_really_has():
-    body = moving(Vector3(0.2, 0.0, 0.0))
-    body.place(at(0.0102), at(0.01), 0.002)  # Half of what was commanded.
-    assert body.twist.linear == pytest.approx((0.1, 0.0, 0.0))
-    assert body.pose.position == pytest.approx((0.0102, 0.0, 0.0))
+    commanded = moving(Vector3(0.2, 0.0, 0.0))
+    commanded.place(at(0.0102), at(0.01), 0.002)  # Half of what was commanded.
+    assert commanded.twist.linear == pytest.approx((0.1, 0.0, 0.0))
+    assert commanded.pose.position == pytest.approx((0.0102, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -146,9 +146,9 @@ def test_it_goes_on_at_the_speed_that_the_robot_really_has():
     ids=["no state before", "no pose before", "no time", "a leap", "backwards"],
 )
 def test_a_speed_that_is_not_known_or_not_commanded_is_none(state, before, time_s):
-    body = moving(Vector3(0.2, 0.0, 0.0))
-    body.place(state, before, time_s)
-    assert body.twist == ZERO_TWIST
+    commanded = moving(Vector3(0.2, 0.0, 0.0))
+    commanded.place(state, before, time_s)
+    assert commanded.twist == ZERO_TWIST
 
 
 small = st.floats(-0.02, 0.02)
@@ -161,9 +161,9 @@ velocities = st.builds(Vector3, speeds, speeds, speeds)
 def test_it_is_never_placed_faster_than_commanded_or_in_another_direction(
     linear, angular, way, turn, time_s
 ):
-    body = moving(linear, angular)
-    body.place(robot(Pose(way, from_rotation_vector(turn))), at(), time_s)
-    twist = body.twist
+    commanded = moving(linear, angular)
+    commanded.place(robot(Pose(way, from_rotation_vector(turn))), at(), time_s)
+    twist = commanded.twist
     for after, before in ((twist.linear, linear), (twist.angular, angular)):
         assert norm(after) <= norm(before) * (1.0 + 1e-9)
         assert dot(after, before) >= 0.0
@@ -174,61 +174,61 @@ def test_it_is_never_placed_faster_than_commanded_or_in_another_direction(
 # -- motion --------------------------------------------------------------------------------------
 
 
-def step(body, move):
+def step(commanded, move):
     """One period; checks that the pose moves by the twist and the twist within acceleration."""
-    before, twist = body.pose, body.twist
+    before, twist = commanded.pose, commanded.twist
     move()
-    way = subtract(body.pose.position, before.position)
-    turn = rotation_between(before.orientation, body.pose.orientation)
-    assert way == pytest.approx(scale(body.twist.linear, DT_S), abs=1e-9)
-    assert turn == pytest.approx(scale(body.twist.angular, DT_S), abs=1e-8)
-    change = norm(subtract(body.twist.linear, twist.linear))
+    way = subtract(commanded.pose.position, before.position)
+    turn = rotation_between(before.orientation, commanded.pose.orientation)
+    assert way == pytest.approx(scale(commanded.twist.linear, DT_S), abs=1e-9)
+    assert turn == pytest.approx(scale(commanded.twist.angular, DT_S), abs=1e-8)
+    change = norm(subtract(commanded.twist.linear, twist.linear))
     assert change <= LIMITS.linear_acceleration_m_s2 * DT_S * (1.0 + 1e-9)
-    change = norm(subtract(body.twist.angular, twist.angular))
+    change = norm(subtract(commanded.twist.angular, twist.angular))
     assert change <= LIMITS.angular_acceleration_rad_s2 * DT_S * (1.0 + 1e-9)
 
 
 def test_it_brakes_to_rest_in_a_ramp_and_no_longer_than_needed():
-    body = moving(Vector3(0.0, 0.2, 0.0), Vector3(0.4, 0.0, 0.0))
+    commanded = moving(Vector3(0.0, 0.2, 0.0), Vector3(0.4, 0.0, 0.0))
     for _ in range(math.ceil(0.2 / LIMITS.linear_acceleration_m_s2 / DT_S) + 1):
-        step(body, lambda: body.brake(DT_S))
-    assert not body.moving
+        step(commanded, lambda: commanded.brake(DT_S))
+    assert not commanded.moving
 
 
 def test_halting_is_at_once():
-    body = moving(Vector3(0.2, 0.0, 0.0))
-    where = body.pose
-    body.halt()
-    assert not body.moving
-    assert body.pose == where
+    commanded = moving(Vector3(0.2, 0.0, 0.0))
+    where = commanded.pose
+    commanded.halt()
+    assert not commanded.moving
+    assert commanded.pose == where
 
 
 def test_it_comes_back_to_its_robot_slowly_and_without_overshoot():
-    body, away = moving(), at(0.06, 0.0, -0.06, Vector3(0.0, 0.3, 0.0))
-    left_m = norm(subtract(away.pose.position, body.pose.position))
+    commanded, away = moving(), at(0.06, 0.0, -0.06, Vector3(0.0, 0.3, 0.0))
+    left_m = norm(subtract(away.pose.position, commanded.pose.position))
     for _ in range(1000):
-        step(body, lambda: body.approach(away, DT_S))
-        assert norm(body.twist.linear) <= APPROACH_SPEED_M_S * (1.0 + 1e-9)
-        assert norm(body.twist.angular) <= APPROACH_SPEED_RAD_S * (1.0 + 1e-9)
-        now_m = norm(subtract(away.pose.position, body.pose.position))
+        step(commanded, lambda: commanded.approach(away, DT_S))
+        assert norm(commanded.twist.linear) <= APPROACH_SPEED_M_S * (1.0 + 1e-9)
+        assert norm(commanded.twist.angular) <= APPROACH_SPEED_RAD_S * (1.0 + 1e-9)
+        now_m = norm(subtract(away.pose.position, commanded.pose.position))
         assert now_m <= left_m + 1e-9
         left_m = now_m
     assert left_m < 1e-4
 
 
 def test_it_follows_its_reference_exactly():
-    body, reference = moving(), Reference(LIMITS)
-    reference.place(body.pose)
+    commanded, reference = moving(), Reference(LIMITS)
+    reference.place(commanded.pose)
     reference.shape(Twist(Vector3(0.1, 0.0, 0.0), ZERO3), DT_S)
-    assert body.follow(reference, DT_S) == 1.0
-    assert body.pose == reference.pose
-    assert body.twist == reference.twist
+    assert commanded.follow(reference, DT_S) == 1.0
+    assert commanded.pose == reference.pose
+    assert commanded.twist == reference.twist
 
 
 def test_a_period_is_one_step_and_no_time_is_none():
-    body = TaskSpaceArm(LIMITS)
-    assert body.steps(0.02) == [0.02]
-    assert body.steps(0.0) == []
-    assert body.status() is None
-    assert body.held_by() == ""
-    assert body.settled
+    commanded = TaskSpaceArm(LIMITS)
+    assert commanded.steps(0.02) == [0.02]
+    assert commanded.steps(0.0) == []
+    assert commanded.status() is None
+    assert commanded.held_by() == ""
+    assert commanded.settled

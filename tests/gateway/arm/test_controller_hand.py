@@ -338,9 +338,9 @@ def test_a_robot_held_by_something_else_gets_its_reference_back_gently():
     assert "something else holds it" in rig.status.message
     stays(rig, 0.1, away)
     assert rig.core.phase is Phase.RECOVERING
-    before = rig.core.body.pose.position
+    before = rig.core.commanded.pose.position
     assert stays(rig, 4.0, away) <= 0.05 * (1 + 1e-9)
-    went = norm(subtract(rig.core.body.pose.position, before))
+    went = norm(subtract(rig.core.commanded.pose.position, before))
     assert went <= ReferenceLimits().max_lead_m
     assert rig.core.phase is Phase.DISARMED
     assert rig.status.trips == 1
@@ -353,17 +353,17 @@ def test_no_recovery_goes_farther_than_the_maximum_lead_without_a_deliberate_act
     stays(rig, 5.0, away)
     assert rig.core.phase is Phase.DISARMED
     assert "not resynchronized with the robot" in rig.status.message
-    start = rig.core.body.pose.position
+    start = rig.core.commanded.pose.position
     assert stays(rig, 5.0, away) == 0.0  # Not by itself, however long it takes.
     for _ in range(4):
         rig.hand()
         rig.run(pose=away)
         rig.hand(REST, "left")
-        before = rig.core.body.pose.position
+        before = rig.core.commanded.pose.position
         assert stays(rig, 5.0, away) <= 0.05 * (1 + 1e-9)
-        assert norm(subtract(rig.core.body.pose.position, before)) <= 1.1 * max_lead_m
-    assert norm(subtract(rig.core.body.pose.position, start)) > 2.0 * max_lead_m
-    assert norm(subtract(rig.core.body.pose.position, away.position)) < 0.2 * max_lead_m
+        assert norm(subtract(rig.core.commanded.pose.position, before)) <= 1.1 * max_lead_m
+    assert norm(subtract(rig.core.commanded.pose.position, start)) > 2.0 * max_lead_m
+    assert norm(subtract(rig.core.commanded.pose.position, away.position)) < 0.2 * max_lead_m
     rig.hand()
     rig.run(pose=away)
     rig.hand(REST, "left")
@@ -431,10 +431,10 @@ def test_a_pose_that_leaps_is_not_believed_and_moves_nothing(leap_m, driven):
     there = Pose(subtract(here.position, Vector3(0.0, leap_m, 0.0)), IDENTITY)
     trips = rig.status.trips
     stays(rig, 0.15, there)
-    rested = rig.core.body.pose
+    rested = rig.core.commanded.pose
     assert norm(subtract(rested.position, here.position)) < 0.006  # A braking way, if any.
     assert stays(rig, 5.0, there) == 0.0
-    assert rig.core.body.pose == rested
+    assert rig.core.commanded.pose == rested
     assert rig.core.phase in (Phase.DISARMED, Phase.NO_ROBOT)
     assert ("jumped by" if leap_m < 1.0 else "farther than any") in rig.status.message
     assert rig.status.trips == trips + 1
@@ -638,6 +638,6 @@ def test_filters_see_the_pose_of_the_arms_model_where_there_is_one():
     rule = Rule(halved)
     rule.apply = lambda twist, robot: seen.append(robot.pose) or twist
     rig = Rig(filters=(rule,))
-    rig.core.body = Model(ReferenceLimits())
+    rig.core.commanded = Model(ReferenceLimits())
     rig.run(pose=None)
     assert seen == [START]

@@ -51,10 +51,10 @@ LIMITS = ReferenceLimits()
 class Driven:
     """A controller, a hand and a robot that is sent poses; checked for steps in every tick."""
 
-    def __init__(self, body=None, authority=None):
+    def __init__(self, commanded=None, authority=None):
         self.core = controller_for_hand(MAPPING, LIMITS, authority=authority)
-        if body is not None:
-            self.core.body = body
+        if commanded is not None:
+            self.core.commanded = commanded
         self.robot = RobotState(
             100.0, RobotLink.LIVE, 1, 0, PERIOD_S, REST, (), START, ""
         )  # fmt: skip
@@ -164,7 +164,7 @@ def test_a_new_session_of_an_arm_keeps_every_joint_within_its_acceleration():
 
 
 class Broken(TaskSpaceArm):
-    """A body that computes nonsense on demand."""
+    """A commanded arm that computes nonsense on demand."""
 
     nonsense = None
 
@@ -196,17 +196,17 @@ def too_fast(command):
     ],
 )
 def test_a_command_that_no_limit_allows_is_held_back_and_said(nonsense, words):
-    body = Broken(LIMITS)
-    rig = Driven(body).drive()
+    commanded = Broken(LIMITS)
+    rig = Driven(commanded).drive()
     rig.command = HoldCommand()  # The commanded motion breaks off: no command is better.
-    body.nonsense = nonsense
+    commanded.nonsense = nonsense
     rig.run()
     assert rig.command == HoldCommand()
     assert rig.core.phase is Phase.DISARMED
     assert "an invalid command was not sent" in rig.status.message
     assert words in rig.status.message
     assert rig.status.trips == 1
-    body.nonsense = None
+    commanded.nonsense = None
     rig.run(0.3)
     assert rig.core.at_rest
     assert rig.core.phase is Phase.DISARMED
@@ -215,9 +215,9 @@ def test_a_command_that_no_limit_allows_is_held_back_and_said(nonsense, words):
 
 
 def test_nonsense_that_goes_on_never_reaches_the_robot():
-    body = Broken(LIMITS)
-    rig = Driven(body).drive()
-    rig.command, body.nonsense = HoldCommand(), not_a_number
+    commanded = Broken(LIMITS)
+    rig = Driven(commanded).drive()
+    rig.command, commanded.nonsense = HoldCommand(), not_a_number
     for _ in range(50):
         rig.run()
         assert rig.command == HoldCommand()
@@ -464,7 +464,7 @@ def test_the_end_of_a_session_is_said_also_where_the_robot_is_not_ready():
     assert rig.status.message == "stopped on request"
 
 
-def test_an_acknowledgement_comes_too_early_while_readings_leap():
+def test_an_acknowledgment_comes_too_early_while_readings_leap():
     rig = Driven().drive()
     there = Pose(add(rig.robot.pose.position, Vector3(0.0, 0.4, 0.0)), IDENTITY)
     rig.command = HoldCommand()

@@ -46,5 +46,5 @@ def test_letting_go_once_confirms_once():
     world = way_to(("pushed_away", "deflects+", "rests"), BY_REST)
     for _ in range(600):
         world.tick()
-    assert world.core.apart
+    assert world.core.waits_for_rearming
     assert "then move the device and let it go" in world.core.message

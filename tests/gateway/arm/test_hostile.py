@@ -98,14 +98,14 @@ def add_x(pose, way_m):
 
 def test_a_stall_while_readings_are_not_believed_places_nothing_there():
     rig = Rig().drive()
-    here = rig.core.body.pose.position
+    here = rig.core.commanded.pose.position
     there = Pose(add(rig.robot.pose.position, Vector3(0.0, 0.2, 0.0)), IDENTITY)
     rig.run(pose=there)
     assert rig.core.supervision.implausible
     rig.now_s += 0.2
     for _ in range(100):
         rig.run(pose=there)
-        assert norm(subtract(rig.core.body.pose.position, here)) < 0.02
+        assert norm(subtract(rig.core.commanded.pose.position, here)) < 0.02
         if isinstance(rig.command, PoseCommand):
             assert norm(subtract(rig.command.pose.position, here)) < 0.02
 
@@ -122,10 +122,10 @@ def test_a_leap_is_forgotten_with_the_session_it_was_in():
     there = Pose(add(rig.robot.pose.position, Vector3(0.0, 0.2, 0.0)), IDENTITY)
     rig.hand()
     stays(rig, TRUST_AFTER_S + 0.3, there)
-    rested = rig.core.body.pose
+    rested = rig.core.commanded.pose
     rig.core.acknowledge()
     rig.run(pose=there)
-    assert norm(subtract(rig.core.body.pose.position, rested.position)) < 1e-4
+    assert norm(subtract(rig.core.commanded.pose.position, rested.position)) < 1e-4
 
 
 def test_readings_that_leap_are_not_caught_by_torques():
@@ -278,13 +278,13 @@ def test_nothing_begins_to_be_brought_back_while_nobody_may_drive(how, way_m):
 
 def test_readings_that_wander_lead_no_arm_away():
     rig = Rig().arm()
-    start = rig.core.body.pose.position
+    start = rig.core.commanded.pose.position
     for _ in range(10):
         for offset_m in (0.03, 0.0):
             for _ in range(120):
-                here = rig.core.body.pose
+                here = rig.core.commanded.pose
                 rig.run(pose=Pose(add(here.position, Vector3(offset_m, 0.0, 0.0)), IDENTITY))
-    went = norm(subtract(rig.core.body.pose.position, start))
+    went = norm(subtract(rig.core.commanded.pose.position, start))
     assert went <= 1.1 * ReferenceLimits().max_lead_m
 
 

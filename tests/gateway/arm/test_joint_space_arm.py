@@ -1,4 +1,4 @@
-"""An arm's commanded joints as a robot's body."""
+"""An arm in joint space."""
 
 import math
 
@@ -51,11 +51,11 @@ def arm(*kinds, kinematics=KINEMATICS, **more):
 
 
 def moving(v, *kinds):
-    """A body whose joints were commanded to move at `v`."""
-    body = arm(*kinds)
-    body.place(robot())
-    body.servo.v[:] = v
-    return body
+    """An arm whose joints were commanded to move at `v`."""
+    commanded = arm(*kinds)
+    commanded.place(robot())
+    commanded.servo.v[:] = v
+    return commanded
 
 
 # -- what it may be sent ---------------------------------------------------------------------------
@@ -111,18 +111,18 @@ def reported(shift_m=0.0, turn_rad=0.0):
     ],
 )
 def test_a_tcp_that_contradicts_the_joints_is_a_misfit(kind, tolerance_m, minds_turns):
-    body = arm(kind)
-    assert body.obstacle(robot(pose=reported(0.9 * tolerance_m)), True) == ""
-    words = body.obstacle(robot(pose=reported(1.1 * tolerance_m)), True)
+    commanded = arm(kind)
+    assert commanded.obstacle(robot(pose=reported(0.9 * tolerance_m)), True) == ""
+    words = commanded.obstacle(robot(pose=reported(1.1 * tolerance_m)), True)
     assert f"{1.1e3 * tolerance_m:.1f} mm away from the arm model's" in words
-    words = body.obstacle(robot(pose=reported(turn_rad=0.1)), True)
+    words = commanded.obstacle(robot(pose=reported(turn_rad=0.1)), True)
     assert ("0.100 rad" in words) is minds_turns
 
 
 def test_tool_and_model_are_compared_only_where_the_robot_is_new_and_tells_its_pose():
-    body = arm(CommandKind.POSE)
-    assert body.obstacle(robot(pose=reported(0.5)), False) == ""
-    assert body.obstacle(robot(), True) == ""
+    commanded = arm(CommandKind.POSE)
+    assert commanded.obstacle(robot(pose=reported(0.5)), False) == ""
+    assert commanded.obstacle(robot(), True) == ""
     assert arm(CommandKind.TORQUE).obstacle(robot(pose=reported(0.5)), True) == ""
     assert arm(tcp_tolerance_m=0.6).obstacle(robot(pose=reported(0.5)), True) == ""
 
@@ -140,12 +140,12 @@ def test_joints_that_are_none_of_this_arm_are_an_obstacle(joints, words):
 
 @pytest.mark.parametrize("joint", range(6))
 def test_no_joint_goes_farther_than_twice_its_speed_allows(joint):
-    body, away = arm(), np.zeros(6)
+    commanded, away = arm(), np.zeros(6)
     most = LEAP_NOISE_RAD + LEAP_SHARE * KINEMATICS.velocity[joint] * 0.02
     away[joint] = 0.99 * most
-    assert body.leap(robot(), robot(HOME + away), 0.02) == ""
+    assert commanded.leap(robot(), robot(HOME + away), 0.02) == ""
     away[joint] = 1.01 * most
-    words = body.leap(robot(), robot(HOME - away), 0.02)
+    words = commanded.leap(robot(), robot(HOME - away), 0.02)
     assert KINEMATICS.names[joint] in words
     assert "in 20 ms" in words
 
@@ -155,34 +155,36 @@ def test_the_worst_joint_is_named_and_whole_turns_are_no_leap():
     assert KINEMATICS.names[3] in arm().leap(robot(), robot(HOME + away), DT_S)
     pr2 = load_arm("pr2_right_arm")
     kinematics, home = ArmKinematics(pr2), np.array(pr2.home)
-    body, turn = arm(kinematics=kinematics), np.zeros(7)
+    commanded, turn = arm(kinematics=kinematics), np.zeros(7)
     turn[6] = 2.0 * math.pi
     assert kinematics.continuous[6]
-    assert body.leap(robot(home), robot(home + turn), DT_S) == ""
+    assert commanded.leap(robot(home), robot(home + turn), DT_S) == ""
 
 
 # -- placing -------------------------------------------------------------------------------------
 
 
 def test_it_begins_at_rest_where_the_robot_is():
-    body = moving(np.full(6, 0.1))
-    body.place(robot(HOME + 0.2))
-    assert body.placed
-    assert not body.moving
-    np.testing.assert_allclose(body.servo.q, HOME + 0.2)
-    assert body.twist.linear == (0.0, 0.0, 0.0)
+    commanded = moving(np.full(6, 0.1))
+    commanded.place(robot(HOME + 0.2))
+    assert commanded.placed
+    assert not commanded.moving
+    np.testing.assert_allclose(commanded.servo.q, HOME + 0.2)
+    assert commanded.twist.linear == (0.0, 0.0, 0.0)
 
 
 def test_it_goes_on_at_the_speeds_that_the_joints_really_have():
-    body = moving(np.array((0.4, -0.4, 0.4, 0.0, 0.4, -0.4)))
+    commanded = moving(np.array((0.4, -0.4, 0.4, 0.0, 0.4, -0.4)))
     way = DT_S * np.array((0.2, -0.2, 0.8, 0.3, -0.2, 0.0))
-    body.place(robot(HOME + way), robot(), DT_S)
+    commanded.place(robot(HOME + way), robot(), DT_S)
     # As commanded; faster than commanded; not commanded; against the command; not at all.
-    np.testing.assert_allclose(body.servo.v, (0.2, -0.2, 0.4, 0.0, 0.0, 0.0), atol=1e-9)
-    np.testing.assert_allclose(body.servo.q, HOME + way)
-    twist = KINEMATICS.placement.rotation @ (KINEMATICS.jacobian @ body.servo.v).reshape(2, 3).T
-    assert body.twist.linear == pytest.approx(tuple(twist.T[0]), abs=1e-9)
-    assert body.twist.angular == pytest.approx(tuple(twist.T[1]), abs=1e-9)
+    np.testing.assert_allclose(commanded.servo.v, (0.2, -0.2, 0.4, 0.0, 0.0, 0.0), atol=1e-9)
+    np.testing.assert_allclose(commanded.servo.q, HOME + way)
+    twist = (
+        KINEMATICS.placement.rotation @ (KINEMATICS.jacobian @ commanded.servo.v).reshape(2, 3).T
+    )
+    assert commanded.twist.linear == pytest.approx(tuple(twist.T[0]), abs=1e-9)
+    assert commanded.twist.angular == pytest.approx(tuple(twist.T[1]), abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -196,9 +198,9 @@ def test_it_goes_on_at_the_speeds_that_the_joints_really_have():
     ids=["no state before", "no joints before", "no time", "a leap"],
 )
 def test_speeds_that_are_not_known_are_none(way_rad, before, time_s):
-    body = moving(np.full(6, 0.3))
-    body.place(robot(HOME + way_rad), before, time_s)
-    assert not body.moving
+    commanded = moving(np.full(6, 0.3))
+    commanded.place(robot(HOME + way_rad), before, time_s)
+    assert not commanded.moving
 
 
 joint_values = st.tuples(*[st.floats(-0.05, 0.05)] * 6).map(np.array)
@@ -208,18 +210,18 @@ joint_speeds = st.tuples(*[st.floats(-3.0, 3.0)] * 6).map(np.array)
 @settings(max_examples=examples(50), suppress_health_check=list(HealthCheck))
 @given(joint_speeds, joint_values, st.floats(0.0, 0.5))
 def test_no_joint_is_placed_faster_than_commanded_or_the_other_way(v, way, time_s):
-    body = moving(v)
-    body.place(robot(HOME + way), robot(), time_s)
-    after = body.servo.v
+    commanded = moving(v)
+    commanded.place(robot(HOME + way), robot(), time_s)
+    after = commanded.servo.v
     assert (np.abs(after) <= np.abs(v) + 1e-12).all()
     assert (after * v >= 0.0).all()
 
 
 def test_an_arm_of_velocities_that_is_placed_while_it_moves_is_sent_no_step():
     v = np.full(6, 0.3)
-    body = moving(v, CommandKind.JOINT_VELOCITY)
-    body.place(robot(HOME + v * DT_S), robot(), DT_S)
-    sent = np.array(body.command(robot(HOME + v * DT_S), DT_S).velocities)
+    commanded = moving(v, CommandKind.JOINT_VELOCITY)
+    commanded.place(robot(HOME + v * DT_S), robot(), DT_S)
+    sent = np.array(commanded.command(robot(HOME + v * DT_S), DT_S).velocities)
     assert (np.abs(sent - v) <= KINEMATICS.acceleration * DT_S + 1e-9).all()
 
 
@@ -229,60 +231,60 @@ def test_an_arm_of_velocities_that_is_placed_while_it_moves_is_sent_no_step():
 @settings(max_examples=10, suppress_health_check=list(HealthCheck))
 @given(st.tuples(*[st.floats(-0.3, 0.3)] * 6).map(np.array))
 def test_a_command_comes_back_to_its_arm_slowly_and_arrives(away):
-    body, there = arm(), robot(HOME + away)
-    body.place(robot())
+    commanded, there = arm(), robot(HOME + away)
+    commanded.place(robot())
     for tick in range(1500):
-        before = body.servo.v.copy()
-        body.approach(there, DT_S)
-        v = body.servo.v
+        before = commanded.servo.v.copy()
+        commanded.approach(there, DT_S)
+        v = commanded.servo.v
         assert (np.abs(v) <= APPROACH_SHARE * KINEMATICS.velocity + 1e-4).all()
         assert (np.abs(v - before) <= KINEMATICS.acceleration * DT_S + 1e-6).all()
         if tick % 50 == 0:
-            KINEMATICS.update(body.servo.q)
+            KINEMATICS.update(commanded.servo.q)
             twist = KINEMATICS.jacobian @ v
             assert np.linalg.norm(twist[:3]) <= 1.1 * APPROACH_SPEED_M_S
             assert np.linalg.norm(twist[3:]) <= 1.1 * APPROACH_SPEED_RAD_S
-    left = np.abs(body.servo.q - HOME - away).max()
+    left = np.abs(commanded.servo.q - HOME - away).max()
     assert left < max(1e-3, 0.7 * np.abs(away).max())
 
 
 def test_what_is_sent_while_it_comes_back_does_not_go_along():
-    body, there = arm(), robot(HOME + 0.2)
-    body.place(robot())
+    commanded, there = arm(), robot(HOME + 0.2)
+    commanded.place(robot())
     for _ in range(20):
-        body.approach(there, DT_S)
-    command = body.command(there, DT_S, approaching=True)
+        commanded.approach(there, DT_S)
+    command = commanded.command(there, DT_S, approaching=True)
     assert isinstance(command, JointCommand)
     assert command.velocities == (0.0,) * 6
-    assert body.command(there, DT_S).velocities != (0.0,) * 6
+    assert commanded.command(there, DT_S).velocities != (0.0,) * 6
 
 
 def test_blind_it_corrects_nothing():
-    body = arm(CommandKind.JOINT_VELOCITY)
-    body.place(robot())
+    commanded = arm(CommandKind.JOINT_VELOCITY)
+    commanded.place(robot())
     pushed = robot(HOME + 0.3)
-    command = body.command(pushed, DT_S, blind=True)
+    command = commanded.command(pushed, DT_S, blind=True)
     assert command == JointVelocityCommand((0.0,) * 6)
-    assert max(map(abs, body.command(pushed, DT_S).velocities)) > 0.0
+    assert max(map(abs, commanded.command(pushed, DT_S).velocities)) > 0.0
 
 
 # -- words ---------------------------------------------------------------------------------------
 
 
 def test_what_holds_the_arm_is_said():
-    body = arm()
-    body.place(robot())
-    assert body.held_by() == ""
+    commanded = arm()
+    commanded.place(robot())
+    assert commanded.held_by() == ""
     q = HOME.copy()
     q[5] = KINEMATICS.upper[5] - 0.001
-    body.place(robot(q))
-    assert body.held_by() == f"{KINEMATICS.names[5]} is at its limit, {q[5]:.4f} rad"
+    commanded.place(robot(q))
+    assert commanded.held_by() == f"{KINEMATICS.names[5]} is at its limit, {q[5]:.4f} rad"
 
 
 def test_the_worst_joint_of_a_following_error_is_named():
-    body, away = arm(), np.array((0.01, -0.03, 0.0, 0.02, 0.0, 0.0))
-    body.place(robot())
-    error = body.following_error(robot(HOME + away), None)
+    commanded, away = arm(), np.array((0.01, -0.03, 0.0, 0.02, 0.0, 0.0))
+    commanded.place(robot())
+    error = commanded.following_error(robot(HOME + away), None)
     assert error.joint == KINEMATICS.names[1]
     assert error.joint_error == pytest.approx(0.03)
     assert error.linear_m == error.angular_rad == 0.0

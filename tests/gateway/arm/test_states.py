@@ -76,7 +76,7 @@ def test_an_event_that_forgets_or_places_leaves_no_motion_of_a_source():
     ("event", "after"),
     [
         (Event.HELD, Separation.TO_RESYNCHRONIZE),
-        (Event.NOT_BACK, Separation.APART),
+        (Event.NOT_BACK, Separation.UNTIL_REARMED),
         (Event.ASKED, Separation.NONE),
         (Event.PLACED, Separation.LEFT),
         (Event.UNREADY, Separation.LEFT),
@@ -186,7 +186,7 @@ def test_what_changes_whether_command_and_robot_are_apart():
     resynchronizes, stay = facts_where(resynchronizes=True), facts_where(resynchronizes=False)
     again = facts_where(resynchronizes=True, near=False)
     done = [facts for facts in FACTS if facts not in again]
-    waits, apart = Separation.TO_RESYNCHRONIZE, Separation.APART
+    waits, apart = Separation.TO_RESYNCHRONIZE, Separation.UNTIL_REARMED
     assert changes_of(separation_after, Separation) == changes(
         (others(Separation, Separation.LEFT), Event.UNREADY, FACTS, Separation.NONE),
         (others(Separation, Separation.LEFT), Event.PLACED, FACTS, Separation.NONE),
@@ -220,7 +220,7 @@ def test_what_a_state_is_asked():
     assert {each for each in Motion if each.commanded} == set(Motion) - {Motion.UNCOMMANDED}
     assert {each for each in Motion if each.braking} == {Motion.BRAKING}
     assert {each for each in Separation if each.waits} == {Separation.TO_RESYNCHRONIZE}
-    assert {each for each in Separation if each.apart} == {Separation.APART}
+    assert {each for each in Separation if each.until_rearmed} == {Separation.UNTIL_REARMED}
     assert {each for each in Separation if each.together} == {Separation.NONE}
     assert {each for each in Separation if each.left} == {Separation.LEFT}
     assert {each for each in Arming if each.armed} == {Arming.ARMED, Arming.CLAIMING}

@@ -26,7 +26,7 @@ class Watched:
 
     def __init__(self, **watchdogs):
         self.supervision = Supervision(Watchdogs(**watchdogs))
-        self.body = TaskSpaceArm(ReferenceLimits())
+        self.commanded = TaskSpaceArm(ReferenceLimits())
         self.state = RobotState(
             10.0, RobotLink.LIVE, 1, 0, DT_S, (), (), self.pose(0.0), ""
         )  # fmt: skip
@@ -37,13 +37,13 @@ class Watched:
 
     def look(self, after_s=DT_S, **change):
         state = self.state = self.state._replace(stamp_s=self.state.stamp_s + after_s, **change)
-        return self.supervision.look(state, self.body)
+        return self.supervision.look(state, self.commanded)
 
     def compare(self, ahead_m=0.0, activity=None):
         reference = Reference(ReferenceLimits())
         reference.place(self.pose(ahead_m))
         reference.observe(self.state.pose)
-        return self.supervision.compare(self.state, self.body, reference, activity)
+        return self.supervision.compare(self.state, self.commanded, reference, activity)
 
 
 def ready(**watchdogs):
@@ -232,6 +232,6 @@ def test_after_any_absence_a_robot_is_never_taken_for_granted(ticks):
         if found is None:
             assert before is not None
             assert before.session == session
-            assert watched.body.leap(before, state, max(after_s, DT_S)) == ""
+            assert watched.commanded.leap(before, state, max(after_s, DT_S)) == ""
             assert after_s <= Watchdogs().stall_s
         before = state

@@ -236,7 +236,7 @@ def test_movv_goes_on_and_stops_on_command():
     way = start[2] - world.six()[2]
     assert way == pytest.approx(
         0.2 - 0.5 * 0.1 * 0.1 - 0.1 * 0.025, abs=2e-3
-    )  # More than refSpeed metres.
+    )  # More than refSpeed meters.
     world.verbs.stop()
     assert world.verbs.state is State.NOT_CONTROLLING
     world.rest()
@@ -654,10 +654,10 @@ def test_a_held_arm_trips_and_the_command_comes_back():
     max_lead_m = ControllerOptions().streams.max_lead_m
     world.tick(50)  # to rest
     for _ in range(6):
-        before = np.array(world.verbs.body.pose.position)
+        before = np.array(world.verbs.commanded.pose.position)
         world.tick(1000)
         # Nobody asked for this motion: the maximum lead, and then only after a deliberate act.
-        assert np.linalg.norm(world.verbs.body.pose.position - before) <= max_lead_m
+        assert np.linalg.norm(world.verbs.commanded.pose.position - before) <= max_lead_m
         assert not world.verbs.servo.moving
         if not world.verbs.controller.inhibited:
             break

@@ -1,4 +1,4 @@
-"""Motions as actions: goals, feedback, results, cancelling, preemption."""
+"""Motions as actions: goals, feedback, results, canceling, preemption."""
 
 import pytest
 
@@ -99,7 +99,7 @@ def test_what_the_arm_refuses_ends_the_goal_with_the_reason(bench, verb, given, 
 
 
 def test_feedback_is_published_while_the_goal_moves_the_arm(bench):
-    pose = bench.world.verbs.body.pose
+    pose = bench.world.verbs.commanded.pose
     now = Instant(3_000_000_001, "base_link", pose, bench.world.state())
     assert not bench.server.running
     bench.server.report(now, 0)
@@ -117,7 +117,7 @@ def test_feedback_is_published_while_the_goal_moves_the_arm(bench):
 
 
 @pytest.mark.parametrize("number", [1, None])
-def test_cancelling_brakes_the_arm(bench, number):
+def test_canceling_brakes_the_arm(bench, number):
     before = bench.world.six()
     send(bench, "movl", below(bench, 0.2))
     bench.world.tick(200)
@@ -130,7 +130,7 @@ def test_cancelling_brakes_the_arm(bench, number):
     assert before[2] - 0.15 < bench.world.six()[2] < before[2] - 0.005
 
 
-def test_motions_without_end_are_ended_by_cancelling(bench):
+def test_motions_without_end_are_ended_by_canceling(bench):
     assert send(bench, "movv", {"xdot": {"linear": {"z": -0.02}}})
     bench.world.tick(100)
     assert cancel(bench, "movv") == (0, 1)
@@ -138,7 +138,7 @@ def test_motions_without_end_are_ended_by_cancelling(bench):
     assert result(bench, "movv")[0] is GoalStatus.CANCELED
 
 
-def test_cancelling_another_goal_moves_nothing_and_brakes_nothing(bench):
+def test_canceling_another_goal_moves_nothing_and_brakes_nothing(bench):
     send(bench, "movl", below(bench), number=1)
     bench.finish()
     send(bench, "movl", below(bench), number=2)
@@ -170,7 +170,7 @@ def test_a_goal_that_is_refused_leaves_the_one_before_alone(bench):
     assert result(bench, "movl", 1)[0] is GoalStatus.SUCCEEDED
 
 
-def test_a_goal_that_is_cancelled_before_it_begins_does_not_go_on(bench):
+def test_a_goal_that_is_canceled_before_it_begins_does_not_go_on(bench):
     # As while another motion comes to rest: the goal is accepted, and the arm not yet its own.
     begin, offered = [], bench.offer
 
@@ -271,12 +271,12 @@ def test_a_goal_that_comes_after_its_cancellation_does_not_begin(bench, verb):
     assert bench.world.verbs.at_rest
     status, told = result(bench, verb)
     assert status is GoalStatus.CANCELED
-    assert told == {"success": False, "message": f"{verb}: it was cancelled before it began"}
+    assert told == {"success": False, "message": f"{verb}: it was canceled before it began"}
     assert send(bench, verb, given, number=2)
     assert bench.requests[-1].verb == verb
 
 
-def test_a_goal_that_is_cancelled_while_it_waits_for_its_turn_is_not_asked_for_any_more(bench):
+def test_a_goal_that_is_canceled_while_it_waits_for_its_turn_is_not_asked_for_any_more(bench):
     held, offered = [], bench.offer
 
     def late(client, packet, now_s):

@@ -244,9 +244,9 @@ def test_a_publisher_that_dies_brakes_the_arm(bench):
         bench.publish("/command/twist", {"linear": {"z": -0.05}})
         bench.poll()
         bench.world.tick()
-    assert bench.world.verbs.body.moving
+    assert bench.world.verbs.commanded.moving
     ticks = 0
-    while bench.world.verbs.body.moving:
+    while bench.world.verbs.commanded.moving:
         bench.world.tick()
         ticks += 1
         assert ticks < 100  # 0.1 s of silence, and the ramp.
@@ -395,7 +395,7 @@ def reasons(bench):
 
 def test_the_first_command_chooses_the_stream_of_a_free_arm_at_rest(bench):
     streamed(bench)
-    assert bench.world.verbs.body.moving
+    assert bench.world.verbs.commanded.moving
     assert bench.world.verbs.streams.owner == "ros2"
     assert [outcome for _, _, outcome, _ in bench.results()] == ["accepted"]
 
@@ -453,7 +453,7 @@ def test_of_two_publishers_the_first_has_the_stream_and_the_second_moves_nothing
         streamed(bench, 1, message=up, gid=b"b" * 16, sequence=None)
     assert bench.world.verbs.streams.owner == before
     assert bench.server.contested > 0
-    assert bench.world.verbs.body.twist[0].z < 0.0
+    assert bench.world.verbs.commanded.twist[0].z < 0.0
 
 
 def test_a_flood_chooses_by_its_newest_command_alone(bench):
@@ -494,7 +494,7 @@ def test_the_authority_is_taken_and_given_up_by_topics(bench):
     assert "panel" in reasons(bench)[-1]
 
 
-def test_an_acknowledgement_is_an_act_and_none_that_is_repeated(bench):
+def test_an_acknowledgment_is_an_act_and_none_that_is_repeated(bench):
     acts = []
     bench.world.verbs.acknowledge = lambda: acts.append(bench.now_s)
     for _ in range(4):

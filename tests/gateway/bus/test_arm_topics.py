@@ -24,7 +24,7 @@ TOOL = Pose(Vector3(0.0, 0.0, 0.1), Quaternion(1.0, 0.0, 0.0, 0.0))
 FLAGS = {"state": int(State.MOVL), "stream": int(Stream.POSE), "ready": True, "moving": True}
 
 
-class Shown:
+class PublishedArm:
     """An arm's topics on a fake node."""
 
     def __init__(self, **more):
@@ -35,7 +35,7 @@ class Shown:
     def publish(self, state=None, pose="measured", now_s=None):
         world = self.world
         state = state or world.state()
-        pose = world.verbs.body.pose if pose == "measured" else pose
+        pose = world.verbs.commanded.pose if pose == "measured" else pose
         now_s = state.stamp_s + 0.001 if now_s is None else now_s
         self.topics.publish(state, pose, world.verbs.controller.status(), FLAGS, now_s, NOW_NS)
 
@@ -45,7 +45,7 @@ class Shown:
 
 @pytest.fixture
 def shown():
-    shown = Shown(robot_description="<robot/>", tool=TOOL)
+    shown = PublishedArm(robot_description="<robot/>", tool=TOOL)
     shown.world.verbs.movj(shown.world.moved(0.0, 0.0, -0.05))
     shown.world.tick(50)
     return shown
@@ -88,7 +88,7 @@ def test_joint_states_have_what_the_robot_reports(shown):
 
 def test_poses_and_transforms_fit_together(shown):
     shown.publish()
-    pose = shown.world.verbs.body.pose
+    pose = shown.world.verbs.commanded.pose
     message = shown.heard("/arm/state/pose")[-1]
     assert message["header"]["frame_id"] == "base_link"
     assert numbers(message["pose"]) == pytest.approx([*pose.position, *pose.orientation])
@@ -111,7 +111,7 @@ def test_what_comes_late_gets_what_does_not_change(shown):
 
 
 def test_what_is_around_the_arm_is_told_to_who_comes_late():
-    shown = Shown(surroundings='{"obstacles":[]}')
+    shown = PublishedArm(surroundings='{"obstacles":[]}')
     topic = "/arm/surroundings"
     assert shown.node.publishers[topic].qos.transient_local
     assert [each["data"] for each in shown.heard(topic)] == ['{"obstacles":[]}']
@@ -121,7 +121,7 @@ def test_what_is_around_the_arm_is_told_to_who_comes_late():
     ("transforms", "moving", "fixed"), [("all", 1, 1), ("tool", 0, 1), ("none", 0, 0)]
 )
 def test_transforms_of_others_are_left_to_them(transforms, moving, fixed):
-    shown = Shown(transforms=transforms)
+    shown = PublishedArm(transforms=transforms)
     shown.world.verbs.movj(shown.world.moved(0.0, 0.0, -0.05))
     shown.world.tick(5)
     shown.publish()
@@ -243,7 +243,7 @@ def test_numbers_that_are_none_are_published_as_they_are(shown):
 
 def test_further_topics_have_the_very_same_messages():
     same = {"state/pose": ["measured_cp", "current_pose"], "joint_states": ["measured_js"]}
-    shown = Shown(same=same)
+    shown = PublishedArm(same=same)
     shown.publish()
     for own, others in (
         ("/arm/state/pose", same["state/pose"]),

@@ -9,8 +9,8 @@ import pytest
 from cardan.gateway.arm.vocab import State, Stream
 from cardan.gateway.bus.compatibility import (
     NamesTopics,
+    PublishedState,
     ServoScales,
-    Shown,
     same_topics,
     servo_status,
 )
@@ -98,7 +98,7 @@ def test_a_stream_that_was_stopped_does_not_begin_again_by_itself(bench):
     assert "does not begin again by itself" in outcomes(bench)[-1][2]
     rest(bench, STREAM_KEPT_S + DT_S)
     stream(bench, TWIST, twist(z=0.1))
-    assert bench.world.verbs.body.moving
+    assert bench.world.verbs.commanded.moving
 
 
 def test_zero_lets_it_begin_again_and_begins_nothing(bench):
@@ -109,7 +109,7 @@ def test_zero_lets_it_begin_again_and_begins_nothing(bench):
     assert bench.world.verbs.streams.kind is Stream.NONE
     assert "zero begins no stream" in outcomes(bench)[-1][2]
     stream(bench, TWIST, twist(z=0.1))
-    assert bench.world.verbs.body.moving
+    assert bench.world.verbs.commanded.moving
 
 
 def test_a_stream_with_gaps_brakes_in_them_and_goes_on(bench):
@@ -118,7 +118,7 @@ def test_a_stream_with_gaps_brakes_in_them_and_goes_on(bench):
     rest(bench, 0.35)
     assert bench.world.verbs.streams.kind is Stream.NONE
     stream(bench, TWIST, twist(z=0.1))
-    assert bench.world.verbs.body.moving
+    assert bench.world.verbs.commanded.moving
 
 
 def test_a_stop_in_a_gap_of_a_stream_ends_it_too(bench):
@@ -176,9 +176,9 @@ def test_while_a_motion_is_under_way_none_begins(bench):
 
 def test_one_that_falls_silent_brakes_the_arm(bench):
     stream(bench, TWIST, twist(z=-0.1), 0.4)
-    assert bench.world.verbs.body.moving
+    assert bench.world.verbs.commanded.moving
     rest(bench, 0.4)
-    assert not bench.world.verbs.body.moving
+    assert not bench.world.verbs.commanded.moving
     assert "silent" in bench.world.verbs.status().message
 
 
@@ -195,7 +195,7 @@ def test_who_sends_what_cannot_be_taken_keeps_no_stream_from_others(bench):
     bench.poll(DT_S)
     stream(bench, TWIST, twist(z=0.1))
     assert bench.server.contested == 0
-    assert bench.world.verbs.body.moving
+    assert bench.world.verbs.commanded.moving
 
 
 def test_what_waited_on_its_way_is_refused(bench):
@@ -338,7 +338,7 @@ def test_pausing_brakes_and_refuses_until_it_is_resumed(bench):
     assert len(bench.requests) == asked
     rest(bench)
     stream(bench, TWIST, twist(z=0.1))
-    assert bench.world.verbs.body.moving
+    assert bench.world.verbs.commanded.moving
 
 
 def test_a_pause_passes_while_the_worker_has_enough_to_do(bench):
@@ -349,7 +349,7 @@ def test_a_pause_passes_while_the_worker_has_enough_to_do(bench):
 
 def shown(bench, **more):
     state = bench.world.state()
-    return Shown.of(
+    return PublishedState.of(
         state._replace(**more), bench.world.verbs.controller.status(), bench.world.verbs,
         state.stamp_s, time.time_ns(),
     )  # fmt: skip
@@ -529,7 +529,7 @@ def test_servo_cp_and_interpolate_cp(crtk, topic, frame):
 
 def test_servo_cv_and_servo_jv(crtk):
     stream(crtk, "//servo_cv", twist(z=-0.1))
-    assert crtk.world.verbs.body.moving
+    assert crtk.world.verbs.commanded.moving
     rest(crtk)
     stream(crtk, "//servo_jv", {"velocity": [0.0, 0.0, 0.0, 0.0, 0.0, 0.2]})
     assert crtk.world.v[5] > 0.1
@@ -597,7 +597,7 @@ def test_the_operating_state_is_changed_by_command_only(crtk):
     assert state_command(crtk, "home")[1] == "done"
     rest(crtk)
     stream(crtk, "//servo_cv", twist(z=-0.1))
-    assert crtk.world.verbs.body.moving
+    assert crtk.world.verbs.commanded.moving
 
 
 def test_a_fault_is_left_by_enabling(crtk):

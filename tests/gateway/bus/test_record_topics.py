@@ -46,7 +46,7 @@ class Rig:
         self.controller = make_controller(config, self.robot)
         self.node = Node()
         self.taps = SessionTaps(self.node, TABLES, self.controller, self.robot, None)
-        self.engine = self.node.publishers["~/engine"]
+        self.log = self.node.publishers["~/controller_log"]
         self.raw = self.node.publishers["~/raw/robot"]
         self.cycles = ArmLoop(self.robot, self.controller).cycles()
         self.now_s = 100.0
@@ -60,7 +60,7 @@ class Rig:
             self.taps.cycle(cycle, self.now_s)
 
     def numbers(self):
-        return [decode_cycle(each["data"]).number for each in self.engine.messages]
+        return [decode_cycle(each["data"]).number for each in self.log.messages]
 
 
 @pytest.fixture
@@ -73,30 +73,30 @@ def rig():
 
 def test_nothing_is_published_while_nobody_subscribes(rig):
     rig.run(200)
-    assert rig.engine.messages == rig.raw.messages == []
+    assert rig.log.messages == rig.raw.messages == []
     assert rig.robot.tap is None
 
 
 def test_a_recorder_that_is_found_late_gets_the_first_cycles(rig):
     rig.run(200)
-    rig.engine.heard = True
+    rig.log.heard = True
     rig.run(63 + 200)
     assert rig.numbers() == list(range(1, 464))
 
 
 def test_kept_cycles_go_out_a_few_at_a_time(rig):
     rig.run(200)
-    rig.engine.heard = True
+    rig.log.heard = True
     before = 0
     for _ in range(100):
         rig.run(1)
-        assert len(rig.engine.messages) - before <= AT_ONCE
-        before = len(rig.engine.messages)
+        assert len(rig.log.messages) - before <= AT_ONCE
+        before = len(rig.log.messages)
 
 
 def test_what_is_kept_still_goes_out_when_the_session_ends(rig):
     rig.run(200)
-    rig.engine.heard = True
+    rig.log.heard = True
     rig.run(1)
     rig.taps.close()
     assert rig.numbers() == list(range(1, 202))
@@ -105,27 +105,27 @@ def test_what_is_kept_still_goes_out_when_the_session_ends(rig):
 def test_nothing_is_kept_for_long(rig):
     rig.run(round(KEPT_S / 0.004) + 100)
     assert rig.controller.recorder is None
-    assert not rig.taps._engine._kept
-    rig.engine.heard = True
+    assert not rig.taps._log._kept
+    rig.log.heard = True
     rig.run(100)
     assert rig.numbers()[0] > 1250
     assert rig.numbers() == list(range(rig.numbers()[0], rig.controller.ticks + 1))
 
 
 def test_it_ends_when_the_recorder_has_gone(rig):
-    rig.engine.heard = rig.raw.heard = True
+    rig.log.heard = rig.raw.heard = True
     rig.run(round(KEPT_S / 0.004) + 100)
     assert rig.robot.tap is not None
-    rig.engine.heard = rig.raw.heard = False
+    rig.log.heard = rig.raw.heard = False
     rig.run(100)
-    count = len(rig.engine.messages)
+    count = len(rig.log.messages)
     rig.run(100)
-    assert len(rig.engine.messages) == count
+    assert len(rig.log.messages) == count
     assert rig.robot.tap is None
 
 
 def test_requests_are_written_to_the_cycle_that_they_precede(rig):
-    rig.engine.heard = True
+    rig.log.heard = True
 
     def ask(ticks):
         if ticks == 50:
@@ -134,7 +134,7 @@ def test_requests_are_written_to_the_cycle_that_they_precede(rig):
             rig.controller.inhibit("a reason", Inhibit.WHILE_SAID)
 
     rig.run(120, ask)
-    records = [decode_cycle(each["data"]) for each in rig.engine.messages]
+    records = [decode_cycle(each["data"]) for each in rig.log.messages]
     asked = {each.number: each.before for each in records if each.before}
     assert asked == {51: (("stop", "enough"), ("hold_off", "a reason"))}
 
@@ -166,7 +166,7 @@ def test_raw_bytes_for_which_there_is_no_room_are_counted(rig):
 
 
 def test_after_its_end_nothing_is_tapped(rig):
-    rig.engine.heard = rig.raw.heard = True
+    rig.log.heard = rig.raw.heard = True
     rig.run(10)
     rig.taps.close()
     assert rig.robot.tap is None

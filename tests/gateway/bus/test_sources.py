@@ -134,7 +134,7 @@ def test_another_nodes_services_do_not_take_the_arm_from_a_stream(bench):
     assert owner(bench) == "ros2 /left/joystick"
     assert second.call("/stop").answer["success"]  # This, anybody may.
     together(bench, 0.5)
-    assert not bench.world.verbs.body.moving
+    assert not bench.world.verbs.commanded.moving
 
 
 def test_a_nodes_own_services_are_the_same_source(bench):
@@ -262,7 +262,7 @@ def test_a_node_may_change_between_its_streams_where_the_one_rests(bench):
         bench.poll(DT_S)
         bench.world.tick()
     assert bench.world.verbs.streams.kind is Stream.JOINT
-    assert bench.world.verbs.body.moving
+    assert bench.world.verbs.commanded.moving
 
 
 def test_a_command_that_is_given_again_is_the_same_source(bench):
@@ -466,7 +466,7 @@ def test_what_its_publisher_sent_long_ago_moves_nothing_and_what_comes_after_it_
     node = Node(bench, "/joystick", "b0", -SPEED_M_S)
     together(bench, 0.5, node)
     together(bench, 1.0)
-    assert not bench.world.verbs.body.moving
+    assert not bench.world.verbs.commanded.moving
     before = len(outcomes(bench))
     node.send(waited_s=STREAMED_S + 0.01)
     bench.poll(DT_S)
@@ -486,5 +486,5 @@ def test_a_publisher_whose_clock_stands_still_is_heard(bench):
         node.send(stands=True)
         bench.poll(DT_S)
         bench.world.tick()
-    assert bench.world.verbs.body.moving
+    assert bench.world.verbs.commanded.moving
     assert {outcome for _, outcome, _ in outcomes(bench)} == {"accepted"}

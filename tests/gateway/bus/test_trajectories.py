@@ -105,7 +105,7 @@ def test_feedback_of_kilted_has_the_index_of_the_point(bench):
     assert desired[2] == 1
 
 
-def test_cancelling_brakes(bench):
+def test_canceling_brakes(bench):
     send(bench, goal(bench, STEP))
     bench.world.tick(int(0.9 / DT_S))
     bench.call(f"{ACTION}/cancel_goal")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cardan.gateway.daemon.device_sharing import Order, Seen, SharedDevice
+from cardan.gateway.daemon.device_sharing import Order, SessionState, SharedDevice
 from cardan.gateway.daemon.services import why_nothing_moves
 from cardan.gateway.session.snapshot import Snapshot
 
@@ -36,7 +36,7 @@ class Arm:
 
     @property
     def seen(self):
-        return Seen(self.wanted, self.running, self.held, self.phase, self.passes)
+        return SessionState(self.wanted, self.running, self.held, self.phase, self.passes)
 
 
 class Bench:

@@ -172,16 +172,16 @@ def test_two_mice_drive_two_arms_and_unplugging_one_stops_one(lab):
 def test_two_arms_that_know_each_other_move_while_they_hear_each_other(lab):
     (left,) = lab.plug("left")
     endpoint = free_endpoint()
-    text = (EXAMPLE / "neighbours.toml").read_text(encoding="utf-8")
+    text = (EXAMPLE / "neighbors.toml").read_text(encoding="utf-8")
     network = "[sessions.network]\n"
     assert text.count(network) == 2
     (lab.folder / "arms.toml").write_text(
         text.replace(network, f'{network}router = "{endpoint}"\n')
     )
     lab.start(lab.folder / "arms.toml", EXAMPLE / "simulated-mice.toml")
-    # A state that is heard is what takes the words about the neighbour away.
+    # A state that is heard is what takes the words about the neighbor away.
     lab.until_snapshot(
-        "left", lambda s: s["message"] and "neighbour" not in s["message"], "the neighbour's states"
+        "left", lambda s: s["message"] and "neighbor" not in s["message"], "the neighbor's states"
     )
     lab.arm("left", left)
     left.do("set_axes", UP)
@@ -189,14 +189,14 @@ def test_two_arms_that_know_each_other_move_while_they_hear_each_other(lab):
     lab.ask("stop", "right")
     lab.until_snapshot(
         "left",
-        lambda s: s["phase"] == "disarmed" and "the neighbour right" in s["message"],
+        lambda s: s["phase"] == "disarmed" and "the neighbor right" in s["message"],
         "the stop",
     )
     at = lab.snapshot("left")["joints_rad"]
     lab.ask("start", "right")
     # What stopped it is still told then, as what was before.
     lab.until_snapshot(
-        "left", lambda s: not s["message"].startswith("where the neighbour"), "the return"
+        "left", lambda s: not s["message"].startswith("where the neighbor"), "the return"
     )
     assert lab.snapshot("left")["joints_rad"] == pytest.approx(at, abs=1e-3)
 

@@ -48,7 +48,7 @@ class Hand(NamedTuple):
     stiffness_n_m: float = 100.0
 
 
-class Felt(NamedTuple):
+class WallContact(NamedTuple):
     """A row each step; along the wall's normal, the wall is below 0."""
 
     now_s: float
@@ -112,7 +112,7 @@ def press(
         step = speed * STEP_S
         place += step
         given_j += force * step
-        rows.append(Felt(now_s, place, speed, force, given_j))
+        rows.append(WallContact(now_s, place, speed, force, given_j))
     assert asked[0] >= 0
     return rows
 

@@ -25,7 +25,7 @@ from cardan.gateway.force.tables import (
 from cardan.spatial import from_euler_zyx, norm, rotate, subtract
 from cardan.types import ZERO3, Vector3
 
-SPHERE = SphereTable(centre_m=(0.3, 0.0, 0.4), radius_m=0.1, stiffness_n_m=100.0)
+SPHERE = SphereTable(center_m=(0.3, 0.0, 0.4), radius_m=0.1, stiffness_n_m=100.0)
 SURFACE = PlaneTable(at="start", normal=(0.0, 0.0, 2.0), stiffness_n_m=200.0)
 places = st.builds(Vector3, *(st.floats(-0.5, 0.5) for _ in range(3)))
 
@@ -72,7 +72,7 @@ def test_what_is_placed_at_clutch_in_moves_with_every_clutch_in():
 def test_every_shape_is_made_with_units_and_axes_of_the_world():
     box = (
         BoxTable(
-            centre_m=(0.1, 0.2, 0.3),
+            center_m=(0.1, 0.2, 0.3),
             half_sides_m=(0.1, 0.2, 0.3),
             rpy_deg=(0.0, 0.0, 90.0),
             stiffness_n_m=100.0,

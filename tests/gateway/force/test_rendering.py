@@ -8,7 +8,7 @@ import pytest
 from cardan.common.haptics import HapticState, OperatingState, Plane, WorldMap
 from cardan.errors import CommandError
 from cardan.gateway.force.conditioning import Conditioner, Conditioning
-from cardan.gateway.force.figures import ContactFigures, FeltFigures
+from cardan.gateway.force.figures import ContactFigures, HapticFigures
 from cardan.gateway.force.fixtures import FixtureSet, matrix_of
 from cardan.gateway.force.input import ForceInput
 from cardan.gateway.force.rendering import ForceRenderer
@@ -20,7 +20,7 @@ from cardan.spatial import from_euler_zyx, subtract
 from cardan.types import IDENTITY, DeviceLink, DeviceState, Pose, RobotLink, Vector3
 from tests.gateway.force.fakes import PERIOD_S, REST, FakeHaptic, FakeSensor, robot_state
 
-SPHERE = SphereTable(centre_m=(0.3, 0.0, 0.4), radius_m=0.1, stiffness_n_m=100.0)
+SPHERE = SphereTable(center_m=(0.3, 0.0, 0.4), radius_m=0.1, stiffness_n_m=100.0)
 HAND = Pose(Vector3(0.0, 0.0, 0.05), IDENTITY)
 SHIFTED = WorldMap(offset=Vector3(0.5, 0.0, 0.3))
 QUIET = Conditioning(scale=0.1, deadband_n=0.0, tare=False)
@@ -354,7 +354,7 @@ def test_noise_is_no_contact_and_draws_nothing():
 
 
 def test_ages_count_only_while_engaged():
-    figures = FeltFigures()
+    figures = HapticFigures()
     state = HapticState(gap_s=0.001, peak_n=5.0)
     figures.add(state, False, False)
     assert (figures.peak_n, figures.fixture_age.count) == (5.0, 0)

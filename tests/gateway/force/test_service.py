@@ -25,7 +25,7 @@ from tests.waiting import WITHIN_S
 
 pytestmark = pytest.mark.matrix
 
-SPHERE = {"shape": "sphere", "centre_m": [0.3, 0.0, 0.4], "radius_m": 0.1, "stiffness_n_m": 100.0}
+SPHERE = {"shape": "sphere", "center_m": [0.3, 0.0, 0.4], "radius_m": 0.1, "stiffness_n_m": 100.0}
 SURFACE = {"shape": "plane", "at": "start", "normal": [0.0, 0.0, 1.0], "stiffness_n_m": 100.0}
 
 
@@ -205,7 +205,7 @@ def test_the_command_line_has_the_node(tmp_path, monkeypatch):
     monkeypatch.setattr("cardan.gateway.session.force_node.ask_for_real_time", lambda: "other")
     file, path = tmp_path / "node.toml", str(tmp_path / "force.sock")
     file.write_text(
-        '[[fixtures]]\nshape = "sphere"\ncentre_m = [0.3, 0.0, 0.4]\nradius_m = 0.1\n'
+        '[[fixtures]]\nshape = "sphere"\ncenter_m = [0.3, 0.0, 0.4]\nradius_m = 0.1\n'
         "stiffness_n_m = 100.0\n"
     )
     ended, felt = threading.Event(), []

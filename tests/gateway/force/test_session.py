@@ -35,7 +35,7 @@ from tests.gateway.force.fakes import PERIOD_S, robot_state
 
 pytestmark = pytest.mark.matrix
 
-SPHERE = {"shape": "sphere", "centre_m": [0.3, 0.0, 0.4], "radius_m": 0.1, "stiffness_n_m": 100.0}
+SPHERE = {"shape": "sphere", "center_m": [0.3, 0.0, 0.4], "radius_m": 0.1, "stiffness_n_m": 100.0}
 START = Vector3(0.5, 0.0, 0.4)
 TABLE = {
     "device": {"driver": "fake_haptic"},
@@ -429,7 +429,7 @@ def test_a_force_node_of_another_process_is_felt(tmp_path):
     """In real time: a node of its own evaluates the paper's sphere on the robot's TCP."""
     path = str(tmp_path / "force.sock")
     s = session(2000, force={"source": "remote", "socket": path, "cutoff_hz": 100.0})
-    node = read_table(ForceConfig, {"fixtures": [{**SPHERE, "centre_m": [0.45, 0.0, 0.4]}]})
+    node = read_table(ForceConfig, {"fixtures": [{**SPHERE, "center_m": [0.45, 0.0, 0.4]}]})
     thread = threading.Thread(
         target=run_force_node, args=(node, path), kwargs={"seconds": 10.0}, daemon=True
     )

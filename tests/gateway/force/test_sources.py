@@ -126,7 +126,7 @@ def test_a_computed_contact_pushes_damps_and_rubs():
     assert sliding == pytest.approx((-2.0, 0.0, 10.0))
     creeping = contact_force(top, below, Vector3(0.0025, 0.0, 0.0))
     assert creeping == pytest.approx((-1.0, 0.0, 10.0))
-    ball = SphereContactTable(centre_m=(0.5, 0.0, 0.3), radius_m=0.1, stiffness_n_m=100.0)
+    ball = SphereContactTable(center_m=(0.5, 0.0, 0.3), radius_m=0.1, stiffness_n_m=100.0)
     assert contact_force(ball, below, still) == pytest.approx((0.0, 0.0, 1.0))
 
 

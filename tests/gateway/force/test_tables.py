@@ -16,7 +16,7 @@ BASE = {
     "robot": {"driver": "fake"},
     "mapping": {"mode": "position", "deadman": "button_1"},
 }
-SPHERE = {"shape": "sphere", "centre_m": [0.3, 0.0, 0.4], "radius_m": 0.1, "stiffness_n_m": 100.0}
+SPHERE = {"shape": "sphere", "center_m": [0.3, 0.0, 0.4], "radius_m": 0.1, "stiffness_n_m": 100.0}
 PLANE = {"shape": "plane", "normal": [0.0, 0.0, 1.0], "stiffness_n_m": 100.0}
 SURFACE = """
 [[fixtures]]
@@ -56,13 +56,17 @@ def test_a_configuration_is_the_same_in_the_sessions_own_process(tables):
         ({"fixtures": SPHERE}, r"fixtures: one table for each .* \[\[fixtures\]\]"),
         (
             {"fixtures": [{"shape": "sphere"}]},
-            r'stiffness_n_m: is missing: shape = "sphere" needs it\n.*centre_m: .*\n.*radius_m: ',
+            r'stiffness_n_m: is missing: shape = "sphere" needs it\n.*center_m: .*\n.*radius_m: ',
         ),
         ({"fixtures": [PLANE]}, r"fixtures\.0\.point_m: .* or at ="),
+        (
+            {"fixtures": [{**SPHERE, "centre_m": [0.3, 0.0, 0.4]}]},
+            r"fixtures\.0\.centre_m: is now: center_m; rename it",
+        ),
         ({"fixtures": [{**PLANE, "at": "start", "point_m": [0.0, 0.0, 0.0]}]}, "one of both"),
         (
             {"fixtures": [{**SPHERE, "at": "start"}]},
-            '0.at: there is no such key with shape = "sphere"; .* centre_m, rad',
+            '0.at: there is no such key with shape = "sphere"; .* center_m, rad',
         ),
         ({"fixtures": [{**SPHERE, "stifness": 1.0}]}, "fixtures.0.stifness: there is no such key"),
         (

@@ -29,7 +29,7 @@ def random_configurations(kinematics, count, seed=0):
 
 
 def error(a, b):
-    """Metres and radians between two placements."""
+    """Meters and radians between two placements."""
     difference = a.actInv(b)
     return np.linalg.norm(difference.translation), np.linalg.norm(pin.log3(difference.rotation))
 
@@ -140,8 +140,8 @@ def test_five_joints_come_as_near_as_they_can():
     goal = kinematics.forward(home)
     goal.rotation = goal.rotation @ pin.exp3(np.array((0.4, 0.0, 0.0)))
     q, reached = kinematics.nearest(goal, home, weights)
-    metres, radians = error(reached, goal)
-    assert metres < 1e-3
+    meters, radians = error(reached, goal)
+    assert meters < 1e-3
     assert 0.05 < radians < 0.41
     assert kinematics.within_limits(q)
     exact = kinematics.forward(home + 0.1)

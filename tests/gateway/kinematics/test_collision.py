@@ -77,7 +77,7 @@ def test_gradients_equal_differences(name):
     assert wrong <= 0.01 * 40 * len(pairs)
 
 
-def test_neighbours_and_ignored_pairs_are_left_out_and_obstacles_meet_every_body():
+def test_neighbors_and_ignored_pairs_are_left_out_and_obstacles_meet_every_body():
     kinematics, collision = world("ur5", (FLOOR,))
     bodies = {shape.name: shape.body for shape in kinematics.arm.shapes}
     for first, second in collision.pairs:

@@ -27,16 +27,16 @@ def plain_model(inclination_rad, orientation_rad):
     rz, ry = lambda a: pin.rpy.rpyToMatrix(0, 0, a), lambda a: pin.rpy.rpyToMatrix(0, a, 0)
     rotation = rz(phi) @ ry(theta) @ rz(-phi)
     bend = 1.0 - math.cos(theta)
-    centre = (0.1085 / theta) * np.array(
+    center = (0.1085 / theta) * np.array(
         (bend * math.cos(phi), bend * math.sin(phi), math.sin(theta))
     )
     q = []
     for degrees in (330, 90, 210):
         angle = math.radians(degrees)
         anchor = 0.052 * np.array((math.cos(angle), math.sin(angle), 0.0))
-        q.append(0.1085 + 0.003 - np.linalg.norm(centre + rotation @ anchor - anchor))
+        q.append(0.1085 + 0.003 - np.linalg.norm(center + rotation @ anchor - anchor))
     turn = rz(math.radians(30))
-    return np.array(q), turn @ rotation @ turn.T, turn @ centre
+    return np.array(q), turn @ rotation @ turn.T, turn @ center
 
 
 # Inclination and orientation in deg, tendons in mm, platform in mm in the frame turned by -30 deg.
@@ -59,11 +59,11 @@ def test_worked_table(inclination, orientation, tendons_mm, position_mm):
 
 @given(inclinations, azimuths)
 def test_model_is_the_reference_s(inclination, orientation):
-    q, rotation, centre = plain_model(inclination, orientation)
+    q, rotation, center = plain_model(inclination, orientation)
     assert NECK.tendons(inclination, orientation) == pytest.approx(q, abs=1e-9)
     platform = NECK.forward(NECK.tendons(inclination, orientation))
     np.testing.assert_allclose(platform.rotation, rotation, atol=1e-8)
-    np.testing.assert_allclose(platform.translation, centre, atol=1e-9)
+    np.testing.assert_allclose(platform.translation, center, atol=1e-9)
 
 
 @given(inclinations, azimuths, co_contractions)
@@ -158,10 +158,10 @@ def test_different_anchor_circles():
     q = neck.tendons(0.6, 2.0, 0.001)
     assert neck.shape(q) == pytest.approx((0.6, 2.0, 0.001))
     rotation = neck.forward(q).rotation
-    centre = neck.forward(q).translation
+    center = neck.forward(q).translation
     for k, angle in enumerate(np.radians((0.0, 120.0, 240.0))):
         direction = np.array((math.cos(angle), math.sin(angle), 0.0))
-        length = np.linalg.norm(centre + rotation @ (0.04 * direction) - 0.052 * direction)
+        length = np.linalg.norm(center + rotation @ (0.04 * direction) - 0.052 * direction)
         assert q[k] == pytest.approx(0.1085 + 0.003 - length + 0.001)
 
 

@@ -76,7 +76,7 @@ def test_a_line_is_straight_within_limits_and_exact_at_both_ends(start, goal, pr
         (Pose(Vector3(0.3, 0, 0), from_rotation_vector(Vector3(0, math.pi / 2, 0))), 33.916),
     ],
 )
-def test_line_times_with_an_equivalent_radius_of_one_metre(goal, duration_s):
+def test_line_times_with_an_equivalent_radius_of_one_meter(goal, duration_s):
     assert LinePath(IDENTITY_POSE, goal, GROUP).duration_s == pytest.approx(duration_s, abs=1e-4)
 
 

@@ -398,8 +398,8 @@ triple = st.tuples(speeds_m_s, speeds_m_s, speeds_m_s)
 @settings(max_examples=examples(300))
 @given(triple, triple, st.tuples(near, near, near), st.tuples(signs, signs, signs))
 def test_walls_come_first_and_the_rest_as_far_as_it_fits(now, target, gaps, sides):
-    centre = (0.5, 0.0, 0.8)
-    place = [c + s * (0.1 - gap) for c, s, gap in zip(centre, sides, gaps, strict=True)]
+    center = (0.5, 0.0, 0.8)
+    place = [c + s * (0.1 - gap) for c, s, gap in zip(center, sides, gaps, strict=True)]
     reference = placed(BOX, Pose(Vector3(*place), IDENTITY))
     reference.linear = Vector3(*now)
     reference.shape(Twist(Vector3(*target), ZERO3), DT_S)

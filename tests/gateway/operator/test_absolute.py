@@ -17,11 +17,11 @@ from tests.gateway.operator.test_differential import plans, play, rpys
 pytestmark = pytest.mark.matrix
 
 ORIGIN = Vector3(0.45, 0.05, 0.35)
-CENTRE = Vector3(0.1, -0.1, 0.2)
+CENTER = Vector3(0.1, -0.1, 0.2)
 
 
 def absolute(**options):
-    options = {"origin_m": ORIGIN, "device_centre_m": CENTRE, **options}
+    options = {"origin_m": ORIGIN, "device_center_m": CENTER, **options}
     return HandRig(mode=Mode.ABSOLUTE, **options).run()
 
 
@@ -40,7 +40,7 @@ def test_the_tcp_goes_where_the_hand_is(rpy, yaw, factor):
     turn = from_euler_zyx(0.0, 0.0, math.radians(yaw))
 
     def place(hand):
-        x, y, z = rotate(align, subtract(hand.position, CENTRE))
+        x, y, z = rotate(align, subtract(hand.position, CENTER))
         return add(ORIGIN, rotate(turn, Vector3(x * factor, y * 0.5, z)))
 
     assert close(rig.tcp.position, place(HAND))

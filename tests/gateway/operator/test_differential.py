@@ -760,6 +760,6 @@ def test_an_arm_follows_by_its_joints_and_a_new_reference_moves_it_by_no_step():
     assert not engine.following
     speeds = np.diff(np.array(joints), axis=0) / period_s
     bends = np.abs(np.diff(speeds, axis=0)) / period_s
-    kinematics = engine.body.servo.kinematics
+    kinematics = engine.commanded.servo.kinematics
     assert (np.abs(speeds) <= kinematics.velocity + 1e-6).all()
     assert (bends <= kinematics.acceleration * (1 + 1e-6) + 1e-6).all()

@@ -11,7 +11,7 @@ from cardan.gateway.operator.feedback import (
     FeedbackOptions,
     HandFeedback,
 )
-from cardan.gateway.session.parts import felt_of
+from cardan.gateway.session.parts import arm_feedback_of
 from cardan.types import (
     NEVER_S,
     ZERO3,
@@ -35,7 +35,7 @@ def played(hand, status, robot=ROBOT, start_s=0.0, seconds=1.0):
     """Everything that is sent while nothing changes."""
     sent, now_s = [], start_s
     while now_s < start_s + seconds:
-        if hand.due(now_s) and (feedback := hand.update(felt_of(status), robot, now_s)):
+        if hand.due(now_s) and (feedback := hand.update(arm_feedback_of(status), robot, now_s)):
             sent.append(feedback)
         now_s += 0.004
     return sent

@@ -203,7 +203,7 @@ def test_what_is_so_by_itself():
         ("recapture", {"recapture": "grip"}),
         ("recapture", {**ABSOLUTE, "recapture": "grip"}),
         ("origin_m", {**POSITION, "origin_m": (0.5, 0.0, 0.3)}),
-        ("device_centre_m", {**POSITION, "device_centre_m": (0.0, 0.0, 0.1)}),
+        ("device_center_m", {**POSITION, "device_center_m": (0.0, 0.0, 0.1)}),
         ("hand_to_tool_rpy_deg", {**POSITION, "hand_to_tool_rpy_deg": (0.0, 0.0, 90.0)}),
         ("orientation", {**POSITION, "orientation": Orientation.ABSOLUTE}),
         (
@@ -233,7 +233,7 @@ def test_options_that_do_not_go_together_are_refused(key, known):
         {"mode": Mode.POSITION, "clutch": "left", "recapture": "grip"},
         {**POSITION, "device_rpy_deg": (0.0, 0.0, 90.0), "orientation": Orientation.FIXED},
         {**POSITION, "frame": Frame.TOOL},
-        {**ABSOLUTE, "device_centre_m": (0.0, 0.0, 0.1)},
+        {**ABSOLUTE, "device_center_m": (0.0, 0.0, 0.1)},
         WHOLE,
         {**WHOLE, "hand_to_tool_rpy_deg": (0.0, 0.0, 90.0)},
         {**WHOLE, "axes": ("y", "x", "z", "rx", "ry", "rz")},

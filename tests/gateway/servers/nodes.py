@@ -16,7 +16,7 @@ class Mover:
 
     def __init__(self, network, accepts=True, feedback=f"{MOVE}_FeedbackMessage"):
         self.network, self.accepts, self.feedback = network, accepts, feedback
-        self.goals, self.cancelled = [], []
+        self.goals, self.canceled = [], []
         self.asked_result = threading.Event()
         network.offer("/move/_action/send_goal", f"{MOVE}_SendGoal", self.take)
         network.serve("/move/_action/get_result", f"{MOVE}_GetResult", self.result, TEST_NODE)
@@ -32,7 +32,7 @@ class Mover:
         self.asked_result.set()
 
     def cancel(self, request):
-        self.cancelled.append(request["goal_info"]["goal_id"]["uuid"])
+        self.canceled.append(request["goal_info"]["goal_id"]["uuid"])
         return {}
 
     def feed_back(self, uuid, **further):

@@ -480,13 +480,13 @@ def test_feedback_of_kilted_and_later_is_understood(network, client):
 
 
 @pytest.mark.real
-def test_a_goal_is_cancelled_and_ends_as_its_server_says(network, client):
+def test_a_goal_is_canceled_and_ends_as_its_server_says(network, client):
     mover = Mover(network)
     send_goal(client)
     assert mover.asked_result.wait(WAIT_S)
     client.send("cancel_action_goal", id="g", action="/move")
     client.settle()
-    assert mover.cancelled == [mover.goals[0]["goal_id"]["uuid"]]
+    assert mover.canceled == [mover.goals[0]["goal_id"]["uuid"]]
     mover.end(5)
     assert client.receive()["status"] == 5
 
@@ -514,7 +514,7 @@ def test_a_goal_ends_with_its_client(network, running):
     with plain_client(running) as client:
         send_goal(client, feedback=True)
         assert mover.asked_result.wait(WAIT_S)
-    until(lambda: mover.cancelled)
+    until(lambda: mover.canceled)
     until(lambda: not network.subscriptions)
 
 

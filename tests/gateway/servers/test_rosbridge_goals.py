@@ -15,7 +15,7 @@ pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[
 
 from cardan.bus.network import Failure, NetworkError
 from cardan.gateway.servers.calls import Mailbox, ServiceCaller
-from cardan.gateway.servers.rosbridge_client import Client
+from cardan.gateway.servers.rosbridge_client import RosbridgeClient
 from cardan.gateway.servers.web import WebOptions
 from cardan.protocols.ros2.actions import CANCEL_TYPE, CancelCode, Goals, GoalStatus
 from cardan.protocols.ros2.cdr import codec_of
@@ -96,7 +96,7 @@ class Bench:
         self.server = SlowServer(self.whole)
         self.sent = []
         mailbox = Mailbox(asyncio.get_running_loop())
-        self.client = Client(
+        self.client = RosbridgeClient(
             SimpleNamespace(waited_s=0.0, transport=SimpleNamespace(is_closing=lambda: True)),
             "test",
             self.part,
@@ -160,7 +160,7 @@ async def test_a_cancellation_right_after_its_goal_is_for_when_it_is_accepted():
 
 
 @in_loop
-async def test_an_accepted_goal_is_cancelled_once():
+async def test_an_accepted_goal_is_canceled_once():
     async with a_goal() as bench:
         bench.server.accept()
         await bench.settle()
@@ -171,7 +171,7 @@ async def test_an_accepted_goal_is_cancelled_once():
 
 
 @in_loop
-async def test_a_goal_that_is_not_accepted_needs_no_more_cancelling():
+async def test_a_goal_that_is_not_accepted_needs_no_more_canceling():
     async with a_goal() as bench:
         bench.ask("cancel_action_goal")
         await bench.settle()
@@ -182,7 +182,7 @@ async def test_a_goal_that_is_not_accepted_needs_no_more_cancelling():
 
 
 @in_loop
-async def test_a_goal_whose_acceptance_does_not_come_is_cancelled():
+async def test_a_goal_whose_acceptance_does_not_come_is_canceled():
     # The client is told that it failed, so nobody would end it.
     async with a_goal() as bench:
         goal_id, answered = bench.server.asked.pop()
@@ -230,7 +230,7 @@ async def test_a_client_that_leaves_asks_at_once_too():
         (Failure("/move/_action/cancel_goal: no reply"), "no reply"),
     ],
 )
-def test_a_client_is_told_that_its_goal_is_not_cancelled(answer, words):
+def test_a_client_is_told_that_its_goal_is_not_canceled(answer, words):
     async def told():
         async with a_goal() as bench:
             bench.ask("set_level", level="error")

@@ -29,7 +29,7 @@ DT_S = 0.004
 STILL = np.zeros((2, 3))
 
 MAX_ITERATIONS = 120
-"""Of one programme: programme.h."""
+"""Of one program: program.h."""
 
 
 def made(name="ur5", **options):
@@ -57,8 +57,8 @@ def test_distances_are_coals(name):
 
 
 @pytest.mark.parametrize("degenerate", [False, True])
-def test_programmes_have_daqps_solutions_or_better_ones(degenerate):
-    found = servo_oracles.programmes(1000, degenerate=degenerate)
+def test_programs_have_daqps_solutions_or_better_ones(degenerate):
+    found = servo_oracles.programs(1000, degenerate=degenerate)
     assert found.daqp < 1e-8
     assert found.quadprog < 1e-8
     assert found.residual < 1e-9
@@ -68,7 +68,7 @@ def test_programmes_have_daqps_solutions_or_better_ones(degenerate):
 
 def test_a_row_of_rounding_constrains_nothing():
     """As of a body that turns about its own axis beside an obstacle that it overlaps."""
-    free = servo_oracles.Programme(
+    free = servo_oracles.Program(
         np.eye(3), np.array((-1.0, 2.0, 0.0)), np.full(3, -9.0), np.full(3, 9.0),
         np.zeros((1, 3)), np.zeros(1),
     )  # fmt: skip
@@ -414,7 +414,7 @@ def test_without_a_library_the_servo_in_python_moves_the_arm(monkeypatch, tmp_pa
 
 def test_both_languages_agree_on_every_field():
     library = native.kernel_library()
-    for structure in (layout.CArm, layout.CState, layout.CProgramme):
+    for structure in (layout.CArm, layout.CState, layout.CProgram):
         assert ctypes.sizeof(structure) in layout.expected_layout()
     assert library.kernel_version().decode() == cardan.__version__
 

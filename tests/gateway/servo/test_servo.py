@@ -159,7 +159,7 @@ def test_holding_the_line_stops_at_the_end_of_reach_and_comes_back():
 
 @pytest.mark.matrix("python-gp8", "python-amor", "compiled-gp8", "compiled-amor")
 @pytest.mark.parametrize("name", ["ur5", "gp8", "pr2_right_arm", "asibot", "amor"])
-def test_random_commands_never_break_a_limit_nor_the_programme(name):
+def test_random_commands_never_break_a_limit_nor_the_program(name):
     drive = Drive(servo(name))
     generator = np.random.default_rng(5)
     for _ in range(12):
@@ -386,7 +386,7 @@ def test_a_variable_period_is_no_harm():
         assert (made.q >= made.kinematics.lower - 1e-5).all()
 
 
-def test_a_step_that_would_strike_is_braked_whatever_the_programme_says(monkeypatch):
+def test_a_step_that_would_strike_is_braked_whatever_the_program_says(monkeypatch):
     for module in (in_python, compiled):  # rows that never act
         monkeypatch.setattr(
             module,

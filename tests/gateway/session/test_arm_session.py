@@ -58,7 +58,7 @@ class Run:
         self.config = parse_config(table(**config))
         self.robot = make_robot(self.config)
         self.core = make_controller(self.config, self.robot)
-        self.arm = self.core.body
+        self.arm = self.core.commanded
         self.robot.open()
         self.cycles = self.robot.cycles()
         self.commands = []
@@ -182,7 +182,7 @@ def test_an_arm_that_takes_velocities_does_not_sink():
     run = Run(robot={"drive": "dynamic"})
     run.robot.close()
     run.robot = OnlyTakes(SimArmOptions(robot="ur5", pacing="virtual", drive="dynamic"))
-    run.arm = run.core.body = make_arm(run.config, run.robot)
+    run.arm = run.core.commanded = make_arm(run.config, run.robot)
     run.robot.open()
     run.cycles = run.robot.cycles()
     run.arm_it()
@@ -209,7 +209,7 @@ def test_a_robot_that_takes_poses_gets_those_of_joints_inside_their_limits():
     run = Run()
     run.robot.close()
     run.robot = TakesPoses(SimArmOptions(robot="ur5", pacing="virtual", drive="ideal"))
-    run.arm = run.core.body = make_arm(run.config, run.robot)
+    run.arm = run.core.commanded = make_arm(run.config, run.robot)
     run.robot.open()
     run.cycles = run.robot.cycles()
     run.go(0.1, held=False)
@@ -486,7 +486,7 @@ def test_a_session_leans_a_soft_neck_by_its_tendons():
     engine = make_controller(
         config, SimpleNamespace(capabilities=RobotCapabilities(joint, 0.002, 3, None, 0, 0))
     )
-    arm = engine.body
+    arm = engine.commanded
     neck = arm.servo.kinematics
     q = tuple(neck.tendons(0.1, 0.0).tolist())
     for i in range(1000):
@@ -509,7 +509,7 @@ def test_at_the_edge_of_its_reach_the_figures_are_those_of_the_motion_and_it_is_
     path_m = 0.0
     for _ in range(100):
         run.go(0.01, FORWARD)
-        path_m += 0.01 * math.hypot(*run.core.body.twist.linear)
+        path_m += 0.01 * math.hypot(*run.core.commanded.twist.linear)
     assert math.dist(before, run.state.pose.position) < 1e-4
     assert path_m < 1e-3
     status = run.core.status()

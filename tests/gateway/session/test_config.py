@@ -65,13 +65,13 @@ def test_mappings_of_a_pose():
     mapping = {
         **ABSOLUTE,
         "orientation": "absolute",
-        "device_centre_m": [0.1, 0, 0],
+        "device_center_m": [0.1, 0, 0],
         "hand_to_tool_rpy_deg": [180, 0, 0],
         "approach_speed_m_s": 0.02,
     }
     config = parse_config({**GOOD, "mapping": mapping})
     options = config.mapping
-    assert (options.origin_m, options.device_centre_m) == ((0.5, 0, 0.3), (0.1, 0, 0))
+    assert (options.origin_m, options.device_center_m) == ((0.5, 0, 0.3), (0.1, 0, 0))
     assert options.approach_speed_m_s == 0.02
     assert parse_config(as_table(config)) == config
 
@@ -85,7 +85,7 @@ def test_mappings_of_a_pose():
         ({**POSED, "orientation": "absolute"}, 'is for mode = "absolute" only'),
         ({**POSED, "orientation": "follow"}, "follow-base, follow-tool, fixed, absolute"),
         ({**POSED, "origin_m": [0, 0, 0]}, "origin_m: only mode"),
-        ({**POSED, "device_centre_m": [0, 0, 1]}, "device_centre_m: only mode"),
+        ({**POSED, "device_center_m": [0, 0, 1]}, "device_center_m: only mode"),
         (
             {**POSED, "recapture": "button_2"},
             "mapping.clutch: 'button_2' is the button of mapping.recapture",
@@ -169,6 +169,8 @@ def test_survives_the_way_to_the_session_process():
         ({"limits": {"workspace_x_m": [1, 0]}}, "limits.workspace_x_m", "lower bound first"),
         ({"limits": {"max_lead_rad": 3}}, "limits.max_lead_rad", "1.5"),
         ({"limits": {"leash_rad": 0.3}}, "limits.leash_rad", "is now: max_lead_rad; rename it"),
+        ({"mapping": {"device_centre_m": [0, 0, 0]}}, "mapping.device_centre_m", "device_center_m"),
+        ({"neighbours": []}, "neighbours", "is now: neighbors; rename it"),
         ({"watchdogs": {"device_age_s": 10}}, "watchdogs.device_age_s", "0.5"),
         ({"speed": 1}, "speed", "allowed: device, robot"),
         ({"robot": {}}, "robot.driver", "missing"),

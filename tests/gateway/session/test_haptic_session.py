@@ -129,7 +129,7 @@ def test_a_device_that_cannot_be_enabled_says_why():
     assert rig.run(0.2, PUSH) == ""
 
 
-def test_torques_are_in_newton_metres():
+def test_torques_are_in_newton_meters():
     rig = Rig(mode="joint")
     assert rig.run(0.6, Vector3(0.2, -0.1, 0.0)) == ""
     assert rig.last.joint_torques_n_m == (0.2, -0.1, 0.0)

@@ -313,7 +313,7 @@ def test_setting_waits_until_the_arm_rests(user):
 
 
 @pytest.mark.real
-def test_an_action_moves_the_arm_with_feedback_and_can_be_cancelled(user):
+def test_an_action_moves_the_arm_with_feedback_and_can_be_canceled(user):
     action = f"{ARM}/action/movl"
     feedback = user.subscribe(f"{action}/_action/feedback", f"{MOVE}_FeedbackMessage")
     sent = []
@@ -329,9 +329,9 @@ def test_an_action_moves_the_arm_with_feedback_and_can_be_cancelled(user):
     assert {*told} <= {*sent}
     feedback.close()
 
-    def cancelled():
+    def canceled():
         user.rest()
-        # It is under way when it is cancelled, however slow this computer is: it takes 20 s.
+        # It is under way when it is canceled, however slow this computer is: it takes 20 s.
         assert user.set("trajectory_reference_speed", 0.01)["successful"]
         goal_id = user.send(action, MOVE, {"x": user.moved(0.2)})
         with ThreadPoolExecutor(1) as waiting:
@@ -343,7 +343,7 @@ def test_an_action_moves_the_arm_with_feedback_and_can_be_cancelled(user):
             )
             return answer, *result.result()
 
-    answer, status, result = done_again(cancelled)
+    answer, status, result = done_again(canceled)
     assert len(answer["goals_canceling"]) == 1, (answer, status, result)
     assert status is GoalStatus.CANCELED
     goal_id = user.send(action, MOVE, {"x": {"position": {"x": 9}}})

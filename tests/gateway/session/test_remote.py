@@ -215,7 +215,7 @@ def test_the_sessions_limits_are_the_verbs(in_thread):
         fastest, motion = 0.0, arm.movj(down)
         while not motion.over:
             with controller.lock:
-                q, v = controller.body.servo.q.copy(), controller.body.servo.v.copy()
+                q, v = controller.commanded.servo.q.copy(), controller.commanded.servo.v.copy()
             kinematics.update(q)
             fastest = max(fastest, float(np.linalg.norm((kinematics.jacobian @ v)[:3])))
         assert 0.04 < fastest < 0.0505

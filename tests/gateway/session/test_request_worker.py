@@ -500,7 +500,7 @@ def test_a_motion_without_end_does_not_begin_for_who_is_gone(bench):
     assert bench.verbs.began == []
 
 
-def test_a_motion_that_was_cancelled_before_its_turn_does_not_begin(bench):
+def test_a_motion_that_was_canceled_before_its_turn_does_not_begin(bench):
     bench.ask(1, "movl", POSE)
     assert bench.verbs.planning.wait(TIMEOUT_S)
     client, wanted = Watched(), [True]
@@ -509,7 +509,7 @@ def test_a_motion_that_was_cancelled_before_its_turn_does_not_begin(bench):
     wanted[0] = False
     bench.verbs.go_on.set()
     told = client.heard.get(timeout=TIMEOUT_S)
-    assert told == ("refused", "movj: it was cancelled before it began")
+    assert told == ("refused", "movj: it was canceled before it began")
     assert [each.verb for each in bench.verbs.began] == ["movl"]
     assert bench.verbs.stopped == 0
 

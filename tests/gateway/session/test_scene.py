@@ -14,7 +14,7 @@ from cardan.gateway.bus.arm_topics import ArmNames
 from cardan.gateway.bus.options import NetworkOptions
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.reach import tcp_range_m
-from cardan.gateway.session.arm_assembly import make_neighbour_bodies
+from cardan.gateway.session.arm_assembly import make_neighbor_bodies
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.network import SessionNetwork
 from cardan.gateway.session.scene import surroundings
@@ -70,9 +70,9 @@ def test_the_shapes_are_those_of_the_collision_model_each_after_its_joint():
     assert around["reach_m"] == [list(each) for each in tcp_range_m(ArmKinematics(model))]
 
 
-def test_neighbours_are_told_with_all_that_places_their_bodies():
+def test_neighbors_are_told_with_all_that_places_their_bodies():
     """By the joints of the JSON alone they are where the session keeps away from them."""
-    neighbour = {
+    neighbor = {
         "name": "right",
         "model": "teo_right_arm",
         "topic": "right/joint_states",
@@ -80,10 +80,10 @@ def test_neighbours_are_told_with_all_that_places_their_bodies():
         "base_rpy_deg": [10.0, 20.0, 30.0],
         "max_age_s": 0.2,
     }
-    tables = {**TABLES, "network": {"namespace": "cell"}, "neighbours": [neighbour]}
+    tables = {**TABLES, "network": {"namespace": "cell"}, "neighbors": [neighbor]}
     config = parse_config(tables)
-    (bodies,) = made = make_neighbour_bodies(config)
-    (told,) = json.loads(surroundings(config, True, made))["neighbours"]
+    (bodies,) = made = make_neighbor_bodies(config)
+    (told,) = json.loads(surroundings(config, True, made))["neighbors"]
     assert (told["name"], told["topic"]) == ("right", "/cell/right/joint_states")
     assert told["max_age_s"] == 0.2
     assert [each["name"] for each in told["joints"]] == list(bodies.names)

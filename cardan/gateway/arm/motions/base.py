@@ -40,7 +40,7 @@ class Activity(ABC):
     reference: Reference | None = None
     """The point that the TCP follows; None where joints follow a path."""
     command: RobotCommand | None = None
-    """What the robot is sent in place of the body's command."""
+    """What the robot is sent in place of the commanded arm's command."""
     fault = ""
     """Why it must not go on; empty while it may."""
     heard_s = math.inf

@@ -10,12 +10,12 @@ from cardan.types import RobotState
 
 
 class Brake(ReferenceMotion):
-    """Ramps the TCP to rest within the reference's limits, from the speed that the body has."""
+    """Ramps the TCP to rest within the reference's limits, from the speed that it has."""
 
-    def __init__(self, body: CommandedArm, reference: Reference) -> None:
-        super().__init__(body, reference)
-        reference.place(body.pose)
-        twist = body.twist
+    def __init__(self, commanded: CommandedArm, reference: Reference) -> None:
+        super().__init__(commanded, reference)
+        reference.place(commanded.pose)
+        twist = commanded.twist
         reference.linear, reference.angular = twist.linear, twist.angular
         self.brake()
 
@@ -25,4 +25,4 @@ class Brake(ReferenceMotion):
 
     def tick(self, robot: RobotState, dt_s: float) -> Progress:
         """Brake on."""
-        return ARRIVED if self._advance(self._body.twist, dt_s) else GOING
+        return ARRIVED if self._advance(self._commanded.twist, dt_s) else GOING

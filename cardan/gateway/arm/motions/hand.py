@@ -16,8 +16,8 @@ class FollowHand(ReferenceMotion):
 
     follows_hand = True
 
-    def __init__(self, body: CommandedArm, reference: Reference) -> None:
-        super().__init__(body, reference)
+    def __init__(self, commanded: CommandedArm, reference: Reference) -> None:
+        super().__init__(commanded, reference)
         self._twist = ZERO_TWIST
         self._rates: Mapping[str, float] | None = None
         self._driving = False

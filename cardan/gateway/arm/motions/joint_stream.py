@@ -12,9 +12,11 @@ from cardan.types import RobotState
 class FollowJointStream(Activity):
     """Every joint moves at the speed that was streamed last."""
 
-    def __init__(self, body: JointSpaceArm, speed_share: float, acceleration_share: float) -> None:
+    def __init__(
+        self, commanded: JointSpaceArm, speed_share: float, acceleration_share: float
+    ) -> None:
         """Shares of the arm's joint speeds and accelerations that may be used."""
-        self._body, servo = body, body.servo
+        self._commanded, servo = commanded, commanded.servo
         self._fastest = speed_share * servo.kinematics.velocity
         self._acceleration = acceleration_share * servo.kinematics.acceleration
         self._target: FloatArray = np.zeros(servo.joints)
@@ -34,7 +36,7 @@ class FollowJointStream(Activity):
 
     @property
     def idle(self) -> bool:
-        return not self._target.any() and not self._body.moving
+        return not self._target.any() and not self._commanded.moving
 
     def brake(self) -> None:
         """Ramp to zero speed."""
@@ -43,7 +45,7 @@ class FollowJointStream(Activity):
 
     def tick(self, robot: RobotState, dt_s: float) -> Progress:
         """Move on by one period."""
-        servo = self._body.servo
+        servo = self._commanded.servo
         most = self._acceleration * dt_s
         change = self._target - self._rate
         # One share for all joints, so that they keep their proportion while they speed up.

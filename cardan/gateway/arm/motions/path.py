@@ -11,7 +11,7 @@ from cardan.gateway.servo.status import UNBENT
 from cardan.types import RobotState
 
 SETTLE_S = 1.0
-"""Longest time for the last fraction of a millimetre of a path."""
+"""Longest time for the last fraction of a millimeter of a path."""
 
 AT_REST_RAD_S = 2e-4
 """All joints slower than this can stop within one period."""

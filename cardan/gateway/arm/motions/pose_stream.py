@@ -41,7 +41,7 @@ class FollowPoseStream(ReferenceMotion):
 
     def __init__(
         self,
-        body: CommandedArm,
+        commanded: CommandedArm,
         reference: Reference,
         deceleration: Deceleration,
         shaper: PoseShaper,
@@ -49,7 +49,7 @@ class FollowPoseStream(ReferenceMotion):
     ) -> None:
         """`prediction_s`: longest extrapolation of the target by the last poses, which removes the
         delay of a message; a target that stops may be passed by as much."""
-        super().__init__(body, reference, deceleration)
+        super().__init__(commanded, reference, deceleration)
         self.target: Pose | None = None
         self._shaper = shaper
         self._prediction_s = prediction_s
@@ -120,12 +120,12 @@ class FollowPoseStream(ReferenceMotion):
         back = dot(now.linear, to_go) < 0.0 or dot(now.angular, to_turn) < 0.0
         if back and self.share < HELD_SHARE:
             # A blocked arm did not gain the speed that the reference would have to brake from.
-            shaper.adopt(here, self._body.twist)
+            shaper.adopt(here, self._commanded.twist)
         else:
             shaper.adopt(here)
         there = shaper.advance(target, dt_s)
         linear = scale(subtract(there.position, here.position), 1.0 / dt_s)
         angular = scale(rotation_between(here.orientation, there.orientation), 1.0 / dt_s)
         reference.linear, reference.angular = linear, angular
-        self.share = self._body.follow(reference, dt_s, slide=self.slides)
+        self.share = self._commanded.follow(reference, dt_s, slide=self.slides)
         return GOING

@@ -47,7 +47,7 @@ class Recover(Activity):
 
     def __init__(
         self,
-        body: CommandedArm,
+        commanded: CommandedArm,
         reference: Reference,
         near: FollowingError,
         error: FollowingError,
@@ -55,7 +55,7 @@ class Recover(Activity):
     ) -> None:
         """Done when the following error, now `error`, is inside `near`. `went`: length of earlier
         recoveries since the last deliberate act."""
-        self._body = body
+        self._commanded = commanded
         self.reference: Reference = reference
         self._limit = near
         limits = reference.limits
@@ -81,22 +81,22 @@ class Recover(Activity):
 
     def tick(self, robot: RobotState, dt_s: float) -> Progress:
         """Move on by one period."""
-        body, reference = self._body, self.reference
+        commanded, reference = self._commanded, self.reference
         self._left_s -= dt_s
         if not self._braking:
-            self.near = not body.following_error(robot, reference).exceeds(self._limit)
+            self.near = not commanded.following_error(robot, reference).exceeds(self._limit)
             spent = self._left_s <= 0.0 or self._way_m <= 0.0 or self._way_rad <= 0.0
             self._braking = self.near or spent
-        before = body.pose
+        before = commanded.pose
         if self._braking:
-            body.brake(dt_s)
+            commanded.brake(dt_s)
         else:
-            body.approach(robot, dt_s)
-        after = body.pose
+            commanded.approach(robot, dt_s)
+        after = commanded.pose
         reference.pose = after
         step_m = norm(subtract(after.position, before.position))
         step_rad = norm(rotation_between(before.orientation, after.orientation))
         self._way_m -= step_m
         self._way_rad -= step_rad
         self.went = Way(self.went.linear_m + step_m, self.went.angular_rad + step_rad)
-        return Progress(True) if self._braking and not body.moving else GOING
+        return Progress(True) if self._braking and not commanded.moving else GOING

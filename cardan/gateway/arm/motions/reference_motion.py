@@ -18,13 +18,16 @@ class ReferenceMotion(Activity):
     """Whether an obstacle leaves the part of the motion that goes along it."""
 
     def __init__(
-        self, body: CommandedArm, reference: Reference, deceleration: Deceleration | None = None
+        self,
+        commanded: CommandedArm,
+        reference: Reference,
+        deceleration: Deceleration | None = None,
     ) -> None:
         """`deceleration`: for stops, where it is more than the reference's own acceleration."""
-        self._body = body
+        self._commanded = commanded
         self.reference: Reference = reference
-        if not body.moving:
-            reference.place(body.pose)
+        if not commanded.moving:
+            reference.place(commanded.pose)
         self._stopping: ReferenceLimits | None = None
         """Its limits while it brakes; None: as ever."""
         if deceleration is not None:
@@ -53,7 +56,7 @@ class ReferenceMotion(Activity):
 
     @property
     def idle(self) -> bool:
-        return not self.driven and not self.reference.moving and not self._body.moving
+        return not self.driven and not self.reference.moving and not self._commanded.moving
 
     def _advance(
         self,
@@ -63,19 +66,19 @@ class ReferenceMotion(Activity):
         rates: Mapping[str, float] | None = None,
     ) -> bool:
         """Move reference and arm for `dt_s`; True once a brake has come to rest."""
-        body, reference = self._body, self.reference
+        commanded, reference = self._commanded, self.reference
         if self._resting:
-            body.brake(dt_s)
-            return not body.moving
+            commanded.brake(dt_s)
+            return not commanded.moving
         if (
             not reference.moving
             and (self.braking or wanted == ZERO_TWIST)
             and not rates
-            and body.settled
+            and commanded.settled
         ):
             # Nothing is asked for, so nothing is solved for: no creeping on rounding errors.
-            if body.moving:
-                body.brake(dt_s)
+            if commanded.moving:
+                commanded.brake(dt_s)
             self._resting = self.braking
             return False
         if self.braking:
@@ -83,7 +86,7 @@ class ReferenceMotion(Activity):
             rates = None
         else:
             reference.shape(wanted, dt_s, smooth=smooth)
-        self.share = body.follow(reference, dt_s, rates, self.slides)
+        self.share = commanded.follow(reference, dt_s, rates, self.slides)
         if self.braking and not reference.moving:
             self._resting = True
         return False

@@ -47,7 +47,7 @@ class TorqueMotion(Activity):
         self,
         state: State,
         model: ArmModel,
-        body: JointSpaceArm,
+        commanded: JointSpaceArm,
         kinematics: ArmKinematics,
         limits: TorqueLimits,
     ) -> None:
@@ -58,7 +58,7 @@ class TorqueMotion(Activity):
             )
         self.state = state
         self.limits = limits
-        self._body = body
+        self._commanded = commanded
         self._seen: RobotState | None = None
         """The newest state, and the speeds of its joints."""
         self._speeds: FloatArray = np.zeros(len(model.joints))
@@ -89,21 +89,21 @@ class TorqueMotion(Activity):
 
     def tick(self, robot: RobotState, dt_s: float) -> Progress:
         """Torques for the measured joints; told to brake, a ramp of positions."""
-        body = self._body
+        commanded = self._commanded
         if self._caught:
-            body.brake(dt_s)
-            return GOING if body.moving else ARRIVED
+            commanded.brake(dt_s)
+            return GOING if commanded.moving else ARRIVED
         q = self._look(robot)
         if not self._braking:
             self.fault = self.runaway(q, self._speeds)
             if self.fault:
                 self.brake()
         if self._braking:
-            body.catch(q, self._speeds)
+            commanded.catch(q, self._speeds)
             self._caught = True
-            body.brake(dt_s)
+            commanded.brake(dt_s)
             return GOING
-        body.servo.place(q)
+        commanded.servo.place(q)
         self.command = self.torques(q, dt_s)
         return GOING
 
@@ -112,7 +112,7 @@ class TorqueMotion(Activity):
         before = self._seen
         if before is not None:
             time_s = max(robot.stamp_s - before.stamp_s, robot.period_s, 0.0)
-            if self._body.leap(before, robot, time_s):
+            if self._commanded.leap(before, robot, time_s):
                 return np.array(before.joints)
         self._seen, q = robot, np.array(robot.joints)
         if len(robot.velocities) == len(q) and is_finite(robot.velocities):

@@ -19,10 +19,14 @@ class FollowTwist(ReferenceMotion):
     slides = False
 
     def __init__(
-        self, body: CommandedArm, reference: Reference, deceleration: Deceleration, twist: Twist
+        self,
+        commanded: CommandedArm,
+        reference: Reference,
+        deceleration: Deceleration,
+        twist: Twist,
     ) -> None:
         """`twist` in base axes."""
-        super().__init__(body, reference, deceleration)
+        super().__init__(commanded, reference, deceleration)
         self.twist = twist
         self._stuck_s = 0.0
         self._reason = ""
@@ -44,7 +48,7 @@ class FollowTwist(ReferenceMotion):
                 self._reason = (
                     "the TCP is at the limit of the workspace"
                     if walled
-                    else self._body.held_by() or "the arm cannot go on in this direction"
+                    else self._commanded.held_by() or "the arm cannot go on in this direction"
                 )
                 self.brake()
         return GOING

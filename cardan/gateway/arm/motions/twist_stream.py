@@ -13,9 +13,9 @@ class FollowTwistStream(ReferenceMotion):
     """Streamed twists."""
 
     def __init__(
-        self, body: CommandedArm, reference: Reference, deceleration: Deceleration
+        self, commanded: CommandedArm, reference: Reference, deceleration: Deceleration
     ) -> None:
-        super().__init__(body, reference, deceleration)
+        super().__init__(commanded, reference, deceleration)
         self.target = ZERO_TWIST
 
     @property

@@ -46,7 +46,7 @@ def check_names(names: Sequence[str]) -> None:
 
 
 async def publish(network: Network, camera: Camera) -> None:
-    """Publish a camera until this is cancelled."""
+    """Publish a camera until this is canceled."""
     topic = topic_of(camera.address.name)
     try:
         publisher = network.advertise(topic, TYPE, False)

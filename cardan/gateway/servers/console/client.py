@@ -39,7 +39,7 @@ from cardan.gateway.servers.console.commands import OrderError, carry_out, words
 from cardan.gateway.servers.console.demos import Demos
 from cardan.gateway.servers.console.hold_to_run import FRESH_S, LONGEST_S, Hold
 from cardan.gateway.servers.console.jog import ASK_SERVICE, ArmJog, why_no_arm
-from cardan.gateway.servers.console.records import Records, RecordsError, Shown
+from cardan.gateway.servers.console.records import OpenRecord, Records, RecordsError
 from cardan.gateway.servers.tokens import Role
 from cardan.protocols.handheld import (
     Malformed,
@@ -164,7 +164,7 @@ class Operator:
         self._requests: dict[str, Publisher] = {}
         """Those of who asks for the authority, by topic."""
         self._calm, self._records = calm, records
-        self._shown: Shown | None = None
+        self._shown: OpenRecord | None = None
         self._cameras = Cameras(()) if cameras is None else cameras
         self._demos = Demos() if demos is None else demos
         self._watching: asyncio.Task[None] | None = None
@@ -611,9 +611,9 @@ class Operator:
                 else f"do is {shown(do)}; allowed: open, order, close"
             )
 
-    def _show(self, name: object) -> Shown:
+    def _show(self, name: object) -> OpenRecord:
         try:
-            return Shown(self._kept(), name, self._show_page, self._calm)
+            return OpenRecord(self._kept(), name, self._show_page, self._calm)
         except RecordsError as error:
             raise RefusedError(str(error)) from None
 

@@ -175,7 +175,7 @@ class Records:
             await following
 
 
-class Shown:
+class OpenRecord:
     """A record that one page looks at, from `open` to `close`."""
 
     def __init__(

@@ -36,7 +36,7 @@ from cardan.gateway.servers.console.hold_to_run import LONGEST_S
 from cardan.gateway.servers.console.records import records_of
 from cardan.gateway.servers.console.site import VISUALS, Site, visual
 from cardan.gateway.servers.rosbridge import RosbridgeOptions, RosbridgeServer
-from cardan.gateway.servers.rosbridge_client import Client
+from cardan.gateway.servers.rosbridge_client import RosbridgeClient
 from cardan.gateway.servers.tokens import Role
 from cardan.gateway.servers.web import (
     Answer,
@@ -125,7 +125,7 @@ class ConsoleServer(RosbridgeServer):
         return super()._make_listener(page or self._answer, private)
 
     async def _serve(
-        self, client: Client, connection: ListenerConnection, network: Network, role: Role
+        self, client: RosbridgeClient, connection: ListenerConnection, network: Network, role: Role
     ) -> None:
         assert self._mailbox is not None
         operator = Operator(

@@ -41,7 +41,7 @@ struct Kernel {
     Chain chain;
     ChainPose pose; /* where `state.q` was when the last call began */
     double jacobian[6][MAX_JOINTS];
-    Programme programme;
+    Program program;
 
     int n;
     double lower[MAX_JOINTS], upper[MAX_JOINTS], velocity[MAX_JOINTS], acceleration[MAX_JOINTS];
@@ -61,7 +61,7 @@ struct Kernel {
     KernelPair *pairs;
     Body *bodies, *ahead; /* shapes where they are, and where a step would take them */
     Separation *separations;     /* of pairs that were looked at, when they were */
-    int32_t *near; /* pairs that may need a row of the programme, first those that have one */
+    int32_t *near; /* pairs that may need a row of the program, first those that have one */
     double *room;
 
     /* A pair that was far away need not be looked at before it can have come near. */

@@ -13,7 +13,7 @@
 
 #include "bodies.h"
 #include "chain.h"
-#include "programme.h"
+#include "program.h"
 
 #if defined(__GNUC__)
 #define KERNEL_API __attribute__((visibility("default")))
@@ -75,7 +75,7 @@ typedef struct {
 
     int32_t has_posture, reach; /* reach: Policy.REACH, else Policy.PATH */
     int32_t problem;            /* of the last call: KERNEL_... below */
-    int32_t active, nearest;    /* rows in the programme; nearest pair, -1: none */
+    int32_t active, nearest;    /* rows in the program; nearest pair, -1: none */
     int32_t limiting;           /* bit i: joint i is at a bound */
     int32_t iterations, most_iterations; /* of the last tick, and of any */
     int32_t failures;
@@ -151,7 +151,7 @@ KERNEL_API void kernel_kinematics(Kernel *kernel, const double *q, double rotati
                                   double position[3], double *jacobian /* 6 x joints */);
 KERNEL_API void kernel_distances(Kernel *kernel, const double *q, double *distances,
                                  double *gradients /* pairs x joints */);
-KERNEL_API int32_t kernel_programme(Programme *programme);
+KERNEL_API int32_t kernel_program(Program *program);
 KERNEL_API double kernel_smallest_eigenvalue(const double *matrix, int32_t n);
 
 #endif

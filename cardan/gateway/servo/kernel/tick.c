@@ -245,7 +245,7 @@ static double stopping_time(const Kernel *kernel)
 /* JointBounds.fill */
 static void fill_bounds(Kernel *kernel, double dt_s)
 {
-    Programme *programme = &kernel->programme;
+    Program *program = &kernel->program;
     kernel->ending = false;
     double longest_s = stopping_time(kernel);
     for (int i = 0; i < kernel->n; i++) {
@@ -278,8 +278,8 @@ static void fill_bounds(Kernel *kernel, double dt_s)
             }
         }
         /* Braking harder than the joint can is impossible. */
-        programme->highest[i] = larger(top, slowed);
-        programme->lowest[i] = smaller(bottom, sped);
+        program->highest[i] = larger(top, slowed);
+        program->lowest[i] = smaller(bottom, sped);
     }
 }
 
@@ -302,7 +302,7 @@ static double needs_row_m(const PairGroup *group, double speed, double dt_s)
  * each joint adds by half their width. */
 static void find_far(Kernel *kernel, double dt_s)
 {
-    const Programme *programme = &kernel->programme;
+    const Program *program = &kernel->program;
     double middle[3], from[3], lever[3];
     for (int high = 1; high <= kernel->n; high++) {
         double radius_m = kernel->balls[high].radius_m, more = 0.0;
@@ -310,8 +310,8 @@ static void find_far(Kernel *kernel, double dt_s)
         ball_middle(kernel, high, middle);
         for (int low = high - 1; low >= 0; low--) {
             const double *axis = kernel->pose.axes[low];
-            double mean = 0.5 * (programme->highest[low] + programme->lowest[low]);
-            double half = 0.5 * (programme->highest[low] - programme->lowest[low]);
+            double mean = 0.5 * (program->highest[low] + program->lowest[low]);
+            double half = 0.5 * (program->highest[low] - program->lowest[low]);
             if (kernel->chain.prismatic[low]) {
                 along3(linear, mean, axis, linear);
                 more += half;
@@ -336,7 +336,7 @@ static void find_far(Kernel *kernel, double dt_s)
  * that can be farthest beyond what they may. Returns how many; they are the first. */
 static int keep_those_that_bind(Kernel *kernel, int count, double dt_s)
 {
-    const Programme *programme = &kernel->programme;
+    const Program *program = &kernel->program;
     int kept = 0;
     for (int i = 0; i < count; i++) {
         double row[MAX_JOINTS];
@@ -344,7 +344,7 @@ static int keep_those_that_bind(Kernel *kernel, int count, double dt_s)
         double room = -least_of(kernel, pair, dt_s);
         gradient(kernel, pair, row);
         for (int j = 0; j < kernel->n; j++)
-            room += row[j] * (row[j] > 0.0 ? programme->lowest[j] : programme->highest[j]);
+            room += row[j] * (row[j] > 0.0 ? program->lowest[j] : program->highest[j]);
         if (room < TIGHT_M_S) {
             kernel->near[kept] = kernel->near[i];
             kernel->room[kept++] = room;
@@ -373,13 +373,13 @@ static int keep_those_that_bind(Kernel *kernel, int count, double dt_s)
     return kept < MAX_ROWS ? kept : MAX_ROWS;
 }
 
-/* A row of the programme for each pair of bodies that could meet within the joints' bounds, which
+/* A row of the program for each pair of bodies that could meet within the joints' bounds, which
  * are filled in. */
 static void add_rows(Kernel *kernel, double dt_s)
 {
     KernelState *state = &kernel->state;
-    Programme *programme = &kernel->programme;
-    state->active = programme->rows = 0;
+    Program *program = &kernel->program;
+    state->active = program->rows = 0;
     if (!kernel->pair_count)
         return;
     travel(kernel, state->q);
@@ -387,37 +387,37 @@ static void add_rows(Kernel *kernel, double dt_s)
     int count = keep_those_that_bind(kernel, look(kernel), dt_s);
     for (int r = 0; r < count; r++) {
         size_t pair = (size_t)kernel->near[r];
-        gradient(kernel, pair, programme->row[r]);
+        gradient(kernel, pair, program->row[r]);
         for (int i = kernel->n; i < kernel->n + MAX_PARTS; i++)
-            programme->row[r][i] = 0.0;
-        programme->row_name[r] = (int)pair;
-        programme->least[r] = least_of(kernel, pair, dt_s);
+            program->row[r][i] = 0.0;
+        program->row_name[r] = (int)pair;
+        program->least[r] = least_of(kernel, pair, dt_s);
     }
-    state->active = programme->rows = count;
+    state->active = program->rows = count;
 }
 
 /* ----------------------------------------------------------------------------------------------
- * The programme */
+ * The program */
 
-/* The programme's solution in its x; a braking ramp where there is none. */
-static void solve_programme(Kernel *kernel)
+/* The program's solution in its x; a braking ramp where there is none. */
+static void solve_program(Kernel *kernel)
 {
-    Programme *programme = &kernel->programme;
+    Program *program = &kernel->program;
     KernelState *state = &kernel->state;
-    int failed = programme_solve(programme);
-    state->iterations += programme->iterations;
-    if (failed || !all_finite(programme->x, programme->unknowns)) {
+    int failed = program_solve(program);
+    state->iterations += program->iterations;
+    if (failed || !all_finite(program->x, program->unknowns)) {
         state->failures++;
         state->problem = KERNEL_NO_SOLUTION;
-        for (int i = 0; i < programme->unknowns; i++)
-            programme->x[i] = smaller(larger(0.0, programme->lowest[i]), programme->highest[i]);
+        for (int i = 0; i < program->unknowns; i++)
+            program->x[i] = smaller(larger(0.0, program->lowest[i]), program->highest[i]);
     }
 }
 
 static void solve(Kernel *kernel)
 {
-    kernel->programme.unknowns = kernel->n + 1;
-    solve_programme(kernel);
+    kernel->program.unknowns = kernel->n + 1;
+    solve_program(kernel);
 }
 
 /* Price of slowing along the path: the less, the nearer the TCP is to leaving its line. */
@@ -432,17 +432,17 @@ static double path_stiffness(const Kernel *kernel)
 /* Bounds and price of the speed along the path: a share of the pace, alike at any pace. */
 static void price_slowing(Kernel *kernel, double pace, double stiffness)
 {
-    Programme *programme = &kernel->programme;
+    Program *program = &kernel->program;
     int n = kernel->n;
     if (!(pace > AT_REST)) {
-        programme->hessian[n][n] = 1.0;
-        programme->highest[n] = programme->lowest[n] = 0.0;
+        program->hessian[n][n] = 1.0;
+        program->highest[n] = program->lowest[n] = 0.0;
         return;
     }
-    programme->hessian[n][n] += stiffness;
-    programme->linear[n] -= stiffness * pace;
-    programme->highest[n] = pace;
-    programme->lowest[n] = kernel->state.reach ? pace : 0.0;
+    program->hessian[n][n] += stiffness;
+    program->linear[n] -= stiffness * pace;
+    program->highest[n] = pace;
+    program->lowest[n] = kernel->state.reach ? pace : 0.0;
 }
 
 /* ----------------------------------------------------------------------------------------------
@@ -538,7 +538,7 @@ static void limit_feedback(Kernel *kernel, double feedback[6], double dt_s)
 static void add_posture(Kernel *kernel, double vectors[MAX_JOINTS][MAX_JOINTS],
                         const double *joint_rate, double pace)
 {
-    Programme *programme = &kernel->programme;
+    Program *program = &kernel->program;
     const KernelOptions *options = &kernel->options;
     const KernelState *state = &kernel->state;
     int n = kernel->n;
@@ -559,8 +559,8 @@ static void add_posture(Kernel *kernel, double vectors[MAX_JOINTS][MAX_JOINTS],
             along += vectors[i][k] * pull[i];
         for (int i = 0; i < n; i++) {
             for (int j = 0; j <= i; j++)
-                programme->hessian[i][j] += weight * vectors[i][k] * vectors[j][k];
-            programme->linear[i] -= weight * vectors[i][k] * along;
+                program->hessian[i][j] += weight * vectors[i][k] * vectors[j][k];
+            program->linear[i] -= weight * vectors[i][k] * along;
         }
     }
 }
@@ -604,7 +604,7 @@ static double smallest_eigenvalue(const Kernel *kernel, bool of_free)
 /* Smallest singular value of the task, the damping it asks for, and the directions it leaves. */
 static void damp(Kernel *kernel, const double *joint_rate, double pace)
 {
-    Programme *programme = &kernel->programme;
+    Program *program = &kernel->program;
     const KernelOptions *options = &kernel->options;
     KernelState *state = &kernel->state;
     int n = kernel->n;
@@ -622,16 +622,16 @@ static void damp(Kernel *kernel, const double *joint_rate, double pace)
             add_posture(kernel, vectors, joint_rate, pace);
     }
     for (int i = 0; i <= n; i++)
-        programme->hessian[i][i] += damping;
+        program->hessian[i][i] += damping;
 }
 
 /* Row `index` of H and f, of its column of the task. */
 static void set_row(Kernel *kernel, int index)
 {
-    Programme *programme = &kernel->programme;
+    Program *program = &kernel->program;
     for (int j = 0; j <= index; j++)
-        programme->hessian[index][j] = product(6, kernel->task[index], kernel->task[j]);
-    programme->linear[index] = -product(6, kernel->task[index], kernel->back);
+        program->hessian[index][j] = product(6, kernel->task[index], kernel->task[j]);
+    program->linear[index] = -product(6, kernel->task[index], kernel->back);
 }
 
 static double weighed_size(const Kernel *kernel, const double twist[6])
@@ -643,7 +643,7 @@ static double weighed_size(const Kernel *kernel, const double twist[6])
 }
 
 /* Unknown `index` is the speed along `twist`; its pace. It is the speed itself and not the share s,
- * so that the programme is as well conditioned at 1 um/s as at 1 m/s. */
+ * so that the program is as well conditioned at 1 um/s as at 1 m/s. */
 static double set_path(Kernel *kernel, int index, const double twist[6])
 {
     double pace = weighed_size(kernel, twist), share = pace > AT_REST ? -1.0 / pace : 0.0;
@@ -673,10 +673,10 @@ static double set_task(Kernel *kernel, const double wanted[6], const double feed
 /* The rows of pairs of bodies that close as fast as they may, and how many they are. */
 static int find_tight(const Kernel *kernel, int tight[MAX_ROWS])
 {
-    const Programme *programme = &kernel->programme;
+    const Program *program = &kernel->program;
     int count = 0;
-    for (int r = 0; r < programme->rows; r++)
-        if (product(kernel->n, programme->row[r], programme->x) - programme->least[r] < TIGHT_M_S)
+    for (int r = 0; r < program->rows; r++)
+        if (product(kernel->n, program->row[r], program->x) - program->least[r] < TIGHT_M_S)
             tight[count++] = r;
     return count;
 }
@@ -688,11 +688,11 @@ static void leave_along(const Kernel *kernel, const int *tight, int count, doubl
     double matrix[MAX_JOINTS][MAX_JOINTS], normal[MAX_ROWS][3];
     for (int i = 0; i < n; i++)
         for (int j = 0; j <= i; j++)
-            matrix[i][j] = kernel->programme.hessian[i][j];
+            matrix[i][j] = kernel->program.hessian[i][j];
     for (int t = 0; t < count; t++) {
         /* How the pair's distance grows with the translation of the TCP. */
         double lever[MAX_JOINTS];
-        memcpy(lever, kernel->programme.row[tight[t]], (size_t)n * sizeof *lever);
+        memcpy(lever, kernel->program.row[tight[t]], (size_t)n * sizeof *lever);
         cholesky_solve(n, matrix, lever, t > 0);
         for (int row = 0; row < 3; row++)
             normal[t][row] = kernel->weights[row] * kernel->weights[row] *
@@ -728,29 +728,29 @@ static int find_parts(const Kernel *kernel, const double wanted[6], const int *t
     return found;
 }
 
-/* The programme's solution with a path speed for each of `parts`, of which what is left is put in
+/* The program's solution with a path speed for each of `parts`, of which what is left is put in
  * place of what is asked; the share that is left. */
 static double slide(Kernel *kernel, double parts[MAX_PARTS][6], int count, double stiffness,
                     double wanted[6])
 {
-    Programme *programme = &kernel->programme;
+    Program *program = &kernel->program;
     int n = kernel->n;
     double pace[MAX_PARTS], damping = kernel->state.damping * kernel->state.damping;
     for (int part = 0; part < count; part++) {
         int index = n + part;
         pace[part] = set_path(kernel, index, parts[part]);
-        programme->hessian[index][index] += damping + stiffness;
-        programme->linear[index] -= stiffness * pace[part];
-        programme->lowest[index] = 0.0;
-        programme->highest[index] = pace[part];
+        program->hessian[index][index] += damping + stiffness;
+        program->linear[index] -= stiffness * pace[part];
+        program->lowest[index] = 0.0;
+        program->highest[index] = pace[part];
     }
-    programme->unknowns = n + count;
-    solve_programme(kernel);
+    program->unknowns = n + count;
+    solve_program(kernel);
     memset(wanted, 0, 6 * sizeof *wanted);
     for (int part = 0; part < count; part++)
         for (int row = 0; row < 6; row++)
-            wanted[row] += programme->x[n + part] / pace[part] * parts[part][row];
-    return smaller(product(count, programme->x + n, pace) / product(count, pace, pace), 1.0);
+            wanted[row] += program->x[n + part] / pace[part] * parts[part][row];
+    return smaller(product(count, program->x + n, pace) / product(count, pace, pace), 1.0);
 }
 
 /* ----------------------------------------------------------------------------------------------
@@ -810,8 +810,8 @@ static void note_motion(Kernel *kernel)
 static void step_on(Kernel *kernel, double dt_s)
 {
     KernelState *state = &kernel->state;
-    Programme *programme = &kernel->programme;
-    double *v = programme->x, step[MAX_JOINTS] = {0.0};
+    Program *program = &kernel->program;
+    double *v = program->x, step[MAX_JOINTS] = {0.0};
     int n = kernel->n;
     for (int i = 0; i < n; i++)
         step[i] = v[i] * dt_s;
@@ -820,7 +820,7 @@ static void step_on(Kernel *kernel, double dt_s)
         /* The soft rows are violated; what is left is to be slower. */
         state->failures++;
         for (int i = 0; i < n; i++) {
-            v[i] = smaller(larger(0.0, programme->lowest[i]), programme->highest[i]);
+            v[i] = smaller(larger(0.0, program->lowest[i]), program->highest[i]);
             step[i] = v[i] * dt_s;
         }
     }
@@ -854,15 +854,15 @@ static bool period_is_sound(Kernel *kernel, double dt_s)
 /* Slow every joint down as fast as it can, obstacles in the braking path included. */
 static void brake(Kernel *kernel, double dt_s)
 {
-    Programme *programme = &kernel->programme;
+    Program *program = &kernel->program;
     KernelState *state = &kernel->state;
     int n = kernel->n;
     update(kernel);
-    memset(programme->hessian, 0, sizeof programme->hessian);
-    memset(programme->linear, 0, sizeof programme->linear);
+    memset(program->hessian, 0, sizeof program->hessian);
+    memset(program->linear, 0, sizeof program->linear);
     for (int i = 0; i <= n; i++)
-        programme->hessian[i][i] = 1.0;
-    programme->lowest[n] = programme->highest[n] = 0.0;
+        program->hessian[i][i] = 1.0;
+    program->lowest[n] = program->highest[n] = 0.0;
     fill_bounds(kernel, dt_s);
     add_rows(kernel, dt_s);
     solve(kernel);
@@ -889,7 +889,7 @@ static void turn_both(const double rotation[9], const double twist[6], double ou
 double kernel_tick(Kernel *kernel, double dt_s, int32_t flags)
 {
     KernelState *state = &kernel->state;
-    Programme *programme = &kernel->programme;
+    Program *program = &kernel->program;
     int n = kernel->n;
     const double *joint_rate = flags & KERNEL_WITH_RATE ? state->joint_rate : NULL;
     if (!period_is_sound(kernel, dt_s))
@@ -937,7 +937,7 @@ double kernel_tick(Kernel *kernel, double dt_s, int32_t flags)
     fill_bounds(kernel, dt_s);
     add_rows(kernel, dt_s);
     solve(kernel);
-    double share = pace > AT_REST ? smaller(programme->x[n] / pace, 1.0) : 1.0;
+    double share = pace > AT_REST ? smaller(program->x[n] / pace, 1.0) : 1.0;
     int tight[MAX_ROWS], blocked = flags & KERNEL_SLIDE ? find_tight(kernel, tight) : 0;
     double parts[MAX_PARTS][6];
     int count = 1;
@@ -948,7 +948,7 @@ double kernel_tick(Kernel *kernel, double dt_s, int32_t flags)
         /* The goal must not run away from the arm. */
         double asked = product(6, wanted, wanted), left[6];
         for (int row = 0; row < 6; row++)
-            left[row] = product(n, kernel->jacobian[row], programme->x) - feedback[row];
+            left[row] = product(n, kernel->jacobian[row], program->x) - feedback[row];
         share = asked > 0.0 ? smaller(larger(product(6, left, wanted) / asked, 0.0), 1.0) : 1.0;
         memcpy(wanted, left, sizeof wanted);
     } else if (count > 1) {
@@ -967,7 +967,7 @@ double kernel_tick(Kernel *kernel, double dt_s, int32_t flags)
 double kernel_tick_joints(Kernel *kernel, double dt_s)
 {
     KernelState *state = &kernel->state;
-    Programme *programme = &kernel->programme;
+    Program *program = &kernel->program;
     int n = kernel->n;
     const double *goal = state->goal_joints, *rate = state->goal_rate;
     if (!period_is_sound(kernel, dt_s))
@@ -976,23 +976,23 @@ double kernel_tick_joints(Kernel *kernel, double dt_s)
         return refuse(kernel, dt_s);
     update(kernel);
     double pace = sqrt(product(n, rate, rate)), along = 0.0;
-    memset(programme->hessian, 0, sizeof programme->hessian);
+    memset(program->hessian, 0, sizeof program->hessian);
     for (int i = 0; i < n; i++) {
         double error = goal[i] - state->q[i], size = fabs(error);
         double speed = smaller(kernel->options.joint_gain_1_s * size,
                             stopping_speed(size, kernel->acceleration[i], dt_s));
-        programme->linear[i] = -copysign(speed, error);
-        programme->hessian[i][i] = 1.0;
-        programme->hessian[n][i] = pace > AT_REST ? rate[i] / -pace : 0.0;
-        along -= rate[i] * programme->linear[i];
+        program->linear[i] = -copysign(speed, error);
+        program->hessian[i][i] = 1.0;
+        program->hessian[n][i] = pace > AT_REST ? rate[i] / -pace : 0.0;
+        along -= rate[i] * program->linear[i];
     }
-    programme->hessian[n][n] = 1.0;
-    programme->linear[n] = pace > AT_REST ? along / pace : 0.0;
+    program->hessian[n][n] = 1.0;
+    program->linear[n] = pace > AT_REST ? along / pace : 0.0;
     price_slowing(kernel, pace, kernel->options.path_stiffness);
     fill_bounds(kernel, dt_s);
     add_rows(kernel, dt_s);
     solve(kernel);
-    double share = pace > AT_REST ? smaller(programme->x[n] / pace, 1.0) : 1.0;
+    double share = pace > AT_REST ? smaller(program->x[n] / pace, 1.0) : 1.0;
     state->path_speed = share;
     kernel->held = kernel->ending && share < SLOWED;
     state->error_m = state->error_rad = 0.0;
@@ -1023,7 +1023,7 @@ int32_t kernel_place(Kernel *kernel, const double *q)
     state->error_m = state->error_rad = 0.0;
     state->active = 0;
     kernel->held = false;
-    programme_forget(&kernel->programme);
+    program_forget(&kernel->program);
     update(kernel);
     forget_distances(kernel); /* What is known is so for motion within the limits only. */
     kernel_separate(kernel, q, 0.0);
@@ -1069,13 +1069,13 @@ void kernel_motion(Kernel *kernel)
 void kernel_status(Kernel *kernel)
 {
     KernelState *state = &kernel->state;
-    const Programme *programme = &kernel->programme;
+    const Program *program = &kernel->program;
     state->limiting = 0;
     if (!state->moving && !kernel->held)
         return;
     for (int i = 0; i < kernel->n; i++)
-        if (state->v[i] >= programme->highest[i] - LIMITING ||
-            state->v[i] <= programme->lowest[i] + LIMITING)
+        if (state->v[i] >= program->highest[i] - LIMITING ||
+            state->v[i] <= program->lowest[i] + LIMITING)
             state->limiting |= 1 << i;
 }
 
@@ -1106,9 +1106,9 @@ void kernel_distances(Kernel *kernel, const double *q, double *distances, double
     }
 }
 
-int32_t kernel_programme(Programme *programme)
+int32_t kernel_program(Program *program)
 {
-    return programme_solve(programme);
+    return program_solve(program);
 }
 
 double kernel_smallest_eigenvalue(const double *matrix, int32_t n)

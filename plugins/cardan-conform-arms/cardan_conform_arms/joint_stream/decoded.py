@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Seen, Timeline
+from cardan.conform.timeline import Kind, Timeline, Traffic
 from cardan.protocols.joint_stream import (
     ArmCommand,
     ArmState,
@@ -30,7 +30,7 @@ class Command(NamedTuple):
     value: ArmCommand | None
 
 
-class JointStreamSeen(Seen):
+class JointStreamTraffic(Traffic):
     """The datagrams of a timeline in which we are the client, or the arm where `arm_sends`."""
 
     def __init__(self, timeline: Timeline, arm_sends: bool = False) -> None:

@@ -20,7 +20,7 @@ from cardan.conform.requirements import (
 from cardan.conform.second_reading import read_twice, refused, second_description
 from cardan.conform.timing import steady
 from cardan.protocols.joint_stream import ControlMode
-from cardan_conform_arms.joint_stream.decoded import JointStreamSeen, State
+from cardan_conform_arms.joint_stream.decoded import JointStreamTraffic, State
 from cardan_conform_arms.joint_stream.scenario import SPEED_RAD_S, STEP_RAD
 
 PAGE = "docs/protocols/joint-stream.md"
@@ -51,23 +51,23 @@ COMMANDED = (
 )
 
 _NOTHING = "no states came"
-requires: Requirements[JointStreamSeen] = Requirements("JS", _NOTHING)
+requires: Requirements[JointStreamTraffic] = Requirements("JS", _NOTHING)
 
 
-def _in(*phases: str, nothing: str = "") -> Over[JointStreamSeen, State]:
+def _in(*phases: str, nothing: str = "") -> Over[JointStreamTraffic, State]:
     """The states of these phases."""
     return Over(lambda seen: seen.during(*phases), "{} states", nothing=nothing)
 
 
 @requires(1, f"{RULES} 1: the client begins")
-def nothing_comes_unasked(seen: JointStreamSeen) -> Verdict:
+def nothing_comes_unasked(seen: JointStreamTraffic) -> Verdict:
     """The arm sends nothing before it is greeted."""
     found = [each.number for each in seen.during("listen")]
     return failed(f"{len(found)} states", found) if found else passed("nothing came")
 
 
 @requires(101, f"{RULES} 1")
-def a_greeting_is_answered(seen: JointStreamSeen) -> Verdict:
+def a_greeting_is_answered(seen: JointStreamTraffic) -> Verdict:
     """A hold with session 0 is answered with states."""
     if seen.phase("greet") is None:
         return not_seen("it was not greeted")
@@ -76,15 +76,15 @@ def a_greeting_is_answered(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(102, f"{RULES} 6")
-def datagrams_are_states(seen: JointStreamSeen) -> Verdict:
+def datagrams_are_states(seen: JointStreamTraffic) -> Verdict:
     """Every datagram is one whole state: no other length, mode or number of joints, all finite."""
     return none_wrong(
         seen.refused, len(seen.states) + len(seen.refused), f"{len(seen.states)} states", _NOTHING
     )
 
 
-def _gaps(seen: JointStreamSeen) -> list[tuple[State, State]]:
-    """Neighbours in a session in phases in which the arm is commanded."""
+def _gaps(seen: JointStreamTraffic) -> list[tuple[State, State]]:
+    """Neighbors in a session in phases in which the arm is commanded."""
     found = []
     for session in seen.sessions:
         numbers = {each.number for each in seen.during(*COMMANDED)}
@@ -95,7 +95,7 @@ def _gaps(seen: JointStreamSeen) -> list[tuple[State, State]]:
 
 
 @requires(103, f"{PAGE}, header: sequence")
-def none_is_missing(seen: JointStreamSeen) -> Verdict:
+def none_is_missing(seen: JointStreamTraffic) -> Verdict:
     """Within a session no sequence number is left out."""
     wrong, count = [], 0
     for session in seen.sessions:
@@ -108,7 +108,7 @@ def none_is_missing(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(104, f"{PAGE}, header: sequence")
-def they_come_once_and_in_order(seen: JointStreamSeen) -> Verdict:
+def they_come_once_and_in_order(seen: JointStreamTraffic) -> Verdict:
     """Sequence numbers go up: none comes twice, none is overtaken."""
     wrong = [
         (b.number, f"{b.value.sequence} after {a.value.sequence}")
@@ -120,7 +120,7 @@ def they_come_once_and_in_order(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(105, f"{STATE}: the controller's cycle")
-def the_period_is_the_one_told(seen: JointStreamSeen) -> Verdict:
+def the_period_is_the_one_told(seen: JointStreamTraffic) -> Verdict:
     """States come in the period that they tell, to 2 % in the mean."""
     found = seen.during("hold")
     if len(found) < 50:
@@ -133,7 +133,7 @@ def the_period_is_the_one_told(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(106, f"{STATE}: one state in each cycle")
-def arrival_is_steady(seen: JointStreamSeen) -> Verdict:
+def arrival_is_steady(seen: JointStreamTraffic) -> Verdict:
     """95 % of the states arrive within 0.4 periods of when they are due."""
     found = _gaps(seen)
     if len(found) < 50:
@@ -144,7 +144,7 @@ def arrival_is_steady(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(107, f"{RULES} 1: a state in each of its cycles")
-def there_are_no_pauses(seen: JointStreamSeen) -> Verdict:
+def there_are_no_pauses(seen: JointStreamTraffic) -> Verdict:
     """While it is commanded there is no silence of more than 12 periods."""
     wrong, longest = [], 0.0
     for one, other in _gaps(seen):
@@ -160,7 +160,7 @@ def there_are_no_pauses(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(108, f"{RULES} 2: a restart is a new session")
-def the_session_lasts(seen: JointStreamSeen) -> Verdict:
+def the_session_lasts(seen: JointStreamTraffic) -> Verdict:
     """While it is commanded, the session stays the same."""
     if not seen.states:
         return not_seen(_NOTHING)
@@ -169,7 +169,7 @@ def the_session_lasts(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(109, f"{STATE}: sequence of the newest command taken")
-def commands_are_acknowledged_soon(seen: JointStreamSeen) -> Verdict:
+def commands_are_acknowledged_soon(seen: JointStreamTraffic) -> Verdict:
     """A command is acknowledged within three periods and 10 ms."""
     found = seen.during("hold")
     sent = {
@@ -207,7 +207,7 @@ def holding_is_undisturbed(each: State) -> str:
 
 
 @requires(111, f"{RULES} 4")
-def an_arm_that_is_held_stays(seen: JointStreamSeen) -> Verdict:
+def an_arm_that_is_held_stays(seen: JointStreamTraffic) -> Verdict:
     """Told the position that it had, every joint stays within 0.6 degrees of it."""
     idle, found = seen.during("idle"), seen.during("hold")
     if not idle or not found:
@@ -222,7 +222,7 @@ def an_arm_that_is_held_stays(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(112, f"{STATE}: positions")
-def an_arm_that_is_held_stands(seen: JointStreamSeen) -> Verdict:
+def an_arm_that_is_held_stands(seen: JointStreamTraffic) -> Verdict:
     """Held, what is measured of a joint varies by less than 0.003 degrees (standard deviation)."""
     found = seen.during("hold")[-100:]
     if len(found) < 50:
@@ -246,7 +246,7 @@ def junk_changes_nothing(each: State) -> str:
 
 
 @requires(114, f"{RULES} 2: the arm ignores other sessions")
-def another_session_is_ignored(seen: JointStreamSeen) -> Verdict:
+def another_session_is_ignored(seen: JointStreamTraffic) -> Verdict:
     """Commands of another session are not acknowledged and move nothing."""
     phase = seen.phase("foreign")
     if phase is None or not seen.during("foreign"):
@@ -266,7 +266,7 @@ def another_session_is_ignored(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(115, f"{RULES} 5: refused, the arm holds, and the reason is in the states")
-def what_is_out_of_range_is_refused(seen: JointStreamSeen) -> Verdict:
+def what_is_out_of_range_is_refused(seen: JointStreamTraffic) -> Verdict:
     """Positions outside of the joints' ranges are refused with a reason, and nothing moves."""
     found = seen.during("beyond")
     if not found:
@@ -280,7 +280,7 @@ def what_is_out_of_range_is_refused(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(116, f"{RULES} 1: a client that is silent for 1 s is forgotten")
-def a_silent_client_is_forgotten(seen: JointStreamSeen) -> Verdict:
+def a_silent_client_is_forgotten(seen: JointStreamTraffic) -> Verdict:
     """A second after the last command nothing comes any more."""
     phase = seen.phase("quiet")
     if phase is None or not seen.during("hold"):
@@ -290,7 +290,7 @@ def a_silent_client_is_forgotten(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(117, f"{RULES} 4: without a command for 0.1 s the arm brakes and holds")
-def silence_makes_it_hold(seen: JointStreamSeen) -> Verdict:
+def silence_makes_it_hold(seen: JointStreamTraffic) -> Verdict:
     """Without commands its mode is hold after a tenth of a second and a few cycles."""
     phase = seen.phase("silence")
     if phase is None:
@@ -321,7 +321,7 @@ def figures_are_plausible(each: tuple[State, State]) -> str | None:
 
 
 @requires(119, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: JointStreamSeen) -> Verdict:
+def both_descriptions_agree(seen: JointStreamTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same states."""
 
     def differs(each: State) -> str:
@@ -336,7 +336,7 @@ def both_descriptions_agree(seen: JointStreamSeen) -> Verdict:
     return read_twice(seen.states, differs, "states", _NOTHING, 30)
 
 
-def _moved(seen: JointStreamSeen, before: str, after: str) -> tuple[list[float], int] | None:
+def _moved(seen: JointStreamTraffic, before: str, after: str) -> tuple[list[float], int] | None:
     """How far each joint went from the end of one phase to that of another, rad."""
     one, other = seen.during(before), seen.during(after)
     if not one or not other:
@@ -349,7 +349,7 @@ _NOT_MOVED = "it was not moved"
 
 
 @requires(201, f"{RULES} 4")
-def a_step_is_made_by_every_joint(seen: JointStreamSeen) -> Verdict:
+def a_step_is_made_by_every_joint(seen: JointStreamTraffic) -> Verdict:
     """Told to, every joint turns by 0.02 degrees, to 30 %, within half a second."""
     found = _moved(seen, "before", "out")
     if found is None:
@@ -361,7 +361,7 @@ def a_step_is_made_by_every_joint(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(202, f"{RULES} 4")
-def it_comes_back(seen: JointStreamSeen) -> Verdict:
+def it_comes_back(seen: JointStreamTraffic) -> Verdict:
     """Told its old position, every joint comes back to it, to 30 % of the step."""
     found = _moved(seen, "before", "back")
     if found is None:
@@ -372,7 +372,7 @@ def it_comes_back(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(203, f"{PAGE}, command: velocity")
-def a_speed_is_reached(seen: JointStreamSeen) -> Verdict:
+def a_speed_is_reached(seen: JointStreamTraffic) -> Verdict:
     """Told a speed of 0.002 rad/s, every joint reaches it, to 30 %."""
     found = seen.during("speed")
     if len(found) < 10:
@@ -384,7 +384,7 @@ def a_speed_is_reached(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(204, f"{RULES} 4: without a command for 0.1 s the arm brakes and holds")
-def a_deserted_motion_ends(seen: JointStreamSeen) -> Verdict:
+def a_deserted_motion_ends(seen: JointStreamTraffic) -> Verdict:
     """Moved by speeds that cease to come, it stands after 0.3 s."""
     phase, found = seen.phase("deserted"), seen.during("deserted")
     if phase is None or not found:
@@ -401,7 +401,7 @@ def a_deserted_motion_ends(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(301, f"{RULES} 5: in an emergency stop the reason says so")
-def an_emergency_stop_is_told(seen: JointStreamSeen) -> Verdict:
+def an_emergency_stop_is_told(seen: JointStreamTraffic) -> Verdict:
     """In an emergency stop states say why commands do not act, and the mode is hold."""
     found = [each for each in seen.during("estop") if each.value.reason]
     if not found:

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from cardan.conform.suite import Suite, Transport
-from cardan_conform_arms.joint_stream.decoded import JointStreamSeen
+from cardan_conform_arms.joint_stream.decoded import JointStreamTraffic
 from cardan_conform_arms.joint_stream.requirements import requires
 from cardan_conform_arms.joint_stream.scenario import JointStreamScenario
 
 PORT = 6520
 
 
-class JointStream(Suite[JointStreamSeen]):
+class JointStream(Suite[JointStreamTraffic]):
     """An arm that is commanded joint by joint, as Cardan's own simulated arm is."""
 
     name = "joint-stream"
@@ -23,12 +23,12 @@ class JointStream(Suite[JointStreamSeen]):
     peer = "arm"
     requirements = requires.all()
     transport = Transport("udp", {"": PORT})
-    sees = JointStreamSeen
+    decoder = JointStreamTraffic
     asks = JointStreamScenario
     rig = "cardan_conform_arms.joint_stream.simulated:JointStreamRig"
     seconds = 2.0
     # Beyond the cycle of the rig; while it is held; below the speed of a micro-motion.
-    tried_with: ClassVar[Mapping[str, float]] = {
+    fault_test_values: ClassVar[Mapping[str, float]] = {
         "jitter": 20.0,
         "silence": 3.0,
         "restart": 2.0,

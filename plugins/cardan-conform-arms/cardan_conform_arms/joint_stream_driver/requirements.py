@@ -24,7 +24,7 @@ from cardan.conform.requirements import (
 from cardan.conform.second_reading import read_twice, refused, second_description
 from cardan.protocols.joint_stream import ArmCommand, ControlMode, is_newer
 from cardan.robots import load_arm
-from cardan_conform_arms.joint_stream.decoded import Command, JointStreamSeen, State
+from cardan_conform_arms.joint_stream.decoded import Command, JointStreamTraffic, State
 
 PAGE = "docs/protocols/joint-stream.md"
 RULES = f"{PAGE}, rules"
@@ -50,13 +50,13 @@ GREETS_WITHIN_S = 1.0
 STOPPED_STATES = 10
 
 _NOTHING = "no commands came"
-requires: Requirements[JointStreamSeen] = Requirements("JSPC", _NOTHING)
+requires: Requirements[JointStreamTraffic] = Requirements("JSPC", _NOTHING)
 
 ASKS = {"run": "JSPC-106", "junk": "JSPC-115", "again": "JSPC-120"}
 """Phases in which it is to answer, and what requires it."""
 
 
-def _ended_before(phase: str) -> Callable[[JointStreamSeen], Verdict | None]:
+def _ended_before(phase: str) -> Callable[[JointStreamTraffic], Verdict | None]:
     return lambda seen: had_ended(seen, phase, seen.states, seen.commands, ASKS)
 
 
@@ -69,7 +69,7 @@ class Said(NamedTuple):
     state: State | None
 
 
-def _said(seen: JointStreamSeen, *phases: str) -> list[Said]:
+def _said(seen: JointStreamTraffic, *phases: str) -> list[Said]:
     """Those of the phases; none: all."""
     found: list[Said] = []
     states = iter(seen.states)
@@ -113,7 +113,7 @@ def _away(said: Said) -> float:
 
 
 @requires(101, f"{RULES} 1: the client begins")
-def it_greets(seen: JointStreamSeen) -> Verdict:
+def it_greets(seen: JointStreamTraffic) -> Verdict:
     """It begins with a hold that has session 0, and states come of that."""
     first = next((e for e in seen.commands if e.value is not None), None)
     if first is None or first.value is None:
@@ -125,14 +125,14 @@ def it_greets(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(102, f"{RULES} 6")
-def datagrams_are_commands(seen: JointStreamSeen) -> Verdict:
+def datagrams_are_commands(seen: JointStreamTraffic) -> Verdict:
     """Every datagram is one whole command: no other length, mode or number of joints, all
     finite."""
     return none_wrong(seen.refused, len(seen.raw), f"{len(seen.raw)} datagrams", _NOTHING)
 
 
 @requires(103, f"{HEADER}: number of joints of the arm, in a hold too")
-def the_joints_are_the_arms(seen: JointStreamSeen) -> Verdict:
+def the_joints_are_the_arms(seen: JointStreamTraffic) -> Verdict:
     """Once states came, every command says how many joints the arm has."""
     found = [e for e in _said(seen) if e.state is not None]
     wrong = [
@@ -143,7 +143,7 @@ def the_joints_are_the_arms(seen: JointStreamSeen) -> Verdict:
     return none_wrong(wrong, len(found), f"{len(found)} commands", _NOTHING)
 
 
-COMMANDS: Over[JointStreamSeen, Said] = Over(_said, "{} commands")
+COMMANDS: Over[JointStreamTraffic, Said] = Over(_said, "{} commands")
 
 
 @requires.each(
@@ -175,7 +175,7 @@ class Pair(NamedTuple):
     commands: list[Said]
 
 
-def _pairs(seen: JointStreamSeen, *phases: str) -> list[Pair]:
+def _pairs(seen: JointStreamTraffic, *phases: str) -> list[Pair]:
     """The states of the phases."""
     found = []
     commands = iter(_said(seen, *phases))
@@ -192,7 +192,7 @@ def _pairs(seen: JointStreamSeen, *phases: str) -> list[Pair]:
     return found
 
 
-def _answered(seen: JointStreamSeen, phase: str, least: float) -> Verdict:
+def _answered(seen: JointStreamTraffic, phase: str, least: float) -> Verdict:
     found = _pairs(seen, phase)[:-1]
     began = next((n for n, each in enumerate(found) if each.commands), None)
     if began is None:
@@ -203,13 +203,13 @@ def _answered(seen: JointStreamSeen, phase: str, least: float) -> Verdict:
 
 
 @requires(106, f"{RULES} 4: where none comes in a cycle the arm goes on by itself")
-def states_are_answered(seen: JointStreamSeen) -> Verdict:
+def states_are_answered(seen: JointStreamTraffic) -> Verdict:
     """95 % of the states of a run are answered by a command."""
     return _answered(seen, "run", ANSWERED_SHARE)
 
 
 @requires(107, f"{RULES} 3 and 4: one command in a cycle")
-def one_command_is_enough(seen: JointStreamSeen) -> Verdict:
+def one_command_is_enough(seen: JointStreamTraffic) -> Verdict:
     """To a state there is one command; 1 % may be late, and stand beside the next."""
     found = _pairs(seen, "run", "anew")
     wrong = [
@@ -223,7 +223,7 @@ def one_command_is_enough(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(108, f"{RULES} 4: a command acts in the cycle that it comes in")
-def commands_are_in_time(seen: JointStreamSeen) -> Verdict:
+def commands_are_in_time(seen: JointStreamTraffic) -> Verdict:
     """A command comes within the cycle of its state: none comes later than that after the last
     state before a silence."""
     times = []
@@ -245,7 +245,7 @@ def commands_are_in_time(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(109, f"{HEADER}: stamp, the sender's clock, s")
-def stamps_advance_as_time_does(seen: JointStreamSeen) -> Verdict:
+def stamps_advance_as_time_does(seen: JointStreamTraffic) -> Verdict:
     """The stamp never goes back, and advances as time does, to 2 %."""
     found = _said(seen)
     if len(found) < 10:
@@ -259,7 +259,7 @@ def stamps_advance_as_time_does(seen: JointStreamSeen) -> Verdict:
     return met(abs(told_s - passes_s) <= CLOCK_SHARE * passes_s, said, [found[-1].number])
 
 
-def _begins(seen: JointStreamSeen) -> Iterator[Said]:
+def _begins(seen: JointStreamTraffic) -> Iterator[Said]:
     """The first commands that are no holds: of all, of a session, and after a stop or a silence."""
     for phases in (("greet", "run"), ("acknowledged",), ("again",), ("restarted", "anew")):
         found = [e for e in _said(seen, *phases) if e.value.mode is not ControlMode.HOLD]
@@ -270,7 +270,7 @@ def _begins(seen: JointStreamSeen) -> Iterator[Said]:
 
 
 @requires(110, f"{RULES} 2 and 4: what was commanded before is void")
-def motion_begins_where_the_arm_is(seen: JointStreamSeen) -> Verdict:
+def motion_begins_where_the_arm_is(seen: JointStreamTraffic) -> Verdict:
     """The first command of a session, and after a stop and a silence, is the measured position to
     half a degree, or no speed."""
     found = list(_begins(seen))
@@ -307,8 +307,8 @@ def commands_are_within_the_arm(each: Said) -> str:
     return _outside(each.value)
 
 
-def _steps(seen: JointStreamSeen) -> Iterator[tuple[Said, Said, float]]:
-    """Neighbouring commands of positions in one session, and the arm's time between them."""
+def _steps(seen: JointStreamTraffic) -> Iterator[tuple[Said, Said, float]]:
+    """Neighboring commands of positions in one session, and the arm's time between them."""
     for a, b in pairwise(_said(seen, "run", "acknowledged", "junk", "anew")):
         both = a.value.mode is b.value.mode is ControlMode.POSITION
         if not both or a.state is None or b.state is None:
@@ -318,12 +318,12 @@ def _steps(seen: JointStreamSeen) -> Iterator[tuple[Said, Said, float]]:
             yield a, b, passed_s
 
 
-def _unpositioned(seen: JointStreamSeen) -> Verdict | None:
+def _unpositioned(seen: JointStreamTraffic) -> Verdict | None:
     none = bool(_said(seen)) and not any(_steps(seen))
     return not_applicable("it commands no positions") if none else None
 
 
-STEPS: Over[JointStreamSeen, tuple[Said, Said, float]] = Over(
+STEPS: Over[JointStreamTraffic, tuple[Said, Said, float]] = Over(
     _steps, "{} steps", unless=_unpositioned
 )
 
@@ -357,7 +357,7 @@ def speeds_are_those_of_the_positions(each: tuple[Said, Said, float]) -> str:
     return ""
 
 
-def _while_stopped(seen: JointStreamSeen) -> list[Said]:
+def _while_stopped(seen: JointStreamTraffic) -> list[Said]:
     numbers = {e.number for e in seen.during("estop")[STOPPED_STATES:]}
     return [e for e in _said(seen, "estop") if e.state is not None and e.state.number in numbers]
 
@@ -379,23 +379,23 @@ def a_stopped_arm_is_followed(each: Said) -> str:
 @requires(
     115, f"{RULES} 6: malformed as a whole, and changes nothing", unless=_ended_before("junk")
 )
-def junk_does_not_end_it(seen: JointStreamSeen) -> Verdict:
+def junk_does_not_end_it(seen: JointStreamTraffic) -> Verdict:
     """Datagrams that are no states end nothing: it goes on answering 90 % of the states."""
     return _answered_if_ever(seen, "junk")
 
 
-def _answered_if_ever(seen: JointStreamSeen, phase: str) -> Verdict:
+def _answered_if_ever(seen: JointStreamTraffic, phase: str) -> Verdict:
     if not any(each.commands for each in _pairs(seen, "run")):
         return not_seen("it never answered")
     return _answered(seen, phase, 0.9)
 
 
-def _ever_answers(seen: JointStreamSeen, phase: str) -> bool:
+def _ever_answers(seen: JointStreamTraffic, phase: str) -> bool:
     return any(not _greets(e.value) for e in _said(seen, phase))
 
 
 @requires(116, f"{RULES} 3: what is not newer is dropped", unless=_ended_before("old"))
-def old_states_are_not_answered(seen: JointStreamSeen) -> Verdict:
+def old_states_are_not_answered(seen: JointStreamTraffic) -> Verdict:
     """A state that is old, or comes again, is not answered."""
     if not _ever_answers(seen, "old"):
         return not_seen("none were sent, or it did not answer")
@@ -406,7 +406,7 @@ def old_states_are_not_answered(seen: JointStreamSeen) -> Verdict:
     return met(len(found) <= fresh + 1, said, [found[-1].number])
 
 
-def _fresh(seen: JointStreamSeen, phase: str) -> list[State]:
+def _fresh(seen: JointStreamTraffic, phase: str) -> list[State]:
     """The states of a phase that are newer than all before them."""
     inside = {each.number for each in seen.during(phase)}
     found: list[State] = []
@@ -422,7 +422,7 @@ def _fresh(seen: JointStreamSeen, phase: str) -> list[State]:
 @requires(
     117, f"{RULES} 2: sessions count up; what was before is void", unless=_ended_before("earlier")
 )
-def earlier_sessions_are_not_answered(seen: JointStreamSeen) -> Verdict:
+def earlier_sessions_are_not_answered(seen: JointStreamTraffic) -> Verdict:
     """A state of an earlier session, on its way for long, is not answered."""
     if not _ever_answers(seen, "earlier"):
         return not_seen("none were sent, or it did not answer")
@@ -434,7 +434,7 @@ def earlier_sessions_are_not_answered(seen: JointStreamSeen) -> Verdict:
 @requires(
     118, f"{RULES} 4: an arm that hears nothing brakes and holds", unless=_ended_before("silence")
 )
-def silence_is_not_commanded(seen: JointStreamSeen) -> Verdict:
+def silence_is_not_commanded(seen: JointStreamTraffic) -> Verdict:
     """While the arm is silent it is sent holds only, which keep it from forgetting its client."""
     phase = seen.phase("silence")
     if phase is None or not _ever_answers(seen, "run"):
@@ -449,7 +449,7 @@ def silence_is_not_commanded(seen: JointStreamSeen) -> Verdict:
 @requires(
     119, f"{RULES} 1: a client that is silent for 1 s is forgotten", unless=_ended_before("silence")
 )
-def a_silent_arm_is_greeted(seen: JointStreamSeen) -> Verdict:
+def a_silent_arm_is_greeted(seen: JointStreamTraffic) -> Verdict:
     """A silent arm is greeted again, once a second at least: it may have forgotten its client, or
     restarted."""
     found = []
@@ -469,7 +469,7 @@ def a_silent_arm_is_greeted(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(120, f"{RULES} 4: the next command acts again", unless=_ended_before("again"))
-def it_goes_on_after_silence(seen: JointStreamSeen) -> Verdict:
+def it_goes_on_after_silence(seen: JointStreamTraffic) -> Verdict:
     """The arm heard again, 90 % of its states are answered."""
     return _answered_if_ever(seen, "again")
 
@@ -477,7 +477,7 @@ def it_goes_on_after_silence(seen: JointStreamSeen) -> Verdict:
 @requires(
     121, f"{RULES} 2: a restart of the controller is a new session", unless=_ended_before("anew")
 )
-def a_restart_is_followed(seen: JointStreamSeen) -> Verdict:
+def a_restart_is_followed(seen: JointStreamTraffic) -> Verdict:
     """After a restart of the arm 90 % of the states of its new session are answered."""
     if seen.phase("anew") is None or not _ever_answers(seen, "run"):
         return not_seen("there was no restart, or it never answered")
@@ -487,7 +487,7 @@ def a_restart_is_followed(seen: JointStreamSeen) -> Verdict:
 
 
 @requires(122, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: JointStreamSeen) -> Verdict:
+def both_descriptions_agree(seen: JointStreamTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same commands."""
 
     def differs(each: Said) -> str:
@@ -504,7 +504,7 @@ def both_descriptions_agree(seen: JointStreamSeen) -> Verdict:
 @requires(
     301, f"{RULES} 4: the arm goes on at the last speeds for 0.1 s", unless=_ended_before("ended")
 )
-def it_leaves_at_rest(seen: JointStreamSeen) -> Verdict:
+def it_leaves_at_rest(seen: JointStreamTraffic) -> Verdict:
     """When the client's program ends, its last command is a hold, or one without speed."""
     phase, found = seen.phase("ended"), _said(seen)
     if phase is None or not found:

@@ -9,13 +9,13 @@ from typing import ClassVar
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Scenario
 from cardan.conform.suite import Suite, Transport
-from cardan_conform_arms.joint_stream.decoded import JointStreamSeen
+from cardan_conform_arms.joint_stream.decoded import JointStreamTraffic
 from cardan_conform_arms.joint_stream.suite import PORT
 from cardan_conform_arms.joint_stream_driver.faults import FAULTS
 from cardan_conform_arms.joint_stream_driver.requirements import requires
 
 
-class JointStreamDriver(Suite[JointStreamSeen]):
+class JointStreamDriver(Suite[JointStreamTraffic]):
     """A driver of a UR5 over the joint stream: Cardan is the arm, and nothing real moves."""
 
     name = "joint-stream-driver"
@@ -26,11 +26,11 @@ class JointStreamDriver(Suite[JointStreamSeen]):
     harmless = Level.HOLD
     requirements = requires.all()
     transport = Transport("udp", {"": PORT}, frozenset(("",)))
-    sees = staticmethod(partial(JointStreamSeen, arm_sends=True))
+    decoder = staticmethod(partial(JointStreamTraffic, arm_sends=True))
     rig = "cardan_conform_arms.joint_stream_driver.simulated:JointStreamDriverRig"
     own_faults = FAULTS
     seconds = 0.8
-    # Seen where it is ended, which only level 3 does.
+    # Traffic where it is ended, which only level 3 does.
     tried_on: ClassVar[Mapping[str, Level]] = {"leaves-moving": Level.BY_HAND}
 
     def scenario(self, level: Level, seconds: float) -> Scenario:

@@ -9,7 +9,7 @@ from cardan.protocols.ros2.actions import CANCEL_TYPE, STATUS_TYPE, GoalStatus
 from cardan.protocols.ros2.cdr import Malformed, Message, decoded
 from cardan_conform_arms.joint_trajectory.names import CANCEL, FEEDBACK, GOAL, RESULT, STATUS, TYPE
 from cardan_conform_arms.joint_trajectory.scenario import apart
-from cardan_conform_arms.ros2_arm.decoded import RosArmSeen, State
+from cardan_conform_arms.ros2_arm.decoded import RosArmTraffic, State
 
 _REQUESTS = {
     GOAL: TYPE.send_goal.request,
@@ -72,14 +72,14 @@ class Goal:
         return f"{name} with error_code {self.code}"
 
 
-class TrajectorySeen(RosArmSeen):
+class TrajectoryTraffic(RosArmTraffic):
     """The goals of a timeline, beside the arm's states."""
 
     def __init__(self, timeline: Timeline) -> None:
         super().__init__(timeline)
         self.goals: list[Goal] = []
         self.feedback: list[tuple[int, Message]] = []
-        self.cancelled: dict[bytes, float] = {}
+        self.canceled: dict[bytes, float] = {}
         """When the cancellation of a goal was sent, by its id."""
         self._asked: list[bytes] = []
         """Ids of the goals whose results were asked for."""
@@ -101,7 +101,7 @@ class TrajectorySeen(RosArmSeen):
             self.goals.append(Goal(number, event.time_s, goal_id, trajectory))
         elif event.channel == CANCEL:
             goal_id = bytes(message["goal_info"]["goal_id"]["uuid"])
-            self.cancelled[goal_id] = event.time_s
+            self.canceled[goal_id] = event.time_s
         else:
             self._asked.append(bytes(message["goal_id"]["uuid"]))
 

@@ -19,7 +19,7 @@ from cardan.conform.requirements import (
     passed,
 )
 from cardan.protocols.ros2.actions import GoalStatus
-from cardan_conform_arms.joint_trajectory.decoded import Goal, TrajectorySeen
+from cardan_conform_arms.joint_trajectory.decoded import Goal, TrajectoryTraffic
 from cardan_conform_arms.joint_trajectory.scenario import LATE_S, NEAR, REST_S, STEP, TOLERANCE_S
 from cardan_conform_arms.ros2_arm.decoded import State
 
@@ -32,12 +32,12 @@ ALLOWED_S = TOLERANCE_S + 0.5 * LATE_S
 HELD = NEAR * STEP
 RESTS = 0.05 * STEP
 
-requires: Requirements[TrajectorySeen] = Requirements("JOINTTRAJ")
+requires: Requirements[TrajectoryTraffic] = Requirements("JOINTTRAJ")
 _NOTHING = "no goal was sent"
 
 
 @requires(1, "sensor_msgs/msg/JointState; REP 103: rad or m")
-def joints_are_where_they_are(seen: TrajectorySeen) -> Verdict:
+def joints_are_where_they_are(seen: TrajectoryTraffic) -> Verdict:
     """Joint states come unasked, with finite positions, and have every joint that moves in the
     description."""
     if not seen.states:
@@ -53,7 +53,7 @@ def joints_are_where_they_are(seen: TrajectorySeen) -> Verdict:
 
 
 @requires(101, f"{DESIGN}: Send Goal Service")
-def a_goal_is_accepted(seen: TrajectorySeen) -> Verdict:
+def a_goal_is_accepted(seen: TrajectoryTraffic) -> Verdict:
     """A goal to stay where the arm is is accepted."""
     found = seen.sent_in("hold")
     if not found:
@@ -75,12 +75,12 @@ def _succeeded(goals: list[Goal]) -> Verdict:
 
 
 @requires(102, f"{ACTION}: error_code, goal_time_tolerance; {DESIGN}: Get Result Service")
-def staying_succeeds(seen: TrajectorySeen) -> Verdict:
+def staying_succeeds(seen: TrajectoryTraffic) -> Verdict:
     """It ends as SUCCEEDED with error_code 0, within its time, its tolerance and 0.5 s."""
     return _succeeded(seen.sent_in("hold"))
 
 
-def _still(seen: TrajectorySeen, states: list[State], limit: float) -> Verdict:
+def _still(seen: TrajectoryTraffic, states: list[State], limit: float) -> Verdict:
     if len(states) < 2:
         return not_seen("too few joint states came")
     moved, name, number = seen.farthest(states)
@@ -88,13 +88,13 @@ def _still(seen: TrajectorySeen, states: list[State], limit: float) -> Verdict:
 
 
 @requires(103, f"{ACTION}: trajectory")
-def staying_is_staying(seen: TrajectorySeen) -> Verdict:
+def staying_is_staying(seen: TrajectoryTraffic) -> Verdict:
     """Meanwhile no joint moves by more than 0.0009 rad."""
     return _still(seen, seen.during("hold"), HELD)
 
 
 @requires(104, f"{DESIGN}: Goal States, Goal Status Topic")
-def the_status_goes_forward(seen: TrajectorySeen) -> Verdict:
+def the_status_goes_forward(seen: TrajectoryTraffic) -> Verdict:
     """The status of a goal is published, goes forward only, and ends as its result has it."""
     ended = [goal for goal in seen.goals if goal.status is not None]
     wrong = []
@@ -114,7 +114,7 @@ def the_status_goes_forward(seen: TrajectorySeen) -> Verdict:
 
 
 @requires(105, f"{ACTION}: feedback; {DESIGN}: Goal Feedback Topic")
-def feedback_is_of_a_goal(seen: TrajectorySeen) -> Verdict:
+def feedback_is_of_a_goal(seen: TrajectoryTraffic) -> Verdict:
     """Feedback is of a goal that was sent, and has a position for each of its joints."""
     if seen.goals and not seen.feedback:
         return not_applicable("it gives none")
@@ -130,7 +130,7 @@ def feedback_is_of_a_goal(seen: TrajectorySeen) -> Verdict:
 
 
 @requires(106, f"{DESIGN}: Send Goal Service, Get Result Service")
-def each_goal_has_an_end(seen: TrajectorySeen) -> Verdict:
+def each_goal_has_an_end(seen: TrajectoryTraffic) -> Verdict:
     """Every goal is answered, and every one that is accepted has a result."""
     wrong = [
         (goal.number, goal.became)
@@ -144,13 +144,13 @@ _MOVES = ("out", "back")
 
 
 @requires(201, f"{ACTION}: error_code, goal_time_tolerance; {DESIGN}: Get Result Service")
-def moving_succeeds(seen: TrajectorySeen) -> Verdict:
+def moving_succeeds(seen: TrajectoryTraffic) -> Verdict:
     """A goal that turns the last joint by 0.17 degrees, and one back, end as SUCCEEDED with
     error_code 0, within their time, their tolerance and 0.5 s."""
     return _succeeded([goal for phase in _MOVES for goal in seen.sent_in(phase)])
 
 
-def _missed(seen: TrajectorySeen, goal: Goal) -> tuple[float, str, int] | None:
+def _missed(seen: TrajectoryTraffic, goal: Goal) -> tuple[float, str, int] | None:
     """The farthest joint from the goal in the state after its result."""
     for state in seen.states:
         # Other publishers may tell of other joints.
@@ -160,7 +160,7 @@ def _missed(seen: TrajectorySeen, goal: Goal) -> tuple[float, str, int] | None:
 
 
 @requires(202, f"{ACTION}: goal_tolerance")
-def it_is_where_it_says(seen: TrajectorySeen) -> Verdict:
+def it_is_where_it_says(seen: TrajectoryTraffic) -> Verdict:
     """When these have succeeded, every measured joint is within 0.0009 rad of its goal."""
     goals = [goal for phase in _MOVES for goal in seen.sent_in(phase)]
     found = [m for g in goals if g.status == GoalStatus.SUCCEEDED and (m := _missed(seen, g))]
@@ -170,7 +170,7 @@ def it_is_where_it_says(seen: TrajectorySeen) -> Verdict:
     return at_most(HELD, away, "rad", f"{name} is {away:.5f} rad away", [number])
 
 
-def _refused(seen: TrajectorySeen, phase: str) -> Verdict:
+def _refused(seen: TrajectoryTraffic, phase: str) -> Verdict:
     found = seen.sent_in(phase)
     if not found:
         return not_seen(_NOTHING)
@@ -203,25 +203,25 @@ def _canceled(goal: Goal) -> Verdict:
 
 
 @requires(208, f"{DESIGN}: Cancel Goal Service; action_msgs/msg/GoalStatus")
-def a_cancelled_goal_is_canceled(seen: TrajectorySeen) -> Verdict:
-    """A goal that is cancelled while it moves the arm ends as CANCELED."""
+def a_canceled_goal_is_canceled(seen: TrajectoryTraffic) -> Verdict:
+    """A goal that is canceled while it moves the arm ends as CANCELED."""
     found = seen.sent_in("cancel")
     return _canceled(found[0]) if found else not_seen(_NOTHING)
 
 
-@requires(209, f"{CONTROLLER}: a goal that is cancelled holds the arm where it is")
-def a_cancelled_arm_rests(seen: TrajectorySeen) -> Verdict:
+@requires(209, f"{CONTROLLER}: a goal that is canceled holds the arm where it is")
+def a_canceled_arm_rests(seen: TrajectoryTraffic) -> Verdict:
     """From 0.5 s after its cancellation on no joint moves by more than 0.00015 rad."""
     found = seen.sent_in("cancel")
-    cancelled_s = seen.cancelled.get(found[0].id) if found else None
-    if cancelled_s is None:
-        return not_seen("none was cancelled")
-    later = [each for each in seen.during("cancel") if each.time_s > cancelled_s + REST_S]
+    canceled_s = seen.canceled.get(found[0].id) if found else None
+    if canceled_s is None:
+        return not_seen("none was canceled")
+    later = [each for each in seen.during("cancel") if each.time_s > canceled_s + REST_S]
     return _still(seen, later, RESTS)
 
 
 @requires(210, f"{DESIGN}: Cancel Goal Service: by the goal's id, which its client chooses")
-def a_goal_cancelled_at_once_is_canceled(seen: TrajectorySeen) -> Verdict:
+def a_goal_canceled_at_once_is_canceled(seen: TrajectoryTraffic) -> Verdict:
     """A goal whose cancellation is sent with it, before it is accepted, ends as CANCELED, or is
     rejected; nothing moves."""
     found = seen.sent_in("at-once")
@@ -233,7 +233,7 @@ def a_goal_cancelled_at_once_is_canceled(seen: TrajectorySeen) -> Verdict:
 
 
 @requires(211, f"{CONTROLLER}: a new goal replaces the one before; {DESIGN}: Goal States")
-def one_of_two_goals_is_reached(seen: TrajectorySeen) -> Verdict:
+def one_of_two_goals_is_reached(seen: TrajectoryTraffic) -> Verdict:
     """Of two goals, the second sent while the first moves the arm, one is reached and ends as
     SUCCEEDED; the other is rejected, CANCELED or ABORTED."""
     found = seen.sent_in("two")
@@ -253,7 +253,7 @@ def one_of_two_goals_is_reached(seen: TrajectorySeen) -> Verdict:
 
 
 @requires(212, f"{CONTROLLER}: angle wraparound from the current state to the first point")
-def a_whole_turn_is_none(seen: TrajectorySeen) -> Verdict:
+def a_whole_turn_is_none(seen: TrajectoryTraffic) -> Verdict:
     """A plan that differs by whole turns from where a continuous joint is, as planners leave them
     out, is carried out by the short way: no joint moves by more than twice what is asked."""
     if seen.described and "continuous" not in seen.described.values():

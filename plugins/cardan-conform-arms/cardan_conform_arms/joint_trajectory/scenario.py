@@ -21,7 +21,7 @@ STEP_M = 1e-3
 NEAR = 0.3
 """Of a step: as near as a joint has to come to a goal, and to stay where it is."""
 FAR = 0.05
-"""All goals are cancelled, and no more is asked, when a joint is so far from where it was."""
+"""All goals are canceled, and no more is asked, when a joint is so far from where it was."""
 TURN = 2.0 * math.pi
 
 SHORT_S, LONG_S = 1.0, 3.0

@@ -7,14 +7,14 @@ from cardan.conform.suite import Suite, Transport
 from cardan.conform.transports import Wires
 from cardan.errors import ConfigurationError
 from cardan.protocols.ros2.names import RosNameError, checked_name
-from cardan_conform_arms.joint_trajectory.decoded import TrajectorySeen
+from cardan_conform_arms.joint_trajectory.decoded import TrajectoryTraffic
 from cardan_conform_arms.joint_trajectory.faults import FAULTS
 from cardan_conform_arms.joint_trajectory.names import ACTION, channels_of
 from cardan_conform_arms.joint_trajectory.requirements import requires
 from cardan_conform_arms.joint_trajectory.scenario import TrajectoryScenario
 
 
-class JointTrajectory(Suite[TrajectorySeen]):
+class JointTrajectory(Suite[TrajectoryTraffic]):
     """What executes MoveIt's plans: joint_trajectory_controller, or a session of Cardan's."""
 
     name = "joint-trajectory"
@@ -28,7 +28,7 @@ class JointTrajectory(Suite[TrajectorySeen]):
     levels = Level.MOVE
     requirements = requires.all()
     transport = Transport("other")
-    sees = TrajectorySeen
+    decoder = TrajectoryTraffic
     rig = "cardan_conform_arms.joint_trajectory.simulated:ActionRig"
     own_faults = FAULTS
     seconds = 0.5

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Seen, Timeline
+from cardan.conform.timeline import Kind, Timeline, Traffic
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan_conform_arms.ros2_arm.names import COMMANDS, DESCRIPTION, STATES, TOPICS, joints_of
 
@@ -23,7 +23,7 @@ class State(NamedTuple):
     """As many positions as names."""
 
 
-class RosArmSeen(Seen):
+class RosArmTraffic(Traffic):
     """The messages of a timeline."""
 
     def __init__(self, timeline: Timeline) -> None:

@@ -18,7 +18,7 @@ from cardan.conform.requirements import (
     passed,
 )
 from cardan.conform.timing import steady
-from cardan_conform_arms.ros2_arm.decoded import RosArmSeen, State
+from cardan_conform_arms.ros2_arm.decoded import RosArmTraffic, State
 from cardan_conform_arms.ros2_arm.scenario import STEP_RAD
 
 BROADCASTER = "ros2_controllers, joint_state_broadcaster"
@@ -37,11 +37,11 @@ REACHED = 0.3
 ACTS_PERIODS = 3.0
 
 _NOTHING = "no joint states came"
-requires: Requirements[RosArmSeen] = Requirements("ROS2ARM", _NOTHING)
+requires: Requirements[RosArmTraffic] = Requirements("ROS2ARM", _NOTHING)
 
 
 @requires(1, f"{BROADCASTER}: /joint_states")
-def states_come(seen: RosArmSeen) -> Verdict:
+def states_come(seen: RosArmTraffic) -> Verdict:
     """Joint states come unasked, 10 to 1100 a second."""
     found = seen.during("listen")
     if len(found) < 5:
@@ -51,11 +51,11 @@ def states_come(seen: RosArmSeen) -> Verdict:
     return met(RATE_HZ[0] <= rate <= RATE_HZ[1], said)
 
 
-STATES: Over[RosArmSeen, State] = Over(lambda seen: seen.states, "{} states")
+STATES: Over[RosArmTraffic, State] = Over(lambda seen: seen.states, "{} states")
 
 
 @requires(2, JOINT_STATE)
-def messages_are_whole(seen: RosArmSeen) -> Verdict:
+def messages_are_whole(seen: RosArmTraffic) -> Verdict:
     """Every message is one of its type, with a position for each name, and no name twice."""
     wrong = [*seen.malformed]
     wrong += [(e.number, "names and positions do not fit") for e in seen.states if not e.whole]
@@ -65,7 +65,7 @@ def messages_are_whole(seen: RosArmSeen) -> Verdict:
 
 
 @requires(3, JOINT_STATE)
-def positions_are_numbers(seen: RosArmSeen) -> Verdict:
+def positions_are_numbers(seen: RosArmTraffic) -> Verdict:
     """Every position is a finite number."""
     wrong = [
         (each.number, f"{name} is {value}")
@@ -77,7 +77,7 @@ def positions_are_numbers(seen: RosArmSeen) -> Verdict:
 
 
 @requires(4, f"{JOINT_STATE}: rad or m")
-def positions_are_plausible(seen: RosArmSeen) -> Verdict:
+def positions_are_plausible(seen: RosArmTraffic) -> Verdict:
     """No position is beyond 100 rad or m."""
     wrong = [
         (each.number, f"{name} at {value:.3g}")
@@ -89,7 +89,7 @@ def positions_are_plausible(seen: RosArmSeen) -> Verdict:
 
 
 @requires(5, f"{BROADCASTER}: the joints of its parameters, in one order")
-def names_stay(seen: RosArmSeen) -> Verdict:
+def names_stay(seen: RosArmTraffic) -> Verdict:
     """Each publisher names the same joints in every message."""
     wrong = []
     for found in seen.publishers().values():
@@ -103,7 +103,7 @@ def names_stay(seen: RosArmSeen) -> Verdict:
 
 
 @requires(6, f"{DESCRIPTION}; {BROADCASTER}")
-def names_are_those_of_the_description(seen: RosArmSeen) -> Verdict:
+def names_are_those_of_the_description(seen: RosArmTraffic) -> Verdict:
     """Every joint that moves in the description is named, and no other."""
     if seen.described is None:
         return not_seen("no description came")
@@ -118,7 +118,7 @@ def names_are_those_of_the_description(seen: RosArmSeen) -> Verdict:
 
 
 @requires(7, f"{BROADCASTER}: one of them publishes an arm's states")
-def there_is_one_publisher(seen: RosArmSeen) -> Verdict:
+def there_is_one_publisher(seen: RosArmTraffic) -> Verdict:
     """All joint states come from one publisher, from the beginning to the end."""
     found = seen.publishers()
     if not found:
@@ -128,7 +128,7 @@ def there_is_one_publisher(seen: RosArmSeen) -> Verdict:
     return failed(said, others) if others else passed("one")
 
 
-def _sequences(seen: RosArmSeen) -> list[tuple[State, State, int]]:
+def _sequences(seen: RosArmTraffic) -> list[tuple[State, State, int]]:
     return [
         (a, b, b.sequence - a.sequence)
         for found in seen.publishers().values()
@@ -137,12 +137,12 @@ def _sequences(seen: RosArmSeen) -> list[tuple[State, State, int]]:
     ]
 
 
-def _uncounted(seen: RosArmSeen) -> Verdict | None:
+def _uncounted(seen: RosArmTraffic) -> Verdict | None:
     none = bool(seen.states) and not _sequences(seen)
     return not_applicable("the transport does not count") if none else None
 
 
-COUNTED: Over[RosArmSeen, tuple[State, State, int]] = Over(
+COUNTED: Over[RosArmTraffic, tuple[State, State, int]] = Over(
     _sequences, "{} messages", unless=_uncounted
 )
 
@@ -166,7 +166,7 @@ def _usual(found: list[State]) -> float:
 
 
 @requires(10, f"{BROADCASTER}: one message in each cycle of the controller manager")
-def arrival_is_steady(seen: RosArmSeen) -> Verdict:
+def arrival_is_steady(seen: RosArmTraffic) -> Verdict:
     """95 % of the messages arrive within 0.4 periods of when they are due."""
     found = seen.during("listen")
     if len(found) < 50:
@@ -179,7 +179,7 @@ def arrival_is_steady(seen: RosArmSeen) -> Verdict:
 
 
 @requires(11, f"{BROADCASTER}: one message in each cycle of the controller manager")
-def there_are_no_pauses(seen: RosArmSeen) -> Verdict:
+def there_are_no_pauses(seen: RosArmTraffic) -> Verdict:
     """It is never silent for more than 10 periods."""
     hand = seen.phase("gone")
     found = [e for e in seen.states if hand is None or e.number < hand.first]
@@ -201,12 +201,12 @@ def states_are_stamped(each: State) -> str:
     return "" if each.stamp_s else "it is zero"
 
 
-def _stamped(seen: RosArmSeen) -> list[tuple[State, State]]:
+def _stamped(seen: RosArmTraffic) -> list[tuple[State, State]]:
     pairs = [p for found in seen.publishers().values() for p in pairwise(found)]
     return [(a, b) for a, b in pairs if a.stamp_s and b.stamp_s]
 
 
-STAMPED: Over[RosArmSeen, tuple[State, State]] = Over(
+STAMPED: Over[RosArmTraffic, tuple[State, State]] = Over(
     _stamped, "{} states", nothing="no stamps came"
 )
 
@@ -227,7 +227,7 @@ def stamps_do_not_leap(each: tuple[State, State]) -> str:
 
 
 @requires(15, f"{JOINT_STATE}: the state of a joint, which is in one place")
-def a_joint_has_one_publisher_at_a_time(seen: RosArmSeen) -> Verdict:
+def a_joint_has_one_publisher_at_a_time(seen: RosArmTraffic) -> Verdict:
     """No joint is published by two publishers at the same time."""
     wrong: list[tuple[int, str]] = []
     spans: dict[str, list[tuple[State, State]]] = {}
@@ -254,7 +254,7 @@ def _far(one: State, other: State) -> float:
 
 
 @requires(101, f"{FORWARD}: what comes is passed on at once")
-def an_arm_that_is_held_stays(seen: RosArmSeen) -> Verdict:
+def an_arm_that_is_held_stays(seen: RosArmTraffic) -> Verdict:
     """Commanded to be where it is, every joint stays within 0.6 degrees."""
     before, found = seen.during("listen"), seen.during("hold")
     if not before or not found or not seen.commands:
@@ -264,7 +264,7 @@ def an_arm_that_is_held_stays(seen: RosArmSeen) -> Verdict:
     return at_most(math.degrees(HELD_RAD), math.degrees(far), "degrees", said, [number])
 
 
-def _last(seen: RosArmSeen, phase: str) -> dict[str, float] | None:
+def _last(seen: RosArmTraffic, phase: str) -> dict[str, float] | None:
     """The last position of each joint of the description in a phase."""
     found: dict[str, float] = {}
     for each in seen.during(phase):
@@ -274,7 +274,7 @@ def _last(seen: RosArmSeen, phase: str) -> dict[str, float] | None:
 
 
 @requires(201, f"{FORWARD}: positions in the order of its joints")
-def a_step_is_made_by_every_joint(seen: RosArmSeen) -> Verdict:
+def a_step_is_made_by_every_joint(seen: RosArmTraffic) -> Verdict:
     """Commanded to, every joint turns by 0.02 degrees, to 30 %, within 0.6 s."""
     before, after = _last(seen, "hold"), _last(seen, "out")
     if before is None or after is None:
@@ -286,7 +286,7 @@ def a_step_is_made_by_every_joint(seen: RosArmSeen) -> Verdict:
 
 
 @requires(202, FORWARD)
-def it_comes_back(seen: RosArmSeen) -> Verdict:
+def it_comes_back(seen: RosArmTraffic) -> Verdict:
     """Commanded back, every joint is where it was, to 30 % of the step."""
     before, after = _last(seen, "hold"), _last(seen, "back")
     if before is None or after is None:
@@ -297,7 +297,7 @@ def it_comes_back(seen: RosArmSeen) -> Verdict:
 
 
 @requires(203, f"{FORWARD}: in the next cycle of the controller manager")
-def a_command_acts_soon(seen: RosArmSeen) -> Verdict:
+def a_command_acts_soon(seen: RosArmTraffic) -> Verdict:
     """A step shows in the joint states within three periods of its being sent."""
     phase, found, held = seen.phase("out"), seen.during("out"), seen.during("hold")
     if phase is None or not found or not held:
@@ -314,7 +314,7 @@ def a_command_acts_soon(seen: RosArmSeen) -> Verdict:
 
 
 @requires(301, f"{BROADCASTER}: states end with their node")
-def what_has_ended_is_silent(seen: RosArmSeen) -> Verdict:
+def what_has_ended_is_silent(seen: RosArmTraffic) -> Verdict:
     """Its nodes ended, no more joint states come."""
     phase = seen.phase("gone")
     if phase is None:

@@ -7,13 +7,13 @@ from typing import ClassVar
 
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.transports import Wires
-from cardan_conform_arms.ros2_arm.decoded import RosArmSeen
+from cardan_conform_arms.ros2_arm.decoded import RosArmTraffic
 from cardan_conform_arms.ros2_arm.names import TOPICS
 from cardan_conform_arms.ros2_arm.requirements import requires
 from cardan_conform_arms.ros2_arm.scenario import RosArmScenario
 
 
-class Ros2Arm(Suite[RosArmSeen]):
+class Ros2Arm(Suite[RosArmTraffic]):
     """An arm under ros2_control: joint_state_broadcaster and forward_command_controller."""
 
     name = "ros2-arm"
@@ -23,11 +23,11 @@ class Ros2Arm(Suite[RosArmSeen]):
     peer = "ros2-arm"
     requirements = requires.all()
     transport = Transport("other")
-    sees = RosArmSeen
+    decoder = RosArmTraffic
     asks = RosArmScenario
     rig = "cardan_conform_arms.ros2_arm.simulated:RosArmRig"
     seconds = 2.6
-    tried_with: ClassVar[Mapping[str, float]] = {
+    fault_test_values: ClassVar[Mapping[str, float]] = {
         "restart": 1.5,
         "stale": 1.5,
         "wrong-names": 1.5,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Phase, Timeline
+from cardan.conform.timeline import Kind, Timeline, TimelinePhase
 from cardan_jr3.conform.frames import unpack
 from cardan_jr3.protocol import (
     NODE_MASK,
@@ -31,7 +31,7 @@ class Said(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """A request of ours, and the acknowledgement that came next."""
+    """A request of ours, and the acknowledgment that came next."""
 
     number: int
     time_s: float
@@ -39,7 +39,7 @@ class Asked(NamedTuple):
     ack: Said | None
 
 
-class Jr3Seen:
+class Jr3Traffic:
     """The frames of one node."""
 
     def __init__(self, timeline: Timeline, node_id: int) -> None:
@@ -76,7 +76,7 @@ class Jr3Seen:
             ack = next((each for each in acks if number < each.number < end), None)
             self.asked.append(Asked(number, time_s, message, ack))
 
-    def phase(self, name: str) -> Phase | None:
+    def phase(self, name: str) -> TimelinePhase | None:
         """The phase of that name, if the pilot came to it."""
         return self.phases.get(name)
 

@@ -15,7 +15,7 @@ from cardan.conform.requirements import (
 )
 from cardan.conform.second_reading import second_description
 from cardan.errors import ExtraMissingError
-from cardan_jr3.conform.decoded import Asked, Jr3Seen, Said
+from cardan_jr3.conform.decoded import Asked, Jr3Traffic, Said
 from cardan_jr3.conform.scenario import PERIOD_US, SYNCS
 from cardan_jr3.protocol import (
     Ack,
@@ -44,7 +44,7 @@ LOADED_N = 1.0
 FIRST_COUNTER = 2000
 """A quarter of a second of samples."""
 
-requires: Requirements[Jr3Seen] = Requirements("JR3")
+requires: Requirements[Jr3Traffic] = Requirements("JR3")
 _NOT_RUN = "it was not told to acquire"
 
 
@@ -56,7 +56,7 @@ def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _N
 
 
 @requires(1, f"{FIRMWARE}: BOOTUP once the sensor is read")
-def it_says_that_it_started(seen: Jr3Seen) -> Verdict:
+def it_says_that_it_started(seen: Jr3Traffic) -> Verdict:
     """Powered, the board says BOOTUP once, and samples only when it is told to."""
     found = seen.during("listen")
     boots = [each for each in found if isinstance(each.value, Bootup)]
@@ -67,14 +67,14 @@ def it_says_that_it_started(seen: Jr3Seen) -> Verdict:
 
 
 @requires(2, FIRMWARE)
-def frames_are_whole(seen: Jr3Seen) -> Verdict:
+def frames_are_whole(seen: Jr3Traffic) -> Verdict:
     """Every frame of the node has the length of its operation code."""
     count = len(seen.frames)
     return _bad(seen.malformed, count, f"{count} frames", "no frames came")
 
 
 @requires(3, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: Jr3Seen) -> Verdict:
+def both_descriptions_agree(seen: Jr3Traffic) -> Verdict:
     """A second reader, the scapy layers, finds the same frames wrong."""
     try:
         malformed = second_description("jr3").malformed
@@ -90,12 +90,12 @@ def both_descriptions_agree(seen: Jr3Seen) -> Verdict:
     return passed(f"{len(chosen)} frames read twice")
 
 
-def _acked(seen: Jr3Seen) -> list[Asked]:
+def _acked(seen: Jr3Traffic) -> list[Asked]:
     return [each for each in seen.asked if not isinstance(each.value, Sync)]
 
 
 @requires(101, f"{FIRMWARE}: every request but SYNC and the gripper's is acknowledged")
-def requests_are_acknowledged(seen: Jr3Seen) -> Verdict:
+def requests_are_acknowledged(seen: Jr3Traffic) -> Verdict:
     """Every request is acknowledged within 0.1 s."""
     wrong = []
     for each in _acked(seen):
@@ -107,8 +107,8 @@ def requests_are_acknowledged(seen: Jr3Seen) -> Verdict:
 
 
 @requires(102, f"{FIRMWARE}: 0 is ready")
-def it_is_ready(seen: Jr3Seen) -> Verdict:
-    """Every acknowledgement says that the board is ready."""
+def it_is_ready(seen: Jr3Traffic) -> Verdict:
+    """Every acknowledgment says that the board is ready."""
     found = [each for each in seen.said if isinstance(each.value, Ack)]
     wrong = [
         (each.number, f"state {each.value.state}")
@@ -119,8 +119,8 @@ def it_is_ready(seen: Jr3Seen) -> Verdict:
 
 
 @requires(103, f"{FIRMWARE}; JR3's full scales are hundreds of N and tens of N·m")
-def full_scales_are_told(seen: Jr3Seen) -> Verdict:
-    """Asked for, the full scales come with the acknowledgement, all above 0."""
+def full_scales_are_told(seen: Jr3Traffic) -> Verdict:
+    """Asked for, the full scales come with the acknowledgment, all above 0."""
     asked = [e for e in seen.asked if isinstance(e.value, (GetFsForces, GetFsMoments))]
     if not asked:
         return not_seen("they were not asked for")
@@ -134,7 +134,7 @@ def full_scales_are_told(seen: Jr3Seen) -> Verdict:
 
 
 @requires(104, f"{FIRMWARE}: FORCES, then MOMENTS of the same sample")
-def samples_come_in_pairs(seen: Jr3Seen) -> Verdict:
+def samples_come_in_pairs(seen: Jr3Traffic) -> Verdict:
     """After each FORCES comes its MOMENTS, with the same counter."""
     found = seen.samples("run")
     wrong, count = [], 0
@@ -150,12 +150,12 @@ def samples_come_in_pairs(seen: Jr3Seen) -> Verdict:
     return _bad(wrong, count, f"{count} pairs")
 
 
-def _forces(seen: Jr3Seen, *phases: str) -> list[tuple[Said, Forces]]:
+def _forces(seen: Jr3Traffic, *phases: str) -> list[tuple[Said, Forces]]:
     return [(e, e.value) for e in seen.samples(*phases) if isinstance(e.value, Forces)]
 
 
 @requires(105, f"{SENSOR}: the counter counts samples, 7782 a second")
-def the_counter_counts_samples(seen: Jr3Seen) -> Verdict:
+def the_counter_counts_samples(seen: Jr3Traffic) -> Verdict:
     """From pair to pair the counter goes up, and over the whole as samples do, to 2 %."""
     found = _forces(seen, "run")
     if len(found) < 10:
@@ -177,7 +177,7 @@ def the_counter_counts_samples(seen: Jr3Seen) -> Verdict:
 
 
 @requires(106, f"{FIRMWARE}, START_ASYNC")
-def samples_come_in_their_period(seen: Jr3Seen) -> Verdict:
+def samples_come_in_their_period(seen: Jr3Traffic) -> Verdict:
     """Told to send every 5 ms, it does, to 2 % in the mean, and is never silent for 30 ms."""
     phase, found = seen.phase("run"), _forces(seen, "run")
     started = any(isinstance(e.value, StartAsync) and e.ack is not None for e in seen.asked)
@@ -195,7 +195,7 @@ def samples_come_in_their_period(seen: Jr3Seen) -> Verdict:
 
 
 @requires(107, f"{FIRMWARE}: what it was told is void after BOOTUP")
-def it_does_not_start_anew(seen: Jr3Seen) -> Verdict:
+def it_does_not_start_anew(seen: Jr3Traffic) -> Verdict:
     """No BOOTUP comes while it is used."""
     listen = seen.phase("listen")
     end = 0 if listen is None else listen.end
@@ -206,7 +206,7 @@ def it_does_not_start_anew(seen: Jr3Seen) -> Verdict:
 
 
 @requires(108, f"{FIRMWARE}, STOP: the counter begins at 0")
-def the_counter_begins_at_0(seen: Jr3Seen) -> Verdict:
+def the_counter_begins_at_0(seen: Jr3Traffic) -> Verdict:
     """After the start, and after a stop, the counter begins within a quarter of a second of 0."""
     found = [_forces(seen, "start"), _forces(seen, "syncs")]
     firsts = [each[0] for each in found if each]
@@ -218,7 +218,7 @@ def the_counter_begins_at_0(seen: Jr3Seen) -> Verdict:
     return _bad(wrong, len(firsts), f"{len(firsts)} times")
 
 
-def _mean_n(seen: Jr3Seen, found: list[tuple[Said, Forces]]) -> list[float] | None:
+def _mean_n(seen: Jr3Traffic, found: list[tuple[Said, Forces]]) -> list[float] | None:
     scales = seen.scales()
     if scales is None or not found:
         return None
@@ -231,7 +231,7 @@ def _mean_n(seen: Jr3Seen, found: list[tuple[Said, Forces]]) -> list[float] | No
 
 
 @requires(109, f"{FIRMWARE}, ZERO_OFFS")
-def zero_is_where_it_was_set(seen: Jr3Seen) -> Verdict:
+def zero_is_where_it_was_set(seen: Jr3Traffic) -> Verdict:
     """Left alone after ZERO_OFFS, the forces stay within 0.5 N of zero."""
     found = _forces(seen, "run")
     if len(found) < 50:
@@ -248,7 +248,7 @@ def zero_is_where_it_was_set(seen: Jr3Seen) -> Verdict:
 
 
 @requires(110, f"{FIRMWARE}: 16384 is the full scale, and overloads are more")
-def samples_are_in_range(seen: Jr3Seen) -> Verdict:
+def samples_are_in_range(seen: Jr3Traffic) -> Verdict:
     """Left alone, no component is beyond the full scale."""
     found = [
         (each.number, max(abs(each.value.x), abs(each.value.y), abs(each.value.z)))
@@ -260,7 +260,7 @@ def samples_are_in_range(seen: Jr3Seen) -> Verdict:
 
 
 @requires(111, f"{FIRMWARE}, STOP")
-def it_stops(seen: Jr3Seen) -> Verdict:
+def it_stops(seen: Jr3Traffic) -> Verdict:
     """Told to stop, it sends no more samples."""
     if seen.phase("stopped") is None or not seen.samples("run"):
         return not_seen(_NOT_RUN)
@@ -269,7 +269,7 @@ def it_stops(seen: Jr3Seen) -> Verdict:
 
 
 @requires(112, f"{FIRMWARE}, START_SYNC and SYNC")
-def sync_is_answered_by_a_pair(seen: Jr3Seen) -> Verdict:
+def sync_is_answered_by_a_pair(seen: Jr3Traffic) -> Verdict:
     """In synchronous mode each SYNC is answered by one pair."""
     if seen.phase("syncs") is None:
         return not_seen("it was not tried")
@@ -279,7 +279,7 @@ def sync_is_answered_by_a_pair(seen: Jr3Seen) -> Verdict:
 
 
 @requires(301, f"{YARP}: raw value times full scale by 16384")
-def a_load_is_felt(seen: Jr3Seen) -> Verdict:
+def a_load_is_felt(seen: Jr3Traffic) -> Verdict:
     """Pressed upon, it shows a force of 1 N and more."""
     found = _forces(seen, "load")
     scales = seen.scales()

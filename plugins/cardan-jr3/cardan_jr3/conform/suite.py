@@ -11,7 +11,7 @@ from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
 from cardan.conform.transports import Wires
 from cardan.errors import ConfigurationError
-from cardan_jr3.conform.decoded import Jr3Seen
+from cardan_jr3.conform.decoded import Jr3Traffic
 from cardan_jr3.conform.frames import unpack
 from cardan_jr3.conform.requirements import requires
 from cardan_jr3.conform.scenario import Jr3Scenario
@@ -26,7 +26,7 @@ from cardan_jr3.protocol import (
 )
 
 
-class Jr3(Suite[Jr3Seen]):
+class Jr3(Suite[Jr3Traffic]):
     """A JR3 force-torque sensor behind uc3m's board."""
 
     name = "jr3"
@@ -38,7 +38,7 @@ class Jr3(Suite[Jr3Seen]):
     transport = Transport("can")
     seconds = 2.0
     # Times count from when it is told to acquire.
-    tried_with: ClassVar[Mapping[str, float]] = {
+    fault_test_values: ClassVar[Mapping[str, float]] = {
         "sensor-unplug": 1.5,
         "power-cycle": 1.5,
         "silence": 1.5,
@@ -48,8 +48,8 @@ class Jr3(Suite[Jr3Seen]):
     def __init__(self) -> None:
         self._node_id = TEO_NODE_IDS["right-hand"]
 
-    def see(self, timeline: Timeline) -> Jr3Seen:
-        return Jr3Seen(timeline, self._node_id)
+    def decode(self, timeline: Timeline) -> Jr3Traffic:
+        return Jr3Traffic(timeline, self._node_id)
 
     def scenario(self, level: Level, seconds: float) -> Jr3Scenario:
         return Jr3Scenario(level, seconds, self._node_id)

@@ -1,6 +1,6 @@
 """What a JR3's frames mean, and what to ask it next, without any I/O and in the caller's time.
 
-The board is brought up by requests, one at a time, since an acknowledgement does not say what it
+The board is brought up by requests, one at a time, since an acknowledgment does not say what it
 answers: ping, start, full scales; then, once the filter has settled and the force is steady, zero.
 A board that reports a boot, or is silent for `RESTART_AFTER_S`, is brought up again from the ping.
 
@@ -81,7 +81,7 @@ TRIES = 3
 """Times a request is sent before everything begins again from the ping."""
 
 RETRY_FIRST_S, RETRY_LAST_S = 0.25, 2.0
-"""Pause before a request is sent again, doubled for each ping. It lets a late acknowledgement
+"""Pause before a request is sent again, doubled for each ping. It lets a late acknowledgment
 pass, which could be mistaken for that of another request."""
 
 RESTART_AFTER_S = 1.0
@@ -124,7 +124,7 @@ class _Step(NamedTuple):
     message: HostMessage
     name: str
     scales: bool = False
-    """Its acknowledgement carries full scales."""
+    """Its acknowledgment carries full scales."""
 
 
 _PING = _Step(GetState(), "ping")
@@ -190,7 +190,7 @@ class Jr3Core(DeviceCore):
         "boots": "times the board came up anew",
         "timeouts": "requests without an answer",
         "refusals": "requests answered with an error",
-        "unexpected_acks": "acknowledgements that were not expected",
+        "unexpected_acks": "acknowledgments that were not expected",
         "lost_samples": "samples lost (by the counter)",
         "unpaired_samples": "forces without their moments, or moments without their forces",
         "repeated_samples": "samples that repeat the one before",

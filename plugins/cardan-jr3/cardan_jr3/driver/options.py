@@ -25,7 +25,7 @@ PORT_OR_OWN = replace(bounds.PORT, lowest=0, zero="the interface's own")
 _Angle = Annotated[float, bounds.ANGLE_DEG]
 _Near = Annotated[float, bounds.NEAR_M]
 _Newton = Annotated[int, FORCE_FULL_SCALE_N]
-_NewtonMetre = Annotated[float, TORQUE_FULL_SCALE_NM]
+_NewtonMeter = Annotated[float, TORQUE_FULL_SCALE_NM]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +60,7 @@ class Jr3Options(Options):
     """Cut-off of a second filter, on this computer; 0: none."""
     force_full_scales_n: tuple[_Newton, _Newton, _Newton] | None = None
     """The sensor's full scales x, y, z; none: the board is asked."""
-    torque_full_scales_nm: tuple[_NewtonMetre, _NewtonMetre, _NewtonMetre] | None = None
+    torque_full_scales_nm: tuple[_NewtonMeter, _NewtonMeter, _NewtonMeter] | None = None
     """The same for the torques; none: the board is asked."""
     left_handed: bool = False
     """The sensor's axes are left-handed, as some are: the signs of Fx and Mx are changed."""

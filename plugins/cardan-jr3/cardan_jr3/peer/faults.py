@@ -18,9 +18,9 @@ FAULTS = (
     FaultSwitch("duplicate", "every VALUE-th pair comes twice", 10.0, 1.0),
     FaultSwitch("short-frame", "every VALUE-th FORCES is cut short", 10.0, 1.0),
     FaultSwitch("unknown-frame", "a frame of junk before every VALUE-th FORCES", 10.0, 1.0),
-    FaultSwitch("lost-ack", "every VALUE-th acknowledgement is lost", 3.0, 1.0),
-    FaultSwitch("late-ack", "every acknowledgement comes VALUE ms late", 300.0),
-    FaultSwitch("error-ack", "acknowledgements carry the state VALUE", 2.0, 0.0, 255.0),
+    FaultSwitch("lost-ack", "every VALUE-th acknowledgment is lost", 3.0, 1.0),
+    FaultSwitch("late-ack", "every acknowledgment comes VALUE ms late", 300.0),
+    FaultSwitch("error-ack", "acknowledgments carry the state VALUE", 2.0, 0.0, 255.0),
     FaultSwitch("counter", "the counter starts at VALUE", 65000.0, 0.0, 65535.0),
     FaultSwitch("drift", "zero wanders by VALUE N/s on every force", 0.5, -math.inf, math.inf),
 )

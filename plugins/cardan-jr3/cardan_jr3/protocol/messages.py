@@ -44,7 +44,7 @@ class Opcode(enum.IntEnum):
 
 
 class State(enum.IntEnum):
-    """The board's state in every acknowledgement."""
+    """The board's state in every acknowledgment."""
 
     READY = 0
     NOT_INITIALIZED = 1
@@ -93,7 +93,7 @@ class SetFilter(NamedTuple):
 
 
 class GetState(NamedTuple):
-    """Ask for an acknowledgement."""
+    """Ask for an acknowledgment."""
 
 
 class GetFsForces(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Phase, Timeline
+from cardan.conform.timeline import Kind, Timeline, TimelinePhase
 from cardan_leap.protocol import ServiceMessage, TrackingFrame, decode_service
 
 
@@ -24,7 +24,7 @@ class Frame(NamedTuple):
     value: TrackingFrame
 
 
-class LeapSeen:
+class LeapTraffic:
     """The messages of a timeline."""
 
     def __init__(self, timeline: Timeline) -> None:
@@ -38,7 +38,7 @@ class LeapSeen:
             elif event.kind is Kind.DATA and not event.sent:
                 self.said.append(Said(number, event.time_s, decode_service(event.data)))
 
-    def phase(self, name: str) -> Phase | None:
+    def phase(self, name: str) -> TimelinePhase | None:
         """The phase of that name, if the pilot came to it."""
         return self.phases.get(name)
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from itertools import pairwise
 
 from cardan.conform.requirements import Requirements, Verdict, failed, not_seen, passed
-from cardan_leap.conform.decoded import LeapSeen
+from cardan_leap.conform.decoded import LeapTraffic
 from cardan_leap.protocol import (
     DeviceEvent,
     Hand,
@@ -31,7 +31,7 @@ STILL_MM_S = 3000.0
 CLOCK_SHARE = 0.02
 FRAMES = ("empty", "enter", "hand", "leave", "focused")
 
-requires: Requirements[LeapSeen] = Requirements("LEAP")
+requires: Requirements[LeapTraffic] = Requirements("LEAP")
 _NO_FRAMES = "no frames were asked for"
 
 
@@ -45,13 +45,13 @@ def _bad(
 
 
 @requires(1, f"{LEAPJS}: any path /vN.json of a version that it knows")
-def the_service_accepts(seen: LeapSeen) -> Verdict:
+def the_service_accepts(seen: LeapTraffic) -> Verdict:
     """The service takes a connection that asks for version 6, and keeps it."""
     return failed(seen.ended[0][1], (n for n, _ in seen.ended)) if seen.ended else passed("kept")
 
 
 @requires(2, f"{LEAPJS}: the first message")
-def the_version_comes_first(seen: LeapSeen) -> Verdict:
+def the_version_comes_first(seen: LeapTraffic) -> Verdict:
     """The first message is the version, 1 to 6, with the service's own."""
     if not seen.said:
         return failed("nothing came")
@@ -64,7 +64,7 @@ def the_version_comes_first(seen: LeapSeen) -> Verdict:
 
 
 @requires(3, f"{LEAPJS}: a device event for each tracker, since version 5")
-def the_tracker_is_told(seen: LeapSeen) -> Verdict:
+def the_tracker_is_told(seen: LeapTraffic) -> Verdict:
     """A device event says that a tracker is attached and streams."""
     found = [each for each in seen.during("listen") if isinstance(each.value, DeviceEvent)]
     if not found:
@@ -77,7 +77,7 @@ def the_tracker_is_told(seen: LeapSeen) -> Verdict:
 
 
 @requires(4, f"{LEAPJS}: frames need the focus or background")
-def nobody_is_sent_frames_unasked(seen: LeapSeen) -> Verdict:
+def nobody_is_sent_frames_unasked(seen: LeapTraffic) -> Verdict:
     """Before it is asked it sends no frames."""
     found = [each.number for each in seen.frames("listen")]
     if not seen.said:
@@ -86,7 +86,7 @@ def nobody_is_sent_frames_unasked(seen: LeapSeen) -> Verdict:
 
 
 @requires(5, f"{LEAPJS}: one JSON object in each text message")
-def messages_are_objects(seen: LeapSeen) -> Verdict:
+def messages_are_objects(seen: LeapTraffic) -> Verdict:
     """Every message is one JSON object, and its parts are of their types."""
     wrong = [
         (each.number, f"a message {each.value.reason}")
@@ -97,7 +97,7 @@ def messages_are_objects(seen: LeapSeen) -> Verdict:
 
 
 @requires(6, f"{LEAPJS}: version, event, frame")
-def kinds_are_known(seen: LeapSeen) -> Verdict:
+def kinds_are_known(seen: LeapTraffic) -> Verdict:
     """Every message is a version, an event or a frame."""
     wrong = [
         (each.number, f"keys {', '.join(each.value.keys)}")
@@ -108,7 +108,7 @@ def kinds_are_known(seen: LeapSeen) -> Verdict:
 
 
 @requires(101, f"{LEAPJS}, background: frames without the focus")
-def frames_come_in_the_background(seen: LeapSeen) -> Verdict:
+def frames_come_in_the_background(seen: LeapTraffic) -> Verdict:
     """Asked to in the background it sends frames, without a hand, too."""
     if seen.phase("empty") is None:
         return not_seen(_NO_FRAMES)
@@ -120,7 +120,7 @@ def frames_come_in_the_background(seen: LeapSeen) -> Verdict:
 
 
 @requires(102, f"{SDK}: 20 to 200 a second by mode and load")
-def the_rate_is_a_trackers(seen: LeapSeen) -> Verdict:
+def the_rate_is_a_trackers(seen: LeapTraffic) -> Verdict:
     """Frames come 20 to 200 times a second."""
     found = seen.frames("hand")
     if len(found) < 10:
@@ -131,7 +131,7 @@ def the_rate_is_a_trackers(seen: LeapSeen) -> Verdict:
 
 
 @requires(103, f"{LEAPJS}: without hands frames go on, empty")
-def frames_do_not_cease(seen: LeapSeen) -> Verdict:
+def frames_do_not_cease(seen: LeapTraffic) -> Verdict:
     """Once they come, frames are never missing for more than 0.1 s."""
     count, longest, wrong = 0, 0.0, []
     for name in FRAMES:
@@ -154,7 +154,7 @@ def frames_do_not_cease(seen: LeapSeen) -> Verdict:
     return passed(f"longest {longest * 1e3:.0f} ms", longest * 1e3, "ms")
 
 
-def _ids(seen: LeapSeen) -> list[tuple[int, int, int]]:
+def _ids(seen: LeapTraffic) -> list[tuple[int, int, int]]:
     """Number of the event, and the frame ids before it and in it."""
     found = [(each.number, each.value.id) for each in seen.frames(*FRAMES)]
     known = [(number, frame_id) for number, frame_id in found if frame_id is not None]
@@ -162,7 +162,7 @@ def _ids(seen: LeapSeen) -> list[tuple[int, int, int]]:
 
 
 @requires(104, f"{SDK}, Frame.id")
-def frame_ids_go_up(seen: LeapSeen) -> Verdict:
+def frame_ids_go_up(seen: LeapTraffic) -> Verdict:
     """A frame's id is higher than that of the frame before."""
     found = _ids(seen)
     wrong = ((n, f"{after} after {before}") for n, before, after in found if after <= before)
@@ -170,7 +170,7 @@ def frame_ids_go_up(seen: LeapSeen) -> Verdict:
 
 
 @requires(105, f"{SDK}, Frame.id: consecutive where no frame is dropped")
-def frames_are_not_left_out(seen: LeapSeen) -> Verdict:
+def frames_are_not_left_out(seen: LeapTraffic) -> Verdict:
     """Of the frames that the ids count, no more than 2 % are left out."""
     found = [(n, after - before - 1) for n, before, after in _ids(seen) if after > before]
     if not found:
@@ -184,7 +184,7 @@ def frames_are_not_left_out(seen: LeapSeen) -> Verdict:
 
 
 @requires(106, f"{LEAPJS}, timestamp: microseconds of the service's clock")
-def the_clock_runs(seen: LeapSeen) -> Verdict:
+def the_clock_runs(seen: LeapTraffic) -> Verdict:
     """Time stamps advance as time does, to 2 %."""
     found = [(e, e.value.timestamp_us) for e in seen.frames("hand")]
     stamps = [(each, stamp) for each, stamp in found if stamp is not None]
@@ -196,7 +196,7 @@ def the_clock_runs(seen: LeapSeen) -> Verdict:
     return passed(said) if abs(share - 1.0) < CLOCK_SHARE else failed(said, [other.number])
 
 
-def _hands(seen: LeapSeen) -> list[tuple[int, float, Hand]]:
+def _hands(seen: LeapTraffic) -> list[tuple[int, float, Hand]]:
     return [(e.number, e.time_s, hand) for e in seen.frames("hand") for hand in e.value.hands]
 
 
@@ -204,7 +204,7 @@ _NO_HAND = "no hand was held above the tracker"
 
 
 @requires(107, f"{LEAPJS}: id, palmPosition, palmNormal and direction of every hand")
-def hands_are_whole(seen: LeapSeen) -> Verdict:
+def hands_are_whole(seen: LeapTraffic) -> Verdict:
     """Every hand has an id, a palm and its directions, all of them numbers."""
     found = seen.frames("enter", "hand")
     wrong = [(e.number, "it cannot be read") for e in found if e.value.unreadable_hands]
@@ -213,7 +213,7 @@ def hands_are_whole(seen: LeapSeen) -> Verdict:
 
 
 @requires(108, UNITS)
-def hands_are_in_reach(seen: LeapSeen) -> Verdict:
+def hands_are_in_reach(seen: LeapTraffic) -> Verdict:
     """A hand is no further than 1 m from the tracker, and above it."""
     found = _hands(seen)
     wrong = []
@@ -225,7 +225,7 @@ def hands_are_in_reach(seen: LeapSeen) -> Verdict:
 
 
 @requires(109, f"{SDK}: out of the palm, and towards the fingers")
-def directions_are_units(seen: LeapSeen) -> Verdict:
+def directions_are_units(seen: LeapTraffic) -> Verdict:
     """The palm's normal and the fingers' direction have the length 1, and are square to each other,
     all to 5 %."""
     found = _hands(seen)
@@ -240,7 +240,7 @@ def directions_are_units(seen: LeapSeen) -> Verdict:
 
 
 @requires(110, f"{SDK}, Hand.id: kept while it is seen")
-def a_hand_keeps_its_id(seen: LeapSeen) -> Verdict:
+def a_hand_keeps_its_id(seen: LeapTraffic) -> Verdict:
     """A hand that is held still keeps its id."""
     found = _hands(seen)
     wrong = [
@@ -252,7 +252,7 @@ def a_hand_keeps_its_id(seen: LeapSeen) -> Verdict:
 
 
 @requires(111, f"{SDK}, Hand.confidence: how well the model fits")
-def a_plain_hand_is_recognized(seen: LeapSeen) -> Verdict:
+def a_plain_hand_is_recognized(seen: LeapTraffic) -> Verdict:
     """A hand that is held still and flat is seen with a confidence of 0.3 and more."""
     found = [(number, hand.confidence) for number, _, hand in _hands(seen)]
     told = [(number, value) for number, value in found if value is not None]
@@ -261,7 +261,7 @@ def a_plain_hand_is_recognized(seen: LeapSeen) -> Verdict:
 
 
 @requires(112, f"{SDK}: x right, y up, z towards the operator; palm down is (0, -1, 0)")
-def axes_have_their_signs(seen: LeapSeen) -> Verdict:
+def axes_have_their_signs(seen: LeapTraffic) -> Verdict:
     """A right hand with its palm down is called right, and its normal points down, its fingers
     away."""
     found = _hands(seen)
@@ -274,7 +274,7 @@ def axes_have_their_signs(seen: LeapSeen) -> Verdict:
 
 
 @requires(113, f"{LEAPJS}, device events on each change")
-def the_tracker_stays(seen: LeapSeen) -> Verdict:
+def the_tracker_stays(seen: LeapTraffic) -> Verdict:
     """The tracker does not cease to stream while it is used."""
     found = [e for e in seen.during("listen", *FRAMES) if isinstance(e.value, DeviceEvent)]
     wrong = [
@@ -288,7 +288,7 @@ def the_tracker_stays(seen: LeapSeen) -> Verdict:
 
 
 @requires(114, f"{LEAPJS}, focused and background")
-def without_both_there_are_no_frames(seen: LeapSeen) -> Verdict:
+def without_both_there_are_no_frames(seen: LeapTraffic) -> Verdict:
     """Without focus and background it sends no frames any more."""
     if seen.phase("unheard") is None or not seen.frames(*FRAMES):
         return not_seen(_NO_FRAMES)
@@ -297,7 +297,7 @@ def without_both_there_are_no_frames(seen: LeapSeen) -> Verdict:
 
 
 @requires(301, f"{LEAPJS}, device events on each change")
-def unplugging_is_told(seen: LeapSeen) -> Verdict:
+def unplugging_is_told(seen: LeapTraffic) -> Verdict:
     """The tracker unplugged, an event says so, and no more frames come."""
     found = [e for e in seen.during("unplug") if isinstance(e.value, DeviceEvent)]
     gone = [e for e in found if isinstance(e.value, DeviceEvent) and not e.value.streaming]

@@ -11,7 +11,7 @@ from cardan.conform.runner import Exchange
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Event, Kind, Timeline
 from cardan.conform.transports import Wires, host_and_port
-from cardan_leap.conform.decoded import LeapSeen
+from cardan_leap.conform.decoded import LeapTraffic
 from cardan_leap.conform.requirements import requires
 from cardan_leap.conform.scenario import LeapScenario
 from cardan_leap.conform.simulated import LeapRig
@@ -21,7 +21,7 @@ from cardan_leap.protocol import PORT
 _SERIAL = re.compile(rb'("id"\s*:\s*")([^"]*)(")')
 
 
-class Leap(Suite[LeapSeen]):
+class Leap(Suite[LeapTraffic]):
     """A tracking service of the Leap Motion Controller, in version 6 of its protocol."""
 
     name = "leap"
@@ -33,7 +33,7 @@ class Leap(Suite[LeapSeen]):
     transport = Transport("other")
     seconds = 1.5
     # While a hand is in view; with the focus; for longer than silence may last.
-    tried_with: ClassVar[Mapping[str, float]] = {
+    fault_test_values: ClassVar[Mapping[str, float]] = {
         "unplug": 2.0,
         "replug": 2.5,
         "pause": 2.0,
@@ -44,8 +44,8 @@ class Leap(Suite[LeapSeen]):
         "new-ids": 1.0,
     }
 
-    def see(self, timeline: Timeline) -> LeapSeen:
-        return LeapSeen(timeline)
+    def decode(self, timeline: Timeline) -> LeapTraffic:
+        return LeapTraffic(timeline)
 
     def scenario(self, level: Level, seconds: float) -> LeapScenario:
         return LeapScenario(level, seconds)

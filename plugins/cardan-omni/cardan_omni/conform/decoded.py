@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from cardan.conform.timeline import Kind, Phase, Timeline
+from cardan.conform.timeline import Kind, Timeline, TimelinePhase
 
 
 class Answer(NamedTuple):
@@ -45,7 +45,7 @@ class Tick(NamedTuple):
     errors: tuple[int, ...]
 
 
-class HdapiSeen:
+class HdapiTraffic:
     """The answers and ticks of a timeline."""
 
     def __init__(self, timeline: Timeline) -> None:
@@ -64,7 +64,7 @@ class HdapiSeen:
             else:
                 self.answers.append(_answer(number, said))
 
-    def phase(self, name: str) -> Phase | None:
+    def phase(self, name: str) -> TimelinePhase | None:
         """The phase of that name, if the pilot came to it."""
         return self.phases.get(name)
 

@@ -15,7 +15,7 @@ from cardan.conform.requirements import (
     passed,
 )
 from cardan_omni.conform.calls import ERROR_STACK, GREATEST_N
-from cardan_omni.conform.decoded import Answer, HdapiSeen, Tick
+from cardan_omni.conform.decoded import Answer, HdapiTraffic, Tick
 from cardan_omni.conform.scenario import DOUBLES, NO_ENUM, NO_HANDLE, NOBODY, STRINGS
 from cardan_omni.driver.library import RATE_HZ, SIGNATURES
 from cardan_omni.protocol import (
@@ -48,7 +48,7 @@ SPEED_M_S = 0.2
 L1_MM, L3_MM, L4_MM = 133.35, 23.35, 168.35
 SERVED = ("hold", "asked", "move", "press", "release", "dock", "undock")
 
-requires: Requirements[HdapiSeen] = Requirements("HDAPI")
+requires: Requirements[HdapiTraffic] = Requirements("HDAPI")
 _NO_DEVICE = "no device was initialized"
 _NO_TICKS = "no tick came"
 
@@ -65,7 +65,7 @@ def _names(errors: Iterable[int]) -> str:
 
 
 @requires(1, GUIDE)
-def it_has_every_function(seen: HdapiSeen) -> Verdict:
+def it_has_every_function(seen: HdapiTraffic) -> Verdict:
     """The library can be loaded, and has every function of HDAPI."""
     missing = sorted({*SIGNATURES} - {*(seen.functions or ())})
     return failed(f"without {missing[0]}") if missing else passed(f"{len(SIGNATURES)} functions")
@@ -75,7 +75,7 @@ def it_has_every_function(seen: HdapiSeen) -> Verdict:
 
 
 @requires(101, f"{GUIDE}, hdGetError")
-def the_stack_is_empty_at_first(seen: HdapiSeen) -> Verdict:
+def the_stack_is_empty_at_first(seen: HdapiTraffic) -> Verdict:
     """Before anything was called there is no error on the stack."""
     answer = seen.said("hdGetError")
     if answer is None:
@@ -85,7 +85,7 @@ def the_stack_is_empty_at_first(seen: HdapiSeen) -> Verdict:
 
 
 @requires(102, f"{GUIDE}, hdGetErrorString")
-def errors_have_words(seen: HdapiSeen) -> Verdict:
+def errors_have_words(seen: HdapiTraffic) -> Verdict:
     """Of an error there is a text."""
     answer = seen.said("hdGetErrorString")
     if answer is None:
@@ -94,7 +94,7 @@ def errors_have_words(seen: HdapiSeen) -> Verdict:
 
 
 @requires(103, f"{GUIDE}, hdInitDevice")
-def other_devices_are_refused(seen: HdapiSeen) -> Verdict:
+def other_devices_are_refused(seen: HdapiTraffic) -> Verdict:
     """A device that there is not is refused with the handle 0xFFFFFFFF and an error."""
     answer = seen.said("hdInitDevice", NOBODY)
     if answer is None:
@@ -105,7 +105,7 @@ def other_devices_are_refused(seen: HdapiSeen) -> Verdict:
 
 
 @requires(104, f"{GUIDE}, hdInitDevice")
-def the_default_device_is_initialized(seen: HdapiSeen) -> Verdict:
+def the_default_device_is_initialized(seen: HdapiTraffic) -> Verdict:
     """The default device is initialized without an error."""
     answer = seen.said("hdInitDevice", None)
     if answer is None:
@@ -118,7 +118,7 @@ def the_default_device_is_initialized(seen: HdapiSeen) -> Verdict:
 
 
 @requires(105, f"{GUIDE}, hdGetCurrentDevice")
-def it_is_the_current_device(seen: HdapiSeen) -> Verdict:
+def it_is_the_current_device(seen: HdapiTraffic) -> Verdict:
     """The device that was initialized is the current one."""
     answer, init = seen.said("hdGetCurrentDevice"), seen.said("hdInitDevice", None)
     if answer is None or init is None:
@@ -129,7 +129,7 @@ def it_is_the_current_device(seen: HdapiSeen) -> Verdict:
 
 
 @requires(106, f"{GUIDE}, hdGetString")
-def it_says_what_it_is(seen: HdapiSeen) -> Verdict:
+def it_says_what_it_is(seen: HdapiTraffic) -> Verdict:
     """Version, model, vendor and serial number are texts, and none is empty."""
     found = [seen.said("hdGetString", what) for what in STRINGS]
     told = [each for each in found if each is not None]
@@ -140,13 +140,13 @@ def it_says_what_it_is(seen: HdapiSeen) -> Verdict:
     return failed("one is empty", wrong) if wrong else passed(words)
 
 
-def _numbers(seen: HdapiSeen, info: Info) -> tuple[float, ...]:
+def _numbers(seen: HdapiTraffic, info: Info) -> tuple[float, ...]:
     answer = seen.said("hdGetDoublev", info)
     return () if answer is None or answer.errors else answer.values
 
 
 @requires(107, f"{GUIDE}, device parameters")
-def its_limits_are_plausible(seen: HdapiSeen) -> Verdict:
+def its_limits_are_plausible(seen: HdapiTraffic) -> Verdict:
     """It has three axes and more; the usable workspace lies within the greatest, the continuous
     force is no greater than the greatest, and none of them is zero."""
     if not seen.opened:
@@ -176,37 +176,37 @@ def _refused(answer: Answer | None, code: Error) -> Verdict:
 
 
 @requires(108, f"{GUIDE}, HD_INVALID_INPUT_TYPE")
-def wrong_types_are_refused(seen: HdapiSeen) -> Verdict:
+def wrong_types_are_refused(seen: HdapiTraffic) -> Verdict:
     """The position as integers is refused with HD_INVALID_INPUT_TYPE, and no other error."""
     return _refused(seen.said("hdGetIntegerv", State.CURRENT_POSITION), Error.INVALID_INPUT_TYPE)
 
 
 @requires(109, f"{GUIDE}, HD_INVALID_ENUM")
-def unknown_parameters_are_refused(seen: HdapiSeen) -> Verdict:
+def unknown_parameters_are_refused(seen: HdapiTraffic) -> Verdict:
     """A parameter that there is not is refused with HD_INVALID_ENUM, and no other error."""
     return _refused(seen.said("hdGetDoublev", NO_ENUM), Error.INVALID_ENUM)
 
 
 @requires(110, f"{GUIDE}, HD_FRAME_ERROR")
-def force_needs_a_frame(seen: HdapiSeen) -> Verdict:
+def force_needs_a_frame(seen: HdapiTraffic) -> Verdict:
     """A force outside a frame is refused with HD_FRAME_ERROR, and no other error."""
     return _refused(seen.said("hdSetDoublev", State.CURRENT_FORCE), Error.FRAME_ERROR)
 
 
 @requires(111, f"{GUIDE}, HD_ILLEGAL_END")
-def frames_end_once(seen: HdapiSeen) -> Verdict:
+def frames_end_once(seen: HdapiTraffic) -> Verdict:
     """The end of a frame that was not begun is refused with HD_ILLEGAL_END, and no other error."""
     return _refused(seen.said("hdEndFrame"), Error.ILLEGAL_END)
 
 
 @requires(112, f"{GUIDE}, HD_BAD_HANDLE")
-def unknown_handles_are_refused(seen: HdapiSeen) -> Verdict:
+def unknown_handles_are_refused(seen: HdapiTraffic) -> Verdict:
     """A frame of a handle that there is not is refused with HD_BAD_HANDLE, and no other error."""
     return _refused(seen.said("hdBeginFrame", NO_HANDLE), Error.BAD_HANDLE)
 
 
 @requires(113, f"{GUIDE}, hdGetError: a stack")
-def the_newest_error_comes_first(seen: HdapiSeen) -> Verdict:
+def the_newest_error_comes_first(seen: HdapiTraffic) -> Verdict:
     """Of two errors the newer one comes first, and each once, with its device."""
     answer, init = seen.said(ERROR_STACK), seen.said("hdInitDevice", None)
     if answer is None or init is None:
@@ -218,7 +218,7 @@ def the_newest_error_comes_first(seen: HdapiSeen) -> Verdict:
 
 
 @requires(114, f"{GUIDE}, hdEnable, hdDisable and hdIsEnabled")
-def force_output_can_be_switched(seen: HdapiSeen) -> Verdict:
+def force_output_can_be_switched(seen: HdapiTraffic) -> Verdict:
     """HD_FORCE_OUTPUT enabled is told to be so, and likewise disabled."""
     found = [
         each.returns
@@ -232,7 +232,7 @@ def force_output_can_be_switched(seen: HdapiSeen) -> Verdict:
 
 
 @requires(115, f"{GUIDE}, hdCheckCalibration")
-def it_is_calibrated(seen: HdapiSeen) -> Verdict:
+def it_is_calibrated(seen: HdapiTraffic) -> Verdict:
     """Out of its inkwell the device knows where it is."""
     answer = seen.said("hdCheckCalibration")
     if answer is None:
@@ -245,7 +245,7 @@ def it_is_calibrated(seen: HdapiSeen) -> Verdict:
 
 
 @requires(116, LOOP)
-def callbacks_come_at_their_rate(seen: HdapiSeen) -> Verdict:
+def callbacks_come_at_their_rate(seen: HdapiTraffic) -> Verdict:
     """A callback is called 1000 times a second, to 2 %."""
     phase = seen.phase("hold")
     if phase is None:
@@ -256,7 +256,7 @@ def callbacks_come_at_their_rate(seen: HdapiSeen) -> Verdict:
 
 
 @requires(117, f"{PAGE}, safety limits: what is stable at 1 kHz is not at 50 Hz")
-def callbacks_do_not_cease(seen: HdapiSeen) -> Verdict:
+def callbacks_do_not_cease(seen: HdapiTraffic) -> Verdict:
     """Two ticks are never more than 5 ms apart."""
     ticks = seen.ticks(*SERVED)
     longest, wrong = 0.0, []
@@ -273,7 +273,7 @@ def callbacks_do_not_cease(seen: HdapiSeen) -> Verdict:
 
 
 @requires(118, LOOP)
-def callbacks_are_regular(seen: HdapiSeen) -> Verdict:
+def callbacks_are_regular(seen: HdapiTraffic) -> Verdict:
     """95 % of the ticks come 0.7 to 1.3 ms after the one before."""
     ticks = seen.ticks("hold")
     if len(ticks) < 50:
@@ -285,7 +285,7 @@ def callbacks_are_regular(seen: HdapiSeen) -> Verdict:
 
 
 @requires(119, f"{GUIDE}, HD_UPDATE_RATE")
-def the_rate_is_told(seen: HdapiSeen) -> Verdict:
+def the_rate_is_told(seen: HdapiTraffic) -> Verdict:
     """HD_UPDATE_RATE is the rate that callbacks come at, to 5 %."""
     answer, phase = seen.said("hdGetIntegerv", Info.UPDATE_RATE), seen.phase("hold")
     if answer is None or phase is None or not seen.ticks("hold"):
@@ -296,7 +296,7 @@ def the_rate_is_told(seen: HdapiSeen) -> Verdict:
     return passed(said) if good else failed(said, [answer.number])
 
 
-def _troubles(seen: HdapiSeen, force: bool) -> Verdict:
+def _troubles(seen: HdapiTraffic, force: bool) -> Verdict:
     ticks = seen.ticks(*SERVED)
     wrong = (
         (tick.number, _names(tick.errors))
@@ -307,19 +307,19 @@ def _troubles(seen: HdapiSeen, force: bool) -> Verdict:
 
 
 @requires(120, f"{GUIDE}: errors of device, frame and scheduler")
-def frames_raise_no_errors(seen: HdapiSeen) -> Verdict:
+def frames_raise_no_errors(seen: HdapiTraffic) -> Verdict:
     """No frame without force raises an error of the device, the frame or the scheduler."""
     return _troubles(seen, force=False)
 
 
 @requires(121, f"{GUIDE}: errors of force")
-def frames_raise_no_errors_of_force(seen: HdapiSeen) -> Verdict:
+def frames_raise_no_errors_of_force(seen: HdapiTraffic) -> Verdict:
     """No frame without force raises an error of force or heat."""
     return _troubles(seen, force=True)
 
 
 @requires(122, f"{GUIDE}, HD_MOTOR_TEMPERATURE: 0 cold to 1 hottest")
-def motors_are_cool(seen: HdapiSeen) -> Verdict:
+def motors_are_cool(seen: HdapiTraffic) -> Verdict:
     """No motor is warmer than 0.9 of what it may have."""
     ticks = seen.ticks(*SERVED)
     if not ticks:
@@ -331,7 +331,7 @@ def motors_are_cool(seen: HdapiSeen) -> Verdict:
 
 
 @requires(123, f"{GUIDE}, HD_MAX_WORKSPACE_DIMENSIONS: mm")
-def positions_are_in_reach(seen: HdapiSeen) -> Verdict:
+def positions_are_in_reach(seen: HdapiTraffic) -> Verdict:
     """Every position lies within the greatest workspace, to 20 mm."""
     box = _numbers(seen, Info.MAX_WORKSPACE_DIMENSIONS)
     ticks = seen.ticks("hold", "asked", "move", "press", "release")
@@ -360,7 +360,7 @@ def _is_rotation(transform: tuple[float, ...]) -> bool:
 
 
 @requires(124, f"{GUIDE}, HD_CURRENT_TRANSFORM: by columns, mm; pens of an Omni skew it slightly")
-def transforms_are_rotations(seen: HdapiSeen) -> Verdict:
+def transforms_are_rotations(seen: HdapiTraffic) -> Verdict:
     """Every transform is a rotation, to 3 %, at the position that is told beside it."""
     ticks = seen.ticks("hold", "move")
     wrong = []
@@ -373,7 +373,7 @@ def transforms_are_rotations(seen: HdapiSeen) -> Verdict:
 
 
 def _place(joints: tuple[float, ...]) -> tuple[float, float, float]:
-    """Where the gimbal's centre of an Omni is with these angles, mm."""
+    """Where the gimbal's center of an Omni is with these angles, mm."""
     turret, thigh, shin = joints
     r = L1_MM * (math.cos(thigh) + math.sin(shin))
     y = L1_MM * (math.sin(thigh) - math.cos(shin)) + L3_MM
@@ -381,7 +381,7 @@ def _place(joints: tuple[float, ...]) -> tuple[float, float, float]:
 
 
 @requires(125, OMNI)
-def joints_give_the_position(seen: HdapiSeen) -> Verdict:
+def joints_give_the_position(seen: HdapiTraffic) -> Verdict:
     """An Omni's joint angles give the position that is told beside them, to 2 mm."""
     model = seen.said("hdGetString", Info.DEVICE_MODEL_TYPE)
     ticks = seen.ticks("hold", "move")
@@ -400,7 +400,7 @@ def _spans(rows: Iterable[tuple[float, ...]]) -> list[float]:
 
 
 @requires(126, f"{GUIDE}, HD_CURRENT_JOINT_ANGLES and HD_CURRENT_ENCODER_VALUES")
-def every_joint_moves(seen: HdapiSeen) -> Verdict:
+def every_joint_moves(seen: HdapiTraffic) -> Verdict:
     """Moved to all sides, every joint turns by 0.05 rad and more, and its encoder counts."""
     ticks = seen.ticks("move")
     if not ticks:
@@ -413,7 +413,7 @@ def every_joint_moves(seen: HdapiSeen) -> Verdict:
 
 
 @requires(127, f"{GUIDE}, HD_CURRENT_VELOCITY: mm/s, smoothed")
-def velocity_is_that_of_the_position(seen: HdapiSeen) -> Verdict:
+def velocity_is_that_of_the_position(seen: HdapiTraffic) -> Verdict:
     """Moved, the velocity adds up to the way that the position went, to 10 mm."""
     ticks = seen.ticks("move")
     if len(ticks) < 2:
@@ -431,7 +431,7 @@ def velocity_is_that_of_the_position(seen: HdapiSeen) -> Verdict:
 
 
 @requires(128, f"{GUIDE}, HD_CURRENT_BUTTONS")
-def buttons_are_told_once(seen: HdapiSeen) -> Verdict:
+def buttons_are_told_once(seen: HdapiTraffic) -> Verdict:
     """The front button pressed and let go is bit 0, and changes once each time."""
     if seen.phase("release") is None:
         return not_seen("none was pressed")
@@ -442,7 +442,7 @@ def buttons_are_told_once(seen: HdapiSeen) -> Verdict:
 
 
 @requires(129, f"{GUIDE}, HD_CURRENT_INKWELL_SWITCH")
-def the_inkwell_is_told(seen: HdapiSeen) -> Verdict:
+def the_inkwell_is_told(seen: HdapiTraffic) -> Verdict:
     """The stylus in its inkwell is told, and that it is out again."""
     ticks = seen.ticks("dock", "undock")
     if not ticks:
@@ -454,7 +454,7 @@ def the_inkwell_is_told(seen: HdapiSeen) -> Verdict:
 
 
 @requires(130, f"{GUIDE}, HD_LAST_FORCE")
-def no_force_is_no_force(seen: HdapiSeen) -> Verdict:
+def no_force_is_no_force(seen: HdapiTraffic) -> Verdict:
     """Set to zero, the force of the frame before is zero."""
     ticks = seen.ticks(*SERVED)
     wrong = ((tick.number, f"{tick.last}") for tick in ticks if math.hypot(*tick.last) > 0.0)
@@ -462,7 +462,7 @@ def no_force_is_no_force(seen: HdapiSeen) -> Verdict:
 
 
 @requires(131, f"{GUIDE}, hdWaitForCompletion")
-def callbacks_are_known_while_they_run(seen: HdapiSeen) -> Verdict:
+def callbacks_are_known_while_they_run(seen: HdapiTraffic) -> Verdict:
     """A callback is told to be scheduled while it runs, and not any more once it has returned
     HD_CALLBACK_DONE."""
     found = [seen.said("hdWaitForCompletion", phase=name) for name in ("asked", "ended")]
@@ -475,7 +475,7 @@ def callbacks_are_known_while_they_run(seen: HdapiSeen) -> Verdict:
 
 
 @requires(132, f"{GUIDE}, HD_CALLBACK_DONE")
-def done_ends_a_callback(seen: HdapiSeen) -> Verdict:
+def done_ends_a_callback(seen: HdapiTraffic) -> Verdict:
     """A callback that has returned HD_CALLBACK_DONE is not called any more."""
     if seen.phase("ended") is None:
         return not_seen(_NO_DEVICE)
@@ -484,7 +484,7 @@ def done_ends_a_callback(seen: HdapiSeen) -> Verdict:
 
 
 @requires(133, f"{GUIDE}, hdDisableDevice")
-def a_disabled_device_is_gone(seen: HdapiSeen) -> Verdict:
+def a_disabled_device_is_gone(seen: HdapiTraffic) -> Verdict:
     """The scheduler stops and the device is disabled without an error, and its handle is none any
     more."""
     begun = seen.said("hdBeginFrame", phase="let-go")
@@ -501,7 +501,7 @@ def a_disabled_device_is_gone(seen: HdapiSeen) -> Verdict:
 
 
 @requires(201, f"{GUIDE}, HD_LAST_FORCE")
-def the_force_is_what_was_set(seen: HdapiSeen) -> Verdict:
+def the_force_is_what_was_set(seen: HdapiTraffic) -> Verdict:
     """The force that was set, 0.2 N at most, is the last force of the next frame, to 5 %."""
     ticks = seen.ticks("force")
     if not any(tick.set_n for tick in ticks):
@@ -515,7 +515,7 @@ def the_force_is_what_was_set(seen: HdapiSeen) -> Verdict:
 
 
 @requires(202, f"{GUIDE}: force is zero at the beginning of a frame")
-def a_force_lasts_one_frame(seen: HdapiSeen) -> Verdict:
+def a_force_lasts_one_frame(seen: HdapiTraffic) -> Verdict:
     """At the beginning of a frame the force is zero, whatever the one before set."""
     ticks = seen.ticks("force")
     if not any(tick.set_n for tick in ticks):
@@ -525,7 +525,7 @@ def a_force_lasts_one_frame(seen: HdapiSeen) -> Verdict:
 
 
 @requires(203, f"{GUIDE}: errors of force")
-def a_small_force_raises_no_errors(seen: HdapiSeen) -> Verdict:
+def a_small_force_raises_no_errors(seen: HdapiTraffic) -> Verdict:
     """A force that rises to 0.2 N within 0.2 s raises no error."""
     ticks = seen.ticks("force", "force-over")
     wrong = ((tick.number, _names(tick.errors)) for tick in ticks if tick.errors)
@@ -533,7 +533,7 @@ def a_small_force_raises_no_errors(seen: HdapiSeen) -> Verdict:
 
 
 @requires(204, f"{PAGE}: {GREATEST_N} N is less than the friction of the mechanism")
-def nothing_flies(seen: HdapiSeen) -> Verdict:
+def nothing_flies(seen: HdapiTraffic) -> Verdict:
     """Held and pushed by 0.2 N, the stylus is never faster than 0.2 m/s."""
     ticks = [tick for tick in seen.ticks("force", "force-over") if tick.set_n]
     if not ticks:
@@ -549,7 +549,7 @@ def nothing_flies(seen: HdapiSeen) -> Verdict:
 
 
 @requires(301, f"{GUIDE}, HD_DEVICE_FAULT and HD_COMM_ERROR")
-def unplugging_is_told(seen: HdapiSeen) -> Verdict:
+def unplugging_is_told(seen: HdapiTraffic) -> Verdict:
     """The plug pulled, frames raise HD_DEVICE_FAULT or HD_COMM_ERROR."""
     if seen.phase("unplug") is None:
         return not_seen("nobody pulled it")

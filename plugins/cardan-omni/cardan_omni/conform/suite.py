@@ -11,7 +11,7 @@ from cardan.conform.runner import Exchange
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Event, Kind, Timeline
 from cardan.conform.transports import Wires
-from cardan_omni.conform.decoded import HdapiSeen
+from cardan_omni.conform.decoded import HdapiTraffic
 from cardan_omni.conform.requirements import requires
 from cardan_omni.conform.scenario import HdapiScenario
 from cardan_omni.conform.simulated import HdapiRig
@@ -23,7 +23,7 @@ _SERIAL = re.compile(
 )
 
 
-class Hdapi(Suite[HdapiSeen]):
+class Hdapi(Suite[HdapiTraffic]):
     """A libHD of OpenHaptics 3, and the Phantom Omni or Touch behind it."""
 
     name = "hdapi"
@@ -35,10 +35,10 @@ class Hdapi(Suite[HdapiSeen]):
     transport = Transport("other")
     seconds = 0.4
     # Longer than a gap may be; more than ticks may be early and late.
-    tried_with: ClassVar[Mapping[str, float]] = {"late-tick": 20.0, "jitter": 1000.0}
+    fault_test_values: ClassVar[Mapping[str, float]] = {"late-tick": 20.0, "jitter": 1000.0}
 
-    def see(self, timeline: Timeline) -> HdapiSeen:
-        return HdapiSeen(timeline)
+    def decode(self, timeline: Timeline) -> HdapiTraffic:
+        return HdapiTraffic(timeline)
 
     def scenario(self, level: Level, seconds: float) -> HdapiScenario:
         return HdapiScenario(level, seconds)

@@ -4,7 +4,7 @@
   inkwell, and its position a position. When that ends, there is no pose and the buttons are
   released.
 - It is LIVE again only after the buttons were seen up: one that was held through trouble must not
-  act. The axes (rate mode) stay zero until the stylus was seen near its centre.
+  act. The axes (rate mode) stay zero until the stylus was seen near its center.
 - Button edges come from the tick's counters, so that a click between two looks is an edge too.
 """
 
@@ -95,8 +95,8 @@ class OmniCore(DeviceCore):
         self.numbers_hint = ""
         """What is wrong with the process's locale for numbers."""
         self._shaper = Shaper(options)
-        self._centre = Vector3(*options.centre_m)
-        angles = (math.radians(angle) for angle in options.centre_rpy_deg)
+        self._center = Vector3(*options.center_m)
+        angles = (math.radians(angle) for angle in options.center_rpy_deg)
         self._upright = spatial.conjugate(spatial.from_euler_zyx(*angles))
         self._presses = (0, 0)
         self._levels = 0
@@ -400,7 +400,7 @@ class OmniCore(DeviceCore):
         options, pose = self._options, self.snapshot.pose
         assert pose is not None
         x, y, z = (
-            value / options.range_m for value in spatial.subtract(pose.position, self._centre)
+            value / options.range_m for value in spatial.subtract(pose.position, self._center)
         )
         turn = (
             spatial.to_rotation_vector(spatial.multiply(pose.orientation, self._upright))

@@ -105,8 +105,8 @@ SOMETIMES: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
 }
 """The same of functions that not every one has."""
 
-_LICENCE = (
-    "OpenHaptics has no valid licence here: install the developer or academic edition's, and set "
+_LICENSE = (
+    "OpenHaptics has no valid license here: install the developer or academic edition's, and set "
     "OH_SDK_LICENSE_PATH where its release asks for that"
 )
 _SETUP = (
@@ -136,7 +136,7 @@ _WORDS: Mapping[int, str] = {
     Error.FRAME_ERROR: "a value was set outside a frame",
     Error.INVALID_PRIORITY: "a priority is out of range",
     Error.SCHEDULER_FULL: "the library's loop takes no more callbacks",
-    Error.INVALID_LICENSE: _LICENCE,
+    Error.INVALID_LICENSE: _LICENSE,
 }
 
 

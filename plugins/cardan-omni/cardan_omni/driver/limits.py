@@ -56,7 +56,7 @@ LOWEST_RATE_HZ = Range(800.0, 960.0, "Hz", "the limits are those of a loop of 1 
 ENGAGE_TICKS = Range(1, 10_000, "", "10 000 ticks are ten seconds")
 OSCILLATION_REVERSALS = Range(2, 32, "", "the tick remembers no more")
 
-_Metre = Annotated[float, bounds.DESK_M, ANYWHERE_M]
+_Meter = Annotated[float, bounds.DESK_M, ANYWHERE_M]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,10 +110,10 @@ class TickLimits:
     1 kHz is 100 m/s²."""
     leak_s: Annotated[float, LEAK_S] = 3.0
     """Time constant with which energy taken in is forgotten in free space, s."""
-    workspace_lower_m: tuple[_Metre, _Metre, _Metre] = WORKSPACE_LOWER_M
+    workspace_lower_m: tuple[_Meter, _Meter, _Meter] = WORKSPACE_LOWER_M
     """Hand frame, m. Where this and the next are left as they are, the device's own largest
     workspace counts, less 10 mm."""
-    workspace_upper_m: tuple[_Metre, _Metre, _Metre] = WORKSPACE_UPPER_M
+    workspace_upper_m: tuple[_Meter, _Meter, _Meter] = WORKSPACE_UPPER_M
     """The opposite corner. Outside a spring leads back, and fixtures fade over 20 mm."""
     edge_stiffness_n_m: Annotated[float, EDGE_STIFFNESS_N_M] = 200.0
     """Of the spring that leads back from outside, N/m."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from cardan.common import bounds
 from cardan.drivers.shaping import ShapingOptions
@@ -32,6 +32,8 @@ class OmniOptions(ShapingOptions, TickLimits):
     the device's own unless it is set.
     """
 
+    RENAMED: ClassVar = {"centre_m": "center_m", "centre_rpy_deg": "center_rpy_deg"}
+
     device: str = ""
     """The device's name in the vendor's setup tool; empty: the first one."""
     library: Annotated[str, _LIBRARY] = ""
@@ -40,7 +42,7 @@ class OmniOptions(ShapingOptions, TickLimits):
     force_mode: Literal["cartesian", "joint"] = "cartesian"
     """What set_feedback takes at first: forces at the stylus, or torques of the three joints."""
     drive_by: Literal["force", "joint_torques"] = "force"
-    """How the force loop hands a force to the library: as a force at the gimbal's centre, which
+    """How the force loop hands a force to the library: as a force at the gimbal's center, which
     the library turns into torques of the motors, or as torques of the three joints, which the
     loop has made of it (transposed Jacobian, each within `torque_limit_n_m`)."""
     inkwell_switch: bool = True
@@ -52,11 +54,11 @@ class OmniOptions(ShapingOptions, TickLimits):
     """Longest wait of open() for the calibration, s; it succeeds either way."""
     stale_after_s: Annotated[float, STALE_AFTER_S] = 0.02
     """Time without a tick after which the pose does not count any more, s."""
-    centre_m: tuple[_Desk, _Desk, _Desk] = (0.0, 0.0, 0.0)
+    center_m: tuple[_Desk, _Desk, _Desk] = (0.0, 0.0, 0.0)
     """Rate mode: where the axes are zero, hand frame, m."""
     range_m: Annotated[float, RANGE_M] = 0.06
     """Rate mode: the displacement from there that is a full deflection, m."""
-    centre_rpy_deg: tuple[_Angle, _Angle, _Angle] = (0.0, 0.0, 0.0)
+    center_rpy_deg: tuple[_Angle, _Angle, _Angle] = (0.0, 0.0, 0.0)
     """Rate mode: the orientation in which the axes of rotation are zero: Rz(yaw)·Ry(pitch)·Rx(roll)
     of the hand frame."""
     range_deg: Annotated[float, RANGE_DEG] = 35.0

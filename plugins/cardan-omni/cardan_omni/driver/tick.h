@@ -149,7 +149,7 @@ typedef struct {
     int32_t unchecked; /* of experiments: only what makes no sense is refused */
 } TickLimits;
 
-/* World frame. point: centre, point or target; axis: normal, axis or half sides. */
+/* World frame. point: center, point or target; axis: normal, axis or half sides. */
 typedef struct {
     int32_t kind;
     int32_t inside;

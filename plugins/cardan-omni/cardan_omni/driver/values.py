@@ -31,7 +31,7 @@ class StylusSample(NamedTuple):
 
     now_s: float
     position: Vector3 = ZERO3
-    """Position of the gimbal's centre."""
+    """Position of the gimbal's center."""
     velocity: Vector3 = ZERO3
     """As the library has it: only the velocity gate looks at it."""
     rotation: Matrix3 = IDENTITY3
@@ -125,14 +125,14 @@ _SAMPLE = Flat(CSample).struct
 def _flat(fixture: Fixture) -> tuple[Any, ...]:
     """The numbers of a TickFixture, in order."""
     if isinstance(fixture, Sphere):
-        return (0, fixture.inside, *fixture.centre, *_NO_VECTOR, *IDENTITY3, *fixture[1:5])
+        return (0, fixture.inside, *fixture.center, *_NO_VECTOR, *IDENTITY3, *fixture[1:5])
     if isinstance(fixture, Plane):
         return (1, 0, *fixture.point, *fixture.normal, *IDENTITY3, 0.0, *fixture[2:5])
     if isinstance(fixture, Box):
         return (
             2,
             fixture.inside,
-            *fixture.centre,
+            *fixture.center,
             *fixture.half_sides_m,
             *fixture.rotation,
             0.0,

@@ -20,8 +20,8 @@
 #define FRICTION_SPEED_M_S 0.002 /* where Coulomb friction is nearly whole */
 #define COUNT_RAD (2.0 * PI / 15000.0)
 #define GIMBAL_COUNT_RAD (0.0735 * PI / 180.0)
-#define CONVERTER_STEPS 2047.0   /* 12 bits about a centre */
-#define REACH_M 0.262            /* of the gimbal centre from the shoulder */
+#define CONVERTER_STEPS 2047.0   /* 12 bits about a center */
+#define REACH_M 0.262            /* of the gimbal center from the shoulder */
 #define DOCK_WITHIN_M 0.002
 #define TURN_LAG_S 0.02
 #define FILTER_HZ 40.0           /* two stages: the library's velocity */
@@ -33,7 +33,7 @@
 static const double INKWELL_M[3] = {0.0, -0.0655107, -0.0881142};
 static const double STOP_LOW_M[3] = {-0.21, -0.11, -0.0881142};
 static const double STOP_HIGH_M[3] = {0.21, 0.205, 0.13};
-/* Torques that 0.88 N at the centre of the workspace needs, sideways, upward and forward. */
+/* Torques that 0.88 N at the center of the workspace needs, sideways, upward and forward. */
 static const double CONTINUOUS_N_M[3] = {0.148148, 0.086410, 0.099899};
 
 /* --- kinematics ------------------------------------------------------------------------------ */

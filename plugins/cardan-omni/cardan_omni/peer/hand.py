@@ -39,8 +39,8 @@ SCRIPT_VERBS: Mapping[str, str] = {
     ),
     "swing": ("swing X Y Z [RX RY RZ] over SECONDS [times N] (add N sine periods of SECONDS each)"),
     "circle": (
-        "circle X Y over SECONDS [times N] (round a centre that lies X, Y from here, "
-        "anticlockwise from above)"
+        "circle X Y over SECONDS [times N] (round a center that lies X, Y from here, "
+        "counterclockwise from above)"
     ),
     "draw": (
         "draw X Y [X Y ...] over SECONDS (straight strokes through these points, at this height)"
@@ -60,7 +60,7 @@ origin, m; turns about the fixed axes x, y, z one after the other, degrees; N; N
 
 ``move``, ``turn``, ``push`` and ``stiffness`` go there without a jerk, at a gentle pace without
 ``over``; ``draw`` goes through points beside each other with a stop at each, at the height where
-it is; ``circle`` goes round a centre that lies X, Y from here, anticlockwise seen from above;
+it is; ``circle`` goes round a center that lies X, Y from here, counterclockwise seen from above;
 ``swing`` adds N sine periods of SECONDS each on top. ``push`` is a force beside the hand's spring,
 which ``stiffness 200 200 0`` leaves free to go up and down. ``click`` presses for 0.1 s. ``dock``
 moves into the inkwell, and at 0 s it is there from the start; ``loop`` starts the script again,

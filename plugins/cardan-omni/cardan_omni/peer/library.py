@@ -55,7 +55,7 @@ class OmniTruth(NamedTuple):
     """Time of the library's clock: monotonic, or virtual from 0."""
     ticks: int
     position_m: Vector3
-    """True position of the gimbal's centre, before any encoder."""
+    """True position of the gimbal's center, before any encoder."""
     velocity_m_s: Vector3
     hand_target_m: Vector3
     hand_force_n: Vector3

@@ -10,7 +10,7 @@ line. SI units, rad, axes of HDAPI (x right, y up, z to the operator)::
     model "PHANTOM Omni"|"Touch"
     serial TEXT
     device NAME                     for hdInitDevice, beside the default ones
-    mass KG                         of the mechanism, felt at the gimbal's centre
+    mass KG                         of the mechanism, felt at the gimbal's center
     friction N                      Coulomb
     viscous N_S_M
     droop N                         down, while not gripped
@@ -25,7 +25,7 @@ line. SI units, rad, axes of HDAPI (x right, y up, z to the operator)::
     log PATH                        true values as CSV, a line a tick, every 50 ms
 
 A waypoint is the hand at T s after the scheduler was first started: where it holds the gimbal's
-centre (m) and the stylus (rad, about the fixed axes x, y, z in turn), three flags (BUTTONS are
+center (m) and the stylus (rad, about the fixed axes x, y, z in turn), three flags (BUTTONS are
 bits), how it pushes beside its spring (N), and how stiff it is along each axis (N/m). Numbers are
 linear between waypoints; flags hold until the next. Faults count from the same instant.
 """
@@ -53,7 +53,7 @@ GIMBAL_NOISE_LSB = {"omni": 5.0, "touch": 0.0}
 """Peak to peak, by model: the FireWire units are noisy."""
 
 INKWELL_M = Vector3(0.0, -0.0655107, -0.0881142)
-"""Where the docked stylus holds the gimbal's centre, device frame."""
+"""Where the docked stylus holds the gimbal's center, device frame."""
 
 
 def _flag(name: str, help_: str) -> FaultSwitch:
@@ -138,7 +138,7 @@ class Waypoint(NamedTuple):
     time_s: float
     """Since the scheduler was first started."""
     position_m: Vector3 = ZERO3
-    """Where the hand wants the gimbal's centre."""
+    """Where the hand wants the gimbal's center."""
     turn_rad: Vector3 = ZERO3
     """About the fixed axes x, y, z in turn."""
     gripped: bool = True

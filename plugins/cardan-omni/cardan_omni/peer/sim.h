@@ -11,7 +11,7 @@
 typedef struct {
     double time_s;            /* the library's clock: CLOCK_MONOTONIC, or virtual from 0 */
     uint64_t ticks;
-    double position_m[3];     /* true, gimbal centre; not quantized */
+    double position_m[3];     /* true, gimbal center; not quantized */
     double velocity_m_s[3];
     double hand_target_m[3];
     double hand_force_n[3];   /* of the hand on the stylus */
@@ -50,7 +50,7 @@ SIM_API void simHand(const double target_m[3], const double turn_rad[3], int gri
                      const double push_n[3], int buttons, int docked);
 
 /* A force of the world on the stylus beside the hand (N), until the next call: an impulse, a
- * neighbour's elbow. */
+ * neighbor's elbow. */
 SIM_API void simPush(const double force_n[3]);
 
 /* A fault by name, from now on; value 0 ends it. Returns -1 for a name there is not. */

@@ -136,7 +136,7 @@ class State(enum.IntEnum):
     CURRENT_PINCH_VALUE = 0x2011
     LAST_PINCH_VALUE = 0x2012
     CURRENT_POSITION = 0x2050
-    """mm, the gimbal's centre."""
+    """mm, the gimbal's center."""
     CURRENT_VELOCITY = 0x2051
     """mm/s, smoothed by the library."""
     CURRENT_TRANSFORM = 0x2052
@@ -270,7 +270,7 @@ class Button(enum.IntFlag):
     """Bits of CURRENT_BUTTONS. Prefix HD_DEVICE_."""
 
     BUTTON_1 = 1
-    """The front one, dark grey."""
+    """The front one, dark gray."""
     BUTTON_2 = 2
     """The rear one, white."""
     BUTTON_3 = 4

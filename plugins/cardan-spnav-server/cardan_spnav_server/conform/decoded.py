@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Phase, Timeline
+from cardan.conform.timeline import Kind, Timeline, TimelinePhase
 from cardan.protocols.spnav import (
     RECORD_BYTES,
     Button,
@@ -15,7 +15,7 @@ from cardan.protocols.spnav import (
     ServerRecord,
 )
 from cardan_spnav_server.conform.scenario import STRINGS
-from cardan_spnav_server.protocol import Request, decode_request
+from cardan_spnav_server.protocol import ClientRequest, decode_request
 
 
 class Record(NamedTuple):
@@ -38,7 +38,7 @@ class Asked(NamedTuple):
 
     number: int
     time_s: float
-    request: Request
+    request: ClientRequest
     answers: tuple[Record, ...]
 
     @property
@@ -47,7 +47,7 @@ class Asked(NamedTuple):
         return self.answers[0].value if self.answers else None  # type: ignore[return-value]
 
 
-class SpnavSeen:
+class SpnavTraffic:
     """The records of a timeline."""
 
     def __init__(self, timeline: Timeline) -> None:
@@ -61,7 +61,7 @@ class SpnavSeen:
         """Whether it took a connection."""
         self.greeted: dict[str, tuple[int, float]] = {}
         """Number and time of our handshakes, by connection."""
-        self._requests: list[tuple[int, float, str, Request]] = []
+        self._requests: list[tuple[int, float, str, ClientRequest]] = []
         readers: dict[str, ServerReader] = {}
         for number, event in enumerate(timeline):
             if event.kind in (Kind.CLOSED, Kind.REFUSED) and not event.sent:
@@ -76,7 +76,7 @@ class SpnavSeen:
                     self.records.append(Record(number, event.time_s, event.channel, value))
             elif len(event.data) == RECORD_BYTES:
                 request = decode_request(event.data)
-                assert isinstance(request, Request)
+                assert isinstance(request, ClientRequest)
                 self._requests.append((number, event.time_s, event.channel, request))
             else:
                 self.greeted.setdefault(event.channel, (number, event.time_s))
@@ -115,7 +115,7 @@ class SpnavSeen:
                 return each
         return None
 
-    def phase(self, name: str) -> Phase | None:
+    def phase(self, name: str) -> TimelinePhase | None:
         """The phase of that name, if the pilot came to it."""
         return self.phases.get(name)
 

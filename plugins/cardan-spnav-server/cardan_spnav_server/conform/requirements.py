@@ -33,7 +33,7 @@ from cardan.protocols.spnav import (
     Malformed,
     Motion,
 )
-from cardan_spnav_server.conform.decoded import Asked, Record, SpnavSeen
+from cardan_spnav_server.conform.decoded import Asked, Record, SpnavTraffic
 from cardan_spnav_server.conform.scapy_check import readings_differ
 from cardan_spnav_server.conform.scenario import (
     NEW,
@@ -63,7 +63,7 @@ USB_TYPES = 0x200
 """Device types from here on are of USB."""
 HELD = ("push-held", "twist-held")
 
-requires: Requirements[SpnavSeen] = Requirements("SPNAV")
+requires: Requirements[SpnavTraffic] = Requirements("SPNAV")
 _NO_MOTION = "no motion came"
 _NOT_ASKED = "it was not asked"
 
@@ -76,13 +76,13 @@ def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str) -> 
 
 
 @requires(1, f"{PROTOCOL}: a stream socket, several clients at a time")
-def the_daemon_keeps_connections(seen: SpnavSeen) -> Verdict:
+def the_daemon_keeps_connections(seen: SpnavTraffic) -> Verdict:
     """The daemon takes connections, and keeps them."""
     return failed(seen.ended[0][1], (n for n, _ in seen.ended)) if seen.ended else passed("kept")
 
 
 @requires(2, f"{PROTOCOL}: version 0 has no handshake")
-def silent_programs_get_motion(seen: SpnavSeen) -> Verdict:
+def silent_programs_get_motion(seen: SpnavTraffic) -> Verdict:
     """A program that says nothing gets motion of a deflected device."""
     if seen.phase("push-held") is None or not seen.taken:
         return not_seen("it was never deflected")
@@ -91,7 +91,7 @@ def silent_programs_get_motion(seen: SpnavSeen) -> Verdict:
 
 
 @requires(3, f"{PROTOCOL}: eight words of 32 bits, the first says what it is")
-def records_are_whole(seen: SpnavSeen) -> Verdict:
+def records_are_whole(seen: SpnavTraffic) -> Verdict:
     """Every record has 32 bytes, a known type, and values that it can have."""
     wrong = (
         (each.number, f"a record {each.value.reason}")
@@ -102,7 +102,7 @@ def records_are_whole(seen: SpnavSeen) -> Verdict:
 
 
 @requires(4, f"{PROTOCOL}: events of version 0 are motion and buttons")
-def version_0_gets_motion_and_buttons(seen: SpnavSeen) -> Verdict:
+def version_0_gets_motion_and_buttons(seen: SpnavTraffic) -> Verdict:
     """A program that says nothing gets nothing but motion and buttons."""
     found = seen.during(OLD)
     wrong = (
@@ -119,7 +119,7 @@ def _mean(found: list[Record]) -> list[float]:
 
 
 @requires(5, f"{PROTOCOL}: x right, y up, z away; rotations about them by the right hand")
-def axes_have_their_signs(seen: SpnavSeen) -> Verdict:
+def axes_have_their_signs(seen: SpnavTraffic) -> Verdict:
     """Pushed to the right x is positive and the largest; twisted clockwise ry is negative and the
     largest."""
     push, twist = seen.motions(OLD, "push-held"), seen.motions(OLD, "twist-held")
@@ -132,7 +132,7 @@ def axes_have_their_signs(seen: SpnavSeen) -> Verdict:
 
 
 @requires(6, "devices report 125 times a second at most; spacenavd's repeat-interval is off")
-def motion_comes_as_it_is_reported(seen: SpnavSeen) -> Verdict:
+def motion_comes_as_it_is_reported(seen: SpnavTraffic) -> Verdict:
     """Held deflected, motion comes no more than 200 times a second."""
     rates = []
     for name in HELD:
@@ -146,13 +146,13 @@ def motion_comes_as_it_is_reported(seen: SpnavSeen) -> Verdict:
 
 
 @requires(7, ON_CHANGE)
-def deflection_is_never_silent(seen: SpnavSeen) -> Verdict:
+def deflection_is_never_silent(seen: SpnavTraffic) -> Verdict:
     """Held deflected by hand, it is never silent for more than 0.5 s."""
     return never_silent(((seen.phase(name), seen.motions(OLD, name)) for name in HELD), SILENT_S)
 
 
 @requires(8, "programs keep the last motion that they got")
-def the_last_value_is_zero(seen: SpnavSeen) -> Verdict:
+def the_last_value_is_zero(seen: SpnavTraffic) -> Verdict:
     """Let go, the last motion is zero on all axes."""
     wrong, count = [], 0
     for name in ("push", "twist"):
@@ -165,7 +165,7 @@ def the_last_value_is_zero(seen: SpnavSeen) -> Verdict:
 
 
 @requires(9, ON_CHANGE)
-def rest_is_silent(seen: SpnavSeen) -> Verdict:
+def rest_is_silent(seen: SpnavTraffic) -> Verdict:
     """At rest no motion comes."""
     if seen.phase("push-rest") is None or not seen.motions(OLD):
         return not_seen(_NO_MOTION)
@@ -174,7 +174,7 @@ def rest_is_silent(seen: SpnavSeen) -> Verdict:
 
 
 @requires(10, "350 to 500 for a full deflection of the devices that spacenavd knows")
-def counts_are_in_range(seen: SpnavSeen) -> Verdict:
+def counts_are_in_range(seen: SpnavTraffic) -> Verdict:
     """At a sensitivity of 1 no axis goes beyond +-512."""
     found = seen.motions(OLD, "rest", "push", "twist", *HELD)
     if not found:
@@ -188,7 +188,7 @@ def counts_are_in_range(seen: SpnavSeen) -> Verdict:
 
 
 @requires(11, f"{PROTOCOL}: ms since the motion before")
-def periods_are_those_of_motion(seen: SpnavSeen) -> Verdict:
+def periods_are_those_of_motion(seen: SpnavTraffic) -> Verdict:
     """The periods that motions tell add up to the time between them, to 10 %, and none is off by
     more than 0.1 s."""
     told_s, took_s, wrong = 0.0, 0.0, []
@@ -209,7 +209,7 @@ def periods_are_those_of_motion(seen: SpnavSeen) -> Verdict:
 
 
 @requires(12, f"{PROTOCOL}: events 1 and 2")
-def buttons_are_told(seen: SpnavSeen) -> Verdict:
+def buttons_are_told(seen: SpnavTraffic) -> Verdict:
     """A button that is pressed is told, and again when it is let go."""
     if seen.phase("release") is None or seen.ended:
         return not_seen("none was pressed")
@@ -221,7 +221,7 @@ def buttons_are_told(seen: SpnavSeen) -> Verdict:
 
 
 @requires(13, f"{PROTOCOL}: events 1 and 2")
-def edges_take_turns(seen: SpnavSeen) -> Verdict:
+def edges_take_turns(seen: SpnavTraffic) -> Verdict:
     """A button is told to be pressed only when it is up, and let go only when it is down."""
     wrong, count = [], 0
     for channel in (OLD, NEW, OTHER):
@@ -236,7 +236,7 @@ def edges_take_turns(seen: SpnavSeen) -> Verdict:
 
 
 @requires(14, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: SpnavSeen) -> Verdict:
+def both_descriptions_agree(seen: SpnavTraffic) -> Verdict:
     """A second reader, the scapy layers, cuts and reads the records alike."""
     return readings_differ(seen)
 
@@ -244,7 +244,7 @@ def both_descriptions_agree(seen: SpnavSeen) -> Verdict:
 # -- level 1: asked -------------------------------------------------------------------------------
 
 
-def _granted(seen: SpnavSeen, channel: str) -> Verdict:
+def _granted(seen: SpnavTraffic, channel: str) -> Verdict:
     greeted = seen.greeted.get(channel)
     if greeted is None:
         return not_seen("no version was asked for")
@@ -261,23 +261,23 @@ def _granted(seen: SpnavSeen, channel: str) -> Verdict:
 
 
 @requires(101, f"{PROTOCOL}; {LIBSPNAV}: it waits 0.3 s")
-def version_1_is_granted(seen: SpnavSeen) -> Verdict:
+def version_1_is_granted(seen: SpnavTraffic) -> Verdict:
     """Asked for version 1, the daemon grants it within 0.3 s."""
     return _granted(seen, NEW)
 
 
 @requires(102, f"{PROTOCOL}: the lower of both versions is granted")
-def later_versions_are_granted_as_1(seen: SpnavSeen) -> Verdict:
+def later_versions_are_granted_as_1(seen: SpnavTraffic) -> Verdict:
     """Asked for version 9, it grants version 1 within 0.3 s."""
     return _granted(seen, OTHER)
 
 
-def _asked(seen: SpnavSeen) -> list[Asked]:
+def _asked(seen: SpnavTraffic) -> list[Asked]:
     return [each for each in seen.asked if each.request.code != Code.SET_NAME]
 
 
 @requires(103, f"{PROTOCOL}; {LIBSPNAV}")
-def requests_are_answered(seen: SpnavSeen) -> Verdict:
+def requests_are_answered(seen: SpnavTraffic) -> Verdict:
     """Every request is answered within 0.3 s, with its first word."""
     found, wrong, worst_ms = _asked(seen), [], 0.0
     for each in found:
@@ -297,7 +297,7 @@ def requests_are_answered(seen: SpnavSeen) -> Verdict:
 
 
 @requires(104, f"{PROTOCOL}: SET_NAME has no reply")
-def names_are_not_answered(seen: SpnavSeen) -> Verdict:
+def names_are_not_answered(seen: SpnavTraffic) -> Verdict:
     """A program's name is not answered: it would be taken for the next answer."""
     found = [each for each in seen.asked if each.request.code == Code.SET_NAME]
     wrong = ((each.answers[0].number, "a reply came") for each in found if each.answers)
@@ -305,7 +305,7 @@ def names_are_not_answered(seen: SpnavSeen) -> Verdict:
 
 
 @requires(105, f"{PROTOCOL}: status -1 of what it does not know")
-def unknown_requests_are_refused(seen: SpnavSeen) -> Verdict:
+def unknown_requests_are_refused(seen: SpnavTraffic) -> Verdict:
     """A request that there is not is answered, and refused."""
     found = seen.told(UNKNOWN)
     if found is None:
@@ -321,7 +321,7 @@ def _mask(asked: Asked | None) -> int | None:
 
 
 @requires(106, f"{PROTOCOL}: motion, buttons and devices until a program sets another mask")
-def the_mask_is_kept(seen: SpnavSeen) -> Verdict:
+def the_mask_is_kept(seen: SpnavTraffic) -> Verdict:
     """After the handshake the event mask is 7; one that is set is told when it is asked for."""
     found = [each for each in seen.asked if each.request.code == Code.GET_EVMASK]
     if not found:
@@ -332,12 +332,12 @@ def the_mask_is_kept(seen: SpnavSeen) -> Verdict:
     return passed(said) if masks == wanted else failed(said, (each.number for each in found))
 
 
-def _value(seen: SpnavSeen, code: int) -> int | None:
+def _value(seen: SpnavTraffic, code: int) -> int | None:
     return _mask(seen.told(code, "ask"))
 
 
 @requires(107, f"{PROTOCOL}, DEV_NAXES and DEV_NBUTTONS")
-def axes_and_buttons_are_counted(seen: SpnavSeen) -> Verdict:
+def axes_and_buttons_are_counted(seen: SpnavTraffic) -> Verdict:
     """The device has six axes, and every button that was told is below the number of its
     buttons."""
     if seen.told(Code.DEV_NAXES, "ask") is None:
@@ -352,7 +352,7 @@ def axes_and_buttons_are_counted(seen: SpnavSeen) -> Verdict:
 
 
 @requires(108, f"{PROTOCOL}: strings of 24 bytes a record, with what is left")
-def strings_are_whole(seen: SpnavSeen) -> Verdict:
+def strings_are_whole(seen: SpnavTraffic) -> Verdict:
     """The device has a name; name and path, where they are told, come whole and in order."""
     found = [asked for code in STRINGS if (asked := seen.told(code, "ask")) is not None]
     if not found:
@@ -375,7 +375,7 @@ def strings_are_whole(seen: SpnavSeen) -> Verdict:
 
 
 @requires(109, f"{PROTOCOL}, DEV_TYPE and DEV_USBID: no USB id of serial devices")
-def the_type_is_known(seen: SpnavSeen) -> Verdict:
+def the_type_is_known(seen: SpnavTraffic) -> Verdict:
     """The device's type is one of the protocol, and it has a USB id if it is one of USB."""
     asked = seen.told(Code.DEV_TYPE, "ask")
     if asked is None:
@@ -400,7 +400,7 @@ def _implausible(code: int, data: tuple[int, ...]) -> str:
 
 
 @requires(110, f"{PROTOCOL}, GCFG_...")
-def settings_are_plausible(seen: SpnavSeen) -> Verdict:
+def settings_are_plausible(seen: SpnavTraffic) -> Verdict:
     """Settings of the daemon that it tells have values that they can have."""
     asked = [each for code in SETTINGS if (each := seen.told(code, "ask")) is not None]
     told = [(each, each.reply) for each in asked if each.reply is not None and each.reply.ok]
@@ -413,7 +413,7 @@ def settings_are_plausible(seen: SpnavSeen) -> Verdict:
 
 
 @requires(111, "FreeSpacenav spacenavd, repeat-interval: repeated motion looks like a hand's")
-def nothing_is_repeated(seen: SpnavSeen) -> Verdict:
+def nothing_is_repeated(seen: SpnavTraffic) -> Verdict:
     """The daemon does not repeat motion by itself, where it tells of it."""
     if seen.told(Code.GCFG_REPEAT, "ask") is None:
         return not_seen(_NOT_ASKED)
@@ -424,7 +424,7 @@ def nothing_is_repeated(seen: SpnavSeen) -> Verdict:
 
 
 @requires(112, f"{PROTOCOL}, event 4: a setting was changed")
-def settings_are_told_to_others(seen: SpnavSeen) -> Verdict:
+def settings_are_told_to_others(seen: SpnavTraffic) -> Verdict:
     """The LED's mode set to what it is, where that is granted, an event tells it to another program
     that asked for such events, and to none that did not."""
     asked = seen.told(Code.SCFG_LED)
@@ -439,12 +439,12 @@ def settings_are_told_to_others(seen: SpnavSeen) -> Verdict:
     return passed("told") if events else failed("no event came", [asked.number])
 
 
-def _pushed(seen: SpnavSeen, name: str) -> list[str]:
+def _pushed(seen: SpnavTraffic, name: str) -> list[str]:
     return [f"{name}{part}" for part in ("", "-held", "-over", "-rest")]
 
 
 @requires(113, f"{PROTOCOL}: all clients get all events")
-def all_programs_get_the_same(seen: SpnavSeen) -> Verdict:
+def all_programs_get_the_same(seen: SpnavTraffic) -> Verdict:
     """Programs of both versions get the same motions, to a tenth of them."""
     if seen.phase("same-held") is None:
         return not_seen("it was not deflected for several")
@@ -458,7 +458,7 @@ def all_programs_get_the_same(seen: SpnavSeen) -> Verdict:
     return passed(said) if lost <= max(1.0, OTHERS_SHARE * most) else failed(said)
 
 
-def _factor(seen: SpnavSeen, channel: str, wanted: float) -> Verdict:
+def _factor(seen: SpnavTraffic, channel: str, wanted: float) -> Verdict:
     """Whether a connection gets `wanted` times what the one beside it gets."""
     names = _pushed(seen, "scaled")
     ours, others = seen.motions(channel, *names), seen.motions(OTHER, *names)
@@ -474,7 +474,7 @@ def _factor(seen: SpnavSeen, channel: str, wanted: float) -> Verdict:
 
 
 @requires(114, f"{PROTOCOL}, SET_SENS and GET_SENS")
-def sensitivity_acts(seen: SpnavSeen) -> Verdict:
+def sensitivity_acts(seen: SpnavTraffic) -> Verdict:
     """A sensitivity of 2 doubles the counts of the program that set it, and is told to it when it
     asks."""
     asked = seen.told(Code.GET_SENS)
@@ -487,13 +487,13 @@ def sensitivity_acts(seen: SpnavSeen) -> Verdict:
 
 
 @requires(115, f"{PROTOCOL}: a float of a client of version 0")
-def sensitivity_of_version_0_acts(seen: SpnavSeen) -> Verdict:
+def sensitivity_of_version_0_acts(seen: SpnavTraffic) -> Verdict:
     """A sensitivity of 3 triples the counts of a program of version 0."""
     return _factor(seen, OLD, OLD_FACTOR)
 
 
 @requires(116, f"{PROTOCOL}, SET_EVMASK")
-def masked_events_do_not_come(seen: SpnavSeen) -> Verdict:
+def masked_events_do_not_come(seen: SpnavTraffic) -> Verdict:
     """With a mask of buttons no motion comes, not even zeros."""
     if seen.phase("masked-held") is None:
         return not_seen("no mask was set")
@@ -505,7 +505,7 @@ def masked_events_do_not_come(seen: SpnavSeen) -> Verdict:
 
 
 @requires(117, f"{PROTOCOL}, SET_EVMASK")
-def unmasked_events_come(seen: SpnavSeen) -> Verdict:
+def unmasked_events_come(seen: SpnavTraffic) -> Verdict:
     """With a mask of buttons those come as to other programs."""
     if seen.phase("masked-held") is None:
         return not_seen("no mask was set")
@@ -518,7 +518,7 @@ def unmasked_events_come(seen: SpnavSeen) -> Verdict:
 
 
 @requires(118, f"{PROTOCOL}: several clients at a time")
-def a_program_that_leaves_disturbs_nobody(seen: SpnavSeen) -> Verdict:
+def a_program_that_leaves_disturbs_nobody(seen: SpnavTraffic) -> Verdict:
     """One program gone, the others get motion as before."""
     if seen.phase("alone-held") is None:
         return not_seen("none has left")
@@ -529,7 +529,7 @@ def a_program_that_leaves_disturbs_nobody(seen: SpnavSeen) -> Verdict:
 # -- level 3: by hand -----------------------------------------------------------------------------
 
 
-def _change(seen: SpnavSeen, phase: str, added: bool) -> Verdict:
+def _change(seen: SpnavTraffic, phase: str, added: bool) -> Verdict:
     if seen.phase(phase) is None:
         return not_seen("nobody did it")
     found = [e.value for e in seen.during(NEW, phase) if isinstance(e.value, DeviceChange)]
@@ -539,13 +539,13 @@ def _change(seen: SpnavSeen, phase: str, added: bool) -> Verdict:
 
 
 @requires(301, f"{PROTOCOL}, event 3")
-def unplugging_is_told(seen: SpnavSeen) -> Verdict:
+def unplugging_is_told(seen: SpnavTraffic) -> Verdict:
     """The device unplugged, an event says so to programs of version 1."""
     return _change(seen, "unplug", False)
 
 
 @requires(302, f"{PROTOCOL}: requests about a device fail without one")
-def nothing_is_said_of_a_device_that_is_gone(seen: SpnavSeen) -> Verdict:
+def nothing_is_said_of_a_device_that_is_gone(seen: SpnavTraffic) -> Verdict:
     """The device unplugged, the number of its axes is refused."""
     asked = seen.told(Code.DEV_NAXES, "unplugged")
     if asked is None:
@@ -556,6 +556,6 @@ def nothing_is_said_of_a_device_that_is_gone(seen: SpnavSeen) -> Verdict:
 
 
 @requires(303, f"{PROTOCOL}, event 3")
-def plugging_in_is_told(seen: SpnavSeen) -> Verdict:
+def plugging_in_is_told(seen: SpnavTraffic) -> Verdict:
     """The device plugged in again, an event says so to programs of version 1."""
     return _change(seen, "replug", True)

@@ -19,14 +19,14 @@ from cardan.protocols.spnav import (
     RawButton,
     Reply,
 )
-from cardan_spnav_server.conform.decoded import Record, SpnavSeen
+from cardan_spnav_server.conform.decoded import Record, SpnavTraffic
 
 WORD_BYTES = 4
 COMPARED = 2000
 """Records of a connection that are read twice, at most."""
 
 
-def readings_differ(seen: SpnavSeen) -> Verdict:
+def readings_differ(seen: SpnavTraffic) -> Verdict:
     """Whether the layers cut and read the daemon's streams as the codec does."""
     try:
         layers = second_description("spnav")

@@ -34,7 +34,7 @@ from cardan_spnav_server.conform.scenario import NEW, OLD, OTHER
 from cardan_spnav_server.core import SpnavServerCore
 from cardan_spnav_server.identity import DeviceIdentity
 from cardan_spnav_server.protocol import (
-    Request,
+    ClientRequest,
     bits_of,
     decode_request,
     encode_button,
@@ -177,12 +177,12 @@ class SpnavRig:
                 return
         else:
             request = decode_request(data)
-            assert isinstance(request, Request)
+            assert isinstance(request, ClientRequest)
             if self._keeps(channel, request):
                 return
         self._core.receive(self._numbers[channel], data, self._now_s)
 
-    def _keeps(self, channel: str, request: Request) -> bool:
+    def _keeps(self, channel: str, request: ClientRequest) -> bool:
         """Whether a defect answers a request in the server's place, or nothing does."""
         faults, code = self._faults, request.code
         if code == Code.SET_NAME:

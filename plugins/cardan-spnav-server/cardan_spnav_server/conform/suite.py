@@ -11,7 +11,7 @@ from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
 from cardan.conform.transports import Wires
 from cardan.sim_peers.base import FaultSwitch
-from cardan_spnav_server.conform.decoded import SpnavSeen
+from cardan_spnav_server.conform.decoded import SpnavTraffic
 from cardan_spnav_server.conform.faults import FAULTS
 from cardan_spnav_server.conform.requirements import requires
 from cardan_spnav_server.conform.scenario import SpnavScenario
@@ -19,7 +19,7 @@ from cardan_spnav_server.conform.simulated import SpnavRig
 from cardan_spnav_server.conform.wire import UnixStream
 
 
-class SpnavDaemon(Suite[SpnavSeen]):
+class SpnavDaemon(Suite[SpnavTraffic]):
     """spacenavd, or what stands in for it: Cardan's own server where there is no target."""
 
     name = "spnav"
@@ -37,8 +37,8 @@ class SpnavDaemon(Suite[SpnavSeen]):
         "replug-untold": Level.BY_HAND,
     }
 
-    def see(self, timeline: Timeline) -> SpnavSeen:
-        return SpnavSeen(timeline)
+    def decode(self, timeline: Timeline) -> SpnavTraffic:
+        return SpnavTraffic(timeline)
 
     def scenario(self, level: Level, seconds: float) -> SpnavScenario:
         return SpnavScenario(level, seconds)

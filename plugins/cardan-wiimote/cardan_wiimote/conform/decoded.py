@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Phase, Timeline
+from cardan.conform.timeline import Kind, Timeline, TimelinePhase
 from cardan_wiimote.protocol import (
     InputReport,
     OutputReport,
@@ -51,7 +51,7 @@ class Memory(NamedTuple):
         return b"".join(each.data for each in values if isinstance(each, ReadData))
 
 
-class WiimoteSeen:
+class WiimoteTraffic:
     """The reports of a timeline."""
 
     def __init__(self, timeline: Timeline) -> None:
@@ -71,7 +71,7 @@ class WiimoteSeen:
                 value = decode_input(event.data)
                 self.reports.append(Report(number, event.time_s, event.data, value))
 
-    def phase(self, name: str) -> Phase | None:
+    def phase(self, name: str) -> TimelinePhase | None:
         """The phase of that name, if the pilot came to it."""
         return self.phases.get(name)
 

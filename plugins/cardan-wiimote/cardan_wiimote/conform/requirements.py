@@ -16,7 +16,7 @@ from cardan.conform.requirements import (
 )
 from cardan.conform.second_reading import second_description
 from cardan.errors import ExtraMissingError
-from cardan_wiimote.conform.decoded import Memory, Report, WiimoteSeen
+from cardan_wiimote.conform.decoded import Memory, Report, WiimoteTraffic
 from cardan_wiimote.conform.scenario import DATA_MODE, EXTENSION_MODE, LONG_READ
 from cardan_wiimote.protocol import (
     ACCELEROMETER_CALIBRATION_ADDRESSES,
@@ -50,7 +50,7 @@ ANSWER_S = 0.2
 ONE_G = 0.15
 RUNNING = ("stream", "after-status", "extension-stream")
 
-requires: Requirements[WiimoteSeen] = Requirements("WII")
+requires: Requirements[WiimoteTraffic] = Requirements("WII")
 _NOTHING = "no reports came"
 _NOT_ASKED = "nothing was asked"
 
@@ -63,13 +63,13 @@ def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _N
 
 
 @requires(1, "Bluetooth, L2CAP channels 0x11 and 0x13; the system's HID driver")
-def it_can_be_opened(seen: WiimoteSeen) -> Verdict:
+def it_can_be_opened(seen: WiimoteTraffic) -> Verdict:
     """The remote can be connected to."""
     return failed("it was refused", seen.refused) if seen.refused else passed("opened")
 
 
 @requires(2, f"{WIIBREW}: 0x20 to 0x22, 0x30 to 0x37, 0x3D to 0x3F")
-def report_ids_are_known(seen: WiimoteSeen) -> Verdict:
+def report_ids_are_known(seen: WiimoteTraffic) -> Verdict:
     """Every report has an id of the protocol."""
     wrong = (
         (each.number, f"id {each.value.report_id:#04x}")
@@ -80,7 +80,7 @@ def report_ids_are_known(seen: WiimoteSeen) -> Verdict:
 
 
 @requires(3, WIIBREW)
-def reports_are_whole(seen: WiimoteSeen) -> Verdict:
+def reports_are_whole(seen: WiimoteTraffic) -> Verdict:
     """Every report has the length of its id."""
     wrong = [
         (each.number, f"id {each.raw[0]:#04x} with {len(each.raw)} bytes" if each.raw else "empty")
@@ -99,7 +99,7 @@ def _buttons(found: list[Report]) -> list[int]:
 
 
 @requires(4, f"{WIIBREW}: mode 0x30 is the default, reports on changes")
-def buttons_are_told(seen: WiimoteSeen) -> Verdict:
+def buttons_are_told(seen: WiimoteTraffic) -> Verdict:
     """A button that is pressed is told at once, and again when it is let go."""
     if seen.refused or seen.phase("release") is None:
         return not_seen("none was pressed")
@@ -110,7 +110,7 @@ def buttons_are_told(seen: WiimoteSeen) -> Verdict:
 
 
 @requires(5, "the system's HID driver")
-def the_link_stays(seen: WiimoteSeen) -> Verdict:
+def the_link_stays(seen: WiimoteTraffic) -> Verdict:
     """The remote does not end the link while it is used."""
     hand = seen.phase("power-off")
     wrong = [number for number in seen.lost if hand is None or number < hand.first]
@@ -120,7 +120,7 @@ def the_link_stays(seen: WiimoteSeen) -> Verdict:
 
 
 @requires(6, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: WiimoteSeen) -> Verdict:
+def both_descriptions_agree(seen: WiimoteTraffic) -> Verdict:
     """A second reader, the scapy layers, knows every report, and builds the same bytes of it."""
     try:
         layers = second_description("wiimote")
@@ -138,7 +138,7 @@ def both_descriptions_agree(seen: WiimoteSeen) -> Verdict:
 
 
 @requires(101, f"{WIIBREW}, 0x15 and 0x20")
-def status_is_told(seen: WiimoteSeen) -> Verdict:
+def status_is_told(seen: WiimoteTraffic) -> Verdict:
     """A request for the status is answered within 0.2 s."""
     phase = seen.phase("ask")
     if phase is None:
@@ -154,8 +154,8 @@ def status_is_told(seen: WiimoteSeen) -> Verdict:
 
 
 @requires(102, f"{WIIBREW}, 0x22: on request, and to every write")
-def what_wants_an_answer_gets_one(seen: WiimoteSeen) -> Verdict:
-    """Reports that ask for an acknowledgement get one within 0.2 s, without an error."""
+def what_wants_an_answer_gets_one(seen: WiimoteTraffic) -> Verdict:
+    """Reports that ask for an acknowledgment get one within 0.2 s, without an error."""
     asked = [
         each
         for each in seen.asked
@@ -178,7 +178,7 @@ def what_wants_an_answer_gets_one(seen: WiimoteSeen) -> Verdict:
 
 
 @requires(103, f"{WIIBREW}, 0x17 and 0x21: pieces of 16 bytes")
-def memory_is_read(seen: WiimoteSeen) -> Verdict:
+def memory_is_read(seen: WiimoteTraffic) -> Verdict:
     """Reads of memory are answered in whole, without an error, in pieces in their order."""
     wrong = []
     found = seen.reads()
@@ -199,7 +199,7 @@ def memory_is_read(seen: WiimoteSeen) -> Verdict:
 
 
 @requires(104, f"{WIIBREW}; libcwiid waits a second at most")
-def memory_is_quick(seen: WiimoteSeen) -> Verdict:
+def memory_is_quick(seen: WiimoteTraffic) -> Verdict:
     """The first piece of a read comes within 0.2 s."""
     found = [(e, e.pieces[0].time_s - e.asked.time_s) for e in seen.reads() if e.pieces]
     if not found:
@@ -210,7 +210,7 @@ def memory_is_quick(seen: WiimoteSeen) -> Verdict:
     return failed(said, slow, late_s * 1e3, "ms") if slow else passed(said, late_s * 1e3, "ms")
 
 
-def _calibrations(seen: WiimoteSeen) -> list[Memory]:
+def _calibrations(seen: WiimoteTraffic) -> list[Memory]:
     return [
         each
         for each in seen.reads()
@@ -222,7 +222,7 @@ def _calibrations(seen: WiimoteSeen) -> list[Memory]:
 
 
 @requires(105, f"{WIIBREW}, EEPROM: two copies, each with its checksum")
-def the_calibration_is_sound(seen: WiimoteSeen) -> Verdict:
+def the_calibration_is_sound(seen: WiimoteTraffic) -> Verdict:
     """Both copies of the accelerometer's calibration have a right checksum and are plausible."""
     found = _calibrations(seen)
     wrong = [
@@ -234,7 +234,7 @@ def the_calibration_is_sound(seen: WiimoteSeen) -> Verdict:
 
 
 @requires(106, f"{WIIBREW}: about 100 a second where they are continuous")
-def data_are_continuous(seen: WiimoteSeen) -> Verdict:
+def data_are_continuous(seen: WiimoteTraffic) -> Verdict:
     """Told to send 0x31 continuously, it sends 50 to 250 a second and is never silent for 0.1 s."""
     phase = seen.phase("stream")
     if phase is None:
@@ -253,7 +253,7 @@ def data_are_continuous(seen: WiimoteSeen) -> Verdict:
 
 
 @requires(107, f"{WIIBREW}, 0x12")
-def the_mode_is_the_one_set(seen: WiimoteSeen) -> Verdict:
+def the_mode_is_the_one_set(seen: WiimoteTraffic) -> Verdict:
     """Data come in the mode that was set, and in no other."""
     wrong, count = [], 0
     for name in RUNNING:
@@ -267,7 +267,7 @@ def the_mode_is_the_one_set(seen: WiimoteSeen) -> Verdict:
 
 
 @requires(108, f"{WIIBREW}: x left, y to the tail, z up; flat on a table z is 1 g")
-def gravity_is_measured(seen: WiimoteSeen) -> Verdict:
+def gravity_is_measured(seen: WiimoteTraffic) -> Verdict:
     """Flat on a table it measures 1 g upwards, to 0.15 g."""
     blocks = [decode_accelerometer_calibration(each.data) for each in _calibrations(seen)]
     known = [each for each in blocks if each is not None]
@@ -287,7 +287,7 @@ def gravity_is_measured(seen: WiimoteSeen) -> Verdict:
 
 
 @requires(109, f"{WIIBREW}, 0x20: only a change of the extension ends the data")
-def a_status_ends_no_data(seen: WiimoteSeen) -> Verdict:
+def a_status_ends_no_data(seen: WiimoteTraffic) -> Verdict:
     """After a status that was asked for data go on."""
     if seen.phase("after-status") is None:
         return not_seen(_NOT_ASKED)
@@ -298,7 +298,7 @@ def a_status_ends_no_data(seen: WiimoteSeen) -> Verdict:
 
 
 @requires(110, f"{WIIBREW}, 0x20: unasked when the extension comes or goes")
-def the_extension_stays(seen: WiimoteSeen) -> Verdict:
+def the_extension_stays(seen: WiimoteTraffic) -> Verdict:
     """No status comes unasked: nothing is plugged in or out while it is used."""
     if seen.phase("memory") is None:
         return not_seen(_NOT_ASKED)
@@ -311,8 +311,8 @@ def the_extension_stays(seen: WiimoteSeen) -> Verdict:
 
 
 @requires(111, f"{EXTENSIONS}: A4 20 00 00 of a Nunchuk")
-def the_nunchuk_says_what_it_is(seen: WiimoteSeen) -> Verdict:
-    """An extension that the status tells of says what it is, and a Nunchuk's stick is centred."""
+def the_nunchuk_says_what_it_is(seen: WiimoteTraffic) -> Verdict:
+    """An extension that the status tells of says what it is, and a Nunchuk's stick is centered."""
     told = [e.value for e in seen.during("ask") if isinstance(e.value, Status)]
     if not told:
         return not_seen(_NOT_ASKED)
@@ -338,7 +338,7 @@ def the_nunchuk_says_what_it_is(seen: WiimoteSeen) -> Verdict:
 
 
 @requires(112, f"{WIIBREW}, 0x20: the flag below 0x20")
-def the_battery_is_not_empty(seen: WiimoteSeen) -> Verdict:
+def the_battery_is_not_empty(seen: WiimoteTraffic) -> Verdict:
     """No status says that the battery is low."""
     found = [(e, e.value) for e in seen.reports if isinstance(e.value, Status)]
     wrong = ((each.number, f"{s.battery} of 200") for each, s in found if s.battery_low)
@@ -346,7 +346,7 @@ def the_battery_is_not_empty(seen: WiimoteSeen) -> Verdict:
 
 
 @requires(113, f"{DOLPHIN}: a scale of each axis, all of them upwards")
-def one_g_is_above_zero(seen: WiimoteSeen) -> Verdict:
+def one_g_is_above_zero(seen: WiimoteTraffic) -> Verdict:
     """The calibration's 1 g is above its zero by 50 to 200 counts on every axis."""
     blocks = [decode_accelerometer_calibration(each.data) for each in _calibrations(seen)]
     known = [each for each in blocks if each is not None]
@@ -359,7 +359,7 @@ def one_g_is_above_zero(seen: WiimoteSeen) -> Verdict:
 
 
 @requires(301, "Bluetooth: the link ends")
-def switching_off_is_told(seen: WiimoteSeen) -> Verdict:
+def switching_off_is_told(seen: WiimoteTraffic) -> Verdict:
     """Switched off, the remote ends the link, and nothing more comes."""
     phase = seen.phase("power-off")
     gone = [] if phase is None else [number for number in seen.lost if number >= phase.first]

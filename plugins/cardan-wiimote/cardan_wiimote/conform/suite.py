@@ -10,13 +10,13 @@ from cardan.conform.runner import Exchange
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
 from cardan.conform.transports import DeviceFile, Wires
-from cardan_wiimote.conform.decoded import WiimoteSeen
+from cardan_wiimote.conform.decoded import WiimoteTraffic
 from cardan_wiimote.conform.requirements import requires
 from cardan_wiimote.conform.scenario import WiimoteScenario
 from cardan_wiimote.conform.simulated import WiimoteRig
 
 
-class Wiimote(Suite[WiimoteSeen]):
+class Wiimote(Suite[WiimoteTraffic]):
     """A Wii Remote with a Nunchuk, report by report."""
 
     name = "wiimote"
@@ -29,7 +29,7 @@ class Wiimote(Suite[WiimoteSeen]):
     dissector = "wiimote"
     seconds = 1.2
     # While data come.
-    tried_with: ClassVar[Mapping[str, float]] = {
+    fault_test_values: ClassVar[Mapping[str, float]] = {
         "silence": 1.2,
         "out-of-range": 1.2,
         "in-range": 2.0,
@@ -41,8 +41,8 @@ class Wiimote(Suite[WiimoteSeen]):
         "stolen-mode": 1.2,
     }
 
-    def see(self, timeline: Timeline) -> WiimoteSeen:
-        return WiimoteSeen(timeline)
+    def decode(self, timeline: Timeline) -> WiimoteTraffic:
+        return WiimoteTraffic(timeline)
 
     def scenario(self, level: Level, seconds: float) -> WiimoteScenario:
         return WiimoteScenario(level, seconds)

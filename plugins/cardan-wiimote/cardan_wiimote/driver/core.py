@@ -60,11 +60,11 @@ SETTLE_S = 0.02
 SUSPECT_S = 0.3
 """Time without usable data of an extension after which it is detected again."""
 
-CENTRED = 0.2
+CENTERED = 0.2
 """Deflection below which a stick counts as released."""
 
-CENTRE_SAMPLES, CENTRE_COUNTS = 16, 25
-"""For a Nunchuk without calibration: its centre is the mean of the first samples, if they are this
+CENTER_SAMPLES, CENTER_COUNTS = 16, 25
+"""For a Nunchuk without calibration: its center is the mean of the first samples, if they are this
 near to the middle."""
 
 EARLY_LOSS_S = 5.0
@@ -155,8 +155,8 @@ class WiimoteCore(DeviceCore):
         self._stick = (0.0, 0.0)
         self._rates_rad_s: Vector = (0.0, 0.0, 0.0)
         self._extension_buttons: tuple[str, ...] = ()
-        self._centre_samples: list[tuple[int, int]] = []
-        self._centre: tuple[int, int] | None = None
+        self._center_samples: list[tuple[int, int]] = []
+        self._center: tuple[int, int] | None = None
         self._skip_frame = True
         self._gyro.reset()
 
@@ -325,7 +325,7 @@ class WiimoteCore(DeviceCore):
         if session.motion_plus is not None and not session.motion_plus_calibrated:
             words.append("its MotionPlus has no readable calibration: rates may be off by a third")
         if session.nunchuk is not None and not session.nunchuk_calibrated:
-            words.append("its Nunchuk has no readable calibration: the stick's centre is measured")
+            words.append("its Nunchuk has no readable calibration: the stick's center is measured")
         if session.other_extension:
             words.append(f"its extension is of no use here: {session.other_extension}")
         if self._options.ir and not session.camera:
@@ -391,7 +391,7 @@ class WiimoteCore(DeviceCore):
             return
         middle_x, middle_y = calibration.stick_x, calibration.stick_y
         if not self._session.nunchuk_calibrated:
-            x, y = self._measured_centre(value.stick_x, value.stick_y)
+            x, y = self._measured_center(value.stick_x, value.stick_y)
             middle_x = (middle_x[0], x, middle_x[2])
             middle_y = (middle_y[0], y, middle_y[2])
         self._stick = (
@@ -403,17 +403,17 @@ class WiimoteCore(DeviceCore):
         )
         self._stick_s = now_s
 
-    def _measured_centre(self, x: int, y: int) -> tuple[int, int]:
-        """The centre of a stick without calibration: the mean of first samples near the middle."""
-        if self._centre is None:
-            low, high = 128 - CENTRE_COUNTS, 128 + CENTRE_COUNTS
+    def _measured_center(self, x: int, y: int) -> tuple[int, int]:
+        """The center of a stick without calibration: the mean of first samples near the middle."""
+        if self._center is None:
+            low, high = 128 - CENTER_COUNTS, 128 + CENTER_COUNTS
             if low <= x <= high and low <= y <= high:
-                self._centre_samples.append((x, y))
-            if len(self._centre_samples) < CENTRE_SAMPLES:
+                self._center_samples.append((x, y))
+            if len(self._center_samples) < CENTER_SAMPLES:
                 return 128, 128
-            xs, ys = zip(*self._centre_samples, strict=True)
-            self._centre = round(sum(xs) / CENTRE_SAMPLES), round(sum(ys) / CENTRE_SAMPLES)
-        return self._centre
+            xs, ys = zip(*self._center_samples, strict=True)
+            self._center = round(sum(xs) / CENTER_SAMPLES), round(sum(ys) / CENTER_SAMPLES)
+        return self._center
 
     def _on_dots(self, value: Data) -> None:
         ir_format = DATA_LAYOUTS[value.mode].ir_format
@@ -502,7 +502,7 @@ class WiimoteCore(DeviceCore):
 
         `held`: a clutch button is down, be it one that does not count until it was up.
         """
-        let_go = not held and max(map(abs, self._stick)) < CENTRED
+        let_go = not held and max(map(abs, self._stick)) < CENTERED
         if not missing and let_go and now_s >= self._ignore_rest_until_s:
             self._link = DeviceLink.LIVE
         else:

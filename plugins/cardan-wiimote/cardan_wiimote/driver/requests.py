@@ -32,7 +32,7 @@ TRIES = 3
 BUSY_TRIES, BUSY_PAUSE_S = 20, 0.05
 """How often something is asked that the remote is too busy for, and the pause between."""
 
-Request = ReadMemory | WriteMemory | Switch | StatusRequest
+WiimoteRequest = ReadMemory | WriteMemory | Switch | StatusRequest
 
 
 class Answer(NamedTuple):
@@ -59,7 +59,7 @@ class Requests:
         self.timeouts = 0
         self.foreign = 0
         """Answers to requests of another program or the kernel's driver."""
-        self._request: Request | None = None
+        self._request: WiimoteRequest | None = None
         self._report = b""
         self._data = bytearray()
         self._tries = self._busy = 0
@@ -67,7 +67,7 @@ class Requests:
         """When it was sent, or is to be sent."""
         self._sent = False
 
-    def ask(self, request: Request) -> None:
+    def ask(self, request: WiimoteRequest) -> None:
         """Make `request`, in place of any before."""
         self._request = request
         self._report = encode_output(request)
@@ -121,7 +121,7 @@ class Requests:
         if value.error:
             return self._end(Answer(value.error))
         if isinstance(value, Ack):
-            # The acknowledgement of a read without an error announces its data.
+            # The acknowledgment of a read without an error announces its data.
             return None if isinstance(request, ReadMemory) else self._end(Answer(value.error))
         assert isinstance(request, ReadMemory)
         self._data += value.data
@@ -129,7 +129,7 @@ class Requests:
             return None
         return self._end(Answer(value.error, bytes(self._data[: request.size])))
 
-    def _answers(self, request: Request, value: ReadData | Ack) -> bool:
+    def _answers(self, request: WiimoteRequest, value: ReadData | Ack) -> bool:
         if isinstance(value, ReadData):
             return (
                 isinstance(request, ReadMemory)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from cardan.types import NEVER_S
 from cardan_wiimote.driver.options import WiimoteOptions
-from cardan_wiimote.driver.requests import Answer, Request, Requests
+from cardan_wiimote.driver.requests import Answer, Requests, WiimoteRequest
 from cardan_wiimote.protocol import (
     ACCELEROMETER_CALIBRATION_ADDRESSES,
     ACCELEROMETER_CALIBRATION_BYTES,
@@ -85,7 +85,7 @@ class Pause(NamedTuple):
     for_port: bool = False
 
 
-Script = Generator[Request | Pause, Answer, None]
+Script = Generator[WiimoteRequest | Pause, Answer, None]
 
 
 class Session:

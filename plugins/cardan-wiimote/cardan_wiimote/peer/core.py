@@ -779,5 +779,5 @@ class SimulatedWiimote:
 
 
 def _stick_reading(value: float, calibration: tuple[int, int, int]) -> int:
-    low, centre, high = calibration
-    return round(centre + value * (high - centre if value > 0.0 else centre - low))
+    low, center, high = calibration
+    return round(center + value * (high - center if value > 0.0 else center - low))

@@ -14,7 +14,7 @@ FAULTS = (
     FaultSwitch("bad-checksum", "the first accelerometer calibration block has a wrong checksum"),
     FaultSwitch("no-calibration", "every calibration reads FF, as in clones"),
     FaultSwitch("busy", "every VALUE-th read of memory is refused with error 4", 3.0, 1.0),
-    FaultSwitch("lost-ack", "every VALUE-th acknowledgement is never sent", 3.0, 1.0),
+    FaultSwitch("lost-ack", "every VALUE-th acknowledgment is never sent", 3.0, 1.0),
     FaultSwitch("slow-memory", "memory answers VALUE s late, as a cold remote's", 0.5),
     FaultSwitch(
         "silence", "from VALUE s on the remote neither sends nor obeys; link stays up", 3.0

@@ -46,7 +46,7 @@ Dots = tuple[IrDot | None, ...]
 def camera_start(
     ir_format: IrFormat, sensitivity: tuple[bytes, bytes] = SENSITIVITY_LEVEL_3
 ) -> tuple[OutputReport, ...]:
-    """What switches the camera on. Each report asks for an acknowledgement: wait for it before
+    """What switches the camera on. Each report asks for an acknowledgment: wait for it before
     the next, else the camera ends in a random state. The data mode must be set afterwards."""
     first, second = sensitivity
     return (

@@ -91,7 +91,7 @@ class NunchukData(NamedTuple):
     """What a Nunchuk measures."""
 
     stick_x: int
-    """0..255, right is more; about 35 to 228 with the centre near 128."""
+    """0..255, right is more; about 35 to 228 with the center near 128."""
     stick_y: int
     """0..255, forward is more."""
     accelerometer: Triple
@@ -106,14 +106,14 @@ class NunchukCalibration(NamedTuple):
     zero: Triple
     one_g: Triple
     stick_x: Triple
-    """Lowest, centre, highest."""
+    """Lowest, center, highest."""
     stick_y: Triple
 
 
 DEFAULT_NUNCHUK = NunchukCalibration(
     (512, 512, 512), (716, 716, 716), (32, 128, 224), (32, 128, 224)
 )
-"""For clones without a calibration; the true centre is the mean at rest."""
+"""For clones without a calibration; the true center is the mean at rest."""
 
 
 def decode_nunchuk(data: bytes) -> NunchukData | None:
@@ -187,11 +187,11 @@ def encode_nunchuk_calibration(value: NunchukCalibration) -> bytes:
 
 
 def stick_deflection(value: int, calibration: Triple) -> float:
-    """A stick's axis in -1..1 (clamped) by its lowest, centre and highest reading."""
-    low, centre, high = calibration
-    if value >= centre:
-        return min(1.0, (value - centre) / (high - centre))
-    return max(-1.0, (value - centre) / (centre - low))
+    """A stick's axis in -1..1 (clamped) by its lowest, center and highest reading."""
+    low, center, high = calibration
+    if value >= center:
+        return min(1.0, (value - center) / (high - center))
+    return max(-1.0, (value - center) / (center - low))
 
 
 def _absent(data: bytes) -> bool:

@@ -48,7 +48,7 @@ _BITS = {label: bit for bit, label in BUTTONS.items()}
 
 
 class ErrorCode(enum.IntEnum):
-    """What acknowledgements and answers to reads say."""
+    """What acknowledgments and answers to reads say."""
 
     SUCCESS = 0
     GENERIC = 3

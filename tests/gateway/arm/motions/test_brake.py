@@ -25,50 +25,50 @@ ROBOT = RobotState(1.0, RobotLink.LIVE, 1, 0, DT_S, (), (), IDENTITY_POSE, "")
 
 
 def moving(linear=ZERO3, angular=ZERO3, limits=LIMITS):
-    """A free body at that speed, and its reference."""
-    body, reference = TaskSpaceArm(limits), Reference(limits)
-    body.place(ROBOT)
-    reference.place(body.pose)
+    """An arm in task space at that speed, and its reference."""
+    commanded, reference = TaskSpaceArm(limits), Reference(limits)
+    commanded.place(ROBOT)
+    reference.place(commanded.pose)
     reference.linear, reference.angular = linear, angular
-    body.follow(reference, DT_S)
-    return body, reference
+    commanded.follow(reference, DT_S)
+    return commanded, reference
 
 
-def ramp(body, brake):
+def ramp(commanded, brake):
     """Tick to rest; checks every step, and returns their number."""
     for count in range(1, 2000):
-        before = body.twist
+        before = commanded.twist
         over = brake.tick(ROBOT, DT_S) is ARRIVED
-        change = norm(subtract(body.twist.linear, before.linear))
+        change = norm(subtract(commanded.twist.linear, before.linear))
         assert change <= LIMITS.linear_acceleration_m_s2 * DT_S * (1.0 + 1e-9)
-        change = norm(subtract(body.twist.angular, before.angular))
+        change = norm(subtract(commanded.twist.angular, before.angular))
         assert change <= LIMITS.angular_acceleration_rad_s2 * DT_S * (1.0 + 1e-9)
-        assert norm(body.twist.linear) <= norm(before.linear) + 1e-12
-        assert norm(body.twist.angular) <= norm(before.angular) + 1e-12
+        assert norm(commanded.twist.linear) <= norm(before.linear) + 1e-12
+        assert norm(commanded.twist.angular) <= norm(before.angular) + 1e-12
         if over:
-            assert not body.moving
+            assert not commanded.moving
             return count
     raise AssertionError("it never comes to rest")
 
 
 def test_it_begins_at_the_bodys_own_speed_and_place_wherever_the_reference_was():
-    body, reference = moving(Vector3(0.2, 0.0, 0.0))
+    commanded, reference = moving(Vector3(0.2, 0.0, 0.0))
     reference.place(IDENTITY_POSE)
-    brake = Brake(body, reference)
-    assert reference.pose == body.pose
-    assert reference.twist == body.twist
+    brake = Brake(commanded, reference)
+    assert reference.pose == commanded.pose
+    assert reference.twist == commanded.twist
     assert not brake.idle
     brake.tick(ROBOT, DT_S)
     most = LIMITS.linear_acceleration_m_s2 * DT_S
-    assert body.twist.linear == pytest.approx((0.2 - most, 0.0, 0.0))
+    assert commanded.twist.linear == pytest.approx((0.2 - most, 0.0, 0.0))
 
 
 @settings(max_examples=examples(40))
 @given(*[st.floats(-0.14, 0.14)] * 3, *[st.floats(-0.5, 0.5)] * 3)
 def test_it_takes_no_longer_than_the_limits_demand(x, y, z, rx, ry, rz):
     linear, angular = Vector3(x, y, z), Vector3(rx, ry, rz)
-    body, reference = moving(linear, angular)
-    count = ramp(body, Brake(body, reference))
+    commanded, reference = moving(linear, angular)
+    count = ramp(commanded, Brake(commanded, reference))
     fastest_s = max(
         norm(linear) / LIMITS.linear_acceleration_m_s2,
         norm(angular) / LIMITS.angular_acceleration_rad_s2,
@@ -78,13 +78,13 @@ def test_it_takes_no_longer_than_the_limits_demand(x, y, z, rx, ry, rz):
 
 def test_it_does_not_wait_for_jerk():
     soft = ReferenceLimits(linear_jerk_m_s3=0.5, angular_jerk_rad_s3=0.5)
-    body, reference = moving(Vector3(0.2, 0.0, 0.0), limits=soft)
-    assert ramp(body, Brake(body, reference)) * DT_S <= 0.2 + 4 * DT_S
+    commanded, reference = moving(Vector3(0.2, 0.0, 0.0), limits=soft)
+    assert ramp(commanded, Brake(commanded, reference)) * DT_S <= 0.2 + 4 * DT_S
 
 
 def test_an_arm_at_rest_has_arrived_where_it_is():
-    body, reference = moving()
-    where = body.pose
-    ramp(body, Brake(body, reference))
-    assert body.pose == where
-    assert body.twist == Twist(*ZERO_TWIST)
+    commanded, reference = moving()
+    where = commanded.pose
+    ramp(commanded, Brake(commanded, reference))
+    assert commanded.pose == where
+    assert commanded.twist == Twist(*ZERO_TWIST)

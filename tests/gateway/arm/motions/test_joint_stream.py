@@ -24,10 +24,10 @@ class Stream:
     """A stream to an arm at home, without bodies to collide."""
 
     def __init__(self, q=MODEL.home):
-        self.body = JointSpaceArm(Servo(KINEMATICS), frozenset({CommandKind.JOINT}))
-        self.body.place(ROBOT._replace(joints=tuple(q)))
-        self.servo = self.body.servo
-        self.activity = FollowJointStream(self.body, SPEED, ACCELERATION)
+        self.commanded = JointSpaceArm(Servo(KINEMATICS), frozenset({CommandKind.JOINT}))
+        self.commanded.place(ROBOT._replace(joints=tuple(q)))
+        self.servo = self.commanded.servo
+        self.activity = FollowJointStream(self.commanded, SPEED, ACCELERATION)
         self.fastest = SPEED * KINEMATICS.velocity
         self.most = ACCELERATION * KINEMATICS.acceleration * DT_S
 

@@ -26,30 +26,30 @@ def robot(x=0.0, turn=ZERO3):
 
 
 class Recovery:
-    """A free body at rest where its robot was, which is `away` now."""
+    """An arm in task space at rest where its robot was, which is `away` now."""
 
     def __init__(self, away, limits=LIMITS):
         self.away = away
-        self.body, self.reference = TaskSpaceArm(limits), Reference(limits)
-        self.body.place(robot())
-        self.reference.place(self.body.pose)
+        self.commanded, self.reference = TaskSpaceArm(limits), Reference(limits)
+        self.commanded.place(robot())
+        self.reference.place(self.commanded.pose)
         self.reference.observe(away.pose)
-        error = self.body.following_error(away, self.reference)
-        self.activity = Recover(self.body, self.reference, NEAR, error)
+        error = self.commanded.following_error(away, self.reference)
+        self.activity = Recover(self.commanded, self.reference, NEAR, error)
 
     def tick(self):
         self.reference.observe(self.away.pose)
         over = self.activity.tick(self.away, DT_S).over
-        assert norm(self.body.twist.linear) <= APPROACH_SPEED_M_S * (1.0 + 1e-9)
-        assert norm(self.body.twist.angular) <= APPROACH_SPEED_RAD_S * (1.0 + 1e-9)
-        assert self.reference.pose == self.body.pose
+        assert norm(self.commanded.twist.linear) <= APPROACH_SPEED_M_S * (1.0 + 1e-9)
+        assert norm(self.commanded.twist.angular) <= APPROACH_SPEED_RAD_S * (1.0 + 1e-9)
+        assert self.reference.pose == self.commanded.pose
         return over
 
     def run(self, along=ZERO3):
         """Tick until it is over, the robot going `along` with a part of the motion."""
         for _ in range(round(LONGEST_S / DT_S)):
             if self.tick():
-                assert not self.body.moving
+                assert not self.commanded.moving
                 return self
             pose = self.away.pose
             self.away = robot()._replace(pose=pose._replace(position=add(pose.position, along)))
@@ -57,15 +57,15 @@ class Recovery:
 
     @property
     def way_m(self):
-        return norm(self.body.pose.position)
+        return norm(self.commanded.pose.position)
 
     @property
     def way_rad(self):
-        return norm(rotation_between(IDENTITY_POSE.orientation, self.body.pose.orientation))
+        return norm(rotation_between(IDENTITY_POSE.orientation, self.commanded.pose.orientation))
 
     @property
     def apart_m(self):
-        return norm(subtract(self.away.pose.position, self.body.pose.position))
+        return norm(subtract(self.away.pose.position, self.commanded.pose.position))
 
 
 def test_it_ends_near_its_robot_and_at_rest():
@@ -91,12 +91,12 @@ def test_it_ends_in_a_ramp_when_it_is_told_to():
     recovery = Recovery(robot(0.04))
     for _ in range(50):
         assert not recovery.tick()
-    speed = norm(recovery.body.twist.linear)
+    speed = norm(recovery.commanded.twist.linear)
     recovery.activity.brake()
     for _ in range(round(speed / LIMITS.linear_acceleration_m_s2 / DT_S) + 2):
         if recovery.tick():
             break
-    assert not recovery.body.moving
+    assert not recovery.commanded.moving
     assert not recovery.activity.near
     assert recovery.way_m < 0.03
 
@@ -104,7 +104,7 @@ def test_it_ends_in_a_ramp_when_it_is_told_to():
 def test_one_that_is_near_already_moves_nothing():
     recovery = Recovery(robot(0.004)).run()
     assert recovery.activity.near
-    assert recovery.body.pose == IDENTITY_POSE
+    assert recovery.commanded.pose == IDENTITY_POSE
 
 
 @pytest.mark.parametrize("limits", [LIMITS, ReferenceLimits(max_lead_m=0.01, max_lead_rad=0.05)])
@@ -113,7 +113,7 @@ def test_one_that_creeps_ends_in_time(limits):
     recovery = Recovery(robot(0.009), limits)
     ticks = 0
     while not recovery.tick():
-        recovery.away = robot(recovery.body.pose.position.x + 0.009)
+        recovery.away = robot(recovery.commanded.pose.position.x + 0.009)
         ticks += 1
         assert ticks * DT_S < 10.0
     assert recovery.way_m <= limits.max_lead_m

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan_serial_mice.conform.puck.decoded import PacketMeaning, PuckSeen
+from cardan_serial_mice.conform.puck.decoded import PacketMeaning, PuckTraffic
 from cardan_serial_mice.protocol import (
     MagellanError,
     MagellanKeys,
@@ -12,7 +12,7 @@ from cardan_serial_mice.protocol import (
     MagellanVersion,
 )
 
-MagellanSeen = PuckSeen[MagellanPacket]
+MagellanTraffic = PuckTraffic[MagellanPacket]
 
 
 class MagellanMeaning(PacketMeaning[MagellanPacket]):

@@ -12,7 +12,7 @@ from cardan.conform.requirements import (
 )
 from cardan.conform.second_reading import second_description
 from cardan.errors import ExtraMissingError
-from cardan_serial_mice.conform.magellan.decoded import MagellanSeen
+from cardan_serial_mice.conform.magellan.decoded import MagellanTraffic
 from cardan_serial_mice.conform.magellan.scenario import UNKNOWN
 from cardan_serial_mice.conform.puck import judges
 from cardan_serial_mice.protocol import (
@@ -39,78 +39,78 @@ SILENT_S = 0.2
 VERSION_WITHIN_S = 0.25
 MOST_COUNTS = 512
 
-requires: Requirements[MagellanSeen] = Requirements("MAG")
+requires: Requirements[MagellanTraffic] = Requirements("MAG")
 
 
 @requires(1, "the system's serial driver")
-def it_can_be_opened(seen: MagellanSeen) -> Verdict:
+def it_can_be_opened(seen: MagellanTraffic) -> Verdict:
     """The port can be opened."""
     return judges.opened(seen)
 
 
 @requires(2, f"{MANUAL}: mode 3 is the default")
-def deflection_is_reported(seen: MagellanSeen) -> Verdict:
+def deflection_is_reported(seen: MagellanTraffic) -> Verdict:
     """Deflected, it sends motion packets without having been told to."""
     return judges.reported(seen)
 
 
 @requires(3, KERNEL)
-def packets_are_whole(seen: MagellanSeen) -> Verdict:
+def packets_are_whole(seen: MagellanTraffic) -> Verdict:
     """Every packet has a known letter, its length, and no byte or sum that cannot be."""
     return judges.whole(seen)
 
 
 @requires(4, RATE)
-def the_rate_is_a_magellans(seen: MagellanSeen) -> Verdict:
+def the_rate_is_a_magellans(seen: MagellanTraffic) -> Verdict:
     """Held deflected, it sends a packet every 18 to 75 ms."""
     return judges.rate(seen, FASTEST_S, SLOWEST_S)
 
 
 @requires(5, f"{MANUAL}: data are sent periodically while they are not zero")
-def deflection_is_never_silent(seen: MagellanSeen) -> Verdict:
+def deflection_is_never_silent(seen: MagellanTraffic) -> Verdict:
     """Held deflected, it is never silent for more than 0.2 s."""
     return judges.silent(seen, SILENT_S)
 
 
 @requires(6, f"{MANUAL}: one zero packet, then silence")
-def the_last_value_is_zero(seen: MagellanSeen) -> Verdict:
+def the_last_value_is_zero(seen: MagellanTraffic) -> Verdict:
     """Let go, it sends zero on all axes, once or twice, as the last of the motion."""
     return judges.ends_with_zero(seen)
 
 
 @requires(7, f"{MANUAL}: one zero packet, then silence")
-def rest_is_silent(seen: MagellanSeen) -> Verdict:
+def rest_is_silent(seen: MagellanTraffic) -> Verdict:
     """Let go, it then sends nothing."""
     return judges.silent_at_rest(seen)
 
 
 @requires(8, "+-360 (Linux) to +-512 at the default sensitivity")
-def counts_are_in_range(seen: MagellanSeen) -> Verdict:
+def counts_are_in_range(seen: MagellanTraffic) -> Verdict:
     """At the default sensitivity no axis goes beyond +-512."""
     return judges.in_range(seen, MOST_COUNTS, MOST_COUNTS)
 
 
 @requires(9, f"{MANUAL}: X right, Y up, Z towards the operator; right-handed")
-def axes_have_their_signs(seen: MagellanSeen) -> Verdict:
+def axes_have_their_signs(seen: MagellanTraffic) -> Verdict:
     """Pushed to the right X is positive and the largest; twisted clockwise B is negative and the
     largest."""
     return judges.signs(seen)
 
 
 @requires(10, f"{MANUAL}, k")
-def buttons_are_told(seen: MagellanSeen) -> Verdict:
+def buttons_are_told(seen: MagellanTraffic) -> Verdict:
     """A button that is pressed is told, and again when it is let go."""
     return judges.buttons(seen)
 
 
 @requires(11, "the system's serial driver")
-def it_stays(seen: MagellanSeen) -> Verdict:
+def it_stays(seen: MagellanTraffic) -> Verdict:
     """The port does not go while it is used."""
     return judges.stays(seen)
 
 
 @requires(12, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: MagellanSeen) -> Verdict:
+def both_descriptions_agree(seen: MagellanTraffic) -> Verdict:
     """A second reader, the scapy layers, sees packets where the first one does."""
     try:
         layers = second_description("serial_mice")
@@ -125,7 +125,7 @@ def both_descriptions_agree(seen: MagellanSeen) -> Verdict:
 
 
 @requires(101, f"{SPACENAVD}: it waits a quarter of a second for the version")
-def the_version_is_told(seen: MagellanSeen) -> Verdict:
+def the_version_is_told(seen: MagellanTraffic) -> Verdict:
     """vQ is answered with a version within 0.25 s."""
     found = seen.told(QUERY_VERSION)
     if found is None:
@@ -142,7 +142,7 @@ def the_version_is_told(seen: MagellanSeen) -> Verdict:
 
 
 @requires(102, f"{MANUAL}: a command that sets something is echoed")
-def settings_are_echoed(seen: MagellanSeen) -> Verdict:
+def settings_are_echoed(seen: MagellanTraffic) -> Verdict:
     """m3 and c33 are echoed."""
     found = [seen.told(command) for command in (MODE_3D, EXTENDED_COMPRESSED)]
     asked = [each for each in found if each is not None]
@@ -157,7 +157,7 @@ def settings_are_echoed(seen: MagellanSeen) -> Verdict:
 
 
 @requires(103, f"{MANUAL}, kQ")
-def keys_can_be_asked_for(seen: MagellanSeen) -> Verdict:
+def keys_can_be_asked_for(seen: MagellanTraffic) -> Verdict:
     """kQ is answered with the keys, of which none is down."""
     found = seen.told(QUERY_KEYS)
     if found is None:
@@ -169,7 +169,7 @@ def keys_can_be_asked_for(seen: MagellanSeen) -> Verdict:
 
 
 @requires(104, f"{MANUAL}, e: 1 is an illegal command")
-def unknown_commands_are_refused(seen: MagellanSeen) -> Verdict:
+def unknown_commands_are_refused(seen: MagellanTraffic) -> Verdict:
     """What is no command is answered with an error."""
     if seen.told(UNKNOWN) is None:
         return not_seen("none was sent")
@@ -178,7 +178,7 @@ def unknown_commands_are_refused(seen: MagellanSeen) -> Verdict:
 
 
 @requires(105, f"{MANUAL}, c: compressed data with a checksum")
-def motion_is_compressed(seen: MagellanSeen) -> Verdict:
+def motion_is_compressed(seen: MagellanTraffic) -> Verdict:
     """After c33 motion comes compressed."""
     found = seen.motions("push-again")
     told = seen.told(EXTENDED_COMPRESSED)
@@ -191,7 +191,7 @@ def motion_is_compressed(seen: MagellanSeen) -> Verdict:
 
 
 @requires(106, f"{MANUAL}, cQ")
-def settings_last(seen: MagellanSeen) -> Verdict:
+def settings_last(seen: MagellanTraffic) -> Verdict:
     """What was set is still so later: cQ is answered c33."""
     set_, found = seen.told(EXTENDED_COMPRESSED), seen.told(QUERY_EXTENDED)
     if set_ is None or found is None or set_.answer is None:
@@ -203,12 +203,12 @@ def settings_last(seen: MagellanSeen) -> Verdict:
 
 
 @requires(107, f"{MANUAL}, d")
-def it_reports_again(seen: MagellanSeen) -> Verdict:
+def it_reports_again(seen: MagellanTraffic) -> Verdict:
     """After it was set up it reports motion as before."""
     return judges.reported_again(seen)
 
 
 @requires(301, "the system's serial driver")
-def unplugging_is_told(seen: MagellanSeen) -> Verdict:
+def unplugging_is_told(seen: MagellanTraffic) -> Verdict:
     """Its port unplugged, the system says that it is gone, and nothing more comes."""
     return judges.unplugged(seen)

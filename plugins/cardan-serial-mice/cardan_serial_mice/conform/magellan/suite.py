@@ -11,7 +11,7 @@ from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
 from cardan.conform.transports import Wires
 from cardan.sim_peers.base import FaultSwitch
-from cardan_serial_mice.conform.magellan.decoded import MagellanMeaning, MagellanSeen
+from cardan_serial_mice.conform.magellan.decoded import MagellanMeaning, MagellanTraffic
 from cardan_serial_mice.conform.magellan.requirements import requires
 from cardan_serial_mice.conform.magellan.scenario import MagellanScenario
 from cardan_serial_mice.conform.puck.simulated import PuckRig
@@ -20,7 +20,7 @@ from cardan_serial_mice.peer.line import SERIAL_FAULTS
 from cardan_serial_mice.protocol.magellan import BAUD
 
 
-class Magellan(Suite[MagellanSeen]):
+class Magellan(Suite[MagellanTraffic]):
     """A Magellan SpaceMouse, a CadMan or a Spaceball 5000 on a serial line."""
 
     name = "magellan"
@@ -32,14 +32,14 @@ class Magellan(Suite[MagellanSeen]):
     transport = Transport("other")
     seconds = 1.2
     # While it is held deflected; between two commands; more than any sensitivity's default gives.
-    tried_with: ClassVar[Mapping[str, float]] = {
+    fault_test_values: ClassVar[Mapping[str, float]] = {
         "silence": 1.5,
         "power-loss": 6.5,
         "overrange": 1.5,
     }
 
-    def see(self, timeline: Timeline) -> MagellanSeen:
-        return MagellanSeen(timeline, MagellanMeaning())
+    def decode(self, timeline: Timeline) -> MagellanTraffic:
+        return MagellanTraffic(timeline, MagellanMeaning())
 
     def scenario(self, level: Level, seconds: float) -> MagellanScenario:
         return MagellanScenario(level, seconds)

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
-from cardan.conform.timeline import Kind, Phase, Timeline
+from cardan.conform.timeline import Kind, Timeline, TimelinePhase
 from cardan_serial_mice.protocol import Malformed
 
 V = TypeVar("V")
@@ -67,7 +67,7 @@ class PacketMeaning(ABC, Generic[V]):
         """Whether it may be the answer to a command."""
 
 
-class PuckSeen(Generic[V]):
+class PuckTraffic(Generic[V]):
     """The packets of a timeline."""
 
     def __init__(self, timeline: Timeline, meaning: PacketMeaning[V]) -> None:
@@ -109,7 +109,7 @@ class PuckSeen(Generic[V]):
         """The first command of these bytes."""
         return next((each for each in self.asked if each.command == command), None)
 
-    def phase(self, name: str) -> Phase | None:
+    def phase(self, name: str) -> TimelinePhase | None:
         """The phase of that name, if the pilot came to it."""
         return self.phases.get(name)
 

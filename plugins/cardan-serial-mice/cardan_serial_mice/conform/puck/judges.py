@@ -7,19 +7,19 @@ from typing import Any
 
 from cardan.conform.requirements import Verdict, failed, not_seen, passed
 from cardan.conform.timing import never_silent
-from cardan_serial_mice.conform.puck.decoded import Asked, PuckSeen
+from cardan_serial_mice.conform.puck.decoded import Asked, PuckTraffic
 
 HELD = ("push-held", "twist-held")
 NOTHING = "no packets came"
-Seen = PuckSeen[Any]
+Traffic = PuckTraffic[Any]
 
 
-def opened(seen: Seen) -> Verdict:
+def opened(seen: Traffic) -> Verdict:
     """The port can be opened."""
     return failed("it was refused", seen.refused) if seen.refused else passed("opened")
 
 
-def reported(seen: Seen) -> Verdict:
+def reported(seen: Traffic) -> Verdict:
     """Deflected, it sends motion."""
     if seen.refused or seen.phase("push-held") is None:
         return not_seen("it was never deflected")
@@ -27,7 +27,7 @@ def reported(seen: Seen) -> Verdict:
     return passed(f"{len(found)} packets") if found else failed("none came")
 
 
-def reported_again(seen: Seen) -> Verdict:
+def reported_again(seen: Traffic) -> Verdict:
     """After it was asked it reports motion as before."""
     if seen.phase("push-again") is None or seen.refused:
         return not_seen("it was not asked")
@@ -35,7 +35,7 @@ def reported_again(seen: Seen) -> Verdict:
     return passed(f"{len(found)} packets") if found else failed("none came")
 
 
-def whole(seen: Seen) -> Verdict:
+def whole(seen: Traffic) -> Verdict:
     """No packet is malformed."""
     if not seen.packets:
         return not_seen(NOTHING)
@@ -50,7 +50,7 @@ def whole(seen: Seen) -> Verdict:
     return passed(f"{len(seen.packets)} packets")
 
 
-def rate(seen: Seen, fastest_s: float, slowest_s: float) -> Verdict:
+def rate(seen: Traffic, fastest_s: float, slowest_s: float) -> Verdict:
     """Held deflected, its mean period lies between these."""
     periods = []
     for name in HELD:
@@ -65,12 +65,12 @@ def rate(seen: Seen, fastest_s: float, slowest_s: float) -> Verdict:
     return passed(said, worst * 1e3, "ms") if good else failed(said)
 
 
-def silent(seen: Seen, most_s: float) -> Verdict:
+def silent(seen: Traffic, most_s: float) -> Verdict:
     """Held deflected, it is never silent for longer."""
     return never_silent(((seen.phase(name), seen.motions(name)) for name in HELD), most_s)
 
 
-def ends_with_zero(seen: Seen) -> Verdict:
+def ends_with_zero(seen: Traffic) -> Verdict:
     """The last packet of each motion is zero on all axes."""
     wrong, count = [], 0
     for name in ("push", "twist"):
@@ -85,7 +85,7 @@ def ends_with_zero(seen: Seen) -> Verdict:
     return passed(f"{count} motions") if count else not_seen("it was never deflected")
 
 
-def silent_at_rest(seen: Seen) -> Verdict:
+def silent_at_rest(seen: Traffic) -> Verdict:
     """Let go, it sends no motion."""
     if seen.phase("push-rest") is None or not seen.packets:
         return not_seen("it was never let go")
@@ -93,7 +93,7 @@ def silent_at_rest(seen: Seen) -> Verdict:
     return failed(f"{len(talks)} packets at rest", talks) if talks else passed("silent")
 
 
-def in_range(seen: Seen, most: int, most_rotation: int) -> Verdict:
+def in_range(seen: Traffic, most: int, most_rotation: int) -> Verdict:
     """No axis goes beyond these counts."""
     found = [each for each in seen.packets if each.counts]
     if not found:
@@ -109,7 +109,7 @@ def in_range(seen: Seen, most: int, most_rotation: int) -> Verdict:
     return failed(said, wrong) if wrong else passed(said)
 
 
-def signs(seen: Seen) -> Verdict:
+def signs(seen: Traffic) -> Verdict:
     """Pushed to the right X is positive and the largest; twisted clockwise B is negative and the
     largest of the rotations."""
     push, twist = (
@@ -128,7 +128,7 @@ def _mean(rows: Sequence[tuple[int, ...]]) -> list[float]:
     return [sum(axis) / len(rows) for axis in zip(*rows, strict=True)]
 
 
-def buttons(seen: Seen) -> Verdict:
+def buttons(seen: Traffic) -> Verdict:
     """A button that is pressed is told, and again when it is let go."""
     if seen.phase("release") is None or seen.refused:
         return not_seen("none was pressed")
@@ -142,7 +142,7 @@ def buttons(seen: Seen) -> Verdict:
     return passed("pressed and let go") if not up[-1] else failed("it stays down")
 
 
-def stays(seen: Seen) -> Verdict:
+def stays(seen: Traffic) -> Verdict:
     """The port does not go while it is used."""
     hand = seen.phase("unplug")
     wrong = [index for index in seen.lost if hand is None or index < hand.first]
@@ -151,7 +151,7 @@ def stays(seen: Seen) -> Verdict:
     return failed("it went", wrong) if wrong else passed("it stayed")
 
 
-def unplugged(seen: Seen) -> Verdict:
+def unplugged(seen: Traffic) -> Verdict:
     """Its port unplugged, the system says that it is gone, and nothing more comes."""
     phase = seen.phase("unplug")
     gone = [] if phase is None else [index for index in seen.lost if index >= phase.first]
@@ -180,7 +180,7 @@ def lines(stream: bytes) -> list[bytes]:
 
 
 def read_twice(
-    seen: Seen, cut: Callable[[bytes], list[bytes]], is_broken: Callable[[bytes], bool]
+    seen: Traffic, cut: Callable[[bytes], list[bytes]], is_broken: Callable[[bytes], bool]
 ) -> Verdict:
     """A second reader, which cuts the stream and knows what is broken, agrees with the first."""
     pieces = cut(seen.stream)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan_serial_mice.conform.puck.decoded import PacketMeaning, PuckSeen
+from cardan_serial_mice.conform.puck.decoded import PacketMeaning, PuckTraffic
 from cardan_serial_mice.protocol import (
     SpaceballAdvancedKeys,
     SpaceballEcho,
@@ -15,7 +15,7 @@ from cardan_serial_mice.protocol import (
 )
 from cardan_serial_mice.protocol.spaceball import QUERY_KEYS, RESET
 
-BallSeen = PuckSeen[SpaceballPacket]
+BallTraffic = PuckTraffic[SpaceballPacket]
 UNKNOWN = b"U0"
 """No command."""
 

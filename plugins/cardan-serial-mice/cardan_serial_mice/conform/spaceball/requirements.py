@@ -17,7 +17,7 @@ from cardan.conform.requirements import (
 from cardan.conform.second_reading import second_description
 from cardan.errors import ExtraMissingError
 from cardan_serial_mice.conform.puck import judges
-from cardan_serial_mice.conform.spaceball.packets import UNKNOWN, BallSeen
+from cardan_serial_mice.conform.spaceball.packets import UNKNOWN, BallTraffic
 from cardan_serial_mice.protocol import (
     SpaceballAdvancedKeys,
     SpaceballError,
@@ -49,16 +49,16 @@ RESET_WITHIN_S, ANSWER_S = 2.0, 0.25
 PERIOD_SHARE, PERIOD_S = 0.1, 0.1
 STEADY_SHARE, STEADY_COUNTS = 0.25, 400
 
-requires: Requirements[BallSeen] = Requirements("BALL")
+requires: Requirements[BallTraffic] = Requirements("BALL")
 
 
 @requires(1, "the system's serial driver")
-def it_can_be_opened(seen: BallSeen) -> Verdict:
+def it_can_be_opened(seen: BallTraffic) -> Verdict:
     """The port can be opened."""
     return judges.opened(seen)
 
 
-def _lines(seen: BallSeen, *phases: str) -> list[tuple[int, str]]:
+def _lines(seen: BallTraffic, *phases: str) -> list[tuple[int, str]]:
     found = seen.during(*phases) if phases else seen.packets
     return [(e.number, e.value.text) for e in found if isinstance(e.value, SpaceballReset)]
 
@@ -75,13 +75,13 @@ def _banner(lines: Iterable[tuple[int, str]]) -> Verdict:
 
 
 @requires(2, f"{SPACENAVD}: @1 and @2")
-def it_says_what_it_is(seen: BallSeen) -> Verdict:
+def it_says_what_it_is(seen: BallTraffic) -> Verdict:
     """Within 2 s of power it says that it is alive, and names a firmware that is known."""
     return not_seen("it was never opened") if seen.refused else _banner(_lines(seen, "rest"))
 
 
 @requires(3, f"{SPACENAVD}: @1 and @2")
-def it_starts_once(seen: BallSeen) -> Verdict:
+def it_starts_once(seen: BallTraffic) -> Verdict:
     """It starts with its power and with a reset, and at no other time."""
     asked = {number for number, _ in _lines(seen, "rest", "reset")}
     found = [number for number, _ in _lines(seen)]
@@ -92,13 +92,13 @@ def it_starts_once(seen: BallSeen) -> Verdict:
 
 
 @requires(4, f"{HOSTS}: a letter, data with escapes, and CR")
-def packets_are_whole(seen: BallSeen) -> Verdict:
+def packets_are_whole(seen: BallTraffic) -> Verdict:
     """Every packet has a known letter, its length, and escapes that there are."""
     return judges.whole(seen)
 
 
 @requires(5, f"{HOSTS}: no ball data without M")
-def it_waits_to_be_told(seen: BallSeen) -> Verdict:
+def it_waits_to_be_told(seen: BallTraffic) -> Verdict:
     """Before it is told to, it sends no motion."""
     if not seen.packets:
         return not_seen(judges.NOTHING)
@@ -107,19 +107,19 @@ def it_waits_to_be_told(seen: BallSeen) -> Verdict:
 
 
 @requires(6, f"{HOSTS}: K, and . of a 4000 FLX")
-def buttons_are_told(seen: BallSeen) -> Verdict:
+def buttons_are_told(seen: BallTraffic) -> Verdict:
     """A button that is pressed is told, alone, and again when it is let go."""
     return judges.buttons(seen)
 
 
 @requires(7, "the system's serial driver")
-def it_stays(seen: BallSeen) -> Verdict:
+def it_stays(seen: BallTraffic) -> Verdict:
     """The port does not go while it is used."""
     return judges.stays(seen)
 
 
 @requires(8, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: BallSeen) -> Verdict:
+def both_descriptions_agree(seen: BallTraffic) -> Verdict:
     """A second reader, the scapy layers, finds as many broken packets as the first one."""
     try:
         layers = second_description("serial_mice")
@@ -135,7 +135,7 @@ def _pieces(stream: bytes) -> list[bytes]:
 
 
 @requires(9, f"{HOSTS}: bytes of keys carry bit 6")
-def bytes_of_keys_are_marked(seen: BallSeen) -> Verdict:
+def bytes_of_keys_are_marked(seen: BallTraffic) -> Verdict:
     """Both bytes of every packet of keys have bit 6."""
     found = [
         (each.number, each.value)
@@ -152,7 +152,7 @@ def bytes_of_keys_are_marked(seen: BallSeen) -> Verdict:
 
 
 @requires(101, f"{SPACENAVD}: it waits 2 s for @1")
-def it_can_be_reset(seen: BallSeen) -> Verdict:
+def it_can_be_reset(seen: BallTraffic) -> Verdict:
     """Reset, it says within 2 s what it is."""
     if seen.told(RESET) is None:
         return not_seen("it was not reset")
@@ -162,7 +162,7 @@ def it_can_be_reset(seen: BallSeen) -> Verdict:
 
 
 @requires(102, f"{HOSTS}: a command that sets something is echoed")
-def settings_are_echoed(seen: BallSeen) -> Verdict:
+def settings_are_echoed(seen: BallTraffic) -> Verdict:
     """CB, P and M are echoed within 0.25 s."""
     asked = [seen.told(command) for command in (BINARY, RATE_20_HZ, SEND_VECTORS)]
     verdicts = [judges.answered(each, ANSWER_S) for each in asked]
@@ -170,7 +170,7 @@ def settings_are_echoed(seen: BallSeen) -> Verdict:
 
 
 @requires(103, f"{HOSTS}: k")
-def keys_can_be_asked_for(seen: BallSeen) -> Verdict:
+def keys_can_be_asked_for(seen: BallTraffic) -> Verdict:
     """k is answered within 0.25 s with the keys, of which none is down."""
     asked = seen.told(QUERY_KEYS)
     if asked is not None and asked.answer is not None and asked.answer.mask:
@@ -179,7 +179,7 @@ def keys_can_be_asked_for(seen: BallSeen) -> Verdict:
 
 
 @requires(104, f"{HOSTS}: ?")
-def unknown_commands_are_refused(seen: BallSeen) -> Verdict:
+def unknown_commands_are_refused(seen: BallTraffic) -> Verdict:
     """What is no command is answered with ? within 0.25 s, and nothing else is."""
     told = seen.told(UNKNOWN)
     if told is None:
@@ -193,50 +193,50 @@ def unknown_commands_are_refused(seen: BallSeen) -> Verdict:
 
 
 @requires(105, f"{HOSTS}: D while it is deflected")
-def deflection_is_reported(seen: BallSeen) -> Verdict:
+def deflection_is_reported(seen: BallTraffic) -> Verdict:
     """Told to, it sends motion while it is deflected."""
     return judges.reported(seen)
 
 
 @requires(106, f"{HOSTS}: P@r@r is 50 ms")
-def the_rate_is_what_was_set(seen: BallSeen) -> Verdict:
+def the_rate_is_what_was_set(seen: BallTraffic) -> Verdict:
     """Held deflected, it sends a packet every 45 to 60 ms."""
     return judges.rate(seen, FASTEST_S, SLOWEST_S)
 
 
 @requires(107, f"{HOSTS}: D while it is deflected")
-def deflection_is_never_silent(seen: BallSeen) -> Verdict:
+def deflection_is_never_silent(seen: BallTraffic) -> Verdict:
     """Held deflected, it is never silent for more than 0.2 s."""
     return judges.silent(seen, SILENT_S)
 
 
 @requires(108, f"{HOSTS}: zero, then none")
-def the_last_value_is_zero(seen: BallSeen) -> Verdict:
+def the_last_value_is_zero(seen: BallTraffic) -> Verdict:
     """Let go, it sends zero on all axes as the last of the motion."""
     return judges.ends_with_zero(seen)
 
 
 @requires(109, f"{HOSTS}: zero, then none")
-def rest_is_silent(seen: BallSeen) -> Verdict:
+def rest_is_silent(seen: BallTraffic) -> Verdict:
     """Let go, it then sends no motion."""
     return judges.silent_at_rest(seen)
 
 
 @requires(110, f"{KERNEL}: +-8000 and +-1600")
-def counts_are_in_range(seen: BallSeen) -> Verdict:
+def counts_are_in_range(seen: BallTraffic) -> Verdict:
     """At 20 Hz no translation goes beyond +-10000 counts, and no rotation beyond +-2000."""
     return judges.in_range(seen, MOST_COUNTS, MOST_TURN_COUNTS)
 
 
 @requires(111, f"{HOSTS}: X right, Y up, Z away; rotations about them by the right hand")
-def axes_have_their_signs(seen: BallSeen) -> Verdict:
+def axes_have_their_signs(seen: BallTraffic) -> Verdict:
     """Pushed to the right X is positive and the largest translation; twisted clockwise the rotation
     about Y is negative and the largest."""
     return judges.signs(seen)
 
 
 @requires(112, f"{HOSTS}: the period in sixteenths of a millisecond")
-def periods_are_those_of_motion(seen: BallSeen) -> Verdict:
+def periods_are_those_of_motion(seen: BallTraffic) -> Verdict:
     """The periods that motions tell add up to the time between them, to 10 %, and none is off by
     more than 0.1 s."""
     told_s, took_s, wrong = 0.0, 0.0, []
@@ -256,7 +256,7 @@ def periods_are_those_of_motion(seen: BallSeen) -> Verdict:
 
 
 @requires(113, "packets have no checksum: what is mangled shows as a leap")
-def a_steady_hand_is_steady(seen: BallSeen) -> Verdict:
+def a_steady_hand_is_steady(seen: BallTraffic) -> Verdict:
     """Held steadily, no axis leaps by a quarter of its size, or 400 counts where that is more."""
     wrong, count = [], 0
     for name in judges.HELD:
@@ -275,6 +275,6 @@ def a_steady_hand_is_steady(seen: BallSeen) -> Verdict:
 
 
 @requires(301, "the system's serial driver")
-def unplugging_is_told(seen: BallSeen) -> Verdict:
+def unplugging_is_told(seen: BallTraffic) -> Verdict:
     """Its port unplugged, the system says that it is gone, and nothing more comes."""
     return judges.unplugged(seen)

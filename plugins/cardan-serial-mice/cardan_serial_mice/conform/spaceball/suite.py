@@ -12,7 +12,7 @@ from cardan.conform.timeline import Timeline
 from cardan.conform.transports import Wires
 from cardan.sim_peers.base import FaultSwitch
 from cardan_serial_mice.conform.puck.simulated import PuckRig
-from cardan_serial_mice.conform.spaceball.packets import BallSeen, SpaceballMeaning
+from cardan_serial_mice.conform.spaceball.packets import BallTraffic, SpaceballMeaning
 from cardan_serial_mice.conform.spaceball.requirements import requires
 from cardan_serial_mice.conform.spaceball.scenario import SpaceballScenario
 from cardan_serial_mice.conform.wire import SerialLine
@@ -20,7 +20,7 @@ from cardan_serial_mice.peer.line import SERIAL_FAULTS
 from cardan_serial_mice.protocol.spaceball import BAUD
 
 
-class Spaceball(Suite[BallSeen]):
+class Spaceball(Suite[BallTraffic]):
     """A Spaceball 1003, 2003, 3003 or 4000 FLX. A Spaceball 5000 speaks as a Magellan."""
 
     name = "spaceball"
@@ -32,10 +32,10 @@ class Spaceball(Suite[BallSeen]):
     transport = Transport("other")
     seconds = 1.2
     # While it is held deflected; more than the range has over.
-    tried_with: ClassVar[Mapping[str, float]] = {"power-loss": 4.5, "overrange": 1.5}
+    fault_test_values: ClassVar[Mapping[str, float]] = {"power-loss": 4.5, "overrange": 1.5}
 
-    def see(self, timeline: Timeline) -> BallSeen:
-        return BallSeen(timeline, SpaceballMeaning())
+    def decode(self, timeline: Timeline) -> BallTraffic:
+        return BallTraffic(timeline, SpaceballMeaning())
 
     def scenario(self, level: Level, seconds: float) -> SpaceballScenario:
         return SpaceballScenario(level, seconds)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from cardan_serial_mice.conform.puck.decoded import PacketMeaning, PuckSeen
+from cardan_serial_mice.conform.puck.decoded import PacketMeaning, PuckTraffic
 from cardan_serial_mice.protocol import OrbKeys, OrbMotion, OrbPacket, OrbReader, OrbText
 
-OrbSeen = PuckSeen[OrbPacket]
+OrbTraffic = PuckTraffic[OrbPacket]
 POLL = b"d"
 """Asks for one motion."""
 NULL_REGION = b"n"

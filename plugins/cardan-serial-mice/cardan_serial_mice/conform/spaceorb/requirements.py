@@ -15,7 +15,7 @@ from cardan.conform.requirements import (
 from cardan.conform.second_reading import second_description
 from cardan.errors import ExtraMissingError
 from cardan_serial_mice.conform.puck import judges
-from cardan_serial_mice.conform.spaceorb.packets import NULL_REGION, POLL, OrbSeen
+from cardan_serial_mice.conform.spaceorb.packets import NULL_REGION, POLL, OrbTraffic
 from cardan_serial_mice.protocol import OrbError, OrbKeys, OrbReset, OrbText
 from cardan_serial_mice.protocol.spaceorb import HEARTBEAT_S, QUERY
 
@@ -31,17 +31,17 @@ MOST_COUNTS = 510
 BEAT_S = 1.3 * HEARTBEAT_S
 ANSWER_S = 0.25
 
-requires: Requirements[OrbSeen] = Requirements("ORB")
+requires: Requirements[OrbTraffic] = Requirements("ORB")
 
 
 @requires(1, "the system's serial driver")
-def it_can_be_opened(seen: OrbSeen) -> Verdict:
+def it_can_be_opened(seen: OrbTraffic) -> Verdict:
     """The port can be opened."""
     return judges.opened(seen)
 
 
 @requires(2, f"{CAPTURES}: R, a second after power")
-def it_says_what_it_is(seen: OrbSeen) -> Verdict:
+def it_says_what_it_is(seen: OrbTraffic) -> Verdict:
     """Within 2 s of power it says what it is, and names itself a Spaceball."""
     if seen.refused:
         return not_seen("it was never opened")
@@ -53,7 +53,7 @@ def it_says_what_it_is(seen: OrbSeen) -> Verdict:
 
 
 @requires(3, f"{CAPTURES}: R, a second after power")
-def it_starts_once(seen: OrbSeen) -> Verdict:
+def it_starts_once(seen: OrbTraffic) -> Verdict:
     """It starts once, and not anew while it is used."""
     found = [each.number for each in seen.packets if isinstance(each.value, OrbReset)]
     if not found:
@@ -62,13 +62,13 @@ def it_starts_once(seen: OrbSeen) -> Verdict:
 
 
 @requires(4, f"{KERNEL}; {CAPTURES}: data with bit 7 set, and a checksum")
-def packets_are_whole(seen: OrbSeen) -> Verdict:
+def packets_are_whole(seen: OrbTraffic) -> Verdict:
     """Every packet has a known letter, its length, and a right checksum."""
     return judges.whole(seen)
 
 
 @requires(5, f"{CAPTURES}: K once a second and more")
-def it_says_that_it_is_there(seen: OrbSeen) -> Verdict:
+def it_says_that_it_is_there(seen: OrbTraffic) -> Verdict:
     """At rest it tells its buttons every 1.3 s and more often."""
     phase = seen.phase("beats")
     if phase is None or seen.refused:
@@ -81,7 +81,7 @@ def it_says_that_it_is_there(seen: OrbSeen) -> Verdict:
 
 
 @requires(6, KERNEL)
-def it_is_well(seen: OrbSeen) -> Verdict:
+def it_is_well(seen: OrbTraffic) -> Verdict:
     """It tells of no error."""
     found = [each.number for each in seen.packets if isinstance(each.value, OrbError)]
     if not seen.packets:
@@ -90,62 +90,62 @@ def it_is_well(seen: OrbSeen) -> Verdict:
 
 
 @requires(7, f"{CAPTURES}: D while it is deflected")
-def deflection_is_reported(seen: OrbSeen) -> Verdict:
+def deflection_is_reported(seen: OrbTraffic) -> Verdict:
     """Deflected, it sends motion without having been told to."""
     return judges.reported(seen)
 
 
 @requires(8, f"{CAPTURES}: 33 ms")
-def the_rate_is_an_orbs(seen: OrbSeen) -> Verdict:
+def the_rate_is_an_orbs(seen: OrbTraffic) -> Verdict:
     """Held deflected, it sends a packet every 28 to 40 ms."""
     return judges.rate(seen, FASTEST_S, SLOWEST_S)
 
 
 @requires(9, f"{CAPTURES}: D while it is deflected")
-def deflection_is_never_silent(seen: OrbSeen) -> Verdict:
+def deflection_is_never_silent(seen: OrbTraffic) -> Verdict:
     """Held deflected, it is never silent for more than 0.2 s."""
     return judges.silent(seen, SILENT_S)
 
 
 @requires(10, f"{CAPTURES}: one zero packet, then none")
-def the_last_value_is_zero(seen: OrbSeen) -> Verdict:
+def the_last_value_is_zero(seen: OrbTraffic) -> Verdict:
     """Let go, it sends zero on all axes as the last of the motion."""
     return judges.ends_with_zero(seen)
 
 
 @requires(11, f"{CAPTURES}: one zero packet, then none")
-def rest_is_silent(seen: OrbSeen) -> Verdict:
+def rest_is_silent(seen: OrbTraffic) -> Verdict:
     """Let go, it then sends no motion."""
     return judges.silent_at_rest(seen)
 
 
 @requires(12, f"{KERNEL}: +-508")
-def counts_are_in_range(seen: OrbSeen) -> Verdict:
+def counts_are_in_range(seen: OrbTraffic) -> Verdict:
     """No axis goes beyond +-510."""
     return judges.in_range(seen, MOST_COUNTS, MOST_COUNTS)
 
 
 @requires(13, f"{CAPTURES}: X right, Y up, Z towards the operator; right-handed")
-def axes_have_their_signs(seen: OrbSeen) -> Verdict:
+def axes_have_their_signs(seen: OrbTraffic) -> Verdict:
     """Pushed to the right X is positive and the largest translation; twisted clockwise the rotation
     about Y is negative and the largest."""
     return judges.signs(seen)
 
 
 @requires(14, f"{CAPTURES}, K")
-def buttons_are_told(seen: OrbSeen) -> Verdict:
+def buttons_are_told(seen: OrbTraffic) -> Verdict:
     """A button that is pressed is told, alone, and again when it is let go."""
     return judges.buttons(seen)
 
 
 @requires(15, "the system's serial driver")
-def it_stays(seen: OrbSeen) -> Verdict:
+def it_stays(seen: OrbTraffic) -> Verdict:
     """The port does not go while it is used."""
     return judges.stays(seen)
 
 
 @requires(16, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: OrbSeen) -> Verdict:
+def both_descriptions_agree(seen: OrbTraffic) -> Verdict:
     """A second reader, the scapy layers, finds as many broken packets as the first one."""
     try:
         layers = second_description("serial_mice")
@@ -172,7 +172,7 @@ def _pieces(stream: bytes) -> list[bytes]:
 
 
 @requires(101, f"{CAPTURES}: ?")
-def it_can_be_asked_what_it_is(seen: OrbSeen) -> Verdict:
+def it_can_be_asked_what_it_is(seen: OrbTraffic) -> Verdict:
     """? is answered within 0.25 s, with two packets of information."""
     asked = seen.told(QUERY)
     verdict = judges.answered(asked, ANSWER_S)
@@ -187,13 +187,13 @@ def it_can_be_asked_what_it_is(seen: OrbSeen) -> Verdict:
 
 
 @requires(102, f"{CAPTURES}: n")
-def the_null_region_can_be_asked_for(seen: OrbSeen) -> Verdict:
+def the_null_region_can_be_asked_for(seen: OrbTraffic) -> Verdict:
     """n is answered with the null region within 0.25 s."""
     return judges.answered(seen.told(NULL_REGION), ANSWER_S)
 
 
 @requires(103, f"{CAPTURES}: d")
-def motion_can_be_asked_for(seen: OrbSeen) -> Verdict:
+def motion_can_be_asked_for(seen: OrbTraffic) -> Verdict:
     """d is answered with a motion within 0.25 s, which is zero at rest."""
     asked = seen.told(POLL)
     if asked is not None and asked.answer is not None and any(asked.answer.counts):
@@ -202,12 +202,12 @@ def motion_can_be_asked_for(seen: OrbSeen) -> Verdict:
 
 
 @requires(104, f"{CAPTURES}: D while it is deflected")
-def it_reports_again(seen: OrbSeen) -> Verdict:
+def it_reports_again(seen: OrbTraffic) -> Verdict:
     """After it was asked it reports motion as before."""
     return judges.reported_again(seen)
 
 
 @requires(301, "the system's serial driver")
-def unplugging_is_told(seen: OrbSeen) -> Verdict:
+def unplugging_is_told(seen: OrbTraffic) -> Verdict:
     """Its port unplugged, the system says that it is gone, and nothing more comes."""
     return judges.unplugged(seen)

@@ -12,7 +12,7 @@ from cardan.conform.timeline import Timeline
 from cardan.conform.transports import Wires
 from cardan.sim_peers.base import FaultSwitch
 from cardan_serial_mice.conform.puck.simulated import PuckRig
-from cardan_serial_mice.conform.spaceorb.packets import OrbSeen, SpaceOrbMeaning
+from cardan_serial_mice.conform.spaceorb.packets import OrbTraffic, SpaceOrbMeaning
 from cardan_serial_mice.conform.spaceorb.requirements import requires
 from cardan_serial_mice.conform.spaceorb.scenario import SpaceOrbScenario
 from cardan_serial_mice.conform.wire import SerialLine
@@ -20,7 +20,7 @@ from cardan_serial_mice.peer.line import SERIAL_FAULTS
 from cardan_serial_mice.protocol.spaceorb import BAUD
 
 
-class SpaceOrb(Suite[OrbSeen]):
+class SpaceOrb(Suite[OrbTraffic]):
     """A SpaceOrb 360, or a Spaceball Avenger, which speaks the same."""
 
     name = "spaceorb"
@@ -32,10 +32,10 @@ class SpaceOrb(Suite[OrbSeen]):
     transport = Transport("other")
     seconds = 1.2
     # When it has started.
-    tried_with: ClassVar[Mapping[str, float]] = {"power-loss": 5.5}
+    fault_test_values: ClassVar[Mapping[str, float]] = {"power-loss": 5.5}
 
-    def see(self, timeline: Timeline) -> OrbSeen:
-        return OrbSeen(timeline, SpaceOrbMeaning())
+    def decode(self, timeline: Timeline) -> OrbTraffic:
+        return OrbTraffic(timeline, SpaceOrbMeaning())
 
     def scenario(self, level: Level, seconds: float) -> SpaceOrbScenario:
         return SpaceOrbScenario(level, seconds)

@@ -12,17 +12,17 @@ import pytest
 from cardan.bus.node import Received
 from cardan.common.native import NativePartError
 from cardan.errors import CollisionError, ConfigurationError
-from cardan.gateway.arm.neighbours import NS
+from cardan.gateway.arm.neighbors import NS
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
-from cardan.gateway.bus.neighbours import MAX_BYTES, MESSAGES_AT_ONCE
+from cardan.gateway.bus.neighbors import MAX_BYTES, MESSAGES_AT_ONCE
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import CollisionModel
 from cardan.gateway.servo import choice
 from cardan.gateway.session.arm_assembly import (
     disagreements,
-    make_neighbour_bodies,
-    make_neighbours,
+    make_neighbor_bodies,
+    make_neighbors,
 )
 from cardan.gateway.session.assembly import make_controller, make_robot, make_verbs
 from cardan.gateway.session.cautions import cautions
@@ -50,12 +50,12 @@ FACING = {"base_xyz_m": [1.4, 0.0, 0.0], "base_rpy_deg": [0.0, 0.0, 180.0]}
 """Two arms of a cell, each with its TCP before it: along x they go towards each other."""
 
 
-def table(own="ur5", other="ur5", name="right", neighbour=FACING, **more):
-    neighbour = {
+def table(own="ur5", other="ur5", name="right", neighbor=FACING, **more):
+    neighbor = {
         "name": name,
         "model": other,
         "topic": f"/{name}/joint_states",
-        **neighbour,
+        **neighbor,
     }
     return {
         "device": {"driver": "spacemouse"},
@@ -70,12 +70,12 @@ def table(own="ur5", other="ur5", name="right", neighbour=FACING, **more):
         "limits": {"linear_speed_m_s": 0.25, "linear_acceleration_m_s2": 1.0},
         "mapping": {"linear_speed_m_s": 0.25, "deadman": "left"},
         "network": {},
-        "neighbours": [neighbour],
+        "neighbors": [neighbor],
         **more,
     }
 
 
-FACED = table()["neighbours"][0]
+FACED = table()["neighbors"][0]
 
 
 class Topic:
@@ -115,13 +115,13 @@ class Session:
         self.config = parse_config(table(**config))
         self.robot = make_robot(self.config)
         self.core = make_controller(self.config, self.robot)
-        self.neighbours = make_neighbours(self.config, self.robot, self.core)
-        self.topic = Topic(load_arm(self.config.neighbours[0].model).joint_names)
-        self.neighbours._subscriptions = [self.topic]
+        self.neighbors = make_neighbors(self.config, self.robot, self.core)
+        self.topic = Topic(load_arm(self.config.neighbors[0].model).joint_names)
+        self.neighbors._subscriptions = [self.topic]
         self.robot.open()
         self.cycles = self.robot.cycles()
         self.state = None
-        self.core.inhibit(self.neighbours.turn(0.0), Inhibit.WHILE_SAID)
+        self.core.inhibit(self.neighbors.turn(0.0), Inhibit.WHILE_SAID)
 
     def cycle(self, axes=REST, held=True):
         self.state = state = next(self.cycles)
@@ -131,8 +131,8 @@ class Session:
         self.robot.send(self.core.tick(state, hand))
         now_s = state.stamp_s
         self.topic.arrive(now_s)
-        self.neighbours.hear(now_s, EPOCH_NS + round(now_s * NS))
-        self.core.inhibit(self.neighbours.turn(now_s), Inhibit.WHILE_SAID)
+        self.neighbors.hear(now_s, EPOCH_NS + round(now_s * NS))
+        self.core.inhibit(self.neighbors.turn(now_s), Inhibit.WHILE_SAID)
 
     @property
     def q(self):
@@ -147,7 +147,7 @@ class Between:
     """The true distance of two arms of one robot, by Coal."""
 
     def __init__(self, session):
-        self._bodies = session.core.body.neighbours[0]
+        self._bodies = session.core.commanded.neighbors[0]
         own = ArmKinematics(load_arm(session.config.arm.model))
         self._model = CollisionModel(own, movers=[self._bodies.shapes])
         self._pairs = [
@@ -174,7 +174,7 @@ def hear(session, joints, age_s, velocities=(), **more):
 
 
 def known(joints=HOME, age_s=0.0, **config):
-    """A session that has heard of its neighbour, disarmed."""
+    """A session that has heard of its neighbor, disarmed."""
     session = Session(**config)
     for _ in range(5):
         session.cycle(held=False)
@@ -192,14 +192,14 @@ def armed(joints=HOME, age_s=0.0):
 
 
 SWING = np.array((0.0, 1.0, -0.6, 0.0, 0.0, 0.0))
-"""Joint motion that takes the neighbour's hand towards this arm."""
+"""Joint motion that takes the neighbor's hand towards this arm."""
 
 
 @pytest.mark.matrix
 @pytest.mark.parametrize("age_s", [0.0, 0.03, 0.1])
 @pytest.mark.parametrize("speed", [0.0, 0.1, 0.3])
 def test_an_arm_driven_at_the_other_stops_before_it_at_rest_or_moving(age_s, speed):
-    """The neighbour swings to and fro, and brakes where the arm would have to; states are late."""
+    """The neighbor swings to and fro, and brakes where the arm would have to; states are late."""
     session, between = armed(age_s=age_s), None
     between = Between(session)
     history, other, v, nearest, least = [], HOME.copy(), 0.0, math.inf, math.inf
@@ -239,7 +239,7 @@ def test_two_arms_that_are_driven_at_each_other_both_stop():
     for one in (left, right):
         assert one.core.phase is not Phase.DISARMED, one.message
         assert np.abs(one.q - moved[id(one)]).max() > 0.05
-        assert not one.core.body.moving
+        assert not one.core.commanded.moving
     assert SAFETY_M <= nearest < 0.12
 
 
@@ -250,17 +250,17 @@ VERBS_INWARD = {
 
 
 @pytest.mark.parametrize("verb", VERBS_INWARD)
-def test_a_verb_through_a_neighbour_is_refused_before_it_begins(verb):
-    """Where the neighbour is now; where it has gone away the same verb moves the arm."""
-    session = known(neighbour={**FACING, "base_xyz_m": [1.2, 0.218, 0.0]})
+def test_a_verb_through_a_neighbor_is_refused_before_it_begins(verb):
+    """Where the neighbor is now; where it has gone away the same verb moves the arm."""
+    session = known(neighbor={**FACING, "base_xyz_m": [1.2, 0.218, 0.0]})
     session.cycle(held=False)
     verbs = make_verbs(session.config, session.robot, session.core, None)
-    begin = session.core.body.pose
+    begin = session.core.commanded.pose
     goal = begin._replace(position=begin.position._replace(x=begin.position.x + 0.22))
     with pytest.raises(CollisionError, match=r"'s \w+, where that is now, after \d+%") as refused:
         VERBS_INWARD[verb](verbs, goal)
     assert any(name.startswith("right's ") for name in refused.value.pair)
-    assert not session.core.body.moving
+    assert not session.core.commanded.moving
 
     away = HOME + np.array((math.pi / 2.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     hear(session, away, 0.0)
@@ -271,7 +271,7 @@ def test_a_verb_through_a_neighbour_is_refused_before_it_begins(verb):
 def test_one_that_comes_moves_no_arm_at_rest_and_the_words_say_so():
     session = armed()
     between, before, comes = Between(session), session.q, load_arm("ur5").home
-    at = session.core.body.neighbours[0]
+    at = session.core.commanded.neighbors[0]
     arm, q = ArmKinematics(load_arm("ur5")), np.array(comes)
     for _ in range(500):
         arm.update(q)
@@ -337,15 +337,15 @@ def test_an_arm_that_moves_brakes_and_stays_until_it_is_armed_again(silence):
         hear(session, HOME, 0.0)
         session.cycle(INWARD)
     assert session.core.phase is Phase.MOVING
-    before = sum(session.neighbours._watches[0].refused.values())
+    before = sum(session.neighbors._watches[0].refused.values())
     for step in range(60):
         SILENCES[silence](session, step)
         session.cycle(INWARD)
     assert session.core.phase is Phase.DISARMED
-    assert not session.core.body.moving
+    assert not session.core.commanded.moving
     assert session.core.trips == 1
-    assert "the neighbour right" in session.message
-    refused = sum(session.neighbours._watches[0].refused.values())
+    assert "the neighbor right" in session.message
+    refused = sum(session.neighbors._watches[0].refused.values())
     assert (refused > before) == (silence != "silence")
     there = session.q
     for _ in range(20):  # Known again, but the operator still holds on.
@@ -362,9 +362,9 @@ def test_a_flood_beside_the_true_states_costs_no_cycle_more_than_four_messages()
     session = armed()
     flood(session, 0)
     session.topic.arrive(session.state.stamp_s)
-    before = sum(session.neighbours._watches[0].refused.values())
-    session.neighbours.hear(session.state.stamp_s, EPOCH_NS)
-    assert sum(session.neighbours._watches[0].refused.values()) - before <= MESSAGES_AT_ONCE
+    before = sum(session.neighbors._watches[0].refused.values())
+    session.neighbors.hear(session.state.stamp_s, EPOCH_NS)
+    assert sum(session.neighbors._watches[0].refused.values()) - before <= MESSAGES_AT_ONCE
 
 
 def test_what_is_too_long_is_not_decoded():
@@ -372,7 +372,7 @@ def test_what_is_too_long_is_not_decoded():
     names = [*load_arm("ur5").joint_names, *(f"joint {each}" for each in range(2000))]
     hear(session, np.zeros(len(names)), 0.0, names=names)
     session.cycle()
-    assert "refused 1 messages of more than 8192 bytes" in session.neighbours.diagnosis()[-1]
+    assert "refused 1 messages of more than 8192 bytes" in session.neighbors.diagnosis()[-1]
     assert len(names) * 8 > MAX_BYTES
 
 
@@ -389,11 +389,11 @@ def test_whatever_junk_comes_little_is_said_of_it():
         other[generator.integers(4, len(good))] ^= generator.integers(1, 256)
         session.topic.junk(bytes(other), session.state.stamp_s)
         session.cycle()
-    assert sum(session.neighbours._watches[0].refused.values()) > 700
-    assert len(session.neighbours.diagnosis()) < 15
+    assert sum(session.neighbors._watches[0].refused.values()) > 700
+    assert len(session.neighbors.diagnosis()) < 15
 
 
-def test_the_words_say_how_far_a_neighbour_may_come_that_is_fast():
+def test_the_words_say_how_far_a_neighbor_may_come_that_is_fast():
     session = armed()
     for step in range(40):
         swing = HOME + 0.4 * math.sin(0.3 * step) * SWING
@@ -413,64 +413,64 @@ def unavailable(*_arguments):
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_both_servos_tell_how_far_a_neighbour_may_come(compiled, monkeypatch):
+def test_both_servos_tell_how_far_a_neighbor_may_come(compiled, monkeypatch):
     if not compiled:
         monkeypatch.setattr(choice, "CompiledServo", unavailable)
     session = Session()
     session.cycle(held=False)
-    ways = [0.6 + 0.01 * each for each in range(len(session.core.body.neighbours[0].shapes))]
-    session.core.place_neighbour(0, HOME, ways)
-    session.core.body.brake(PERIOD_S)
-    status = session.core.body.servo.status()
-    names = [each.name for each in session.core.body.neighbours[0].shapes]
+    ways = [0.6 + 0.01 * each for each in range(len(session.core.commanded.neighbors[0].shapes))]
+    session.core.place_neighbor(0, HOME, ways)
+    session.core.commanded.brake(PERIOD_S)
+    status = session.core.commanded.servo.status()
+    names = [each.name for each in session.core.commanded.neighbors[0].shapes]
     assert status.compiled is compiled
     assert status.nearer_m == ways[names.index(status.nearest_pair[0])]
 
 
-def test_a_record_places_the_neighbours_where_they_were():
+def test_a_record_places_the_neighbors_where_they_were():
     session, said = armed(), []
     session.core.recorder = lambda _ticks, what, text: said.append((what, text))
     hear(session, HOME + 0.1 * SWING, 0.0)
     session.cycle()
-    name, text = next(each for each in said if each[0] == "place_neighbour")
+    name, text = next(each for each in said if each[0] == "place_neighbor")
     again = Session()
     REPEATED[name](again.core, text)
     for one in (session, again):
-        one.core.body.brake(PERIOD_S)
-    found = [one.core.body.servo.status().distance_m for one in (session, again)]
+        one.core.commanded.brake(PERIOD_S)
+    found = [one.core.commanded.servo.status().distance_m for one in (session, again)]
     assert found[0] == found[1]
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"network": None}, "neighbours: their joint states come from the network"),
-        ({"arm": {"model": "ur5", "collisions": False}}, "neighbours: only an arm's"),
-        ({"neighbour": {"topic": "/a b"}}, "topic"),
+        ({"network": None}, "neighbors: their joint states come from the network"),
+        ({"arm": {"model": "ur5", "collisions": False}}, "neighbors: only an arm's"),
+        ({"neighbor": {"topic": "/a b"}}, "topic"),
         (
-            {"neighbour": {"topic": "/joint_states"}},
-            "neighbours.0.topic: /joint_states is that of this",
+            {"neighbor": {"topic": "/joint_states"}},
+            "neighbors.0.topic: /joint_states is that of this",
         ),
-        ({"neighbour": {"topic": "joint_states"}}, "/joint_states is that of this session"),
+        ({"neighbor": {"topic": "joint_states"}}, "/joint_states is that of this session"),
         (
-            {"neighbour": {"base_xyz_m": None, "base_rpy_deg": [0.0] * 3}},
-            "neighbours.0.base_xyz_m: is missing.*say where",
+            {"neighbor": {"base_xyz_m": None, "base_rpy_deg": [0.0] * 3}},
+            "neighbors.0.base_xyz_m: is missing.*say where",
         ),
-        ({"neighbours": [FACED, {**FACED, "name": "it"}]}, "neighbours.1.topic.*neighbour 'right'"),
-        ({"neighbour": {"max_age_s": 0.01}}, "neighbours.0.max_age_s.*0.02"),
-        ({"neighbour": {"name": ""}}, "name"),
-        ({"neighbour": {"base_xyz_m": None}}, "given with base_xyz_m"),
-        ({"neighbour": {"model": "ur55"}}, "neighbours.0.model.*ur5"),
-        ({"neighbour": {"ignore": [["wrist_3_link", "link_9"]]}}, "neighbours.0.ignore.*link_9"),
-        ({"neighbour": {"ignore": [["base", "wrist_3_link"]]}}, "neighbours.0.ignore.*'base'"),
+        ({"neighbors": [FACED, {**FACED, "name": "it"}]}, "neighbors.1.topic.*neighbor 'right'"),
+        ({"neighbor": {"max_age_s": 0.01}}, "neighbors.0.max_age_s.*0.02"),
+        ({"neighbor": {"name": ""}}, "name"),
+        ({"neighbor": {"base_xyz_m": None}}, "given with base_xyz_m"),
+        ({"neighbor": {"model": "ur55"}}, "neighbors.0.model.*ur5"),
+        ({"neighbor": {"ignore": [["wrist_3_link", "link_9"]]}}, "neighbors.0.ignore.*link_9"),
+        ({"neighbor": {"ignore": [["base", "wrist_3_link"]]}}, "neighbors.0.ignore.*'base'"),
     ],
 )
 def test_what_cannot_be_is_refused(changes, words):
     given = {key: value for key, value in {**table(), **changes}.items() if value is not None}
-    if "neighbour" in changes:
-        given = table(neighbour={**FACING, **changes["neighbour"]})
-        for key in [key for key, value in changes["neighbour"].items() if value is None]:
-            del given["neighbours"][0][key]
+    if "neighbor" in changes:
+        given = table(neighbor={**FACING, **changes["neighbor"]})
+        for key in [key for key, value in changes["neighbor"].items() if value is None]:
+            del given["neighbors"][0][key]
 
     def made():
         config = parse_config(given)
@@ -481,9 +481,9 @@ def test_what_cannot_be_is_refused(changes, words):
 
 
 def test_too_many_pairs_are_refused_and_the_remedy_is_said():
-    one = table()["neighbours"][0]
+    one = table()["neighbors"][0]
     many = [{**one, "name": f"{number}", "topic": f"/arm{number}"} for number in range(40)]
-    config = parse_config({**table(), "neighbours": many})
+    config = parse_config({**table(), "neighbors": many})
     with pytest.raises(ConfigurationError, match=r'at most 256 can be: set fit = "coarse"'):
         make_controller(config, make_robot(config))
 
@@ -492,9 +492,9 @@ def test_bodies_that_overlap_at_home_are_said_and_can_be_ignored():
     pan = ["l_shoulder_pan_link", "r_shoulder_pan_link"]
     found, planned = [], []
     for ignore in ([], [pan]):
-        neighbour = {"ignore": ignore}
-        arms = table("pr2_left_arm", "pr2_right_arm", neighbour=neighbour)
-        found.append([w for w in cautions(parse_config(arms)) if w.startswith("neighbours")])
+        neighbor = {"ignore": ignore}
+        arms = table("pr2_left_arm", "pr2_right_arm", neighbor=neighbor)
+        found.append([w for w in cautions(parse_config(arms)) if w.startswith("neighbors")])
         config = parse_config(arms)
         robot = make_robot(config)
         verbs = make_verbs(config, robot, make_controller(config, robot), None)
@@ -506,7 +506,7 @@ def test_bodies_that_overlap_at_home_are_said_and_can_be_ignored():
 
 
 def of_one_tree(folder, left, right):
-    """The configuration of the left arm's session whose neighbour is the right one."""
+    """The configuration of the left arm's session whose neighbor is the right one."""
     (folder / "tree.urdf").write_text(TREE, encoding="utf-8")
     for side, more in (("l", left), ("r", right)):
         text = f'urdf = "tree.urdf"\ntcp = "{side}/tcp"\n{more}'
@@ -514,7 +514,7 @@ def of_one_tree(folder, left, right):
     load_arm.cache_clear()
     own, other = (str(folder / f"{side}.toml") for side in "lr")
     arm = {"model": own, "i_accept_links_without_bodies": True}
-    return parse_config(table(own, other, neighbour={}, arm=arm))
+    return parse_config(table(own, other, neighbor={}, arm=arm))
 
 
 @pytest.mark.parametrize(
@@ -524,7 +524,7 @@ def test_the_base_of_the_other_arm_of_a_robot_is_where_its_description_has_it(
     tmp_path, left, right
 ):
     config = of_one_tree(tmp_path, f'base = "{left}"', f'base = "{right}"')
-    (bodies,) = make_neighbour_bodies(config)
+    (bodies,) = make_neighbor_bodies(config)
     whole = pin.buildModelFromXML(WHOLE)
     data, q = whole.createData(), pin.neutral(whole)
     joints = (0.3, -1.1, 0.7)
@@ -547,18 +547,18 @@ def test_arms_of_one_robot_that_hold_it_differently_are_refused(tmp_path):
     with pytest.raises(
         ConfigurationError, match=r"hold joints between 'world' and '\S+' diff"
     ) as no:
-        make_neighbour_bodies(of_one_tree(tmp_path, *held))
-    assert no.value.key == "neighbours.0.base_xyz_m"
+        make_neighbor_bodies(of_one_tree(tmp_path, *held))
+    assert no.value.key == "neighbors.0.base_xyz_m"
     assert "by 100 mm and 0.0 degrees: give both files the same [hold]" in str(no.value)
 
 
-def test_what_a_neighbour_of_the_same_robot_moves_is_told_once(tmp_path):
+def test_what_a_neighbor_of_the_same_robot_moves_is_told_once(tmp_path):
     config = of_one_tree(tmp_path, 'base = "l/mount"', 'base = "r/mount"')
-    around = json.loads(surroundings(config, True, make_neighbour_bodies(config)))
+    around = json.loads(surroundings(config, True, make_neighbor_bodies(config)))
     own = {each["name"] for each in around["shapes"]}
     assert {"torso", "l/hand"} <= own
     assert not {name for name in own if name.startswith("r/")}
-    assert "right's r/hand" in {each["name"] for each in around["neighbours"][0]["shapes"]}
+    assert "right's r/hand" in {each["name"] for each in around["neighbors"][0]["shapes"]}
 
 
 def test_arms_that_both_move_a_joint_are_refused(tmp_path):
@@ -566,23 +566,23 @@ def test_arms_that_both_move_a_joint_are_refused(tmp_path):
     with pytest.raises(
         ConfigurationError, match=r"both move lift, .* let both hold it, with base = 'torso' in"
     ) as no:
-        make_neighbour_bodies(config)
-    assert no.value.key == "neighbours.0.model"
+        make_neighbor_bodies(config)
+    assert no.value.key == "neighbors.0.model"
 
 
 def test_arms_of_two_robots_need_the_base_said():
-    config = parse_config(table("ur5", "pr2_left_arm", neighbour={}))
+    config = parse_config(table("ur5", "pr2_left_arm", neighbor={}))
     with pytest.raises(
         ConfigurationError, match=r"'ur5' and 'pr2_left_arm' have no link in common"
     ):
-        make_neighbour_bodies(config)
+        make_neighbor_bodies(config)
 
 
 def two(left=(), right=(), **changes):
-    """The configurations of two sessions that are each other's neighbours."""
+    """The configurations of two sessions that are each other's neighbors."""
     made = {}
     for name, other, change in (("left", "right", dict(left)), ("right", "left", dict(right))):
-        one = table(name=other, neighbour={**FACING, **change})
+        one = table(name=other, neighbor={**FACING, **change})
         made[name] = parse_config({**one, "network": {"namespace": name}, **changes})
     return made
 
@@ -597,9 +597,9 @@ def test_two_sessions_that_agree_are_not_warned_of():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"base_xyz_m": [1.5, 0.0, 0.0]}, ["left: neighbours.0.base_xyz_m: .* 100 mm and 0.0 deg"]),
+        ({"base_xyz_m": [1.5, 0.0, 0.0]}, ["left: neighbors.0.base_xyz_m: .* 100 mm and 0.0 deg"]),
         ({"base_rpy_deg": [0.0, 0.0, 170.0]}, ["base_xyz_m: .* 244 mm and 10.0 degrees"]),
-        ({"model": "ur5e"}, ["left: neighbours.0.model: is 'ur5e', .* 'right' has 'ur5'"]),
+        ({"model": "ur5e"}, ["left: neighbors.0.model: is 'ur5e', .* 'right' has 'ur5'"]),
         (
             {"topic": "/rihgt/joint_states"},
             ["/rihgt/joint_states; did you mean '/right/joint_states'"],
@@ -612,15 +612,15 @@ def test_two_sessions_that_say_different_things_of_each_other_are_warned_of(chan
         assert any(re.search(each, line) for line in found), found
 
 
-def test_a_neighbour_that_no_session_of_ours_moves_is_not_warned_of():
+def test_a_neighbor_that_no_session_of_ours_moves_is_not_warned_of():
     assert disagreements(two({"topic": "/welder/states"}, {"topic": "/other/arm"})) == []
 
 
-def test_a_neighbour_that_does_not_know_this_arm_or_stops_later_is_warned_of():
+def test_a_neighbor_that_does_not_know_this_arm_or_stops_later_is_warned_of():
     one = two()
-    deaf = parse_config({**table(), "network": {"namespace": "right"}, "neighbours": []})
+    deaf = parse_config({**table(), "network": {"namespace": "right"}, "neighbors": []})
     assert disagreements({**one, "right": deaf}) == [
-        "left: neighbours.0: the session 'right' has no neighbour for this arm, and may drive into "
+        "left: neighbors.0: the session 'right' has no neighbor for this arm, and may drive into "
         "it: add one"
     ]
     slow = two(arm={"model": "ur5", "acceleration_share": 0.5})

@@ -1,4 +1,4 @@
-#include "programme.h"
+#include "program.h"
 
 #include <math.h>
 #include <stdbool.h>
@@ -24,7 +24,7 @@
 /* A pivot of the working set smaller than this is of constraints that say the same. */
 #define DEPENDENT 1e-15
 
-void programme_forget(Programme *p)
+void program_forget(Program *p)
 {
     p->warm_count = 0;
 }
@@ -38,7 +38,7 @@ static double product(int n, const double *a, const double *b)
 }
 
 /* H = C C', the inverse of C, and C^-1 f. */
-static bool factorise(Programme *p)
+static bool factorize(Program *p)
 {
     int n = p->unknowns;
     for (int i = 0; i < n; i++) {
@@ -63,7 +63,7 @@ static bool factorise(Programme *p)
     return isfinite(product(n, p->shift, p->shift));
 }
 
-static void transform(Programme *p)
+static void transform(Program *p)
 {
     int n = p->unknowns;
     for (int i = 0; i < n; i++) {
@@ -103,7 +103,7 @@ static void transform(Programme *p)
 }
 
 /* Rows of the factors from `first` on, from the Gram matrix. */
-static bool refactorise(Programme *p, int first)
+static bool refactorize(Program *p, int first)
 {
     for (int i = first; i < p->count; i++) {
         double scaled[MAX_CONSTRAINTS], pivot = p->gram[i][i];
@@ -120,14 +120,14 @@ static bool refactorise(Programme *p, int first)
 }
 
 /* False, and nothing is changed, where the constraint depends on those that are in. */
-static bool add(Programme *p, int constraint, bool is_high, double lambda)
+static bool add(Program *p, int constraint, bool is_high, double lambda)
 {
     int n = p->unknowns, last = p->count;
     for (int j = 0; j < last; j++)
         p->gram[last][j] = product(n, p->normal[constraint], p->normal[p->member[j]]);
     p->gram[last][last] = constraint < n ? 1.0 : 1.0 + SOFTNESS;
     p->count = last + 1;
-    if (!refactorise(p, last)) {
+    if (!refactorize(p, last)) {
         p->count = last;
         return false;
     }
@@ -138,7 +138,7 @@ static bool add(Programme *p, int constraint, bool is_high, double lambda)
     return true;
 }
 
-static bool take_out(Programme *p, int place)
+static bool take_out(Program *p, int place)
 {
     p->position[p->member[place]] = -1;
     p->count--;
@@ -152,18 +152,18 @@ static bool take_out(Programme *p, int place)
         for (int j = place; j <= i; j++)
             p->gram[i][j] = p->gram[i + 1][j + 1];
     }
-    return refactorise(p, place);
+    return refactorize(p, place);
 }
 
 /* The bound at which a member of the working set is held. */
-static double bound_of(const Programme *p, int place)
+static double bound_of(const Program *p, int place)
 {
     int constraint = p->member[place];
     return p->is_high[place] ? p->high[constraint] : p->low[constraint];
 }
 
 /* b from L D L' x = b, in place; the largest size of an entry. */
-static double substitute(const Programme *p, double *b)
+static double substitute(const Program *p, double *b)
 {
     double largest = 0.0;
     for (int i = 0; i < p->count; i++)
@@ -179,7 +179,7 @@ static double substitute(const Programme *p, double *b)
 }
 
 /* Multipliers with which all of the working set hold with equality. */
-static double solve_working_set(Programme *p)
+static double solve_working_set(Program *p)
 {
     for (int i = 0; i < p->count; i++)
         p->target[i] = bound_of(p, i);
@@ -187,7 +187,7 @@ static double solve_working_set(Programme *p)
 }
 
 /* y of the multipliers. */
-static void set_y(Programme *p)
+static void set_y(Program *p)
 {
     for (int k = 0; k < p->unknowns; k++)
         p->y[k] = 0.0;
@@ -198,7 +198,7 @@ static void set_y(Programme *p)
 
 /* One step of iterative refinement: near a singularity, and where soft rows are violated, the
  * multipliers are large and cancel. */
-static void refine(Programme *p)
+static void refine(Program *p)
 {
     for (int i = 0; i < p->count; i++) {
         int constraint = p->member[i];
@@ -213,7 +213,7 @@ static void refine(Programme *p)
 }
 
 /* The member whose multiplier turns its sign first on the way to the target, or -1. */
-static int blocking(const Programme *p, double tolerance, double *share)
+static int blocking(const Program *p, double tolerance, double *share)
 {
     int found = -1;
     *share = INFINITY;
@@ -232,7 +232,7 @@ static int blocking(const Programme *p, double tolerance, double *share)
 }
 
 /* The constraint that is violated most, its side, and by how much; -1 where none is. */
-static int most_violated(const Programme *p, double tolerance, bool *is_high, double *violation)
+static int most_violated(const Program *p, double tolerance, bool *is_high, double *violation)
 {
     int found = -1, end = p->unknowns + p->rows;
     *violation = tolerance;
@@ -253,7 +253,7 @@ static int most_violated(const Programme *p, double tolerance, bool *is_high, do
     return found;
 }
 
-static void start_warm(Programme *p)
+static void start_warm(Program *p)
 {
     int n = p->unknowns, end = n + p->rows;
     p->count = 0;
@@ -279,7 +279,7 @@ static void start_warm(Programme *p)
     }
 }
 
-static void finish(Programme *p)
+static void finish(Program *p)
 {
     int n = p->unknowns, end = n + p->rows;
     refine(p);
@@ -309,13 +309,13 @@ static void finish(Programme *p)
         p->x[i] = smaller(larger(p->x[i], p->lowest[i]), p->highest[i]);
 }
 
-int programme_solve(Programme *p)
+int program_solve(Program *p)
 {
     int n = p->unknowns;
     p->iterations = 0;
-    if (!factorise(p)) {
-        programme_forget(p);
-        return PROGRAMME_NOT_CONVEX;
+    if (!factorize(p)) {
+        program_forget(p);
+        return PROGRAM_NOT_CONVEX;
     }
     transform(p);
     start_warm(p);
@@ -345,15 +345,15 @@ int programme_solve(Programme *p)
         int in = most_violated(p, tolerance, &is_high, &violation);
         if (in < 0 || (in == barred && violation < ACCEPTED)) {
             finish(p);
-            return PROGRAMME_SOLVED;
+            return PROGRAM_SOLVED;
         }
         if (!add(p, in, is_high, 0.0)) {
             if (violation >= ACCEPTED)
                 break;
             finish(p);
-            return PROGRAMME_SOLVED;
+            return PROGRAM_SOLVED;
         }
     }
-    programme_forget(p);
-    return PROGRAMME_NO_END;
+    program_forget(p);
+    return PROGRAM_NO_END;
 }

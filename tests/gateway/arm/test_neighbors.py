@@ -1,26 +1,26 @@
-"""What is believed of a neighbour's joint states, and how far it may go, in virtual time."""
+"""What is believed of a neighbor's joint states, and how far it may go, in virtual time."""
 
 import math
 
 import numpy as np
 import pytest
 
-from cardan.gateway.arm.neighbours import NS, NeighbourBodies, NeighbourWatch
+from cardan.gateway.arm.neighbors import NS, NeighborBodies, NeighborWatch
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.robots import load_arm
 from cardan.types import Pose, Quaternion, Vector3
 
 MODEL = load_arm("ur5")
-BODIES = NeighbourBodies("right", MODEL, one_robot=True)
+BODIES = NeighborBodies("right", MODEL, one_robot=True)
 NAMES, HOME = MODEL.joint_names, MODEL.home
 EPOCH_NS = 1_700_000_000 * NS
 
 
 class Heard:
-    """A watch whose computer and the neighbour's have one clock."""
+    """A watch whose computer and the neighbor's have one clock."""
 
     def __init__(self, max_age_s=0.15):
-        self.watch, self.now_s = NeighbourWatch(BODIES, "/right/joint_states", max_age_s), 50.0
+        self.watch, self.now_s = NeighborWatch(BODIES, "/right/joint_states", max_age_s), 50.0
 
     def say(self, joints=HOME, speeds=(), names=NAMES, late_s=0.0, after_s=0.01, sender=b""):
         self.now_s += after_s
@@ -37,7 +37,7 @@ class Heard:
 def test_nothing_is_known_before_the_first_state_and_after_the_last():
     heard = Heard()
     assert heard.fault == (
-        "nothing was heard of the neighbour right yet: start what publishes its joint states on "
+        "nothing was heard of the neighbor right yet: start what publishes its joint states on "
         "/right/joint_states"
     )
     heard.say()
@@ -45,7 +45,7 @@ def test_nothing_is_known_before_the_first_state_and_after_the_last():
     heard.now_s += 0.13
     assert not heard.fault
     heard.now_s += 0.02
-    assert heard.fault.startswith("where the neighbour right is was last known 0.2 s ago: start")
+    assert heard.fault.startswith("where the neighbor right is was last known 0.2 s ago: start")
     assert not heard.say().fault
 
 
@@ -101,12 +101,12 @@ def test_joints_that_are_missing_are_named_and_counted_as_one():
     assert heard.fault.endswith(f"come joint states without some of its joints: {NAMES[2]}")
 
 
-def test_of_two_publishers_nobody_knows_which_is_the_neighbour():
+def test_of_two_publishers_nobody_knows_which_is_the_neighbor():
     heard = Heard().say(sender=b"one").say(sender=b"one")
     heard.say(joints=[0.3 + each for each in HOME], sender=b"two")
     assert heard.watch.joints == HOME
     for _ in range(30):
-        assert heard.fault.startswith("two publish joint states of the neighbour right on /right/")
+        assert heard.fault.startswith("two publish joint states of the neighbor right on /right/")
         assert not math.isinf(heard.watch.speeds_m_s.max())
         heard.say(sender=b"one").say(sender=b"two")
     assert heard.watch.refused == {"joint states of a second publisher": 31}
@@ -181,7 +181,7 @@ def test_no_point_of_a_body_is_faster_than_its_speed_says(name):
     """Against differences of points sampled in the shapes; and it is no more than the fastest."""
     model = load_arm(name)
     base = Pose(Vector3(0.3, -1.0, 0.2), Quaternion(0.6, 0.0, 0.8, 0.0))
-    bodies, arm = NeighbourBodies("it", model, base), ArmKinematics(model)
+    bodies, arm = NeighborBodies("it", model, base), ArmKinematics(model)
     generator = np.random.default_rng(1)
     for _ in range(30):
         q = generator.uniform(np.maximum(arm.lower, -3.0), np.minimum(arm.upper, 3.0))
@@ -217,7 +217,7 @@ def surface(shape, generator):
 def test_the_way_is_that_of_the_age_and_of_the_stop():
     speeds = np.full(len(MODEL.shapes) - 1, 0.5)
     fast, slow = (
-        NeighbourBodies("it", MODEL, acceleration_share=share, one_robot=True)
+        NeighborBodies("it", MODEL, acceleration_share=share, one_robot=True)
         for share in (1.0, 0.1)
     )
     way = fast.ways_m(speeds, 0.1)[0]
@@ -230,7 +230,7 @@ def test_the_way_is_that_of_the_age_and_of_the_stop():
 
 def test_what_does_not_move_is_as_any_obstacle():
     apart = Pose(Vector3(1.0, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0))
-    bodies = NeighbourBodies("it", MODEL, apart)
+    bodies = NeighborBodies("it", MODEL, apart)
     ways = bodies.ways_m(bodies.fastest_m_s, 0.1)
     assert [way == 0.0 for way in ways] == [shape.body == 0 for shape in bodies.shapes]
 
@@ -239,5 +239,5 @@ def test_of_one_robot_only_what_moves_is_taken_and_of_another_one_all():
     apart = Pose(Vector3(1.0, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0))
     fixed = [shape for shape in MODEL.shapes if shape.body == 0]
     assert fixed
-    assert len(NeighbourBodies("it", MODEL, apart).shapes) - len(BODIES.shapes) == len(fixed)
+    assert len(NeighborBodies("it", MODEL, apart).shapes) - len(BODIES.shapes) == len(fixed)
     assert BODIES.label("x") == "right's x"

@@ -1,5 +1,5 @@
 /*
- * A small strictly convex quadratic programme:
+ * A small strictly convex quadratic program:
  *
  *     min  1/2 x'Hx + f'x    subject to  lowest <= x <= highest,  row . x >= least (soft)
  *
@@ -7,8 +7,8 @@
  * the constraints that were active before. A soft row may be violated by e at the price
  * e^2 / (2 SOFTNESS (a' inv(H) a)), as daqp has it; bounds may not, so there always is a solution.
  */
-#ifndef CARDAN_SERVO_PROGRAMME_H
-#define CARDAN_SERVO_PROGRAMME_H
+#ifndef CARDAN_SERVO_PROGRAM_H
+#define CARDAN_SERVO_PROGRAM_H
 
 #include "chain.h"
 
@@ -18,7 +18,7 @@
 #define MAX_CONSTRAINTS (MAX_UNKNOWNS + MAX_ROWS)
 
 /* Constraints added or taken out in one solution, at most. Random ticks, which collide more than any
- * arm does, need 70 at most in their one or two programmes. */
+ * arm does, need 70 at most in their one or two programs. */
 #define MAX_ITERATIONS 120
 
 #define SOFTNESS 1e-6
@@ -31,7 +31,7 @@ typedef struct {
     double lowest[MAX_UNKNOWNS], highest[MAX_UNKNOWNS];
     double row[MAX_ROWS][MAX_UNKNOWNS];
     double least[MAX_ROWS];
-    int row_name[MAX_ROWS]; /* whatever tells rows apart from one programme to the next; >= 0 */
+    int row_name[MAX_ROWS]; /* whatever tells rows apart from one program to the next; >= 0 */
 
     /* The solution. */
     double x[MAX_UNKNOWNS];
@@ -55,17 +55,17 @@ typedef struct {
     double lambda[MAX_CONSTRAINTS], target[MAX_CONSTRAINTS];
     double gram[MAX_CONSTRAINTS][MAX_CONSTRAINTS];
     double lower[MAX_CONSTRAINTS][MAX_CONSTRAINTS], diagonal[MAX_CONSTRAINTS];
-} Programme;
+} Program;
 
 enum {
-    PROGRAMME_SOLVED = 0,
-    PROGRAMME_NOT_CONVEX = 1, /* or not numbers */
-    PROGRAMME_NO_END = 2      /* MAX_ITERATIONS were not enough */
+    PROGRAM_SOLVED = 0,
+    PROGRAM_NOT_CONVEX = 1, /* or not numbers */
+    PROGRAM_NO_END = 2      /* MAX_ITERATIONS were not enough */
 };
 
 /* Forget the constraints that were active. */
-void programme_forget(Programme *programme);
+void program_forget(Program *program);
 
-int programme_solve(Programme *programme);
+int program_solve(Program *program);
 
 #endif

@@ -3,7 +3,7 @@
 No I/O: time comes in as an argument. Monotonic time of this computer in s, times since the epoch,
 which messages have in their stamps, in ns.
 
-A neighbour is where its newest joint states have it, and by now may be elsewhere. So each of its
+A neighbor is where its newest joint states have it, and by now may be elsewhere. So each of its
 bodies is kept farther away than an obstacle at rest, by the way that it may go until this arm moves
 next, and by that in which it stops: u·t + u²/(2·a). Of a body, u is the speed of its fastest point,
 and a·t that it may gain; t is the age of the state and a cycle; a is the deceleration that a servo
@@ -42,7 +42,7 @@ FARTHEST_M = 1e3
 """Nothing is kept farther away."""
 
 
-class NeighbourBodies:
+class NeighborBodies:
     """Where the bodies of another arm are, in the base of this one."""
 
     def __init__(
@@ -54,9 +54,9 @@ class NeighbourBodies:
         *,
         one_robot: bool = False,
     ) -> None:
-        """`base`: the neighbour's base in this arm's. `acceleration_share`: of its joints'
+        """`base`: the neighbor's base in this arm's. `acceleration_share`: of its joints'
         accelerations what it may use. `one_robot`: they are arms of one robot, and what does not
-        move with the neighbour's joints is this arm's already.
+        move with the neighbor's joints is this arm's already.
         """
         self.name, self.model = name, model
         self._kinematics = arm = ArmKinematics(model)
@@ -65,7 +65,7 @@ class NeighbourBodies:
         self.shapes = tuple(each._replace(name=self.label(each.name)) for each in shapes)
         """Each in the frame of its body."""
         self.base = base
-        """The neighbour's, in this arm's."""
+        """The neighbor's, in this arm's."""
         self._base = to_se3(base)
         self._reach = reach_of(model, self.shapes)
         self._moves = (self._reach > 0.0).any(axis=0)
@@ -123,13 +123,13 @@ class NeighbourBodies:
         return found
 
 
-class NeighbourWatch:
-    """Judges the joint states of a neighbour: which are believed, how fast and how old they are."""
+class NeighborWatch:
+    """Judges the joint states of a neighbor: which are believed, how fast and how old they are."""
 
-    def __init__(self, bodies: NeighbourBodies, topic: str, max_age_s: float) -> None:
+    def __init__(self, bodies: NeighborBodies, topic: str, max_age_s: float) -> None:
         """`max_age_s`: of a state that is older this arm must not be moved."""
         self.bodies, self._max_age_s = bodies, max_age_s
-        self._who, self.topic = f"the neighbour {bodies.name}", topic
+        self._who, self.topic = f"the neighbor {bodies.name}", topic
         self._names = bodies.names
         self._order: tuple[tuple[str, ...], tuple[int, ...]] = (), ()
         self.joints: tuple[float, ...] = bodies.model.home
@@ -164,10 +164,10 @@ class NeighbourWatch:
         now_ns: int,
         sender: bytes = b"",
     ) -> None:
-        """Joint states of the neighbour, of further joints, too; `velocities` may be empty.
+        """Joint states of the neighbor, of further joints, too; `velocities` may be empty.
 
         `sender`: who published them; empty: not known. Of two at a time it is not known which is
-        the neighbour.
+        the neighbor.
         """
         found = self._order_of(tuple(names))
         if found is None:
@@ -247,7 +247,7 @@ class NeighbourWatch:
         return self._order[1]
 
     def fault(self, now_s: float) -> str:
-        """Why this arm must not be moved, and what to do; empty while the neighbour is known."""
+        """Why this arm must not be moved, and what to do; empty while the neighbor is known."""
         age_s = self.age_s(now_s)
         if age_s <= self._max_age_s:
             if now_s - self._second_s > self._max_age_s:

@@ -1,4 +1,4 @@
-"""The console's page in a real browser draws a neighbour where its joint states have it."""
+"""The console's page in a real browser draws a neighbor where its joint states have it."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from tests.console.served_arm import served_arm
 pytestmark = pytest.mark.matrix  # A browser that draws by software.
 
 TOPIC, STATE = "/right/joint_states", "sensor_msgs/msg/JointState"
-NEIGHBOUR = f"""
-[[neighbours]]
+NEIGHBOR = f"""
+[[neighbors]]
 name = "right"
 model = "ur5"
 topic = "{TOPIC}"
@@ -40,7 +40,7 @@ TURNED = 10.0
 """Pixels; a quarter of a turn moves it farther."""
 
 LEAST = 150
-"""Dots of the picture that a neighbour covers at least."""
+"""Dots of the picture that a neighbor covers at least."""
 
 FOLDED = [0.0, 0.0, 2.9, 0.0, 0.0, 0.0]
 """Joints of a UR5 whose forearm is folded back along its upper arm, which points along x."""
@@ -63,11 +63,11 @@ PURPLE = """
   return found;
 })
 """
-"""Where a picture has a neighbour's colour, in dots from the corner of a part of it."""
+"""Where a picture has a neighbor's color, in dots from the corner of a part of it."""
 
 
 class Told:
-    """Joint states of the neighbour, again and again until it falls silent."""
+    """Joint states of the neighbor, again and again until it falls silent."""
 
     def __init__(self, network):
         self.joints = list(FOLDED)
@@ -96,13 +96,13 @@ class Told:
 
 @pytest.fixture(scope="module")
 def arm(built, tmp_path_factory):
-    """A session whose arm has a neighbour of which nothing is heard yet."""
-    with served_arm(tmp_path_factory.mktemp("session"), built, NEIGHBOUR) as served:
+    """A session whose arm has a neighbor of which nothing is heard yet."""
+    with served_arm(tmp_path_factory.mktemp("session"), built, NEIGHBOR) as served:
         yield served
 
 
 def purple(page, blank):
-    """Where the picture of the arm has the neighbour's colour: dots right and up of its corner."""
+    """Where the picture of the arm has the neighbor's color: dots right and up of its corner."""
     corner = page.value(
         "(b => [b.x, b.y, b.width, b.height].map(Math.round))"
         "(document.querySelector('.picture').getBoundingClientRect())"
@@ -113,7 +113,7 @@ def purple(page, blank):
 
 
 def middle(page, blank, last):
-    """The middle of the neighbour, once it is drawn elsewhere than at the `last` place, and rests
+    """The middle of the neighbor, once it is drawn elsewhere than at the `last` place, and rests
     in the picture."""
     end_s, before = time.monotonic() + WAIT_S, np.full(2, np.inf)
     while True:
@@ -123,20 +123,20 @@ def middle(page, blank, last):
         if rests and (last is None or np.linalg.norm(here - last) > TURNED):
             return here
         before = here
-        assert time.monotonic() < end_s, f"{len(dots)} dots are a neighbour's, at {here}"
+        assert time.monotonic() < end_s, f"{len(dots)} dots are a neighbor's, at {here}"
         time.sleep(0.5)
 
 
 def gone(page, blank):
-    """Nothing of the neighbour is in the picture, or that is waited for in vain."""
+    """Nothing of the neighbor is in the picture, or that is waited for in vain."""
     end_s = time.monotonic() + WAIT_S
     while len(dots := purple(page, blank)) >= LEAST:
-        assert time.monotonic() < end_s, f"{len(dots)} dots are still a neighbour's"
+        assert time.monotonic() < end_s, f"{len(dots)} dots are still a neighbor's"
         time.sleep(0.2)
 
 
 @pytest.mark.timeout(300)
-def test_a_neighbour_is_where_its_joint_states_have_it_and_grey_once_they_are_old(arm, browser):
+def test_a_neighbor_is_where_its_joint_states_have_it_and_gray_once_they_are_old(arm, browser):
     """Seen from above, its outstretched arm turns about its base as its first joint does."""
     network, address = arm
     with browser.open(address, 1440, 900) as page, browser.open("about:blank") as blank:

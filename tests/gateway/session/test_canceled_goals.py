@@ -38,7 +38,7 @@ GOALS = {
     ),
 }
 WATCHED_S = 1.0
-"""For how long an arm whose goal is cancelled is seen to stay where it is."""
+"""For how long an arm whose goal is canceled is seen to stay where it is."""
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def assert_stays(watcher, z):
         time.sleep(0.05)
 
 
-def cancelled_at_once(network, watcher, verb):
+def canceled_at_once(network, watcher, verb):
     """Send a goal and its cancellation by the calls of a client's own; nothing waits between."""
     z = where(watcher)["position"]["z"]
     type_name, goal = goal_of(verb, watcher)
@@ -124,7 +124,7 @@ def test_by_zenoh(endpoint, watcher, verb):
         assert user.wait_for_service(f"{ARM}/action/{verb}/_action/get_result", TIMEOUT_S)
         for _ in range(3):
             # One connection keeps the order: the goal is there when its cancellation is.
-            assert cancelled_at_once(user, watcher, verb) == 0
+            assert canceled_at_once(user, watcher, verb) == 0
 
 
 def test_by_dds(endpoint, watcher):
@@ -143,7 +143,7 @@ def test_by_dds(endpoint, watcher):
             assert user.wait_for_service(f"{ARM}/action/{verb}/_action/get_result", TIMEOUT_S)
             for _ in range(3):
                 # Between two services of DDS there is no order: the code may be either.
-                assert cancelled_at_once(user, watcher, verb) in (0, 2)
+                assert canceled_at_once(user, watcher, verb) in (0, 2)
 
 
 @pytest.fixture(scope="module")

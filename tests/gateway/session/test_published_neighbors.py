@@ -9,7 +9,7 @@ pytest.importorskip("pinocchio", reason="pin is not installed: pip install carda
 
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.session.cautions import cautions
-from tests.gateway.session.test_neighbours import REST, SAFETY_M, Between, Session
+from tests.gateway.session.test_neighbors import REST, SAFETY_M, Between, Session
 from tests.published_arms import INSTALL, TWO_ARMS, folder_of
 
 pytestmark = pytest.mark.matrix
@@ -35,16 +35,16 @@ def test_the_arms_of_a_robot_that_are_driven_at_each_other_both_stop(robot, tmp_
             "safety_distance_m": SAFETY_M,
             "i_accept_links_without_bodies": True,
         }
-        one = Session(own=own, other=other, name=name, neighbour={}, arm=arm)
+        one = Session(own=own, other=other, name=name, neighbor={}, arm=arm)
         assert not [line for line in cautions(one.config) if "overlap" in line]
         sessions.append(one)
     left, right = sessions
     between, gap, way = Between(left), [], np.zeros(2)
     for step in range(STEPS):
         for number, (one, other) in enumerate(((left, right), (right, left))):
-            before = one.core.body.pose.position.y
+            before = one.core.commanded.pose.position.y
             one.cycle(INWARD[number] if step >= 10 else REST, held=step >= 5)
-            way[number] += one.core.body.pose.position.y - before
+            way[number] += one.core.commanded.pose.position.y - before
             # As a session publishes, every second cycle, over a network.
             if step % 2 == 0:
                 now_s = one.state.stamp_s

@@ -1,4 +1,4 @@
-"""The neighbours of a session's arm: hears their joint states, and tells the controller where their
+"""The neighbors of a session's arm: hears their joint states, and tells the controller where their
 bodies are. All methods are for the loop's thread."""
 
 from __future__ import annotations
@@ -8,14 +8,14 @@ from collections.abc import Sequence
 
 from cardan.bus.node import BusNode, Received, Subscription
 from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.arm.neighbours import NS, NeighbourWatch
+from cardan.gateway.arm.neighbors import NS, NeighborWatch
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan.protocols.ros2.names import dds_type
 
 STATE_TYPE = "sensor_msgs/msg/JointState"
 
 MESSAGES_AT_ONCE = 4
-"""Most that are read of a neighbour in one cycle, the newest: a flood costs no deadline."""
+"""Most that are read of a neighbor in one cycle, the newest: a flood costs no deadline."""
 
 
 MAX_BYTES = 8192
@@ -23,11 +23,11 @@ MAX_BYTES = 8192
 worst of this length."""
 
 
-class ArmNeighbours:
-    """All neighbours of one arm."""
+class ArmNeighbors:
+    """All neighbors of one arm."""
 
     def __init__(
-        self, watches: Sequence[NeighbourWatch], controller: ArmController, period_s: float
+        self, watches: Sequence[NeighborWatch], controller: ArmController, period_s: float
     ) -> None:
         """`period_s` of the robot."""
         self._watches = watches
@@ -52,7 +52,7 @@ class ArmNeighbours:
                     break
                 self.take(watch, received, now_s, now_ns)
 
-    def take(self, watch: NeighbourWatch, received: Received, now_s: float, now_ns: int) -> None:
+    def take(self, watch: NeighborWatch, received: Received, now_s: float, now_ns: int) -> None:
         """Take one message."""
         if received.key.split("/")[-2:-1] != [self._dds_type]:
             watch.refuse(f"messages of another type than {STATE_TYPE}")
@@ -77,19 +77,19 @@ class ArmNeighbours:
 
     def turn(self, now_s: float) -> str:
         """Put the bodies where they are, for the next cycle. Returns why the arm must not be moved;
-        empty where all neighbours are known."""
+        empty where all neighbors are known."""
         faults = []
         for index, watch in enumerate(self._watches):
             faults.append(watch.fault(now_s))
             if (age_s := watch.age_s(now_s)) < math.inf:
                 ways_m = watch.bodies.ways_m(watch.speeds_m_s, age_s + self._period_s)
-                self._controller.place_neighbour(index, watch.joints, ways_m)
+                self._controller.place_neighbor(index, watch.joints, ways_m)
         return "; ".join(filter(None, faults))
 
     def diagnosis(self) -> list[str]:
         """What was not believed, in words."""
         return [
-            f"the neighbour {watch.bodies.name}: refused {count} {reason}"
+            f"the neighbor {watch.bodies.name}: refused {count} {reason}"
             for watch in self._watches
             for reason, count in watch.refused.items()
         ]
