@@ -199,7 +199,7 @@ class _Forwarder:
         for other, address in known.items():
             if other != name:
                 mac = _MAC.get(other, _MAC[OPERATOR])
-                _ip(*f"neighbour add {address} lladdr {mac} dev {INTERFACE}".split())
+                _ip(*f"neighbor add {address} lladdr {mac} dev {INTERFACE}".split())
         self._congestion = _CONGESTION.read_text().strip()
         return os.open("/proc/self/ns/net", os.O_RDONLY)
 
