@@ -28,7 +28,7 @@ class Egm(DatagramDissector):
     """ABB's Externally Guided Motion, on UDP ports."""
 
     name = "EGM"
-    page = "protocols/egm.md"
+    page = "abb-egm.md"
     options = (
         Numbers(
             "egm_ports",
