@@ -373,7 +373,7 @@ def test_every_metric_is_there():
 
 
 def test_every_exit_code_is_there():
-    table = section(text("errors.md"), "Exit codes")
+    table = section(text("troubleshooting.md"), "Exit codes")
     codes = [value for name, value in vars(cli).items() if name.startswith("EXIT_")]
     assert [code for code in codes if f"\n| {code} | " not in table] == []
 
