@@ -109,7 +109,7 @@ class JointStream(DatagramDissector):
     """The simulated arm's joint stream, on its UDP port or any other by its mark."""
 
     name = "joint stream"
-    page = "protocols/joint-stream.md"
+    page = "simulated-peers.md"
 
     def decode(self, segment: Segment) -> Decoded | None:
         data = segment.payload
