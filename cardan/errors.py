@@ -1,7 +1,7 @@
 """The errors Cardan raises, as a tree. Bad bytes from a peer are never among them.
 
-Those that only one part raises live with it: their module stands behind them. docs/errors.md says
-of each when it comes and what to do.
+Those that only one part raises live with it: their module stands behind them. Their page,
+docs/troubleshooting.md, says of each when it comes and what to do.
 
 ::
 

@@ -4,7 +4,7 @@ Every value is immutable, in SI units (meters, radians, seconds, newtons), and c
 it is expressed in and, where it is a reading or a command, the local monotonic time it belongs to.
 
 They are named tuples because one is made in every control cycle: a frozen dataclass of the same
-size costs three to four times as much to create. docs/values.md has their orders and units beside
+size costs three to four times as much to create. docs/library.md has their orders and units beside
 those of others; what converts to another library imports it when it is called.
 """
 

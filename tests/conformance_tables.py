@@ -8,6 +8,7 @@ tests/conformance holds them current. To write them anew: ``python -m tests.conf
 from __future__ import annotations
 
 import functools
+import posixpath
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -15,6 +16,9 @@ from cardan.conform import Level, Report, registry
 from cardan.conform.run import simulated
 from tests.docs_tables import markdown
 from tests.result_tables import of_suite
+
+PAGE = "docs/conformance.md"
+"""It has the table of all suites, and sections for those that are not of plug-ins."""
 
 DO_NOT_APPLY = {"HID3D-016"}
 """Requirements that the simulated peer need not meet; docs/conformance.md says why."""
@@ -82,6 +86,14 @@ def faults_table(suite: str) -> str:
     return markdown(("fault", "tried with", "what happens", "not met then"), rows)
 
 
+def section_of(suite: str) -> str:
+    """Where a suite's section is, as seen from PAGE."""
+    page = of_suite(suite).page
+    if page == PAGE:
+        return f"#{suite}"
+    return f"{posixpath.relpath(page, posixpath.dirname(PAGE))}#cardan-conform-{suite}"
+
+
 def suites() -> str:
     """Every suite."""
     rows = []
@@ -90,7 +102,8 @@ def suites() -> str:
         levels = ", ".join(map(str, sorted({int(each.level) for each in suite.requirements})))
         count = str(len(suite.requirements))
         target = suite.target.replace("|", "\\|")
-        rows.append((f"[`{name}`](#{name})", suite.judges, suite.speaks, count, levels, target))
+        link = f"[`{name}`]({section_of(name)})"
+        rows.append((link, suite.judges, suite.speaks, count, levels, target))
     return markdown(
         ("protocol", "judges", "speaks", "requirements", "levels", "`--target` takes"), rows
     )

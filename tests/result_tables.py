@@ -10,6 +10,8 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
+from cardan.conform import registry as suites
+
 ROOT = Path(__file__).parents[1]
 FOLDER = Path("tests") / "results"
 
@@ -57,7 +59,12 @@ FLOODS = Results("floods", "docs/faults.md", "make flood-table")
 
 
 def of_suite(name: str) -> Results:
-    """Which requirements of that suite catch which fault of its simulated peer."""
-    return Results(
-        f"conformance-{name}", "docs/conformance.md", "python -m tests.conformance_tables"
-    )
+    """Which requirements of that suite catch which fault of its simulated peer.
+
+    Its page is that of the plug-in that has it.
+    """
+    package = type(suites.load(name)).__module__.partition(".")[0]
+    page = "docs/conformance.md"
+    if package != "cardan":
+        page = f"plugins/{package.replace('_', '-')}/README.md"
+    return Results(f"conformance-{name}", page, "python -m tests.conformance_tables")

@@ -10,6 +10,7 @@ read from tests/results (result_tables).
 
 from __future__ import annotations
 
+import posixpath
 import sys
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
@@ -39,7 +40,8 @@ class SiteTable(NamedTuple):
     def line(self, name: str) -> str:
         """What the page in the repository has in its place."""
         if self.file:
-            return f"On the site: {self.what}. In the repository: [file](../{self.file}).\n"
+            file = posixpath.relpath(self.file, posixpath.dirname(self.page))
+            return f"On the site: {self.what}. In the repository: [file]({file}).\n"
         command = self.command or f'python -m tests.site_tables "{name}"'
         where = "a terminal" if self.command else "a checkout"
         return f"On the site: {self.what}. In {where}: `{command}`.\n"
@@ -116,7 +118,7 @@ def _requirements() -> Iterator[tuple[str, SiteTable]]:
         yield (
             f"requirements of {name}",
             SiteTable(
-                "docs/conformance.md",
+                result_tables.of_suite(name).page,
                 f"the {count} requirements, with the level and source of each",
                 conformance_tables.requirements_of(name),
                 f"cardan conform {name} --requirements",

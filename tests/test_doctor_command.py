@@ -62,7 +62,7 @@ def test_what_fails_stands_with_why_and_the_command_that_mends_it(taken):
     groups = [line for line in lines if not line.startswith(" ")][:-1]
     assert groups == list(dict.fromkeys(groups))
     assert {"installation", "system", "devices", "files", "ports", "daemon"} <= {*groups}
-    assert lines[-1].endswith("docs/doctor.md explains each")
+    assert lines[-1].endswith("docs/troubleshooting.md explains each")
 
 
 @pytest.mark.real

@@ -1,4 +1,4 @@
-"""One tree of errors: the docstring of cardan.errors and docs/errors.md against what there is."""
+"""One tree of errors: the docstring of cardan.errors and its page against what there is."""
 
 import copy
 import importlib
@@ -16,7 +16,7 @@ import cardan
 from cardan import errors
 from cardan.errors import CardanError
 
-PAGE = (Path(__file__).parents[1] / "docs" / "errors.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[1] / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
 LINE = re.compile(r"^(?P<indent>[| ]*)(?:\+-- )?(?P<name>\w+Error)\b(?P<words>.*)$", re.MULTILINE)
 
 

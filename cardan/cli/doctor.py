@@ -79,7 +79,9 @@ def doctor(
     else:
         levels = [each.finding.level for each in found]
         failures, cautions = levels.count(Level.FAILURE), levels.count(Level.CAUTION)
-        console.print(f"{failures} failed, {cautions} to look at; docs/doctor.md explains each")
+        console.print(
+            f"{failures} failed, {cautions} to look at; docs/troubleshooting.md explains each"
+        )
     if examining.worst(found) is Level.FAILURE:
         raise typer.Exit(EXIT_INCOMPLETE)
 

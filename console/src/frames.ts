@@ -1,6 +1,6 @@
 import type { Quat, Vec3 } from "./spatial.ts";
 
-/** Operator frames: docs/protocols/handheld.md. */
+/** Operator frames: docs/phone.md. */
 export const VERSION = 0xc1;
 export const MAX_JOINTS = 16;
 

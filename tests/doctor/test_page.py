@@ -1,11 +1,11 @@
-"""docs/doctor.md explains every finding, and its example of a check works."""
+"""docs/troubleshooting.md explains every finding, and its example of a check works."""
 
 from cardan.doctor import registry
 from cardan.doctor.base import Check, Subject
 from tests.doctor.told import told
-from tests.test_docs import blocks, rows, text
+from tests.test_docs import blocks, rows, section, text
 
-PAGE = text("doctor.md")
+PAGE = section(text("troubleshooting.md"), "What is wrong here: `cardan doctor`")
 
 
 def test_every_finding_is_explained_and_no_other():

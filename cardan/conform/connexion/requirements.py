@@ -34,7 +34,7 @@ from cardan.protocols.connexion.reports import (
 )
 from cardan.protocols.hid import UNKNOWN_ID, MalformedReport
 
-DESCRIPTOR = "report descriptors of the devices (docs/protocols/3dconnexion-hid.md)"
+DESCRIPTOR = "report descriptors of the devices (docs/spacemouse.md)"
 SPACENAVD = "FreeSpacenav spacenavd, src/dev_usb_linux.c"
 RATE = "captures of SpaceNavigator and SpaceMouse Wireless"
 

@@ -24,7 +24,7 @@ class Keyboard(EvdevDevice[KeyboardCore]):
 
     Options: ClassVar[type[KeyboardOptions]] = KeyboardOptions
     summary = "keyboards"
-    page = "keyboard.md"
+    page = "gamepad.md"
     peer = "keyboard"
     simulated = ({"transport": ("socket",), "path": OWN},)
     gives = "keys"

@@ -1,6 +1,6 @@
 """Operator frames: one binary WebSocket message for each state of a hand, little endian.
 
-A header of 16 bytes, then what the kind has; docs/protocols/handheld.md has the table. Every frame
+A header of 16 bytes, then what the kind has; docs/phone.md has the table. Every frame
 says again whether the hand holds the dead-man control: there is no frame that starts or ends a
 motion. Floats are of 32 bits. What is not there (a phone without sensors) is NaN; nothing else may
 be.

@@ -1,6 +1,6 @@
 """The joint stream: states of a joint-controlled arm one way, joint commands the other.
 
-Our own protocol, for the simulated arm; docs/protocols/joint-stream.md describes it.
+Our own protocol, for the simulated arm; docs/simulated-peers.md describes it.
 """
 
 from cardan.protocols.joint_stream.codec import (

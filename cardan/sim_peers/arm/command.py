@@ -13,7 +13,7 @@ class Arm(PeerCommand[SimulatedArmOptions]):
 
     Options = SimulatedArmOptions
     page = "simulated-peers.md"
-    speaks = "[joint stream](protocols/joint-stream.md), UDP, 500 Hz"
+    speaks = "[joint stream](simulated-peers.md#joint-stream-byte-for-byte), UDP, 500 Hz"
     epilog = "Prints READY and the address it listens on once it serves."
     faults = FAULTS
 

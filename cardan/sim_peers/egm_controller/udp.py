@@ -88,6 +88,6 @@ class AbbGofa(PeerCommand[EgmControllerOptions]):
 
     Options, Peer = EgmControllerOptions, EgmControllerPeer
     page = "simulated-peers.md"
-    speaks = "[EGM](protocols/egm.md), protobuf on UDP, 250 Hz"
+    speaks = "[EGM](abb-egm.md#the-protocol-byte-for-byte), protobuf on UDP, 250 Hz"
     epilog = "Prints READY and the PC's address once it sends."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS

@@ -146,7 +146,7 @@ class PhonePage(PeerCommand[PagePeerOptions]):
 
     Options, Peer = PagePeerOptions, PagePeer
     page = "simulated-peers.md"
-    speaks = "[operator frames](protocols/handheld.md), Zenoh"
+    speaks = "[operator frames](phone.md#operator-frames-byte-for-byte), Zenoh"
     epilog = "Prints READY and the Zenoh endpoint that others connect to once it serves."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS
 

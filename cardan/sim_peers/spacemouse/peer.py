@@ -251,8 +251,8 @@ class SpaceMouse(PeerCommand[SpaceMousePeerOptions]):
     Options, Peer = SpaceMousePeerOptions, SpaceMousePeer
     page = "simulated-peers.md"
     speaks = (
-        "[HID reports](protocols/3dconnexion-hid.md), one per packet of a Unix socket, by "
-        "uhid or USB/IP"
+        "[HID reports](spacemouse.md#hid-reports-byte-for-byte), one per packet of a Unix socket, "
+        "by uhid or USB/IP"
     )
     epilog = "Prints READY and where it is once it can be opened."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS

@@ -50,7 +50,7 @@ class Ur(PeerCommand[UrControllerOptions]):
     page = "simulated-peers.md"
     speaks = (
         "[RTDE; primary, secondary and real-time interface with URScript; dashboard]"
-        "(protocols/ur.md) on TCP ports"
+        "(universal-robots.md#the-protocol-byte-for-byte) on TCP ports"
     )
     epilog = "Prints READY and the address of RTDE once it serves."
     faults = FAULTS

@@ -22,7 +22,7 @@ export type Unit = {
   endpoint?: string;
 };
 
-/** What the doctor found, worst first; docs/doctor.md. */
+/** What the doctor found, worst first; docs/troubleshooting.md. */
 type Finding = { level: string; group: string; code: string; what: string; why: string; mend: string };
 
 type Demos = {

@@ -44,7 +44,7 @@ class Dds(Server[DdsServerOptions]):
     are asked for."""
 
     Options = DdsServerOptions
-    page = "ros2.md"
+    page = "../plugins/cardan-dds/README.md"
     epilog = "Prints READY and its DDS domain once it serves."
 
     @classmethod

@@ -1,7 +1,7 @@
 """scapy layers of the joint stream, the protocol of the simulated arm.
 
 Positions are rad, speeds rad/s, torques N·m (m, m/s, N for a prismatic joint), stamps s, everything
-little-endian. Written from the protocol's page (docs/protocols/joint-stream.md), independent of
+little-endian. Written from the protocol's page (docs/simulated-peers.md), independent of
 Cardan's codec, so that each can be checked against the other.
 
 `JointStream(data)` dissects a datagram to JointStreamState, to JointStreamCommand, or to

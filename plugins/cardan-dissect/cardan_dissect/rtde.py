@@ -1,7 +1,7 @@
 """scapy layers of RTDE, version 2: what clients and Universal Robots controllers send each other.
 
-Everything is big-endian. Written from the protocol's page (docs/protocols/ur.md), independent of
-Cardan's codec, so that each can be checked against the other.
+Everything is big-endian. Written from the protocol's page (docs/universal-robots.md), independent
+of Cardan's codec, so that each can be checked against the other.
 
 A request and its reply have the same type, so the direction has to be known: `RtdeRequest(data)`
 dissects the packet that `data` begins with as a client's, `RtdeReply(data)` as a controller's, to

@@ -24,7 +24,7 @@ from cardan_dissect.joint_stream import (
 )
 from cardan_dissect.ports import JOINT_STREAM_PORT
 
-PAGE = Path(__file__).parents[3] / "docs" / "protocols" / "joint-stream.md"
+PAGE = Path(__file__).parents[3] / "docs" / "simulated-peers.md"
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 u32 = st.integers(0, 2**32 - 1)
@@ -33,7 +33,8 @@ mode = st.sampled_from([layers.HOLD, layers.POSITION, layers.VELOCITY, layers.TO
 
 def worked():
     """The datagrams under "Worked bytes": a command, then a state."""
-    section = PAGE.read_text(encoding="utf-8").partition("## Worked bytes")[2].partition("\n## ")[0]
+    page = PAGE.read_text(encoding="utf-8")
+    section = page.partition("### Worked bytes")[2].partition("\n### ")[0]
     blocks = re.findall(r"```\n(.*?)```", section, re.DOTALL)
     lines = [[line.partition("     ")[0] for line in block.splitlines()] for block in blocks]
     return [bytes.fromhex("".join(block)) for block in lines]

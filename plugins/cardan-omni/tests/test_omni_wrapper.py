@@ -48,7 +48,7 @@ HELD_S = 0.025
 SETTLES_S = 1.0
 """In which the hand is on the floor again after that was dropped."""
 ROOT = Path(__file__).parents[3]
-PAGE = ROOT / "docs" / "simulated-peers.md"
+PAGE = ROOT / "plugins" / "cardan-omni" / "README.md"
 TOUCH = ROOT / "examples" / "peers" / "touch.c"
 CALLBACK = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)
 

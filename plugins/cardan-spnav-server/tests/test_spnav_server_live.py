@@ -19,7 +19,7 @@ UNMET = {"SPNAV-112"}
 
 @pytest.mark.matrix
 def test_spacenavd_meets_what_our_own_server_does():
-    """And where it does not, it is known and said in docs/conformance.md."""
+    """And where it does not, it is known and said in the plug-in's README."""
     hand = ToldHand((*SAME, *SCALED, *MASKED, *ALONE))
     suite = registry.load("spnav")
     with tempfile.TemporaryDirectory(prefix="cardan-") as folder:  # A socket's path is short.

@@ -1,7 +1,7 @@
 """What one page does beside rosbridge: its operator frames, its clock, and what it opens them for.
 
 Text is rosbridge's, but for operations that begin with "cardan." and the message of the public page
-`teleop`; binary is an operator frame. docs/protocols/handheld.md has the operations.
+`teleop`; binary is an operator frame. docs/phone.md has the operations.
 """
 
 from __future__ import annotations

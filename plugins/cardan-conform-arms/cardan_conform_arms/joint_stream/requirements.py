@@ -23,7 +23,7 @@ from cardan.protocols.joint_stream import ControlMode
 from cardan_conform_arms.joint_stream.decoded import JointStreamTraffic, State
 from cardan_conform_arms.joint_stream.scenario import SPEED_RAD_S, STEP_RAD
 
-PAGE = "docs/protocols/joint-stream.md"
+PAGE = "docs/simulated-peers.md"
 RULES = f"{PAGE}, rules"
 STATE = f"{PAGE}, state"
 

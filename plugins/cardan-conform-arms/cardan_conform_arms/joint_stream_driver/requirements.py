@@ -26,7 +26,7 @@ from cardan.protocols.joint_stream import ArmCommand, ControlMode, is_newer
 from cardan.robots import load_arm
 from cardan_conform_arms.joint_stream.decoded import Command, JointStreamTraffic, State
 
-PAGE = "docs/protocols/joint-stream.md"
+PAGE = "docs/simulated-peers.md"
 RULES = f"{PAGE}, rules"
 HEADER = f"{PAGE}, header"
 

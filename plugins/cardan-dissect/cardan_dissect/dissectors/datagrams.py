@@ -28,7 +28,7 @@ class Egm(DatagramDissector):
     """ABB's Externally Guided Motion, on UDP ports."""
 
     name = "EGM"
-    page = "protocols/egm.md"
+    page = "abb-egm.md"
     options = (
         Numbers(
             "egm_ports",
@@ -109,7 +109,7 @@ class JointStream(DatagramDissector):
     """The simulated arm's joint stream, on its UDP port or any other by its mark."""
 
     name = "joint stream"
-    page = "protocols/joint-stream.md"
+    page = "simulated-peers.md"
 
     def decode(self, segment: Segment) -> Decoded | None:
         data = segment.payload

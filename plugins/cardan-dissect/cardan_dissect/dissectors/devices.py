@@ -64,7 +64,7 @@ class Connexion(Dissector):
     """
 
     name = "3Dconnexion"
-    page = "protocols/3dconnexion-hid.md"
+    page = "spacemouse.md"
     link_types = usbmon.LINK_TYPES
     always = True
 

@@ -227,7 +227,7 @@ class Rtde(StreamDissector):
     """Universal Robots' RTDE, on TCP ports."""
 
     name = "RTDE"
-    page = "protocols/ur.md"
+    page = "universal-robots.md"
     options = (
         Numbers(
             "rtde_ports",

@@ -12,7 +12,7 @@ class Jr3(PeerCommand[Jr3PeerOptions]):
     """A JR3 force-torque sensor with uc3m's mbed board on a CAN bus, and the loads on it."""
 
     Options, Peer = Jr3PeerOptions, Jr3Peer
-    page = "simulated-peers.md"
+    page = "../plugins/cardan-jr3/README.md"
     speaks = (
         "[JR3 over CAN](../plugins/cardan-jr3/README.md#protocol), on any bus of python-can, "
         "or on one it serves"

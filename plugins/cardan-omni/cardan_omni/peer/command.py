@@ -33,7 +33,7 @@ class Omni(PeerCommand[OmniOptions]):
     """A Phantom Omni (Touch) and the hand on it, behind libHD: runs a program with it."""
 
     Options = OmniOptions
-    page = "simulated-peers.md"
+    page = "../plugins/cardan-omni/README.md"
     speaks = (
         "[HDAPI](../plugins/cardan-omni/README.md#protocol), the C functions of the vendor's "
         "libHD, in the process of the program that uses it"

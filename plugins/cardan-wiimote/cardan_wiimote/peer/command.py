@@ -12,7 +12,7 @@ class Wiimote(PeerCommand[WiimotePeerOptions]):
     """A Nintendo Wii Remote (reports over two L2CAP channels, or a HID device of the kernel's)."""
 
     Options, Peer = WiimotePeerOptions, WiimotePeer
-    page = "simulated-peers.md"
+    page = "../plugins/cardan-wiimote/README.md"
     speaks = (
         "[its reports](../plugins/cardan-wiimote/README.md#protocol) "
         "over seqpacket sockets, uhid or L2CAP"
