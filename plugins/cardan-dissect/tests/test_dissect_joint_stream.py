@@ -34,7 +34,7 @@ mode = st.sampled_from([layers.HOLD, layers.POSITION, layers.VELOCITY, layers.TO
 def worked():
     """The datagrams under "Worked bytes": a command, then a state."""
     page = PAGE.read_text(encoding="utf-8")
-    section = page.partition("### Worked bytes")[2].partition("\n### ")[0]
+    section = page.partition("### Worked bytes")[2].partition("\n#")[0]
     blocks = re.findall(r"```\n(.*?)```", section, re.DOTALL)
     lines = [[line.partition("     ")[0] for line in block.splitlines()] for block in blocks]
     return [bytes.fromhex("".join(block)) for block in lines]
