@@ -85,7 +85,7 @@ def test_the_haptic_example_runs_and_is_felt(name, tmp_path, monkeypatch):
     with contextlib.ExitStack() as peers:
         for command in others:
             words = shlex.split(command)[1:]
-            if words[0] == "force":
+            if words[:2] == ["devices", "force"]:
                 peers.enter_context(waiting(words))
             else:
                 to = re.search(r"listen_port = (\d+)", text)[1]
