@@ -527,7 +527,7 @@ def test_an_arm_moved_by_verbs_rests_while_its_program_is_stopped():
             assert program.words["MOTION"].startswith(
                 "aborted the process that supervises this session"
             )
-            assert "choose this streaming command first" in program.words["STREAM"]
+            assert "select twist streaming first" in program.words["STREAM"]
             program.until(program.is_moving, "motion that was asked for anew")
             return program.stood_still
 
