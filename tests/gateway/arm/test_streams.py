@@ -21,7 +21,7 @@ def test_a_stream_has_to_be_chosen():
     assert world.verbs.get_parameter("cpsc") == Stream.TWIST
     assert world.verbs.stream("pose", world.six()) == "pose: the streaming command is twst"
     world.verbs.set_parameter("cpsc", "nset")
-    assert "choose" in world.verbs.stream("twist", [0.0] * 6)
+    assert "select twist" in world.verbs.stream("twist", [0.0] * 6)
 
 
 def test_a_stream_that_its_sender_has_left_is_in_the_way_of_no_other_one():

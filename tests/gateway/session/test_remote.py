@@ -337,7 +337,7 @@ def test_verbs_streams_and_stop_on_the_simulated_arm():
         assert arm.status().moving
         arm.stop()
         until(lambda: not arm.status().moving)
-        assert "choose" in arm.twist([0.0] * 6)
+        assert "select twist" in arm.twist([0.0] * 6)
 
         arm.movv([0.0, 0.0, -0.02, 0.0, 0.0, 0.0])
         assert arm.get_parameter("streamingCommand") == arm.get_parameters()["streamingCommand"]
