@@ -83,7 +83,7 @@ def published(network: BusNetwork, name: str, key: str, remedy: str = "") -> Top
         others = [each for each in routers_here() if each != options.router]
         raise ConfigurationError(
             key,
-            f"nobody publishes {name}{suggestion(name, network.topics())}: waited for "
+            f"no node publishes {name}{suggestion(name, network.topics())}: waited for "
             f"{APPEARS_WITHIN_S:g} s, {met_by(options)}; `cardan net list` lists what there is, "
             "and says what to do where that is nothing"
             + (f"; {remedy}" if remedy else "")
@@ -120,20 +120,20 @@ def remedies(options: BusOptions, found: Discovery) -> list[str]:
             "Another session of Zenoh answers, and it has no node of ROS 2: no session or server."
         ]
     if options.zenoh_config:
-        return [f"Nobody answers as {options.zenoh_config} has it."]
+        return [f"No router or session answers as {options.zenoh_config} has it."]
     if not options.router:
         return [
-            "Nobody can be met: there is no router, and no endpoint of a fixed port to connect to."
+            "No node can be met: there is no router, and no endpoint of a fixed port to connect to."
         ]
     if router_address(options) is None:
         return [
-            f"Nobody answers at {options.router}: is the router started there, and does it listen "
-            "beyond its own computer?"
+            f"No router or session answers at {options.router}: is the router started there, and "
+            "does it listen beyond its own computer?"
         ]
     place = "" if options.router == BusOptions().router else _at(options)
     return [
-        f"Nobody answers at {options.router}: start a session with [network], or a router: "
-        f"`cardan net server router{place}`, or rmw_zenohd."
+        f"No router or session answers at {options.router}: start a session with [network], or a "
+        f"router: `cardan net server router{place}`, or rmw_zenohd."
     ]
 
 

@@ -89,8 +89,8 @@ class Report(NamedTuple):
         said = [f"{self.messages} messages of {self.topics} topics"]
         if not self.messages:
             said.append(
-                "nothing was heard: `cardan net list` tells who is there, and what to do where "
-                "nobody is"
+                "no message was received: `cardan net list` shows the nodes that are there, and "
+                "what to do if there are none"
             )
         said += [
             f"{name}: its definition is not known, so that the file has its bytes alone ({mark})"

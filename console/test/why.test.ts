@@ -50,7 +50,7 @@ test("the nearest cause comes first", () => {
   assert.match(says({ stateAgeMs: 2000, refused: "no" }).text, /silent/);
   assert.match(says(status({ ready: false, message: "the brakes are on" })).text, /not ready: the brakes are on/);
   assert.equal(says({ refused: "twist: hand has the authority" }).text, "twist: hand has the authority");
-  const late = "twst: choose this streaming command first (parameter cpsc): the stream was silent for 0.101 s";
+  const late = "twst: select twist streaming first (parameter streamingCommand; ROS 2: preset_streaming_cmd): the stream was silent for 0.101 s";
   assert.match(says({ refused: late }).text, /came too late/);
   assert.match(says({ roundTripMs: 400 }).text, /too long.*400 ms/);
   assert.match(says({ ended: "hidden", armed: false }).text, /hidden: enable again/);

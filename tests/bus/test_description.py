@@ -107,7 +107,7 @@ def test_where_nothing_comes_in_time_it_says_how_long_and_what_to_do(monkeypatch
     with pytest.raises(ConfigurationError) as told:
         describe(TOPIC, options)
     assert 1.0 <= time.monotonic() - began_s < 15.0
-    assert f"--from-topic: nobody publishes {TOPIC}" in str(told.value)
+    assert f"--from-topic: no node publishes {TOPIC}" in str(told.value)
     assert f"waited for 1 s, by the router {options.router}" in told.value.message
     assert "ros2 param get --hide-type /robot_state_publisher" in told.value.message
     with (

@@ -415,7 +415,7 @@ def test_a_controller_that_is_not_there_is_told():
     ours = session()
     ours.taken = lambda: False
     state = ours.receive(message(), 0.0)
-    assert "nobody takes commands on /forward_position_controller/commands" in state.hold_reason
+    assert "no controller subscribes to /forward_position_controller/commands" in state.hold_reason
     ours.taken = lambda: True
     assert ours.receive(message(sequence=2, stamp_s=1.01), 0.01).ready
 
@@ -648,7 +648,7 @@ def test_stamps_that_jump_ahead_are_said_and_end_readiness():
         ("stale", 1.5, "the robot is frozen"),
         ("wrong-names", 1.5, "is silent"),
         ("missing", 1.5, "without wrist_3_joint"),
-        ("inactive", 1.5, "nobody takes commands"),
+        ("inactive", 1.5, "no controller subscribes"),
     ],
 )
 def test_faults_that_stop_the_arm(fault, value, words):

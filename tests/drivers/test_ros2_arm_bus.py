@@ -69,7 +69,7 @@ def test_a_controller_of_another_name_is_told(meeting):
     with peer, Ros2Arm(**meeting, command_topic="/other/commands") as robot:
         for state in cycles(robot):
             if state.link is RobotLink.LIVE:
-                assert "nobody takes commands on /other/commands" in state.hold_reason
+                assert "no controller subscribes to /other/commands" in state.hold_reason
                 break
 
 

@@ -236,5 +236,5 @@ def test_a_joy_node_rumbles():
 @pytest.mark.matrix
 def test_without_its_node_it_says_what_to_start():
     pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
-    with pytest.raises(DeviceNotFoundError, match="nobody publishes /joy: start joy_node"):
+    with pytest.raises(DeviceNotFoundError, match="no node publishes /joy: start joy_node"):
         Ros2Joy(port=free_ports()).open()

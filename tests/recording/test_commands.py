@@ -83,7 +83,7 @@ def test_a_record_of_nothing_says_so(tmp_path):
     path = tmp_path / "r.mcap"
     done = cardan("net", "record", "-o", str(path), "--session", file, "--seconds", "0.2")
     assert done.returncode == 4
-    assert "nothing was heard: `cardan net list` tells" in done.stdout
+    assert "no message was received: `cardan net list` shows" in done.stdout
 
 
 @pytest.mark.matrix

@@ -41,7 +41,7 @@ FEEDBACK_TYPE, RUMBLE = "sensor_msgs/msg/JoyFeedback", 1
 NO_PAGE = "no page publishes {topic}: start `cardan net server console`, and open its page on the "
 PAGE_GONE = "the page was closed, or has lost its connection"
 NO_NODE = (
-    "nobody publishes {topic}: start {node} with RMW_IMPLEMENTATION=rmw_zenoh_cpp, and ROS 2's "
+    "no node publishes {topic}: start {node} with RMW_IMPLEMENTATION=rmw_zenoh_cpp, and ROS 2's "
     "router (rmw_zenohd) or the one that `router` names ({router})"
 )
 

@@ -352,8 +352,8 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             return "the limits of the joints are not known"
         if not self.taken():
             return (
-                f"nobody takes commands on {self.options.topic}: is the controller loaded and "
-                "active, and is its name right?"
+                f"no controller subscribes to {self.options.topic}: is it loaded and active, and "
+                "is its name right?"
             )
         limits = self._limits
         for name, value, low, high in zip(

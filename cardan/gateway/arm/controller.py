@@ -127,7 +127,7 @@ class ArmController:
         self._noting = 0
         """The thread whose present request is recorded as a whole; 0: none."""
         self._period_s = period_s
-        self.not_ready = "nothing was heard of the robot yet"
+        self.not_ready = "no state of the robot was received yet"
         """Why the robot cannot be commanded now; empty when it can."""
         self.state = States()
         """What it is doing; assigned by `_enter` alone."""
@@ -372,7 +372,7 @@ class ArmController:
         readings = self.state.readings
         if readings.rejected:
             if not self.supervision.trustworthy:
-                return f"{self.supervision.implausible}; wait until the readings rest"
+                return f"{self.supervision.implausible}; wait until the measured position is steady"
             self.supervision.trust()
             self._on(Event.PLAUSIBLE)
             if readings.elsewhere and self.robot is not None and self.state.link.ready:

@@ -313,7 +313,8 @@ class Streams:
         if link is None or activity is None:
             why = f": {self._ended}" if self._ended else ""
             raise MotionRefusedError(
-                f"{name}: choose this streaming command first (parameter cpsc){why}"
+                f"{name}: select {kind.name.lower()} streaming first (parameter streamingCommand; "
+                f"ROS 2: preset_streaming_cmd){why}"
             )
         if sequence is not None:
             checked_sequence(name, sequence)

@@ -741,7 +741,7 @@ class ArmVerbs:
     def _require_joints(self, verb: str) -> RobotState:
         robot = self.controller.robot
         if robot is None:
-            raise MotionRefusedError(f"{verb}: nothing was heard of the robot yet")
+            raise MotionRefusedError(f"{verb}: no state of the robot was received yet")
         if len(robot.joints) != self.servo.joints:
             raise MotionRefusedError(
                 f"{verb}: the robot reports {len(robot.joints)} joint positions, "

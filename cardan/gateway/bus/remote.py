@@ -131,8 +131,9 @@ class RemoteCartesianDevice(RemotePacketArm):
         if self._network.lonely():
             router = self._network.node.options.router
             return (
-                f"nobody else is on the bus at {router or 'no router'}: start a router (`cardan "
-                "net server router`, or rmw_zenohd), or name the session's own endpoint as router"
+                f"no other node is on the network at {router or 'no router'}: start a router "
+                "(`cardan net server router`, or rmw_zenohd), or name the session's own endpoint "
+                "as router"
             )
         there = [name for name in self._network.services() if name.endswith(f"/{ASK_SERVICE}")]
         arms = ", ".join(name.removesuffix(f"/{ASK_SERVICE}") for name in there) or "none"

@@ -68,13 +68,15 @@ class AccessControl:
             return AccessDenied(HTTPStatus.BAD_REQUEST, "the request needs one Host header")
         if _address(host) is None and host not in self._hosts and not is_loopback(host):
             return AccessDenied(
-                HTTPStatus.FORBIDDEN, "this is no name of this server; its options allow more names"
+                HTTPStatus.FORBIDDEN,
+                "the Host header names another server; if it is this one, add the name to its "
+                "option `hosts`",
             )
         if len(origins) > 1 or not all(self._is_ours(each, host) for each in origins):
             return AccessDenied(
                 HTTPStatus.FORBIDDEN,
-                f"the page {', '.join(map(shown, origins))} may not come in; "
-                "the server's options allow more origins",
+                f"the page {', '.join(map(shown, origins))} may not connect; "
+                "if it is yours, add it to the server's option `origins`",
             )
         if public:
             return Role.VIEWER

@@ -469,7 +469,7 @@ def test_an_acknowledgment_comes_too_early_while_readings_leap():
     there = Pose(add(rig.robot.pose.position, Vector3(0.0, 0.4, 0.0)), IDENTITY)
     rig.command = HoldCommand()
     rig.run(pose=there)
-    assert "wait until the readings rest" in rig.core.acknowledge()
+    assert "wait until the measured position is steady" in rig.core.acknowledge()
     for _ in range(math.ceil(TRUST_AFTER_S / PERIOD_S) + 1):
         rig.run(pose=there)
     assert rig.core.acknowledge() == ""

@@ -129,7 +129,7 @@ def test_refusals_raise_and_change_nothing(arm):
 
 
 def test_streams_answer(arm):
-    assert "choose" in arm.twist([0.0] * 6)
+    assert "select twist" in arm.twist([0.0] * 6)
     arm.set_parameter("cpsc", "twst")
     assert arm.get_parameter("streamingCommand") == arm.get_parameters()["streamingCommand"]
     assert arm.twist([0.0] * 6, owner="pendant", sequence=1) == ""

@@ -7,7 +7,7 @@ import pytest
 
 from cardan.gateway.arm.backlog import STALE_S, Delays
 from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.arm.verb_table import SEQUENCED
+from cardan.gateway.arm.verb_table import SEQUENCED, preset_of
 from cardan.gateway.arm.vocab import Begins, Stream
 from tests.gateway.arm.arms import DT_S, World, quick, streaming, streams, turned
 
@@ -16,12 +16,12 @@ def test_a_stream_has_to_be_chosen():
     world = World()
     for name in sorted(SEQUENCED):
         why = world.verbs.stream(name, [0.0] * world.verbs.servo.joints)
-        assert "choose this streaming command first" in why
+        assert f"select {preset_of(name).name.lower()} streaming first" in why
     world.verbs.set_parameter("cpsc", "twst")
     assert world.verbs.get_parameter("cpsc") == Stream.TWIST
     assert world.verbs.stream("pose", world.six()) == "pose: the streaming command is twst"
     world.verbs.set_parameter("cpsc", "nset")
-    assert "choose" in world.verbs.stream("twist", [0.0] * 6)
+    assert "select twist" in world.verbs.stream("twist", [0.0] * 6)
 
 
 def test_a_stream_that_its_sender_has_left_is_in_the_way_of_no_other_one():

@@ -219,7 +219,7 @@ def test_of_a_stream_only_the_newest_counts_and_only_changes_are_told(bench):
     bench.poll()
     assert len(bench.requests) == 1
     assert bench.results()[0][1:3] == (49, "refused")
-    assert "choose this streaming command first" in bench.results()[0][3]
+    assert "select twist streaming first" in bench.results()[0][3]
     for sequence in range(50, 60):
         bench.publish("/command/twist", {"linear": {"z": 0.01}}, sequence=sequence, source_ns=0)
         bench.poll(0.02)
@@ -403,7 +403,7 @@ def test_the_first_command_chooses_the_stream_of_a_free_arm_at_rest(bench):
 def test_one_that_does_not_say_when_it_was_sent_chooses_nothing(bench):
     streamed(bench, source_ns=0)
     assert still(bench)
-    assert "choose this streaming command first" in reasons(bench)[0]
+    assert "select twist streaming first" in reasons(bench)[0]
 
 
 def test_zero_chooses_nothing(bench):

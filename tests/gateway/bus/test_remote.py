@@ -124,7 +124,7 @@ def test_a_connection_that_is_lost_is_no_rest():
 @pytest.mark.matrix
 def test_an_arm_that_is_not_there_is_named(monkeypatch):
     monkeypatch.setattr("cardan.gateway.bus.remote.MEET_TIMEOUT_S", 1.0)
-    with pytest.raises(DriverError, match="nobody else is on the bus at tcp"):
+    with pytest.raises(DriverError, match="no other node is on the network at tcp"):
         RemoteCartesianDevice(free_endpoint()).open()
     with OnTheBus().place() as (arm, _), arm:
         absent = RemoteCartesianDevice(f"{arm.address}/absent")

@@ -937,7 +937,7 @@ def test_names_that_are_not_ours_are_refused(network, host, status):
 def test_the_log_says_which_page_was_kept_out(network, caplog):
     with rosbridge(network) as running:
         assert refusal(running, origin="https://app.foxglove.dev") == 403
-    assert "the page 'https://app.foxglove.dev' may not come in" in caplog.text
+    assert "the page 'https://app.foxglove.dev' may not connect" in caplog.text
 
 
 def test_there_are_only_so_many_clients(network):

@@ -337,7 +337,7 @@ def test_verbs_streams_and_stop_on_the_simulated_arm():
         assert arm.status().moving
         arm.stop()
         until(lambda: not arm.status().moving)
-        assert "choose" in arm.twist([0.0] * 6)
+        assert "select twist" in arm.twist([0.0] * 6)
 
         arm.movv([0.0, 0.0, -0.02, 0.0, 0.0, 0.0])
         assert arm.get_parameter("streamingCommand") == arm.get_parameters()["streamingCommand"]
@@ -527,7 +527,7 @@ def test_an_arm_moved_by_verbs_rests_while_its_program_is_stopped():
             assert program.words["MOTION"].startswith(
                 "aborted the process that supervises this session"
             )
-            assert "choose this streaming command first" in program.words["STREAM"]
+            assert "select twist streaming first" in program.words["STREAM"]
             program.until(program.is_moving, "motion that was asked for anew")
             return program.stood_still
 

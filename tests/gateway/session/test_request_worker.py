@@ -79,7 +79,7 @@ class FakeVerbs:
         return self.streams.kind is Stream.NONE
 
     def stat(self):
-        raise MotionRefusedError("stat: nothing was heard of the robot yet")
+        raise MotionRefusedError("stat: no state of the robot was received yet")
 
     def release(self, source):
         self.released.append(source)

@@ -330,7 +330,7 @@ def test_an_error_of_the_arm_ends_the_hold_with_its_words(arm, page):
 def test_a_stream_that_the_arm_has_ended_is_not_begun_again_by_a_hold_that_goes_on(arm, page):
     held(page)
     until(lambda: arm.requests, "the arm is asked")
-    arm.refuses = "twist: choose this streaming command first: stopped"
+    arm.refuses = "twist: select twist streaming first: stopped"
     keep(page, 0.1)
     assert "stopped" in page.grip("lost")["why"]
     assert [each.begins for each in arm.requests].count(Begins.NEW) == 1
@@ -348,8 +348,8 @@ def test_an_arm_that_is_not_there_is_named_with_those_that_are(arm, page):
     [
         ({"channel": 256, "arm": ARM}, "0 to 255"),
         ({"channel": True, "arm": ARM}, "0 to 255"),
-        ({"channel": 1}, "for an arm"),
-        ({"channel": 1, "arm": ARM, "device": "/phone"}, "for an arm"),
+        ({"channel": 1}, "for one of arm, "),
+        ({"channel": 1, "arm": ARM, "device": "/phone"}, "for one of arm, "),
         ({"channel": 1, "device": "no name"}, "name"),
     ],
 )
