@@ -13,6 +13,8 @@ from tests.mutation.__main__ import matching, with_tests
 from tests.mutation.areas import AREAS, NO_SURVIVORS, equivalents
 from tests.mutation.mutants import ROOT, instrumented, mutants_of, mutated
 
+pytestmark = pytest.mark.matrix
+
 SOURCE = '''\
 """Words."""
 LIMIT: float = 2.0
@@ -103,7 +105,6 @@ def test_there_are_enough_and_each_has_its_tests():
     assert set(NO_SURVIVORS) < set(AREAS)
 
 
-@pytest.mark.matrix
 def test_each_equivalent_mutant_is_there_and_has_a_reason():
     there = collections.Counter(each.name for path in matching([]) for each in mutants_of(path))
     for name, reason in equivalents().items():
@@ -111,7 +112,6 @@ def test_each_equivalent_mutant_is_there_and_has_a_reason():
         assert len(reason.split()) > 3
 
 
-@pytest.mark.matrix
 def test_a_mutant_is_noticed_where_it_is_asserted_and_not_elsewhere(tmp_path):
     path, test = "cardan/gateway/arm/authority.py", "tests/gateway/arm/test_authority.py"
     outcomes = {}
