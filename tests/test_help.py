@@ -138,6 +138,7 @@ def test_of_a_unit_that_has_the_old_name_it_says_what_to_do():
 def test_an_old_name_below_a_group_is_answered_too():
     with pytest.raises(ConfigurationError, match="type `cardan net server rosbridge`"):
         the_command_line()(["net", "face", "rosbridge"], standalone_mode=False)
+    assert now_called(["serve"], "devices") == ""
 
 
 OLD = "|".join(sorted(MOVED, key=len, reverse=True))

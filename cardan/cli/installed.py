@@ -161,7 +161,8 @@ class OpenGroup(CommandGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         # A shell that completes is told nothing.
-        said = now_called(args) if args and not ctx.resilient_parsing else ""
+        group = "" if self.name == TOP else self.name or ""
+        said = now_called(args, group) if args and not ctx.resilient_parsing else ""
         if said and self.get_command(ctx, args[0]) is None:
             raise ConfigurationError("command", said)
         return super().resolve_command(ctx, args)

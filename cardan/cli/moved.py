@@ -34,10 +34,11 @@ _UNIT: Final = (
 )
 
 
-def now_called(args: Sequence[str]) -> str:
-    """What to tell a person who types `cardan` and `args`; empty: the first never was a command."""
+def now_called(args: Sequence[str], group: str = "") -> str:
+    """What to tell a person who types `cardan` and `args`, or `cardan`, a group and `args`; empty:
+    the first never was a command, or is none of that group's today."""
     name = args[0]
-    if name not in MOVED:
+    if name not in MOVED or not f"{MOVED[name]} ".startswith(f"{group} " if group else ""):
         return ""
     unit = _UNIT if name == "serve" else ""
     typed = shlex.join(("cardan", *MOVED[name].split(), *args[1:]))

@@ -57,7 +57,7 @@ class ResponseLag:
 
     def reset(self) -> None:
         """Forget the past: the joints were placed, not moved."""
-        self._rows, self._known = [], ((), (), ())
+        self._rows, self._known, self._nearest = [], ((), (), ()), 0
 
     def note(self, commanded: FloatArray, stamp_s: float) -> None:
         """Where the joints are commanded to be at `stamp_s`."""
