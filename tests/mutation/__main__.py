@@ -313,7 +313,7 @@ class Runs:
         for number in numbers:
             sums[str(self.items[number].path)] += self.took_s[number]
         ordered = sorted(numbers, key=lambda n: (sums[str(self.items[n].path)], n))
-        return within(ordered, self.took_s, self.most_s)
+        return within(ordered, self.took_s, math.inf if may_not_survive(mutant) else self.most_s)
 
     def _try(self, session: pytest.Session, mutant: Mutant, numbers: Sequence[int]) -> int:
         if not exchange(self.functions, mutant.path, mutated(mutant)):
@@ -339,6 +339,11 @@ def within(each: Sequence[Tried], took_s: Mapping[Tried, float], most_s: float) 
             break
         found.append(one)
     return found
+
+
+def may_not_survive(mutant: Mutant) -> bool:
+    """Whether it is of an area without survivors: it has all of its tests, however long."""
+    return any(mutant.path.startswith(AREAS[area]) for area in NO_SURVIVORS)
 
 
 def module_of(path: str) -> str:
@@ -474,7 +479,7 @@ def main() -> int:
     parser.add_argument("--survivors", type=Path, help="of a report; with --tests, of others")
     parser.add_argument("--tests", nargs="+", metavar="PATH", help="those that are run")
     parser.add_argument(
-        "--at-most-s", type=float, default=math.inf, help="of tests for each mutant, nearest first"
+        "--at-most-s", type=float, default=math.inf, help="of tests for each that may survive"
     )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--report", type=Path, help="write the outcome of each as JSON")
