@@ -294,7 +294,7 @@ class Planner:
             except MotionRefusedError as error:
                 # A TCP that starts outside may come in, once.
                 if index > 0 and not was_outside:
-                    raise MotionRefusedError(f"{error}, {share:.0%} of the way") from None
+                    raise MotionRefusedError(f"{error}, after {share:.0%} of the way") from None
                 was_outside = True
             else:
                 was_outside = False
@@ -308,7 +308,7 @@ class Planner:
         last = max(1, len(positions) - 1)
         for index in range(1, len(positions)):
             before, q = positions[index - 1], positions[index]
-            where = f" {index / last:.0%} of the way"
+            where = f" after {index / last:.0%} of the way"
             outside = self._limit_error(verb, q, where)
             if outside is not None and not _returns(self.kinematics, before, q):
                 raise outside
@@ -329,7 +329,7 @@ class Planner:
                 check_workspace(verb, self.forward(before).translation.tolist(), self.workspace)
             except MotionRefusedError:
                 return
-            raise _further(error, where) from None
+            raise _further(error, f",{where}") from None
 
     def _place_movers(self) -> None:
         frames = self._mover_frames()
@@ -376,17 +376,24 @@ class Planner:
         pace, slowest = 1.0, 0
         velocity, step_s = self.kinematics.velocity, path.duration_s / count
         for index in range(1, count + 1):
-            share = index / count
             before = positions[index - 1]
             pose = path.at(float(times[index]))[0]
             q = self._continue(pose, before)
-            where = f" {share:.0%} of the line's time"
+            if way_m > 0.0:
+                share = norm(subtract(pose.position, begin.position)) / way_m
+            else:
+                share = norm(rotation_between(begin.orientation, pose.orientation)) / (angle or 1.0)
+            where = f" after {share:.0%} of the line"
             if q is None:
                 error = self._why_not(verb, to_se3(pose), before)
+                if isinstance(error, OutOfReachError):
+                    goal = self._why_not(verb, to_se3(end), before)
+                    if isinstance(goal, OutOfReachError):
+                        raise _further(goal, f"; the line leaves the reach after {share:.0%} of it")
                 value = self.kinematics.smallest_singular_value(before, self.model.task.weights)
                 if value < SINGULAR:
                     where += f"; {UNBENT.format(value)}"
-                raise _further(error, where)
+                raise _further(error, f",{where}")
             outside = self._limit_error(verb, q, where)
             if outside is not None and not _returns(self.kinematics, before, q):
                 raise outside
@@ -427,5 +434,5 @@ def _returns(kinematics: ArmKinematics, before: FloatArray, q: FloatArray) -> bo
 
 def _further(error: MotionRefusedError, where: str) -> MotionRefusedError:
     """`error` with where on the line it is."""
-    error.args = (f"{error.args[0]},{where}",)
+    error.args = (f"{error.args[0]}{where}",)
     return error

@@ -1,6 +1,7 @@
 """The verbs of the Cartesian interface on simulated time."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -319,10 +320,13 @@ def test_what_is_out_of_reach_is_refused_with_how_far(verb):
     target = [3.0, *world.six()[1:]]
     with pytest.raises(MotionRefusedError) as found:
         getattr(world.verbs, verb)(target)
-    if verb != "movl":
-        assert isinstance(found.value, OutOfReachError)
-        assert 1.5 < found.value.distance_m < 2.5
-        assert "out of reach by" in str(found.value)
+    assert isinstance(found.value, OutOfReachError)
+    assert 1.5 < found.value.distance_m < 2.5
+    assert "out of reach by" in str(found.value)
+    if verb == "movl":
+        share = re.search(r"rad; the line leaves the reach after (\d+)% of it", str(found.value))
+        reach_m = world.six()[0] + int(share[1]) / 100 * (3.0 - world.six()[0])
+        assert 0.7 < reach_m < 1.1
 
 
 def test_the_workspace_is_checked_first():
