@@ -76,7 +76,7 @@ def test_a_robot_without_power_is_started_and_nothing_moves(robot):
 def test_nothing_is_started_unless_it_is_asked_for():
     rig = Rig(running=False).run(3.0)
     assert rig.session.phase == "idle"
-    assert rig.states[-1].hold_reason == "power is off; not enabled"
+    assert rig.states[-1].hold_reason == "power is off; motion is not enabled"
     assert "dashboard" not in rig.numbers
     assert "primary" not in rig.numbers
 
@@ -348,7 +348,7 @@ def test_the_driver_can_unlock_a_protective_stop_where_it_is_asked_to():
     rig.session.ask("unlock", rig.now_s)
     rig.run(0.5)
     assert rig.controller.safety is SafetyMode.NORMAL
-    assert rig.states[-1].hold_reason == "not enabled"
+    assert rig.states[-1].hold_reason == "motion is not enabled"
 
 
 def test_a_program_that_is_resumed_at_the_pendant_ends():
@@ -568,7 +568,7 @@ def test_disabling_and_enabling_again():
     rig = turning()
     rig.session.ask("disable", rig.now_s)
     rig.run(1.0)
-    assert rig.states[-1].hold_reason == "not enabled"
+    assert rig.states[-1].hold_reason == "motion is not enabled"
     rig.ready()
     rig.run(0.5)
     assert speeds(rig)[-10:] == pytest.approx(SPEED, rel=1e-3)

@@ -25,6 +25,7 @@ from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.drivers.ur_rtde.power_on import Starting
 from cardan.drivers.ur_rtde.status_text import (
     ENDS,
+    NOT_ENABLED,
     REDUCED,
     again,
     mode_words,
@@ -179,10 +180,10 @@ class UrSession(TcpSession[Channel, Task]):
         if self.end_reason:
             return self.end_reason
         if values.robot_mode != RobotMode.RUNNING:
-            return f"{mode_words(values.robot_mode)}; not enabled"
+            return f"{mode_words(values.robot_mode)}; {NOT_ENABLED}"
         if values.safety_mode == SafetyMode.REDUCED:
-            return f"not enabled; {REDUCED}"
-        return "not enabled"
+            return f"{NOT_ENABLED}; {REDUCED}"
+        return NOT_ENABLED
 
     # -- connections ------------------------------------------------------------------------------
 

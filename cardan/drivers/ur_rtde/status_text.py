@@ -66,6 +66,7 @@ ENDS: Final[Mapping[int, str]] = {
 }
 
 
+NOT_ENABLED: Final = "motion is not enabled"
 _AGAIN: Final = "enable again"
 
 
