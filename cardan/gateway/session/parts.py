@@ -39,7 +39,15 @@ from cardan.gateway.session.heartbeat import BEAT, Heartbeat
 from cardan.gateway.session.request_worker import ChannelClient, RequestWorker
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 from cardan.spatial import norm, subtract
-from cardan.types import IDENTITY_POSE, ZERO3, DeviceFeedback, DeviceLink, Pose, RobotState
+from cardan.types import (
+    IDENTITY_POSE,
+    ZERO3,
+    DeviceFeedback,
+    DeviceLink,
+    Pose,
+    RobotLink,
+    RobotState,
+)
 
 if TYPE_CHECKING:  # Imports the messages of the network, which most sessions do without.
     from cardan.gateway.bus.neighbors import ArmNeighbors
@@ -84,13 +92,13 @@ class Whole:
 
     def tcp(self, state: RobotState) -> Pose | None:
         """The measured TCP: the robot's own pose, or by the arm's model where that has a tool, or
-        the robot reports joints alone."""
+        the robot reports joints alone. None where a lost robot's is not known."""
         commanded, arm = self.controller.commanded, self.config.arm
         # A verb may have changed the tool.
         same_tool = commanded.tool == IDENTITY_POSE and (arm is None or arm.has_no_tool)
         if isinstance(commanded, TaskSpaceArm) or (state.pose is not None and same_tool):
             return state.pose
-        return commanded.reported(state) if state.ready else None
+        return commanded.reported(state) if state.link is RobotLink.LIVE else None
 
 
 class Part:
