@@ -307,22 +307,25 @@ class TwistMapping:
         button = self.options.pass_on
         return any(event.pressed and event.button == button for event in events)
 
-    def asks_to_enable(
-        self, device: DeviceState, events: Iterable[ButtonEvent], now_s: float
-    ) -> bool:
-        """True when the operator asks to enable the robot, with nothing deflected and no dead-man
-        held: a robot that was just enabled must not begin to move. An old press does not count."""
-        return (
-            any(
-                event.pressed
-                and event.button == self.options.enable
-                and now_s - event.stamp_s <= ENABLE_WITHIN_S
-                for event in events
-            )
-            and device.link is DeviceLink.LIVE
-            and (self.follows_pose or not any(device.axes))
-            and device.buttons.isdisjoint(self._deadman)
+    def presses_enable(self, events: Iterable[ButtonEvent], now_s: float) -> bool:
+        """True when the operator presses the enable button. An old press does not count."""
+        return any(
+            event.pressed
+            and event.button == self.options.enable
+            and now_s - event.stamp_s <= ENABLE_WITHIN_S
+            for event in events
         )
+
+    def not_at_rest(self, device: DeviceState) -> str:
+        """Why a press of the enable button is refused: a robot that was just enabled must not begin
+        to move. Empty with a live device, nothing deflected and no dead-man held."""
+        if device.link is not DeviceLink.LIVE:
+            return f"the device is {device.link.value}"
+        if held := sorted(device.buttons.intersection(self._deadman)):
+            return f"{held[0]!r} is held"
+        if not self.follows_pose and any(device.axes):
+            return "the device is deflected"
+        return ""
 
     def take_gripper(self, events: Iterable[ButtonEvent]) -> bool:
         """Apply the gripper buttons among `events`; True when the gripper changes."""

@@ -41,6 +41,7 @@ from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 from cardan.spatial import norm, subtract
 from cardan.types import (
     IDENTITY_POSE,
+    NEVER_S,
     ZERO3,
     DeviceFeedback,
     DeviceLink,
@@ -52,6 +53,9 @@ from cardan.types import (
 if TYPE_CHECKING:  # Imports the messages of the network, which most sessions do without.
     from cardan.gateway.bus.neighbors import ArmNeighbors
     from cardan.gateway.session.network import SessionNetwork
+
+REFUSAL_SHOWN_S: Final = 3.0
+"""For so long it is shown why a press of the enable button was refused."""
 
 LISTEN_PERIOD_S: Final = 0.025
 """Period of reading the channel while the supervisor only beats: a system call, saved in most
@@ -258,6 +262,8 @@ class Operator(Part):
         self._begins_with_device = begins_with_device
         self._known_buttons: tuple[str, ...] = ()
         self._passes = 0
+        self._refused, self._pressed_s = "", NEVER_S
+        """Why the last press of the enable button was refused."""
         self._opened: list[TwistFilter] = []
 
     def open(self) -> None:
@@ -285,9 +291,11 @@ class Operator(Part):
         device, events, mapping = cycle.device, cycle.events, self._input.mapping
         if not events or device is None:
             return
-        if mapping.asks_to_enable(device, events, cycle.robot.stamp_s):
-            with self.whole.calls:
-                self.whole.robot.enable()
+        if mapping.presses_enable(events, cycle.robot.stamp_s):
+            self._refused, self._pressed_s = mapping.not_at_rest(device), now_s
+            if not self._refused:
+                with self.whole.calls:
+                    self.whole.robot.enable()
         if mapping.passes_on(events):
             self._passes += 1
 
@@ -310,6 +318,11 @@ class Operator(Part):
                 s.diagnosis.append(f"the device's driver failed: {reason(error)}")
         if self._lease.problem:
             s.diagnosis.insert(0, self._lease.problem)
+        if self._refused and now.time_s - self._pressed_s < REFUSAL_SHOWN_S:
+            enable = self._input.mapping.options.enable
+            s.diagnosis.insert(
+                0, f"{enable!r} enables nothing while {self._refused}: let go, then press it again"
+            )
         for each in self._opened:
             try:
                 s.diagnosis += told(each.diagnosis())

@@ -98,21 +98,24 @@ def test_gripper_buttons_act_when_they_go_down():
 def test_making_the_robot_ready_takes_a_hand_at_rest():
     mapping = TwistMapping(MappingOptions(deadman=("left",), enable="right"))
     rest = state()
-    assert mapping.asks_to_enable(rest, edges("right"), 0.1)
-    assert mapping.asks_to_enable(rest, edges("right", "-right"), 0.1)
-    assert not mapping.asks_to_enable(rest, edges("-right"), 0.1)
-    assert not mapping.asks_to_enable(rest, edges("left"), 0.1)
-    assert not mapping.asks_to_enable(state("left"), edges("right"), 0.1)
-    assert not mapping.asks_to_enable(rest._replace(axes=(0, 0, 0.1, 0, 0, 0)), edges("right"), 0.1)
-    assert not mapping.asks_to_enable(rest._replace(link=DeviceLink.STALE), edges("right"), 0.1)
-    assert not TwistMapping(MappingOptions()).asks_to_enable(rest, edges("right"), 0.1)
-    assert not mapping.asks_to_enable(rest, edges("right"), 0.6)
+    assert mapping.presses_enable(edges("right"), 0.1)
+    assert mapping.presses_enable(edges("right", "-right"), 0.1)
+    assert not mapping.presses_enable(edges("-right"), 0.1)
+    assert not mapping.presses_enable(edges("left"), 0.1)
+    assert not TwistMapping(MappingOptions()).presses_enable(edges("right"), 0.1)
+    assert not mapping.presses_enable(edges("right"), 0.6)
+    assert mapping.not_at_rest(rest) == ""
+    assert mapping.not_at_rest(state("left")) == "'left' is held"
+    assert (
+        mapping.not_at_rest(rest._replace(axes=(0, 0, 0.1, 0, 0, 0))) == "the device is deflected"
+    )
+    assert mapping.not_at_rest(rest._replace(link=DeviceLink.STALE)) == "the device is stale"
 
 
 def test_where_the_pose_is_followed_deflections_do_not_keep_the_robot_from_being_made_ready():
     options = MappingOptions(mode=Mode.POSITION, clutch="button_2", enable="right")
     mapping = TwistMapping(options)
-    assert mapping.asks_to_enable(state()._replace(axes=(0.3,) * 6), edges("right"), 0.1)
+    assert mapping.not_at_rest(state()._replace(axes=(0.3,) * 6)) == ""
 
 
 def test_axes_drive_joints_either_way():
@@ -157,8 +160,8 @@ def test_yaw_turns_rotations_about_the_base_s_axes_only(yaw_deg):
 def test_a_press_that_enables_counts_until_and_at_its_age():
     mapping = TwistMapping(MappingOptions(enable="right"))
     edge = [ButtonEvent(10.0, "right", True)]
-    assert mapping.asks_to_enable(state(), edge, 10.0 + ENABLE_WITHIN_S)
-    assert not mapping.asks_to_enable(state(), edge, 10.001 + ENABLE_WITHIN_S)
+    assert mapping.presses_enable(edge, 10.0 + ENABLE_WITHIN_S)
+    assert not mapping.presses_enable(edge, 10.001 + ENABLE_WITHIN_S)
 
 
 def test_a_press_of_its_button_passes_the_device_on():
