@@ -411,7 +411,7 @@ def _parts(config: SessionConfig) -> Iterator[tuple[str, str]]:
 
 
 def _moved_by_verbs(config: SessionConfig) -> str:
-    """What moves the arm of a session without a device."""
+    """Sources that may move the arm of a session without a device."""
     from cardan.gateway.session.arm_assembly import why_no_verbs
 
     if why := why_no_verbs(config):

@@ -1,4 +1,4 @@
-"""What the commands share: exit codes, the types of their options, logs, and tables."""
+"""Shared parts of the commands: exit codes, the types of their options, logs, and tables."""
 
 from __future__ import annotations
 
@@ -76,10 +76,10 @@ def begin_serving(
     default: LogLevel = LogLevel.WARNING,
     form: LogFormat | None = None,
 ) -> None:
-    """Begin a command that runs until it is told to end: its log goes to standard error, and
-    nobody who does not read its output holds it up.
+    """Begin a command that runs until it is stopped: its log goes to standard error, and a reader
+    that does not read its output does not block it.
 
-    What is not given is as the daemon that runs it says, else `default`, and text.
+    A level or form that is not given is the daemon's that runs it, else `default`, and text.
 
     Raises ConfigurationError for `verbose` with another level than debug.
     """
@@ -139,7 +139,7 @@ def print_table(
 
     table = Table(*columns, box=None)
     for cells in rows:
-        # What stands in brackets is no markup.
+        # Brackets in a cell are no markup.
         table.add_row(*(Text(printable(cell), overflow="fold") for cell in cells))
     Console().print(table)
 

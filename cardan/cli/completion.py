@@ -1,6 +1,6 @@
-"""What the shell completes: names of demos, drivers, sessions, devices, topics, verbs, codes.
+"""Shell completion of names: demos, drivers, sessions, devices, topics, verbs, codes.
 
-A shell waits for these while a person types: they end soon, and say nothing where there is nothing.
+A shell waits for these while the user types: they end soon, and print nothing if nothing is found.
 """
 
 from __future__ import annotations
@@ -149,12 +149,12 @@ def verbs(incomplete: str) -> Offered:
 
 
 def _rows(context: typer.Context) -> list[Any]:
-    """What `cardan daemon ps` would list."""
+    """Rows that `cardan daemon ps` would list."""
     return _asked(context, "units")
 
 
 def _asked(context: typer.Context, do: str) -> list[Any]:
-    """What the daemon answers; nothing where none does."""
+    """The daemon's answer; empty if no daemon answers."""
     from cardan.gateway.daemon.client import ControlClient
 
     try:

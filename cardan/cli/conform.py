@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Form(str, enum.Enum):
-    """What a report is printed as."""
+    """Output format of a report."""
 
     TEXT = "text"
     MARKDOWN = "markdown"

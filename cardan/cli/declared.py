@@ -44,7 +44,7 @@ from cardan.sim_peers.command import Option, name_and_unit, option_of
 
 
 class Registry(Protocol):
-    """What there is by name: drivers, simulated peers, servers."""
+    """Classes by name: drivers, simulated peers, servers."""
 
     def names(self) -> tuple[str, ...]:
         """All names that can be loaded."""
@@ -56,7 +56,8 @@ class Registry(Protocol):
         """Every class, and why others cannot be loaded."""
 
     def using(self, name: str, key: str) -> AbstractContextManager[None]:
-        """What another package's class raises inside is a ConfigurationError of `key`."""
+        """Turn errors that another package's class raises inside into a ConfigurationError of
+        `key`."""
 
 
 class Given(NamedTuple):
@@ -288,7 +289,7 @@ class Commands(Mapping[str, Any]):
 def collected(
     own: Mapping[str, Given], given: Mapping[str, Any]
 ) -> defaultdict[type, dict[str, Any]]:
-    """What the command line gives for fields, by the dataclasses that they belong to."""
+    """Values that the command line gives for fields, by the dataclasses that they belong to."""
     values: defaultdict[type, dict[str, Any]] = defaultdict(dict)
     for field, value in given.items():
         if field in own:
@@ -297,7 +298,7 @@ def collected(
 
 
 SERVING = {"seconds": (Seconds, None), "verbose": (Verbose, False), "log_level": (Level, None)}
-"""What every command that serves takes besides its own fields, and the defaults."""
+"""Options of every command that serves, besides its own fields, and their defaults."""
 
 
 def serving_parameters() -> dict[str, inspect.Parameter]:
@@ -331,7 +332,7 @@ def command_of(
     run.__signature__ = inspect.Signature(list(parameters.values()))  # type: ignore[attr-defined]
     run.__annotations__ = {key: each.annotation for key, each in parameters.items()}
     app = typer.Typer(add_completion=False, rich_markup_mode="rich")
-    # What follows a program's name is the program's.
+    # Words that follow a program's name are the program's own.
     interspersed = not any(each.option.positional for each in own.values())
     app.command(
         name,

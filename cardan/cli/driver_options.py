@@ -12,7 +12,7 @@ from cardan.common.options import hints
 
 
 class DriverOption(NamedTuple):
-    """One key of a configuration's `[device]` or `[robot]`."""
+    """Key of a configuration's `[device]` or `[robot]`."""
 
     name: str
     default: str
@@ -61,7 +61,7 @@ def _allowed(hint: Any) -> str:
 
 
 def _notes(hint: Any) -> Iterator[str | Range]:
-    """What an annotation allows."""
+    """Choices and ranges that an annotation allows."""
     if get_origin(hint) is Literal:
         yield from map(_written, get_args(hint))
         return

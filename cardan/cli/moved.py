@@ -35,8 +35,8 @@ _UNIT: Final = (
 
 
 def now_called(args: Sequence[str], group: str = "") -> str:
-    """What to tell a person who types `cardan` and `args`, or `cardan`, a group and `args`; empty:
-    the first never was a command, or is none of that group's today."""
+    """Advice for a user who types `cardan` and `args`, or `cardan`, a group and `args`; empty if
+    the first never was a command, or is not one of that group's today."""
     name = args[0]
     if name not in MOVED or not f"{MOVED[name]} ".startswith(f"{group} " if group else ""):
         return ""

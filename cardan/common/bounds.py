@@ -94,8 +94,8 @@ _ALL_OWN = "an address that stands for all of a computer's"
 
 
 def shared_address(host: str) -> str:
-    """What kind of address `host` is, where it is none of one computer alone; empty where it may
-    be, and for a name.
+    """Kind of address of a `host` that is not one computer alone; empty if it may be one, and for a
+    name.
 
     A network's own broadcast address looks like any other (`cardan.common.sockets` asks).
     """

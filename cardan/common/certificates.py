@@ -24,7 +24,7 @@ _SUBJECT_ALTERNATIVE_NAMES: Final = bytes((0x55, 0x1D, 0x11))
 
 
 class Certificate(NamedTuple):
-    """What a certificate says."""
+    """Contents of a certificate."""
 
     begins: datetime.datetime
     ends: datetime.datetime

@@ -1,8 +1,8 @@
-"""What time it is on a page or on another computer, by the clock here, and so how old what it
-sends is.
+"""Clock of a page or of another computer, by the clock here: the age of the messages that it
+sends.
 
-Its clock has nothing in common with ours. A client that asks it the time knows that it was said
-between question and answer: the quickest round trip of late tells best. Times are monotonic, s.
+Its clock has nothing in common with ours. A client that asks it for the time knows that it was read
+between request and reply: the quickest recent round trip is the best measure. Times: monotonic, s.
 """
 
 from __future__ import annotations

@@ -152,7 +152,7 @@ class HapticCommand(NamedTuple):
 
 
 class OperatingState(enum.Enum):
-    """What a haptic device's force is doing (CRTK operating_state)."""
+    """State of a haptic device's force (CRTK operating_state)."""
 
     DISABLED = "disabled"
     """No force until enabled."""

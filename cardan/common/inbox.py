@@ -1,4 +1,4 @@
-"""What one thread waits for and others hand to it; every wait ends.
+"""Queue by which threads hand items to one thread that waits for them; every wait ends.
 
 The standard library's ``SimpleQueue.get`` with a time-out may wait for ever in CPython 3.10 to
 3.12: it can miss its time-out. ``queue.Queue`` takes a lock for each `put`, so that the thread of a
@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 class Wake(Protocol):
-    """What an inbox needs of a lock."""
+    """Methods of a lock that an inbox needs."""
 
     def acquire(self, blocking: bool = True, timeout: float = -1.0) -> bool: ...
     def release(self) -> None: ...

@@ -21,13 +21,13 @@ def content_key(parts: Iterable[str | bytes]) -> str:
 
 
 def kept_text(kind: str, key: str) -> str | None:
-    """What `keep_text` has kept; None where there is nothing, or it is damaged."""
+    """The text that `keep_text` has kept; None if there is none, or it is damaged."""
     data = kept_bytes(kind, key)
     return None if data is None else data.decode("utf-8", "surrogatepass")
 
 
 def kept_bytes(kind: str, key: str) -> bytes | None:
-    """What `keep_bytes` has kept, likewise."""
+    """The bytes that `keep_bytes` has kept; None likewise."""
     try:
         with files.open_file(_path(kind, key)) as file:
             whole = files.read_up_to(file, files.MODEL_BYTES)

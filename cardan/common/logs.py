@@ -44,7 +44,7 @@ class LogFormat(str, enum.Enum):
     TEXT = "text"
     """For people."""
     JSON = "json"
-    """One object a line."""
+    """A JSON object per line."""
     PRIORITY = "priority"
     """Lines that begin with their priority, as systemd and the daemon read them: ``<4>text``."""
     JOURNAL = "journal"

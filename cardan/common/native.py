@@ -12,7 +12,7 @@ from cardan.errors import CardanError
 
 
 def advice(distribution: str) -> str:
-    """What to do where a compiled part of a distribution is missing."""
+    """Instructions for a distribution of which a compiled part is missing."""
     return (
         "install a C compiler (Debian: apt-get install gcc libc6-dev) and install "
         f"{distribution} anew, or run tools/native in its sources"

@@ -39,7 +39,7 @@ _PLAIN: dict[Any, tuple[tuple[type, ...], str]] = {
 
 
 _NUMBER = re.compile(r"\s*[-+]?\.?[0-9][0-9.]*(?:[eE][-+]?[0-9]+)?\s*(.*)", re.DOTALL)
-"""What begins with a number; then its unit."""
+"""A text that begins with a number; its group is the unit."""
 
 _UNCHANGEABLE = frozenset({bool, int, float, str, NoneType})
 
@@ -175,7 +175,7 @@ def hints(kind: Hashable) -> dict[str, Any]:
 
 
 def refusal(hint: Any, value: object) -> str:
-    """What an annotation allows, in words, where `value` is not allowed; empty where it is."""
+    """Values that an annotation allows, in words, if `value` is not allowed; empty if it is."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return _refused_by_notes(inner, value)

@@ -1,7 +1,7 @@
-"""Standard output and standard error that hold nobody up.
+"""Standard output and standard error that never block the program.
 
-What is written is handed to a thread, and that thread alone waits for a terminal that is stopped or
-a pipe that is not read. Installed by the ``cardan`` command; a program that uses the package keeps
+Written text is handed to a thread, and that thread alone waits for a terminal that is stopped or a
+pipe that is not read. Installed by the ``cardan`` command; a program that uses the package keeps
 its own streams.
 """
 
@@ -20,14 +20,14 @@ from collections.abc import Iterator
 from typing import Any, TextIO
 
 MAX_WAITING_BYTES = 1 << 18
-"""What waits for a reader at most: more than a screen, and than a pipe holds."""
+"""Most that waits for a reader: more than a screen, and than a pipe holds."""
 
 READ_WITHIN_S = 0.2
 """A write that takes longer: nobody reads. Most terminals and files take microseconds."""
 
 AT_ONCE_BYTES = 128
-"""What a terminal is given in one write: it takes all of it before the write returns, and a slow
-one, such as a serial line of 9600 baud, must not look like one that is stopped."""
+"""Size of one write to a terminal: it takes all of it before the write returns, and a slow
+terminal, such as a serial line of 9600 baud, must not look like one that is stopped."""
 
 LAST_WORDS_S = 0.5
 """Longest wait for a reader at the end of a program that serves, or that was told to end."""
@@ -111,7 +111,7 @@ class BackgroundOutput(io.BufferedIOBase):
     def finish(self) -> None:
         """Wait until all is written; a stream that keeps up waits for LAST_WORDS_S at most.
 
-        What is written after it is dropped.
+        Later writes are dropped.
         """
         with self._changed:
             end_s = time.monotonic() + LAST_WORDS_S
@@ -260,7 +260,7 @@ def keep_up() -> None:
 
 
 def is_read() -> bool:
-    """Whether somebody, or a file, takes what is written to standard output."""
+    """Whether a reader, or a file, takes what is written to standard output."""
     output = _installed.get("stdout")
     return output is None or output.is_read()
 

@@ -77,7 +77,7 @@ IN_SOURCE_TREE = {
     },
     "transport": {"dds": "plugins/cardan-dds"},
 }
-"""What distributions have that only the source tree has, and the folders of those."""
+"""Plug-ins whose distributions are only in the source tree, and the folders of those."""
 
 
 def not_installed(word: str, name: str) -> str:
@@ -92,7 +92,7 @@ def not_installed(word: str, name: str) -> str:
 
 
 def reason(error: BaseException) -> str:
-    """What went wrong in a plug-in, in one line."""
+    """Reason why a plug-in failed, in one line."""
     if lacking := shortage(error):
         return lacking
     words = printable(" ".join(str(error).split()))
@@ -114,7 +114,7 @@ class Loaded(Generic[T]):
     refused: dict[str, str]
     """Those that cannot be loaded: why, in one line."""
     notes: list[str]
-    """What is installed and not used, as another one has its name."""
+    """Plug-ins that are installed and not used, because another one has the name."""
     lacking: dict[str, str] = field(default_factory=dict)
     """Those of `refused` that are whole and need an extra that is not installed: which."""
 
@@ -197,7 +197,7 @@ class Finder(Generic[T]):
             loaded = getattr(importlib.import_module(module), attribute)
         except (EndingSignalError, ExtraMissingError):
             raise
-        except (Exception, SystemExit) as error:  # Whatever another package's module does.
+        except (Exception, SystemExit) as error:  # Another package's module may raise anything.
             if shortage(error):
                 raise
             raise ConfigurationError(
@@ -245,7 +245,7 @@ class Finder(Generic[T]):
 
     @contextlib.contextmanager
     def using(self, name: str, key: str) -> Iterator[None]:
-        """What another package's class `name` raises inside is an error of `key`."""
+        """Turn errors that another package's class `name` raises inside into errors of `key`."""
         try:
             yield
         except CardanError:
@@ -265,7 +265,7 @@ class Finder(Generic[T]):
             raise ConfigurationError(self._word, f"{of} cannot be used: {wrong}")
 
     def _wrong_attribute(self, loaded: type[T]) -> str:
-        """What a class declares otherwise than the interface does; empty: nothing."""
+        """Attribute that a class declares otherwise than the interface does; empty if none."""
         options: Any = getattr(loaded, "Options", None)
         if hasattr(loaded, "Options") and not (isinstance(options, type) and is_dataclass(options)):
             return f"Options is {options!r:.60}; it must be a dataclass"

@@ -21,7 +21,7 @@ _MOST_CAUSES = 10
 
 
 def shortage(error: BaseException | None) -> str:
-    """What was not given, where `error` or what caused it says so; empty: it is another error."""
+    """The resource that ran short, by `error` or one of its causes; empty for other errors."""
     for _ in range(_MOST_CAUSES):
         if error is None:
             break

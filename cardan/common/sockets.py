@@ -188,7 +188,7 @@ def waiting_stamped(sock: socket.socket, largest: int) -> Iterator[tuple[bytes, 
 
 
 class Advice(NamedTuple):
-    """What to do when a path cannot be used, in terms of the option that the user gave."""
+    """Advice for a path that cannot be used, in terms of the option that the user gave."""
 
     no_socket: str = "give another path"
     """The path is that of something else."""
@@ -334,7 +334,7 @@ def make_runtime_folder() -> None:
 
 
 def absence(path: str, what: str = "socket") -> str:
-    """What is missing on the way to `path`, which may be relative; empty: it is there."""
+    """The missing part of the way to `path`, which may be relative; empty if it exists."""
     whole = os.path.abspath(path)
     if os.path.lexists(whole):
         return ""

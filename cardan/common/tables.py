@@ -44,14 +44,13 @@ _REMEDIES = (
         "write a path in single quotes, or with / for \\",
     ),
 )
-"""What people write that TOML has not, in what its reader says or in the line, and what to write
-instead."""
+"""Mistakes that are no TOML, by the parser's message or the line, and what to write instead."""
 
 _SAID = re.compile(
     r"(?P<what>.*) \(at (?:line (?P<line>\d+), column (?P<column>\d+)|end of document)\)", re.DOTALL
 )
 _TWICE = re.compile("^(Cannot (overwrite|declare|mutate|redefine)|Duplicate)")
-"""What TOML's reader says of a key that is given twice."""
+"""Messages of the TOML parser about a key that is given twice."""
 
 Kind = TypeVar("Kind")
 
@@ -263,7 +262,7 @@ def _below(key: str, name: str) -> str:
 
 
 class _Reader:
-    """Collects what is wrong, each with its whole key. What it makes of a wrong table is None."""
+    """Reader that collects errors, each with its whole key. A wrong table is read as None."""
 
     def __init__(self, from_file: bool) -> None:
         self._from_file = from_file
@@ -308,7 +307,7 @@ class _Reader:
         return None
 
     def _value(self, hint: Any, value: object, key: str) -> Any:
-        """What `value` is as `hint` has it."""
+        """Convert `value` to `hint`."""
         before = len(self.errors)
         found = self._converted(hint, value, key)
         if len(self.errors) == before and (allowed := refusal(hint, found)):

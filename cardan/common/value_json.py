@@ -1,8 +1,9 @@
 """Values of :mod:`cardan.types` to JSON and back, with the unit of each number in its key.
 
 A pose is ``{"position_m": {"x": ..., "y": ..., "z": ...}, "orientation": {"w": ..., "x": ..., "y":
-..., "z": ...}, "frame": "base"}``: nothing in it has an order that one could mistake. What JSON has
-no number for, as the stamp of what has not happened, is a text that ``float()`` reads ("-inf").
+..., "z": ...}, "frame": "base"}``: no order of numbers can be mistaken. A value for which JSON has
+no number, such as the stamp of an event that has not happened, is a text that ``float()`` reads
+("-inf").
 """
 
 from __future__ import annotations

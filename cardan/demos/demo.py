@@ -1,6 +1,6 @@
 """Runs an example without hardware: its simulated peers in processes of their own, and a session.
 
-What runs between the peers is the real gateway with the real drivers.
+Between the peers runs the real gateway with the real drivers.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ def find_problems(
 
 
 def _interruptions(last: Snapshot, felt: FeedbackLimits | None) -> list[str]:
-    """What comes of a computer that stands still for a moment, too."""
+    """Problems that a computer which stands still for a moment can cause, too."""
     found = []
     if last.trips:
         found.append(f"teleoperation was disengaged {last.trips} times")
@@ -160,8 +160,8 @@ def _interruptions(last: Snapshot, felt: FeedbackLimits | None) -> list[str]:
 def find_remarks(
     last: Snapshot, felt: FeedbackLimits | None = None, *, paused_s: float = 0.0
 ) -> list[str]:
-    """What a demo says of the computer that it ran on, by what find_problems takes: no problem of
-    the demo."""
+    """Remarks on the computer that a demo ran on, from the arguments of find_problems: no problems
+    of the demo."""
     found = []
     if (missed := last.missed_cycles) > MISSED_SHARE * last.cycles:
         found.append(f"{missed} of {last.cycles} cycles were missed: is this machine very busy?")

@@ -96,7 +96,7 @@ def _check_simulated(demo: Demo, tables: Mapping[str, Any], layout: Layout) -> N
 
 
 class ObservedArms:
-    """What was seen of the arms of these sessions."""
+    """Observations of the arms of these sessions."""
 
     def __init__(self, sessions: Iterable[str]) -> None:
         self._absent = dict.fromkeys(sessions)
@@ -120,7 +120,7 @@ class ObservedArms:
         return not self._absent
 
     def problems(self) -> list[str]:
-        """What was not as it should be."""
+        """Deviations from the expected course."""
         found = [f"the robot of {name} was never there" for name in self._absent]
         if not self._moved:
             found.append("no path was commanded")

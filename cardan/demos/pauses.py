@@ -12,8 +12,8 @@ LOOKED_EVERY_S = 0.005
 class Pauses:
     """Looks in a ``with`` block how late this computer is, on each of its processors.
 
-    A thread a processor asks to be woken every 5 ms. What it is woken too late by, other programs
-    on that processor were, too, unless they are scheduled in real time.
+    A thread per processor asks to be woken every 5 ms. Other programs on that processor were woken
+    as late as it was, unless they are scheduled in real time.
     """
 
     def __init__(self) -> None:

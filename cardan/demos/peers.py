@@ -13,7 +13,7 @@ from cardan.gateway.session.subprocesses import Launched
 
 
 class Peers:
-    """What a demo launches, and the folder that it has for a ``with`` block.
+    """Programs that a demo launches, and the folder that it has for a ``with`` block.
 
     The peers are started as any other program would start them, by the command line. Should this
     process be stopped for ever, they still end by themselves.

@@ -1,4 +1,4 @@
-"""What a demo may run: it moves a robot with nobody at hand, so all of it must be simulated.
+"""Programs that a demo may run: it moves a robot unattended, so all of them must be simulated.
 
 The rule allows what is known to be harmless and refuses all else: see
 :mod:`cardan.drivers.simulated` for drivers. Programs that a demo starts are simulated peers, and

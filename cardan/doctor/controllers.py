@@ -29,7 +29,7 @@ _DATAGRAM_BYTES: Final = 2048
 
 
 class Heard(NamedTuple):
-    """What came of listening at a port, or of connecting."""
+    """Result of listening at a port, or of connecting."""
 
     sources: tuple[str, ...] = ()
     """The computers that sent something."""
@@ -115,7 +115,7 @@ def _first_words(sock: socket.socket, endpoint: Endpoint, seconds: float) -> byt
 def judge_controllers(
     endpoints: Mapping[Endpoint, str], heard: Mapping[Endpoint, Heard]
 ) -> Iterator[Finding]:
-    """What is to be said of each. `endpoints`: who uses it."""
+    """Findings about each endpoint. `endpoints`: the drivers that use it, in words."""
     for each, who in endpoints.items():
         make = _judge_listening if each.listens else _judge_server
         yield make(each, who, heard[each])

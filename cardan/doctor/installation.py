@@ -63,7 +63,7 @@ def read_requirements(
 def lacking(
     requirements: Iterable[Requirement], extra: str, version: Callable[[str], str | None]
 ) -> list[str]:
-    """What is missing for `extra` (empty: for all of Cardan), in words. `version` gives that of an
+    """Packages missing for `extra` (empty: for all of Cardan), in words. `version` gives that of an
     installed package, or None."""
     requirements = list(requirements)
     missing = []

@@ -76,7 +76,7 @@ def _address(text: str) -> str:
 def collide(one: str, other: str) -> bool:
     """Whether two sockets at these addresses cannot have the same port."""
     a, b = ipaddress.ip_address(one), ipaddress.ip_address(other)
-    # What listens at :: has the port of IPv4, too, unless it says otherwise.
+    # A socket that listens at :: has the port of IPv4, too, unless it says otherwise.
     if a.is_unspecified or b.is_unspecified:
         wide, narrow = (a, b) if a.is_unspecified else (b, a)
         return wide.version == narrow.version or wide.version == 6
