@@ -16,7 +16,7 @@ WRENCH, RAW_ROBOT = "/state/wrench", "/raw/robot"
 """Ends of the names of an arm's topics, after its node's name."""
 
 CONFIGURATION = "/configuration"
-"""What the arms of a record are known by: each session's node publishes one."""
+"""Topic by which the arms of a record are known: each session's node publishes it."""
 
 
 def choose_arm(nodes: Collection[str], arm: str, path: Path, problems: Sequence[str] = ()) -> str:

@@ -228,8 +228,8 @@ class RecordReader:
         self.cut_off = ""
         """Why the file has no end, once it was read; empty where it has one."""
         self.damage: list[str] = []
-        """What was damaged before the newest message, in words, and left out; the first
-        MOST_DAMAGE of it."""
+        """Damaged parts before the newest message that were left out, in words; the first
+        MOST_DAMAGE of them."""
         self.left_out: dict[str, int] = {}
         """Messages that are not in CDR, by their encoding; empty: their topic is not described."""
         self.places: list[Place] = []
@@ -245,7 +245,7 @@ class RecordReader:
 
     @property
     def problems(self) -> list[str]:
-        """What is wrong with the file as far as it was read, in words; empty: nothing."""
+        """Problems of the file as far as it was read, in words; empty if there are none."""
         damaged = [f"the file is damaged {each}" for each in self.damage]
         others = [
             f"{count} messages are left out: they are in {encoding!r:.30}, and only those of ROS 2 "
@@ -362,7 +362,7 @@ class RecordReader:
                 if lost and following is None:
                     return
                 if not known:
-                    # What the damaged part has said of topics is said again at the end.
+                    # Topics that the damaged part has described are described again at the end.
                     known = True
                     records = end.topics
                 if lost and following is not None:
@@ -373,7 +373,7 @@ class RecordReader:
                 yield offset, record
 
     def _check_end(self, offset: int, body: bytes, crc: int | None, count: int, end: _End) -> None:
-        """What is said of all data before. `crc`: None where not all was read."""
+        """Check the CRC and count of all data before. `crc`: None if not all was read."""
         if self.damage or crc is None:
             return
         if len(body) < 4 or struct.unpack_from("<I", body)[0] not in (0, crc):
@@ -404,11 +404,11 @@ class _LostError(ValueError):
 
 
 class _ChunkError(ValueError):
-    """What is wrong with a chunk, in words."""
+    """Error in a chunk, in words."""
 
 
 class _End(NamedTuple):
-    """What the summary of a file says, at its end."""
+    """Summary at the end of a file."""
 
     finished: bool
     """Whether the file has the end that a finished one has."""
@@ -480,8 +480,8 @@ def _is_news(places: list[Place], offset: int, log_ns: int) -> bool:
 
 
 def _records_in(opcode: int, body: bytes) -> list[Record]:
-    """What is in a record of the data section, and in it if it is a chunk. Raises _LostError, or
-    what mcap and the compressors raise."""
+    """Contents of a record of the data section, those of a chunk unpacked. Raises _LostError, or
+    any error of mcap and the compressors."""
     from mcap.data_stream import ReadDataStream
     from mcap.exceptions import EndOfFile
     from mcap.opcode import Opcode
@@ -511,9 +511,8 @@ def _records_in(opcode: int, body: bytes) -> list[Record]:
 
 
 def _unpacked(chunk: Chunk) -> list[Record]:
-    """What is in a chunk. Raises _ChunkError where its CRC is another. The lengths that it and its
-    compressed frame declare are not believed: mcap's own unpacking takes the memory for them
-    first."""
+    """Contents of a chunk. Raises _ChunkError for a wrong CRC. The lengths that it and its
+    compressed frame declare are not trusted: mcap's own unpacking allocates them first."""
     import lz4.frame
     import zstandard
     from mcap.records import Channel, Message, Schema

@@ -52,7 +52,7 @@ RATES: Final = (0.1, 16.0)
 
 
 class Contents(NamedTuple):
-    """What is in a record."""
+    """Contents of a record."""
 
     first_ns: int
     last_ns: int
@@ -62,7 +62,7 @@ class Contents(NamedTuple):
     cut_off: str
     """Why the file has no end; empty where it has one."""
     damage: str
-    """What is damaged and left out; empty: nothing."""
+    """Damaged parts that are left out, in words; empty if there are none."""
 
     @property
     def duration_s(self) -> float:
@@ -180,8 +180,8 @@ class Player:
         self._changed = False
 
     def order(self, order: Mapping[str, Any], now_s: float) -> list[str]:
-        """Take an order: "topics", "at_s", "rate", "playing", each as far as it is there. What is
-        to be shown then. Raises ValueError for what is none."""
+        """Take an order: "topics", "at_s", "rate", "playing", each optional. Return the messages
+        to show then. Raises ValueError for a wrong value."""
         show = self._show
         topics, at_s = order.get("topics"), order.get("at_s")
         rate, playing = order.get("rate"), order.get("playing")
@@ -203,7 +203,7 @@ class Player:
         return shown
 
     def tick(self, now_s: float) -> list[str]:
-        """What is to be shown now."""
+        """Return the messages to show now."""
         if not self.playing:
             return []
         shown = self._show.forward(self._from_s + (now_s - self._began_s) * self._rate)
@@ -212,7 +212,7 @@ class Player:
         return shown
 
     def line(self, shown: Sequence[str]) -> str:
-        """What is said of it, with what is to be shown; empty: nothing has changed."""
+        """The line for the page: its state and the messages `shown`; empty if nothing changed."""
         if not self._changed:
             return ""
         self._changed = False

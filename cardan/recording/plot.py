@@ -40,7 +40,7 @@ class Placed(NamedTuple):
 
 @dataclass
 class Series:
-    """What is drawn of one arm; all times since the epoch, ns."""
+    """Plotted data of one arm; all times since the epoch, ns."""
 
     poses: list[Placed] = field(default_factory=list)
     """Of the measured TCP, m."""

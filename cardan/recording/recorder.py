@@ -71,7 +71,7 @@ _STRING = codec_of("std_msgs/msg/String")
 
 
 class Report(NamedTuple):
-    """What became of a record."""
+    """Summary of a finished record."""
 
     messages: int
     topics: int
@@ -196,7 +196,7 @@ class Recorder:
         keys += [f"{domain}/{name}/**" for name in SHARED_TOPICS] if keys else [f"{domain}/**"]
         try:
             for key in keys:
-                # One that asks for what latched topics had before, too.
+                # A subscriber that asks for earlier messages of latched topics, too.
                 self._handles.append(node.declare_subscriber(key, self._hear, LATCHED_QOS))
         except BaseException:
             self.close()
@@ -287,7 +287,7 @@ class Recorder:
             self._error = f"{self._path} cannot be written: {why}"
             with self._there:
                 self._queue.clear()
-            with contextlib.suppress(Exception):  # What was flushed is there to be read.
+            with contextlib.suppress(Exception):  # Flushed messages can be read all the same.
                 writer.finish()
 
     def _add(self, writer: RecordWriter, heard: _Heard) -> None:
@@ -376,7 +376,7 @@ class Recorder:
         return [each for each in self._seen.get(topic, ()) if each.kind == PUBLISHER]
 
     def _announce(self) -> None:
-        """Be seen as a subscriber of all that there is: some publish only while somebody is."""
+        """Announce a subscriber of all topics: some nodes publish only while there is one."""
         with self._saw:
             new = {name: each for name, (each, *_) in self._seen.items()}
         for name, entity in new.items():

@@ -1,7 +1,7 @@
 """Publishes a record onto the bus, under the original names with the original spacing.
 
-What could move an arm is held back unless it is asked for. Then it comes as from any other program:
-the receiver decides, a session by its arming sequence and its authority.
+Commands that could move an arm are held back unless the user asks for them. Then they come as from
+any other program: the receiver decides, a session by its arming sequence and its authority.
 """
 
 from __future__ import annotations
@@ -71,14 +71,14 @@ SETTLE_S = 0.3
 
 
 class ReplayReport(NamedTuple):
-    """What was published."""
+    """Summary of the published messages."""
 
     messages: int
     topics: tuple[str, ...]
     held_back: Mapping[str, str]
     """Topics that were not published, and why."""
     problems: tuple[str, ...] = ()
-    """What is wrong with the file: damage, why it has no end, and where its time makes a step."""
+    """Problems of the file: damage, why it has no end, and where its time makes a step."""
 
     @property
     def complete(self) -> bool:
@@ -250,7 +250,7 @@ def replay(
 
 
 def until_damage(reader: RecordReader) -> Iterator[RecordedMessage]:
-    """What comes before the first damage: an arm that misses commands does others than recorded."""
+    """Messages before the first damage: without lost commands an arm would move differently."""
     for message in reader:
         if reader.damage:
             return
@@ -265,7 +265,7 @@ def _meet(network: BusNetwork, interrupted: threading.Event) -> None:
     end_s = time.monotonic() + MEET_S
     while network.lonely() and time.monotonic() < end_s and not interrupted.wait(0.05):
         pass
-    interrupted.wait(SETTLE_S)  # What there is comes one by one.
+    interrupted.wait(SETTLE_S)  # Peers are discovered one by one.
 
 
 def _advertise(network: BusNetwork, topic: RecordedTopic) -> list[Publisher]:

@@ -77,7 +77,7 @@ class Difference(NamedTuple):
 
 @dataclass
 class Verification:
-    """What became of the replay of one session."""
+    """Result of the replay of one session."""
 
     session: str
     """Full name of its node."""
@@ -89,7 +89,7 @@ class Verification:
     versions: dict[str, str] = field(default_factory=dict)
     """That the session ran with."""
     problems: list[str] = field(default_factory=list)
-    """What is wrong with the file."""
+    """Problems of the file."""
 
     @property
     def same(self) -> bool:

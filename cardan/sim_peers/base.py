@@ -1,4 +1,4 @@
-"""What every simulated peer shares: fault switches, motion scripts, and the serving loop.
+"""Shared parts of every simulated peer: fault switches, motion scripts, and the serving loop.
 
 A peer's behavior is a sans-I/O core that takes time as an argument, so that tests run it in
 virtual time; a thin shell serves it over the real kind of transport. Peers never import drivers.
@@ -27,11 +27,11 @@ from cardan.errors import ScriptError
 
 
 class FaultSwitch(NamedTuple):
-    """One fault a peer can be told to have: ``--fault NAME`` or ``--fault NAME=VALUE``."""
+    """A fault that a peer can be given: ``--fault NAME`` or ``--fault NAME=VALUE``."""
 
     name: str
     help: str
-    """What it does and the unit of its value, one line."""
+    """Effect of the fault and the unit of its value, in one line."""
     default: float = 1.0
     """The value of a bare ``--fault NAME``."""
     lowest: float = 0.0
@@ -41,17 +41,17 @@ class FaultSwitch(NamedTuple):
 
     @classmethod
     def at(cls, name: str, what: str, default_s: float = 5.0) -> FaultSwitch:
-        """What happens at a time, s."""
+        """Make the switch of a fault that happens at a time, s."""
         return cls(name, f"{what} at this time, s", default_s)
 
     @classmethod
     def share(cls, name: str, what: str, default: float = 0.05) -> FaultSwitch:
-        """What happens to a share of something."""
+        """Make the switch of a fault that happens to a share of something."""
         return cls(name, f"{what} (0..1)", default, 0.0, 1.0)
 
     @classmethod
     def flag(cls, name: str, what: str) -> FaultSwitch:
-        """What is so or not."""
+        """Make the switch of a fault that is on or off."""
         return cls(name, f"{what} (1: yes)", 1.0, 0.0, 1.0)
 
 
@@ -114,7 +114,7 @@ class TimedActs(Generic[ActT]):
 
 
 class ScriptStep(NamedTuple):
-    """One line of a script: at `time_s` after the start, do `verb` with `args`."""
+    """Line of a script: at `time_s` after the start, do `verb` with `args`."""
 
     time_s: float
     verb: str
@@ -185,7 +185,7 @@ class SimulatedPeer(Openable):
     @property
     @abstractmethod
     def endpoint(self) -> str:
-        """What others connect to; printed after READY."""
+        """Address that clients connect to; printed after READY."""
 
     @abstractmethod
     def open(self) -> None:

@@ -38,7 +38,7 @@ class Option:
     name: str = ""
     """Without the leading dashes; empty: the field's name, without its unit."""
     metavar: str = ""
-    """What the help writes for the value; empty: the choices or the unit, where there are any."""
+    """Placeholder of the value in the help; empty: the choices or the unit, if there are any."""
     read: Callable[[str], Any] | None = None
     """Makes the value of its text; ValueError says what is wrong. None: the field's type does."""
     repeatable: bool = False

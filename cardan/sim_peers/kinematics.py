@@ -25,7 +25,7 @@ _DEG = math.pi / 180.0
 
 
 class DhLink(NamedTuple):
-    """One link, A = Rz(offset + q)·Tz(d)·Tx(a)·Rx(alpha), alpha as its exact cosine and sine."""
+    """A link, A = Rz(offset + q)·Tz(d)·Tx(a)·Rx(alpha), alpha as its exact cosine and sine."""
 
     offset: float
     d: float

@@ -81,7 +81,7 @@ class VectorMotion(Generic[V]):
         return self.at(now_s)
 
     def without_swings(self, at_s: float) -> V:
-        """What the ramps alone make of it at `at_s`."""
+        """The vector at `at_s` by the ramps alone."""
         if at_s >= self._begin_s + self._over_s:
             return self._goal
         share = (at_s - self._begin_s) / self._over_s

@@ -45,7 +45,7 @@ class PeriodicDevice(ABC, Generic[M]):
 
     @abstractmethod
     def report(self) -> M:
-        """What it sends, as it is held now."""
+        """The report that it sends, as it is held now."""
 
     def unplug(self) -> None:
         """It vanishes."""
@@ -60,7 +60,7 @@ class PeriodicDevice(ABC, Generic[M]):
         self.silent = True
 
     def reports(self, now_s: float) -> list[M]:
-        """What it sends from the last call until `now_s`."""
+        """Reports that it sends from the last call until `now_s`."""
         reports = []
         while self.next_due_s <= now_s:
             for _, act in self._timed.due(self.next_due_s):
@@ -77,14 +77,14 @@ class PeriodicDevice(ABC, Generic[M]):
 
 
 class HeldModel(NamedTuple):
-    """What a scripted hand needs of a device."""
+    """Data of a device that a scripted hand needs."""
 
     name: str
     buttons: Mapping[int, str]
 
 
 class HeldPeriodicDevice(PeriodicDevice[M]):
-    """One with six deflections and buttons, which a hand holds, on a program's page or node."""
+    """Device with six deflections and buttons that a hand holds, on a program's page or node."""
 
     model: HeldModel
 
@@ -97,7 +97,7 @@ class HeldPeriodicDevice(PeriodicDevice[M]):
         self.held: tuple[str, ...] = ()
         self.led: bool | None = None
         self.rumble = 0.0
-        """What the hand is to feel, as it was told last, 0..1."""
+        """The newest commanded strength of vibration, 0..1."""
 
     def set_axes(self, axes: Sequence[float]) -> None:
         """Deflect it."""
@@ -112,7 +112,7 @@ class HeldPeriodicDevice(PeriodicDevice[M]):
         self.held = tuple(each for each in self.held if each != label)
 
     def silence(self) -> None:
-        """What sends its reports hangs."""
+        """Send nothing: the sender of its reports hangs."""
         self.silent = True
 
     def resume(self) -> None:

@@ -1,4 +1,4 @@
-"""What scripted hands share: the words of a script's step, and steps as actions in time."""
+"""Shared parts of scripted hands: the words of a script's step, and steps as actions in time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cardan.sim_peers.motion_profile import Ramp, SinePeriods, V, VectorMotion
 A = TypeVar("A")
 D = TypeVar("D")
 Act = Callable[[D, float], None]
-"""What a step of a script does to a device at its time, s."""
+"""Action of a script's step on a device at its time, s."""
 D_contra = TypeVar("D_contra", contravariant=True)
 
 
@@ -30,14 +30,14 @@ class HeldDevice(Protocol):
         """When `reports` has something to do next; inf while at rest."""
 
     def reports(self, now_s: float) -> list[Any]:
-        """What it sends from the last call until `now_s`."""
+        """Reports that it sends from the last call until `now_s`."""
 
     def skip_to(self, now_s: float) -> None:
         """Send nothing for the time before `now_s` but what must not be lost."""
 
 
 class Hand(Protocol[D_contra]):
-    """What moves a simulated device."""
+    """Motion source of a simulated device."""
 
     @property
     def next_due_s(self) -> float:
@@ -66,7 +66,7 @@ def pieces(device: H, hand: Hand[H], until_s: float) -> Iterator[list[Any]]:
 
 
 def play(device: H, hand: Hand[H], until_s: float) -> list[Any]:
-    """What `pieces` gives, as one."""
+    """All reports of `pieces` in one list."""
     return [each for piece in pieces(device, hand, until_s) for each in piece]
 
 
@@ -236,7 +236,7 @@ class ScriptHand(ABC, Generic[D]):
         """Turn the words of one step into what it does."""
 
     def _timed(self, words: StepWords) -> list[tuple[float, Act[D]]]:
-        """What one step does, and when."""
+        """Actions of one step, each with its time, s."""
         acts = [(words.time_s, self._read(words))]
         words.end()
         return acts

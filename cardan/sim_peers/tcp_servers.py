@@ -33,12 +33,12 @@ Events = deque[tuple[float, str]]
 
 @dataclass(eq=False)
 class Connection(Generic[KindT]):
-    """One client."""
+    """Connection of a client."""
 
     number: int
     kind: KindT
     late: deque[tuple[float, bytes]] = field(default_factory=deque)
-    """What is sent at a time."""
+    """Delayed data, each with the time at which it is sent, s."""
     out: deque[bytes] = field(default_factory=deque)
     """Pieces to write."""
 
@@ -59,8 +59,8 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
     never_read: ClassVar[frozenset[str]] = frozenset()
     """Of `kinds`: nothing is ever taken from these connections."""
     leaves_out: ClassVar[frozenset[str]] = frozenset()
-    """Of `kinds`: a client that does not read is not sent what it has no room for; one of another
-    port is let go of."""
+    """Of `kinds`: a client that does not read is not sent messages for which it has no room; a
+    client of another port is disconnected."""
     state_period_s: float
     """Of what is published."""
 
@@ -93,11 +93,11 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
 
     @abstractmethod
     def _plan(self) -> TimedActs[Act]:
-        """What is done at a time, counted from now: the acts of the network, and others."""
+        """Actions at a time, counted from now: those of the network, and others."""
 
     @abstractmethod
     def _live(self) -> None:
-        """The controller, and what comes at a time, until now."""
+        """Run the controller, and the timed actions, until now."""
 
     @abstractmethod
     def _due(self) -> Iterator[float]:
@@ -113,11 +113,11 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
 
     @abstractmethod
     def _greet(self, connection: ConnectionT) -> None:
-        """A client is there: what it hears first."""
+        """Set up the connection of a new client, and send its first messages."""
 
     @abstractmethod
     def _received(self, connection: ConnectionT, data: bytes) -> None:
-        """What one read brought."""
+        """Handle the data of one read."""
 
     @abstractmethod
     def _parted(self, connection: ConnectionT) -> None:
@@ -159,7 +159,7 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
         return made.number
 
     def data(self, connection: int, data: bytes, now_s: float) -> None:
-        """What one read of a connection brought; of a port never read, what a peek shows."""
+        """Take the data of one read of a connection; of a port never read, the data of a peek."""
         self._go(now_s)
         found = self._connections.get(connection)
         if found is not None and not self._silent:

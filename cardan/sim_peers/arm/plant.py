@@ -35,7 +35,7 @@ _PASSES = 4
 
 
 class DriveMode(enum.Enum):
-    """What the drives do."""
+    """Control mode of the drives."""
 
     HOLD = "hold"
     """Brake the reference with the joints' acceleration, then keep it."""
@@ -104,7 +104,7 @@ class ArmPlant:
         self._target = self._q.copy()
         self._wanted_speed = np.zeros(n)
         self._torque = np.zeros(n)
-        """What torque mode exerts."""
+        """Joint torques of torque mode."""
         self._integral = np.zeros(n)
         self.offset = np.zeros(n)
         """A fault: the joints rest at the reference plus this."""
@@ -206,7 +206,7 @@ class ArmPlant:
         self._target[:] = self._reference
 
     def _load(self, model: pin.Model) -> Array:
-        """What the drives need to hold the arm where it is: its weight less what springs carry."""
+        """Torques that hold the arm in its pose: its weight less the part that springs carry."""
         load: Array = pin.computeGeneralizedGravity(model, self._data, self._q)
         return load if self._springs is None else load - self._springs.torques(self._q)
 
@@ -226,7 +226,7 @@ class ArmPlant:
             self.step()
 
     def step(self) -> None:
-        """One integration step."""
+        """Run one integration step."""
         self._steps += 1
         servo = self.mode is not DriveMode.TORQUE
         if servo:
@@ -398,7 +398,7 @@ class ArmPlant:
     # -- contact --------------------------------------------------------------------------------
 
     def _make_probes(self) -> list[tuple[int, Array, float]]:
-        """What can touch: body, center in that body, radius. The TCP comes first."""
+        """Spheres that can touch: body, center in that body, radius. The TCP comes first."""
         tcp = np.array(self.arm.tcp.position)
         probes = [(self.joints, tcp, self.options.contact_radius_m)]
         if not self.options.body_contact:
@@ -521,7 +521,7 @@ class ArmPlant:
 
     @property
     def wrench(self) -> Wrench:
-        """What the TCP exerts on the world, base axes, about the TCP."""
+        """Wrench that the TCP exerts on the world, base axes, about the TCP."""
         fx, fy, fz, tx, ty, tz = self._push.tolist()
         return Wrench(Vector3(fx, fy, fz), Vector3(tx, ty, tz))
 

@@ -12,7 +12,7 @@ M = TypeVar("M")
 
 
 class Shell(Protocol):
-    """What a backend may use of the peer that it is a part of."""
+    """Interface of the peer that a backend is a part of."""
 
     @property
     def selector(self) -> selectors.BaseSelector:
@@ -34,10 +34,10 @@ class Shell(Protocol):
 
 
 class DeviceBackend(ABC, Generic[M]):
-    """One way to reach a simulated device, which sends what is of type M.
+    """A way to reach a simulated device, which sends reports of type M.
 
-    The shell calls a backend's methods. What programs send reaches the device from functions that
-    the backend registers with `Shell.selector`.
+    The shell calls a backend's methods. Data that programs send reaches the device from functions
+    that the backend registers with `Shell.selector`.
     """
 
     shell: Shell
@@ -50,7 +50,7 @@ class DeviceBackend(ABC, Generic[M]):
     @property
     @abstractmethod
     def endpoint(self) -> str:
-        """What programs open."""
+        """The address that programs open."""
 
     @property
     @abstractmethod
@@ -75,7 +75,7 @@ class DeviceBackend(ABC, Generic[M]):
         """Pass on what the device sends to the programs that have it open."""
 
     def close(self) -> None:
-        """Unplug the device for good, let go of everything. Never raises; twice is fine."""
+        """Unplug the device for good, release all resources. Never raises; twice is fine."""
         self.vanish()
 
     @property

@@ -229,7 +229,7 @@ def _remove_stale(link: str, lock: int) -> None:
         return
     if not os.path.islink(link):
         raise AddressError(f"{link!r} exists and is not a link; give another path")
-    # What it leads to may be another program's terminal by now.
+    # It may lead to another program's terminal by now.
     if os.path.exists(link) and os.readlink(link) != _port_in(lock):
         raise AddressError(
             f"{link!r} leads to {os.readlink(link)}, and no simulated device made it; give "

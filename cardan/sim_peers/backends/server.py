@@ -18,7 +18,7 @@ _SMALLEST_BUFFER = 1
 
 
 class DeviceClient(ABC):
-    """One program that has the device open, and what it has not read yet."""
+    """A program that has the device open, and the reports that it has not read yet."""
 
     def __init__(self, sock: socket.socket) -> None:
         sock.setblocking(False)

@@ -49,7 +49,7 @@ FEATURE_REPORT, OUTPUT_REPORT, INPUT_REPORT = 0, 1, 2
 
 
 class HidIdentity(NamedTuple):
-    """What a HID device is to the kernel."""
+    """Identity of a HID device for the kernel."""
 
     name: str
     """At most 127 bytes, as `physical_path`, `serial`: 63."""
@@ -71,7 +71,7 @@ class Start(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """The kernel has let go of the device."""
+    """The kernel has stopped using the device."""
 
 
 class Open(NamedTuple):
@@ -159,7 +159,7 @@ def encode_set_report_reply(request_id: int, error: int) -> bytes:
 
 
 def decode_event(data: bytes) -> Event:
-    """What one read of the file gave. Never raises."""
+    """Decode the data of one read of the file. Never raises."""
     if len(data) < _TYPE.size:
         return MalformedEvent(f"{len(data)} bytes, shorter than a type")
     (kind,) = _TYPE.unpack_from(data)
@@ -287,7 +287,7 @@ class UhidBackend(DeviceBackend[bytes]):
 
     @property
     def endpoint(self) -> str:
-        """What programs look for: vendor and product id."""
+        """Vendor and product id, by which programs find the device."""
         return f"{self.identity.vendor_id:04x}:{self.identity.product_id:04x}"
 
     @property

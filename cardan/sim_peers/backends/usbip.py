@@ -99,7 +99,7 @@ class UsbIdentity(NamedTuple):
 
 
 class UsbFunction(ABC):
-    """What a simulated device does behind the transfers."""
+    """USB function of a simulated device, behind the transfers."""
 
     identity: UsbIdentity
     endpoint: int
@@ -115,10 +115,10 @@ class UsbFunction(ABC):
 
 
 class UsbipSession:
-    """One connection of a host to a server that exports one device as `bus_id`.
+    """Connection of a host to a server that exports one device as `bus_id`.
 
-    Bytes go in by `receive`, reports of interrupt endpoints by `push`; what is to be sent
-    gathers in `take_output`. A session that `failed` has to be closed.
+    Bytes go in by `receive`, reports of interrupt endpoints by `push`; `take_output` gives the
+    bytes to send. A session that `failed` has to be closed.
     """
 
     def __init__(self, function: UsbFunction, bus_id: str = "1-1") -> None:
@@ -143,7 +143,7 @@ class UsbipSession:
         """Transfers that were canceled before they were asked for: by which command."""
 
     def take_output(self) -> bytes:
-        """What is to be sent now."""
+        """Take the bytes to send now."""
         data = bytes(self._out)
         self._out.clear()
         return data

@@ -88,7 +88,7 @@ _SCAN_CODES = {
 
 
 class InputEvents(NamedTuple):
-    """What changed at one poll: type, code and value of each event, SYN_REPORT last."""
+    """Changes at one poll: type, code and value of each event, SYN_REPORT last."""
 
     time_s: float
     events: tuple[tuple[int, int, int], ...]
@@ -229,7 +229,7 @@ class SimulatedInput:
         return due_s
 
     def reports(self, now_s: float) -> list[InputEvents]:
-        """What the kernel reports from the last call until `now_s`."""
+        """Frames that the kernel reports from the last call until `now_s`."""
         frames: list[InputEvents] = []
         while True:
             plug_s = self._plugging[0][0] if self._plugging else math.inf
@@ -374,7 +374,7 @@ class SimulatedInput:
         self._repeat_s += REPEAT_PERIOD_S
 
     def _readings(self) -> list[tuple[int, int]]:
-        """What the hardware measures."""
+        """Axis values that the hardware measures."""
         if not self.model.is_gamepad:
             return []
         left = self._stuck_left or self.controls[:2]

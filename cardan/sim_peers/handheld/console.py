@@ -55,7 +55,7 @@ class ConsolePage:
         self.why = ""
         """Why something was refused."""
         self.grip = ""
-        """What the server says of the hold."""
+        """The server's newest message about the hold."""
         self.due_s = 0.0
         self._opened = False
         self._tell(op="cardan.open", channel=CHANNEL, device=topic)

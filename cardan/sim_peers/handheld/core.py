@@ -1,4 +1,4 @@
-"""What a page sends of a hand, without any I/O and in virtual time.
+"""Frames that a page sends of a hand, without any I/O and in virtual time.
 
 The hand aligns once, and is then moved by a script: six deflections, of which the turns tip and
 twist it by 30° at most; the ways are a drag of the second finger (phone), or go 10 cm at most (XR).
@@ -140,7 +140,7 @@ class SimulatedHand(HeldPeriodicDevice[bytes]):
     # -- frames ---------------------------------------------------------------------------------
 
     def reports(self, now_s: float) -> list[bytes]:
-        """What the page sends from the last call until `now_s`."""
+        """Frames that the page sends from the last call until `now_s`."""
         for _, act in self._acts.due(now_s):
             act()
         return super().reports(now_s)

@@ -34,7 +34,7 @@ class PagePeerOptions(BusPeerOptions):
 
     @property
     def kind(self) -> HandKind:
-        """Whose page it is."""
+        """Kind of device whose page it is."""
         return "phone"
 
     @property

@@ -47,7 +47,7 @@ NS = 1_000_000_000
 
 
 class StateMessage(NamedTuple):
-    """What is published on /joint_states."""
+    """Message published on /joint_states."""
 
     sender: int
     """Which node's publisher; another one after a restart."""

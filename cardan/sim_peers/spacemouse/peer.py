@@ -68,7 +68,7 @@ class PuckPeerOptions(NodeOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class SpaceMousePeerOptions(PuckPeerOptions):
-    """What to simulate, who moves it, and which one of the three backends opens it."""
+    """Simulated model, source of its motion, and which of the three backends opens it."""
 
     model: str = option(
         "spacenavigator",
@@ -92,7 +92,7 @@ class SpaceMousePeerOptions(PuckPeerOptions):
     host: Annotated[str, bounds.LISTEN_HOST] = "127.0.0.1"
     """Address to listen on for USB/IP."""
     bus_id: Annotated[str, BUS_ID] = "1-1"
-    """What the host calls the device that it attaches over USB/IP."""
+    """Bus ID by which the host attaches the device over USB/IP."""
 
 
 P = TypeVar("P", bound=Puck)
