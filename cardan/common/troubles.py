@@ -43,7 +43,7 @@ class Trouble(NamedTuple):
     """Ways in which the message is said."""
     cause: str
     now: str
-    """What the program does meanwhile."""
+    """Behavior of the program meanwhile."""
     do: str
     page: str
     """Of the documentation, as seen from docs/."""

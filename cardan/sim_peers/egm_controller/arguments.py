@@ -14,7 +14,7 @@ ALL_AXES = tuple(range(AXES))
 
 
 class Mode(enum.Enum):
-    """What EGMSetupUC chose: \\Joint, \\Pose or \\PathCorr."""
+    """Mode chosen by EGMSetupUC: \\Joint, \\Pose or \\PathCorr."""
 
     JOINT = "joint"
     POSE = "pose"
@@ -22,7 +22,7 @@ class Mode(enum.Enum):
 
 
 class StopMode(enum.Enum):
-    """What happens at the end of guidance."""
+    """Action at the end of guidance."""
 
     HOLD = "hold"
     """EGM_STOP_HOLD: stay."""

@@ -1,4 +1,4 @@
-"""What the TCP of the simulated arm can touch: a horizontal surface, as a pen meets a sheet.
+"""Horizontal surface that the TCP of the simulated arm can touch, as a pen meets a sheet.
 
 The arm is position-controlled and rigid; the compliance of the pen in its holder and of the sheet
 on its board is the surface's stiffness. Forces are in N, base axes.

@@ -63,7 +63,7 @@ _WRAP = 1 << 32
 _FORCE_NOISE = (0.3, 0.3, 0.3, 0.02, 0.02, 0.02)
 """Standard deviation of the force sensor, N and N·m; a plausible one, none is published."""
 _RAW_BIAS = (1.8, -2.6, 7.4, 0.11, -0.07, 0.05)
-"""What an uncompensated sensor reads without contact: its own offset and the tool, N and N·m."""
+"""Reading of an uncompensated sensor without contact: its own offset and the tool, N and N·m."""
 _NOISE_SAMPLES = 509
 _INERTIA_KG_M2 = (4.0, 4.0, 1.8, 0.25, 0.2, 0.05)
 _FRICTION_NM_S = (12.0, 12.0, 8.0, 2.0, 2.0, 1.0)
@@ -172,10 +172,10 @@ class EgmController:
             self._queue.append(data)
 
     def cycle(self, now_s: float) -> bytes | None:
-        """One control cycle at `now_s`: measure, send, take one message, move.
+        """Run a control cycle at `now_s`: measure, send, take one message, move.
 
-        Returns the datagram of this cycle, None when none is due. Cycles that were left out
-        since the last call are made up for without datagrams.
+        Returns the datagram of this cycle, None if none is due. Cycles that were left out since
+        the last call are made up for without datagrams.
         """
         if self._first_s is None:
             self._first_s = self._last_s = now_s
@@ -245,7 +245,7 @@ class EgmController:
 
     @property
     def contact_force(self) -> Vector3:
-        """What the TCP really exerts on the surface, N, base axes; without noise and bias."""
+        """True force of the TCP on the surface, N, base axes; without noise and bias."""
         return self._pressing
 
     @property
@@ -524,7 +524,7 @@ class EgmController:
     def _executing(
         self, kind: type[Any], instruction: Callable[[Any], None]
     ) -> Callable[..., None]:
-        """What executes `instruction` with `kind` of a script line's arguments."""
+        """Return a verb that executes `instruction` with a script line's arguments as `kind`."""
 
         def execute(**arguments: Any) -> None:
             made = self._with_defaults(kind, arguments)

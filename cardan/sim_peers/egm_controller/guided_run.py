@@ -1,4 +1,4 @@
-"""One run of EGM, from its start until it ends as planned or with an error.
+"""A run of EGM, from its start until it ends as planned or with an error.
 
 Source: ABB Application manual, Externally Guided Motion (3HAC073318-001), RAPID reference of
 EGMRunJoint, EGMRunPose and EGMMoveL.

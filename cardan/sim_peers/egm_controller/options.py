@@ -151,7 +151,7 @@ class EgmControllerOptions(Options):
     """Count from `seqno_start` again in each session."""
     seqno_start: int = 0
     tm_start_ms: int = 1_000_000
-    """What the ms clock shows at the start; it wraps at 2^32."""
+    """The ms clock at the start; it wraps at 2^32."""
     euler: bool = True
     """Poses carry Euler angles beside the quaternion."""
     force: bool = True
@@ -164,7 +164,7 @@ class EgmControllerOptions(Options):
         metavar="M[:N/M[:N.S/M[:MU]]]",
         read=Surface.read,
     )
-    """What the TCP can touch; felt in measuredForce."""
+    """Surface that the TCP can touch; its force is in measuredForce."""
     force_frame: Literal["tool", "base"] = option("tool", "Whose axes the measured force is along.")
     """Of contact forces; ABB's manual does not say."""
     force_sense: Literal["exerted", "felt"] = option(
@@ -214,5 +214,5 @@ class EgmControllerOptions(Options):
 
     @property
     def profile(self) -> Profile:
-        """What that release sends."""
+        """Message profile of that release."""
         return PROFILES[self.release]

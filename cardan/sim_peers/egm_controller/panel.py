@@ -23,7 +23,7 @@ _COLLISION_SHOWN_S = 0.2
 
 
 class OnError(enum.Enum):
-    """What happens some time after EGM ended with an error."""
+    """Action some time after EGM ended with an error."""
 
     STOP = "stop"
     """Nothing: the program is stopped until it is started."""

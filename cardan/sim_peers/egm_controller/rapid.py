@@ -30,13 +30,13 @@ _ECHO_AFTER_S = 0.024
 
 
 class Recovery(NamedTuple):
-    """What happens `after_s` after EGM ended with an error; as constructed: nothing."""
+    """Recovery `after_s` after EGM ended with an error; by default there is none."""
 
     after_s: float = 0.0
     retries: bool = False
     """The program's error handler runs EGM again; it gets recoverable errors only."""
     restart: Callable[[], None] | None = None
-    """What an operator does then, unless the arm has to be jogged first."""
+    """Action of an operator then, unless the arm has to be jogged first."""
 
 
 class RapidTask:
@@ -63,9 +63,9 @@ class RapidTask:
         """Whether the program runs EGM again when a run ends, as WHILE TRUE does."""
         self.recovery = Recovery()
         self.rapid_in: EgmRapidData | None = None
-        """What the PC sent last in RAPIDtoRobot."""
+        """The PC's newest RAPIDtoRobot."""
         self.rapid_out = EgmRapidData(False, ())
-        """What is sent in RAPIDfromRobot."""
+        """Data sent in RAPIDfromRobot."""
         self.echo = options.rapid_echo
         """Whether the program repeats RAPIDtoRobot in RAPIDfromRobot."""
         self._echoes: deque[tuple[float, EgmRapidData]] = deque()

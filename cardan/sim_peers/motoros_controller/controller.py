@@ -1,7 +1,7 @@
 """The motion server of the simulated Motoman controller, sans I/O: messages in, answers out.
 
-`MotomanRobot` is the robot it serves. What `MotorosServers` adds is connections, framing, the state
-cycle and the I/O image.
+`MotomanRobot` is the robot it serves. `MotorosServers` adds connections, framing, the state cycle
+and the I/O image.
 
 Sources: MotoROS 1.9.12 (MotionServer.c, Controller.c) and, for the velocity mode,
 docs/protocols/simple-message.md.
@@ -105,7 +105,8 @@ class MotorosController(MotomanRobot):
     # -- connections -------------------------------------------------------------------------------
 
     def connected(self, now_s: float) -> None:
-        """A client of the motion port has come. What a queue still holds is executed now."""
+        """A client of the motion port has connected. The remaining entries of a queue are executed
+        now."""
         self.advance(now_s)
         if self._connected or self._task_ends_s < math.inf:
             # Its place is taken at once: the tasks end before the new ones begin.
@@ -137,7 +138,7 @@ class MotorosController(MotomanRobot):
     # -- the motion server -------------------------------------------------------------------------
 
     def motion(self, message: Message, now_s: float) -> None:
-        """One message of the motion connection, not while `blocked`.
+        """Handle a message of the motion connection, not while `blocked`.
 
         Answers go to `replies`, at once or later.
         """

@@ -1,4 +1,4 @@
-"""One control group: from points of a trajectory to the pulses commanded in each IPC.
+"""A control group: from points of a trajectory to the pulses commanded in each IPC.
 
 As MotoROS 1.9.12 does it (MotionServer.c): a point becomes increments of one IPC each, a queue
 holds them, and every IPC one is taken. Nothing here knows what time it is; `fill` and `take` are
@@ -23,7 +23,7 @@ _REFUSED_SPEED = 1.1
 
 _LONGEST_MS = 2**31 - 1
 _NO_INTEGER = -(2**31)
-"""What C makes of a number that no integer can hold, on x86; other processors make another one."""
+"""C's conversion of a number that no integer can hold, on x86; it differs on other processors."""
 _SINGLE = struct.Struct("<f")
 
 
@@ -128,8 +128,8 @@ class ControlGroup:
     # -- points -----------------------------------------------------------------------------------
 
     def pulses(self, joints_rad: Sequence[float]) -> list[int]:
-        """Joints in pulses, truncated toward zero. What is no number, or too large for an integer
-        of the controller, is one that it executes no increments to."""
+        """Joints in pulses, truncated toward zero. A NaN, or a value too large for an integer of
+        the controller, becomes one to which it executes no increments."""
         return [
             int(pulses) if -_LONGEST_MS <= (pulses := q * each) <= _LONGEST_MS else _NO_INTEGER
             for q, each in zip(joints_rad, self.pulses_per_rad, strict=False)
@@ -265,7 +265,7 @@ class ControlGroup:
         return bool(self.queue) or self.owes
 
     def take(self, resend: bool) -> list[int]:
-        """What is to be sent in this IPC: one entry, and what belongs to the same IPC.
+        """Take the increments of this IPC, pulses: one entry, and those of the same IPC.
 
         With `resend` pulses that a speed limit held back come first, no faster than the segment
         that they belong to.
@@ -310,7 +310,7 @@ class ControlGroup:
         return False
 
     def limited(self, increments: Sequence[int], share: float) -> Sequence[int]:
-        """What is left of `increments` when `share` of the highest speeds is let through.
+        """Scale `increments` down to `share` of the highest speeds.
 
         All axes are slowed alike.
         """
@@ -347,6 +347,7 @@ class ControlGroup:
             self.owes = False
 
     def restart(self) -> None:
-        """What START_TRAJ_MODE does: no increments, and the next ones count from the command."""
+        """Start over as START_TRAJ_MODE does: no increments; the next ones count from the command.
+        """
         self.clear()
         self._previous = list(self.command)

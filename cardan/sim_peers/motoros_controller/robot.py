@@ -1,8 +1,7 @@
 """The robot behind the motion server: time, inputs, operator actions, and a moving arm.
 
-What the server makes of messages is in `controller`; here is what goes on between them: the inputs
-are polled, tasks of the server wait, and every interpolation period (IPC) the arm is commanded and
-follows.
+`controller` handles the messages; this module runs the time between them: the inputs are polled,
+tasks of the server wait, and every interpolation period (IPC) the arm is commanded and follows.
 
 Sources: MotoROS 1.9.12 (Controller.c, CtrlGroup.c, MotionServer.c) and, for the velocity mode,
 docs/protocols/simple-message.md. Where MotoROS leaves something to the controller that it
@@ -288,7 +287,7 @@ class MotomanRobot:
 
     @property
     def active_mode(self) -> ActiveMode:
-        """What may be commanded now."""
+        """Kind of commands that are accepted now."""
         if self._velocity_on:
             return ActiveMode.VELOCITY
         return ActiveMode.TRAJECTORY if self.ready else ActiveMode.NONE
@@ -315,7 +314,7 @@ class MotomanRobot:
         )
 
     def measured_rad(self, group: int) -> tuple[float, ...]:
-        """What the encoders say, whole pulses in rad or m."""
+        """Encoder positions: whole pulses, in rad or m."""
         return tuple(
             int(pulses) / each
             for pulses, each in zip(self._plants[group].measured, self._per_rad, strict=True)
@@ -532,7 +531,7 @@ class MotomanRobot:
         self._leave_velocity_mode()
 
     def _tick(self) -> None:
-        """One IPC: the increment task, then the fillers, then the arm follows."""
+        """Run one IPC: the increment task, then the fillers, then the arm follows."""
         now_s, groups = self._now_s, self._groups
         if now_s >= self._task_ends_s - _TOLERANCE_S:
             self._end_tasks()
@@ -603,8 +602,8 @@ class MotomanRobot:
 
     @property
     def log_columns(self) -> tuple[str, ...]:
-        """What is in a row of `log`. The age is that of the newest accepted command; counts are of
-        messages of velocity since the start."""
+        """Columns of a row of `log`. The age is that of the newest accepted command; counts are of
+        velocity messages since the start."""
         names = self.arm.joint_names
         return (
             "monotonic_s",
@@ -658,10 +657,10 @@ class MotomanRobot:
             stream.worst_lateness_s = max(stream.worst_lateness_s, offset_s - stream.offset_s)
 
     def _statistics(self, groups: Iterable[int]) -> Joints:
-        """What became of the commands since the last reply: limited axes of any of these groups,
+        """Statistics of the commands since the last reply: limited axes of any of these groups,
         the greatest age, all overwritten ones.
 
-        The command that is answered acts from the next IPC on and is not among them.
+        The command of this reply acts from the next IPC on and is not among them.
         """
         speed = acceleration = position = overwritten = 0
         age_ms = 0.0

@@ -126,7 +126,7 @@ class _Connection(Connection[PortKind]):
     """Requests that came and are not answered yet."""
     last_reply: bytes = b""
     told: set[str] = field(default_factory=set)
-    """What was already noted about this client."""
+    """Events already logged about this client."""
     finished: bool = False
     """Its FIN has come; what it sent before is still handled."""
     gone_s: float = math.inf
@@ -334,7 +334,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
         connection.frames.append(frame)
 
     def _take_strictly(self, connection: _Connection, chunk: bytes) -> None:
-        """One recv of MotoROS: the type tells the length, the prefix is not looked at."""
+        """Take the data of one recv as MotoROS does: the type gives the length, not the prefix."""
         while True:
             needed = self._needed(connection.kind, chunk)
             if needed is None or len(chunk) <= needed:
@@ -477,7 +477,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
         at = _SEQUENCE_AT.get(msg_type)
         body = MotionReply(-1, -1, msg_type, MotionResult.INVALID, subcode)
         if at is not None and subcode == InvalidSubcode.MSGSIZE:
-            # What did not come is zero in the buffer, and so is the group of such a reply.
+            # Missing bytes are zero in the buffer, and so is the group of such a reply.
             buffer = frame.ljust(_COMMAND_AT + _PREFIX_BYTES, b"\0")
             body = body._replace(group=0, sequence=self._word.unpack_from(buffer, at)[0])
             if msg_type == _T.MOTO_MOTION_CTRL:
@@ -521,7 +521,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
         super()._send(connection, data)
 
     def _publish(self) -> None:
-        """One state cycle to every client of the state port."""
+        """Send a state cycle to every client of the state port."""
         clients = [each for each in self._slots["state"] if each is not None]
         if not clients or self._silent or self._paused():
             return

@@ -1,4 +1,4 @@
-"""What functions of the controller ask of their arguments. All raise ValueError."""
+"""Checks of the arguments of the controller's functions. All raise ValueError."""
 
 from __future__ import annotations
 

@@ -49,13 +49,13 @@ _WRONG: Final = (ValueError, TypeError, IndexError, KeyError, ArithmeticError)
 
 
 class _Code(NamedTuple):
-    """What an expression or a statement became."""
+    """Compiled expression or statement."""
 
     do: _Do
     takes_time: bool = False
     """`do` gives a generator."""
     constant: Any = UNSET
-    """What `do` always gives."""
+    """The value that `do` always gives, if it is a constant."""
 
 
 @dataclass(eq=False)

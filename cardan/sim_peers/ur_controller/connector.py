@@ -14,7 +14,7 @@ from cardan.sim_peers.ur_controller.sockets import Opening, ProgramSockets
 _READ, _WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
 _READ_BYTES = 4096
 _CONNECTING = (0, errno.EINPROGRESS, errno.EWOULDBLOCK)
-"""What a connect that goes on says."""
+"""Results of a connect that is in progress, or done."""
 
 
 @dataclass(eq=False)
@@ -37,7 +37,8 @@ class Connector:
         self._links: dict[int, _Link] = {}
 
     def serve(self) -> None:
-        """What programs have done since: open, write and close, and watch what is there."""
+        """Carry out the programs' requests since the last call (open, write, close), and watch the
+        connections."""
         sockets = self._sockets
         for opening in sockets.openings():
             self._open(opening)

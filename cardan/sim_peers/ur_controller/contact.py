@@ -1,8 +1,8 @@
-"""What the simulated arm touches, and how its force mode presses against it.
+"""Plane that the simulated arm touches, and how its force mode presses against it.
 
 The contact is kinematic: a horizontal plane with a stiffness, which the TCP enters; nothing pushes
 the arm off its path. Force mode is the controller's: a speed along each compliant axis that grows
-with what is missing of the wrench asked for.
+with the missing part of the requested wrench.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ UP: Final = Vector3(0.0, 0.0, 1.0)
 
 
 class Plane(NamedTuple):
-    """What the arm touches: all below `height_m` in the base frame."""
+    """Obstacle of the arm: all below `height_m` in the base frame."""
 
     height_m: float
     stiffness_n_m: float
@@ -38,7 +38,7 @@ class Plane(NamedTuple):
 
 
 class Compliance(NamedTuple):
-    """What `force_mode` was given."""
+    """Arguments of `force_mode`."""
 
     frame: Frame
     free: tuple[bool, ...]

@@ -1,10 +1,10 @@
 """The controller of a simulated UR5 or UR5e, sans I/O: its arm, its modes, and the program it runs.
 
-It lives in frames of its control loop (2 ms, CB3: 8 ms). A program comes as text and really is what
-moves the arm. `UrServers` adds the connections.
+It runs in frames of its control loop (2 ms, CB3: 8 ms). A program comes as text, and it alone moves
+the arm. `UrServers` adds the connections.
 
-Sources: UR's script manual, RTDE guide and dashboard pages. What is not published (how hard it
-stops, how long the brakes take) is chosen here, and said to be in docs/simulated-peers.md.
+Sources: UR's script manual, RTDE guide and dashboard pages. Values that are not published (how hard
+it stops, how long the brakes take) are chosen here, and docs/simulated-peers.md says so.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ MOST_WAITING: Final = 16
 
 
 class UrController:
-    """One controller. `advance` at `next_s`; the first time given is when it was switched on."""
+    """A UR controller. `advance` at `next_s`; the first time given is when it was switched on."""
 
     def __init__(self, options: UrControllerOptions | None = None) -> None:
         self.options = options = UrControllerOptions() if options is None else options
@@ -119,7 +119,7 @@ class UrController:
         self.frames = 0
         self.program_name = ""
         self.messages: list[bytes] = []
-        """What the primary interface has to say next; the sender removes them."""
+        """Next messages of the primary interface; the sender removes them."""
         self.events: deque[tuple[float, str]] = deque(maxlen=_KEPT_EVENTS)
         """(time_s, what happened), the newest of them."""
         self._program: Machine | None = None
@@ -153,7 +153,7 @@ class UrController:
         return self.frames * self.period_s
 
     def advance(self, now_s: float) -> bool:
-        """One frame, if one is due by `now_s`; whether one was."""
+        """Run one frame, if one is due by `now_s`. Returns whether one was."""
         if math.isnan(self._start_s):
             self._start_s = now_s
         self._now_s = now_s
@@ -204,7 +204,7 @@ class UrController:
             self._end_program("RTDE watchdog")
 
     def _acting(self) -> Action | None:
-        """What the program does in this frame; None: nothing moves the arm."""
+        """The program's action in this frame; None if nothing moves the arm."""
         program = self._program
         if program is None or self.runtime is not RuntimeState.PLAYING:
             return None
@@ -424,7 +424,7 @@ class UrController:
         self._stop(SafetyMode.PROTECTIVE_STOP, why)
 
     def unlock_protective_stop(self) -> str:
-        """What the dashboard answers."""
+        """Release a protective stop if it may be. Returns the reply of the dashboard."""
         if self.safety is not SafetyMode.PROTECTIVE_STOP:
             return "Protective stop releasing"
         if self.time_s - self._stopped_s < UNLOCK_AFTER_S:

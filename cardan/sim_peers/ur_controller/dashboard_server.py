@@ -98,7 +98,7 @@ class Dashboard:
         return f"could not understand: '{request}'"
 
     def _known(self, table: Mapping[str, V]) -> dict[str, V]:
-        """What of it this version has."""
+        """Entries of `table` that this version has."""
         version, always = self._controller.options.version[:2], _ALWAYS[self._e_series]
         found = {}
         for words, made in table.items():

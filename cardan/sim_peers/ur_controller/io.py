@@ -43,5 +43,5 @@ class RobotIo:
         self.flags = [False] * FLAGS
 
     def set_digital_output(self, place: int, on: bool) -> None:
-        """One bit of the outputs."""
+        """Set a bit of the outputs."""
         self.digital_outputs = (self.digital_outputs & ~(1 << place)) | (int(on) << place)

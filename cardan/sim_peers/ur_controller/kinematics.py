@@ -31,7 +31,7 @@ def pose_of(frame: Frame) -> Pose:
 
 
 class Kinematics:
-    """One arm, its joints within `low` and `high`, rad."""
+    """Kinematics of an arm, its joints within `low` and `high`, rad."""
 
     def __init__(
         self, links: Sequence[DhLink], low: Sequence[float], high: Sequence[float]

@@ -1,4 +1,4 @@
-"""What programs, the functions they call and the machine that runs them agree on."""
+"""Shared types of programs, the functions they call and the machine that runs them."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Pending(NamedTuple):
     """Wait until something is there, while the arm does what it does."""
 
     poll: Callable[[], Any]
-    """What is there; None: not yet."""
+    """The value; None if it is not there yet."""
     most_s: float = math.inf
     otherwise: Callable[[], Any] = lambda: None
     """The value, when nothing came in that time: in the next frame at the earliest."""
@@ -97,11 +97,11 @@ class _Unset:
 
 
 UNSET: Final = _Unset()
-"""What a variable has before it gets a value."""
+"""Content of a variable before it gets a value."""
 
 
 class Runtime(Protocol):
-    """What a program needs of the machine that runs it."""
+    """Interface of the machine that runs a program."""
 
     steps: list[int]
     """Left in this frame."""

@@ -102,7 +102,7 @@ class ControlMode(enum.IntEnum):
 
 @dataclass
 class Payload:
-    """What the arm is told it carries, kg and m from the flange."""
+    """Payload set by the program, kg and m from the flange."""
 
     mass: float = 0.0
     cog: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -145,7 +145,7 @@ class _Run:
 
 @dataclass(eq=False)
 class _Tail:
-    """What is left of the move before."""
+    """Rest of the move before."""
 
     run: _Run
     course: Course
@@ -186,9 +186,9 @@ class Motion:
         """The program is: the arm rests on its path."""
         self.force = ForceMode()
         self.sensor: ExternalSensor | None = None
-        """That takes the place of the arm's own; None: none does."""
+        """Sensor that replaces the arm's own; None: none does."""
         self.sensed: tuple[float, ...] = (0.0,) * AXES
-        """What a client has written of it: force (N) and torque (N·m), in the flange's axes."""
+        """Its reading that a client has written: force (N) and torque (N·m), flange axes."""
         self._by_torque = False
         """A program drives the joints by torques in this frame."""
         self.scale = 1.0
@@ -202,7 +202,7 @@ class Motion:
         self._rest_s = 0.0
         self._past: deque[tuple[float, ...]] = deque([tuple(start)], maxlen=KEPT_POSITIONS)
         self._q = list(start)
-        """What the program's motion asks for; force mode adds to it."""
+        """Joints that the program's motion asks for, rad; force mode adds to them."""
         self._qd = [0.0] * AXES
         self._run: _Run | None = None
         self._tail: _Tail | None = None
@@ -310,7 +310,7 @@ class Motion:
         return Pose((*force, *cross(subtract(tip, flange), force)))
 
     def joint_torques(self) -> list[float]:
-        """What the contact has the joints hold, N·m."""
+        """Torques by which the joints hold the contact, N·m."""
         return self._joint_torques(self.actual_q)
 
     def _joint_torques(self, q: Sequence[float]) -> list[float]:
@@ -318,7 +318,7 @@ class Motion:
         return [column[2] * pushed for column in self.kinematics.jacobian(q, self.tcp)]
 
     def zero_force(self) -> None:
-        """What the sensor feels now is none."""
+        """Zero the sensor: its present force is the new zero."""
         self._zero = Vector3(0.0, 0.0, self.pushed())
 
     def touched(self, direction: Sequence[float]) -> int:
@@ -370,7 +370,7 @@ class Motion:
         self.freedrive = False
 
     def halt(self) -> None:
-        """What was on its way is over: the arm brakes."""
+        """End the motion on its way: the arm brakes."""
         self.freedrive = False
         self._drop()
 
@@ -385,7 +385,7 @@ class Motion:
     # -- frames -----------------------------------------------------------------------------------
 
     def left_of(self, action: Action, dt_s: float) -> Action | None:
-        """What of an action is left after the frame that was last."""
+        """The rest of an action after the last frame; None if it has ended."""
         if isinstance(action, MoveJ | MoveL | MoveC):
             return None if self._released(action) else action
         if isinstance(action, DirectTorque):
@@ -414,9 +414,9 @@ class Motion:
         )
 
     def step(self, action: Action | None, dt_s: float, scale: float) -> str:
-        """One frame of `dt_s`, with the program's time running `scale` times as fast as real time.
+        """Run a frame of `dt_s`, the program's time running `scale` times as fast as real time.
 
-        None brakes. Gives why the safety system has to stop the arm; empty: it has not.
+        None brakes. Returns why the safety system has to stop the arm; empty if it has not.
         """
         if self._fresh:
             self.scale, self._fresh = scale, False
@@ -616,7 +616,7 @@ class Motion:
         return self._along(begun, dt_s)
 
     def _along(self, run: _Run, dt_s: float, held: bool = False) -> list[float]:
-        """One frame along the path; one that is held comes to rest on it."""
+        """Run a frame along the path; if `held`, the arm comes to rest on it."""
         if run.done and self._tail is None:
             run.released = True
             return list(self._q)

@@ -1,4 +1,4 @@
-"""What URScript's operators do with its values.
+"""URScript's operators on its values.
 
 Numbers, truths, texts, lists (of lists: matrices), poses and structs. All of them are values: a
 list is never changed in place, so that its holders keep what they had.

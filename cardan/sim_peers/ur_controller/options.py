@@ -104,8 +104,8 @@ class UrControllerOptions(Options):
 
     @property
     def ports(self) -> dict[str, int]:
-        """By what is served there; 0: any free one. What only sends is 10 above what it is the same
-        as, where that is at its published port."""
+        """By the interface served there; 0: any free one. A send-only interface is 10 above its
+        counterpart, if that is at its published port."""
         published = self.primary_port == PRIMARY_PORT
         secondary, realtime = (
             (port if published else 0) if given is None else given

@@ -77,7 +77,7 @@ class Pendant:
 
     @property
     def program_name(self) -> str:
-        """What runs; where nothing does, what is loaded."""
+        """Name of the running program; if none runs, of the loaded one."""
         controller = self._controller
         runs = controller.has_program
         return controller.program_name if runs else PurePosixPath(self.loaded).name

@@ -1,4 +1,4 @@
-"""Popups of programs, which somebody at the pendant or the dashboard closes."""
+"""Popups of programs, which a user at the pendant or a client of the dashboard closes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Popup(NamedTuple):
-    """One that is shown."""
+    """A popup that is shown."""
 
     number: int
     title: str

@@ -46,7 +46,7 @@ class Claims:
         """Clients that spoke another protocol."""
 
     def taken(self, name: str, by: object) -> bool:
-        """Whether somebody else has it."""
+        """Whether another client, or a fieldbus, has it."""
         other = self._owners.get(name, by) is not by
         return self._in_use or (other and not self._shared)
 
@@ -61,7 +61,7 @@ class Claims:
 
 
 class RtdeClient:
-    """One client's connection: `data` in, `send` out."""
+    """Connection of a client: `data` in, `send` out."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""What a text means that came over an interface that takes scripts."""
+"""Interpretation of texts that came over an interface that takes scripts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ORDERS: Final[Mapping[str, Callable[[UrController], object]]] = {
 
 _BEGINS: Final = ("def", "sec")
 LINE: Final = "line"
-"""What a program of one line is called."""
+"""Name of a program of one line."""
 
 
 def take(controller: UrController, text: str) -> None:

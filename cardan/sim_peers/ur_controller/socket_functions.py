@@ -32,7 +32,7 @@ _ESCAPES: Final = re.compile(r"\\(n|r|t|\\|x[0-9a-fA-F]{2})")
 _ESCAPED: Final = {"n": "\n", "r": "\r", "t": "\t", "\\": "\\"}
 
 _Take = Callable[[bytearray], Any]
-"""What a function reads, taken out of what has come; None: it is not all there."""
+"""Takes the value that a function reads out of the received bytes; None if it is incomplete."""
 
 
 def socket_functions(sockets: ProgramSockets) -> Mapping[str, Function]:

@@ -1,7 +1,7 @@
 """The sockets that programs open, sans I/O.
 
-What programs want comes out of `ProgramSockets`; what happens at the real sockets goes in, and a
-shell (`cardan.sim_peers.ur_controller.connector`, or a test) is between.
+Requests of programs come out of `ProgramSockets`; events of the real sockets go in, and a shell
+(`cardan.sim_peers.ur_controller.connector`, or a test) is between.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Opening(NamedTuple):
 
 
 class ProgramSocket:
-    """One, by a number that no other has."""
+    """Socket of a program, by a number that no other has."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -35,7 +35,7 @@ class ProgramSocket:
 
 
 class ProgramSockets:
-    """Those of the program that runs, by their names."""
+    """Sockets of the program that runs, by their names."""
 
     def __init__(
         self, allowed: Collection[str], note: Callable[[str], None], closed: bool = False
@@ -102,7 +102,7 @@ class ProgramSockets:
         return found
 
     def outgoing(self) -> list[tuple[int, bytes]]:
-        """What is to be written; it is given once."""
+        """Data to write, by the number of the socket; each is given once."""
         found = []
         for each in self._numbered.values():
             if each.unsent:
@@ -118,7 +118,7 @@ class ProgramSockets:
         return found
 
     def takes(self, number: int) -> bool:
-        """Whether there is room for what comes."""
+        """Whether there is room for received data."""
         found = self._numbered.get(number)
         return found is not None and len(found.unread) < MOST_BYTES
 
@@ -129,7 +129,7 @@ class ProgramSockets:
             found.open = True
 
     def data(self, number: int, data: bytes) -> None:
-        """What one read brought."""
+        """Take the data of one read."""
         found = self._numbered.get(number)
         if found is not None:
             found.unread += data

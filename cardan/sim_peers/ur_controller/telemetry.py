@@ -1,4 +1,4 @@
-"""What the simulated controller tells over RTDE, by the names of the variables."""
+"""Values of the simulated controller over RTDE, by the names of the variables."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ Value = TypeVar("Value")
 
 
 class _Kept(Generic[Value]):
-    """What is computed at most once a frame, and only if somebody asks."""
+    """Value that is computed on demand, at most once per frame."""
 
     def __init__(self, motion: Motion, compute: Callable[[], Value]) -> None:
         self._motion, self._compute = motion, compute
@@ -136,7 +136,7 @@ class Telemetry:
     # -- what clients write -----------------------------------------------------------------------
 
     def write(self, values: Mapping[str, Any]) -> None:
-        """What a client's data package brought."""
+        """Write the values of a client's data package."""
         self._controller.watchdogs.fed(values, self._controller.time_s)
         others = False
         for name, value in values.items():
@@ -382,7 +382,7 @@ class Telemetry:
         return self._driven(self._target_effort().torques)
 
     def _measured_torques(self) -> tuple[float, ...]:
-        """What the joints exert: less of what something that the arm touches does for them."""
+        """Torques of the joints, less those that a contact of the arm takes over."""
         torques = self._actual_effort().torques
         if self._motion.pushed():
             held = self._motion.joint_torques()
@@ -409,7 +409,7 @@ class Telemetry:
         return (-fx, -fy, fz, -tx, -ty, tz)
 
     def _raw_wrench(self) -> tuple[float, ...]:
-        """What load and contact exert on the flange, in its axes."""
+        """Wrench of load and contact on the flange, in its axes."""
         felt = rotate(
             conjugate(self._actual().frames.pose.orientation),
             Vector3(0.0, 0.0, self._motion.pushed()),

@@ -1,4 +1,4 @@
-"""What a program has set to happen when RTDE does not write an input often enough."""
+"""Watchdogs that a program has set on inputs which RTDE has to write often enough."""
 
 from __future__ import annotations
 
