@@ -50,7 +50,7 @@ Seconds = Annotated[
 
 
 class LogLevel(str, enum.Enum):
-    """Least level of what is logged on standard error."""
+    """Lowest level that is logged on standard error."""
 
     DEBUG = "debug"
     INFO = "info"
@@ -95,8 +95,8 @@ def begin_serving(
 
 
 def print_problem(words: str, keep: str = "") -> None:
-    """Print on standard error what is wrong, with its code where it has one; `keep`: characters
-    that are printed as they are."""
+    """Print a problem on standard error, with its code if it has one; `keep`: characters that are
+    printed as they are."""
     print(f"cardan: {coded(printable(words, keep))}", file=sys.stderr)
 
 

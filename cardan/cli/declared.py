@@ -1,4 +1,4 @@
-"""Commands made of what is declared elsewhere: an options dataclass, its fields as options.
+"""Commands made of options dataclasses: their fields become options.
 
 ``cardan sim`` and ``cardan net server`` are such groups of commands.
 """
@@ -56,8 +56,7 @@ class Registry(Protocol):
         """Every class, and why others cannot be loaded."""
 
     def using(self, name: str, key: str) -> AbstractContextManager[None]:
-        """Turn errors that another package's class raises inside into a ConfigurationError of
-        `key`."""
+        """Raise errors of another package's class inside as a ConfigurationError of `key`."""
 
 
 class Given(NamedTuple):
@@ -155,7 +154,7 @@ class Given(NamedTuple):
 
 
 def as_written(text: str) -> str:
-    """`text` for a help, in which what stands in brackets is markup otherwise."""
+    """Escape `text` for a help, in which text in brackets is markup otherwise."""
     from rich.markup import escape
 
     return escape(text)
@@ -186,7 +185,7 @@ def _described(field: dataclasses.Field[Any], kind: Any, text: str) -> Option:
     if get_origin(kind) is tuple:
         shown = f" [default: {', '.join(field.default)}]" if field.default else ""  # type: ignore[arg-type]
         return Option(help=f"{text}{shown} (repeatable)", read=str, repeatable=True)
-    # A flag turns what is so by itself off.
+    # A flag turns off a default.
     name = f"no-{name_and_unit(field.name)[0]}" if kind is bool and field.default else ""
     return Option(help=text, name=name)
 
@@ -243,7 +242,7 @@ def named(error: ConfigurationError, own: Mapping[str, Given]) -> ConfigurationE
 
 
 def broken(name: str, error: Exception) -> Any:
-    """The command of what cannot be loaded, which says why."""
+    """Command in place of a class that cannot be loaded; it prints why."""
 
     def run() -> None:
         raise error
@@ -257,8 +256,7 @@ def broken(name: str, error: Exception) -> Any:
 
 
 class Commands(Mapping[str, Any]):
-    """The commands of a registry by name; what it names is imported when its command is asked
-    for."""
+    """The commands of a registry by name; a class is imported when its command is looked up."""
 
     def __init__(self, registry: Registry, word: str, make: Callable[[str, Any], Any]) -> None:
         """`make` makes the command of a name and its class; `word` is the term for one. Commands

@@ -1,4 +1,4 @@
-"""Commands that once had another name: a person who types it is told the new one."""
+"""Renamed commands: a user who types the old name is shown the new one."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MOVED: Final = {
     "network": "net list",
     "serve": "daemon run",
 }  # fmt: skip
-"""Old names, and what follows `cardan` today."""
+"""New names, the words after `cardan`, by the old ones."""
 
 _UNIT: Final = (
     "; a service of systemd that still says `serve` does not start: "

@@ -1,4 +1,4 @@
-"""``cardan sim``: a command for each simulated peer, made of what the peer declares."""
+"""``cardan sim``: a command for each simulated peer, made of the peer's options."""
 
 from __future__ import annotations
 

@@ -231,7 +231,7 @@ Point = tuple[Coordinate, Coordinate, Coordinate]
 Angles = tuple[Angle, Angle, Angle]
 Direction = Annotated[tuple[Component, Component, Component], Directed()]
 
-# -- what a robot measures and is commanded: one range for both ------------------------------------
+# -- measured and commanded values of a robot: one range for both ----------------------------------
 
 JOINT_POSITION = Range(
     -2000.0, 2000.0, "rad or m", "a wrist that turns on and on does so 250 times, no oftener"

@@ -57,7 +57,7 @@ class Inbox(Generic[T]):
 
     def get(self, timeout_s: float | None = None) -> T:
         """The oldest item, or the next one. `timeout_s`: longest wait, 0 or less: none; None:
-        without a limit. Raises InboxEmptyError where none comes in time."""
+        without a limit. Raises InboxEmptyError if none comes in time."""
         end_s = None if timeout_s is None else self._clock() + timeout_s
         while True:
             try:

@@ -1,4 +1,4 @@
-"""Keeps what can be made again in the user's cache folder, by a key of what it is made of."""
+"""Cache of data that can be made again, in the user's cache folder, by a key of its sources."""
 
 from __future__ import annotations
 

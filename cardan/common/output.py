@@ -23,7 +23,7 @@ MAX_WAITING_BYTES = 1 << 18
 """Most that waits for a reader: more than a screen, and than a pipe holds."""
 
 READ_WITHIN_S = 0.2
-"""A write that takes longer: nobody reads. Most terminals and files take microseconds."""
+"""A slower write means that there is no reader. Most terminals and files take microseconds."""
 
 AT_ONCE_BYTES = 128
 """Size of one write to a terminal: it takes all of it before the write returns, and a slow
@@ -37,8 +37,7 @@ class BackgroundOutput(io.BufferedIOBase):
     """A byte stream to a file descriptor, written by a thread of its own.
 
     Once that many bytes wait, `write` waits, too, until the stream is told to `keep_up`; from then
-    on it drops what it is given. An error in the thread is raised by the next `write`, or never
-    where `quiet`.
+    on it drops data. An error in the thread is raised by the next `write`, or never if `quiet`.
     """
 
     def __init__(self, fd: int, name: str, *, quiet: bool = False) -> None:
@@ -75,18 +74,18 @@ class BackgroundOutput(io.BufferedIOBase):
         return self._error
 
     def keep_up(self) -> None:
-        """From now on drop what finds no room, instead of waiting."""
+        """From now on drop data for which there is no room, instead of waiting."""
         with self._changed:
             self._keeping_up = True
             self._changed.notify_all()
 
     def is_read(self) -> bool:
-        """Whether the last of what was written was taken within READ_WITHIN_S."""
+        """Whether the last data was taken within READ_WITHIN_S."""
         began_s = self._began_s
         return began_s is None or time.monotonic() - began_s < READ_WITHIN_S
 
     def is_behind(self) -> bool:
-        """Whether some of what was written still waits."""
+        """Whether some data still waits."""
         return self._waiting_bytes > 0
 
     def write(self, data: Any) -> int:
@@ -123,7 +122,7 @@ class BackgroundOutput(io.BufferedIOBase):
         self.end()
 
     def end(self) -> None:
-        """Drop what is written from now on."""
+        """Drop all data that is written from now on."""
         with self._changed:
             self._ended = True
             self._changed.notify_all()
@@ -181,7 +180,7 @@ class BackgroundOutput(io.BufferedIOBase):
 
 
 class DroppingOutput(io.BufferedIOBase):
-    """A byte stream to a pipe that is set not to block: what does not fit is dropped."""
+    """A byte stream to a pipe that is set not to block: data that does not fit is dropped."""
 
     def __init__(self, fd: int) -> None:
         super().__init__()
@@ -219,7 +218,7 @@ def in_background() -> Iterator[None]:
     """Let sys.stdout and sys.stderr be written in the background in a ``with`` block.
 
     A stream that is no file, as that of a test, stays. Closed file descriptors 0 to 2 are opened
-    on /dev/null: a socket that got one of these numbers would be sent what libraries print.
+    on /dev/null: a socket that got one of these numbers would be sent the output of libraries.
     """
     for fd in (0, 1, 2):
         try:
@@ -230,7 +229,7 @@ def in_background() -> Iterator[None]:
     for name, stream in zip(("stdout", "stderr"), before, strict=True):
         if not isinstance(stream, io.TextIOWrapper):
             continue
-        quiet = name == "stderr"  # Nobody is left who could be told.
+        quiet = name == "stderr"  # No stream is left that could report the error.
         try:
             stream.flush()
             output = BackgroundOutput(stream.fileno(), f"<{name}>", quiet=quiet)
@@ -272,7 +271,7 @@ def is_behind() -> bool:
 
 
 def finish(name: str) -> OSError | None:
-    """Write out what waits in ``stdout`` or ``stderr``, as far as there is a reader; its error."""
+    """Flush ``stdout`` or ``stderr``, as far as there is a reader. Returns the error."""
     if name not in _installed:
         return None
     output = _installed[name]

@@ -171,8 +171,8 @@ class Finder(Generic[T]):
     def load(self, name: str) -> type[T]:
         """The class called `name`.
 
-        ConfigurationError names the ones there are, or says why it cannot be loaded. A package that
-        is missing is an ExtraMissingError, and for want of memory or files it raises what says so.
+        ConfigurationError names the known ones, or says why it cannot be loaded. For a missing
+        package it raises ExtraMissingError; a shortage of memory or files is raised as it is.
         """
         return self._load(name, () if name in self._built_in else self._installed())
 
@@ -207,8 +207,8 @@ class Finder(Generic[T]):
         return cast("type[T]", loaded)
 
     def load_all(self) -> Loaded[T]:
-        """Every class that can be loaded, and why the others cannot: one that is broken does not
-        keep the others from being listed."""
+        """Every class that can be loaded, and why the others cannot: a broken class does not keep
+        the others from being listed."""
         found: Loaded[T] = Loaded({}, {}, [])
         points = tuple(self._installed())
         for name in sorted({*self._built_in, *(point.name for point in points)}):
@@ -258,7 +258,7 @@ class Finder(Generic[T]):
             ) from error
 
     def _check(self, loaded: Any, of: str) -> None:
-        """Raise ConfigurationError where that is none of these; `of` says of what."""
+        """Raise ConfigurationError if `loaded` is no such class; `of` names it."""
         if not (isinstance(loaded, type) and issubclass(loaded, self._base)):
             raise ConfigurationError(self._word, f"{of} is not a cardan {self._word}")
         if wrong := self._wrong_attribute(loaded):

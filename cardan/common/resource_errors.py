@@ -1,4 +1,4 @@
-"""Says in a line what a computer or its limits did not give: memory, open files, threads.
+"""Reports of resources that ran short, in a line: memory, open files, threads.
 
 ``python -m cardan.common.resource_errors MODULE ARGUMENT...`` runs a module's ``main()`` so.
 """

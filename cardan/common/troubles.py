@@ -86,8 +86,8 @@ def _parts(words: str) -> list[str]:
 
 
 def codes_of(message: str) -> list[str]:
-    """The codes of what is said in a message, in its order; none of why the arm was stopped before
-    where something else is known of it now."""
+    """The codes in a message, in its order; without those of an earlier stop if the message has
+    others."""
     found = sorted(
         (match.start(), -len(match[0]), code)
         for words, part, code in sayings()

@@ -67,7 +67,7 @@ machine that keeps up; on one without real-time scheduling 1 % of the delays are
 
 @contextlib.contextmanager
 def simulated_hardware(demo: Demo, seconds: float) -> Iterator[tuple[SessionConfig, Sequence[str]]]:
-    """Run all that the demo launches, for `seconds` and what starting and ending take at most.
+    """Run all that the demo launches, for `seconds` and the most that starting and ending take.
 
     Gives the session's configuration, and the command that it is run through (see `supervise`).
     """
@@ -116,9 +116,9 @@ def find_problems(
 ) -> list[str]:
     """The problems of a demo, by its last snapshot; empty when there were none.
 
-    `felt` is what a haptic device lets out at most: its force is held against that.
-    `may_rest`: nobody need move the arm. `paused_s`: for how long this computer stood still at
-    most (see Pauses); what comes of that is no problem of the demo, but a remark.
+    `felt`: the limits of a haptic device, which its force is checked against. `may_rest`: the arm
+    need not move. `paused_s`: longest time that this computer stood still (see Pauses); its
+    consequences are no problem of the demo, but a remark.
     """
     found = []
     if last.cycles == 0:
@@ -213,7 +213,7 @@ def _success(demo: Demo, last: Snapshot, felt: FeedbackLimits | None) -> str:
 
 
 def choose_demo(name: str) -> Demo:
-    """The demo of this name, or the one that a .toml file says it is."""
+    """The demo of this name, or of this .toml file."""
     if name.endswith(".toml"):
         demo = read_demo(Path(name).absolute())
         if demo is None:
@@ -238,8 +238,8 @@ def check_length(demo: Demo, seconds: float) -> None:
 
 
 def run_demo(seconds: float, name: str = "gofa", picture_of: Callable[[str], str] = str) -> int:
-    """Run a demo by its name or its file; returns the exit code of the command. `picture_of` makes
-    of a page's address what a camera reads."""
+    """Run a demo by its name or its file; returns the exit code of the command. `picture_of` turns
+    a page's address into a picture for a camera."""
     demo = choose_demo(name)
     check_length(demo, seconds)
     with SessionView() as view:

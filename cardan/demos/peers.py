@@ -20,8 +20,8 @@ class Peers:
     """
 
     def __init__(self, demo: Demo, seconds: float) -> None:
-        """They run for `seconds` at most. Raises ConfigurationError for what a demo may not
-        launch."""
+        """`seconds`: how long they run at most. Raises ConfigurationError for a program that a demo
+        may not launch."""
         self.folder = Path(tempfile.gettempdir(), f"cardan-demo-{secrets.token_hex(4)}")
         self.tables, launches = demo.prepare(self.folder)
         """The configuration, with the demo's own paths and ports."""
@@ -31,7 +31,7 @@ class Peers:
         self._running: dict[int, Launched] = {}
 
     def __enter__(self) -> Peers:
-        # As late as can be: until a peer runs nobody removes it if this process is killed.
+        # As late as can be: until a peer runs, it stays if this process is killed.
         if self._needs_folder:
             self.folder.mkdir(0o700)
         return self

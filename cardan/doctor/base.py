@@ -1,4 +1,4 @@
-"""How a check is declared, what it looks at, and what it finds."""
+"""Interface of a check: its declaration, its subject, and its findings."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Level(str, Enum):
 
     GOOD = "good"
     CAUTION = "caution"
-    """It works, and not as well, or not always; or what is looked for is not there yet."""
+    """It works, but worse or not always; or the thing looked for is not there yet."""
     FAILURE = "failure"
     """A configuration that cannot work."""
 
@@ -44,7 +44,7 @@ class Finding(NamedTuple):
     why: str = ""
     """Why it matters."""
     mend: str = ""
-    """The command that mends it; where none can, what to do."""
+    """Command or instructions that fix it."""
 
 
 def good(code: str, what: str) -> Finding:
@@ -136,8 +136,8 @@ class Subject:
                 yield Used(session, key, table.driver, made)
 
     def buses(self) -> dict[BusOptions, str]:
-        """How the files' sessions, drivers and servers join the bus, and who is the first to do it
-        so."""
+        """Options by which the files' sessions, drivers and servers join the bus, each with its
+        first user."""
         found: dict[BusOptions, str] = {}
         for name, entry in self.sessions.items():
             if entry.config.network is not None:
@@ -206,8 +206,8 @@ def _fields(options: Any) -> dict[str, Any]:
 
 
 def _bus_of(entry: ServerEntry) -> BusOptions | None:
-    """How a server joins the bus; None for one that does not, or whose options are wrong, which it
-    says itself when it starts."""
+    """Options by which a server joins the bus; None if it does not, or if its options are wrong,
+    which it reports when it starts."""
     defaults = server_defaults(entry)
     if not {"domain", "router"} <= defaults.keys():
         return None

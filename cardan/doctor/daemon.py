@@ -1,4 +1,4 @@
-"""Checks the daemon: whether it runs, and what has failed in it."""
+"""Checks of the daemon: whether it runs, and failures of its units."""
 
 from __future__ import annotations
 

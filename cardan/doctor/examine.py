@@ -1,4 +1,4 @@
-"""Runs all checks, and says what they have found: for people, for programs, and for an issue."""
+"""Run of all checks, and reports of their findings for users, for programs, and for an issue."""
 
 from __future__ import annotations
 

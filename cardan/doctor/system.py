@@ -1,4 +1,4 @@
-"""Checks of the system: what a control loop needs of the kernel, and of the computer's clock."""
+"""Checks of the kernel and of the computer's clock for a control loop."""
 
 from __future__ import annotations
 

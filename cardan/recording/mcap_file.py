@@ -127,7 +127,7 @@ class RecordWriter:
         """Types without a definition, and their hashes."""
 
     def add(self, message: RecordedMessage) -> None:
-        """Write a message; what it needs is written before it. Raises OSError."""
+        """Write a message, after its schema and channel. Raises OSError."""
         topic = message.topic
         channel = self.topics.get(topic)
         if channel is None:
@@ -169,7 +169,7 @@ class RecordWriter:
 
     @property
     def bytes(self) -> int:
-        """Size of the file so far, without what `flush` would still write."""
+        """Size of the file so far, without data that `flush` would still write."""
         return self._file.tell()
 
     def finish(self) -> None:
@@ -212,7 +212,7 @@ MOST_PLACES = 100_000
 
 
 class RecordReader:
-    """Reads a record from its beginning, one that was cut off or is damaged too.
+    """Reads a record from its beginning, also one that was cut off or is damaged.
 
     ::
 
@@ -240,7 +240,7 @@ class RecordReader:
         """Encodings of the channels that are no topics of ROS 2."""
 
     def __iter__(self) -> Iterator[RecordedMessage]:
-        """All messages in the order of the file. Raises CaptureError for what is no MCAP file."""
+        """All messages in the order of the file. Raises CaptureError for any other file."""
         return self.messages()
 
     @property
@@ -258,8 +258,8 @@ class RecordReader:
         return damaged + others + ended
 
     def messages(self, place: Place | None = None) -> Iterator[RecordedMessage]:
-        """Those from a place of `places` on, in the order of the file; None: all. Raises
-        CaptureError for what is no MCAP file."""
+        """Messages from a place of `places` on, in the order of the file; None: all. Raises
+        CaptureError for a file that is no MCAP."""
         from mcap.records import Channel, Message, Schema
 
         schemas, topics, others, places = self._schemas, self._topics, self._others, self.places
@@ -290,8 +290,8 @@ class RecordReader:
                 )
 
     def records(self) -> Iterator[Record]:
-        """All that the file has before its summary, in its order, but indexes and other programs'
-        own. Raises CaptureError for what is no MCAP file."""
+        """All records before the summary, in the order of the file, but indexes and other programs'
+        own. Raises CaptureError for a file that is no MCAP."""
         for _, record in self._read(None):
             yield record
 

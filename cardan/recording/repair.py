@@ -1,4 +1,4 @@
-"""Writes a whole record of what one has that was cut off or damaged."""
+"""Repair of a record that was cut off or is damaged, into a new file."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def repair(path: Path, output: Path) -> RepairReport:
     """
     reader = RecordReader(path)
     records = reader.records()
-    first = next(records, None)  # No file is made of what is none.
+    first = next(records, None)  # No file is made if `path` is no record.
     try:
         stream = output.open("xb")
     except FileExistsError:

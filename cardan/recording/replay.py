@@ -206,9 +206,9 @@ def replay(
     """Publish a record until its end, SIGINT or SIGTERM.
 
     `rate`: 2: twice as fast; `topics`: names, where * stands for anything; none: all. `commands`:
-    those, too, that are held back otherwise. `longest_pause_s`: of a longer time without a message,
-    s of the record, nothing is waited for. `say` is told what is held back before anything is
-    published. Raises CaptureError, OptionError, or what opening the bus raises.
+    those, too, that are held back otherwise. `longest_pause_s`: longer times without a message, s
+    of the record, are skipped. `say` gets the topics that are held back, before any message is
+    published. Raises CaptureError, OptionError, or an error of opening the bus.
     """
     if not 0.0 < rate < math.inf:
         raise OptionError("--rate", rate, "a number above 0")

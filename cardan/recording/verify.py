@@ -1,5 +1,5 @@
-"""Holds the control core against a record: what a session's loop saw goes through a new controller,
-whose commands have to be those that were sent, bit for bit.
+"""Verification of the control core by a record: the inputs of a session's loop go through a new
+controller, whose commands have to be those that were sent, bit for bit.
 
 Nothing is opened, and nothing is sent.
 """
@@ -66,7 +66,7 @@ REPEATED: Mapping[str, Callable[[ArmController, str], object]] = {
 
 
 class Difference(NamedTuple):
-    """The first cycle whose command is another one."""
+    """The first cycle whose command differs."""
 
     cycle: int
     stamp_s: float

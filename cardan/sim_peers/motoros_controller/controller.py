@@ -105,8 +105,7 @@ class MotorosController(MotomanRobot):
     # -- connections -------------------------------------------------------------------------------
 
     def connected(self, now_s: float) -> None:
-        """A client of the motion port has connected. The remaining entries of a queue are executed
-        now."""
+        """Take a new client of the motion port. Entries left in a queue are executed now."""
         self.advance(now_s)
         if self._connected or self._task_ends_s < math.inf:
             # Its place is taken at once: the tasks end before the new ones begin.

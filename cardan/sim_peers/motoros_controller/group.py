@@ -347,7 +347,6 @@ class ControlGroup:
             self.owes = False
 
     def restart(self) -> None:
-        """Start over as START_TRAJ_MODE does: no increments; the next ones count from the command.
-        """
+        """Restart as START_TRAJ_MODE does: no increments; the next ones count from the command."""
         self.clear()
         self._previous = list(self.command)

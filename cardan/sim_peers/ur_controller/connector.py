@@ -37,8 +37,7 @@ class Connector:
         self._links: dict[int, _Link] = {}
 
     def serve(self) -> None:
-        """Carry out the programs' requests since the last call (open, write, close), and watch the
-        connections."""
+        """Carry out the programs' requests since the last call, and watch the connections."""
         sockets = self._sockets
         for opening in sockets.openings():
             self._open(opening)

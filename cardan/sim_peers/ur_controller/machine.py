@@ -113,8 +113,7 @@ class Machine:
         return self.globals[number] is not UNSET
 
     def step(self, left_of: Callable[[Action], Action | None]) -> Action | None:
-        """Run one frame. Returns the action that moves the arm in it; `left_of` gives the rest of
-        an action after a frame.
+        """Run a frame; return the arm's action in it. `left_of` gives the rest of an action then.
 
         Raises ProgramError.
         """
