@@ -57,7 +57,7 @@ class FaultSwitch(NamedTuple):
 
 def check_faults(faults: Mapping[str, float], switches: Iterable[FaultSwitch]) -> None:
     """Raise ScriptError for a fault that is not among `switches`, whose value is out of range, or
-    that would end another which is not there."""
+    that ends another fault that is not given."""
     known = {switch.name: switch for switch in switches}
     for name, value in faults.items():
         if name not in known:
@@ -70,7 +70,7 @@ def check_faults(faults: Mapping[str, float], switches: Iterable[FaultSwitch]) -
 
 
 def parse_faults(words: Iterable[str], switches: Iterable[FaultSwitch]) -> dict[str, float]:
-    """Turn ``NAME[=VALUE]`` words into values by name; ScriptError names what there is."""
+    """Turn ``NAME[=VALUE]`` words into values by name; ScriptError names the known faults."""
     switches = tuple(switches)
     defaults = {switch.name: switch.default for switch in switches}
     faults: dict[str, float] = {}
@@ -88,7 +88,7 @@ ActT = TypeVar("ActT", bound=Callable[..., None])
 
 
 class TimedActs(Generic[ActT]):
-    """Acts that are done once at a time: faults whose values are times, and others."""
+    """Acts, each done once at its time: faults whose values are times, and others."""
 
     def __init__(
         self,
@@ -197,7 +197,7 @@ class SimulatedPeer(Openable):
 
     @abstractmethod
     def close(self) -> None:
-        """Release the transport; remove what open() created. Never raises."""
+        """Release the transport; remove files that open() created. Never raises."""
 
     def __enter__(self: _P) -> _P:
         """Open it, and serve in a thread until the end of the ``with`` block."""
@@ -224,7 +224,7 @@ class SimulatedPeer(Openable):
 def serve(peer: SimulatedPeer, seconds: float | None = None) -> None:
     """Run `peer` until `seconds` are over or a signal would end it; print READY once it serves."""
     stopping = False
-    # Thawing would thaw what a program that calls this has frozen of its own.
+    # Thawing would thaw objects that the calling program has frozen, too.
     freezes = not gc.get_freeze_count()
 
     def stop(_signal: int) -> None:
@@ -236,7 +236,7 @@ def serve(peer: SimulatedPeer, seconds: float | None = None) -> None:
             peer.open()
             # Hardware keeps its period whatever this machine is busy with.
             ask_for_real_time()
-            # A collection of what stays anyway costs tens of milliseconds.
+            # A collection of objects that stay anyway costs tens of milliseconds.
             gc.collect()
             if freezes:
                 gc.freeze()

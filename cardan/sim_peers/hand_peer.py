@@ -118,7 +118,7 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
         self._selector.close()
         self._selector = self._start_s = None
 
-    # -- what a backend uses -------------------------------------------------------------------
+    # -- used by the backend -------------------------------------------------------------------
 
     @property
     def selector(self) -> selectors.BaseSelector:

@@ -35,7 +35,7 @@ class DhLink(NamedTuple):
 
 
 class ArmModel(NamedTuple):
-    """A six-axis arm: geometry and what its axes can do."""
+    """A six-axis arm: geometry and limits of its axes."""
 
     links: tuple[DhLink, ...]
     lower: tuple[float, ...]
@@ -47,8 +47,8 @@ class ArmModel(NamedTuple):
 
 
 _TIME_TO_FULL_SPEED_S = 0.1
-"""The manufacturer publishes no joint accelerations; reaching full speed in a tenth of a second is
-within what the arm's published 36.9 m/s² at the TCP allows at full reach."""
+"""The manufacturer publishes no joint accelerations; full speed in a tenth of a second is within
+the published 36.9 m/s² at the TCP at full reach."""
 
 _GOFA_SPEED_DEG_S = (125.0, 125.0, 140.0, 200.0, 200.0, 200.0)
 

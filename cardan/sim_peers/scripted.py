@@ -33,7 +33,7 @@ class HeldDevice(Protocol):
         """Reports that it sends from the last call until `now_s`."""
 
     def skip_to(self, now_s: float) -> None:
-        """Send nothing for the time before `now_s` but what must not be lost."""
+        """Send nothing for the time before `now_s`, except reports that must not be lost."""
 
 
 class Hand(Protocol[D_contra]):
@@ -44,15 +44,15 @@ class Hand(Protocol[D_contra]):
         """When `advance` has something to do next, s; inf when nothing is planned."""
 
     def advance(self, now_s: float, device: D_contra) -> None:
-        """Do to `device` what is due until `now_s`."""
+        """Do the actions on `device` that are due until `now_s`."""
 
 
 H = TypeVar("H", bound=HeldDevice)
 
 
 def pieces(device: H, hand: Hand[H], until_s: float) -> Iterator[list[Any]]:
-    """Move `device` by `hand` until `until_s`, each at its due times; what the device sent, in
-    pieces that end where it is plugged in or out."""
+    """Move `device` by `hand` until `until_s`, each at its due times. Yields the device's reports,
+    in pieces that end where it is plugged in or out."""
     sent: list[Any] = []
     plugged = device.plugged
     while (due_s := min(device.next_due_s, hand.next_due_s)) <= until_s:
@@ -99,11 +99,11 @@ class StepWords:
         """The words that were not taken yet."""
 
     def error(self, what: str) -> ScriptError:
-        """To raise: `what` is wrong with this step."""
+        """The error to raise for this step; `what` is wrong with it."""
         return ScriptError(f"{self.time_s:g} s {self.verb}: {what}")
 
     def word(self, name: str) -> str:
-        """The next word, whatever it is; `name` is what the usage calls it."""
+        """The next word, whatever it is; `name` is its name in the usage."""
         if not self.left:
             raise self.error(f"{name} is missing; usage: {self.usage}")
         return self.left.pop(0)
@@ -163,7 +163,7 @@ class Timeline(Generic[A]):
 
     `read` turns a step's words into actions and their times, s; those after the loop come at the
     loop. `start_s` is when the script begins; inf: when `start` is called. Raises ScriptError for
-    a ``loop`` that is not the last step, and what `read` raises.
+    a ``loop`` that is not the last step, and any error of `read`.
     """
 
     def __init__(
@@ -233,7 +233,7 @@ class ScriptHand(ABC, Generic[D]):
 
     @abstractmethod
     def _read(self, words: StepWords) -> Act[D]:
-        """Turn the words of one step into what it does."""
+        """Turn the words of a step into its action."""
 
     def _timed(self, words: StepWords) -> list[tuple[float, Act[D]]]:
         """Actions of one step, each with its time, s."""

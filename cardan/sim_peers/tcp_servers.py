@@ -22,7 +22,7 @@ SILENT: Final = FaultSwitch(
 RESET: Final = FaultSwitch.at("reset", "every connection is reset")
 
 SPLIT_S: Final = 0.001
-"""Delay of the second piece of what is written in two."""
+"""Delay of the second piece of data that is written in two."""
 KEPT_EVENTS: Final = 10_000
 
 KindT = TypeVar("KindT", bound=str)
@@ -50,8 +50,8 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
     """The servers of a controller; connections are small integers.
 
     The first time given is the start, from which the times of faults count. The faults "late",
-    "split", "garbage", "silent", "cut" and "reset" are of here; what is late, and what junk there
-    is, says the protocol.
+    "split", "garbage", "silent", "cut" and "reset" are of here; the protocol defines which data is
+    late, and the garbage.
     """
 
     kinds: tuple[KindT, ...]
@@ -62,12 +62,12 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
     """Of `kinds`: a client that does not read is not sent messages for which it has no room; a
     client of another port is disconnected."""
     state_period_s: float
-    """Of what is published."""
+    """Period of published states."""
 
     def __init__(self, history: Events, faults: Mapping[str, float], seed: int) -> None:
-        """`history`: what happened in the controller."""
+        """`history`: events of the controller."""
         self.events: Events = deque(maxlen=KEPT_EVENTS)
-        """(time_s, what happened), the newest of them."""
+        """The newest events, (time_s, text)."""
         self.histories = (history, self.events)
         self._connections: dict[int, ConnectionT] = {}
         self._count = 0
@@ -83,13 +83,13 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
         self.behave(faults)
 
     def behave(self, faults: Mapping[str, float]) -> None:
-        """Have these faults from now on, and none of the others; what comes at a time is planned
-        from the options only."""
+        """Have these faults from now on, and none of the others; timed faults are planned from the
+        options only."""
         self._late_s = 1e-3 * faults.get("late", 0.0)
         self._split = faults.get("split", 0.0) > 0.0
         self._garbage_share = faults.get("garbage", 0.0)
 
-    # -- what a controller is -------------------------------------------------------------------
+    # -- made by the controller -----------------------------------------------------------------
 
     @abstractmethod
     def _plan(self) -> TimedActs[Act]:
@@ -101,7 +101,7 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
 
     @abstractmethod
     def _due(self) -> Iterator[float]:
-        """When the controller is to go on, and what its servers have to do next."""
+        """Times at which the controller, or its servers, have to go on."""
 
     @abstractmethod
     def _refuses(self, kind: KindT) -> str:
@@ -123,7 +123,7 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
     def _parted(self, connection: ConnectionT) -> None:
         """A connection has ended."""
 
-    # -- what the shell calls -------------------------------------------------------------------
+    # -- called by the shell --------------------------------------------------------------------
 
     @property
     def silent(self) -> bool:
@@ -177,7 +177,7 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
             self._drop(found, reason)
 
     def advance(self, now_s: float) -> None:
-        """Everything that is due by `now_s`: the robot, faults, states, what is late."""
+        """Do all work that is due by `now_s`: the robot, faults, states, delayed data."""
         self._go(now_s)
 
     def outgoing(self) -> list[tuple[int, bytes]]:
@@ -253,14 +253,14 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
         self._parted(connection)
 
     def _later(self, connection: ConnectionT, data: bytes) -> None:
-        """Send what the fault "late" holds back."""
+        """Send data that the fault "late" may hold back."""
         if self._late_s:
             connection.late.append((self._now_s + self._late_s, data))
         else:
             self._send(connection, data)
 
     def _send(self, connection: ConnectionT, data: bytes) -> None:
-        """Send what was not held back, or no longer is."""
+        """Send data that was not held back, or no longer is."""
         self._put(connection, data)
 
     def _put(self, connection: ConnectionT, data: bytes) -> None:

@@ -54,9 +54,9 @@ class Counters(NamedTuple):
 class SimulatedArm:
     """A joint-controlled arm as seen over the joint stream.
 
-    Call `cycle` once per period with increasing times and send what it returns; give what the
-    other side sends to `receive`. The same calls with the same options give the same datagrams.
-    A command acts from the plant's step nearest to its reception.
+    Call `cycle` once per period with increasing times and send the datagrams that it returns; give
+    those of the other side to `receive`. The same calls with the same options give the same
+    datagrams. A command acts from the plant's step nearest to its reception.
     """
 
     def __init__(self, options: SimulatedArmOptions | None = None, session: int = 1) -> None:

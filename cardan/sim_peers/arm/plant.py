@@ -1,8 +1,8 @@
 """The arm itself: rigid bodies, friction, drives, joint stops and contact, stepped in virtual time.
 
 Joint accelerations are Pinocchio's articulated-body algorithm. The scheme is a drift-kick-drift
-leapfrog; what is stiff (servo, friction) is taken at the end of the step by adding h·damping +
-h²/2·stiffness to the rotor inertia the algorithm sees, so no gain makes it unstable. Without
+leapfrog; stiff terms (servo, friction) are taken at the end of the step by adding h·damping +
+h²/2·stiffness to the rotor inertia the algorithm sees: no gain makes it unstable. Without
 servo and friction it is of second order and keeps energy.
 """
 
@@ -22,7 +22,7 @@ from cardan.types import Pose, Quaternion, Vector3, Wrench
 Array = npt.NDArray[np.float64]
 
 DEFAULT_MASSES_KG = (4.0, 4.0, 3.0, 2.0, 1.0, 0.5)
-"""Masses of an arm whose file gives none at all, from the base; after the sixth as the sixth."""
+"""Masses of an arm whose file gives none, from the base; bodies after the sixth as the sixth."""
 DEFAULT_GYRATION_M = 0.05
 """Radius of gyration of such a body, on top of that of a rod of its length."""
 PAYLOAD_GYRATION_M = 0.02
@@ -275,7 +275,7 @@ class ArmPlant:
             self._hit_stops()
 
     def _solve(self, drive: Array, servo_inertia: Array) -> Array:
-        """Accelerations; leaves what the drives exert in `_drive`."""
+        """Return accelerations; leave the drives' torques in `_drive`."""
         armature, work, v = self._armature, self._work, self._v
         h = self.step_s
         locked = self._stops or self.jammed is not None
@@ -468,7 +468,7 @@ class ArmPlant:
         force: Array = normal_n * normal + drag
         return force
 
-    # -- what is measured -----------------------------------------------------------------------
+    # -- measurements ---------------------------------------------------------------------------
 
     @property
     def positions(self) -> tuple[float, ...]:

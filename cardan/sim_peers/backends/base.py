@@ -1,4 +1,4 @@
-"""The contract between the shell that serves a simulated device and what carries its reports."""
+"""Interface between the shell that serves a simulated device and the backend for its reports."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Shell(Protocol):
         """The device's time now, s from the script's start; 0 before."""
 
     def catch_up(self) -> None:
-        """Bring the device to the present and send what it has sent by then."""
+        """Bring the device to the present and send its reports up to then."""
 
 
 class DeviceBackend(ABC, Generic[M]):
@@ -58,12 +58,12 @@ class DeviceBackend(ABC, Generic[M]):
         """Whether programs can find the device."""
 
     def open(self, shell: Shell) -> None:
-        """Take what is needed for as long as the peer is open. Raises a CardanError."""
+        """Acquire the resources of an open peer. Raises a CardanError."""
         self.shell = shell
 
     @abstractmethod
     def appear(self) -> None:
-        """Plug the device in, or try to: called while it is to be there and is not. Raises a
+        """Plug the device in, or try to: called while it should be there and is not. Raises a
         CardanError that says what to do."""
 
     @abstractmethod
@@ -72,7 +72,7 @@ class DeviceBackend(ABC, Generic[M]):
 
     @abstractmethod
     def send(self, messages: Sequence[M]) -> None:
-        """Pass on what the device sends to the programs that have it open."""
+        """Pass the device's messages on to the programs that have it open."""
 
     def close(self) -> None:
         """Unplug the device for good, release all resources. Never raises; twice is fine."""
@@ -84,10 +84,10 @@ class DeviceBackend(ABC, Generic[M]):
         return math.inf
 
     def attend(self, now_s: float) -> None:
-        """Do what is due at the monotonic time `now_s`; called at every turn."""
+        """Do the work due at the monotonic time `now_s`; called at every turn."""
 
     def wait(self, timeout_s: float) -> None:
-        """Wait for programs, at most `timeout_s`, and take what they send."""
+        """Wait for programs, at most `timeout_s`, and take the data that they send."""
         for key, _ in self.shell.selector.select(timeout_s):
             handle: Callable[[], None] = key.data
             handle()

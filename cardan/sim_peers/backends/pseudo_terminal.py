@@ -39,8 +39,8 @@ class PseudoTerminal(DeviceBackend[bytes]):
 
     Unplugging hangs the port up and removes the link; replugging brings both back. A locked file
     beside the link, its name with ".lock", tells a link in use from one that a killed peer left.
-    `device` gets power and what programs write; None: it has power of its own, and takes
-    nothing. `mode` names the users who may open the port.
+    `device` gets power and the data that programs write; None: it has power of its own, and takes
+    none. `mode` names the users who may open the port.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class PseudoTerminal(DeviceBackend[bytes]):
         _remove_stale(link, self._lock)
         master, slave = os.openpty()
         port = os.ttyname(slave)
-        # A line discipline would echo what the device says back to it.
+        # A line discipline would echo the device's reports back to it.
         tty.setraw(slave)
         os.fchmod(slave, self._mode)  # The system's own lets its group write.
         os.close(slave)

@@ -116,7 +116,7 @@ Event = Start | Stop | Open | Close | Output | GetReport | SetReport | Malformed
 
 
 def encode_create(identity: HidIdentity) -> bytes:
-    """UHID_CREATE2. Raises ValueError for what has no room in it."""
+    """UHID_CREATE2. Raises ValueError for a value that does not fit."""
     texts = []
     for field, room in (("name", 128), ("physical_path", 64), ("serial", 64)):
         text = getattr(identity, field).encode()
@@ -326,7 +326,7 @@ class UhidBackend(DeviceBackend[bytes]):
         self._plugged = False
 
     def _serve(self) -> None:
-        """Take what the kernel has for the device."""
+        """Take the kernel's events for the device."""
         while (event := self.device.read()) is not None:
             if isinstance(event, Open):
                 self.shell.begin()

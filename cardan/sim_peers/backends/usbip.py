@@ -107,7 +107,7 @@ class UsbFunction(ABC):
 
     @abstractmethod
     def control(self, setup: Setup, data: bytes) -> bytes | None:
-        """Do a control request; `data` is what the host sends with it.
+        """Do a control request; `data` is sent with it by the host.
 
         Gives the data for the host (at most `setup.length` bytes are sent); None: not supported,
         the endpoint stalls.
@@ -264,7 +264,7 @@ class UsbipSession:
                 self._return(sequence, 0, report)
 
     def _unlink(self, sequence: int, victim: int) -> None:
-        """Cancel a read that waits; one that was answered already needs no more.
+        """Cancel a read that waits; a read that was answered already needs no more.
 
         Where both come close together, Linux's vhci-hcd sends the cancellation before the transfer
         (its sender takes all new transfers, then all cancellations). An answer before the transfer

@@ -36,7 +36,7 @@ class Setup:
 
     mode: Mode
     comm_timeout_s: float = 1.0
-    """The manual gives no default; 1 s is what users report."""
+    """The manual gives no default; users report 1 s."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -82,15 +82,15 @@ class Counters(NamedTuple):
     ignored: Mapping[str, int]
     """By reason."""
     noted: Mapping[str, int]
-    """Accepted, but odd: by what."""
+    """Counts of messages that were accepted, but odd, by the reason."""
 
 
 class EgmController:
     """A controller of a GoFa CRB 15000-5 as seen over EGM.
 
-    Call `cycle` once per control period with increasing times, send what it returns to the PC,
-    and give the PC's datagrams to `receive`. The same calls with the same options give the same
-    datagrams.
+    Call `cycle` once per control period with increasing times, send the datagram that it returns
+    to the PC, and give the PC's datagrams to `receive`. The same calls with the same options give
+    the same datagrams.
     """
 
     def __init__(

@@ -87,8 +87,8 @@ class GuidedRun:
     def tick(self, now_s: float) -> Ending | None:
         """Move for one control cycle; how the run ends if it was the last, else None.
 
-        Raises MotionError, before anything has moved, for what the controller stops at: silence
-        of the PC, a joint at its limit, a deviation or a load beyond its limit, a singularity.
+        Raises MotionError, before anything has moved, if the controller stops: for silence of the
+        PC, a joint at its limit, a deviation or a load beyond its limit, a singularity.
         """
         servo = self._servo
         if now_s - self._last_accepted_s > self._settings.comm_timeout_s:

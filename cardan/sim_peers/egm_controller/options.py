@@ -1,4 +1,4 @@
-"""Settings of the simulated controller, and what each RobotWare release sends."""
+"""Settings of the simulated controller, and the messages of each RobotWare release."""
 
 from __future__ import annotations
 
@@ -145,8 +145,8 @@ class EgmControllerOptions(Options):
     nan_is_fatal: bool = False
     """A NaN ends in 10014 System failure, as on some controllers, instead of being ignored."""
     path_correction_absolute: bool = False
-    """Read path corrections as shifts of the programmed path; else as what a sensor on the tool
-    measures, relative to where the tool was."""
+    """Read path corrections as shifts of the programmed path; else as measurements of a sensor on
+    the tool, relative to where the tool was."""
     seqno_restarts: bool = True
     """Count from `seqno_start` again in each session."""
     seqno_start: int = 0
@@ -170,7 +170,7 @@ class EgmControllerOptions(Options):
     force_sense: Literal["exerted", "felt"] = option(
         "exerted", "Force of the tool on the world, or back."
     )
-    """Sign of contact forces; ABB's manual does not say. Exerted is what `RobotState.wrench` is
+    """Sign of contact forces; ABB's manual does not say. `RobotState.wrench` is the exerted one
     everywhere here."""
     collision_force_n: _Size = 150.0
     """A contact force at which the motion supervision sees a collision; 0: never. The order of
@@ -178,7 +178,7 @@ class EgmControllerOptions(Options):
     ptp: bool = False
     """timeStamp is sent (RobotWare 7.16)."""
     rapid_echo: bool = True
-    """The RAPID program sends back what it got in RAPIDtoRobot."""
+    """The RAPID program sends the data of RAPIDtoRobot back."""
 
     def __post_init__(self) -> None:
         mode: Any = self.mode

@@ -54,7 +54,7 @@ class Panel:
         return self._log.now_s < self._collision_until_s
 
     def on_error(self, policy: OnError, after_s: float) -> None:
-        """Choose what happens `after_s` after EGM ended with an error."""
+        """Choose the action `after_s` after EGM ended with an error."""
         self._task.recovery = Recovery(
             after_s,
             policy is OnError.RETRY,

@@ -1,4 +1,4 @@
-"""The RAPID motion task: whether program and motors run, and what an error of EGM does to them.
+"""The RAPID motion task: state of program and motors, and its reaction to an error of EGM.
 
 Event numbers are those of ABB's event logs as users published them.
 """
@@ -125,7 +125,7 @@ class RapidTask:
         self.advance()
 
     def advance(self) -> None:
-        """Execute what is next in the program, as far as it goes without waiting."""
+        """Execute the next instructions of the program, as far as they do not wait."""
         while not self.program.finished and self.program_running and not self.egm.movements.busy:
             self.program.step()
 

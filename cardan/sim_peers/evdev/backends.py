@@ -243,7 +243,7 @@ class UinputBackend(DeviceBackend[InputEvents]):
         return f"/dev/input/{nodes[0]}"
 
     def _serve(self) -> None:
-        """The kernel passes on what a client wants of the motors, or a LED."""
+        """Take clients' requests for the motors or a LED from the kernel."""
         fd = self._fd
         if fd is None:
             return

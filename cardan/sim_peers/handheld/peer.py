@@ -59,7 +59,7 @@ class XrPeerOptions(PagePeerOptions):
 
 
 def page_on_bus(device: SimulatedHand, options: PagePeerOptions) -> BusBackend:
-    """A page whose frames are passed on already."""
+    """Backend of a page whose frames a console has already passed on to the bus."""
 
     def feel(feedback: Mapping[str, Any]) -> None:
         device.rumble = feedback["intensity"]
@@ -114,7 +114,7 @@ class ConsoleBackend(DeviceBackend[bytes]):
         return 0.0 if self._page is None else self._page.due_s
 
     def attend(self, now_s: float) -> None:
-        """Take what the server says."""
+        """Take the server's messages."""
         if self._page is None or now_s < self._page.due_s:
             return
         self._page.attend(now_s)

@@ -83,10 +83,10 @@ controller reports that motion is possible between 60 and 85 ms, and replies aft
 
 
 class MotorosController(MotomanRobot):
-    """The motion side of one controller.
+    """The motion server of a controller.
 
     Call `advance` at `next_s`, hand each message of the motion connection to `motion` while not
-    `blocked`, and send what is in `replies`.
+    `blocked`, and send the messages in `replies`.
     """
 
     def __init__(self, options: MotorosControllerOptions | None = None) -> None:
@@ -270,7 +270,7 @@ class MotorosController(MotomanRobot):
     def _points(self, asked: Message, body: JointTrajPtFullEx) -> None:
         sequence, points = body.sequence, body.points
         if not points:
-            # The loops over groups do nothing: what the last message was answered with goes out.
+            # The loops over groups do nothing: the reply to the last message is sent again.
             self._send(asked, self._last_reply)
             return
         refusal = self._refusal()

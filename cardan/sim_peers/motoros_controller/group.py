@@ -1,8 +1,8 @@
 """A control group: from points of a trajectory to the pulses commanded in each IPC.
 
 As MotoROS 1.9.12 does it (MotionServer.c): a point becomes increments of one IPC each, a queue
-holds them, and every IPC one is taken. Nothing here knows what time it is; `fill` and `take` are
-called once an IPC.
+holds them, and every IPC one is taken. Nothing here has a clock; `fill` and `take` are called once
+an IPC.
 """
 
 from __future__ import annotations
@@ -323,7 +323,7 @@ class ControlGroup:
         return [int(pulses * scale) for pulses in increments]
 
     def execute(self, increments: Sequence[int], resend: bool) -> None:
-        """Add to the command. With `resend` what `take` gave and did not come here stays owed."""
+        """Add to the command. With `resend`, pulses from `take` that are missing here stay owed."""
         command = self.command
         for axis, pulses in enumerate(increments):
             command[axis] += pulses
@@ -334,7 +334,7 @@ class ControlGroup:
             self.owes = any(owed)
 
     def clear(self) -> None:
-        """Empty the queue and forget the point and what is owed."""
+        """Empty the queue and forget the point and owed pulses."""
         self.queue.clear()
         if self.has_data:
             self._drop_point()

@@ -42,8 +42,8 @@ PLANTS: Mapping[str, PlantModel] = {
 class Plant:
     """The axes of one group, in pulses.
 
-    Call `step` once an IPC with what is commanded in it; `measured` and `change` then tell where
-    the axes are and how far they moved in this IPC.
+    Call `step` once an IPC with its command; `measured` and `change` are then the positions of the
+    axes and their motion in this IPC.
     """
 
     def __init__(self, model: PlantModel, ipc_s: float, start: Sequence[int]) -> None:

@@ -54,7 +54,7 @@ Steps = Generator[float, None, bool]
 
 
 class MotomanRobot:
-    """The arms of one controller, and what an operator does to them.
+    """The arms of a controller, and the actions of its operator.
 
     All times are monotonic s and never go back; the first call starts the clock.
     """
@@ -321,7 +321,7 @@ class MotomanRobot:
         )
 
     def velocity_rad_s(self, group: int) -> tuple[float, ...]:
-        """The commanded speed: the velocity mode's, else what the last increments make."""
+        """The commanded speed: the velocity mode's, else that of the last increments."""
         if self._velocity_on:
             return tuple(self._laws[group].velocity)
         return tuple(
@@ -492,14 +492,14 @@ class MotomanRobot:
         self._task_ends_s = math.inf
         for group in self._groups:
             if group.has_data:
-                # The filler is deleted, which is what a controller that is not ready does too.
+                # The filler is deleted, as a controller that is not ready does, too.
                 group.fill(False)
             group.forget_owed()
 
     # -- polls and IPCs ----------------------------------------------------------------------------
 
     def _poll(self) -> None:
-        """Take over the inputs, and what MotoROS does when they changed."""
+        """Take over the inputs, and react to changes as MotoROS does."""
         inputs, before = self._inputs, self._seen
         if inputs.collaborative_stop:
             inputs.collaborative_stop = False
@@ -523,7 +523,7 @@ class MotomanRobot:
             self._note("energy saving ends the velocity mode")
 
     def _clear(self, reason: str) -> None:
-        """Queues and points go, and with them what moved."""
+        """Clear queues and points, which ends all motion."""
         if self.moving_data or any(group.has_data for group in self._groups):
             self._note(f"motion ends: {reason}")
         for group in self._groups:

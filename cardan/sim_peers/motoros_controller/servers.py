@@ -102,7 +102,7 @@ class ServerCounters:
     replaced: int = 0
     """Connections that had to make place for a newer one."""
     failed: int = 0
-    """Connections closed because what came could not be cut into messages."""
+    """Connections closed because their data could not be cut into messages."""
     messages: int = 0
     malformed: int = 0
     """Messages of a wrong length, answered MSGSIZE."""
@@ -128,7 +128,7 @@ class _Connection(Connection[PortKind]):
     told: set[str] = field(default_factory=set)
     """Events already logged about this client."""
     finished: bool = False
-    """Its FIN has come; what it sent before is still handled."""
+    """Its FIN has come; data before it is still handled."""
     gone_s: float = math.inf
     """When its place is given up."""
 
@@ -172,7 +172,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
         self._merge = faults.get("merge", 0.0) > 0.0
         self._strict = faults.get("strict-recv", 0.0) > 0.0
 
-    # -- what the shell calls ---------------------------------------------------------------------
+    # -- called by the shell ----------------------------------------------------------------------
 
     def takes(self, connection: int) -> bool:
         if not super().takes(connection):
@@ -317,7 +317,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
             connection.told.add(key)
             self._note(f"{connection.kind}: connection {connection.number}: {text}")
 
-    # -- messages come in -------------------------------------------------------------------------
+    # -- received messages ------------------------------------------------------------------------
 
     def _take(self, connection: _Connection, frame: bytes) -> None:
         self.counters.messages += 1
@@ -424,7 +424,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
                 self._end(each)
 
     def _collect(self, connection: _Connection | None) -> None:
-        """Send what the controller has answered."""
+        """Send the controller's replies."""
         replies = self.controller.replies
         if connection is not None:
             for message in replies:
@@ -472,7 +472,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
         return frame
 
     def _invalid(self, frame: bytes, subcode: InvalidSubcode) -> Message:
-        """INVALID, with what the message is known by where it has that."""
+        """Reply INVALID, with the sequence and command of the message if it has them."""
         msg_type = self._header(frame)[1]
         at = _SEQUENCE_AT.get(msg_type)
         body = MotionReply(-1, -1, msg_type, MotionResult.INVALID, subcode)

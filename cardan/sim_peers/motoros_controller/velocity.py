@@ -96,7 +96,7 @@ class VelocityLaw:
         self.still = True
 
     def discard(self, command_pulses: Sequence[int]) -> None:
-        """Go on from `command_pulses`: what the controller did not execute is never caught up."""
+        """Go on from `command_pulses`: pulses that were not executed are never caught up."""
         for axis, pulses in enumerate(command_pulses):
             self._exact[axis] = float(pulses)
             self._sent[axis] = pulses

@@ -167,7 +167,7 @@ class RosArm:
             self.taken += 1
 
     def _obey(self, message: Message) -> str:
-        """Do what a message says; why not, where it cannot."""
+        """Execute a message. Returns why it is refused; empty if it is not."""
         kind = self.options.controller
         if kind in ("position", "velocity"):
             return self._forward(message["data"])
@@ -239,7 +239,7 @@ class RosArm:
     # -- cycles ---------------------------------------------------------------------------------
 
     def cycle(self, now_s: float, missed: int = 0) -> list[StateMessage]:
-        """One cycle of the controller manager: what is published.
+        """Run a cycle of the controller manager. Returns the messages to publish.
 
         `missed` before it were left out: the arm and its clock went on meanwhile, for CATCH_UP_S at
         most. Beyond that the whole process stood still, and they with it.

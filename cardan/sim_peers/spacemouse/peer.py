@@ -58,7 +58,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class PuckPeerOptions(NodeOptions):
-    """Options of what moves a device that has a cap."""
+    """Options of the motion source of a device that has a cap."""
 
     keyboard: bool = option(False, "Move it with this terminal's keys.")
     """Instead of the script."""
@@ -201,7 +201,7 @@ def _backend_option(options: SpaceMousePeerOptions) -> str:
 
 
 def _made(options: SpaceMousePeerOptions) -> tuple[SimulatedSpaceMouse, DeviceBackend[bytes]]:
-    """The device, and what carries its reports."""
+    """The device, and the backend for its reports."""
     backend = _backend_option(options)
     try:
         model = model_by_key(options.model)
@@ -221,7 +221,7 @@ def _made(options: SpaceMousePeerOptions) -> tuple[SimulatedSpaceMouse, DeviceBa
         )
     if options.usbip is not None:
         return device, _usbip(options, options.usbip, device)
-    # Linux's hid-logitech claims Logitech's ids on USB, and refuses what is not real USB hardware.
+    # Linux's hid-logitech claims Logitech's ids on USB, and refuses all but real USB hardware.
     cable = model.vendor_id == CONNEXION and model.key not in BLUETOOTH_MODELS
     identity = HidIdentity(
         name=f"3Dconnexion {model.name}",

@@ -29,7 +29,7 @@ class _Link:
 
 
 class Connector:
-    """Makes the connections that programs want; `selector` calls back with what happened."""
+    """Makes the connections that programs want; `selector` calls back for their events."""
 
     def __init__(self, sockets: ProgramSockets, selector: selectors.BaseSelector) -> None:
         self._sockets = sockets

@@ -57,7 +57,7 @@ STOP_CODE: Final = 204
 """The error of every protective stop: of UR's, that a path failed its check."""
 _KEPT_EVENTS = 10_000
 _MOST_MESSAGES = 1_000
-"""That wait to be sent; what a program says beyond is lost."""
+"""Messages that wait to be sent; further messages of a program are lost."""
 _ITS_END = "its end"
 _PORTIONS = 2
 """Of parsing and compiling in a frame: about a millisecond."""
@@ -121,13 +121,13 @@ class UrController:
         self.messages: list[bytes] = []
         """Next messages of the primary interface; the sender removes them."""
         self.events: deque[tuple[float, str]] = deque(maxlen=_KEPT_EVENTS)
-        """(time_s, what happened), the newest of them."""
+        """The newest events, (time_s, text)."""
         self._program: Machine | None = None
         self._ordered: Callable[[], None] | None = None
         self._uploads: deque[tuple[str, str]] = deque()
-        """Programs that have come, and what they are called."""
+        """Received programs and their names."""
         self._preparing: Coroutine[None, None, None] | None = None
-        """The one that is being parsed and compiled."""
+        """The upload that is being parsed and compiled."""
         self._portions = _MOST_PORTIONS
         """Of that, left for this frame."""
         self._waiting: tuple[float, Machine] | None = None
@@ -237,8 +237,8 @@ class UrController:
     # -- programs ---------------------------------------------------------------------------------
 
     def upload(self, text: str, name: str = "") -> None:
-        """A program has come: it takes the place of the one that runs. `name`: what it is called,
-        if not as its text says."""
+        """Take a program: it replaces the running one. `name`: its name, if not the one in its
+        text."""
         why = self._why_no_program()
         if why:
             self.refuse(why)
@@ -252,7 +252,7 @@ class UrController:
         self._note(f"a program is not taken: {why}")
 
     def _prepare(self) -> None:
-        """Go on with what has come, as far as this frame allows."""
+        """Go on with received programs, as far as this frame allows."""
         while self._portions > 0 and (self._preparing is not None or self._uploads):
             if self._preparing is None:
                 self._preparing = self._prepared(*self._uploads.popleft())
@@ -352,7 +352,7 @@ class UrController:
         return 0 if self._program is None else self._program.mover_line
 
     def _end_all(self, why: str) -> None:
-        """Also of what has come and has not begun."""
+        """End all programs, also received ones that have not begun."""
         self._uploads.clear()
         if self._preparing is not None:
             self._preparing.close()

@@ -44,7 +44,7 @@ class Effort(NamedTuple):
     base_wrench: tuple[float, ...]
     """Wrench of the base on the arm, likewise, in the base of the model."""
     acceleration: Triple
-    """Of the flange with what gravity asks for added, as an accelerometer has it; flange axes."""
+    """Proper acceleration of the flange, as an accelerometer has it; flange axes."""
     turning: Triple
     """Angular acceleration of the flange, in its axes."""
     carried: Rows
@@ -87,7 +87,7 @@ class Dynamics:
             self._bodies.append(_Body(x, y, z, joint.placement.position, load))
 
     def mass_matrix(self, q: Sequence[float], load: Load) -> list[tuple[float, ...]]:
-        """The joints' inertia with a load on the flange, kg·m²: what each takes of an acceleration
+        """The joints' inertia with a load on the flange, kg·m²: torque of each for an acceleration
         of 1 rad/s² of one of them."""
         rest = (0.0,) * len(q)
         return [
@@ -118,11 +118,11 @@ class Dynamics:
         load: Load,
         gravity: Triple,
     ) -> Effort:
-        """Of a motion with a load on the flange. `gravity` is what the base would have to
-        accelerate with to weigh as much: up."""
+        """Effort of a motion with a load on the flange. `gravity` is the acceleration of the base
+        that has the same effect: up."""
         # Out along the arm: w is angular velocity, a angular acceleration, v and f the joint's
-        # velocity and acceleration, each in the body's own axes; "carried" takes a place in the
-        # body to what turning adds to its acceleration.
+        # velocity and acceleration, each in the body's own axes; "carried" maps a place in the body
+        # to the acceleration that turning adds there.
         wx = wy = wz = ax = ay = az = vx = vy = vz = 0.0
         fx, fy, fz = gravity
         carried = _STILL
@@ -171,7 +171,7 @@ class Dynamics:
             )
         force, torque, momentum = _inertial(load, *now)
         load_wrench = (*force, *torque)
-        # And back: what the bodies before have to exert.
+        # And back: the forces of the bodies before.
         (fx, fy, fz), (nx, ny, nz), (mx, my, mz) = force, torque, momentum
         torques = []
         for (xx, xy, xz), (yx, yy, yz), (zx, zy, zz), (x, y, z), taken in reversed(passed):

@@ -50,7 +50,7 @@ class Kinematics:
     def jacobian_rate(
         self, q: Sequence[float], qd: Sequence[float], tcp: Frame
     ) -> list[tuple[float, ...]]:
-        """How that changes in time at the speeds `qd`, by what it is a moment before and after."""
+        """Time derivative of the Jacobian at the speeds `qd`, by a central difference."""
         before, after = (
             self.jacobian([at + side * v for at, v in zip(q, qd, strict=True)], tcp)
             for side in (-_MOMENT_S, _MOMENT_S)
@@ -93,7 +93,7 @@ class Kinematics:
         """All there are, up to whole turns: two shoulders, two wrists, two elbows.
 
         Joints 2, 3 and 4 turn about one direction, which joint 1 alone sets: the flange's parts
-        along it give joints 1, 5 and 6, and what is left is a triangle in a plane.
+        along it give joints 1, 5 and 6, and the rest is a triangle in a plane.
         """
         (_, d1, *_), (_, _, a2, *_), (_, _, a3, *_), (_, d4, *_), (_, d5, *_), (_, d6, *_) = (
             self.links

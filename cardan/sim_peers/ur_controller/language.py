@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple, Protocol
 CALL_STEPS: Final = 40
 """Of computing that a call of a function counts as: its cost, measured in operators."""
 POSE_STEPS: Final = 200
-"""Of a function that works with poses, or with what moves the arm."""
+"""Of a function that works with poses, or with the arm's motion."""
 KINEMATICS_STEPS: Final = 600
 """Of a function of the arm's kinematics."""
 MASS_STEPS: Final = 2400
@@ -53,7 +53,7 @@ class Wait(NamedTuple):
 
 
 class Pending(NamedTuple):
-    """Wait until something is there, while the arm does what it does."""
+    """Wait until a value is there, while the arm goes on."""
 
     poll: Callable[[], Any]
     """The value; None if it is not there yet."""

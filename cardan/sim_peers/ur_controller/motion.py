@@ -1,12 +1,12 @@
-"""How the simulated arm moves: what a program asks for, frame by frame, and the arm behind it.
+"""Motion of the simulated arm: that of a program, frame by frame, and the arm behind it.
 
 UR publishes the speed profile of its moves (a trapezoid) and where a blend begins, and neither
 servoj's law nor the arm's. Here `servoj` moves the target towards the joints asked for with
-`lookahead_time` as its time constant, whatever the gain, which is what a ramp is behind by; and the
+`lookahead_time` as its time constant, whatever the gain, which is the lag behind a ramp; and the
 arm follows its target with 8 ms.
 
 A move with a blend radius is done for its program once the TCP is that near to the waypoint. A move
-that comes then begins at once, and what is left of the first is added to it until it is over, each
+that comes then begins at once, and the rest of the first is added to it until it is over, each
 with half of the acceleration. Nothing has to be known ahead for that: until another comes, the
 first is on its way to rest at its waypoint.
 """
@@ -86,7 +86,7 @@ _ROUNDING: Final = 1e-9
 
 
 SENSED_STIFFNESS_N_M: Final = 20_000.0
-"""Of what another sensor feels, to force mode (chosen)."""
+"""Stiffness that force mode assumes for contacts measured by an external sensor (chosen)."""
 
 _IN_TOOL_SPACE: Final = (MoveL, MoveC, SpeedL)
 
@@ -111,7 +111,7 @@ class Payload:
 
 @dataclass
 class ExternalSensor:
-    """A force sensor of others, whose measurements a client of RTDE writes."""
+    """External force sensor, whose measurements a client of RTDE writes."""
 
     place: tuple[float, ...]
     """From the flange, m."""
@@ -208,7 +208,7 @@ class Motion:
         self._tail: _Tail | None = None
         self._skipped: Move | None = None
         self._apart = False
-        """Force mode has moved the arm off what the program asks for."""
+        """Whether force mode has moved the arm off the program's motion."""
         self._rate = 1.0
         """Of a move's time while it is held."""
         self._twist: list[float] | None = None
@@ -216,7 +216,7 @@ class Motion:
         self._line: Frame | None = None
         """Where that has brought the TCP."""
 
-    # -- what others ask --------------------------------------------------------------------------
+    # -- queries ----------------------------------------------------------------------------------
 
     @property
     def moving(self) -> bool:
@@ -300,8 +300,7 @@ class Motion:
         return Pose((*add(force, held), *add(torque, scale(cross(center, held), way))))
 
     def contact_force(self) -> Pose:
-        """The force of what the arm touches (N, N·m) about the flange, base frame, since it was
-        zeroed."""
+        """Contact force since zeroing (N, N·m) about the flange, base frame."""
         force = self._felt()
         if not any(force):
             return Pose((0.0,) * AXES)
@@ -337,7 +336,7 @@ class Motion:
         return len(self._past)
 
     def pushed(self) -> float:
-        """How hard what the TCP touches pushes it up, N."""
+        """Upward contact force on the TCP, N."""
         return self._pushed(self.actual_q)
 
     def _pushed(self, q: Sequence[float]) -> float:
@@ -360,7 +359,7 @@ class Motion:
         self._twist = self._line = None
 
     def end_force(self) -> None:
-        """Leave force mode: what it has moved the arm by stays until a move begins anew."""
+        """Leave force mode: its offset of the arm stays until a move begins anew."""
         self._apart = self._apart or self.force.asked is not None
         self.force.end()
 
@@ -489,7 +488,7 @@ class Motion:
             return f"the arm touches something with {pushed:.0f} N, beyond {HARDEST_N:.0f} N"
         return ""
 
-    # -- what a program asks for ------------------------------------------------------------------
+    # -- motion of the program --------------------------------------------------------------------
 
     def _asked(self, action: Action | None, dt_s: float) -> list[float]:
         """The joints at the end of the frame."""
@@ -738,7 +737,7 @@ class Motion:
                 if abs(change) > _ROUNDING:
                     most = min(most, limit * path.length / abs(change))
         elif math.isfinite(path.radius):
-            # Along the path and across it: what both come to is the acceleration asked for.
+            # Along the path and across it: together they are the requested acceleration.
             a = action.a * math.sqrt(0.5)
             return a, min(most, math.sqrt(a * path.radius))
         return action.a, most

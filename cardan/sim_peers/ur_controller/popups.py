@@ -34,7 +34,7 @@ class Popups:
         return self._count
 
     def close(self) -> None:
-        """Close what is shown."""
+        """Close the shown popups."""
         self._closed = self._count
         self.shown = None
 

@@ -34,7 +34,7 @@ MOST_RECIPES: Final = 255
 
 
 class Claims:
-    """Which client may write which variables, and what all clients have in common."""
+    """Write access of clients to variables, and the shared state of all clients."""
 
     def __init__(self, faults: Mapping[str, float]) -> None:
         self._owners: dict[str, object] = {}
@@ -71,7 +71,7 @@ class RtdeClient:
         send: Callable[[bytes], None],
         note: Callable[[str], None],
     ) -> None:
-        """`note` takes what a person may want to know."""
+        """`note` takes messages for the user."""
         self._controller, self._telemetry, self._claims = controller, telemetry, claims
         self._send, self._note = send, note
         self._reader = PacketReader()
@@ -133,7 +133,7 @@ class RtdeClient:
         elif isinstance(asked, ControlRequest):
             self._answer(asked)
         else:
-            assert isinstance(asked, Text)  # A client's words go to the log, which nobody reads.
+            assert isinstance(asked, Text)  # A client's text for the log is dropped.
 
     def _answer(self, asked: ControlRequest) -> None:
         if asked.kind is PacketType.PROTOCOL_VERSION:

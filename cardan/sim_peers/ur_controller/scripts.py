@@ -25,7 +25,7 @@ LINE: Final = "line"
 
 
 def take(controller: UrController, text: str) -> None:
-    """Do what a program or a line asks for."""
+    """Execute a program or a line."""
     lines = text.splitlines()
     at = next((n for n, line in enumerate(lines) if line.strip() and not _is_comment(line)), None)
     if at is None:

@@ -221,7 +221,7 @@ class UrServers(TcpServers[PortKind, _Connection]):
     def _slider_zero(self) -> None:
         self.controller.slider = 0.0
 
-    # -- what comes in ----------------------------------------------------------------------------
+    # -- received data ----------------------------------------------------------------------------
 
     def _ask(self, connection: _Connection, data: bytes) -> None:
         lines = connection.lines
@@ -261,11 +261,11 @@ class UrServers(TcpServers[PortKind, _Connection]):
             self.controller.refuse(f"a program has more than {LARGEST} bytes")
 
     def _end_scripts(self, connection: _Connection) -> None:
-        """Nothing more comes of what has come."""
+        """Take the rest of the received text: no more data comes."""
         connection.scripts.end()
         self._take_scripts(connection)
 
-    # -- what goes out ----------------------------------------------------------------------------
+    # -- sent data --------------------------------------------------------------------------------
 
     def _publish(self) -> None:
         if self._silent:

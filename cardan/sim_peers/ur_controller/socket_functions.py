@@ -1,7 +1,7 @@
 """URScript's functions of sockets.
 
-A function that reads waits until what it wants is there. Its time over, or the socket closed, it
-gives what the script manual says of a failure, in the next frame at the earliest.
+A function that reads waits until the requested data is there. After a time-out, or if the socket is
+closed, it returns the script manual's value for a failure, in the next frame at the earliest.
 
 Source: UR's script manual, module interfaces.
 """

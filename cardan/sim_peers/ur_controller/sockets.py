@@ -50,7 +50,7 @@ class ProgramSockets:
         self._openings: list[Opening] = []
         self._closings: list[int] = []
 
-    # -- what programs do -------------------------------------------------------------------------
+    # -- called by programs -----------------------------------------------------------------------
 
     def open(self, host: str, port: int, name: str) -> ProgramSocket | None:
         """A socket that is being opened; None: it is refused."""
@@ -71,12 +71,12 @@ class ProgramSockets:
         return made
 
     def get(self, name: str) -> ProgramSocket | None:
-        """An open one, or one whose bytes have not all been read."""
+        """An open socket, or one with unread bytes."""
         found = self._named.get(name)
         return None if found is None or found.open is None else found
 
     def close(self, name: str) -> None:
-        """Close it, if there is one; what was sent is still written."""
+        """Close it, if there is one; data sent before is still written."""
         found = self._named.pop(name, None)
         if found is not None and self._numbered.get(found.number) is found:
             self._closings.append(found.number)
@@ -94,7 +94,7 @@ class ProgramSockets:
         found.unsent += data
         return True
 
-    # -- what the shell does ----------------------------------------------------------------------
+    # -- called by the shell ----------------------------------------------------------------------
 
     def openings(self) -> list[Opening]:
         """Connections to make; they are given once."""

@@ -100,9 +100,9 @@ class Telemetry:
         options = controller.options
         self._controller, self._motion, self._io = controller, controller.motion, controller.io
         self.outputs: Mapping[str, str] = of_series(OUTPUT_VARIABLES, options.version.major)
-        """The types of what it sends, by name."""
+        """Types of the variables that it sends, by name."""
         self.writable: Mapping[str, str] = of_series(INPUT_VARIABLES, options.version.major)
-        """The types of what clients may write."""
+        """Types of the variables that clients may write, by name."""
         self._dynamics = controller.dynamics
         motion = self._motion
         self._actual = _Kept(motion, lambda: self._place(motion.actual_q))
@@ -130,10 +130,10 @@ class Telemetry:
         self._setters = self._register_setters()
 
     def value(self, name: str) -> Any:
-        """Of a variable in `outputs` now; zero for what this robot does not have."""
+        """Value of a variable in `outputs` now; zero if this robot does not have it."""
         return self._sources[name]()
 
-    # -- what clients write -----------------------------------------------------------------------
+    # -- written by clients -----------------------------------------------------------------------
 
     def write(self, values: Mapping[str, Any]) -> None:
         """Write the values of a client's data package."""
@@ -149,7 +149,7 @@ class Telemetry:
             self._apply(values)
 
     def _apply(self, values: Mapping[str, Any]) -> None:
-        """Inputs keep what was written last, so a mask may have come in another package."""
+        """Apply written inputs. They keep their last values: a mask may be of another package."""
         written, io = self._written.get, self._io
         if _any_of(values, "speed_slider") and written("speed_slider_mask", 0) & 1:
             fraction = written("speed_slider_fraction")
@@ -194,7 +194,7 @@ class Telemetry:
             **{name: bits(first) for name, first in _groups("input")},
         }
 
-    # -- what it tells ----------------------------------------------------------------------------
+    # -- values -----------------------------------------------------------------------------------
 
     def _of_controller(self) -> dict[str, Source]:
         controller, motion = self._controller, self._motion
@@ -454,7 +454,7 @@ def _constant(value: Any) -> Source:
 
 
 def _share(value: float | None, now: float) -> float:
-    """From 0 to 1; what it is now where none was written, or what is no number."""
+    """Clamp to 0 to 1; the value `now` if none, or NaN, was written."""
     return now if value is None or math.isnan(value) else min(max(value, 0.0), 1.0)
 
 

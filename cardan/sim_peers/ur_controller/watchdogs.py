@@ -38,7 +38,7 @@ class Watchdogs:
         self._found.clear()
 
     def expired(self, now_s: float) -> tuple[str, str] | None:
-        """An input that was not written in time, and what is to happen; it counts anew."""
+        """An input that was not written in time, and its action; its time starts anew."""
         for name, each in self._found.items():
             if now_s - each.fed_s > each.period_s + 1e-9:
                 each.fed_s = now_s
