@@ -145,6 +145,6 @@ def print_table(
 
 
 def page_path(page: str) -> str:
-    """Where a page of the documentation is, relative to the repository: `page` is as seen from its
+    """Path of a page of the documentation, relative to the repository: `page` is relative to its
     docs/. A URL, and no page, stay as they are."""
     return posixpath.normpath(f"docs/{page}") if page and "://" not in page else page

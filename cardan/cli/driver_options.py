@@ -16,7 +16,7 @@ class DriverOption(NamedTuple):
 
     name: str
     default: str
-    """As TOML has it; `none`: the key may be left out."""
+    """Default in TOML; `none`: the key may be left out."""
     allowed: str
     meaning: str
 

@@ -19,7 +19,7 @@ LOOK_S: Final = 0.05
 
 
 SET_ONE: Final = "set_parameter"
-"""As programs have it: `set_parameters` of one."""
+"""Verb of the command line for programs' `set_parameters` of one."""
 
 
 def offered() -> Mapping[str, Takes]:

@@ -128,11 +128,12 @@ class Located:
     relative to that file (:func:`cardan.common.tables.resolved`)."""
 
     pattern: str = "(?P<path>.+)"
-    """Regular expression of the texts that are one, with the group `path`."""
+    """Regular expression of texts that are paths, with the group `path`."""
     is_read: bool = True
-    """It must be there."""
+    """Whether the file must be there."""
     is_met: bool = False
-    """Another program is met there, whose command line names it: relative to the working folder."""
+    """Whether another program is met there, whose command line names it: relative to the working
+    folder."""
 
 
 @dataclass(frozen=True)

@@ -159,6 +159,6 @@ def _own_folder(of_service: str, of_user: str, default: str) -> Path:
 
 
 def records_folder(folder: str = "") -> Path:
-    """Where records are: `folder`, or "records" in the state's. It need not exist yet. Raises
+    """Folder of records: `folder`, or "records" in the state's. It need not exist yet. Raises
     ConfigurationError."""
     return Path(folder) if folder else state_folder() / "records"

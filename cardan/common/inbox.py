@@ -25,7 +25,7 @@ class Wake(Protocol):
 
 
 class InboxEmptyError(Exception):
-    """Nothing came in time."""
+    """No item came in time."""
 
 
 class Inbox(Generic[T]):

@@ -38,12 +38,12 @@ def kept_bytes(kind: str, key: str) -> bytes | None:
 
 
 def keep_text(kind: str, key: str, text: str) -> None:
-    """Where the user has a folder that can be written to; elsewhere it is made again."""
+    """Keep a text, if the user has a folder that can be written to; else it is made again."""
     keep_bytes(kind, key, text.encode("utf-8", "surrogatepass"))
 
 
 def keep_bytes(kind: str, key: str, data: bytes) -> bool:
-    """Likewise; whether it is kept."""
+    """Keep bytes likewise. Returns whether they are kept."""
     try:
         path = _path(kind, key)
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -22,7 +22,7 @@ from cardan.common.text_sanitizer import printable
 FORMAT = "%(asctime)s %(name)s: %(message)s"
 
 JOURNAL_SOCKET = "/run/systemd/journal/socket"
-"""Where the journal takes entries with fields: systemd.journal-fields(7)."""
+"""Socket at which the journal takes entries with fields: systemd.journal-fields(7)."""
 
 JOURNAL_VARIABLE = "JOURNAL_STREAM"
 """By it systemd says which file it reads into the journal: device and inode of standard error."""

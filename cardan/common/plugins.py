@@ -108,20 +108,20 @@ def is_lack(error: Exception) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Loaded(Generic[T]):
-    """All classes that there are, by name."""
+    """All classes of a kind, by name."""
 
     classes: dict[str, type[T]]
     refused: dict[str, str]
-    """Those that cannot be loaded: why, in one line."""
+    """Reasons why classes cannot be loaded, in one line each."""
     notes: list[str]
     """Plug-ins that are installed and not used, because another one has the name."""
     lacking: dict[str, str] = field(default_factory=dict)
-    """Those of `refused` that are whole and need an extra that is not installed: which."""
+    """Missing extras, by the names in `refused` that only need an extra to be installed."""
 
 
 def entry_points(group: str) -> EntryPoints:
-    """Those of installed packages. All packages are read once, and again when one has come or gone:
-    there may be hundreds, and each registry asks for a group of its own."""
+    """Entry points of installed packages. All packages are read once, and again after one was added
+    or removed: there may be hundreds, and each registry asks for a group of its own."""
     return _all_entry_points(tuple(map(_state_of, sys.path))).select(group=group)
 
 

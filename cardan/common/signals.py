@@ -14,10 +14,10 @@ from types import FrameType
 from typing import Any
 
 _OWN_FAULTS = ("SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGTRAP", "SIGSYS")
-"""They tell of a fault in the process itself, which cannot go on."""
+"""Signals of a fault in the process itself, which cannot go on."""
 
 _NO_END = ("SIGCHLD", "SIGCONT", "SIGURG", "SIGWINCH", "SIGTSTP", "SIGTTIN", "SIGTTOU")
-"""They are ignored, or stop a process, unless it handles them."""
+"""Signals that are ignored, or stop a process, unless it handles them."""
 
 _NEVER_HANDLED = ("SIGKILL", "SIGSTOP")
 

@@ -170,7 +170,7 @@ def ask_for_stamps(sock: socket.socket) -> bool:
 
 
 def waiting_stamped(sock: socket.socket, largest: int) -> Iterator[tuple[bytes, Any, float]]:
-    """As `waiting`, of a socket with stamps; each with how long it had lain there, s."""
+    """As `waiting`, of a socket with stamps; each with its time in the receive buffer, s."""
     for _ in range(DRAIN_AT_MOST):
         try:
             data, ancillary, _flags, source = sock.recvmsg(largest, _STAMP_BYTES)
@@ -302,10 +302,10 @@ def user_of(peer: socket.socket) -> int | None:
 
 
 def runtime_path(name: str) -> str:
-    """Where a socket `name` of this user's programs is, unless another path is given.
+    """Default path of a socket `name` of this user's programs.
 
-    In the folder that the system keeps for that, XDG_RUNTIME_DIR; without one in the folder
-    cardan-UID among the temporary files.
+    It is in the system's folder for sockets, XDG_RUNTIME_DIR; without one in the folder cardan-UID
+    among the temporary files.
     """
     folder = os.environ.get("XDG_RUNTIME_DIR", "")
     if not os.path.isabs(folder):

@@ -37,7 +37,7 @@ CARDAN = (sys.executable, "-m", "cardan")
 
 ALL_INTERFACES = "0.0.0.0"
 HOSTS = {"console": (ALL_INTERFACES, "127.0.0.1"), "rosbridge": ("127.0.0.1",)}
-"""Where a server is served: at the first that can be. The page is for phones, too, wherever a
+"""Addresses of a server: the first that can be served. The page is for phones, too, if a
 certificate can be made."""
 
 PAUSE_S = 0.03

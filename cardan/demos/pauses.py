@@ -36,7 +36,7 @@ class Pauses:
             thread.join()
 
     def _look(self, processors: set[int]) -> None:
-        """Until the block ends, on these processors alone; on all where none is given."""
+        """Measure until the block ends, on these processors alone; on all if none is given."""
         if processors:
             os.sched_setaffinity(0, processors)  # of this thread
         woken_s = time.monotonic()
@@ -48,7 +48,7 @@ class Pauses:
 
 
 def _processors() -> list[set[int]]:
-    """Those of this process one by one, where the system can tell them apart."""
+    """The processors of this process one by one, if the system can tell them apart."""
     try:
         return [{processor} for processor in os.sched_getaffinity(0)]
     except AttributeError:  # only Linux can

@@ -105,7 +105,7 @@ class Subject:
     devices: Callable[[], Sequence[FoundDevice]] = _no_devices
     """:func:`cardan.devices`."""
     root: Path = Path("/")
-    """Where /proc, /sys, /dev and /etc are."""
+    """Parent folder of /proc, /sys, /dev and /etc."""
     environment: Mapping[str, str] = field(default_factory=lambda: os.environ)
     run: Callable[[Sequence[str]], str | None] = run
     """Runs another program, which only tells."""

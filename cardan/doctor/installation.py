@@ -87,7 +87,7 @@ def installed_version(name: str) -> str | None:
 
 
 def own_requirements() -> list[Requirement]:
-    """Those of the installed Cardan; none where it runs from sources that were never installed."""
+    """Requirements of the installed Cardan; none if it runs from sources that never were."""
     try:
         return read_requirements(importlib.metadata.requires("cardan") or ())
     except importlib.metadata.PackageNotFoundError:

@@ -122,7 +122,7 @@ class RecordWriter:
         self._writer.start(PROFILE, f"cardan {__version__}")
         self._schemas: dict[tuple[str, str], int] = {}
         self.topics: dict[RecordedTopic, int] = {}
-        """Those written so far, and their channels."""
+        """Topics written so far, and their channels."""
         self.unknown: dict[str, str] = {}
         """Types without a definition, and their hashes."""
 
@@ -197,7 +197,7 @@ def _metadata(topic: RecordedTopic) -> dict[str, str]:
 
 
 class Place(NamedTuple):
-    """Where in a record reading can begin, too."""
+    """Place in a record at which reading can begin, too."""
 
     log_ns: int
     """Of the first message from there on."""
@@ -208,7 +208,7 @@ PLACE_NS = 500_000_000
 """Shortest time between two places that are remembered."""
 
 MOST_PLACES = 100_000
-"""That are remembered: of 14 h."""
+"""Most places that are remembered: those of 14 h."""
 
 
 class RecordReader:
@@ -312,7 +312,7 @@ class RecordReader:
             self.damage.append(f"at byte {offset} {why}")
 
     def _records(self, stream: BinaryIO, place: Place | None) -> Iterator[tuple[int, Record]]:
-        """Those of the data section and of its chunks, each with the offset at which reading it
+        """Records of the data section and of its chunks, each with the offset at which reading it
         begins."""
         from mcap.opcode import Opcode
         from mcap.records import Message
@@ -400,7 +400,7 @@ class RecordReader:
 
 
 class _LostError(ValueError):
-    """Where the next record begins is not known."""
+    """The start of the next record is not known."""
 
 
 class _ChunkError(ValueError):

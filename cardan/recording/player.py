@@ -66,7 +66,7 @@ class Contents(NamedTuple):
 
     @property
     def duration_s(self) -> float:
-        """From the first message to the last, s."""
+        """Time from the first message to the last, s."""
         return 1e-9 * (self.last_ns - self.first_ns)
 
 
@@ -148,7 +148,7 @@ class Show:
 
 
 def _texts(messages: Iterable[RecordedMessage]) -> list[str]:
-    """Those that can be read, and are not too much."""
+    """Messages that can be read, as JSON, up to MOST_TEXT."""
     found: list[str] = []
     left = MOST_TEXT
     for each in messages:

@@ -64,7 +64,7 @@ LONGEST_PAUSE_S = 60.0
 """Longest time without a message that is waited for, unless another is asked for."""
 
 MOST_STEPS = 5
-"""That are told, one by one."""
+"""Most steps that are reported one by one."""
 
 SETTLE_S = 0.3
 """After that: how long others take to subscribe to topics that are new to them."""
@@ -112,7 +112,7 @@ class Schedule:
 
     @property
     def steps(self) -> list[str]:
-        """Those that were not waited for, in words."""
+        """Steps that were not waited for, in words."""
         more = self._steps - len(self._told)
         return [*self._told, f"and {more} more steps of its time"] if more else self._told
 
@@ -269,8 +269,8 @@ def _meet(network: BusNetwork, interrupted: threading.Event) -> None:
 
 
 def _advertise(network: BusNetwork, topic: RecordedTopic) -> list[Publisher]:
-    """As many publishers as take turns: one, or where several nodes published a latched topic, one
-    for each, so that a later subscription gets the last message of each."""
+    """Publishers that take turns: one, or if several nodes published a latched topic, one for each:
+    a later subscription gets the last message of each."""
     known = known_definition(topic.type_name, topic.type_hash)
     mark = "" if known else topic.type_hash
     count = len(topic.publishers) if topic.latched else 1

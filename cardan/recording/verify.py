@@ -85,9 +85,9 @@ class Verification:
     """Cycles whose commands were compared, and the same."""
     difference: Difference | None = None
     ended: str = ""
-    """Why not all cycles could be compared; empty where they were."""
+    """Why not all cycles could be compared; empty if they were."""
     versions: dict[str, str] = field(default_factory=dict)
-    """That the session ran with."""
+    """Versions that the session ran with."""
     problems: list[str] = field(default_factory=list)
     """Problems of the file."""
 

@@ -128,7 +128,7 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
 
     @property
     def refused_until_s(self) -> float:
-        """Until then no program can open the device; monotonic s."""
+        """Time until which no program can open the device; monotonic s."""
         return self._opened_s + self.options.faults.get("refuse", 0.0)
 
     def begin(self) -> None:

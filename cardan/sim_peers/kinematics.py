@@ -89,7 +89,7 @@ UR_LINKS: Mapping[str, tuple[DhLink, ...]] = {
 
 
 class Frames(NamedTuple):
-    """Where the joint axes and the TCP are in one configuration."""
+    """Places of the joint axes and of the TCP in one configuration."""
 
     pose: Pose
     axes: list[tuple[float, float, float]]
@@ -225,7 +225,7 @@ def manipulability(frames: Frames) -> float:
 
 
 def pose_error(target: Pose, actual: Pose) -> tuple[float, float, float, float, float, float]:
-    """From `actual` to `target`: translation (m) over rotation vector (rad), base frame."""
+    """Error from `actual` to `target`: translation (m) over rotation vector (rad), base frame."""
     tx, ty, tz = target.position
     ax, ay, az = actual.position
     rx, ry, rz = rotation_between(actual.orientation, target.orientation)

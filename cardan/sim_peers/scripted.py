@@ -122,11 +122,11 @@ class StepWords:
         return value
 
     def numbers(self, names: Iterable[str], lowest: float, highest: float) -> tuple[float, ...]:
-        """As many numbers as there are `names`."""
+        """Take a number for each of `names`."""
         return tuple([self.number(name, lowest, highest) for name in names])
 
     def keyword(self, name: str) -> bool:
-        """Take the next word if it is `name`; whether it was."""
+        """Take the next word if it is `name`. Returns whether it was."""
         found = self.left[:1] == [name]
         del self.left[: int(found)]
         return found
@@ -153,7 +153,7 @@ class StepWords:
         return SinePeriods(amplitude, period_s, times, math.radians(phase_deg))
 
     def end(self) -> None:
-        """There must be no more words."""
+        """Check that there are no more words."""
         if self.left:
             raise self.error(f"{' '.join(self.left)!r} is too much; usage: {self.usage}")
 

@@ -127,7 +127,7 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
 
     @property
     def silent(self) -> bool:
-        """Nothing is accepted, read or written any more, as if the cable had been pulled."""
+        """Whether all traffic has stopped, as if the cable had been pulled."""
         return self._silent
 
     @property

@@ -98,7 +98,7 @@ class ArmPlant:
         self._speed_limit = np.array(arm.velocity)
         self.mode = DriveMode.HOLD
         self._reference = self._q.copy()
-        """Where the servo wants the joints, before `offset`."""
+        """Reference of the servo for the joints, before `offset`."""
         self._speed = np.zeros(n)
         """How fast it wants them to move."""
         self._target = self._q.copy()
@@ -585,7 +585,7 @@ def build_model(arm: ArmModel, options: PlantOptions) -> pin.Model:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """As numpy's, at a tenth of its time."""
+    """Cross product as numpy's, at a tenth of its time."""
     ax, ay, az = a.tolist()
     bx, by, bz = b.tolist()
     return np.array((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx))

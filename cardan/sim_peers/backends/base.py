@@ -21,7 +21,7 @@ class Shell(Protocol):
 
     @property
     def refused_until_s(self) -> float:
-        """Until then no program can open the device, by the fault ``refuse``; monotonic s."""
+        """Time until which no program can open the device, by the fault ``refuse``; monotonic s."""
 
     def begin(self) -> None:
         """A program has opened the device: the script starts, unless it has."""
@@ -45,7 +45,7 @@ class DeviceBackend(ABC, Generic[M]):
     awaits_program = True
     """False: it cannot tell when a program opens the device, so the script starts at once."""
     tells_refusal = False
-    """It is there while the device refuses to be opened, and says so itself."""
+    """Whether the device can be found while it refuses to be opened, and reports it itself."""
 
     @property
     @abstractmethod

@@ -40,7 +40,7 @@ class BusPeerOptions(HandOptions):
 
     @property
     def endpoint(self) -> str:
-        """Where other nodes connect to."""
+        """Address that other nodes connect to."""
         return self.router or f"tcp/{self.host}:{self.port}"
 
 
@@ -68,7 +68,7 @@ class BusBackend(DeviceBackend[bytes]):
 
     @property
     def endpoint(self) -> str:
-        """Where other nodes connect to."""
+        """Address that other nodes connect to."""
         return self._options.endpoint
 
     @property

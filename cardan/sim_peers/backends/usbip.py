@@ -316,7 +316,7 @@ class UsbipBackend(DeviceBackend[bytes]):
         self._bus_id = bus_id
         self._plugged = False
         self.address = (host, port)
-        """Where it listens; port 0 until that is known."""
+        """Address at which it listens; port 0 until that is known."""
 
     @property
     def endpoint(self) -> str:

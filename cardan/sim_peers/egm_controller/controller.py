@@ -220,12 +220,12 @@ class EgmController:
 
     @property
     def joints_rad(self) -> tuple[float, ...]:
-        """Where the arm really is."""
+        """True joints of the arm."""
         return tuple(self.servo.actual)
 
     @property
     def planned_joints_rad(self) -> tuple[float, ...]:
-        """Where the controller's reference is; the arm gets there `servo_delay_s` later."""
+        """Joints of the controller's reference; the arm gets there `servo_delay_s` later."""
         return tuple(self.servo.planned)
 
     @property
@@ -240,7 +240,7 @@ class EgmController:
 
     @property
     def tcp(self) -> Pose:
-        """Where the TCP (tool0) really is, base frame."""
+        """True pose of the TCP (tool0), base frame."""
         return forward(self.servo.actual, self.servo.arm.links).pose
 
     @property
@@ -250,7 +250,7 @@ class EgmController:
 
     @property
     def planned_tcp(self) -> Pose:
-        """Where the controller's reference has the TCP."""
+        """Pose of the TCP by the controller's reference."""
         return self.servo.planned_frames.pose
 
     def jog_to(self, joints_deg: Sequence[float]) -> bool:

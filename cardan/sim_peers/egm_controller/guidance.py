@@ -145,11 +145,11 @@ class _Guided(Guidance, Generic[_R]):
 
     @abstractmethod
     def _accept(self, message: EgmSensor) -> str:
-        """As `accept`."""
+        """Take a message of joint or pose mode, as `accept`."""
 
     @abstractmethod
     def _error(self, reference: _R, ramp: float) -> Sequence[float]:
-        """From where the arm is to `reference`, of which only the share `ramp` counts yet."""
+        """Error from the arm to `reference`, of which only the share `ramp` counts yet."""
 
     def _controlled(self, elapsed_s: float) -> list[float]:
         self._line.append((self._reference, self._feed_forward))

@@ -33,7 +33,7 @@ class Order(NamedTuple):
 
     arguments: Run | PathMove
     start_joints: list[float]
-    """Where the arm was when the program reached it, rad."""
+    """Joints when the program reached it, rad."""
 
 
 class Ending(NamedTuple):

@@ -20,7 +20,7 @@ from cardan.sim_peers.kinematics import AXES, GOFA
 REAL_PERIOD_S = 0.004032
 """Control period of a real controller."""
 VIRTUAL_PERIOD_S = 0.004
-"""That of RobotStudio's virtual controller."""
+"""Control period of RobotStudio's virtual controller."""
 
 
 class Profile(NamedTuple):
@@ -157,7 +157,7 @@ class EgmControllerOptions(Options):
     force: bool = True
     """measuredForce is sent."""
     force_control: bool = option(False, "Measured force is compensated, not raw.")
-    """As while force control is active."""
+    """As it is while force control is active."""
     surface: Surface | None = option(
         None,
         "A table to press on: height, stiffness, damping, friction.",

@@ -26,7 +26,7 @@ class OnError(enum.Enum):
     """Action some time after EGM ended with an error."""
 
     STOP = "stop"
-    """Nothing: the program is stopped until it is started."""
+    """No action: the program is stopped until it is started."""
     RETRY = "retry"
     """The program's error handler runs EGM again; it gets recoverable errors only."""
     RESTART = "restart"

@@ -55,7 +55,7 @@ ALIGNS_S: Final = 0.1
 """How long Align is pressed at the beginning."""
 
 STANDS: Final = Vector3(0.3, 0.1, 1.2)
-"""Where the hand is at rest, m."""
+"""Position of the hand at rest, m."""
 
 HOLD: Final = "hold"
 

@@ -110,7 +110,7 @@ class ConsoleBackend(DeviceBackend[bytes]):
 
     @property
     def due_s(self) -> float:
-        """It looks at every turn of the loop."""
+        """Time of the page's next turn; every turn of the loop without one."""
         return 0.0 if self._page is None else self._page.due_s
 
     def attend(self, now_s: float) -> None:

@@ -472,7 +472,7 @@ class MotorosController(MotomanRobot):
         return good
 
     def _start_job(self) -> Steps:
-        """Everything that START_TRAJ_MODE does until motion is possible."""
+        """Run all steps of START_TRAJ_MODE until motion is possible."""
         self._poll()
         self._collaborative_stop = self._increment_error = False
         seen = self._seen

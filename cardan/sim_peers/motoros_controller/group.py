@@ -50,7 +50,7 @@ def _too_fast(speed_rad_s: float, highest_rad_s: float) -> bool:
 
 
 class _Start(NamedTuple):
-    """Where the next segment begins."""
+    """Start of the next segment."""
 
     time_ms: int
     position: list[float]

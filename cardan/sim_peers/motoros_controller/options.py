@@ -75,7 +75,7 @@ class MotorosControllerOptions(Options):
     """Duration of START_TRAJ_MODE with the servos on; from about two thirds of it on motion is
     possible."""
     servo_on_s: _Takes = 1.0
-    """From the order to power the drives until they have it."""
+    """Time from the order to power the drives until they have power."""
     servo_off_s: _Takes = 0.05
     eco_wake_s: _Takes = 0.2
     """Leaving energy saving."""

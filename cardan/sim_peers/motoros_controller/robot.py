@@ -99,7 +99,7 @@ class MotomanRobot:
         self._nothing = [0] * self.axes
         self._inputs = Inputs(servo=options.servo_on, play=options.play, remote=options.remote)
         self._seen = self._inputs.copy()
-        """As the last poll saw them."""
+        """Inputs at the last poll."""
         self._job_ready = False
         self._suspended = False
         """Old firmware: the job goes on when play is back."""
@@ -122,7 +122,7 @@ class MotomanRobot:
         self.velocities_accepted = self.velocities_refused = 0
         """Messages 2040 and 2041 since the start."""
         self.connections: set[str] = set()
-        """Those of the ports "motion", "state" and "io" that have a client; the servers keep it."""
+        """Ports with a client, of "motion", "state" and "io"; kept by the servers."""
         self.events: deque[tuple[float, str]] = deque(maxlen=_KEPT_EVENTS)
         """Recent events, with their times."""
         self.log: list[tuple[float | int | str, ...]] = []
@@ -149,7 +149,7 @@ class MotomanRobot:
         return min(self._tick_s, self._poll_s, self._resume_s, timer_s)
 
     def advance(self, now_s: float) -> None:
-        """Everything that is due up to `now_s`: IPCs, polls of the inputs, waiting tasks."""
+        """Do all work due up to `now_s`: IPCs, polls of the inputs, waiting tasks."""
         if self._now_s == -math.inf:
             self._begin_time(now_s)
         if now_s <= self._now_s:

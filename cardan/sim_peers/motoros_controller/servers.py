@@ -71,7 +71,7 @@ _SEQUENCE_AT: Mapping[int, int] = {
     _T.MOTO_JOINT_VELOCITY: 20,
     _T.MOTO_JOINT_VELOCITY_EX: 20,
 }
-"""Where messages that are answered with their own sequence have it."""
+"""Offset of the sequence in messages that are answered with it."""
 _COMMAND_AT = 24
 
 _NOT_SERVED = frozenset(
@@ -390,7 +390,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
     # -- messages are handled ---------------------------------------------------------------------
 
     def _handle(self) -> None:
-        """As many waiting messages as a turn allows, one at a time."""
+        """Handle as many waiting messages as a turn allows, one at a time."""
         self._busy = False
         if self._silent:
             self.controller.replies.clear()

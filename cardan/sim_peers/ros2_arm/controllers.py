@@ -143,7 +143,7 @@ class RosArm:
         self.plant.hold()
 
     def second(self) -> None:
-        """Another node begins to publish the arm's joints, as zeros."""
+        """Start another node's publications of the arm's joints, as zeros."""
         self._second_s = 0.0
 
     def _step_clock(self) -> None:
@@ -176,7 +176,7 @@ class RosArm:
         return self._take_joint_state(message)
 
     def _forward(self, values: Sequence[float]) -> str:
-        """As a forward_command_controller: whatever number comes is passed on at once."""
+        """Pass any numbers on at once, as a forward_command_controller does."""
         if len(values) != self.plant.joints:
             return f"{len(values)} values for {self.plant.joints} joints"
         if not all(map(math.isfinite, values)):
@@ -225,7 +225,7 @@ class RosArm:
         return ""
 
     def _wanted(self, at_s: float) -> list[float]:
-        """Where the trajectory has the joints: on straight lines between points without speeds."""
+        """Joints of the trajectory: on straight lines between points without speeds."""
         if not self._points:
             return list(self.plant.positions)
         from_s, from_ = self._from

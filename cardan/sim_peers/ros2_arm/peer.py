@@ -57,7 +57,7 @@ class RosArmPeer(SimulatedPeer):
 
     @property
     def endpoint(self) -> str:
-        """Where other nodes connect to; on DDS the domain."""
+        """Address that other nodes connect to; on DDS the domain."""
         if self.options.transport == "dds":
             return f"dds/{self.options.domain}"
         return self.options.router or f"tcp/{self.options.host}:{self.options.port}"

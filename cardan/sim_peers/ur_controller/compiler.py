@@ -67,7 +67,7 @@ class _Scope:
     block: Sequence[tree.Statement]
     functions: dict[str, _Scope] = field(default_factory=dict)
     own: dict[str, int] = field(default_factory=dict)
-    """The places of its variables."""
+    """Indexes of its variables."""
     declared: set[str] = field(default_factory=set)
     """Its parameters and the variables it declares `local`."""
     calls: set[str] = field(default_factory=set)
@@ -75,7 +75,7 @@ class _Scope:
     assigns: set[tuple[str, str]] = field(default_factory=set)
     """Variables, each with its kind of declaration."""
     joins: bool = False
-    """It waits for threads."""
+    """Whether it waits for threads."""
     takes_time: bool = False
     body: _Do | None = None
     defaults: dict[int, _Do] = field(default_factory=dict)

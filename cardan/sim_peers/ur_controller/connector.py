@@ -25,7 +25,7 @@ class _Link:
     backlog: bytearray = field(default_factory=bytearray)
     watched: int = 0
     ends: bool = False
-    """It is closed once the backlog is written."""
+    """Whether it is closed once the backlog is written."""
 
 
 class Connector:

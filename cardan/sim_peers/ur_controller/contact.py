@@ -23,7 +23,7 @@ _COASTS_S: Final = 0.01
 _QUICKEST: Final = (5.0,) * 3 + (25.0,) * 3
 """Accelerations of compliant axes, m/s² and rad/s²."""
 UP: Final = Vector3(0.0, 0.0, 1.0)
-"""Where a plane pushes."""
+"""Direction in which a plane pushes."""
 
 
 class Plane(NamedTuple):

@@ -20,13 +20,13 @@ _X, _Y, _Z = Vector3(1.0, 0.0, 0.0), Vector3(0.0, 1.0, 0.0), Vector3(0.0, 0.0, 1
 
 
 def frame_of(pose: Sequence[float]) -> Frame:
-    """Of six numbers as URScript has them."""
+    """Convert six numbers of a URScript pose to a frame."""
     x, y, z, rx, ry, rz = pose
     return Frame(Vector3(x, y, z), from_rotation_vector(Vector3(rx, ry, rz)))
 
 
 def pose_of(frame: Frame) -> Pose:
-    """As URScript has it."""
+    """Convert a frame to a pose of URScript."""
     return Pose((*frame.position, *to_rotation_vector(frame.orientation)))
 
 
@@ -39,7 +39,7 @@ class Kinematics:
         self.links, self._low, self._high = links, low, high
 
     def forward(self, q: Sequence[float], tcp: Frame = IDENTITY_POSE) -> Frame:
-        """Where the TCP is; `tcp` is given in the flange's frame."""
+        """Pose of the TCP; `tcp` is given in the flange's frame."""
         return compose(forward(q, self.links).pose, tcp)
 
     def jacobian(self, q: Sequence[float], tcp: Frame) -> list[tuple[float, ...]]:

@@ -7,17 +7,17 @@ from collections.abc import Callable, Generator, Mapping
 from typing import Any, Final, NamedTuple, Protocol
 
 CALL_STEPS: Final = 40
-"""Of computing that a call of a function counts as: its cost, measured in operators."""
+"""Steps of computing for a call of a function: its cost, measured in operators."""
 POSE_STEPS: Final = 200
-"""Of a function that works with poses, or with the arm's motion."""
+"""Steps of a function that works with poses, or with the arm's motion."""
 KINEMATICS_STEPS: Final = 600
-"""Of a function of the arm's kinematics."""
+"""Steps of a function of the arm's kinematics."""
 MASS_STEPS: Final = 2400
-"""Of the arm's mass matrix."""
+"""Steps of the arm's mass matrix."""
 ELEMENT_STEPS: Final = 4
-"""That an operator counts as for each element of its lists."""
+"""Steps of an operator for each element of its lists."""
 PRODUCT_STEPS: Final = 10
-"""That a product of matrices counts as for each product of two elements."""
+"""Steps of a product of matrices for each product of two elements."""
 DEEPEST_CALLS: Final = 50
 
 TOO_MUCH_TIME: Final = (

@@ -34,10 +34,10 @@ from cardan.sim_peers.ur_controller.language import (
 from cardan.sim_peers.ur_controller.operators import Struct
 
 MOST_STEPS: Final = 40_000
-"""Of computing in one frame: operators, names and the like; a call of a function is 40."""
+"""Steps of computing in one frame: operators, names and the like; a call of a function is 40."""
 MOST_THREADS: Final = 100
 MOST_BYTES: Final = 4 * 1024 * 1024
-"""Of all values that a program keeps."""
+"""Size of all values that a program keeps."""
 _MEASURED_EVERY: Final = 20
 """Frames."""
 

@@ -114,7 +114,7 @@ class ExternalSensor:
     """External force sensor, whose measurements a client of RTDE writes."""
 
     place: tuple[float, ...]
-    """From the flange, m."""
+    """Position from the flange, m."""
     turned: bool
     """Levers count the other way round, as with `enable_external_ft_sensor`."""
 
@@ -214,7 +214,7 @@ class Motion:
         self._twist: list[float] | None = None
         """The TCP's speed of a program that sets it."""
         self._line: Frame | None = None
-        """Where that has brought the TCP."""
+        """Pose to which that has brought the TCP."""
 
     # -- queries ----------------------------------------------------------------------------------
 
@@ -269,7 +269,7 @@ class Motion:
         return Pose(self.kinematics.speed(self.actual_q, self.actual_qd, self.tcp))
 
     def waypoint(self) -> Pose:
-        """Where the move leads that is on its way; without one, where the TCP is."""
+        """Target of the present move; without one, the target pose of the TCP."""
         run = self._run
         return self.target_tcp_pose() if run is None or run.done else run.waypoint
 
@@ -354,7 +354,7 @@ class Motion:
         self.force.begin(asked)
 
     def set_tcp(self, tcp: Frame) -> None:
-        """Where the TCP is in the flange's frame."""
+        """Set the TCP in the flange's frame."""
         self.tcp = tcp
         self._twist = self._line = None
 

@@ -214,7 +214,7 @@ OPERATORS: Final[Mapping[str, Operator]] = {
     "==": _equal,
     "!=": lambda left, right: not _equal(left, right),
 }
-"""Those that take both of their values. They raise ValueError and ArithmeticError."""
+"""Operators that take both of their values. They raise ValueError and ArithmeticError."""
 
 
 def negative(value: Any) -> Any:

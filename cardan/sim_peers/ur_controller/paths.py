@@ -32,7 +32,7 @@ _STRAIGHT: Final = 1e-6
 
 
 class JointPath:
-    """From joints to joints."""
+    """Path from joints to joints."""
 
     def __init__(self, start: Sequence[float], goal: Sequence[float]) -> None:
         self._start, self.goal = list(start), list(goal)

@@ -22,7 +22,7 @@ LOG_FILE: Final = "log_history.txt"
 SUPPORT_FILE: Final = f"ur_{SERIAL_NUMBER}.zip"
 
 _ON_A_ROBOT: Final = (PurePosixPath("/ursim/programs"), PurePosixPath("/programs"))
-"""Where a controller has its programs; the folder stands for these."""
+"""Directories of programs on a controller; the folder stands for these."""
 
 
 class Pendant:

@@ -85,7 +85,7 @@ class UrServers(TcpServers[PortKind, _Connection]):
         self._frame_due = False
         self._claims = Claims(options.faults)
         self._lines = ""
-        """Those that wait, by a fault."""
+        """Lines that wait, by a fault."""
 
     def behave(self, faults: Mapping[str, float]) -> None:
         super().behave(faults)
@@ -99,7 +99,7 @@ class UrServers(TcpServers[PortKind, _Connection]):
     # -- connections and time ---------------------------------------------------------------------
 
     def advance(self, now_s: float) -> None:
-        """Also one frame, if one is due: between two of them sockets are served."""
+        """Run one frame, too, if one is due: between two frames sockets are served."""
         self._frame_due = True
         super().advance(now_s)
 

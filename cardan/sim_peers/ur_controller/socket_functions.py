@@ -20,9 +20,9 @@ from cardan.sim_peers.ur_controller.sockets import ProgramSocket, ProgramSockets
 from cardan.sim_peers.ur_controller.values import is_number
 
 OPEN_S: Final = 2.0
-"""Longest that opening takes."""
+"""Longest time that opening takes."""
 MOST_VALUES: Final = 255
-"""That one call reads."""
+"""Most values that one call reads."""
 _READ_S: Final = 2.0
 _NAME: Final = "socket_0"
 _NUMBERS: Final = re.compile(rb"\(([^()]*)\)")

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 MOST_SOCKETS: Final = 32
 MOST_BYTES: Final = 64 * 1024
-"""Of one socket, that wait to be read by its program or sent."""
+"""Most bytes of one socket that wait to be read by its program or sent."""
 
 
 class Opening(NamedTuple):
@@ -82,12 +82,12 @@ class ProgramSockets:
             self._closings.append(found.number)
 
     def close_all(self) -> None:
-        """The program has ended."""
+        """Close all sockets at the end of a program."""
         for name in tuple(self._named):
             self.close(name)
 
     def send(self, name: str, data: bytes) -> bool:
-        """Whether it was taken."""
+        """Queue data. Returns whether it was taken."""
         found = self.get(name)
         if found is None or not found.open or len(found.unsent) + len(data) > MOST_BYTES:
             return False
@@ -123,7 +123,7 @@ class ProgramSockets:
         return found is not None and len(found.unread) < MOST_BYTES
 
     def opened(self, number: int) -> None:
-        """A connection is there."""
+        """Mark a socket as connected."""
         found = self._numbered.get(number)
         if found is not None:
             found.open = True
@@ -135,7 +135,7 @@ class ProgramSockets:
             found.unread += data
 
     def lost(self, number: int, reason: str) -> None:
-        """It could not be opened, or the other end has closed it."""
+        """Drop a socket that could not be opened, or was closed by the other end."""
         found = self._numbered.pop(number, None)
         if found is not None:
             if not found.open:

@@ -53,7 +53,7 @@ _IDLE_A: Final = 0.4
 _BUS_V: Final = 48.0
 _CURRENT_WINDOW_A: Final = (3.0, 3.0, 3.0, 1.5, 1.5, 1.5)
 _FARTHEST_RAD: Final = 0.2
-"""From the target: at `joint_position_deviation_ratio` 1."""
+"""Distance from the target at `joint_position_deviation_ratio` 1."""
 _JOINT_DEGREES: Final = 28.0
 _TOOL_DEGREES: Final = 30.0
 _EXECUTION_MS: Final = 0.4
@@ -390,7 +390,7 @@ class Telemetry:
         return self._driven(torques)
 
     def _driven(self, torques: tuple[float, ...]) -> tuple[float, ...]:
-        """Nothing where the brakes hold."""
+        """`torques`, or zeros while the brakes hold."""
         return torques if self._controller.mode is RobotMode.RUNNING else (0.0,) * 6
 
     def _robot_current(self, currents: Sequence[float]) -> float:

@@ -17,24 +17,24 @@ class _Watchdog:
 
 
 class Watchdogs:
-    """Of the program that runs, by the inputs' names."""
+    """Watchdogs of the running program, by the inputs' names."""
 
     def __init__(self) -> None:
         self._found: dict[str, _Watchdog] = {}
 
     def add(self, variable: str, period_s: float, action: str, now_s: float) -> None:
-        """From now on."""
+        """Watch an input from now on."""
         self._found[variable] = _Watchdog(period_s, action, now_s)
 
     def fed(self, variables: Iterable[str], now_s: float) -> None:
-        """A client has written these inputs."""
+        """Feed the watchdogs of inputs that a client has written."""
         if self._found:
             for each in variables:
                 if each in self._found:
                     self._found[each].fed_s = now_s
 
     def clear(self) -> None:
-        """The program has ended."""
+        """Remove all watchdogs at the end of a program."""
         self._found.clear()
 
     def expired(self, now_s: float) -> tuple[str, str] | None:
