@@ -76,8 +76,8 @@ def bus_options(
 
 
 def met_here(options: BusOptions) -> BusOptions:
-    """The same, or by the only router of this computer if there is none at its own address. Raises
-    ConfigurationError if there are several."""
+    """`options`, or those of the only router of this computer if there is none at their own
+    address. Raises ConfigurationError if there are several."""
     from cardan.bus.router import is_served, router_address, routers_here
 
     address = router_address(options)

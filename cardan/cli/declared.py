@@ -229,7 +229,7 @@ def made(options: type, values: Mapping[type, Mapping[str, Any]]) -> Any:
 
 
 def named(error: ConfigurationError, own: Mapping[str, Given]) -> ConfigurationError:
-    """The same error, of the flags that set the fields it is of."""
+    """The error with flags in place of its fields, if all of them have one."""
     flags = {each.option.port_field: each.flag for each in own.values() if each.option.port_field}
     flags.update({field: each.flag for field, each in own.items()})
     keys = [key.rpartition(".")[2] for key in error.key.split(", ")]

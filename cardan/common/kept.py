@@ -12,7 +12,7 @@ from cardan.common import files
 
 
 def content_key(parts: Iterable[str | bytes]) -> str:
-    """The same for the same parts."""
+    """Key that is the same for the same parts."""
     digest = hashlib.sha256()
     for part in parts:
         data = part if isinstance(part, bytes) else part.encode("utf-8", "surrogatepass")

@@ -155,7 +155,7 @@ class Subject:
         return self.read_path(self.root / path)
 
     def read_path(self, path: Path) -> str:
-        """The same of a whole path."""
+        """The text of a file by its whole path; empty where it cannot be read."""
         try:
             return path.read_text(errors="replace").strip()
         except OSError:

@@ -10,7 +10,7 @@ V = TypeVar("V", bound=tuple[float, ...])
 
 
 class Ramp(NamedTuple):
-    """The way to `goal` from wherever the vector is."""
+    """Ramp to `goal` from the present vector."""
 
     goal: tuple[float | None, ...]
     """None: this component goes on to where it was going, in the same time as the others."""

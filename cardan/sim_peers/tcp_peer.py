@@ -61,10 +61,10 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
         """The port that is asked for; 0: any free one."""
 
     def _opened(self) -> None:
-        """The ports are there: whatever else is to be opened. Raises a CardanError."""
+        """Open further resources after the ports. Raises a CardanError."""
 
     def _served(self) -> None:
-        """A step has ended."""
+        """Finish a step."""
 
     @property
     def kinds(self) -> tuple[KindT, ...]:

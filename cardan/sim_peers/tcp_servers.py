@@ -121,7 +121,7 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
 
     @abstractmethod
     def _parted(self, connection: ConnectionT) -> None:
-        """A connection has ended."""
+        """Handle the end of a connection."""
 
     # -- called by the shell --------------------------------------------------------------------
 
@@ -147,7 +147,7 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
         return connection in self._connections and not self._silent
 
     def accepted(self, kind: KindT, now_s: float) -> int | None:
-        """A client has come; the number of its connection, None to close it at once."""
+        """Take a new client. Returns the number of its connection, None to close it at once."""
         self._go(now_s)
         if why := self._refuses(kind):
             self._note(f"{kind}: a client is refused, {why}")
@@ -166,11 +166,11 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
             self._received(found, data)
 
     def eof(self, connection: int, now_s: float) -> None:
-        """A client has closed its end."""
+        """Handle a client that has closed its end."""
         self.lost(connection, now_s, "its client has gone")
 
     def lost(self, connection: int, now_s: float, reason: str) -> None:
-        """A connection failed in the shell, or its client does not read."""
+        """Drop a connection that failed in the shell, or whose client does not read."""
         self._go(now_s)
         found = self._connections.get(connection)
         if found is not None:

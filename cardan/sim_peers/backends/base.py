@@ -24,7 +24,7 @@ class Shell(Protocol):
         """Time until which no program can open the device, by the fault ``refuse``; monotonic s."""
 
     def begin(self) -> None:
-        """A program has opened the device: the script starts, unless it has."""
+        """Start the script, unless it has started: a program has opened the device."""
 
     def device_s(self) -> float:
         """The device's time now, s from the script's start; 0 before."""

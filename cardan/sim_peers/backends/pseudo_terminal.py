@@ -28,7 +28,7 @@ class SerialDevice(Protocol):
     """A simulated device that a serial port powers (RTS and DTR)."""
 
     def power(self, on: bool) -> None:
-        """The host has opened the port, or closed it."""
+        """Switch the power: the host has opened the port, or closed it."""
 
     def receive(self, data: bytes) -> None:
         """Take bytes of the host's."""
@@ -145,7 +145,7 @@ class PseudoTerminal(DeviceBackend[bytes]):
                 self._meet()
 
     def _meet(self) -> None:
-        """A program has opened the port: the device has power."""
+        """Power the device: a program has opened the port."""
         self._host = True
         self.shell.begin()
         self.shell.catch_up()
@@ -156,7 +156,7 @@ class PseudoTerminal(DeviceBackend[bytes]):
             self._device.power(True)
 
     def _leave(self) -> None:
-        """The last program has closed the port: no more power, and nothing is kept for the next."""
+        """Cut the power and drop all data: the last program has closed the port."""
         if not self._host:
             return
         assert self._master is not None
@@ -170,7 +170,7 @@ class PseudoTerminal(DeviceBackend[bytes]):
             termios.tcflush(self._master, termios.TCIOFLUSH)
 
     def _read(self) -> None:
-        """The host has sent something, or is gone."""
+        """Take the host's data, or notice that it is gone."""
         if self._master is None or not self._host:
             return
         try:

@@ -74,7 +74,7 @@ class PacketBackend(DeviceBackend[M], Generic[M, C]):
         """Take a packet that a client wrote."""
 
     def _part(self, client: C) -> None:
-        """A client is gone."""
+        """Handle the end of a client."""
         self._lost_of_gone += client.lost
 
     @property

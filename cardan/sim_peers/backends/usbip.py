@@ -155,7 +155,7 @@ class UsbipSession:
             pass
 
     def push(self, endpoint: int, report: bytes) -> None:
-        """The device has `report` for interrupt endpoint `endpoint` (1..15)."""
+        """Queue the device's `report` for interrupt endpoint `endpoint` (1..15)."""
         reports = self._reports.setdefault(endpoint, deque(maxlen=ENDPOINT_REPORTS))
         reports.append(report)
         self._match(endpoint)

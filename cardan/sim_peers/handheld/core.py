@@ -101,7 +101,7 @@ class SimulatedHand(HeldPeriodicDevice[bytes]):
     # -- the hand -------------------------------------------------------------------------------
 
     def replug(self) -> None:
-        """The page is open again, and Align is pressed on it."""
+        """Open the page again, and press Align on it."""
         super().replug()
         self.align()
 
@@ -110,23 +110,23 @@ class SimulatedHand(HeldPeriodicDevice[bytes]):
         self.aligns_until_s = self.next_due_s + ALIGNS_S
 
     def lose_sensors(self) -> None:
-        """The sensors tell nothing more."""
+        """Lose the sensors: they report nothing more."""
         self.senses = False
 
     def lose_tracking(self) -> None:
-        """The tracking is lost."""
+        """Lose the tracking."""
         self.tracking = False
 
     def hide(self) -> None:
-        """The page is hidden."""
+        """Hide the page."""
         self.visible = False
 
     def leap(self) -> None:
-        """The tracking says that it is elsewhere from now on."""
+        """Make the tracked pose jump: it is elsewhere from now on."""
         self.leapt = True
 
     def recenter(self, turn_rad: float = 0.5 * math.pi, *, told: bool = True) -> None:
-        """All poses are in another reference from now on, as after a headset's recentering.
+        """Give all poses in another reference from now on, as after a headset's recentering.
 
         `told`: the browser says so.
         """

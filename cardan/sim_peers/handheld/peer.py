@@ -45,7 +45,7 @@ class PagePeerOptions(BusPeerOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class XrPeerOptions(PagePeerOptions):
-    """The same of a headset."""
+    """Options of the page of a headset."""
 
     part: Literal["right", "left", "viewer"] = option("right", "Which hand, or the viewer.")
 

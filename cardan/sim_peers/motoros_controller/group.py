@@ -341,7 +341,7 @@ class ControlGroup:
         self.forget_owed()
 
     def forget_owed(self) -> None:
-        """The increment task has stopped: it starts anew from where the arm is."""
+        """Drop owed pulses: the stopped increment task starts again from the arm's position."""
         if self.owes:
             self.owed = [0] * self.axes
             self.owes = False

@@ -195,7 +195,7 @@ class MotomanRobot:
         act(self._now_s)
 
     def _stand_still(self, lost_s: float) -> None:
-        """This process did not run: the controller's clock stood still, and no command was late."""
+        """Shift times after a pause of this process: the clock stood still, no command was late."""
         lost_s = math.floor(lost_s / self._ipc_s) * self._ipc_s
         self._note(f"the simulation stood still for {lost_s:.3f} s")
         self._start_s += lost_s
@@ -217,7 +217,7 @@ class MotomanRobot:
 
     @property
     def moving_data(self) -> bool:
-        """A queue holds increments or the arm is commanded to move: no other client is accepted."""
+        """Whether a queue has increments or a command moves the arm: no other client is let in."""
         return any(group.holding_data for group in self._groups) or not self._still
 
     def status(self) -> RobotStatus:
@@ -445,7 +445,7 @@ class MotomanRobot:
         self._stop_job()
 
     def increment_error(self, now_s: float) -> None:
-        """The next increments are refused."""
+        """Refuse the next increments."""
         self.advance(now_s)
         self._refuse_next = True
 
@@ -462,7 +462,7 @@ class MotomanRobot:
 
     @property
     def blocked(self) -> bool:
-        """The motion server waits inside a message and takes no other one."""
+        """Whether the motion server waits inside a message and takes no other one."""
         return self._steps is not None
 
     def _start(self, steps: Steps) -> None:

@@ -461,7 +461,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
             self._reply(connection, answer)
 
     def _trimmed(self, frame: bytes, msg_type: int) -> bytes:
-        """A point for several groups may come with room for all of them."""
+        """Cut a frame of several groups' points, which may have room for all groups, to its own."""
         if (
             msg_type == _T.MOTO_JOINT_TRAJ_PT_FULL_EX
             and len(frame) == _EX_BYTES + MAX_GROUPS * _POINT_BYTES
@@ -485,7 +485,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
         return reply(body)
 
     def _io(self, connection: _Connection, frame: bytes) -> None:
-        """Every message of this port is answered, whatever its communication type."""
+        """Answer a message of this port, whatever its communication type."""
         message = self._wire.decode(frame)
         msg_type = self._header(frame)[1]
         served = msg_type in self._lengths["io"]

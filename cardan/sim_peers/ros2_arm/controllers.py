@@ -137,7 +137,7 @@ class RosArm:
         self._lacking = True
 
     def unload(self) -> None:
-        """The controller is unloaded, and the arm stands."""
+        """Unload the controller; the arm stands."""
         self._points = []
         self.loaded = False
         self.plant.hold()

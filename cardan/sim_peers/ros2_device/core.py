@@ -55,7 +55,7 @@ class SimulatedNode(HeldPeriodicDevice[bytes]):
     # -- the hand -------------------------------------------------------------------------------
 
     def unplug(self) -> None:
-        """The device is taken away; the node stays."""
+        """Remove the device; the node stays."""
         self.device_there = False
 
     def replug(self) -> None:
@@ -63,7 +63,7 @@ class SimulatedNode(HeldPeriodicDevice[bytes]):
         self.device_there = True
 
     def exit(self) -> None:
-        """The node ends."""
+        """End the node."""
         self.plugged = False
 
     # -- messages -------------------------------------------------------------------------------

@@ -247,7 +247,7 @@ class UrController:
         self._prepare()
 
     def refuse(self, why: str) -> None:
-        """A program is not taken."""
+        """Refuse a program."""
         self._said(why)
         self._note(f"a program is not taken: {why}")
 
@@ -437,7 +437,7 @@ class UrController:
         return "Protective stop releasing"
 
     def safeguard_stop(self) -> None:
-        """A guard was opened: the arm stops, the program is paused."""
+        """Open a guard: the arm stops, the program is paused."""
         if self.safety in MOVES_IN:
             self.safety = SafetyMode.SAFEGUARD_STOP
             if not self.pause():
@@ -445,22 +445,22 @@ class UrController:
             self._note("safeguard stop")
 
     def safeguard_reset(self) -> None:
-        """The guard is closed again; the program stays paused."""
+        """Close the guard again; the program stays paused."""
         if self.safety is SafetyMode.SAFEGUARD_STOP:
             self.safety = SafetyMode.NORMAL
 
     def emergency_stop(self) -> None:
-        """The button is pressed: the arm stops, power goes off."""
+        """Press the button: the arm stops, power goes off."""
         self._stop(SafetyMode.ROBOT_EMERGENCY_STOP, "emergency stop")
         self.mode, self._mode_at = RobotMode.POWER_OFF, None
 
     def release_emergency_stop(self) -> None:
-        """The button is pulled out again; the power stays off."""
+        """Pull the button out again; the power stays off."""
         if self.safety is SafetyMode.ROBOT_EMERGENCY_STOP:
             self.safety = SafetyMode.NORMAL
 
     def restart(self) -> None:
-        """Its power supply was gone for a moment: all registers are lost, and the robot is off."""
+        """Restart after a power failure: all registers are lost, and the robot is off."""
         if self.has_program:
             self._end_all("restart")
         for name, values in vars(Registers()).items():

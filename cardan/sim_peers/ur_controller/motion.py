@@ -364,7 +364,7 @@ class Motion:
         self.force.end()
 
     def end_modes(self) -> None:
-        """A program has come to its end, and its modes with it."""
+        """End the modes of a program at its end."""
         self.end_force()
         self.freedrive = False
 

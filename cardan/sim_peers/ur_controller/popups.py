@@ -18,7 +18,7 @@ class Popup(NamedTuple):
 
 
 class Popups:
-    """The newest is shown; closing closes all."""
+    """Popups of which the newest is shown; closing closes all."""
 
     def __init__(self, tell: Callable[[Popup], None]) -> None:
         self._tell = tell
@@ -27,7 +27,7 @@ class Popups:
         self.shown: Popup | None = None
 
     def show(self, text: str, title: str, warning: bool, error: bool, blocking: bool) -> int:
-        """Its number."""
+        """Show a popup. Returns its number."""
         self._count += 1
         self.shown = Popup(self._count, title, text, warning, error, blocking)
         self._tell(self.shown)

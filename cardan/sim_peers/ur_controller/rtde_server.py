@@ -51,11 +51,11 @@ class Claims:
         return self._in_use or (other and not self._shared)
 
     def take(self, names: tuple[str, ...], by: object) -> None:
-        """`by` has these now."""
+        """Give these variables to `by`."""
         self._owners.update(dict.fromkeys(names, by))
 
     def release(self, by: object) -> None:
-        """`by` has gone."""
+        """Release the variables of `by`, which is gone."""
         if not self._kept:
             self._owners = {name: owner for name, owner in self._owners.items() if owner is not by}
 
@@ -106,7 +106,7 @@ class RtdeClient:
             self._tell(self.failure, TextLevel.ERROR)
 
     def gone(self) -> None:
-        """The connection has ended."""
+        """Handle the end of the connection."""
         self._claims.release(self)
 
     def packages(self, frame: int) -> list[bytes]:

@@ -43,7 +43,7 @@ def take(controller: UrController, text: str) -> None:
 
 
 def is_program(text: str) -> bool:
-    """Whether it is no line."""
+    """Whether a text is a program, not a line."""
     return any(line.split()[:1] and line.split()[0] in _BEGINS for line in text.splitlines())
 
 
