@@ -300,7 +300,7 @@ def run(
 
 
 def _final_problem(last: Snapshot) -> str:
-    """The problem of a session that ended as asked: what was wrong at its end; empty: nothing."""
+    """Problem at the end of a session that ended as asked; empty if there was none."""
     if last.elapsed_s == 0.0:
         return ""
     if last.cycles == 0:
@@ -350,7 +350,7 @@ def check(file: ConfigFile, as_json: AsJson = False) -> None:
 
 
 def _parts(config: SessionConfig) -> Iterator[tuple[str, str]]:
-    """The parts of a session, and what each does."""
+    """Parts of a session, each with its function."""
     from cardan.gateway.operator.mapping import Mode
     from cardan.gateway.session.assembly import make_filters, servo_in_words
 
@@ -411,7 +411,7 @@ def _parts(config: SessionConfig) -> Iterator[tuple[str, str]]:
 
 
 def _moved_by_verbs(config: SessionConfig) -> str:
-    """What moves the arm of a session without a device."""
+    """Sources that may move the arm of a session without a device."""
     from cardan.gateway.session.arm_assembly import why_no_verbs
 
     if why := why_no_verbs(config):

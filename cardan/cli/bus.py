@@ -26,7 +26,7 @@ MESSAGES_KEPT: Final = 1000
 """Messages that wait to be printed; of more, some are not."""
 
 SHOWN_S: Final = 1.0
-"""How often `hz` says what it has counted."""
+"""Period at which `hz` prints its counts."""
 
 Session = Annotated[
     Path | None,
@@ -54,9 +54,9 @@ TopicName = Annotated[
 def bus_options(
     session: Path | None, router: str = "", *, quiet: bool = False, publishes: bool = False
 ) -> BusOptions:
-    """How to join the bus of a session's file, or by a router; without both, as by default, or by
-    the only router of this user's on this computer, which is said unless `quiet`; who `publishes`
-    joins none that nobody has named. Raises ConfigurationError."""
+    """Options to join the bus of a session's file, or by a router; without both, the defaults, or
+    the only router of this user's on this computer, which is printed unless `quiet`; a command that
+    `publishes` joins only a router that was named. Raises ConfigurationError."""
     from cardan.bus.discovery import reachable
     from cardan.gateway.session.assembly import load_config
 
@@ -76,8 +76,8 @@ def bus_options(
 
 
 def met_here(options: BusOptions) -> BusOptions:
-    """The same, or by the only router of this computer where nobody serves at its own. Raises
-    ConfigurationError where there are several."""
+    """`options`, or those of the only router of this computer if there is none at their own
+    address. Raises ConfigurationError if there are several."""
     from cardan.bus.router import is_served, router_address, routers_here
 
     address = router_address(options)

@@ -1,4 +1,4 @@
-"""What the commands share: exit codes, the types of their options, logs, and tables."""
+"""Shared parts of the commands: exit codes, the types of their options, logs, and tables."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ Seconds = Annotated[
 
 
 class LogLevel(str, enum.Enum):
-    """Least level of what is logged on standard error."""
+    """Lowest level that is logged on standard error."""
 
     DEBUG = "debug"
     INFO = "info"
@@ -76,10 +76,10 @@ def begin_serving(
     default: LogLevel = LogLevel.WARNING,
     form: LogFormat | None = None,
 ) -> None:
-    """Begin a command that runs until it is told to end: its log goes to standard error, and
-    nobody who does not read its output holds it up.
+    """Begin a command that runs until it is stopped: its log goes to standard error, and a reader
+    that does not read its output does not block it.
 
-    What is not given is as the daemon that runs it says, else `default`, and text.
+    A level or form that is not given is the daemon's that runs it, else `default`, and text.
 
     Raises ConfigurationError for `verbose` with another level than debug.
     """
@@ -95,8 +95,8 @@ def begin_serving(
 
 
 def print_problem(words: str, keep: str = "") -> None:
-    """Print on standard error what is wrong, with its code where it has one; `keep`: characters
-    that are printed as they are."""
+    """Print a problem on standard error, with its code if it has one; `keep`: characters that are
+    printed as they are."""
     print(f"cardan: {coded(printable(words, keep))}", file=sys.stderr)
 
 
@@ -139,12 +139,12 @@ def print_table(
 
     table = Table(*columns, box=None)
     for cells in rows:
-        # What stands in brackets is no markup.
+        # Brackets in a cell are no markup.
         table.add_row(*(Text(printable(cell), overflow="fold") for cell in cells))
     Console().print(table)
 
 
 def page_path(page: str) -> str:
-    """Where a page of the documentation is, relative to the repository: `page` is as seen from its
+    """Path of a page of the documentation, relative to the repository: `page` is relative to its
     docs/. A URL, and no page, stay as they are."""
     return posixpath.normpath(f"docs/{page}") if page and "://" not in page else page

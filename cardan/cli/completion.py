@@ -1,6 +1,6 @@
-"""What the shell completes: names of demos, drivers, sessions, devices, topics, verbs, codes.
+"""Shell completion of names: demos, drivers, sessions, devices, topics, verbs, codes.
 
-A shell waits for these while a person types: they end soon, and say nothing where there is nothing.
+A shell waits for these while the user types: they end soon, and print nothing if nothing is found.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ TOPICS_S: Final = 1.0
 """Longest look for topics: on a quiet computer they are there in a third of it."""
 
 SETTLED_S: Final = 0.15
-"""The graph comes in pieces; after such a time without a new one it is taken for whole."""
+"""The graph comes in pieces; after this time without a new one it is taken as complete."""
 
 LOOK_S: Final = 0.02
 
@@ -128,7 +128,7 @@ def _topics(options: BusOptions) -> dict[str, str]:
 
     address = router_address(options)
     if address is not None and not is_served(address):
-        return {}  # Nobody would come, and a shell waits.
+        return {}  # No node would answer, and a shell waits.
     with BusNetwork(options, f"cardan_completion_{time.time_ns() % 10**9}") as network:
         end_s = time.monotonic() + TOPICS_S
         changes, changed_s = network.changes, time.monotonic()
@@ -149,12 +149,12 @@ def verbs(incomplete: str) -> Offered:
 
 
 def _rows(context: typer.Context) -> list[Any]:
-    """What `cardan daemon ps` would list."""
+    """Rows that `cardan daemon ps` would list."""
     return _asked(context, "units")
 
 
 def _asked(context: typer.Context, do: str) -> list[Any]:
-    """What the daemon answers; nothing where none does."""
+    """The daemon's answer; empty if no daemon answers."""
     from cardan.gateway.daemon.client import ControlClient
 
     try:

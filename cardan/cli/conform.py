@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Form(str, enum.Enum):
-    """What a report is printed as."""
+    """Output format of a report."""
 
     TEXT = "text"
     MARKDOWN = "markdown"
@@ -188,8 +188,8 @@ def conform(
 
 
 def _as_it_is(printing: Mapping[str, bool], running: Mapping[str, bool]) -> None:
-    """Refuse what means nothing beside --capture: what prints something else and ends, and what is
-    of a run. Each is an option's name, and whether it was given."""
+    """Refuse options that mean nothing beside --capture: those that print something else and end,
+    and those of a run. Each is an option's name, and whether it was given."""
     if ends := [name for name, given in printing.items() if given]:
         raise ConfigurationError(
             "--capture",

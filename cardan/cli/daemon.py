@@ -365,7 +365,7 @@ def _service(files: list[Path] | None, system: bool, account: str) -> Any:
     from cardan.gateway.daemon.config import read_layout
     from cardan.gateway.daemon.service import make_service
 
-    checked(read_layout(files or []))  # What cannot run is said now.
+    checked(read_layout(files or []))  # A unit that cannot run is reported now.
     user = account or os.environ.get("SUDO_USER") or getpass.getuser()
     return make_service(files or [], system=system, account=user)
 

@@ -1,4 +1,4 @@
-"""Commands made of what is declared elsewhere: an options dataclass, its fields as options.
+"""Commands made of options dataclasses: their fields become options.
 
 ``cardan sim`` and ``cardan net server`` are such groups of commands.
 """
@@ -44,7 +44,7 @@ from cardan.sim_peers.command import Option, name_and_unit, option_of
 
 
 class Registry(Protocol):
-    """What there is by name: drivers, simulated peers, servers."""
+    """Classes by name: drivers, simulated peers, servers."""
 
     def names(self) -> tuple[str, ...]:
         """All names that can be loaded."""
@@ -56,7 +56,7 @@ class Registry(Protocol):
         """Every class, and why others cannot be loaded."""
 
     def using(self, name: str, key: str) -> AbstractContextManager[None]:
-        """What another package's class raises inside is a ConfigurationError of `key`."""
+        """Raise errors of another package's class inside as a ConfigurationError of `key`."""
 
 
 class Given(NamedTuple):
@@ -154,7 +154,7 @@ class Given(NamedTuple):
 
 
 def as_written(text: str) -> str:
-    """`text` for a help, in which what stands in brackets is markup otherwise."""
+    """Escape `text` for a help, in which text in brackets is markup otherwise."""
     from rich.markup import escape
 
     return escape(text)
@@ -185,7 +185,7 @@ def _described(field: dataclasses.Field[Any], kind: Any, text: str) -> Option:
     if get_origin(kind) is tuple:
         shown = f" [default: {', '.join(field.default)}]" if field.default else ""  # type: ignore[arg-type]
         return Option(help=f"{text}{shown} (repeatable)", read=str, repeatable=True)
-    # A flag turns what is so by itself off.
+    # A flag turns off a default.
     name = f"no-{name_and_unit(field.name)[0]}" if kind is bool and field.default else ""
     return Option(help=text, name=name)
 
@@ -229,7 +229,7 @@ def made(options: type, values: Mapping[type, Mapping[str, Any]]) -> Any:
 
 
 def named(error: ConfigurationError, own: Mapping[str, Given]) -> ConfigurationError:
-    """The same error, of the flags that set the fields it is of."""
+    """The error with flags in place of its fields, if all of them have one."""
     flags = {each.option.port_field: each.flag for each in own.values() if each.option.port_field}
     flags.update({field: each.flag for field, each in own.items()})
     keys = [key.rpartition(".")[2] for key in error.key.split(", ")]
@@ -242,7 +242,7 @@ def named(error: ConfigurationError, own: Mapping[str, Given]) -> ConfigurationE
 
 
 def broken(name: str, error: Exception) -> Any:
-    """The command of what cannot be loaded, which says why."""
+    """Command in place of a class that cannot be loaded; it prints why."""
 
     def run() -> None:
         raise error
@@ -256,8 +256,7 @@ def broken(name: str, error: Exception) -> Any:
 
 
 class Commands(Mapping[str, Any]):
-    """The commands of a registry by name; what it names is imported when its command is asked
-    for."""
+    """The commands of a registry by name; a class is imported when its command is looked up."""
 
     def __init__(self, registry: Registry, word: str, make: Callable[[str, Any], Any]) -> None:
         """`make` makes the command of a name and its class; `word` is the term for one. Commands
@@ -288,7 +287,7 @@ class Commands(Mapping[str, Any]):
 def collected(
     own: Mapping[str, Given], given: Mapping[str, Any]
 ) -> defaultdict[type, dict[str, Any]]:
-    """What the command line gives for fields, by the dataclasses that they belong to."""
+    """Values that the command line gives for fields, by the dataclasses that they belong to."""
     values: defaultdict[type, dict[str, Any]] = defaultdict(dict)
     for field, value in given.items():
         if field in own:
@@ -297,7 +296,7 @@ def collected(
 
 
 SERVING = {"seconds": (Seconds, None), "verbose": (Verbose, False), "log_level": (Level, None)}
-"""What every command that serves takes besides its own fields, and the defaults."""
+"""Options of every command that serves, besides its own fields, and their defaults."""
 
 
 def serving_parameters() -> dict[str, inspect.Parameter]:
@@ -331,7 +330,7 @@ def command_of(
     run.__signature__ = inspect.Signature(list(parameters.values()))  # type: ignore[attr-defined]
     run.__annotations__ = {key: each.annotation for key, each in parameters.items()}
     app = typer.Typer(add_completion=False, rich_markup_mode="rich")
-    # What follows a program's name is the program's.
+    # Words that follow a program's name are the program's own.
     interspersed = not any(each.option.positional for each in own.values())
     app.command(
         name,

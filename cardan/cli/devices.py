@@ -1,4 +1,4 @@
-"""``cardan devices``: operator devices, their drivers, and what serves them to programs."""
+"""``cardan devices``: operator devices, their drivers, and servers that give them to programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``cardan doctor``: what is wrong here, why it matters, and which command mends it."""
+"""``cardan doctor``: problems of this computer, why they matter, and the commands that fix them."""
 
 from __future__ import annotations
 

@@ -12,11 +12,11 @@ from cardan.common.options import hints
 
 
 class DriverOption(NamedTuple):
-    """One key of a configuration's `[device]` or `[robot]`."""
+    """Key of a configuration's `[device]` or `[robot]`."""
 
     name: str
     default: str
-    """As TOML has it; `none`: the key may be left out."""
+    """Default in TOML; `none`: the key may be left out."""
     allowed: str
     meaning: str
 
@@ -61,7 +61,7 @@ def _allowed(hint: Any) -> str:
 
 
 def _notes(hint: Any) -> Iterator[str | Range]:
-    """What an annotation allows."""
+    """Choices and ranges that an annotation allows."""
     if get_origin(hint) is Literal:
         yield from map(_written, get_args(hint))
         return

@@ -1,4 +1,4 @@
-"""``cardan explain``: what a message means, and what to do."""
+"""``cardan explain``: the meaning of a message, and instructions."""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ class CommandGroup(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         command: Any = super().get_command(ctx, cmd_name)
         if command is not None:
-            # What a registry has is described in one sentence, which is listed whole.
+            # A registry's commands are described in one sentence, which is listed whole.
             whole = isinstance(self.commands, Commands)
             command.short_help = _summary(command) if whole else _on_a_line(command)
             if example := EXAMPLES.get(f"{self.name} {cmd_name}"):
@@ -169,8 +169,8 @@ class OpenGroup(CommandGroup):
 
 
 def _on_a_line(command: Any) -> str:
-    """What a list says of a command, without markup: the first sentence of its help, or what comes
-    before that one's colon."""
+    """Description of a command in a list, without markup: the first sentence of its help, or the
+    part of it before its colon."""
     return re.split(r"[.:](?=\s|$)", _summary(command), maxsplit=1)[0]
 
 

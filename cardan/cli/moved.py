@@ -1,4 +1,4 @@
-"""Commands that once had another name: a person who types it is told the new one."""
+"""Renamed commands: a user who types the old name is shown the new one."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MOVED: Final = {
     "network": "net list",
     "serve": "daemon run",
 }  # fmt: skip
-"""Old names, and what follows `cardan` today."""
+"""New names, the words after `cardan`, by the old ones."""
 
 _UNIT: Final = (
     "; a service of systemd that still says `serve` does not start: "
@@ -35,8 +35,8 @@ _UNIT: Final = (
 
 
 def now_called(args: Sequence[str], group: str = "") -> str:
-    """What to tell a person who types `cardan` and `args`, or `cardan`, a group and `args`; empty:
-    the first never was a command, or is none of that group's today."""
+    """Advice for a user who types `cardan` and `args`, or `cardan`, a group and `args`; empty if
+    the first never was a command, or is not one of that group's today."""
     name = args[0]
     if name not in MOVED or not f"{MOVED[name]} ".startswith(f"{group} " if group else ""):
         return ""

@@ -1,5 +1,5 @@
-"""``cardan net``: what is on the network, and who may join it; ``cardan net pair``: certificates
-for two computers, from a code that is typed once."""
+"""``cardan net``: nodes and topics of the network, and access to it; ``cardan net pair``:
+certificates for two computers, from a code that is typed once."""
 
 from __future__ import annotations
 

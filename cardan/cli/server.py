@@ -1,4 +1,4 @@
-"""``cardan net server``: a command for each server, made of what the server declares."""
+"""``cardan net server``: a command for each server, made of the server's options."""
 
 from __future__ import annotations
 

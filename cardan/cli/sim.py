@@ -1,4 +1,4 @@
-"""``cardan sim``: a command for each simulated peer, made of what the peer declares."""
+"""``cardan sim``: a command for each simulated peer, made of the peer's options."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ Lines = Callable[[], Iterator[str]]
 def _lists(
     peer: type[PeerCommand[Any]], own: Mapping[str, Given], fields: Mapping[str, Any]
 ) -> dict[str, tuple[str, Lines]]:
-    """What ``--list-...`` prints: help and lines, by the rest of the option's name."""
+    """Help and printed lines of each ``--list-...``, by the rest of the option's name."""
 
     def values(listed: Sequence[tuple[str, str]]) -> Lines:
         width = max(16, *(len(value) for value, _ in listed))

@@ -19,11 +19,11 @@ LOOK_S: Final = 0.05
 
 
 SET_ONE: Final = "set_parameter"
-"""As programs have it: `set_parameters` of one."""
+"""Verb of the command line for programs' `set_parameters` of one."""
 
 
 def offered() -> Mapping[str, Takes]:
-    """The verbs of the command line, and what each takes."""
+    """The verbs of the command line, each with its arguments."""
     verbs = {v.name: v.takes for v in VERB_TABLE.values() if v.in_packets and v.preset is None}
     return {**verbs, SET_ONE: VALUES._replace(words="a parameter and its value", counts=(2,))}
 
@@ -31,7 +31,7 @@ def offered() -> Mapping[str, Takes]:
 def carry_out(arm: CartesianArm, verb: str, words: Sequence[str], wait: bool) -> tuple[Any, bool]:
     """Carry out a verb of `arm`; its result, and whether a motion that was waited for arrived.
 
-    Raises ConfigurationError for what is no verb or not what it takes, and what the verb raises.
+    Raises ConfigurationError for an unknown verb or wrong words, and any error of the verb.
     """
     verbs = offered()
     if verb not in verbs:

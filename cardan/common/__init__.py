@@ -1,1 +1,1 @@
-"""What every layer stands on: options, tables, sockets, signals, text for terminals, extras."""
+"""Basis of every layer: options, tables, sockets, signals, text for terminals, extras."""

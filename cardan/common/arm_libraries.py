@@ -1,7 +1,7 @@
 """The one place that imports numpy and the libraries of an arm's model: an optional extra.
 
-They take half a gigabyte, which a program that uses one driver does without. What needs an arm's
-model imports them from here, so that it says the same wherever they are missing.
+They take half a gigabyte, which a program that uses one driver does without. Modules that need an
+arm's model import them from here, so that the error for a missing one is the same everywhere.
 """
 
 from __future__ import annotations

@@ -94,8 +94,8 @@ _ALL_OWN = "an address that stands for all of a computer's"
 
 
 def shared_address(host: str) -> str:
-    """What kind of address `host` is, where it is none of one computer alone; empty where it may
-    be, and for a name.
+    """Kind of address of a `host` that is not one computer alone; empty if it may be one, and for a
+    name.
 
     A network's own broadcast address looks like any other (`cardan.common.sockets` asks).
     """
@@ -128,11 +128,12 @@ class Located:
     relative to that file (:func:`cardan.common.tables.resolved`)."""
 
     pattern: str = "(?P<path>.+)"
-    """Regular expression of the texts that are one, with the group `path`."""
+    """Regular expression of texts that are paths, with the group `path`."""
     is_read: bool = True
-    """It must be there."""
+    """Whether the file must be there."""
     is_met: bool = False
-    """Another program is met there, whose command line names it: relative to the working folder."""
+    """Whether another program is met there, whose command line names it: relative to the working
+    folder."""
 
 
 @dataclass(frozen=True)
@@ -231,7 +232,7 @@ Point = tuple[Coordinate, Coordinate, Coordinate]
 Angles = tuple[Angle, Angle, Angle]
 Direction = Annotated[tuple[Component, Component, Component], Directed()]
 
-# -- what a robot measures and is commanded: one range for both ------------------------------------
+# -- measured and commanded values of a robot: one range for both ----------------------------------
 
 JOINT_POSITION = Range(
     -2000.0, 2000.0, "rad or m", "a wrist that turns on and on does so 250 times, no oftener"

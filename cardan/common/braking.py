@@ -31,8 +31,8 @@ def within_walls(
     """The next velocity of a point that is to stop at walls: `wanted`, or as much of it as fits.
 
     `lowest` and `highest` bound it along each axis (see :func:`stopping_speed`), `most` is the
-    longest change from `now`. What the walls demand comes first, along each axis no more than
-    `braking`; then the rest, as far as `most` reaches. All in the same unit, m/s.
+    longest change from `now`. The change that the walls demand comes first, along each axis no more
+    than `braking`; then the rest, as far as `most` reaches. All in the same unit, m/s.
     """
     clipped = [min(max(v, low), high) for v, low, high in zip(wanted, lowest, highest, strict=True)]
     due = [

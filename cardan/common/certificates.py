@@ -24,7 +24,7 @@ _SUBJECT_ALTERNATIVE_NAMES: Final = bytes((0x55, 0x1D, 0x11))
 
 
 class Certificate(NamedTuple):
-    """What a certificate says."""
+    """Contents of a certificate."""
 
     begins: datetime.datetime
     ends: datetime.datetime
@@ -33,7 +33,7 @@ class Certificate(NamedTuple):
 
 
 def read_certificate(pem: str) -> Certificate:
-    """The first certificate of a PEM file. Raises ValueError for what is none."""
+    """The first certificate of a PEM file. Raises ValueError if there is none."""
     head, foot = "-----BEGIN CERTIFICATE-----", "-----END CERTIFICATE-----"
     begin, end = pem.find(head), pem.find(foot)
     if begin < 0 or end < begin:
@@ -42,7 +42,7 @@ def read_certificate(pem: str) -> Certificate:
 
 
 def decode_certificate(der: bytes) -> Certificate:
-    """A certificate in DER. Raises ValueError for what is none."""
+    """A certificate in DER. Raises ValueError for other bytes."""
     try:
         return _certificate(der)
     except (IndexError, StopIteration, UnicodeDecodeError, OverflowError) as error:

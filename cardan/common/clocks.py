@@ -1,8 +1,8 @@
-"""What time it is on a page or on another computer, by the clock here, and so how old what it
-sends is.
+"""Clock of a page or of another computer, by the clock here: the age of the messages that it
+sends.
 
-Its clock has nothing in common with ours. A client that asks it the time knows that it was said
-between question and answer: the quickest round trip of late tells best. Times are monotonic, s.
+Its clock has nothing in common with ours. A client that asks it for the time knows that it was read
+between request and reply: the quickest recent round trip is the best measure. Times: monotonic, s.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class RemoteClock:
         self._best: _Round | None = None
         self._took: deque[float] = deque(maxlen=kept)
         self.quickest_s = math.inf
-        """As `round_s`, whatever its clock has said since: our clock alone measures it."""
+        """As `round_s`, also across resets of the other clock: our clock alone measures it."""
         self.resets = 0
         """How often its clock was found to be another."""
 

@@ -1,4 +1,4 @@
-"""The base of what is opened and closed, also by ``with``."""
+"""Base of classes that are opened and closed, also by ``with``."""
 
 from __future__ import annotations
 

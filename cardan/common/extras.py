@@ -1,4 +1,4 @@
-"""What says that a package is missing which only some users need: an optional extra of Cardan's."""
+"""Error for a missing package that only some users need: an optional extra of Cardan's."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from cardan.errors import ExtraImportError
 
 
 def missing_extra(purpose: str, package: str, extra: str, error: Exception) -> Exception:
-    """What to raise where `purpose` needs a `package` that the extra ``cardan[EXTRA]`` installs,
-    and importing it raised `error`; where that was for want of memory, `error` itself."""
+    """The error to raise if `purpose` needs a `package` that the extra ``cardan[EXTRA]`` installs,
+    and importing it raised `error`; after a shortage, such as of memory, `error` itself."""
     if shortage(error):
         return error
     return ExtraImportError(purpose, package, extra, str(error))

@@ -20,8 +20,8 @@ MESH_BYTES: Final = 64 * 2**20
 """Longest mesh that is read; the longest published ones have 30 MB."""
 
 PIECE_BYTES: Final = 2**20
-"""Most that is asked of a file at once where the length comes from the file: reading takes the
-memory that it asks for, before it knows what there is."""
+"""Size of one read if the length comes from the file: a read allocates the requested memory before
+it knows how much data there is."""
 
 _KINDS: Final = (
     (stat.S_ISDIR, "a directory"),
@@ -58,8 +58,8 @@ def expanded(path: str) -> Path:
 
 
 def open_file(path: str | os.PathLike[str]) -> BinaryIO:
-    """The regular file at `path`, to read. Raises OSError, also for what is no regular file: a pipe
-    may never end, and a device gives what it likes."""
+    """Open the regular file at `path` to read. Raises OSError, also for any other kind of file: a
+    pipe or a device may never end."""
     mode = os.stat(path).st_mode
     if not stat.S_ISREG(mode):
         what = next((words for is_one, words in _KINDS if is_one(mode)), "something else")
@@ -69,8 +69,8 @@ def open_file(path: str | os.PathLike[str]) -> BinaryIO:
 
 
 def read_up_to(stream: SupportsRead, size: int) -> bytes:
-    """At most `size` bytes; fewer where the stream ends. Takes memory for what the stream has, not
-    for what is asked: the size may be a damaged length."""
+    """Read at most `size` bytes; fewer if the stream ends. Allocates memory for the bytes that the
+    stream has, not for `size`: it may be a damaged length."""
     data = stream.read(size if size < PIECE_BYTES else PIECE_BYTES)
     if len(data) == size or not data:
         return data
@@ -116,10 +116,10 @@ def _with_line_ends(text: str) -> str:
 
 
 def create_file(path: str | os.PathLike[str]) -> TextIO:
-    """A new text file at `path`, in place of an old one, whose line ends are as they are written.
+    """Create a text file at `path`, in place of an old one; line ends are kept as they are written.
 
     Only its owner may change it, whatever the umask: it is a record. Raises OSError, also for a
-    pipe that nobody reads.
+    pipe without a reader.
     """
     flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | _NO_WAIT
     try:
@@ -134,13 +134,13 @@ def create_file(path: str | os.PathLike[str]) -> TextIO:
 
 
 def state_folder() -> Path:
-    """Where what a program keeps from run to run is: a service's folder for its state, or the
+    """Folder of data that a program keeps from run to run: a service's folder for its state, or the
     user's. It need not exist yet. Raises ConfigurationError for a user without a home."""
     return _own_folder("STATE_DIRECTORY", "XDG_STATE_HOME", "~/.local/state")
 
 
 def cache_folder() -> Path:
-    """Where what can be made again is kept, as `state_folder`."""
+    """Folder of data that can be made again, as `state_folder`."""
     return _own_folder("CACHE_DIRECTORY", "XDG_CACHE_HOME", "~/.cache")
 
 
@@ -159,6 +159,6 @@ def _own_folder(of_service: str, of_user: str, default: str) -> Path:
 
 
 def records_folder(folder: str = "") -> Path:
-    """Where records are: `folder`, or "records" in the state's. It need not exist yet. Raises
+    """Folder of records: `folder`, or "records" in the state's. It need not exist yet. Raises
     ConfigurationError."""
     return Path(folder) if folder else state_folder() / "records"

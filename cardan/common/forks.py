@@ -1,4 +1,4 @@
-"""What is open while the process is forked stays the parent's: the child gives it up."""
+"""Resources that are open at a fork: they stay the parent's, and the child gives them up."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ IN_CHILD: Final = (
 
 
 class Inherited(Protocol):
-    """What a child must not go on with."""
+    """A resource that a child must not go on with."""
 
     def after_fork(self) -> None:
         """Give it up in the child, without a word to the other side: no other thread is left, and

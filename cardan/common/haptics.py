@@ -1,4 +1,4 @@
-"""Values of force feedback: what a haptic device is commanded to render, and what it reports.
+"""Values of force feedback: commands to a haptic device, and its reports.
 
 SI units. Hand frame: the axes of every hand's pose here, x forward (away from the operator), y
 left, z up, in m from the device's own origin. World frame: the robot's base, where fixtures stand.
@@ -124,8 +124,8 @@ class MeasuredForce(NamedTuple):
     stiffness_n_m: float = 0.0
     """0: no local contact model."""
     absorbed_j: float = 0.0
-    """Net energy that what is touched has absorbed in this engagement, J: what a device far away
-    needs to know, whose own loop does not see it."""
+    """Net energy that the touched objects have absorbed in this engagement, J: for a remote device,
+    whose own loop does not see it."""
 
 
 class HapticCommand(NamedTuple):
@@ -152,7 +152,7 @@ class HapticCommand(NamedTuple):
 
 
 class OperatingState(enum.Enum):
-    """What a haptic device's force is doing (CRTK operating_state)."""
+    """State of a haptic device's force (CRTK operating_state)."""
 
     DISABLED = "disabled"
     """No force until enabled."""
@@ -194,7 +194,7 @@ class HapticState(NamedTuple):
     ticks: int = 0
     state: OperatingState = OperatingState.DISABLED
     reason: str = ""
-    """Why the force is not what was commanded; empty when it is."""
+    """Why the force differs from the command; empty if it does not."""
     pose: Pose | None = None
     """Pose of the gimbal's center, hand frame; orientation orthonormal."""
     velocity: Vector3 = ZERO3
@@ -208,9 +208,9 @@ class HapticState(NamedTuple):
     inkwell: bool = False
     calibration: Calibration = Calibration.UNKNOWN
     force_commanded: Vector3 = ZERO3
-    """N, hand frame: what the fixtures and the measured force ask for."""
+    """Force of the fixtures and of the measured force, N, hand frame."""
     force: Vector3 = ZERO3
-    """N, hand frame: what was sent, after every limit."""
+    """Force that was sent, after every limit, N, hand frame."""
     rendering: bool = False
     """Whether force is rendered, in full or ramping up; `reason` says why not."""
     peak_n: float = 0.0

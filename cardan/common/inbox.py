@@ -1,4 +1,4 @@
-"""What one thread waits for and others hand to it; every wait ends.
+"""Queue by which threads hand items to one thread that waits for them; every wait ends.
 
 The standard library's ``SimpleQueue.get`` with a time-out may wait for ever in CPython 3.10 to
 3.12: it can miss its time-out. ``queue.Queue`` takes a lock for each `put`, so that the thread of a
@@ -18,14 +18,14 @@ T = TypeVar("T")
 
 
 class Wake(Protocol):
-    """What an inbox needs of a lock."""
+    """Methods of a lock that an inbox needs."""
 
     def acquire(self, blocking: bool = True, timeout: float = -1.0) -> bool: ...
     def release(self) -> None: ...
 
 
 class InboxEmptyError(Exception):
-    """Nothing came in time."""
+    """No item came in time."""
 
 
 class Inbox(Generic[T]):
@@ -57,7 +57,7 @@ class Inbox(Generic[T]):
 
     def get(self, timeout_s: float | None = None) -> T:
         """The oldest item, or the next one. `timeout_s`: longest wait, 0 or less: none; None:
-        without a limit. Raises InboxEmptyError where none comes in time."""
+        without a limit. Raises InboxEmptyError if none comes in time."""
         end_s = None if timeout_s is None else self._clock() + timeout_s
         while True:
             try:

@@ -1,4 +1,4 @@
-"""Keeps what can be made again in the user's cache folder, by a key of what it is made of."""
+"""Cache of data that can be made again, in the user's cache folder, by a key of its sources."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cardan.common import files
 
 
 def content_key(parts: Iterable[str | bytes]) -> str:
-    """The same for the same parts."""
+    """Key that is the same for the same parts."""
     digest = hashlib.sha256()
     for part in parts:
         data = part if isinstance(part, bytes) else part.encode("utf-8", "surrogatepass")
@@ -21,13 +21,13 @@ def content_key(parts: Iterable[str | bytes]) -> str:
 
 
 def kept_text(kind: str, key: str) -> str | None:
-    """What `keep_text` has kept; None where there is nothing, or it is damaged."""
+    """The text that `keep_text` has kept; None if there is none, or it is damaged."""
     data = kept_bytes(kind, key)
     return None if data is None else data.decode("utf-8", "surrogatepass")
 
 
 def kept_bytes(kind: str, key: str) -> bytes | None:
-    """What `keep_bytes` has kept, likewise."""
+    """The bytes that `keep_bytes` has kept; None likewise."""
     try:
         with files.open_file(_path(kind, key)) as file:
             whole = files.read_up_to(file, files.MODEL_BYTES)
@@ -38,12 +38,12 @@ def kept_bytes(kind: str, key: str) -> bytes | None:
 
 
 def keep_text(kind: str, key: str, text: str) -> None:
-    """Where the user has a folder that can be written to; elsewhere it is made again."""
+    """Keep a text, if the user has a folder that can be written to; else it is made again."""
     keep_bytes(kind, key, text.encode("utf-8", "surrogatepass"))
 
 
 def keep_bytes(kind: str, key: str, data: bytes) -> bool:
-    """Likewise; whether it is kept."""
+    """Keep bytes likewise. Returns whether they are kept."""
     try:
         path = _path(kind, key)
         path.parent.mkdir(parents=True, exist_ok=True)

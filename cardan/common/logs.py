@@ -22,7 +22,7 @@ from cardan.common.text_sanitizer import printable
 FORMAT = "%(asctime)s %(name)s: %(message)s"
 
 JOURNAL_SOCKET = "/run/systemd/journal/socket"
-"""Where the journal takes entries with fields: systemd.journal-fields(7)."""
+"""Socket at which the journal takes entries with fields: systemd.journal-fields(7)."""
 
 JOURNAL_VARIABLE = "JOURNAL_STREAM"
 """By it systemd says which file it reads into the journal: device and inode of standard error."""
@@ -33,7 +33,7 @@ _PRIORITIES = (
     (logging.WARNING, 4),
     (logging.INFO, 6),
 )
-"""Of syslog, by the least level; what is below them is for debugging, 7."""
+"""Severities of syslog, by the lowest level; levels below are for debugging, 7."""
 
 _FIELDS = "cardan_fields"
 
@@ -44,7 +44,7 @@ class LogFormat(str, enum.Enum):
     TEXT = "text"
     """For people."""
     JSON = "json"
-    """One object a line."""
+    """A JSON object per line."""
     PRIORITY = "priority"
     """Lines that begin with their priority, as systemd and the daemon read them: ``<4>text``."""
     JOURNAL = "journal"
@@ -57,13 +57,13 @@ LEVEL_VARIABLE = "CARDAN_LOG_LEVEL"
 
 
 def fields(**values: str) -> dict[str, Any]:
-    """The `extra` of a call of a logger: what programs want to find the entry by, such as `name` of
-    a session and `event`. Names are lower case; what is empty is left out."""
+    """The `extra` of a call of a logger: fields by which programs find the entry, such as `name` of
+    a session and `event`. Names are lower case; empty values are left out."""
     return {_FIELDS: {name: value for name, value in values.items() if value}}
 
 
 def found_format() -> LogFormat:
-    """The one for who reads standard error now: the journal, a person, or a program."""
+    """Format for the present reader of standard error: the journal, a user, or a program."""
     if _reads_journal():
         return LogFormat.JOURNAL
     return LogFormat.TEXT if sys.stderr.isatty() else LogFormat.JSON
@@ -132,10 +132,10 @@ class _PriorityFormatter(PrintableFormatter):
 
 
 class _StderrHandler(logging.Handler):
-    """Logs to what sys.stderr is at the time: a live view puts itself in its place."""
+    """Logs to the current sys.stderr: a live view replaces it."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a line. An error is no concern of who logs."""
+        """Write a line. Errors do not reach the caller that logs."""
         try:
             sys.stderr.write(self.format(record) + "\n")
             sys.stderr.flush()
@@ -144,7 +144,7 @@ class _StderrHandler(logging.Handler):
 
 
 class _JournalHandler(_StderrHandler):
-    """Logs to the journal's own socket; nobody waits for a journal that is busy."""
+    """Logs to the journal's own socket; a busy journal does not block."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -187,7 +187,7 @@ _PRIORITY_LINE = re.compile(r"<([0-7])>")
 
 
 def level_of(line: str) -> tuple[int, str]:
-    """The level that a line begins with, and its text; of one that says none, INFO."""
+    """The level that a line begins with, and its text; INFO for a line without a level."""
     found = _PRIORITY_LINE.match(line)
     if found is None:
         return logging.INFO, line
@@ -204,7 +204,7 @@ _FORMATTERS: dict[LogFormat, Callable[[], logging.Formatter]] = {
 
 
 def log_to_stderr(level: int, form: LogFormat = LogFormat.TEXT) -> None:
-    """Log what is of `level` or above. A program that has set logging up keeps its way."""
+    """Log entries of `level` or above. A program that has set logging up keeps its own."""
     handler: logging.Handler
     if form is LogFormat.JOURNAL:
         handler = _JournalHandler()

@@ -12,7 +12,7 @@ from cardan.errors import CardanError
 
 
 def advice(distribution: str) -> str:
-    """What to do where a compiled part of a distribution is missing."""
+    """Instructions for a distribution of which a compiled part is missing."""
     return (
         "install a C compiler (Debian: apt-get install gcc libc6-dev) and install "
         f"{distribution} anew, or run tools/native in its sources"
@@ -31,8 +31,8 @@ def load_library(
 ) -> Any:
     """The library at `path`, whose function `layout` must give the sizes and offsets `expected`.
 
-    Its functions hold the interpreter's lock: each is far shorter than letting go of it and taking
-    it back. Raises NativePartError that says what to do.
+    Its functions hold the interpreter's lock: each is far shorter than releasing and acquiring it.
+    Raises NativePartError that says what to do.
     """
     todo = advice(distribution)
     if not path.exists():

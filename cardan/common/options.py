@@ -39,7 +39,7 @@ _PLAIN: dict[Any, tuple[tuple[type, ...], str]] = {
 
 
 _NUMBER = re.compile(r"\s*[-+]?\.?[0-9][0-9.]*(?:[eE][-+]?[0-9]+)?\s*(.*)", re.DOTALL)
-"""What begins with a number; then its unit."""
+"""A text that begins with a number; its group is the unit."""
 
 _UNCHANGEABLE = frozenset({bool, int, float, str, NoneType})
 
@@ -53,10 +53,10 @@ OTHER_KEYS = {"other_keys": True}
 def check_options(options: Any) -> None:
     """Raise OptionError for the first field of a dataclass that its annotation does not allow.
 
-    Looks at types, choices, ranges, what may be None, the length and the elements of tuples, and
-    the keys and values of mappings; an annotation of another kind allows everything.
+    Checks types, choices, ranges, whether None is allowed, the length and the elements of tuples,
+    and the keys and values of mappings; an annotation of another kind allows everything.
 
-    Nobody can change what was checked: the options then have tuples for lists, and copies of
+    Checked values cannot be changed: the options then have tuples for lists, and copies of
     mappings. A text may be given as a path (`os.PathLike`), and is its text then.
     """
     allowed_types = hints(options.__class__)
@@ -143,13 +143,13 @@ def check_value(key: str, value: object, hint: Any) -> None:
 
 
 def require(good: object, key: str, value: object, allowed: str) -> None:
-    """Raise OptionError, with what is `allowed` in words, unless `good`."""
+    """Raise OptionError, with the `allowed` values in words, unless `good`."""
     if not good:
         raise OptionError(key, value, allowed)
 
 
 def require_each(options: Any, *rules: tuple[str, object, str]) -> None:
-    """`require` for several fields: of each its key, whether it is good, and what is allowed."""
+    """`require` for several fields: of each its key, whether it is good, and its allowed values."""
     for key, good, allowed in rules:
         require(good, key, getattr(options, key), allowed)
 
@@ -175,7 +175,7 @@ def hints(kind: Hashable) -> dict[str, Any]:
 
 
 def refusal(hint: Any, value: object) -> str:
-    """What an annotation allows, in words, where `value` is not allowed; empty where it is."""
+    """Values that an annotation allows, in words, if `value` is not allowed; empty if it is."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return _refused_by_notes(inner, value)

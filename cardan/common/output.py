@@ -1,7 +1,7 @@
-"""Standard output and standard error that hold nobody up.
+"""Standard output and standard error that never block the program.
 
-What is written is handed to a thread, and that thread alone waits for a terminal that is stopped or
-a pipe that is not read. Installed by the ``cardan`` command; a program that uses the package keeps
+Written text is handed to a thread, and that thread alone waits for a terminal that is stopped or a
+pipe that is not read. Installed by the ``cardan`` command; a program that uses the package keeps
 its own streams.
 """
 
@@ -20,14 +20,14 @@ from collections.abc import Iterator
 from typing import Any, TextIO
 
 MAX_WAITING_BYTES = 1 << 18
-"""What waits for a reader at most: more than a screen, and than a pipe holds."""
+"""Most that waits for a reader: more than a screen, and than a pipe holds."""
 
 READ_WITHIN_S = 0.2
-"""A write that takes longer: nobody reads. Most terminals and files take microseconds."""
+"""A slower write means that there is no reader. Most terminals and files take microseconds."""
 
 AT_ONCE_BYTES = 128
-"""What a terminal is given in one write: it takes all of it before the write returns, and a slow
-one, such as a serial line of 9600 baud, must not look like one that is stopped."""
+"""Size of one write to a terminal: it takes all of it before the write returns, and a slow
+terminal, such as a serial line of 9600 baud, must not look like one that is stopped."""
 
 LAST_WORDS_S = 0.5
 """Longest wait for a reader at the end of a program that serves, or that was told to end."""
@@ -37,8 +37,7 @@ class BackgroundOutput(io.BufferedIOBase):
     """A byte stream to a file descriptor, written by a thread of its own.
 
     Once that many bytes wait, `write` waits, too, until the stream is told to `keep_up`; from then
-    on it drops what it is given. An error in the thread is raised by the next `write`, or never
-    where `quiet`.
+    on it drops data. An error in the thread is raised by the next `write`, or never if `quiet`.
     """
 
     def __init__(self, fd: int, name: str, *, quiet: bool = False) -> None:
@@ -75,18 +74,18 @@ class BackgroundOutput(io.BufferedIOBase):
         return self._error
 
     def keep_up(self) -> None:
-        """From now on drop what finds no room, instead of waiting."""
+        """From now on drop data for which there is no room, instead of waiting."""
         with self._changed:
             self._keeping_up = True
             self._changed.notify_all()
 
     def is_read(self) -> bool:
-        """Whether the last of what was written was taken within READ_WITHIN_S."""
+        """Whether the last data was taken within READ_WITHIN_S."""
         began_s = self._began_s
         return began_s is None or time.monotonic() - began_s < READ_WITHIN_S
 
     def is_behind(self) -> bool:
-        """Whether some of what was written still waits."""
+        """Whether some data still waits."""
         return self._waiting_bytes > 0
 
     def write(self, data: Any) -> int:
@@ -111,7 +110,7 @@ class BackgroundOutput(io.BufferedIOBase):
     def finish(self) -> None:
         """Wait until all is written; a stream that keeps up waits for LAST_WORDS_S at most.
 
-        What is written after it is dropped.
+        Later writes are dropped.
         """
         with self._changed:
             end_s = time.monotonic() + LAST_WORDS_S
@@ -123,7 +122,7 @@ class BackgroundOutput(io.BufferedIOBase):
         self.end()
 
     def end(self) -> None:
-        """Drop what is written from now on."""
+        """Drop all data that is written from now on."""
         with self._changed:
             self._ended = True
             self._changed.notify_all()
@@ -181,7 +180,7 @@ class BackgroundOutput(io.BufferedIOBase):
 
 
 class DroppingOutput(io.BufferedIOBase):
-    """A byte stream to a pipe that is set not to block: what does not fit is dropped."""
+    """A byte stream to a pipe that is set not to block: data that does not fit is dropped."""
 
     def __init__(self, fd: int) -> None:
         super().__init__()
@@ -219,7 +218,7 @@ def in_background() -> Iterator[None]:
     """Let sys.stdout and sys.stderr be written in the background in a ``with`` block.
 
     A stream that is no file, as that of a test, stays. Closed file descriptors 0 to 2 are opened
-    on /dev/null: a socket that got one of these numbers would be sent what libraries print.
+    on /dev/null: a socket that got one of these numbers would be sent the output of libraries.
     """
     for fd in (0, 1, 2):
         try:
@@ -230,7 +229,7 @@ def in_background() -> Iterator[None]:
     for name, stream in zip(("stdout", "stderr"), before, strict=True):
         if not isinstance(stream, io.TextIOWrapper):
             continue
-        quiet = name == "stderr"  # Nobody is left who could be told.
+        quiet = name == "stderr"  # No stream is left that could report the error.
         try:
             stream.flush()
             output = BackgroundOutput(stream.fileno(), f"<{name}>", quiet=quiet)
@@ -260,7 +259,7 @@ def keep_up() -> None:
 
 
 def is_read() -> bool:
-    """Whether somebody, or a file, takes what is written to standard output."""
+    """Whether a reader, or a file, takes what is written to standard output."""
     output = _installed.get("stdout")
     return output is None or output.is_read()
 
@@ -272,7 +271,7 @@ def is_behind() -> bool:
 
 
 def finish(name: str) -> OSError | None:
-    """Write out what waits in ``stdout`` or ``stderr``, as far as there is a reader; its error."""
+    """Flush ``stdout`` or ``stderr``, as far as there is a reader. Returns the error."""
     if name not in _installed:
         return None
     output = _installed[name]

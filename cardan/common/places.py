@@ -1,7 +1,7 @@
-"""Where a key of a TOML file stands, which the tables that are read of it do not say.
+"""Position of a key in a TOML file, which the tables that are read of it do not have.
 
-Asked only once a key is wrong. The text is scanned anew then: it has been read as TOML already, up
-to the key at least, so that the scan may take it for such.
+It is searched only once a key is wrong. The text is scanned anew then: it has been read as TOML
+already, up to the key at least, and the scan relies on that.
 """
 
 from __future__ import annotations

@@ -77,7 +77,7 @@ IN_SOURCE_TREE = {
     },
     "transport": {"dds": "plugins/cardan-dds"},
 }
-"""What distributions have that only the source tree has, and the folders of those."""
+"""Plug-ins whose distributions are only in the source tree, and the folders of those."""
 
 
 def not_installed(word: str, name: str) -> str:
@@ -92,7 +92,7 @@ def not_installed(word: str, name: str) -> str:
 
 
 def reason(error: BaseException) -> str:
-    """What went wrong in a plug-in, in one line."""
+    """Reason why a plug-in failed, in one line."""
     if lacking := shortage(error):
         return lacking
     words = printable(" ".join(str(error).split()))
@@ -108,20 +108,20 @@ def is_lack(error: Exception) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Loaded(Generic[T]):
-    """All classes that there are, by name."""
+    """All classes of a kind, by name."""
 
     classes: dict[str, type[T]]
     refused: dict[str, str]
-    """Those that cannot be loaded: why, in one line."""
+    """Reasons why classes cannot be loaded, in one line each."""
     notes: list[str]
-    """What is installed and not used, as another one has its name."""
+    """Plug-ins that are installed and not used, because another one has the name."""
     lacking: dict[str, str] = field(default_factory=dict)
-    """Those of `refused` that are whole and need an extra that is not installed: which."""
+    """Missing extras, by the names in `refused` that only need an extra to be installed."""
 
 
 def entry_points(group: str) -> EntryPoints:
-    """Those of installed packages. All packages are read once, and again when one has come or gone:
-    there may be hundreds, and each registry asks for a group of its own."""
+    """Entry points of installed packages. All packages are read once, and again after one was added
+    or removed: there may be hundreds, and each registry asks for a group of its own."""
     return _all_entry_points(tuple(map(_state_of, sys.path))).select(group=group)
 
 
@@ -171,8 +171,8 @@ class Finder(Generic[T]):
     def load(self, name: str) -> type[T]:
         """The class called `name`.
 
-        ConfigurationError names the ones there are, or says why it cannot be loaded. A package that
-        is missing is an ExtraMissingError, and for want of memory or files it raises what says so.
+        ConfigurationError names the known ones, or says why it cannot be loaded. For a missing
+        package it raises ExtraMissingError; a shortage of memory or files is raised as it is.
         """
         return self._load(name, () if name in self._built_in else self._installed())
 
@@ -197,7 +197,7 @@ class Finder(Generic[T]):
             loaded = getattr(importlib.import_module(module), attribute)
         except (EndingSignalError, ExtraMissingError):
             raise
-        except (Exception, SystemExit) as error:  # Whatever another package's module does.
+        except (Exception, SystemExit) as error:  # Another package's module may raise anything.
             if shortage(error):
                 raise
             raise ConfigurationError(
@@ -207,8 +207,8 @@ class Finder(Generic[T]):
         return cast("type[T]", loaded)
 
     def load_all(self) -> Loaded[T]:
-        """Every class that can be loaded, and why the others cannot: one that is broken does not
-        keep the others from being listed."""
+        """Every class that can be loaded, and why the others cannot: a broken class does not keep
+        the others from being listed."""
         found: Loaded[T] = Loaded({}, {}, [])
         points = tuple(self._installed())
         for name in sorted({*self._built_in, *(point.name for point in points)}):
@@ -245,7 +245,7 @@ class Finder(Generic[T]):
 
     @contextlib.contextmanager
     def using(self, name: str, key: str) -> Iterator[None]:
-        """What another package's class `name` raises inside is an error of `key`."""
+        """Turn errors that another package's class `name` raises inside into errors of `key`."""
         try:
             yield
         except CardanError:
@@ -258,14 +258,14 @@ class Finder(Generic[T]):
             ) from error
 
     def _check(self, loaded: Any, of: str) -> None:
-        """Raise ConfigurationError where that is none of these; `of` says of what."""
+        """Raise ConfigurationError if `loaded` is no such class; `of` names it."""
         if not (isinstance(loaded, type) and issubclass(loaded, self._base)):
             raise ConfigurationError(self._word, f"{of} is not a cardan {self._word}")
         if wrong := self._wrong_attribute(loaded):
             raise ConfigurationError(self._word, f"{of} cannot be used: {wrong}")
 
     def _wrong_attribute(self, loaded: type[T]) -> str:
-        """What a class declares otherwise than the interface does; empty: nothing."""
+        """Attribute that a class declares otherwise than the interface does; empty if none."""
         options: Any = getattr(loaded, "Options", None)
         if hasattr(loaded, "Options") and not (isinstance(options, type) and is_dataclass(options)):
             return f"Options is {options!r:.60}; it must be a dataclass"

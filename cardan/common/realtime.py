@@ -1,4 +1,4 @@
-"""What a control loop needs to be on time: the processor before others, the interpreter at once."""
+"""Real-time scheduling of a control loop: the processor before others, the interpreter at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Says in a line what a computer or its limits did not give: memory, open files, threads.
+"""Reports of resources that ran short, in a line: memory, open files, threads.
 
 ``python -m cardan.common.resource_errors MODULE ARGUMENT...`` runs a module's ``main()`` so.
 """
@@ -21,7 +21,7 @@ _MOST_CAUSES = 10
 
 
 def shortage(error: BaseException | None) -> str:
-    """What was not given, where `error` or what caused it says so; empty: it is another error."""
+    """The resource that ran short, by `error` or one of its causes; empty for other errors."""
     for _ in range(_MOST_CAUSES):
         if error is None:
             break

@@ -1,4 +1,4 @@
-"""What the gateway's own commands that serve share."""
+"""Shared parts of the gateway's own commands that serve."""
 
 from __future__ import annotations
 

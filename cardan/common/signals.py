@@ -14,10 +14,10 @@ from types import FrameType
 from typing import Any
 
 _OWN_FAULTS = ("SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGTRAP", "SIGSYS")
-"""They tell of a fault in the process itself, which cannot go on."""
+"""Signals of a fault in the process itself, which cannot go on."""
 
 _NO_END = ("SIGCHLD", "SIGCONT", "SIGURG", "SIGWINCH", "SIGTSTP", "SIGTTIN", "SIGTTOU")
-"""They are ignored, or stop a process, unless it handles them."""
+"""Signals that are ignored, or stop a process, unless it handles them."""
 
 _NEVER_HANDLED = ("SIGKILL", "SIGSTOP")
 
@@ -36,7 +36,7 @@ _ALWAYS = frozenset({signal.SIGINT, signal.SIGTERM})
 """Taken even where they are ignored, as in the background of a shell without job control."""
 
 Handler = Any
-"""What :func:`signal.signal` takes and returns."""
+"""Handler as :func:`signal.signal` takes and returns it."""
 
 
 class _Taken:
@@ -52,8 +52,8 @@ class _Taken:
 def take_ending(action: Callable[[int], None], also: Iterable[int] = ()) -> Mapping[int, Handler]:
     """From now on call `action` with the number of each ending signal, and of those in `also`.
 
-    SIGINT and SIGTERM are always taken, others where they would have ended (stopped) the process:
-    what is ignored (``nohup``), or handled by somebody else, stays so. Returns the handlers from
+    SIGINT and SIGTERM are always taken, others if they would have ended (stopped) the process: a
+    signal that is ignored (``nohup``), or has another handler, stays so. Returns the handlers from
     before; none outside the main thread, where nothing can be taken. `action` runs in the main
     thread, between two of its instructions, and must neither wait nor print.
     """
@@ -76,7 +76,7 @@ def on_ending(action: Callable[[int], None], also: Iterable[int] = ()) -> Iterat
         yield
     finally:
         for number, handler in before.items():
-            if handler is not None:  # One that was not set by Python cannot be set again.
+            if handler is not None:  # A handler not set by Python cannot be set again.
                 signal.signal(number, handler)
 
 

@@ -1,7 +1,7 @@
 """Opens sockets at addresses and paths as given by users, with errors that say what is wrong.
 
 A Unix socket that is bound here is its owner's (mode 0600) whatever the umask, unless all users are
-asked for; a program that serves at a path is believed only where its user may be trusted with it.
+asked for; a program that serves at a path is trusted only if its user may be.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _NO_BYTES: Final = bytes(_INT.size)
 
 _TWO: Final = struct.Struct("II")
 _MEMINFO: Final = 55 if sys.platform == "linux" else None
-"""Linux' SO_MEMINFO: the memory that what waits to be read takes, and how much it may, and more."""
+"""Linux' SO_MEMINFO: the memory of unread data, its limit, and more."""
 
 _STAMPS: Final = 35
 """Linux' SO_TIMESTAMPNS, which Python does not name; the stamps' own type is the same number."""
@@ -58,7 +58,7 @@ def hang_up(sock: socket.socket) -> None:
 
 
 def waiting_bytes(sock: socket.socket) -> int:
-    """Bytes that came on a stream and were not read; 0 of one that is closed."""
+    """Unread bytes of a stream; 0 if it is closed."""
     if sock.fileno() < 0:
         return 0
     try:
@@ -69,8 +69,7 @@ def waiting_bytes(sock: socket.socket) -> int:
 
 
 def has_room(sock: socket.socket) -> bool:
-    """Whether a stream's buffer for reading is far from full, so that what its sender has handed
-    over waits nowhere else."""
+    """Whether a stream's receive buffer is far from full: no data of its sender waits elsewhere."""
     try:
         if _MEMINFO is None:
             size = sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
@@ -171,7 +170,7 @@ def ask_for_stamps(sock: socket.socket) -> bool:
 
 
 def waiting_stamped(sock: socket.socket, largest: int) -> Iterator[tuple[bytes, Any, float]]:
-    """As `waiting`, of a socket with stamps; each with how long it had lain there, s."""
+    """As `waiting`, of a socket with stamps; each with its time in the receive buffer, s."""
     for _ in range(DRAIN_AT_MOST):
         try:
             data, ancillary, _flags, source = sock.recvmsg(largest, _STAMP_BYTES)
@@ -188,7 +187,7 @@ def waiting_stamped(sock: socket.socket, largest: int) -> Iterator[tuple[bytes, 
 
 
 class Advice(NamedTuple):
-    """What to do when a path cannot be used, in terms of the option that the user gave."""
+    """Advice for a path that cannot be used, in terms of the option that the user gave."""
 
     no_socket: str = "give another path"
     """The path is that of something else."""
@@ -275,8 +274,8 @@ def connected(path: str, kind: socket.SocketKind, timeout_s: float | None) -> so
 
 
 def _connect(peer: socket.socket, path: str, timeout_s: float | None) -> None:
-    """Wait for a place in the queue of who serves there, too: with a time limit the kernel does
-    not, and says EAGAIN."""
+    """Connect, and wait for a place in the server's queue, too: with a time limit the kernel does
+    not, and gives EAGAIN."""
     end_s = time.monotonic() + (timeout_s or 0.0)
     while True:
         try:
@@ -303,10 +302,10 @@ def user_of(peer: socket.socket) -> int | None:
 
 
 def runtime_path(name: str) -> str:
-    """Where a socket `name` of this user's programs is, unless another path is given.
+    """Default path of a socket `name` of this user's programs.
 
-    In the folder that the system keeps for that, XDG_RUNTIME_DIR; without one in the folder
-    cardan-UID among the temporary files.
+    It is in the system's folder for sockets, XDG_RUNTIME_DIR; without one in the folder cardan-UID
+    among the temporary files.
     """
     folder = os.environ.get("XDG_RUNTIME_DIR", "")
     if not os.path.isabs(folder):
@@ -318,8 +317,8 @@ def runtime_path(name: str) -> str:
 
 
 def make_runtime_folder() -> None:
-    """Make the folder of `runtime_path`, unless it is there. Raises AddressError where another user
-    may change what is in it."""
+    """Make the folder of `runtime_path`, unless it is there. Raises AddressError if another user
+    may change its contents."""
     folder = os.path.dirname(runtime_path(""))
     try:
         with contextlib.suppress(FileExistsError):
@@ -334,7 +333,7 @@ def make_runtime_folder() -> None:
 
 
 def absence(path: str, what: str = "socket") -> str:
-    """What is missing on the way to `path`, which may be relative; empty: it is there."""
+    """The missing part of the way to `path`, which may be relative; empty if it exists."""
     whole = os.path.abspath(path)
     if os.path.lexists(whole):
         return ""

@@ -1,8 +1,8 @@
 """From the tables of a configuration file to the options that they describe, and back.
 
-A table is a dataclass. Its annotations say what is allowed (:mod:`cardan.common.options`), its
-defaults what holds where a key is left out, its ``__post_init__`` what must fit together, and its
-``RENAMED``, where it has one, the new names of keys that an earlier version took. A field may be a
+A table is a dataclass. Its annotations give the allowed values (:mod:`cardan.common.options`), its
+defaults those of keys that are left out, its ``__post_init__`` checks that they fit together, and
+its ``RENAMED``, if any, has the new names of keys that an earlier version took. A field may be a
 table of its own, several of them, or one of several kinds that a key tells apart (:class:`Tag`).
 """
 
@@ -44,14 +44,13 @@ _REMEDIES = (
         "write a path in single quotes, or with / for \\",
     ),
 )
-"""What people write that TOML has not, in what its reader says or in the line, and what to write
-instead."""
+"""Mistakes that are no TOML, by the parser's message or the line, and what to write instead."""
 
 _SAID = re.compile(
     r"(?P<what>.*) \(at (?:line (?P<line>\d+), column (?P<column>\d+)|end of document)\)", re.DOTALL
 )
 _TWICE = re.compile("^(Cannot (overwrite|declare|mutate|redefine)|Duplicate)")
-"""What TOML's reader says of a key that is given twice."""
+"""Messages of the TOML parser about a key that is given twice."""
 
 Kind = TypeVar("Kind")
 
@@ -98,7 +97,7 @@ def parse_toml(text: str, of: object) -> dict[str, Any]:
 
 
 def _syntax_error(text: str, of: object, said: str) -> ConfigurationError:
-    """The error of `text` of which TOML's reader `said` something, with what to write instead."""
+    """Error of `text` for which the TOML parser `said` something, with what to write instead."""
     found = _SAID.fullmatch(said)
     assert found is not None, said
     lines = text.split("\n")
@@ -122,7 +121,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def as_toml(tables: Mapping[str, Any]) -> str:
-    """The text of a file with these tables; what `read_toml` gives is among what they may be."""
+    """The text of a file with these tables; they may be all that `read_toml` can return."""
     return "".join(f"{_toml_key(key)} = {_toml(value)}\n" for key, value in tables.items())
 
 
@@ -167,7 +166,7 @@ def resolved(kind: Any, table: Any, file: Path, key: str = "") -> Any:
     """`table`, a `kind`'s in `file`, with the paths in it (:class:`~cardan.common.bounds.Located`)
     absolute: they are relative to the file, with ~ and variables of the environment.
 
-    A `kind` whose other keys are the options of something says of what by a class method
+    A `kind` whose other keys are the options of another class names it by a class method
     `kind_of_others`. ConfigurationError names a key below `key` whose file is not there.
     """
     if not isinstance(table, Mapping):
@@ -263,7 +262,7 @@ def _below(key: str, name: str) -> str:
 
 
 class _Reader:
-    """Collects what is wrong, each with its whole key. What it makes of a wrong table is None."""
+    """Reader that collects errors, each with its whole key. A wrong table is read as None."""
 
     def __init__(self, from_file: bool) -> None:
         self._from_file = from_file
@@ -308,7 +307,7 @@ class _Reader:
         return None
 
     def _value(self, hint: Any, value: object, key: str) -> Any:
-        """What `value` is as `hint` has it."""
+        """Convert `value` to `hint`."""
         before = len(self.errors)
         found = self._converted(hint, value, key)
         if len(self.errors) == before and (allowed := refusal(hint, found)):

@@ -1,4 +1,4 @@
-"""Makes text of others fit for a terminal: what came from a wire, a device, a plug-in or a file.
+"""Sanitizer of foreign text for a terminal: from a wire, a device, a plug-in or a file.
 
 Terminals obey control characters: such text could recolor or erase what Cardan says, or answer in
 the user's name. It is kept as it came, and made printable where it leaves for the terminal.

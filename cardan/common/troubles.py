@@ -24,7 +24,7 @@ AREAS = {
     "F": "Force feedback",
     "N": "Network, daemon, records",
 }
-"""What a code's letter stands for."""
+"""Areas by the letter of their codes."""
 
 _HISTORY = re.compile(r"stopped before: .*?(?:; |$)")
 
@@ -43,7 +43,7 @@ class Trouble(NamedTuple):
     """Ways in which the message is said."""
     cause: str
     now: str
-    """What happens meanwhile."""
+    """Behavior of the program meanwhile."""
     do: str
     page: str
     """Of the documentation, as seen from docs/."""
@@ -74,9 +74,9 @@ def sayings() -> tuple[tuple[str, str, str], ...]:
 
 @functools.cache
 def pattern(words: str) -> re.Pattern[str]:
-    """What finds a message that is said in this way."""
+    """Pattern that finds a message with these words."""
     text = ".*?".join(map(re.escape, _parts(words)))
-    # What begins with a letter does not begin within a word.
+    # Words that begin with a letter do not begin within a word.
     begin = "(?:^|: )" if words.startswith(KEY) else r"\b" if words[0].isalpha() else ""
     return re.compile(begin + text)
 
@@ -86,8 +86,8 @@ def _parts(words: str) -> list[str]:
 
 
 def codes_of(message: str) -> list[str]:
-    """The codes of what is said in a message, in its order; none of why the arm was stopped before
-    where something else is known of it now."""
+    """The codes in a message, in its order; without those of an earlier stop if the message has
+    others."""
     found = sorted(
         (match.start(), -len(match[0]), code)
         for words, part, code in sayings()

@@ -1,8 +1,8 @@
 """Values of :mod:`cardan.types` to JSON and back, with the unit of each number in its key.
 
 A pose is ``{"position_m": {"x": ..., "y": ..., "z": ...}, "orientation": {"w": ..., "x": ..., "y":
-..., "z": ...}, "frame": "base"}``: nothing in it has an order that one could mistake. What JSON has
-no number for, as the stamp of what has not happened, is a text that ``float()`` reads ("-inf").
+..., "z": ...}, "frame": "base"}``: no order can be mistaken. A number that JSON does not have, such
+as the stamp of an event that has not happened, is a text that ``float()`` reads ("-inf").
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ UNITS: Final[Mapping[type, Mapping[str, str]]] = {
         "acceleration": "rad_s2_or_m_s2",
     },
 }
-"""The units of fields whose names do not have them; a name that ends in one ("stamp_s") stays."""
+"""Units of fields whose names have none; a name that ends in a unit ("stamp_s") stays."""
 
 _COMMANDS: Final = {
     kind._field_defaults["kind"].value: kind for kind in get_args(types.RobotCommand)

@@ -1,6 +1,6 @@
 """Runs an example without hardware: its simulated peers in processes of their own, and a session.
 
-What runs between the peers is the real gateway with the real drivers.
+Between the peers runs the real gateway with the real drivers.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ CARDAN = (sys.executable, "-m", "cardan")
 
 ALL_INTERFACES = "0.0.0.0"
 HOSTS = {"console": (ALL_INTERFACES, "127.0.0.1"), "rosbridge": ("127.0.0.1",)}
-"""Where a server is served: at the first that can be. The page is for phones, too, wherever a
+"""Addresses of a server: the first that can be served. The page is for phones, too, if a
 certificate can be made."""
 
 PAUSE_S = 0.03
@@ -67,7 +67,7 @@ machine that keeps up; on one without real-time scheduling 1 % of the delays are
 
 @contextlib.contextmanager
 def simulated_hardware(demo: Demo, seconds: float) -> Iterator[tuple[SessionConfig, Sequence[str]]]:
-    """Run all that the demo launches, for `seconds` and what starting and ending take at most.
+    """Run all that the demo launches, for `seconds` and the most that starting and ending take.
 
     Gives the session's configuration, and the command that it is run through (see `supervise`).
     """
@@ -116,9 +116,9 @@ def find_problems(
 ) -> list[str]:
     """The problems of a demo, by its last snapshot; empty when there were none.
 
-    `felt` is what a haptic device lets out at most: its force is held against that.
-    `may_rest`: nobody need move the arm. `paused_s`: for how long this computer stood still at
-    most (see Pauses); what comes of that is no problem of the demo, but a remark.
+    `felt`: the limits of a haptic device, which its force is checked against. `may_rest`: the arm
+    need not move. `paused_s`: longest time that this computer stood still (see Pauses); its
+    consequences are no problem of the demo, but a remark.
     """
     found = []
     if last.cycles == 0:
@@ -136,7 +136,7 @@ def find_problems(
 
 
 def _interruptions(last: Snapshot, felt: FeedbackLimits | None) -> list[str]:
-    """What comes of a computer that stands still for a moment, too."""
+    """Problems that a computer which stands still for a moment can cause, too."""
     found = []
     if last.trips:
         found.append(f"teleoperation was disengaged {last.trips} times")
@@ -160,8 +160,8 @@ def _interruptions(last: Snapshot, felt: FeedbackLimits | None) -> list[str]:
 def find_remarks(
     last: Snapshot, felt: FeedbackLimits | None = None, *, paused_s: float = 0.0
 ) -> list[str]:
-    """What a demo says of the computer that it ran on, by what find_problems takes: no problem of
-    the demo."""
+    """Remarks on the computer that a demo ran on, from the arguments of find_problems: no problems
+    of the demo."""
     found = []
     if (missed := last.missed_cycles) > MISSED_SHARE * last.cycles:
         found.append(f"{missed} of {last.cycles} cycles were missed: is this machine very busy?")
@@ -213,7 +213,7 @@ def _success(demo: Demo, last: Snapshot, felt: FeedbackLimits | None) -> str:
 
 
 def choose_demo(name: str) -> Demo:
-    """The demo of this name, or the one that a .toml file says it is."""
+    """The demo of this name, or of this .toml file."""
     if name.endswith(".toml"):
         demo = read_demo(Path(name).absolute())
         if demo is None:
@@ -238,8 +238,8 @@ def check_length(demo: Demo, seconds: float) -> None:
 
 
 def run_demo(seconds: float, name: str = "gofa", picture_of: Callable[[str], str] = str) -> int:
-    """Run a demo by its name or its file; returns the exit code of the command. `picture_of` makes
-    of a page's address what a camera reads."""
+    """Run a demo by its name or its file; returns the exit code of the command. `picture_of` turns
+    a page's address into a picture for a camera."""
     demo = choose_demo(name)
     check_length(demo, seconds)
     with SessionView() as view:

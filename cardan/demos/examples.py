@@ -1,8 +1,8 @@
 """Example files, and the demos among them.
 
 The examples of a package that has drivers are the .toml files in its folder ``examples``, or in the
-one beside it (a source tree). One that runs without hardware says how in a block of comments that
-holds TOML, in the form of PEP 723; a session takes no notice of it::
+one beside it (a source tree). An example that runs without hardware says how in a block of comments
+that holds TOML, in the form of PEP 723; a session takes no notice of it::
 
     # /// demo
     # name = "gofa"
@@ -52,7 +52,7 @@ class Demo(Options):
     name: str
     """As ``cardan demo NAME`` takes it; by default the file's, without "-simulated"."""
     description: str
-    """What is joined to what."""
+    """The connected programs, such as "simulated SpaceMouse -> gateway -> simulated GoFa"."""
     success_message: str
     """The message when all went well."""
     launch: tuple[str, ...] = ()
@@ -66,10 +66,10 @@ class Demo(Options):
     """Keys of the configuration that are given free ports, in a row; of an endpoint of Zenoh's it
     is the port."""
     servers: tuple[Literal["console", "rosbridge"], ...] = ()
-    """What is served beside the session; its address is printed."""
+    """Servers that run beside the session; their addresses are printed."""
     invitation: str = ""
-    """What somebody may do meanwhile, printed before the session starts. Where a demo has one an
-    arm that nobody moves is no problem."""
+    """Actions that the user may take meanwhile, printed before the session starts. If a demo has
+    one, an arm that does not move is no problem."""
     extras: tuple[str, ...] = ()
     """Extras of Cardan that it needs beside ``arm``, such as ``network``: ``make demo`` installs
     them."""

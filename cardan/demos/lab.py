@@ -44,8 +44,8 @@ PRINTED_S: Final = 5.0
 
 @contextlib.contextmanager
 def simulated_lab(demo: Demo, seconds: float) -> Iterator[tuple[Peers, Layout, Launched]]:
-    """Run all that the demo launches, and the daemon, for `seconds` and what starting and ending
-    take at most. Gives the peers, what the file says, and the daemon."""
+    """Run all that the demo launches, and the daemon, for `seconds` and the most that starting and
+    ending take. Gives the peers, the file's layout, and the daemon."""
     peers = Peers(demo, READY_WITHIN_S + READY_S + seconds + ENDS_WITHIN_S)
     if "daemon" in peers.tables:
         raise ConfigurationError(f"{demo.file}: daemon", "the demo has a daemon of its own")
@@ -96,7 +96,7 @@ def _check_simulated(demo: Demo, tables: Mapping[str, Any], layout: Layout) -> N
 
 
 class ObservedArms:
-    """What was seen of the arms of these sessions."""
+    """Observations of the arms of these sessions."""
 
     def __init__(self, sessions: Iterable[str]) -> None:
         self._absent = dict.fromkeys(sessions)
@@ -104,7 +104,7 @@ class ObservedArms:
         self._errors_m: dict[str, float] = {}
 
     def take(self, rows: Iterable[view.Row]) -> None:
-        """Look at what the daemon tells of them."""
+        """Take the daemon's rows about them."""
         for row in rows:
             snapshot = row["snapshot"]
             if row["robot_link"] == "live":
@@ -120,7 +120,7 @@ class ObservedArms:
         return not self._absent
 
     def problems(self) -> list[str]:
-        """What was not as it should be."""
+        """Deviations from the expected course."""
         found = [f"the robot of {name} was never there" for name in self._absent]
         if not self._moved:
             found.append("no path was commanded")

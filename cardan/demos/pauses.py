@@ -12,8 +12,8 @@ LOOKED_EVERY_S = 0.005
 class Pauses:
     """Looks in a ``with`` block how late this computer is, on each of its processors.
 
-    A thread a processor asks to be woken every 5 ms. What it is woken too late by, other programs
-    on that processor were, too, unless they are scheduled in real time.
+    A thread per processor asks to be woken every 5 ms. Other programs on that processor were woken
+    as late as it was, unless they are scheduled in real time.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class Pauses:
             thread.join()
 
     def _look(self, processors: set[int]) -> None:
-        """Until the block ends, on these processors alone; on all where none is given."""
+        """Measure until the block ends, on these processors alone; on all if none is given."""
         if processors:
             os.sched_setaffinity(0, processors)  # of this thread
         woken_s = time.monotonic()
@@ -48,7 +48,7 @@ class Pauses:
 
 
 def _processors() -> list[set[int]]:
-    """Those of this process one by one, where the system can tell them apart."""
+    """The processors of this process one by one, if the system can tell them apart."""
     try:
         return [{processor} for processor in os.sched_getaffinity(0)]
     except AttributeError:  # only Linux can

@@ -13,15 +13,15 @@ from cardan.gateway.session.subprocesses import Launched
 
 
 class Peers:
-    """What a demo launches, and the folder that it has for a ``with`` block.
+    """Programs that a demo launches, and the folder that it has for a ``with`` block.
 
     The peers are started as any other program would start them, by the command line. Should this
     process be stopped for ever, they still end by themselves.
     """
 
     def __init__(self, demo: Demo, seconds: float) -> None:
-        """They run for `seconds` at most. Raises ConfigurationError for what a demo may not
-        launch."""
+        """`seconds`: how long they run at most. Raises ConfigurationError for a program that a demo
+        may not launch."""
         self.folder = Path(tempfile.gettempdir(), f"cardan-demo-{secrets.token_hex(4)}")
         self.tables, launches = demo.prepare(self.folder)
         """The configuration, with the demo's own paths and ports."""
@@ -31,7 +31,7 @@ class Peers:
         self._running: dict[int, Launched] = {}
 
     def __enter__(self) -> Peers:
-        # As late as can be: until a peer runs nobody removes it if this process is killed.
+        # As late as can be: until a peer runs, it stays if this process is killed.
         if self._needs_folder:
             self.folder.mkdir(0o700)
         return self

@@ -1,6 +1,6 @@
-"""What a demo may run: it moves a robot with nobody at hand, so all of it must be simulated.
+"""Programs that a demo may run: it moves a robot unattended, so all of them must be simulated.
 
-The rule allows what is known to be harmless and refuses all else: see
+The rule allows programs that are known to be harmless and refuses all others: see
 :mod:`cardan.drivers.simulated` for drivers. Programs that a demo starts are simulated peers, and
 ``cardan devices spnav``, of plugins/cardan-spnav-server, of a simulated device; none is given a
 program to run.
@@ -71,7 +71,7 @@ def check_unattended(
 
 
 def _check_network(demo: Demo, network: BusOptions, own_router: bool) -> None:
-    """A network that nobody else is on."""
+    """Refuse a network that other programs may join."""
     if network.zenoh_config:
         _refuse(demo, "network.zenoh_config", "it may join any network")
     if not own_router:

@@ -1,1 +1,1 @@
-"""Examines this computer, and what a session's files need of it; nothing is moved or changed."""
+"""Checks of this computer and of a session's files; nothing is moved or changed."""

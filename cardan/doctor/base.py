@@ -1,4 +1,4 @@
-"""How a check is declared, what it looks at, and what it finds."""
+"""Interface of a check: its declaration, its subject, and its findings."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ class Level(str, Enum):
 
     GOOD = "good"
     CAUTION = "caution"
-    """It works, and not as well, or not always; or what is looked for is not there yet."""
+    """It works, but worse or not always; or the thing looked for is not there yet."""
     FAILURE = "failure"
-    """What the files ask for cannot work."""
+    """A configuration that cannot work."""
 
 
 class Finding(NamedTuple):
-    """What a check has found."""
+    """Result of a check."""
 
     level: Level
     code: str
     """The kind of finding, which its page explains: "real-time"."""
     what: str
-    """What was found, in one line."""
+    """The result in one line."""
     why: str = ""
     """Why it matters."""
     mend: str = ""
-    """The command that mends it; where none can, what to do."""
+    """Command or instructions that fix it."""
 
 
 def good(code: str, what: str) -> Finding:
@@ -63,7 +63,7 @@ def failure(code: str, what: str, why: str, mend: str) -> Finding:
 
 
 def run(words: Sequence[str]) -> str | None:
-    """What another program prints; None where it is missing, fails, or takes longer than COMMAND_S
+    """Output of another program; None if it is missing, fails, or takes longer than COMMAND_S
     seconds."""
     try:
         done = subprocess.run(
@@ -86,7 +86,7 @@ class Used(NamedTuple):
 
 
 NOTHING: Final = Layout(DaemonOptions(), {}, {})
-"""What no files say."""
+"""Layout without any files."""
 
 
 def _no_devices() -> Sequence[FoundDevice]:
@@ -95,17 +95,17 @@ def _no_devices() -> Sequence[FoundDevice]:
 
 @dataclass(frozen=True)
 class Subject:
-    """What is examined: the computer, and the files that were given."""
+    """Subject of an examination: the computer, and the files that were given."""
 
     files: tuple[Path, ...] = ()
     layout: Layout = NOTHING
-    """What could be read of the files."""
+    """The readable part of the files."""
     unreadable: str = ""
     """Why the files cannot be used; empty: they can."""
     devices: Callable[[], Sequence[FoundDevice]] = _no_devices
     """:func:`cardan.devices`."""
     root: Path = Path("/")
-    """Where /proc, /sys, /dev and /etc are."""
+    """Parent folder of /proc, /sys, /dev and /etc."""
     environment: Mapping[str, str] = field(default_factory=lambda: os.environ)
     run: Callable[[Sequence[str]], str | None] = run
     """Runs another program, which only tells."""
@@ -123,8 +123,8 @@ class Subject:
         return self.layout.servers
 
     def used(self) -> Iterator[Used]:
-        """The drivers of all sessions. One that cannot be made is none: checking the files tells
-        of it."""
+        """The drivers of all sessions. A driver that cannot be made is left out: the check of the
+        files reports it."""
         for session, entry in self.sessions.items():
             for key in ("device", "robot"):
                 if (table := getattr(entry.config, key)) is None:
@@ -136,8 +136,8 @@ class Subject:
                 yield Used(session, key, table.driver, made)
 
     def buses(self) -> dict[BusOptions, str]:
-        """How the files' sessions, drivers and servers join the bus, and who is the first to do it
-        so."""
+        """Options by which the files' sessions, drivers and servers join the bus, each with its
+        first user."""
         found: dict[BusOptions, str] = {}
         for name, entry in self.sessions.items():
             if entry.config.network is not None:
@@ -155,7 +155,7 @@ class Subject:
         return self.read_path(self.root / path)
 
     def read_path(self, path: Path) -> str:
-        """The same of a whole path."""
+        """The text of a file by its whole path; empty where it cannot be read."""
         try:
             return path.read_text(errors="replace").strip()
         except OSError:
@@ -163,8 +163,8 @@ class Subject:
 
 
 class Check(ABC):
-    """One thing that is looked at. It is never instantiated; the class's docstring says what it
-    looks at.
+    """A check of the computer or the files. It is never instantiated; the class's docstring says
+    what it examines.
 
     Other packages add theirs by the entry-point group ``cardan.checks``, as drivers are.
     """
@@ -177,7 +177,7 @@ class Check(ABC):
     @classmethod
     @abstractmethod
     def look(cls, subject: Subject) -> Iterable[Finding]:
-        """What there is to say. It changes nothing, sends nothing to a robot, and ends within
+        """Return the findings. It changes nothing, sends nothing to a robot, and ends within
         seconds."""
 
 
@@ -206,8 +206,8 @@ def _fields(options: Any) -> dict[str, Any]:
 
 
 def _bus_of(entry: ServerEntry) -> BusOptions | None:
-    """How a server joins the bus; None for one that does not, or whose options are wrong, which it
-    says itself when it starts."""
+    """Options by which a server joins the bus; None if it does not, or if its options are wrong,
+    which it reports when it starts."""
     defaults = server_defaults(entry)
     if not {"domain", "router"} <= defaults.keys():
         return None

@@ -19,7 +19,7 @@ from cardan.errors import AddressError, shown
 GROUP = "controllers"
 
 LISTEN_S: Final = 2.0
-"""Longest wait for a controller that sends first: one whose program runs sends every 4 to 48 ms,
+"""Longest wait for a controller that sends first: it sends every 4 to 48 ms while its program runs,
 and its program starts again within a second."""
 
 CONNECT_S: Final = 2.0
@@ -29,7 +29,7 @@ _DATAGRAM_BYTES: Final = 2048
 
 
 class Heard(NamedTuple):
-    """What came of listening at a port, or of connecting."""
+    """Result of listening at a port, or of connecting."""
 
     sources: tuple[str, ...] = ()
     """The computers that sent something."""
@@ -40,7 +40,7 @@ class Heard(NamedTuple):
 
 
 def listen(endpoints: Iterable[Endpoint], seconds: float = LISTEN_S) -> dict[Endpoint, Heard]:
-    """Senders to these UDP ports within `seconds`, or until all are heard; nobody is answered."""
+    """Senders to these UDP ports within `seconds`, or until all are heard; nothing is sent."""
     other: dict[Endpoint, bytes] = {}
     heard: dict[Endpoint, set[str]] = {}
     failed: dict[Endpoint, Heard] = {}
@@ -50,7 +50,7 @@ def listen(endpoints: Iterable[Endpoint], seconds: float = LISTEN_S) -> dict[End
                 sock = opened(each.host, each.port, socket.SOCK_DGRAM, socket.socket.bind, _number)
             except AddressError as error:
                 words = str(error)
-                # Of an address that many computers share it has words, as nobody listens there.
+                # For an address that many computers share it has words: no server listens there.
                 failed[each] = Heard(error=int(words) if words.isdecimal() else errno.EADDRNOTAVAIL)
                 continue
             heard[each] = set()
@@ -83,7 +83,7 @@ def _number(error: OSError) -> str:
 
 
 def connect(endpoint: Endpoint, seconds: float = CONNECT_S) -> Heard:
-    """Whether a TCP server answers, and what where that is known; then the connection is closed."""
+    """Whether a TCP server answers, and its reply if there is one; then close the connection."""
     try:
         with socket.create_connection((endpoint.host, endpoint.port), seconds) as sock:
             return Heard((str(sock.getpeername()[0]),), _first_words(sock, endpoint, seconds))
@@ -115,7 +115,7 @@ def _first_words(sock: socket.socket, endpoint: Endpoint, seconds: float) -> byt
 def judge_controllers(
     endpoints: Mapping[Endpoint, str], heard: Mapping[Endpoint, Heard]
 ) -> Iterator[Finding]:
-    """What is to be said of each. `endpoints`: who uses it."""
+    """Findings about each endpoint. `endpoints`: the drivers that use it, in words."""
     for each, who in endpoints.items():
         make = _judge_listening if each.listens else _judge_server
         yield make(each, who, heard[each])

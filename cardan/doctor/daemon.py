@@ -1,4 +1,4 @@
-"""Checks the daemon: whether it runs, and what has failed in it."""
+"""Checks of the daemon: whether it runs, and failures of its units."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ GROUP = "daemon"
 
 
 def judge_units(rows: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
-    """What the daemon's sessions and servers do. `rows`: as `cardan daemon ps` has them."""
+    """Findings about the daemon's sessions and servers. `rows`: as `cardan daemon ps` has them."""
     for row in rows:
         who = f"{row['kind']} {row['name']}"
         reason = f": {row['reason']}" if row["reason"] else ""

@@ -1,4 +1,4 @@
-"""Checks of operator devices: whether they can be opened, and who else has them."""
+"""Checks of operator devices: whether they can be opened, and other programs that have them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ THREE_D_DRIVERS: Final = frozenset({"spacemouse", "spacemouse_serial"})
 
 
 def judge_devices(found: Sequence[FoundDevice], wanted: Iterable[Used]) -> Iterator[Finding]:
-    """Whether what is plugged in can be opened. `wanted`: the devices of the files."""
+    """Whether plugged-in devices can be opened. `wanted`: the devices of the files."""
     use = {each.name: each for each in wanted if each.key == "device"}
     for device in found:
         where = f" at {device.path}" if device.path else ""
@@ -87,7 +87,7 @@ def judge_paths(
 
 
 def judge_rules(installed: Mapping[str, str], wanted: str) -> Finding:
-    """Whether the udev rules are there. `installed`: rule files by path, and what is in each."""
+    """Whether the udev rules are there. `installed`: contents of rule files by path."""
     lines = [each for each in wanted.splitlines() if each and not each.startswith("#")]
     if not lines:
         return good("udev", "no driver needs a udev rule")
@@ -107,8 +107,8 @@ def judge_rules(installed: Mapping[str, str], wanted: str) -> Finding:
 
 
 def judge_spacenavd(pids: Sequence[int], found: Iterable[str], wanted: Iterable[str]) -> Finding:
-    """Whether spacenavd takes a SpaceMouse away. `found` and `wanted`: the drivers of what is
-    plugged in, and of the files."""
+    """Whether spacenavd takes a SpaceMouse away. `found` and `wanted`: the drivers of plugged-in
+    devices, and of the files."""
     if not pids:
         return good("spacenavd", "spacenavd does not run")
     what = f"spacenavd runs (pid {pids[0]})"

@@ -1,4 +1,4 @@
-"""Runs all checks, and says what they have found: for people, for programs, and for an issue."""
+"""Run of all checks, and reports of their findings for users, for programs, and for an issue."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _looked(name: str, check: type[Check], subject: Subject) -> list[Finding]:
         if other := [each for each in found if not isinstance(each, Finding)]:
             raise TypeError(f"{other[0]!r:.60} is no Finding")
         return found
-    except Exception as error:  # Whatever another package's check does.
+    except Exception as error:  # Another package's check may raise anything.
         if shortage(error):
             raise
         return [
@@ -94,8 +94,8 @@ def _table(each: Examined) -> dict[str, Any]:
 
 
 def report(found: Iterable[Examined], secrets: Iterable[str]) -> str:
-    """What a person puts into an issue, as Markdown: versions and findings; nothing by which a
-    person, a computer or a device can be known."""
+    """Report for an issue, as Markdown: versions and findings; nothing by which a person, a
+    computer or a device can be identified."""
     lines = ["```", f"cardan {__version__}, Python {platform.python_version()}"]
     lines.append(f"{platform.system()} {platform.release()} {platform.machine()}, {_system()}")
     wanted = {each.name for each in own_requirements() if each.extra in ("", *EXTRAS)}
@@ -133,8 +133,8 @@ def masked(text: str, secrets: Iterable[str]) -> str:
 
 
 def secrets_of(subject: Subject) -> set[str]:
-    """What a report must not have: this user's and this computer's name, home, and the serial
-    numbers of what is plugged in or named by the files."""
+    """Texts that a report must not have: this user's and this computer's name, home, and the
+    serial numbers of devices that are plugged in or named by the files."""
     found = {socket.gethostname(), os.path.expanduser("~")}
     with contextlib.suppress(KeyError, OSError):  # A user without a name.
         found.add(getpass.getuser())

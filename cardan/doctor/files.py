@@ -14,9 +14,9 @@ GROUP = "files"
 
 
 def read_files(paths: Sequence[Path]) -> tuple[Layout, str]:
-    """What the files say, and why they cannot be used, which is empty where they can.
+    """The layout of the files, and why they cannot be used, which is empty if they can.
 
-    Where one is wrong the layout has what can be read of each by itself.
+    If a file is wrong, the layout has the readable part of each.
     """
     if not paths:
         return NOTHING, ""

@@ -63,7 +63,7 @@ def read_requirements(
 def lacking(
     requirements: Iterable[Requirement], extra: str, version: Callable[[str], str | None]
 ) -> list[str]:
-    """What is missing for `extra` (empty: for all of Cardan), in words. `version` gives that of an
+    """Packages missing for `extra` (empty: for all of Cardan), in words. `version` gives that of an
     installed package, or None."""
     requirements = list(requirements)
     missing = []
@@ -87,7 +87,7 @@ def installed_version(name: str) -> str | None:
 
 
 def own_requirements() -> list[Requirement]:
-    """Those of the installed Cardan; none where it runs from sources that were never installed."""
+    """Requirements of the installed Cardan; none if it runs from sources that never were."""
     try:
         return read_requirements(importlib.metadata.requires("cardan") or ())
     except importlib.metadata.PackageNotFoundError:
@@ -95,7 +95,7 @@ def own_requirements() -> list[Requirement]:
 
 
 def needed_extras(subject: Subject) -> dict[str, str]:
-    """The extras that the files need, and who needs each first."""
+    """The extras that the files need, each with its first user."""
     needed: dict[str, str] = {}
     for name, entry in subject.sessions.items():
         if entry.config.arm is not None:
@@ -183,7 +183,7 @@ class PlugIns(Check):
 
 
 def judge_plug_ins(found: Iterable[tuple[str, Loaded[Any]]]) -> Iterator[Finding]:
-    """Which plug-ins cannot be used. `found`: what was loaded, by the word for one of it."""
+    """Plug-ins that cannot be used. `found`: loaded classes, by the word for their kind."""
     bad = False
     lacking: dict[str, list[str]] = {}
     for word, loaded in found:

@@ -1,4 +1,4 @@
-"""Checks of the bus: who is met there, and what ROS 2 programs of this shell would use."""
+"""Checks of the bus: its peers, and the settings of ROS 2 programs of this shell."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def judge_bus(
     look: Callable[[BusOptions], Discovery] = discover,
     served: Callable[[tuple[str, int]], bool] = is_served,
 ) -> Finding:
-    """Whether anybody is met by the bus of `who`. It is joined only where there is a router, or one
-    elsewhere: a session starts that of its own computer by itself."""
+    """Whether the bus of `who` has peers. It is joined only if there is a router, or one elsewhere:
+    a session starts that of its own computer by itself."""
     options = reachable(options)
     where = options.zenoh_config or options.router or "no router"
     address = router_address(options)

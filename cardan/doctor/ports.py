@@ -1,4 +1,4 @@
-"""Checks of ports: whether those that sessions and servers listen at are free, and who has them."""
+"""Checks of ports that sessions and servers listen at: whether they are free, or who has them."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _address(text: str) -> str:
 def collide(one: str, other: str) -> bool:
     """Whether two sockets at these addresses cannot have the same port."""
     a, b = ipaddress.ip_address(one), ipaddress.ip_address(other)
-    # What listens at :: has the port of IPv4, too, unless it says otherwise.
+    # A socket that listens at :: has the port of IPv4, too, unless it says otherwise.
     if a.is_unspecified or b.is_unspecified:
         wide, narrow = (a, b) if a.is_unspecified else (b, a)
         return wide.version == narrow.version or wide.version == 6
@@ -86,7 +86,7 @@ def collide(one: str, other: str) -> bool:
 def judge_ports(
     wanted: Iterable[Wanted], bound: Iterable[Bound], held: Mapping[int, Holder]
 ) -> Iterator[Finding]:
-    """Whether each port can be had. `held`: who has the sockets, by their inodes; those of other
+    """Whether each port is free. `held`: owners of the sockets, by their inodes; those of other
     users are not known."""
     bound = list(bound)
     taken: dict[tuple[str, int], Wanted] = {}

@@ -1,4 +1,4 @@
-"""Which process has what open, by /proc."""
+"""Open files and sockets of processes, by /proc."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of the system: what a control loop needs of the kernel, and of the computer's clock."""
+"""Checks of the kernel and of the computer's clock for a control loop."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ GROUP = "system"
 LIMITS_FILE: Final = "/etc/security/limits.d/50-cardan.conf"
 
 HAPTIC_PRIORITY: Final = 99
-"""What a user's limit has to be for haptic devices, whose force loop runs above the session's."""
+"""Limit that a user needs for haptic devices, whose force loop runs above the session's."""
 
 CAP_SYS_NICE: Final = 23
 CAP_IPC_LOCK: Final = 14
@@ -162,7 +162,7 @@ class MemoryLock(Check):
 
 
 class Governor(Check):
-    """What sets the processors' frequency."""
+    """Frequency governor of the processors."""
 
     group, tells = GROUP, ("governor",)
 

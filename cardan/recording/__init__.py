@@ -1,2 +1,1 @@
-"""Records what is on the bus as MCAP files, plays them back, and holds the control core against
-them."""
+"""Records of the bus as MCAP files, their replay, and verification of the control core by them."""

@@ -1,4 +1,4 @@
-"""Which arm of a record is meant, and what its topics have in common."""
+"""Choice of an arm of a record, and the common part of its topics."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ WRENCH, RAW_ROBOT = "/state/wrench", "/raw/robot"
 """Ends of the names of an arm's topics, after its node's name."""
 
 CONFIGURATION = "/configuration"
-"""What the arms of a record are known by: each session's node publishes one."""
+"""Topic by which the arms of a record are known: each session's node publishes it."""
 
 
 def choose_arm(nodes: Collection[str], arm: str, path: Path, problems: Sequence[str] = ()) -> str:
     """Full name of the node of `arm`; empty: of the only one that there is. Raises CaptureError,
-    OptionError. `problems`: what is wrong with the file."""
+    OptionError. `problems`: those of the file, in words."""
     if not nodes:
         why = "; ".join(("", *problems))
         raise CaptureError(f"{path} has no state of an arm, such as NODE{POSE}{why}")

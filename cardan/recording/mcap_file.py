@@ -122,12 +122,12 @@ class RecordWriter:
         self._writer.start(PROFILE, f"cardan {__version__}")
         self._schemas: dict[tuple[str, str], int] = {}
         self.topics: dict[RecordedTopic, int] = {}
-        """Those written so far, and their channels."""
+        """Topics written so far, and their channels."""
         self.unknown: dict[str, str] = {}
         """Types without a definition, and their hashes."""
 
     def add(self, message: RecordedMessage) -> None:
-        """Write a message; what it needs is written before it. Raises OSError."""
+        """Write a message, after its schema and channel. Raises OSError."""
         topic = message.topic
         channel = self.topics.get(topic)
         if channel is None:
@@ -169,7 +169,7 @@ class RecordWriter:
 
     @property
     def bytes(self) -> int:
-        """Size of the file so far, without what `flush` would still write."""
+        """Size of the file so far, without data that `flush` would still write."""
         return self._file.tell()
 
     def finish(self) -> None:
@@ -197,7 +197,7 @@ def _metadata(topic: RecordedTopic) -> dict[str, str]:
 
 
 class Place(NamedTuple):
-    """Where in a record reading can begin, too."""
+    """Place in a record at which reading can begin, too."""
 
     log_ns: int
     """Of the first message from there on."""
@@ -208,11 +208,11 @@ PLACE_NS = 500_000_000
 """Shortest time between two places that are remembered."""
 
 MOST_PLACES = 100_000
-"""That are remembered: of 14 h."""
+"""Most places that are remembered: those of 14 h."""
 
 
 class RecordReader:
-    """Reads a record from its beginning, one that was cut off or is damaged too.
+    """Reads a record from its beginning, also one that was cut off or is damaged.
 
     ::
 
@@ -228,8 +228,8 @@ class RecordReader:
         self.cut_off = ""
         """Why the file has no end, once it was read; empty where it has one."""
         self.damage: list[str] = []
-        """What was damaged before the newest message, in words, and left out; the first
-        MOST_DAMAGE of it."""
+        """Damaged parts before the newest message that were left out, in words; the first
+        MOST_DAMAGE of them."""
         self.left_out: dict[str, int] = {}
         """Messages that are not in CDR, by their encoding; empty: their topic is not described."""
         self.places: list[Place] = []
@@ -240,12 +240,12 @@ class RecordReader:
         """Encodings of the channels that are no topics of ROS 2."""
 
     def __iter__(self) -> Iterator[RecordedMessage]:
-        """All messages in the order of the file. Raises CaptureError for what is no MCAP file."""
+        """All messages in the order of the file. Raises CaptureError for any other file."""
         return self.messages()
 
     @property
     def problems(self) -> list[str]:
-        """What is wrong with the file as far as it was read, in words; empty: nothing."""
+        """Problems of the file as far as it was read, in words; empty if there are none."""
         damaged = [f"the file is damaged {each}" for each in self.damage]
         others = [
             f"{count} messages are left out: they are in {encoding!r:.30}, and only those of ROS 2 "
@@ -258,8 +258,8 @@ class RecordReader:
         return damaged + others + ended
 
     def messages(self, place: Place | None = None) -> Iterator[RecordedMessage]:
-        """Those from a place of `places` on, in the order of the file; None: all. Raises
-        CaptureError for what is no MCAP file."""
+        """Messages from a place of `places` on, in the order of the file; None: all. Raises
+        CaptureError for a file that is no MCAP."""
         from mcap.records import Channel, Message, Schema
 
         schemas, topics, others, places = self._schemas, self._topics, self._others, self.places
@@ -290,8 +290,8 @@ class RecordReader:
                 )
 
     def records(self) -> Iterator[Record]:
-        """All that the file has before its summary, in its order, but indexes and other programs'
-        own. Raises CaptureError for what is no MCAP file."""
+        """All records before the summary, in the order of the file, but indexes and other programs'
+        own. Raises CaptureError for a file that is no MCAP."""
         for _, record in self._read(None):
             yield record
 
@@ -312,7 +312,7 @@ class RecordReader:
             self.damage.append(f"at byte {offset} {why}")
 
     def _records(self, stream: BinaryIO, place: Place | None) -> Iterator[tuple[int, Record]]:
-        """Those of the data section and of its chunks, each with the offset at which reading it
+        """Records of the data section and of its chunks, each with the offset at which reading it
         begins."""
         from mcap.opcode import Opcode
         from mcap.records import Message
@@ -362,7 +362,7 @@ class RecordReader:
                 if lost and following is None:
                     return
                 if not known:
-                    # What the damaged part has said of topics is said again at the end.
+                    # Topics that the damaged part has described are described again at the end.
                     known = True
                     records = end.topics
                 if lost and following is not None:
@@ -373,7 +373,7 @@ class RecordReader:
                 yield offset, record
 
     def _check_end(self, offset: int, body: bytes, crc: int | None, count: int, end: _End) -> None:
-        """What is said of all data before. `crc`: None where not all was read."""
+        """Check the CRC and count of all data before. `crc`: None if not all was read."""
         if self.damage or crc is None:
             return
         if len(body) < 4 or struct.unpack_from("<I", body)[0] not in (0, crc):
@@ -400,15 +400,15 @@ class RecordReader:
 
 
 class _LostError(ValueError):
-    """Where the next record begins is not known."""
+    """The start of the next record is not known."""
 
 
 class _ChunkError(ValueError):
-    """What is wrong with a chunk, in words."""
+    """Error in a chunk, in words."""
 
 
 class _End(NamedTuple):
-    """What the summary of a file says, at its end."""
+    """Summary at the end of a file."""
 
     finished: bool
     """Whether the file has the end that a finished one has."""
@@ -480,8 +480,8 @@ def _is_news(places: list[Place], offset: int, log_ns: int) -> bool:
 
 
 def _records_in(opcode: int, body: bytes) -> list[Record]:
-    """What is in a record of the data section, and in it if it is a chunk. Raises _LostError, or
-    what mcap and the compressors raise."""
+    """Contents of a record of the data section, those of a chunk unpacked. Raises _LostError, or
+    any error of mcap and the compressors."""
     from mcap.data_stream import ReadDataStream
     from mcap.exceptions import EndOfFile
     from mcap.opcode import Opcode
@@ -511,9 +511,8 @@ def _records_in(opcode: int, body: bytes) -> list[Record]:
 
 
 def _unpacked(chunk: Chunk) -> list[Record]:
-    """What is in a chunk. Raises _ChunkError where its CRC is another. The lengths that it and its
-    compressed frame declare are not believed: mcap's own unpacking takes the memory for them
-    first."""
+    """Contents of a chunk. Raises _ChunkError for a wrong CRC. The lengths that it and its
+    compressed frame declare are not trusted: mcap's own unpacking allocates them first."""
     import lz4.frame
     import zstandard
     from mcap.records import Channel, Message, Schema

@@ -1,8 +1,8 @@
-"""Shows a record to one who looks: the newest messages of a time within it, as fast as one likes.
+"""Player of a record for display: the newest messages of a time within it, at any rate.
 
-Nothing comes onto the bus, so that nothing can move by it. As a program,
-``python -m cardan.recording.player FILE``, it takes orders on its standard input and
-writes what is to be shown on its standard output, a JSON object a line each; docs/recording.md.
+Nothing is published on the bus, and no arm can move by it. As a program, ``python -m
+cardan.recording.player FILE``, it takes orders on its standard input and writes the messages to
+show on its standard output, a JSON object per line each; docs/recording.md.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ TICK_S: Final = 1 / 30
 """How often messages are shown; of a topic the newest."""
 
 BEFORE_NS: Final = 2_000_000_000
-"""So much before a time is read to know what the newest messages were: all state is published more
-often, but for what is latched."""
+"""Span before a time that is read to find the newest messages: all state is published more often,
+except latched topics."""
 
 MOST_MESSAGE: Final = 2**20
 """Bytes of a message that is shown: pages draw arms, not point clouds."""
@@ -45,14 +45,14 @@ MOST_TEXT: Final = 8 * 2**20
 MOST_TOPICS: Final = 1000
 
 NICE: Final = 10
-"""Of the program: who looks at a record keeps nobody waiting that moves an arm."""
+"""Priority of the program: displaying a record does not delay a process that moves an arm."""
 
 RATES: Final = (0.1, 16.0)
 """Slowest and fastest, as a share of real time."""
 
 
 class Contents(NamedTuple):
-    """What is in a record."""
+    """Contents of a record."""
 
     first_ns: int
     last_ns: int
@@ -62,11 +62,11 @@ class Contents(NamedTuple):
     cut_off: str
     """Why the file has no end; empty where it has one."""
     damage: str
-    """What is damaged and left out; empty: nothing."""
+    """Damaged parts that are left out, in words; empty if there are none."""
 
     @property
     def duration_s(self) -> float:
-        """From the first message to the last, s."""
+        """Time from the first message to the last, s."""
         return 1e-9 * (self.last_ns - self.first_ns)
 
 
@@ -74,8 +74,8 @@ class Show:
     """A record, and where in it one is. For one thread; knows no clock."""
 
     def __init__(self, path: Path) -> None:
-        """Reads it once from end to end. Raises CaptureError for what is no record, or an empty
-        one."""
+        """Read it once from end to end. Raises CaptureError for a file that is no record, or an
+        empty one."""
         self._reader = RecordReader(path)
         self._latched: list[RecordedMessage] = []
         self.contents = self._look_through()
@@ -115,13 +115,12 @@ class Show:
         return self.at_s >= self.contents.duration_s
 
     def seek(self, at_s: float) -> list[str]:
-        """Go to a time, s since the first message; what was the newest then, as `forward` has
-        it."""
+        """Go to a time, s since the first message; return the newest messages, as `forward`."""
         first_ns = self.contents.first_ns
         self.at_s = min(max(at_s, 0.0), self.contents.duration_s)
         until_ns = first_ns + round(1e9 * self.at_s)
         places = [each for each in self._reader.places if each.log_ns <= until_ns - BEFORE_NS]
-        # The first place of all is read from, too: what comes before it has no messages.
+        # The first place of all is read from, too: there are no messages before it.
         place = places[-1] if places else next(iter(self._reader.places), None)
         self._coming = self._reader.messages(place) if place is not None else iter(())
         self._next = next(self._coming, None)
@@ -149,7 +148,7 @@ class Show:
 
 
 def _texts(messages: Iterable[RecordedMessage]) -> list[str]:
-    """Those that can be read, and are not too much."""
+    """Messages that can be read, as JSON, up to MOST_TEXT."""
     found: list[str] = []
     left = MOST_TEXT
     for each in messages:
@@ -180,8 +179,8 @@ class Player:
         self._changed = False
 
     def order(self, order: Mapping[str, Any], now_s: float) -> list[str]:
-        """Take an order: "topics", "at_s", "rate", "playing", each as far as it is there. What is
-        to be shown then. Raises ValueError for what is none."""
+        """Take an order: "topics", "at_s", "rate", "playing", each optional. Return the messages
+        to show then. Raises ValueError for a wrong value."""
         show = self._show
         topics, at_s = order.get("topics"), order.get("at_s")
         rate, playing = order.get("rate"), order.get("playing")
@@ -203,7 +202,7 @@ class Player:
         return shown
 
     def tick(self, now_s: float) -> list[str]:
-        """What is to be shown now."""
+        """Return the messages to show now."""
         if not self.playing:
             return []
         shown = self._show.forward(self._from_s + (now_s - self._began_s) * self._rate)
@@ -212,7 +211,7 @@ class Player:
         return shown
 
     def line(self, shown: Sequence[str]) -> str:
-        """What is said of it, with what is to be shown; empty: nothing has changed."""
+        """The line for the page: its state and the messages `shown`; empty if nothing changed."""
         if not self._changed:
             return ""
         self._changed = False
@@ -231,7 +230,7 @@ def _number(name: str, value: object, least: float, most: float) -> float:
 
 
 def run(path: Path, orders: TextIO, out: TextIO) -> None:
-    """Show a record until the orders end. The first line says what is in it, or what is wrong."""
+    """Show a record until the orders end. The first line has its contents, or the problem."""
     try:
         show = Show(path)
     except CardanError as error:

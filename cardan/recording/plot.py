@@ -40,7 +40,7 @@ class Placed(NamedTuple):
 
 @dataclass
 class Series:
-    """What is drawn of one arm; all times since the epoch, ns."""
+    """Plotted data of one arm; all times since the epoch, ns."""
 
     poses: list[Placed] = field(default_factory=list)
     """Of the measured TCP, m."""
@@ -119,9 +119,9 @@ _TAKEN: Mapping[str, Callable[[Series, Message, int], None]] = {
 
 
 def read_series(path: Path, arm: str = "") -> tuple[str, Series, list[str]]:
-    """The full name of an arm's node, its series, and what is wrong with the file.
+    """The full name of an arm's node, its series, and the problems of the file.
 
-    `arm`: a node's full name; empty: the only one that there is. Raises CaptureError, OptionError.
+    `arm`: a node's full name; empty: the only one in the file. Raises CaptureError, OptionError.
     """
     found: dict[str, Series] = {}
     reader = RecordReader(path)
@@ -147,7 +147,7 @@ def _take(
 
 
 def plot(path: Path, picture: Path, arm: str = "") -> list[str]:
-    """Draw one arm of a record as `picture`; what is wrong with the file, in words.
+    """Draw an arm of a record as `picture`. Returns the problems of the file, in words.
 
     Raises CaptureError, OptionError or ExtraMissingError.
     """

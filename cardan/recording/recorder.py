@@ -40,8 +40,8 @@ NAME = "cardan_recorder"
 _log = logging.getLogger(__name__)
 
 FLUSH_S = 0.5
-"""How often the file is flushed: with what is under way then, a record whose process is killed
-lacks less than 1 s."""
+"""Flush period of the file: with the data under way, a record whose process is killed lacks less
+than 1 s."""
 
 QUEUE_MESSAGES, QUEUE_BYTES = 20_000, 256 << 20
 """Most that waits for the disk; of more, the newest is dropped and counted."""
@@ -50,8 +50,8 @@ SHARED_TOPICS = ("tf", "tf_static", "diagnostics", "rosout")
 """Topics that all arms have in common; recorded whichever arms are chosen."""
 
 GRAPH_S = 2.0
-"""How long a topic's first message waits for what the graph tells of its publisher, while the
-recorder joins."""
+"""Longest wait of a topic's first message for its publisher in the graph, while the recorder
+joins."""
 
 JOINING_S = 3.0
 """How long that is: the graph comes piece by piece, on a busy computer within a second."""
@@ -71,7 +71,7 @@ _STRING = codec_of("std_msgs/msg/String")
 
 
 class Report(NamedTuple):
-    """What became of a record."""
+    """Summary of a finished record."""
 
     messages: int
     topics: int
@@ -120,7 +120,7 @@ class _Heard(NamedTuple):
 class Recorder:
     """Records from `open` to `close`.
 
-    Zenoh's threads put what arrives into a bounded queue; one thread writes it.
+    Zenoh's threads put received messages into a bounded queue; one thread writes them.
     """
 
     def __init__(self, options: BusOptions, path: Path, arms: Sequence[str] = ()) -> None:
@@ -135,8 +135,8 @@ class Recorder:
         self._arms = [arm.strip("/") for arm in arms]
         self._node = BusNode(options, NAME)
         self._seen: dict[str, list[Entity]] = {}
-        """The endpoints of each topic, those that have gone again too: who publishes one message
-        and leaves is gone before the message is looked at."""
+        """The endpoints of each topic, also those that have left: a node that publishes a message
+        and leaves is gone before the message is handled."""
         self._saw = threading.Condition()
         self._queue: deque[_Heard] = deque()
         self._queued_bytes = 0
@@ -148,8 +148,7 @@ class Recorder:
         self._topics: dict[str, RecordedTopic | None] = {}
         """By key; None: no topic of ROS."""
         self._of_one: dict[tuple[str, bytes], RecordedTopic] = {}
-        """Latched topics by key and who publishes: a later subscription gets the last message of
-        each."""
+        """Latched topics by key and publisher: late subscribers get the last message of each."""
         self._counted: dict[bytes, int] = {}
         """Newest sequence numbers of publishers."""
         self._configured: set[tuple[str, bytes]] = set()
@@ -171,7 +170,7 @@ class Recorder:
         return bool(self._error)
 
     def figures(self) -> dict[str, int]:
-        """Counts so far; "bytes": what was given to the disk."""
+        """Counts so far; "bytes": those written to the disk."""
         return {
             "bytes": self._bytes,
             "messages": self._messages,
@@ -196,14 +195,14 @@ class Recorder:
         keys += [f"{domain}/{name}/**" for name in SHARED_TOPICS] if keys else [f"{domain}/**"]
         try:
             for key in keys:
-                # One that asks for what latched topics had before, too.
+                # A subscriber that asks for earlier messages of latched topics, too.
                 self._handles.append(node.declare_subscriber(key, self._hear, LATCHED_QOS))
         except BaseException:
             self.close()
             raise
 
     def close(self) -> Report:
-        """End; what has arrived is written. Never raises; twice is fine."""
+        """End; messages that have arrived are written. Never raises; twice is fine."""
         with contextlib.suppress(zenoh_module().ZError):
             while self._handles:
                 self._handles.pop().undeclare()
@@ -287,7 +286,7 @@ class Recorder:
             self._error = f"{self._path} cannot be written: {why}"
             with self._there:
                 self._queue.clear()
-            with contextlib.suppress(Exception):  # What was flushed is there to be read.
+            with contextlib.suppress(Exception):  # Flushed messages can be read all the same.
                 writer.finish()
 
     def _add(self, writer: RecordWriter, heard: _Heard) -> None:
@@ -310,7 +309,7 @@ class Recorder:
             if before is not None and sequence > before + 1:
                 self._lost += sequence - before - 1
             elif topic.latched and before is not None and sequence <= before:
-                return  # It came twice: as news, and as what was published before.
+                return  # It came twice: as a new message, and as an earlier one of a latched topic.
         writer.add(
             RecordedMessage(topic, heard.log_ns, publish_ns or heard.log_ns, sequence, heard.data)
         )
@@ -376,7 +375,7 @@ class Recorder:
         return [each for each in self._seen.get(topic, ()) if each.kind == PUBLISHER]
 
     def _announce(self) -> None:
-        """Be seen as a subscriber of all that there is: some publish only while somebody is."""
+        """Announce a subscriber of all topics: some nodes publish only while there is one."""
         with self._saw:
             new = {name: each for name, (each, *_) in self._seen.items()}
         for name, entity in new.items():

@@ -1,4 +1,4 @@
-"""Writes a whole record of what one has that was cut off or damaged."""
+"""Repair of a record that was cut off or is damaged, into a new file."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 
 class RepairReport(NamedTuple):
-    """What became of a file."""
+    """Result of the repair of a file."""
 
     path: Path
     """The new one."""
     messages: int
     problems: tuple[str, ...]
-    """What was wrong with the old one, and what of it is lost."""
+    """Problems of the old file, and its data that is lost."""
 
     @property
     def complete(self) -> bool:
@@ -37,19 +37,19 @@ class RepairReport(NamedTuple):
 
 
 def repaired_name(path: Path) -> Path:
-    """What the whole file is called unless it is said."""
+    """Default path of the repaired file."""
     return path.with_name(f"{path.stem}-repaired.mcap")
 
 
 def repair(path: Path, output: Path) -> RepairReport:
     """Write what `path` has into a new file: its messages as they are, of whatever encoding, their
-    topics, attachments and metadata; indexes anew. One record of it is in memory at a time.
+    topics, attachments and metadata; indexes anew. A single record is in memory at a time.
 
-    Raises CaptureError for what is no MCAP file, and where `output` exists or cannot be written.
+    Raises CaptureError for a file that is no MCAP, and if `output` exists or cannot be written.
     """
     reader = RecordReader(path)
     records = reader.records()
-    first = next(records, None)  # No file is made of what is none.
+    first = next(records, None)  # No file is made if `path` is no record.
     try:
         stream = output.open("xb")
     except FileExistsError:
@@ -84,7 +84,7 @@ class _Copy:
         self._begun = False
         self._schemas: dict[int, tuple[Schema, int]] = {}
         self._channels: dict[int, tuple[Channel, int]] = {}
-        """What was read, by its number there, and its number here."""
+        """Channels that were read, by their number in the old file, and their number in the new."""
         self._strange = 0
         """Messages of channels that are not described."""
         self._unreadable = 0
@@ -92,7 +92,7 @@ class _Copy:
 
     @property
     def problems(self) -> list[str]:
-        """What could not be taken over."""
+        """Data that could not be copied."""
         said = []
         if self._strange:
             said.append(f"{self._strange} messages are lost: what describes their topics is")

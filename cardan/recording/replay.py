@@ -1,7 +1,7 @@
 """Publishes a record onto the bus, under the original names with the original spacing.
 
-What could move an arm is held back unless it is asked for. Then it comes as from any other program:
-the receiver decides, a session by its arming sequence and its authority.
+Commands that could move an arm are held back unless the user asks for them. Then they come as from
+any other program: the receiver decides, a session by its arming sequence and its authority.
 """
 
 from __future__ import annotations
@@ -64,21 +64,21 @@ LONGEST_PAUSE_S = 60.0
 """Longest time without a message that is waited for, unless another is asked for."""
 
 MOST_STEPS = 5
-"""That are told, one by one."""
+"""Most steps that are reported one by one."""
 
 SETTLE_S = 0.3
 """After that: how long others take to subscribe to topics that are new to them."""
 
 
 class ReplayReport(NamedTuple):
-    """What was published."""
+    """Summary of the published messages."""
 
     messages: int
     topics: tuple[str, ...]
     held_back: Mapping[str, str]
     """Topics that were not published, and why."""
     problems: tuple[str, ...] = ()
-    """What is wrong with the file: damage, why it has no end, and where its time makes a step."""
+    """Problems of the file: damage, why it has no end, and where its time makes a step."""
 
     @property
     def complete(self) -> bool:
@@ -112,7 +112,7 @@ class Schedule:
 
     @property
     def steps(self) -> list[str]:
-        """Those that were not waited for, in words."""
+        """Steps that were not waited for, in words."""
         more = self._steps - len(self._told)
         return [*self._told, f"and {more} more steps of its time"] if more else self._told
 
@@ -206,9 +206,9 @@ def replay(
     """Publish a record until its end, SIGINT or SIGTERM.
 
     `rate`: 2: twice as fast; `topics`: names, where * stands for anything; none: all. `commands`:
-    those, too, that are held back otherwise. `longest_pause_s`: of a longer time without a message,
-    s of the record, nothing is waited for. `say` is told what is held back before anything is
-    published. Raises CaptureError, OptionError, or what opening the bus raises.
+    those, too, that are held back otherwise. `longest_pause_s`: longer times without a message, s
+    of the record, are skipped. `say` gets the topics that are held back, before any message is
+    published. Raises CaptureError, OptionError, or an error of opening the bus.
     """
     if not 0.0 < rate < math.inf:
         raise OptionError("--rate", rate, "a number above 0")
@@ -250,7 +250,7 @@ def replay(
 
 
 def until_damage(reader: RecordReader) -> Iterator[RecordedMessage]:
-    """What comes before the first damage: an arm that misses commands does others than recorded."""
+    """Messages before the first damage: without lost commands an arm would move differently."""
     for message in reader:
         if reader.damage:
             return
@@ -265,12 +265,12 @@ def _meet(network: BusNetwork, interrupted: threading.Event) -> None:
     end_s = time.monotonic() + MEET_S
     while network.lonely() and time.monotonic() < end_s and not interrupted.wait(0.05):
         pass
-    interrupted.wait(SETTLE_S)  # What there is comes one by one.
+    interrupted.wait(SETTLE_S)  # Peers are discovered one by one.
 
 
 def _advertise(network: BusNetwork, topic: RecordedTopic) -> list[Publisher]:
-    """As many publishers as take turns: one, or where several nodes published a latched topic, one
-    for each, so that a later subscription gets the last message of each."""
+    """Publishers that take turns: one, or if several nodes published a latched topic, one for each:
+    a later subscription gets the last message of each."""
     known = known_definition(topic.type_name, topic.type_hash)
     mark = "" if known else topic.type_hash
     count = len(topic.publishers) if topic.latched else 1

@@ -45,9 +45,9 @@ REPEAT: Mapping[str, Callable[..., None]] = {
     "hand_over": lambda verbs, to, source: verbs.hand_over(to, source=source),
     "release": lambda verbs, source: verbs.release(source),
 }
-"""what the recorder has of them, by name, and how each is made again with its values."""
+"""Functions that make a recorded request again with its values, by the name of the request."""
 
 
 def repeat(verbs: ArmVerbs, name: str, argument: str) -> None:
-    """Make a request again. Raises what it raised."""
+    """Make a request again. Raises the errors of the request."""
     REPEAT[name](verbs, *json.loads(argument))

@@ -22,7 +22,7 @@ LOOK_S = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class RecordsOptions(Options):
-    """What is recorded, and where to."""
+    """Recorded arms, and the folder of the records."""
 
     folder: str = ""
     """Folder of the records, each with the time of its start as its name; it is made. Empty: that

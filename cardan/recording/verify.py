@@ -1,5 +1,5 @@
-"""Holds the control core against a record: what a session's loop saw goes through a new controller,
-whose commands have to be those that were sent, bit for bit.
+"""Verification of the control core by a record: the inputs of a session's loop go through a new
+controller, whose commands have to be those that were sent, bit for bit.
 
 Nothing is opened, and nothing is sent.
 """
@@ -66,7 +66,7 @@ REPEATED: Mapping[str, Callable[[ArmController, str], object]] = {
 
 
 class Difference(NamedTuple):
-    """The first cycle whose command is another one."""
+    """The first cycle whose command differs."""
 
     cycle: int
     stamp_s: float
@@ -77,7 +77,7 @@ class Difference(NamedTuple):
 
 @dataclass
 class Verification:
-    """What became of the replay of one session."""
+    """Result of the replay of one session."""
 
     session: str
     """Full name of its node."""
@@ -85,11 +85,11 @@ class Verification:
     """Cycles whose commands were compared, and the same."""
     difference: Difference | None = None
     ended: str = ""
-    """Why not all cycles could be compared; empty where they were."""
+    """Why not all cycles could be compared; empty if they were."""
     versions: dict[str, str] = field(default_factory=dict)
-    """That the session ran with."""
+    """Versions that the session ran with."""
     problems: list[str] = field(default_factory=list)
-    """What is wrong with the file."""
+    """Problems of the file."""
 
     @property
     def same(self) -> bool:

@@ -1,1 +1,1 @@
-"""One module per emulated device or controller, speaking the real protocol."""
+"""Emulated devices and controllers that speak the real protocol, a module for each."""

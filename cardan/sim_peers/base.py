@@ -1,4 +1,4 @@
-"""What every simulated peer shares: fault switches, motion scripts, and the serving loop.
+"""Shared parts of every simulated peer: fault switches, motion scripts, and the serving loop.
 
 A peer's behavior is a sans-I/O core that takes time as an argument, so that tests run it in
 virtual time; a thin shell serves it over the real kind of transport. Peers never import drivers.
@@ -27,11 +27,11 @@ from cardan.errors import ScriptError
 
 
 class FaultSwitch(NamedTuple):
-    """One fault a peer can be told to have: ``--fault NAME`` or ``--fault NAME=VALUE``."""
+    """A fault that a peer can be given: ``--fault NAME`` or ``--fault NAME=VALUE``."""
 
     name: str
     help: str
-    """What it does and the unit of its value, one line."""
+    """Effect of the fault and the unit of its value, in one line."""
     default: float = 1.0
     """The value of a bare ``--fault NAME``."""
     lowest: float = 0.0
@@ -41,23 +41,23 @@ class FaultSwitch(NamedTuple):
 
     @classmethod
     def at(cls, name: str, what: str, default_s: float = 5.0) -> FaultSwitch:
-        """What happens at a time, s."""
+        """Make the switch of a fault that happens at a time, s."""
         return cls(name, f"{what} at this time, s", default_s)
 
     @classmethod
     def share(cls, name: str, what: str, default: float = 0.05) -> FaultSwitch:
-        """What happens to a share of something."""
+        """Make the switch of a fault that happens to a share of something."""
         return cls(name, f"{what} (0..1)", default, 0.0, 1.0)
 
     @classmethod
     def flag(cls, name: str, what: str) -> FaultSwitch:
-        """What is so or not."""
+        """Make the switch of a fault that is on or off."""
         return cls(name, f"{what} (1: yes)", 1.0, 0.0, 1.0)
 
 
 def check_faults(faults: Mapping[str, float], switches: Iterable[FaultSwitch]) -> None:
     """Raise ScriptError for a fault that is not among `switches`, whose value is out of range, or
-    that would end another which is not there."""
+    that ends another fault that is not given."""
     known = {switch.name: switch for switch in switches}
     for name, value in faults.items():
         if name not in known:
@@ -70,7 +70,7 @@ def check_faults(faults: Mapping[str, float], switches: Iterable[FaultSwitch]) -
 
 
 def parse_faults(words: Iterable[str], switches: Iterable[FaultSwitch]) -> dict[str, float]:
-    """Turn ``NAME[=VALUE]`` words into values by name; ScriptError names what there is."""
+    """Turn ``NAME[=VALUE]`` words into values by name; ScriptError names the known faults."""
     switches = tuple(switches)
     defaults = {switch.name: switch.default for switch in switches}
     faults: dict[str, float] = {}
@@ -88,7 +88,7 @@ ActT = TypeVar("ActT", bound=Callable[..., None])
 
 
 class TimedActs(Generic[ActT]):
-    """Acts that are done once at a time: faults whose values are times, and others."""
+    """Acts, each done once at its time: faults whose values are times, and others."""
 
     def __init__(
         self,
@@ -114,7 +114,7 @@ class TimedActs(Generic[ActT]):
 
 
 class ScriptStep(NamedTuple):
-    """One line of a script: at `time_s` after the start, do `verb` with `args`."""
+    """Line of a script: at `time_s` after the start, do `verb` with `args`."""
 
     time_s: float
     verb: str
@@ -185,7 +185,7 @@ class SimulatedPeer(Openable):
     @property
     @abstractmethod
     def endpoint(self) -> str:
-        """What others connect to; printed after READY."""
+        """Address that clients connect to; printed after READY."""
 
     @abstractmethod
     def open(self) -> None:
@@ -197,7 +197,7 @@ class SimulatedPeer(Openable):
 
     @abstractmethod
     def close(self) -> None:
-        """Release the transport; remove what open() created. Never raises."""
+        """Release the transport; remove files that open() created. Never raises."""
 
     def __enter__(self: _P) -> _P:
         """Open it, and serve in a thread until the end of the ``with`` block."""
@@ -224,7 +224,7 @@ class SimulatedPeer(Openable):
 def serve(peer: SimulatedPeer, seconds: float | None = None) -> None:
     """Run `peer` until `seconds` are over or a signal would end it; print READY once it serves."""
     stopping = False
-    # Thawing would thaw what a program that calls this has frozen of its own.
+    # Thawing would thaw objects that the calling program has frozen, too.
     freezes = not gc.get_freeze_count()
 
     def stop(_signal: int) -> None:
@@ -236,7 +236,7 @@ def serve(peer: SimulatedPeer, seconds: float | None = None) -> None:
             peer.open()
             # Hardware keeps its period whatever this machine is busy with.
             ask_for_real_time()
-            # A collection of what stays anyway costs tens of milliseconds.
+            # A collection of objects that stay anyway costs tens of milliseconds.
             gc.collect()
             if freezes:
                 gc.freeze()

@@ -1,4 +1,4 @@
-"""How a simulated peer is declared: what ``cardan sim`` makes its command of."""
+"""Declaration of a simulated peer, from which ``cardan sim`` makes its command."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ class Option:
     name: str = ""
     """Without the leading dashes; empty: the field's name, without its unit."""
     metavar: str = ""
-    """What the help writes for the value; empty: the choices or the unit, where there are any."""
+    """Placeholder of the value in the help; empty: the choices or the unit, if there are any."""
     read: Callable[[str], Any] | None = None
-    """Makes the value of its text; ValueError says what is wrong. None: the field's type does."""
+    """Parser of the value; ValueError says what is wrong. None: the field's type parses it."""
     repeatable: bool = False
-    """May be given several times; the field is a tuple of what `read` makes of each."""
+    """May be given several times; the field is a tuple of the values parsed by `read`."""
     port_field: str = ""
     """The field for the port: this one is the host of HOST:PORT."""
     listed: Sequence[tuple[str, str]] = ()
@@ -62,8 +62,8 @@ def option(default: V, text: str, **how: Any) -> V:
 
 
 def listen_option(what: str) -> str:
-    """The field `host` of a peer that listens there, on the loopback interface unless told
-    otherwise; `what` listens for is its help. The port is in the field ``port``."""
+    """The field `host` of a peer that listens there, by default on the loopback interface; `what`
+    listens for is its help. The port is in the field ``port``."""
     text = f"{what}; port 0: any."
     return option("127.0.0.1", text, name="listen", metavar="HOST:PORT", port_field="port")
 
@@ -111,7 +111,7 @@ class PeerCommand(Generic[OptionsT]):
     Peer: ClassVar[type]
     """The class of the peer, which takes the options; unless `run` is the command's own."""
     epilog: ClassVar[str] = ""
-    """Below the options in the help: when it prints READY, and what comes after it."""
+    """Text below the options in the help: when it prints READY, and the output after it."""
     faults: ClassVar[Sequence[FaultSwitch]] = ()
     scripts: ClassVar[Mapping[str, str]] = {}
     """The built-in ones. Where their first lines are comments, ``--list-scripts`` prints them."""

@@ -43,7 +43,7 @@ class DatagramPeer(SimulatedPeer):
 
     @abstractmethod
     def _cycle(self, now_s: float, scheduled_s: float) -> None:
-        """One cycle of the core, at `now_s` instead of `scheduled_s`; `_send` what it gives."""
+        """Run a cycle of the core, at `now_s` instead of `scheduled_s`; `_send` its datagrams."""
 
     @abstractmethod
     def _receive(self, data: bytes, source: Any, now_s: float) -> None:
@@ -97,7 +97,7 @@ class DatagramPeer(SimulatedPeer):
                 self._receive(data, source, now_s)
 
     def _wait(self, until_s: float) -> None:
-        """Until something comes in, or the next thing is due."""
+        """Wait until data arrives, or the next work is due."""
         links = [link.next_s() for link in (self._out, self._in) if link is not None]
         wake_s = min(self._next_s, until_s, *(math.inf if at is None else at for at in links))
         timeout_s = wake_s - time.monotonic()

@@ -23,7 +23,7 @@ D = TypeVar("D", bound=HeldDevice)
 
 @dataclass(frozen=True, kw_only=True)
 class HandOptions(Options):
-    """What every simulated device takes that a hand moves. Raises OptionError."""
+    """Options of every simulated device that a hand moves. Raises OptionError."""
 
     script: str = "demo"
     """A built-in script or a file."""
@@ -38,7 +38,7 @@ class HandOptions(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class NodeOptions(HandOptions):
-    """What those take that programs open at a path: a socket, or a serial port."""
+    """Options of a device that programs open at a path: a socket, or a serial port."""
 
     everybody: bool = option(False, "Let every user of this machine open it, not its owner alone.")
     """Its socket or port has mode 0666 instead of 0600, whatever the umask."""
@@ -76,7 +76,7 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
 
     @property
     def endpoint(self) -> str:
-        """What programs open."""
+        """The address that programs open."""
         return self.backend.endpoint
 
     def open(self) -> None:
@@ -118,7 +118,7 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
         self._selector.close()
         self._selector = self._start_s = None
 
-    # -- what a backend uses -------------------------------------------------------------------
+    # -- used by the backend -------------------------------------------------------------------
 
     @property
     def selector(self) -> selectors.BaseSelector:
@@ -128,7 +128,7 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
 
     @property
     def refused_until_s(self) -> float:
-        """Until then no program can open the device; monotonic s."""
+        """Time until which no program can open the device; monotonic s."""
         return self._opened_s + self.options.faults.get("refuse", 0.0)
 
     def begin(self) -> None:
@@ -159,7 +159,7 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
         return due_s
 
     def _play(self, now_s: float) -> None:
-        """Move the device until the monotonic time `now_s`, and pass on what it has sent. One that
+        """Move the device until the monotonic time `now_s`, and pass on its reports. A device that
         was unplugged and plugged in again meanwhile is gone for its programs all the same."""
         if self._start_s is None:
             self._deliver((), now_s)

@@ -25,7 +25,7 @@ _DEG = math.pi / 180.0
 
 
 class DhLink(NamedTuple):
-    """One link, A = Rz(offset + q)·Tz(d)·Tx(a)·Rx(alpha), alpha as its exact cosine and sine."""
+    """A link, A = Rz(offset + q)·Tz(d)·Tx(a)·Rx(alpha), alpha as its exact cosine and sine."""
 
     offset: float
     d: float
@@ -35,7 +35,7 @@ class DhLink(NamedTuple):
 
 
 class ArmModel(NamedTuple):
-    """A six-axis arm: geometry and what its axes can do."""
+    """A six-axis arm: geometry and limits of its axes."""
 
     links: tuple[DhLink, ...]
     lower: tuple[float, ...]
@@ -47,8 +47,8 @@ class ArmModel(NamedTuple):
 
 
 _TIME_TO_FULL_SPEED_S = 0.1
-"""The manufacturer publishes no joint accelerations; reaching full speed in a tenth of a second is
-within what the arm's published 36.9 m/s² at the TCP allows at full reach."""
+"""The manufacturer publishes no joint accelerations; full speed in a tenth of a second is within
+the published 36.9 m/s² at the TCP at full reach."""
 
 _GOFA_SPEED_DEG_S = (125.0, 125.0, 140.0, 200.0, 200.0, 200.0)
 
@@ -89,7 +89,7 @@ UR_LINKS: Mapping[str, tuple[DhLink, ...]] = {
 
 
 class Frames(NamedTuple):
-    """Where the joint axes and the TCP are in one configuration."""
+    """Places of the joint axes and of the TCP in one configuration."""
 
     pose: Pose
     axes: list[tuple[float, float, float]]
@@ -225,7 +225,7 @@ def manipulability(frames: Frames) -> float:
 
 
 def pose_error(target: Pose, actual: Pose) -> tuple[float, float, float, float, float, float]:
-    """From `actual` to `target`: translation (m) over rotation vector (rad), base frame."""
+    """Error from `actual` to `target`: translation (m) over rotation vector (rad), base frame."""
     tx, ty, tz = target.position
     ax, ay, az = actual.position
     rx, ry, rz = rotation_between(actual.orientation, target.orientation)

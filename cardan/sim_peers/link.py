@@ -29,9 +29,9 @@ SentT = TypeVar("SentT")
 
 
 class FaultyLink(Generic[SentT]):
-    """One direction of a bad network, in virtual time: `push` what is sent, `pop` what arrives.
+    """Direction of a bad network, in virtual time: `push` sent items, `pop` those that arrive.
 
-    With `garbage` that is bytes.
+    With `garbage` the items are bytes.
     """
 
     def __init__(self, faults: Mapping[str, float], seed: int, garbage: bool = False) -> None:
@@ -68,7 +68,7 @@ class FaultyLink(Generic[SentT]):
         self._release(now_s, force=True)
 
     def pop(self, now_s: float) -> list[SentT]:
-        """What has arrived by `now_s`, in order of arrival."""
+        """Take the items that have arrived by `now_s`, in order of arrival."""
         self._release(now_s, force=False)
         arrived = []
         while self._waiting and self._waiting[0][0] <= now_s:

@@ -10,7 +10,7 @@ V = TypeVar("V", bound=tuple[float, ...])
 
 
 class Ramp(NamedTuple):
-    """The way to `goal` from wherever the vector is."""
+    """Ramp to `goal` from the present vector."""
 
     goal: tuple[float | None, ...]
     """None: this component goes on to where it was going, in the same time as the others."""
@@ -81,7 +81,7 @@ class VectorMotion(Generic[V]):
         return self.at(now_s)
 
     def without_swings(self, at_s: float) -> V:
-        """What the ramps alone make of it at `at_s`."""
+        """The vector at `at_s` by the ramps alone."""
         if at_s >= self._begin_s + self._over_s:
             return self._goal
         share = (at_s - self._begin_s) / self._over_s

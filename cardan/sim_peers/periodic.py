@@ -33,11 +33,11 @@ class PeriodicDevice(ABC, Generic[M]):
     ) -> None:
         check_faults(faults, switches)
         self.plugged = True
-        """Whether programs can find it."""
+        """Whether programs can find the device."""
         self.silent = False
-        """It is there, and sends nothing."""
+        """Whether the device sends nothing while it is there."""
         self.next_due_s = 0.0
-        """When it sends next."""
+        """Time of the next report."""
         self._period_s = period_s
         self._timed = TimedActs(
             faults, {"unplug": self.unplug, "replug": self.replug, "silence": self.fall_silent}
@@ -45,22 +45,22 @@ class PeriodicDevice(ABC, Generic[M]):
 
     @abstractmethod
     def report(self) -> M:
-        """What it sends, as it is held now."""
+        """The device's report now."""
 
     def unplug(self) -> None:
-        """It vanishes."""
+        """Remove the device."""
         self.plugged = False
 
     def replug(self) -> None:
-        """It is there again."""
+        """Bring the device back."""
         self.plugged = True
 
     def fall_silent(self) -> None:
-        """It sends nothing more."""
+        """Send nothing more."""
         self.silent = True
 
     def reports(self, now_s: float) -> list[M]:
-        """What it sends from the last call until `now_s`."""
+        """Reports from the last call until `now_s`."""
         reports = []
         while self.next_due_s <= now_s:
             for _, act in self._timed.due(self.next_due_s):
@@ -77,14 +77,14 @@ class PeriodicDevice(ABC, Generic[M]):
 
 
 class HeldModel(NamedTuple):
-    """What a scripted hand needs of a device."""
+    """Data of a device that a scripted hand needs."""
 
     name: str
     buttons: Mapping[int, str]
 
 
 class HeldPeriodicDevice(PeriodicDevice[M]):
-    """One with six deflections and buttons, which a hand holds, on a program's page or node."""
+    """Device with six deflections and buttons that a hand holds, on a program's page or node."""
 
     model: HeldModel
 
@@ -97,10 +97,10 @@ class HeldPeriodicDevice(PeriodicDevice[M]):
         self.held: tuple[str, ...] = ()
         self.led: bool | None = None
         self.rumble = 0.0
-        """What the hand is to feel, as it was told last, 0..1."""
+        """The newest commanded strength of vibration, 0..1."""
 
     def set_axes(self, axes: Sequence[float]) -> None:
-        """Deflect it."""
+        """Deflect the device."""
         self.axes = tuple(axes)
 
     def press(self, label: str) -> None:
@@ -108,13 +108,13 @@ class HeldPeriodicDevice(PeriodicDevice[M]):
         self.held = (*self.held, label)
 
     def release(self, label: str) -> None:
-        """Let a button go."""
+        """Release a button."""
         self.held = tuple(each for each in self.held if each != label)
 
     def silence(self) -> None:
-        """What sends its reports hangs."""
+        """Send nothing: the sender of its reports hangs."""
         self.silent = True
 
     def resume(self) -> None:
-        """It goes on."""
+        """Send reports again."""
         self.silent = False

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 class DelayLine:
     """Carries reports in virtual time; subclasses lose and mangle them first.
 
-    The fault ``burst`` holds back for its value, s, in every twice of it what comes, and then
-    gives all at once.
+    The fault ``burst`` holds reports back for its value, s, in every second such span, and then
+    delivers all at once.
     """
 
     def __init__(self, faults: Mapping[str, float], seed: int) -> None:

@@ -1,4 +1,4 @@
-"""What scripted hands share: the words of a script's step, and steps as actions in time."""
+"""Shared parts of scripted hands: the words of a script's step, and steps as actions in time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cardan.sim_peers.motion_profile import Ramp, SinePeriods, V, VectorMotion
 A = TypeVar("A")
 D = TypeVar("D")
 Act = Callable[[D, float], None]
-"""What a step of a script does to a device at its time, s."""
+"""Action of a script's step on a device at its time, s."""
 D_contra = TypeVar("D_contra", contravariant=True)
 
 
@@ -30,29 +30,29 @@ class HeldDevice(Protocol):
         """When `reports` has something to do next; inf while at rest."""
 
     def reports(self, now_s: float) -> list[Any]:
-        """What it sends from the last call until `now_s`."""
+        """Reports that it sends from the last call until `now_s`."""
 
     def skip_to(self, now_s: float) -> None:
-        """Send nothing for the time before `now_s` but what must not be lost."""
+        """Send nothing for the time before `now_s`, except reports that must not be lost."""
 
 
 class Hand(Protocol[D_contra]):
-    """What moves a simulated device."""
+    """Motion source of a simulated device."""
 
     @property
     def next_due_s(self) -> float:
         """When `advance` has something to do next, s; inf when nothing is planned."""
 
     def advance(self, now_s: float, device: D_contra) -> None:
-        """Do to `device` what is due until `now_s`."""
+        """Do the actions on `device` that are due until `now_s`."""
 
 
 H = TypeVar("H", bound=HeldDevice)
 
 
 def pieces(device: H, hand: Hand[H], until_s: float) -> Iterator[list[Any]]:
-    """Move `device` by `hand` until `until_s`, each at its due times; what the device sent, in
-    pieces that end where it is plugged in or out."""
+    """Move `device` by `hand` until `until_s`, each at its due times. Yields the device's reports,
+    in pieces that end where it is plugged in or out."""
     sent: list[Any] = []
     plugged = device.plugged
     while (due_s := min(device.next_due_s, hand.next_due_s)) <= until_s:
@@ -66,7 +66,7 @@ def pieces(device: H, hand: Hand[H], until_s: float) -> Iterator[list[Any]]:
 
 
 def play(device: H, hand: Hand[H], until_s: float) -> list[Any]:
-    """What `pieces` gives, as one."""
+    """All reports of `pieces` in one list."""
     return [each for piece in pieces(device, hand, until_s) for each in piece]
 
 
@@ -99,11 +99,11 @@ class StepWords:
         """The words that were not taken yet."""
 
     def error(self, what: str) -> ScriptError:
-        """To raise: `what` is wrong with this step."""
+        """The error to raise for this step; `what` is wrong with it."""
         return ScriptError(f"{self.time_s:g} s {self.verb}: {what}")
 
     def word(self, name: str) -> str:
-        """The next word, whatever it is; `name` is what the usage calls it."""
+        """The next word, whatever it is; `name` is its name in the usage."""
         if not self.left:
             raise self.error(f"{name} is missing; usage: {self.usage}")
         return self.left.pop(0)
@@ -122,11 +122,11 @@ class StepWords:
         return value
 
     def numbers(self, names: Iterable[str], lowest: float, highest: float) -> tuple[float, ...]:
-        """As many numbers as there are `names`."""
+        """Take a number for each of `names`."""
         return tuple([self.number(name, lowest, highest) for name in names])
 
     def keyword(self, name: str) -> bool:
-        """Take the next word if it is `name`; whether it was."""
+        """Take the next word if it is `name`. Returns whether it was."""
         found = self.left[:1] == [name]
         del self.left[: int(found)]
         return found
@@ -153,7 +153,7 @@ class StepWords:
         return SinePeriods(amplitude, period_s, times, math.radians(phase_deg))
 
     def end(self) -> None:
-        """There must be no more words."""
+        """Check that there are no more words."""
         if self.left:
             raise self.error(f"{' '.join(self.left)!r} is too much; usage: {self.usage}")
 
@@ -163,7 +163,7 @@ class Timeline(Generic[A]):
 
     `read` turns a step's words into actions and their times, s; those after the loop come at the
     loop. `start_s` is when the script begins; inf: when `start` is called. Raises ScriptError for
-    a ``loop`` that is not the last step, and what `read` raises.
+    a ``loop`` that is not the last step, and any error of `read`.
     """
 
     def __init__(
@@ -233,10 +233,10 @@ class ScriptHand(ABC, Generic[D]):
 
     @abstractmethod
     def _read(self, words: StepWords) -> Act[D]:
-        """Turn the words of one step into what it does."""
+        """Turn the words of a step into its action."""
 
     def _timed(self, words: StepWords) -> list[tuple[float, Act[D]]]:
-        """What one step does, and when."""
+        """Actions of one step, each with its time, s."""
         acts = [(words.time_s, self._read(words))]
         words.end()
         return acts

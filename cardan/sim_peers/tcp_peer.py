@@ -19,7 +19,7 @@ from cardan.sim_peers.tcp_servers import KindT, TcpServers
 _READ_BYTES = 4096
 _BACKLOG_BYTES = 64 * 1024
 """Most bytes kept here, beside the kernel's buffer, for a client that does not read; with more its
-connection is dropped, or what is more is left out."""
+connection is dropped, or the excess is left out."""
 _WAITING_CLIENTS = 8
 _RESET = struct.pack("ii", 1, 0)
 _READ, _WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
@@ -61,10 +61,10 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
         """The port that is asked for; 0: any free one."""
 
     def _opened(self) -> None:
-        """The ports are there: whatever else is to be opened. Raises a CardanError."""
+        """Open further resources after the ports. Raises a CardanError."""
 
     def _served(self) -> None:
-        """A step has ended."""
+        """Finish a step."""
 
     @property
     def kinds(self) -> tuple[KindT, ...]:
@@ -126,7 +126,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
                         self._send(key.data, b"")
                     if events & _READ:
                         self._read(key.data)
-                elif callable(key.data):  # of what a peer has beside its ports
+                elif callable(key.data):  # of a peer's files beside its ports
                     key.data(events)
                 else:
                     self._accept(key.data)
@@ -171,7 +171,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
         self.servers.data(link.number, data, now_s)
 
     def _flush(self) -> None:
-        """Write what the servers have, then close what they have done with."""
+        """Write the servers' data, then close the connections that they have ended."""
         servers = self.servers
         for number, data in servers.outgoing():
             link = self._links.get(number)
@@ -189,7 +189,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
                 self._forget(link)
 
     def _send(self, link: _Link[KindT], data: bytes) -> None:
-        """Write, after what still waits; what the socket does not take waits."""
+        """Write, after data that still waits; data that the socket does not take waits."""
         if link.number not in self._links or link.lost:
             return
         backlog = link.backlog
@@ -205,7 +205,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
             self._lost(link, f"{error.strerror}")
 
     def _lost(self, link: _Link[KindT], reason: str) -> None:
-        """Once a link: what more there is for it is not looked at, before it is forgotten."""
+        """End a link, once: its further events are ignored until it is forgotten."""
         link.lost = True
         link.backlog.clear()
         self.servers.lost(link.number, time.monotonic(), reason)

@@ -22,7 +22,7 @@ SILENT: Final = FaultSwitch(
 RESET: Final = FaultSwitch.at("reset", "every connection is reset")
 
 SPLIT_S: Final = 0.001
-"""Delay of the second piece of what is written in two."""
+"""Delay of the second piece of data that is written in two."""
 KEPT_EVENTS: Final = 10_000
 
 KindT = TypeVar("KindT", bound=str)
@@ -33,12 +33,12 @@ Events = deque[tuple[float, str]]
 
 @dataclass(eq=False)
 class Connection(Generic[KindT]):
-    """One client."""
+    """Connection of a client."""
 
     number: int
     kind: KindT
     late: deque[tuple[float, bytes]] = field(default_factory=deque)
-    """What is sent at a time."""
+    """Delayed data, each with the time at which it is sent, s."""
     out: deque[bytes] = field(default_factory=deque)
     """Pieces to write."""
 
@@ -50,8 +50,8 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
     """The servers of a controller; connections are small integers.
 
     The first time given is the start, from which the times of faults count. The faults "late",
-    "split", "garbage", "silent", "cut" and "reset" are of here; what is late, and what junk there
-    is, says the protocol.
+    "split", "garbage", "silent", "cut" and "reset" are of here; the protocol defines which data is
+    late, and the garbage.
     """
 
     kinds: tuple[KindT, ...]
@@ -59,15 +59,15 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
     never_read: ClassVar[frozenset[str]] = frozenset()
     """Of `kinds`: nothing is ever taken from these connections."""
     leaves_out: ClassVar[frozenset[str]] = frozenset()
-    """Of `kinds`: a client that does not read is not sent what it has no room for; one of another
-    port is let go of."""
+    """Of `kinds`: a client that does not read is not sent messages for which it has no room; a
+    client of another port is disconnected."""
     state_period_s: float
-    """Of what is published."""
+    """Period of published states."""
 
     def __init__(self, history: Events, faults: Mapping[str, float], seed: int) -> None:
-        """`history`: what happened in the controller."""
+        """`history`: events of the controller."""
         self.events: Events = deque(maxlen=KEPT_EVENTS)
-        """(time_s, what happened), the newest of them."""
+        """The newest events, (time_s, text)."""
         self.histories = (history, self.events)
         self._connections: dict[int, ConnectionT] = {}
         self._count = 0
@@ -83,25 +83,25 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
         self.behave(faults)
 
     def behave(self, faults: Mapping[str, float]) -> None:
-        """Have these faults from now on, and none of the others; what comes at a time is planned
-        from the options only."""
+        """Have these faults from now on, and none of the others; timed faults are planned from the
+        options only."""
         self._late_s = 1e-3 * faults.get("late", 0.0)
         self._split = faults.get("split", 0.0) > 0.0
         self._garbage_share = faults.get("garbage", 0.0)
 
-    # -- what a controller is -------------------------------------------------------------------
+    # -- made by the controller -----------------------------------------------------------------
 
     @abstractmethod
     def _plan(self) -> TimedActs[Act]:
-        """What is done at a time, counted from now: the acts of the network, and others."""
+        """Actions at a time, counted from now: those of the network, and others."""
 
     @abstractmethod
     def _live(self) -> None:
-        """The controller, and what comes at a time, until now."""
+        """Run the controller, and the timed actions, until now."""
 
     @abstractmethod
     def _due(self) -> Iterator[float]:
-        """When the controller is to go on, and what its servers have to do next."""
+        """Times at which the controller, or its servers, have to go on."""
 
     @abstractmethod
     def _refuses(self, kind: KindT) -> str:
@@ -113,21 +113,21 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
 
     @abstractmethod
     def _greet(self, connection: ConnectionT) -> None:
-        """A client is there: what it hears first."""
+        """Set up the connection of a new client, and send its first messages."""
 
     @abstractmethod
     def _received(self, connection: ConnectionT, data: bytes) -> None:
-        """What one read brought."""
+        """Handle the data of one read."""
 
     @abstractmethod
     def _parted(self, connection: ConnectionT) -> None:
-        """A connection has ended."""
+        """Handle the end of a connection."""
 
-    # -- what the shell calls -------------------------------------------------------------------
+    # -- called by the shell --------------------------------------------------------------------
 
     @property
     def silent(self) -> bool:
-        """Nothing is accepted, read or written any more, as if the cable had been pulled."""
+        """Whether all traffic has stopped, as if the cable had been pulled."""
         return self._silent
 
     @property
@@ -147,7 +147,7 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
         return connection in self._connections and not self._silent
 
     def accepted(self, kind: KindT, now_s: float) -> int | None:
-        """A client has come; the number of its connection, None to close it at once."""
+        """Take a new client. Returns the number of its connection, None to close it at once."""
         self._go(now_s)
         if why := self._refuses(kind):
             self._note(f"{kind}: a client is refused, {why}")
@@ -159,25 +159,25 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
         return made.number
 
     def data(self, connection: int, data: bytes, now_s: float) -> None:
-        """What one read of a connection brought; of a port never read, what a peek shows."""
+        """Take the data of one read of a connection; of a port never read, the data of a peek."""
         self._go(now_s)
         found = self._connections.get(connection)
         if found is not None and not self._silent:
             self._received(found, data)
 
     def eof(self, connection: int, now_s: float) -> None:
-        """A client has closed its end."""
+        """Handle a client that has closed its end."""
         self.lost(connection, now_s, "its client has gone")
 
     def lost(self, connection: int, now_s: float, reason: str) -> None:
-        """A connection failed in the shell, or its client does not read."""
+        """Drop a connection that failed in the shell, or whose client does not read."""
         self._go(now_s)
         found = self._connections.get(connection)
         if found is not None:
             self._drop(found, reason)
 
     def advance(self, now_s: float) -> None:
-        """Everything that is due by `now_s`: the robot, faults, states, what is late."""
+        """Do all work that is due by `now_s`: the robot, faults, states, delayed data."""
         self._go(now_s)
 
     def outgoing(self) -> list[tuple[int, bytes]]:
@@ -253,14 +253,14 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
         self._parted(connection)
 
     def _later(self, connection: ConnectionT, data: bytes) -> None:
-        """Send what the fault "late" holds back."""
+        """Send data that the fault "late" may hold back."""
         if self._late_s:
             connection.late.append((self._now_s + self._late_s, data))
         else:
             self._send(connection, data)
 
     def _send(self, connection: ConnectionT, data: bytes) -> None:
-        """Send what was not held back, or no longer is."""
+        """Send data that was not held back, or no longer is."""
         self._put(connection, data)
 
     def _put(self, connection: ConnectionT, data: bytes) -> None:

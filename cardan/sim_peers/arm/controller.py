@@ -54,9 +54,9 @@ class Counters(NamedTuple):
 class SimulatedArm:
     """A joint-controlled arm as seen over the joint stream.
 
-    Call `cycle` once per period with increasing times and send what it returns; give what the
-    other side sends to `receive`. The same calls with the same options give the same datagrams.
-    A command acts from the plant's step nearest to its reception.
+    Call `cycle` once per period with increasing times and send the datagrams that it returns; give
+    those of the other side to `receive`. The same calls with the same options give the same
+    datagrams. A command acts from the plant's step nearest to its reception.
     """
 
     def __init__(self, options: SimulatedArmOptions | None = None, session: int = 1) -> None:
@@ -140,7 +140,7 @@ class SimulatedArm:
             self._in.push(now_s, data)
 
     def cycle(self, now_s: float) -> Sequence[bytes]:
-        """One control cycle at `now_s`: move, watch, measure. Returns what to send to `client`."""
+        """Run a control cycle at `now_s`: move, watch, measure. Returns messages for `client`."""
         self._advance(now_s)
         if self._in is not None:
             for data in self._in.pop(now_s):
@@ -177,7 +177,7 @@ class SimulatedArm:
         return Counters(self._sent, self._taken, dict(self._ignored), self._timeouts)
 
     def state(self) -> ArmState:
-        """What is measured now."""
+        """The measured state now."""
         plant = self.plant
         positions = plant.positions
         if self._noise:

@@ -68,7 +68,7 @@ class Ball(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class PlantOptions(Options):
-    """The arm and what it touches.
+    """The arm and its contacts.
 
     Gains and friction are per unit of each joint's own inertia (diagonal of the mass matrix where
     it is largest, rotor included), so that one number suits a shoulder and a wrist.

@@ -1,8 +1,8 @@
 """The arm itself: rigid bodies, friction, drives, joint stops and contact, stepped in virtual time.
 
 Joint accelerations are Pinocchio's articulated-body algorithm. The scheme is a drift-kick-drift
-leapfrog; what is stiff (servo, friction) is taken at the end of the step by adding h·damping +
-h²/2·stiffness to the rotor inertia the algorithm sees, so no gain makes it unstable. Without
+leapfrog; stiff terms (servo, friction) are taken at the end of the step by adding h·damping +
+h²/2·stiffness to the rotor inertia the algorithm sees: no gain makes it unstable. Without
 servo and friction it is of second order and keeps energy.
 """
 
@@ -22,7 +22,7 @@ from cardan.types import Pose, Quaternion, Vector3, Wrench
 Array = npt.NDArray[np.float64]
 
 DEFAULT_MASSES_KG = (4.0, 4.0, 3.0, 2.0, 1.0, 0.5)
-"""Masses of an arm whose file gives none at all, from the base; after the sixth as the sixth."""
+"""Masses of an arm whose file gives none, from the base; bodies after the sixth as the sixth."""
 DEFAULT_GYRATION_M = 0.05
 """Radius of gyration of such a body, on top of that of a rod of its length."""
 PAYLOAD_GYRATION_M = 0.02
@@ -35,7 +35,7 @@ _PASSES = 4
 
 
 class DriveMode(enum.Enum):
-    """What the drives do."""
+    """Control mode of the drives."""
 
     HOLD = "hold"
     """Brake the reference with the joints' acceleration, then keep it."""
@@ -98,13 +98,13 @@ class ArmPlant:
         self._speed_limit = np.array(arm.velocity)
         self.mode = DriveMode.HOLD
         self._reference = self._q.copy()
-        """Where the servo wants the joints, before `offset`."""
+        """Reference of the servo for the joints, before `offset`."""
         self._speed = np.zeros(n)
         """How fast it wants them to move."""
         self._target = self._q.copy()
         self._wanted_speed = np.zeros(n)
         self._torque = np.zeros(n)
-        """What torque mode exerts."""
+        """Joint torques of torque mode."""
         self._integral = np.zeros(n)
         self.offset = np.zeros(n)
         """A fault: the joints rest at the reference plus this."""
@@ -206,7 +206,7 @@ class ArmPlant:
         self._target[:] = self._reference
 
     def _load(self, model: pin.Model) -> Array:
-        """What the drives need to hold the arm where it is: its weight less what springs carry."""
+        """Torques that hold the arm in its pose: its weight less the part that springs carry."""
         load: Array = pin.computeGeneralizedGravity(model, self._data, self._q)
         return load if self._springs is None else load - self._springs.torques(self._q)
 
@@ -226,7 +226,7 @@ class ArmPlant:
             self.step()
 
     def step(self) -> None:
-        """One integration step."""
+        """Run one integration step."""
         self._steps += 1
         servo = self.mode is not DriveMode.TORQUE
         if servo:
@@ -275,7 +275,7 @@ class ArmPlant:
             self._hit_stops()
 
     def _solve(self, drive: Array, servo_inertia: Array) -> Array:
-        """Accelerations; leaves what the drives exert in `_drive`."""
+        """Return accelerations; leave the drives' torques in `_drive`."""
         armature, work, v = self._armature, self._work, self._v
         h = self.step_s
         locked = self._stops or self.jammed is not None
@@ -398,7 +398,7 @@ class ArmPlant:
     # -- contact --------------------------------------------------------------------------------
 
     def _make_probes(self) -> list[tuple[int, Array, float]]:
-        """What can touch: body, center in that body, radius. The TCP comes first."""
+        """Spheres that can touch: body, center in that body, radius. The TCP comes first."""
         tcp = np.array(self.arm.tcp.position)
         probes = [(self.joints, tcp, self.options.contact_radius_m)]
         if not self.options.body_contact:
@@ -468,7 +468,7 @@ class ArmPlant:
         force: Array = normal_n * normal + drag
         return force
 
-    # -- what is measured -----------------------------------------------------------------------
+    # -- measurements ---------------------------------------------------------------------------
 
     @property
     def positions(self) -> tuple[float, ...]:
@@ -521,7 +521,7 @@ class ArmPlant:
 
     @property
     def wrench(self) -> Wrench:
-        """What the TCP exerts on the world, base axes, about the TCP."""
+        """Wrench that the TCP exerts on the world, base axes, about the TCP."""
         fx, fy, fz, tx, ty, tz = self._push.tolist()
         return Wrench(Vector3(fx, fy, fz), Vector3(tx, ty, tz))
 
@@ -585,7 +585,7 @@ def build_model(arm: ArmModel, options: PlantOptions) -> pin.Model:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """As numpy's, at a tenth of its time."""
+    """Cross product as numpy's, at a tenth of its time."""
     ax, ay, az = a.tolist()
     bx, by, bz = b.tolist()
     return np.array((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx))

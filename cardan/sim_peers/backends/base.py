@@ -1,4 +1,4 @@
-"""The contract between the shell that serves a simulated device and what carries its reports."""
+"""Interface between the shell that serves a simulated device and the backend for its reports."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ M = TypeVar("M")
 
 
 class Shell(Protocol):
-    """What a backend may use of the peer that it is a part of."""
+    """Interface of the peer that a backend is a part of."""
 
     @property
     def selector(self) -> selectors.BaseSelector:
@@ -21,23 +21,23 @@ class Shell(Protocol):
 
     @property
     def refused_until_s(self) -> float:
-        """Until then no program can open the device, by the fault ``refuse``; monotonic s."""
+        """Time until which no program can open the device, by the fault ``refuse``; monotonic s."""
 
     def begin(self) -> None:
-        """A program has opened the device: the script starts, unless it has."""
+        """Start the script, unless it has started: a program has opened the device."""
 
     def device_s(self) -> float:
         """The device's time now, s from the script's start; 0 before."""
 
     def catch_up(self) -> None:
-        """Bring the device to the present and send what it has sent by then."""
+        """Bring the device to the present and send its reports up to then."""
 
 
 class DeviceBackend(ABC, Generic[M]):
-    """One way to reach a simulated device, which sends what is of type M.
+    """A way to reach a simulated device, which sends reports of type M.
 
-    The shell calls a backend's methods. What programs send reaches the device from functions that
-    the backend registers with `Shell.selector`.
+    The shell calls a backend's methods. Data that programs send reaches the device from functions
+    that the backend registers with `Shell.selector`.
     """
 
     shell: Shell
@@ -45,12 +45,12 @@ class DeviceBackend(ABC, Generic[M]):
     awaits_program = True
     """False: it cannot tell when a program opens the device, so the script starts at once."""
     tells_refusal = False
-    """It is there while the device refuses to be opened, and says so itself."""
+    """Whether the device can be found while it refuses to be opened, and reports it itself."""
 
     @property
     @abstractmethod
     def endpoint(self) -> str:
-        """What programs open."""
+        """The address that programs open."""
 
     @property
     @abstractmethod
@@ -58,12 +58,12 @@ class DeviceBackend(ABC, Generic[M]):
         """Whether programs can find the device."""
 
     def open(self, shell: Shell) -> None:
-        """Take what is needed for as long as the peer is open. Raises a CardanError."""
+        """Acquire the resources of an open peer. Raises a CardanError."""
         self.shell = shell
 
     @abstractmethod
     def appear(self) -> None:
-        """Plug the device in, or try to: called while it is to be there and is not. Raises a
+        """Plug the device in, or try to: called while it should be there and is not. Raises a
         CardanError that says what to do."""
 
     @abstractmethod
@@ -72,10 +72,10 @@ class DeviceBackend(ABC, Generic[M]):
 
     @abstractmethod
     def send(self, messages: Sequence[M]) -> None:
-        """Pass on what the device sends to the programs that have it open."""
+        """Pass the device's messages on to the programs that have it open."""
 
     def close(self) -> None:
-        """Unplug the device for good, let go of everything. Never raises; twice is fine."""
+        """Unplug the device for good, release all resources. Never raises; twice is fine."""
         self.vanish()
 
     @property
@@ -84,10 +84,10 @@ class DeviceBackend(ABC, Generic[M]):
         return math.inf
 
     def attend(self, now_s: float) -> None:
-        """Do what is due at the monotonic time `now_s`; called at every turn."""
+        """Do the work due at the monotonic time `now_s`; called at every turn."""
 
     def wait(self, timeout_s: float) -> None:
-        """Wait for programs, at most `timeout_s`, and take what they send."""
+        """Wait for programs, at most `timeout_s`, and take the data that they send."""
         for key, _ in self.shell.selector.select(timeout_s):
             handle: Callable[[], None] = key.data
             handle()

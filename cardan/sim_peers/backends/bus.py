@@ -40,12 +40,12 @@ class BusPeerOptions(HandOptions):
 
     @property
     def endpoint(self) -> str:
-        """Where other nodes connect to."""
+        """Address that other nodes connect to."""
         return self.router or f"tcp/{self.host}:{self.port}"
 
 
 class BusBackend(DeviceBackend[bytes]):
-    """Publishes a device's messages, in CDR, and passes on what programs let the hand feel."""
+    """Publishes a device's messages, in CDR, and passes on the haptic feedback of programs."""
 
     def __init__(
         self,
@@ -56,8 +56,8 @@ class BusBackend(DeviceBackend[bytes]):
         feel: Callable[[Mapping[str, Any]], object],
         message: Callable[[bytes], bytes] = lambda sent: sent,
     ) -> None:
-        """`topic`: its name and type. `message` makes what is published of what the device sends;
-        `feel` gets each JoyFeedback."""
+        """`topic`: its name and type. `message` converts the device's reports to published
+        messages; `feel` gets each JoyFeedback."""
         self._options, self._name, self._topic = options, node, topic
         self._feedback_topic, self._feel, self._message = feedback_topic, feel, message
         self._node: BusNode | None = None
@@ -68,7 +68,7 @@ class BusBackend(DeviceBackend[bytes]):
 
     @property
     def endpoint(self) -> str:
-        """Where other nodes connect to."""
+        """Address that other nodes connect to."""
         return self._options.endpoint
 
     @property
@@ -105,7 +105,7 @@ class BusBackend(DeviceBackend[bytes]):
         return self._look_s
 
     def attend(self, now_s: float) -> None:
-        """Look for programs, and take what they tell the device."""
+        """Look for programs, and take their messages to the device."""
         if now_s < self._look_s:
             return
         self._look_s = now_s + LOOK_PERIOD_S

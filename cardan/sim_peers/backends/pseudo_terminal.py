@@ -28,7 +28,7 @@ class SerialDevice(Protocol):
     """A simulated device that a serial port powers (RTS and DTR)."""
 
     def power(self, on: bool) -> None:
-        """The host has opened the port, or closed it."""
+        """Switch the power: the host has opened the port, or closed it."""
 
     def receive(self, data: bytes) -> None:
         """Take bytes of the host's."""
@@ -39,8 +39,8 @@ class PseudoTerminal(DeviceBackend[bytes]):
 
     Unplugging hangs the port up and removes the link; replugging brings both back. A locked file
     beside the link, its name with ".lock", tells a link in use from one that a killed peer left.
-    `device` gets power and what programs write; None: it has power of its own, and takes
-    nothing. `mode` names the users who may open the port.
+    `device` gets power and the data that programs write; None: it has power of its own, and takes
+    none. `mode` names the users who may open the port.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class PseudoTerminal(DeviceBackend[bytes]):
         _remove_stale(link, self._lock)
         master, slave = os.openpty()
         port = os.ttyname(slave)
-        # A line discipline would echo what the device says back to it.
+        # A line discipline would echo the device's reports back to it.
         tty.setraw(slave)
         os.fchmod(slave, self._mode)  # The system's own lets its group write.
         os.close(slave)
@@ -145,7 +145,7 @@ class PseudoTerminal(DeviceBackend[bytes]):
                 self._meet()
 
     def _meet(self) -> None:
-        """A program has opened the port: the device has power."""
+        """Power the device: a program has opened the port."""
         self._host = True
         self.shell.begin()
         self.shell.catch_up()
@@ -156,7 +156,7 @@ class PseudoTerminal(DeviceBackend[bytes]):
             self._device.power(True)
 
     def _leave(self) -> None:
-        """The last program has closed the port: no more power, and nothing is kept for the next."""
+        """Cut the power and drop all data: the last program has closed the port."""
         if not self._host:
             return
         assert self._master is not None
@@ -170,7 +170,7 @@ class PseudoTerminal(DeviceBackend[bytes]):
             termios.tcflush(self._master, termios.TCIOFLUSH)
 
     def _read(self) -> None:
-        """The host has sent something, or is gone."""
+        """Take the host's data, or notice that it is gone."""
         if self._master is None or not self._host:
             return
         try:
@@ -229,7 +229,7 @@ def _remove_stale(link: str, lock: int) -> None:
         return
     if not os.path.islink(link):
         raise AddressError(f"{link!r} exists and is not a link; give another path")
-    # What it leads to may be another program's terminal by now.
+    # It may lead to another program's terminal by now.
     if os.path.exists(link) and os.readlink(link) != _port_in(lock):
         raise AddressError(
             f"{link!r} leads to {os.readlink(link)}, and no simulated device made it; give "

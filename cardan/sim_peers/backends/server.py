@@ -18,7 +18,7 @@ _SMALLEST_BUFFER = 1
 
 
 class DeviceClient(ABC):
-    """One program that has the device open, and what it has not read yet."""
+    """A program that has the device open, and the reports that it has not read yet."""
 
     def __init__(self, sock: socket.socket) -> None:
         sock.setblocking(False)
@@ -34,7 +34,7 @@ class DeviceClient(ABC):
         """Send until nothing waits. Raises OSError: no more room, or gone."""
 
     def flush(self) -> None:
-        """Pass on what the program has room for. Raises OSError when it is gone."""
+        """Send as much as the program has room for. Raises OSError if it is gone."""
         with contextlib.suppress(BlockingIOError):
             self._pass_on()
 
@@ -42,7 +42,7 @@ class DeviceClient(ABC):
 class PacketClient(DeviceClient):
     """A client that gets packets.
 
-    Subclasses put them into `_queue`, and count in `lost` what they drop when that is full.
+    Subclasses put them into `_queue`, and count in `lost` packets dropped because it is full.
     """
 
     def __init__(self, sock: socket.socket) -> None:
@@ -87,8 +87,8 @@ C = TypeVar("C", bound=DeviceClient)
 class Server(Generic[C]):
     """Programs that connect to a listening socket, at most `most`, in `clients`.
 
-    `meet` makes a client of a new connection, `take` gets what a client sends, and `part` hears of
-    a client that is gone; all are called from the handlers that are the data of each file in
+    `meet` makes a client of a new connection, `take` gets a client's data, and `part` is called
+    for a client that is gone; all are called from the handlers that are the data of each file in
     `selector`.
     """
 
@@ -127,7 +127,7 @@ class Server(Generic[C]):
             listener.close()
 
     def flush(self, client: C) -> None:
-        """Pass on what waits for `client`; go on when it has room again."""
+        """Send the data that waits for `client`; go on when it has room again."""
         if client not in self.clients:
             return
         try:

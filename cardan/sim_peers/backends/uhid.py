@@ -49,7 +49,7 @@ FEATURE_REPORT, OUTPUT_REPORT, INPUT_REPORT = 0, 1, 2
 
 
 class HidIdentity(NamedTuple):
-    """What a HID device is to the kernel."""
+    """Identity of a HID device for the kernel."""
 
     name: str
     """At most 127 bytes, as `physical_path`, `serial`: 63."""
@@ -71,7 +71,7 @@ class Start(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """The kernel has let go of the device."""
+    """The kernel has stopped using the device."""
 
 
 class Open(NamedTuple):
@@ -116,7 +116,7 @@ Event = Start | Stop | Open | Close | Output | GetReport | SetReport | Malformed
 
 
 def encode_create(identity: HidIdentity) -> bytes:
-    """UHID_CREATE2. Raises ValueError for what has no room in it."""
+    """UHID_CREATE2. Raises ValueError for a value that does not fit."""
     texts = []
     for field, room in (("name", 128), ("physical_path", 64), ("serial", 64)):
         text = getattr(identity, field).encode()
@@ -159,7 +159,7 @@ def encode_set_report_reply(request_id: int, error: int) -> bytes:
 
 
 def decode_event(data: bytes) -> Event:
-    """What one read of the file gave. Never raises."""
+    """Decode the data of one read of the file. Never raises."""
     if len(data) < _TYPE.size:
         return MalformedEvent(f"{len(data)} bytes, shorter than a type")
     (kind,) = _TYPE.unpack_from(data)
@@ -287,7 +287,7 @@ class UhidBackend(DeviceBackend[bytes]):
 
     @property
     def endpoint(self) -> str:
-        """What programs look for: vendor and product id."""
+        """Vendor and product id, by which programs find the device."""
         return f"{self.identity.vendor_id:04x}:{self.identity.product_id:04x}"
 
     @property
@@ -326,7 +326,7 @@ class UhidBackend(DeviceBackend[bytes]):
         self._plugged = False
 
     def _serve(self) -> None:
-        """Take what the kernel has for the device."""
+        """Take the kernel's events for the device."""
         while (event := self.device.read()) is not None:
             if isinstance(event, Open):
                 self.shell.begin()

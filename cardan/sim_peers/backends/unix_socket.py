@@ -15,7 +15,7 @@ from cardan.sim_peers.backends.server import PacketClient, Server
 MAX_CLIENTS = 8
 """Programs that may have the device open at once."""
 QUEUE_REPORTS = 64
-"""Reports kept for a program that does not read: what Linux keeps for a hidraw node."""
+"""Reports kept for a program that does not read: as many as Linux keeps for a hidraw node."""
 
 
 C = TypeVar("C", bound=PacketClient)
@@ -71,10 +71,10 @@ class PacketBackend(DeviceBackend[M], Generic[M, C]):
 
     @abstractmethod
     def _take(self, client: C, packet: bytes) -> None:
-        """Take what a client wrote."""
+        """Take a packet that a client wrote."""
 
     def _part(self, client: C) -> None:
-        """A client is gone."""
+        """Handle the end of a client."""
         self._lost_of_gone += client.lost
 
     @property
@@ -127,7 +127,7 @@ class PacketBackend(DeviceBackend[M], Generic[M, C]):
             server.listen()
 
     def _flush(self) -> None:
-        """Pass on what waits for the programs."""
+        """Send the packets that wait for the programs."""
         for client in tuple(self.clients):
             if self._server is not None and client.waiting:
                 self._server.flush(client)

@@ -99,7 +99,7 @@ class UsbIdentity(NamedTuple):
 
 
 class UsbFunction(ABC):
-    """What a simulated device does behind the transfers."""
+    """USB function of a simulated device, behind the transfers."""
 
     identity: UsbIdentity
     endpoint: int
@@ -107,7 +107,7 @@ class UsbFunction(ABC):
 
     @abstractmethod
     def control(self, setup: Setup, data: bytes) -> bytes | None:
-        """Do a control request; `data` is what the host sends with it.
+        """Do a control request; `data` is sent with it by the host.
 
         Gives the data for the host (at most `setup.length` bytes are sent); None: not supported,
         the endpoint stalls.
@@ -115,10 +115,10 @@ class UsbFunction(ABC):
 
 
 class UsbipSession:
-    """One connection of a host to a server that exports one device as `bus_id`.
+    """Connection of a host to a server that exports one device as `bus_id`.
 
-    Bytes go in by `receive`, reports of interrupt endpoints by `push`; what is to be sent
-    gathers in `take_output`. A session that `failed` has to be closed.
+    Bytes go in by `receive`, reports of interrupt endpoints by `push`; `take_output` gives the
+    bytes to send. A session that `failed` has to be closed.
     """
 
     def __init__(self, function: UsbFunction, bus_id: str = "1-1") -> None:
@@ -143,7 +143,7 @@ class UsbipSession:
         """Transfers that were canceled before they were asked for: by which command."""
 
     def take_output(self) -> bytes:
-        """What is to be sent now."""
+        """Take the bytes to send now."""
         data = bytes(self._out)
         self._out.clear()
         return data
@@ -155,7 +155,7 @@ class UsbipSession:
             pass
 
     def push(self, endpoint: int, report: bytes) -> None:
-        """The device has `report` for interrupt endpoint `endpoint` (1..15)."""
+        """Queue the device's `report` for interrupt endpoint `endpoint` (1..15)."""
         reports = self._reports.setdefault(endpoint, deque(maxlen=ENDPOINT_REPORTS))
         reports.append(report)
         self._match(endpoint)
@@ -264,7 +264,7 @@ class UsbipSession:
                 self._return(sequence, 0, report)
 
     def _unlink(self, sequence: int, victim: int) -> None:
-        """Cancel a read that waits; one that was answered already needs no more.
+        """Cancel a read that waits; a read that was answered already needs no more.
 
         Where both come close together, Linux's vhci-hcd sends the cancellation before the transfer
         (its sender takes all new transfers, then all cancellations). An answer before the transfer
@@ -316,7 +316,7 @@ class UsbipBackend(DeviceBackend[bytes]):
         self._bus_id = bus_id
         self._plugged = False
         self.address = (host, port)
-        """Where it listens; port 0 until that is known."""
+        """Address at which it listens; port 0 until that is known."""
 
     @property
     def endpoint(self) -> str:

@@ -14,7 +14,7 @@ ALL_AXES = tuple(range(AXES))
 
 
 class Mode(enum.Enum):
-    """What EGMSetupUC chose: \\Joint, \\Pose or \\PathCorr."""
+    """Mode chosen by EGMSetupUC: \\Joint, \\Pose or \\PathCorr."""
 
     JOINT = "joint"
     POSE = "pose"
@@ -22,7 +22,7 @@ class Mode(enum.Enum):
 
 
 class StopMode(enum.Enum):
-    """What happens at the end of guidance."""
+    """Action at the end of guidance."""
 
     HOLD = "hold"
     """EGM_STOP_HOLD: stay."""
@@ -36,7 +36,7 @@ class Setup:
 
     mode: Mode
     comm_timeout_s: float = 1.0
-    """The manual gives no default; 1 s is what users report."""
+    """The manual gives no default; users report 1 s."""
 
 
 @dataclass(frozen=True, kw_only=True)

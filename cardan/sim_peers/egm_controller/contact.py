@@ -1,4 +1,4 @@
-"""What the TCP of the simulated arm can touch: a horizontal surface, as a pen meets a sheet.
+"""Horizontal surface that the TCP of the simulated arm can touch, as a pen meets a sheet.
 
 The arm is position-controlled and rigid; the compliance of the pen in its holder and of the sheet
 on its board is the surface's stiffness. Forces are in N, base axes.
@@ -26,7 +26,7 @@ class Surface(NamedTuple):
 
     height_m: float
     stiffness_n_m: _Size = 500.0
-    """That of a pen in a spring-loaded holder; a rigid tool on a table has 10 kN/m and more."""
+    """Stiffness of a pen in a spring-loaded holder; a rigid tool on a table: 10 kN/m or more."""
     damping_n_s_m: _Size = 5.0
     """Against motion into and out of the surface; it never pulls."""
     friction: _Size = 0.2

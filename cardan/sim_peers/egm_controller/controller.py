@@ -63,7 +63,7 @@ _WRAP = 1 << 32
 _FORCE_NOISE = (0.3, 0.3, 0.3, 0.02, 0.02, 0.02)
 """Standard deviation of the force sensor, N and N·m; a plausible one, none is published."""
 _RAW_BIAS = (1.8, -2.6, 7.4, 0.11, -0.07, 0.05)
-"""What an uncompensated sensor reads without contact: its own offset and the tool, N and N·m."""
+"""Reading of an uncompensated sensor without contact: its own offset and the tool, N and N·m."""
 _NOISE_SAMPLES = 509
 _INERTIA_KG_M2 = (4.0, 4.0, 1.8, 0.25, 0.2, 0.05)
 _FRICTION_NM_S = (12.0, 12.0, 8.0, 2.0, 2.0, 1.0)
@@ -82,15 +82,15 @@ class Counters(NamedTuple):
     ignored: Mapping[str, int]
     """By reason."""
     noted: Mapping[str, int]
-    """Accepted, but odd: by what."""
+    """Counts of messages that were accepted, but odd, by the reason."""
 
 
 class EgmController:
     """A controller of a GoFa CRB 15000-5 as seen over EGM.
 
-    Call `cycle` once per control period with increasing times, send what it returns to the PC,
-    and give the PC's datagrams to `receive`. The same calls with the same options give the same
-    datagrams.
+    Call `cycle` once per control period with increasing times, send the datagram that it returns
+    to the PC, and give the PC's datagrams to `receive`. The same calls with the same options give
+    the same datagrams.
     """
 
     def __init__(
@@ -172,10 +172,10 @@ class EgmController:
             self._queue.append(data)
 
     def cycle(self, now_s: float) -> bytes | None:
-        """One control cycle at `now_s`: measure, send, take one message, move.
+        """Run a control cycle at `now_s`: measure, send, take one message, move.
 
-        Returns the datagram of this cycle, None when none is due. Cycles that were left out
-        since the last call are made up for without datagrams.
+        Returns the datagram of this cycle, None if none is due. Cycles that were left out since
+        the last call are made up for without datagrams.
         """
         if self._first_s is None:
             self._first_s = self._last_s = now_s
@@ -220,12 +220,12 @@ class EgmController:
 
     @property
     def joints_rad(self) -> tuple[float, ...]:
-        """Where the arm really is."""
+        """True joints of the arm."""
         return tuple(self.servo.actual)
 
     @property
     def planned_joints_rad(self) -> tuple[float, ...]:
-        """Where the controller's reference is; the arm gets there `servo_delay_s` later."""
+        """Joints of the controller's reference; the arm gets there `servo_delay_s` later."""
         return tuple(self.servo.planned)
 
     @property
@@ -240,17 +240,17 @@ class EgmController:
 
     @property
     def tcp(self) -> Pose:
-        """Where the TCP (tool0) really is, base frame."""
+        """True pose of the TCP (tool0), base frame."""
         return forward(self.servo.actual, self.servo.arm.links).pose
 
     @property
     def contact_force(self) -> Vector3:
-        """What the TCP really exerts on the surface, N, base axes; without noise and bias."""
+        """True force of the TCP on the surface, N, base axes; without noise and bias."""
         return self._pressing
 
     @property
     def planned_tcp(self) -> Pose:
-        """Where the controller's reference has the TCP."""
+        """Pose of the TCP by the controller's reference."""
         return self.servo.planned_frames.pose
 
     def jog_to(self, joints_deg: Sequence[float]) -> bool:
@@ -524,7 +524,7 @@ class EgmController:
     def _executing(
         self, kind: type[Any], instruction: Callable[[Any], None]
     ) -> Callable[..., None]:
-        """What executes `instruction` with `kind` of a script line's arguments."""
+        """Return a verb that executes `instruction` with a script line's arguments as `kind`."""
 
         def execute(**arguments: Any) -> None:
             made = self._with_defaults(kind, arguments)

@@ -1,4 +1,4 @@
-"""What the PC's messages mean in each mode, and the joint speeds they ask for.
+"""Meaning of the PC's messages in each mode, and the joint speeds that they ask for.
 
 Source: ABB Application manual, Externally Guided Motion (3HAC073318-001): joint and pose mode,
 path correction, and the RAPID instructions that start them.
@@ -74,7 +74,7 @@ class Tuning(NamedTuple):
 def beyond_any_robot(message: EgmSensor | EgmSensorPathCorr) -> bool:
     """Whether a reference or speed of the message cannot be computed with.
 
-    What a real controller does with such a number is not known; the simulated one ignores the
+    The reaction of a real controller to such a number is not known; the simulated one ignores the
     message.
     """
     if not isinstance(message, EgmSensor):
@@ -95,7 +95,7 @@ def _largest(values: Sequence[float] | None) -> float:
 
 
 class Guidance(ABC):
-    """One EGMRun, or EGMMove with path correction."""
+    """An EGMRun, or EGMMove with path correction."""
 
     done = False
     """True when a programmed path has ended."""
@@ -145,11 +145,11 @@ class _Guided(Guidance, Generic[_R]):
 
     @abstractmethod
     def _accept(self, message: EgmSensor) -> str:
-        """As `accept`."""
+        """Take a message of joint or pose mode, as `accept`."""
 
     @abstractmethod
     def _error(self, reference: _R, ramp: float) -> Sequence[float]:
-        """From where the arm is to `reference`, of which only the share `ramp` counts yet."""
+        """Error from the arm to `reference`, of which only the share `ramp` counts yet."""
 
     def _controlled(self, elapsed_s: float) -> list[float]:
         self._line.append((self._reference, self._feed_forward))

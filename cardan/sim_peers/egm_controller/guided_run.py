@@ -1,4 +1,4 @@
-"""One run of EGM, from its start until it ends as planned or with an error.
+"""A run of EGM, from its start until it ends as planned or with an error.
 
 Source: ABB Application manual, Externally Guided Motion (3HAC073318-001), RAPID reference of
 EGMRunJoint, EGMRunPose and EGMMoveL.
@@ -33,7 +33,7 @@ class Order(NamedTuple):
 
     arguments: Run | PathMove
     start_joints: list[float]
-    """Where the arm was when the program reached it, rad."""
+    """Joints when the program reached it, rad."""
 
 
 class Ending(NamedTuple):
@@ -87,8 +87,8 @@ class GuidedRun:
     def tick(self, now_s: float) -> Ending | None:
         """Move for one control cycle; how the run ends if it was the last, else None.
 
-        Raises MotionError, before anything has moved, for what the controller stops at: silence
-        of the PC, a joint at its limit, a deviation or a load beyond its limit, a singularity.
+        Raises MotionError, before anything has moved, if the controller stops: for silence of the
+        PC, a joint at its limit, a deviation or a load beyond its limit, a singularity.
         """
         servo = self._servo
         if now_s - self._last_accepted_s > self._settings.comm_timeout_s:

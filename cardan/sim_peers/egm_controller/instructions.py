@@ -17,7 +17,7 @@ from cardan.sim_peers.egm_controller.settings import PATH_LEVEL
 
 
 class Instructions:
-    """One method per RAPID instruction; one that cannot be executed stops the program."""
+    """RAPID instructions, a method for each; a failed instruction stops the program."""
 
     def __init__(self, task: RapidTask) -> None:
         self._task = task

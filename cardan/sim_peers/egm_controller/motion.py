@@ -1,4 +1,4 @@
-"""How the simulated controller moves the arm: EGM's control law, and servos with limits.
+"""Motion of the simulated arm: EGM's control law, and servos with limits.
 
 Source of the law: ABB Application manual, Externally Guided Motion (3HAC073318-001), "Execution
 modes" and system parameters: speed = k·(pos_ref - pos) + speed_ref, then a low-pass filter.
@@ -96,7 +96,7 @@ class Servo:
 
     @property
     def actual(self) -> list[float]:
-        """Where the arm really is, rad."""
+        """True joints of the arm, rad."""
         if not self._fraction:
             return self._history[1]
         older, newer, f = self._history[0], self._history[1], self._fraction
@@ -110,7 +110,7 @@ class Servo:
 
     @property
     def measured(self) -> list[float]:
-        """Where the encoders say the arm is, rad: `actual` with noise, new every cycle."""
+        """Joints by the encoders, rad: `actual` with noise, new every cycle."""
         noise = self._noise[self._tick % _NOISE_SAMPLES]
         return [q + n for q, n in zip(self.actual, noise, strict=True)]
 

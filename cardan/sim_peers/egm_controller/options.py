@@ -1,4 +1,4 @@
-"""Settings of the simulated controller, and what each RobotWare release sends."""
+"""Settings of the simulated controller, and the messages of each RobotWare release."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cardan.sim_peers.kinematics import AXES, GOFA
 REAL_PERIOD_S = 0.004032
 """Control period of a real controller."""
 VIRTUAL_PERIOD_S = 0.004
-"""That of RobotStudio's virtual controller."""
+"""Control period of RobotStudio's virtual controller."""
 
 
 class Profile(NamedTuple):
@@ -145,32 +145,32 @@ class EgmControllerOptions(Options):
     nan_is_fatal: bool = False
     """A NaN ends in 10014 System failure, as on some controllers, instead of being ignored."""
     path_correction_absolute: bool = False
-    """Read path corrections as shifts of the programmed path; else as what a sensor on the tool
-    measures, relative to where the tool was."""
+    """Read path corrections as shifts of the programmed path; else as measurements of a sensor on
+    the tool, relative to where the tool was."""
     seqno_restarts: bool = True
     """Count from `seqno_start` again in each session."""
     seqno_start: int = 0
     tm_start_ms: int = 1_000_000
-    """What the ms clock shows at the start; it wraps at 2^32."""
+    """The ms clock at the start; it wraps at 2^32."""
     euler: bool = True
     """Poses carry Euler angles beside the quaternion."""
     force: bool = True
     """measuredForce is sent."""
     force_control: bool = option(False, "Measured force is compensated, not raw.")
-    """As while force control is active."""
+    """As it is while force control is active."""
     surface: Surface | None = option(
         None,
         "A table to press on: height, stiffness, damping, friction.",
         metavar="M[:N/M[:N.S/M[:MU]]]",
         read=Surface.read,
     )
-    """What the TCP can touch; felt in measuredForce."""
+    """Surface that the TCP can touch; its force is in measuredForce."""
     force_frame: Literal["tool", "base"] = option("tool", "Whose axes the measured force is along.")
     """Of contact forces; ABB's manual does not say."""
     force_sense: Literal["exerted", "felt"] = option(
         "exerted", "Force of the tool on the world, or back."
     )
-    """Sign of contact forces; ABB's manual does not say. Exerted is what `RobotState.wrench` is
+    """Sign of contact forces; ABB's manual does not say. `RobotState.wrench` is the exerted one
     everywhere here."""
     collision_force_n: _Size = 150.0
     """A contact force at which the motion supervision sees a collision; 0: never. The order of
@@ -178,7 +178,7 @@ class EgmControllerOptions(Options):
     ptp: bool = False
     """timeStamp is sent (RobotWare 7.16)."""
     rapid_echo: bool = True
-    """The RAPID program sends back what it got in RAPIDtoRobot."""
+    """The RAPID program sends the data of RAPIDtoRobot back."""
 
     def __post_init__(self) -> None:
         mode: Any = self.mode
@@ -214,5 +214,5 @@ class EgmControllerOptions(Options):
 
     @property
     def profile(self) -> Profile:
-        """What that release sends."""
+        """Message profile of that release."""
         return PROFILES[self.release]

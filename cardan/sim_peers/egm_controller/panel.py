@@ -23,10 +23,10 @@ _COLLISION_SHOWN_S = 0.2
 
 
 class OnError(enum.Enum):
-    """What happens some time after EGM ended with an error."""
+    """Action some time after EGM ended with an error."""
 
     STOP = "stop"
-    """Nothing: the program is stopped until it is started."""
+    """No action: the program is stopped until it is started."""
     RETRY = "retry"
     """The program's error handler runs EGM again; it gets recoverable errors only."""
     RESTART = "restart"
@@ -54,7 +54,7 @@ class Panel:
         return self._log.now_s < self._collision_until_s
 
     def on_error(self, policy: OnError, after_s: float) -> None:
-        """Choose what happens `after_s` after EGM ended with an error."""
+        """Choose the action `after_s` after EGM ended with an error."""
         self._task.recovery = Recovery(
             after_s,
             policy is OnError.RETRY,

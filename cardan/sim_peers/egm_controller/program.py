@@ -48,7 +48,7 @@ class Program:
         self._main[part] = instruction
 
     def forget(self, part: Part) -> None:
-        """Leave out of `restart` what was recorded as `part`."""
+        """Remove the instruction recorded as `part` from `restart`."""
         self._main.pop(part, None)
 
     def restart(self, get_id: Instruction) -> None:

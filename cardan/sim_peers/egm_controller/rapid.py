@@ -1,4 +1,4 @@
-"""The RAPID motion task: whether program and motors run, and what an error of EGM does to them.
+"""The RAPID motion task: state of program and motors, and its reaction to an error of EGM.
 
 Event numbers are those of ABB's event logs as users published them.
 """
@@ -30,13 +30,13 @@ _ECHO_AFTER_S = 0.024
 
 
 class Recovery(NamedTuple):
-    """What happens `after_s` after EGM ended with an error; as constructed: nothing."""
+    """Recovery `after_s` after EGM ended with an error; by default there is none."""
 
     after_s: float = 0.0
     retries: bool = False
     """The program's error handler runs EGM again; it gets recoverable errors only."""
     restart: Callable[[], None] | None = None
-    """What an operator does then, unless the arm has to be jogged first."""
+    """Action of an operator then, unless the arm has to be jogged first."""
 
 
 class RapidTask:
@@ -63,9 +63,9 @@ class RapidTask:
         """Whether the program runs EGM again when a run ends, as WHILE TRUE does."""
         self.recovery = Recovery()
         self.rapid_in: EgmRapidData | None = None
-        """What the PC sent last in RAPIDtoRobot."""
+        """The PC's newest RAPIDtoRobot."""
         self.rapid_out = EgmRapidData(False, ())
-        """What is sent in RAPIDfromRobot."""
+        """Data sent in RAPIDfromRobot."""
         self.echo = options.rapid_echo
         """Whether the program repeats RAPIDtoRobot in RAPIDfromRobot."""
         self._echoes: deque[tuple[float, EgmRapidData]] = deque()
@@ -125,7 +125,7 @@ class RapidTask:
         self.advance()
 
     def advance(self) -> None:
-        """Execute what is next in the program, as far as it goes without waiting."""
+        """Execute the next instructions of the program, as far as they do not wait."""
         while not self.program.finished and self.program_running and not self.egm.movements.busy:
             self.program.step()
 

@@ -1,4 +1,4 @@
-"""What the simulated controller's program does: built-in scripts, and the verbs of scripts.
+"""Scripts of the simulated controller's program: the built-in ones, and the verbs of scripts.
 
 A script's RAPID verbs are the instructions of the motion task; the others are operator actions
 at the controller, or external events.

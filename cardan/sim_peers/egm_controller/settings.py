@@ -1,4 +1,4 @@
-"""What EGMSetupUC and EGMAct have set, with the system parameters where they left something out."""
+"""Settings by EGMSetupUC and EGMAct, with the system parameters for those they leave out."""
 
 from __future__ import annotations
 

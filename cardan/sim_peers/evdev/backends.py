@@ -1,4 +1,4 @@
-"""What carries a simulated input device's events: a Unix socket, or the kernel's uinput."""
+"""Transports of a simulated input device's events: a Unix socket, or the kernel's uinput."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class EventSocket(PacketBackend[InputEvents, _Client]):
         self._frames = 0
 
     def send(self, messages: Sequence[InputEvents]) -> None:
-        """One packet a frame, to all, or to the one that has grabbed the device."""
+        """Send a packet per frame, to all clients, or to the one that has grabbed the device."""
         # The kernel stamps events with the wall clock unless a program asks for another.
         offset_s = time.time() - self.shell.device_s()
         for frame in messages:
@@ -140,7 +140,7 @@ class EventSocket(PacketBackend[InputEvents, _Client]):
         return _Client(sock)
 
     def _take(self, client: _Client, packet: bytes) -> None:
-        """What the client wrote: events or a request."""
+        """Handle a packet that the client wrote: events or a request."""
         now_s = self.shell.device_s()
         if len(packet) % EVENT_BYTES == 0:
             self._device.write(client, packet, now_s)
@@ -207,7 +207,7 @@ class UinputBackend(DeviceBackend[InputEvents]):
             os.close(fd)
 
     def send(self, messages: Sequence[InputEvents]) -> None:
-        """One write a frame; the kernel puts its own time to it."""
+        """Write once per frame; the kernel adds its own time."""
         assert self._fd is not None
         for frame in messages:
             events = [InputEvent(0, 0, *event) for event in frame.events]
@@ -243,7 +243,7 @@ class UinputBackend(DeviceBackend[InputEvents]):
         return f"/dev/input/{nodes[0]}"
 
     def _serve(self) -> None:
-        """The kernel passes on what a client wants of the motors, or a LED."""
+        """Take clients' requests for the motors or a LED from the kernel."""
         fd = self._fd
         if fd is None:
             return

@@ -1,7 +1,7 @@
 """A simulated input device and the kernel's side of it, without any I/O and in virtual time.
 
 Time is given in seconds from plugging in and moves in `frames` only. The hardware is polled every
-`Model.period_s`; only what changed is reported, as the kernel does.
+`Model.period_s`; only changes are reported, as the kernel does.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ _SCAN_CODES = {
 
 
 class InputEvents(NamedTuple):
-    """What changed at one poll: type, code and value of each event, SYN_REPORT last."""
+    """Changes at one poll: type, code and value of each event, SYN_REPORT last."""
 
     time_s: float
     events: tuple[tuple[int, int, int], ...]
@@ -183,7 +183,7 @@ class SimulatedInput:
 
     @property
     def held(self) -> tuple[str, ...]:
-        """Labels of what is held, oldest first."""
+        """Labels of held keys and buttons, oldest first."""
         return tuple(self._held)
 
     @property
@@ -229,7 +229,7 @@ class SimulatedInput:
         return due_s
 
     def reports(self, now_s: float) -> list[InputEvents]:
-        """What the kernel reports from the last call until `now_s`."""
+        """Frames that the kernel reports from the last call until `now_s`."""
         frames: list[InputEvents] = []
         while True:
             plug_s = self._plugging[0][0] if self._plugging else math.inf
@@ -299,7 +299,7 @@ class SimulatedInput:
                 strong, weak = max(strong, slot.effect.strong), max(weak, slot.effect.weak)
         return strong / 0xFFFF, weak / 0xFFFF
 
-    # -- inside: what the hardware reports -----------------------------------------------------
+    # -- inside: reports of the hardware -------------------------------------------------------
 
     @property
     def _noisy(self) -> bool:
@@ -374,7 +374,7 @@ class SimulatedInput:
         self._repeat_s += REPEAT_PERIOD_S
 
     def _readings(self) -> list[tuple[int, int]]:
-        """What the hardware measures."""
+        """Axis values that the hardware measures."""
         if not self.model.is_gamepad:
             return []
         left = self._stuck_left or self.controls[:2]
@@ -481,7 +481,7 @@ class SimulatedInput:
         if slot is None or slot.owner != client:
             return errno.EINVAL if slot is None else errno.EACCES
         slot.effect = effect
-        if slot.started_s is not None:  # one that plays begins again
+        if slot.started_s is not None:  # a playing effect begins again
             slot.started_s = now_s
         return encode_rumble(effect)
 

@@ -23,7 +23,7 @@ FAULTS = (
 )
 
 SOCKET_ONLY = frozenset({"dropped", "short", "garbage", "refuse-rumble"})
-"""Faults of what the kernel does, which it does itself to a device of uinput."""
+"""Faults in the kernel's part, which the kernel itself does for a device of uinput."""
 _STICK_FAULTS = ("stuck-axis", "drift", "refuse-rumble")
 
 

@@ -1,4 +1,4 @@
-"""Scripted hands: what an operator does to the simulated pad or keyboard, as a function of time."""
+"""Motion scripts of an operator at the simulated pad or keyboard, as a function of time."""
 
 from __future__ import annotations
 

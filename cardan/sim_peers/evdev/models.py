@@ -32,11 +32,11 @@ from cardan.protocols.evdev import (
 )
 
 _MEMLESS_EFFECTS = frozenset({FF_RUMBLE, 0x51, 0x58, 0x59, 0x5A, FF_GAIN})
-"""What the kernel makes of two motors: rumble, and periodic effects that it turns into rumble."""
+"""Effects that the kernel offers for two motors: rumble, and periodic ones that become rumble."""
 
 
 class Model(NamedTuple):
-    """One kind of device."""
+    """Model of a simulated input device."""
 
     key: str
     name: str

@@ -26,7 +26,7 @@ from cardan.sim_peers.hand_peer import HandPeer, NodeOptions
 
 @dataclass(frozen=True, kw_only=True)
 class EvdevPeerOptions(NodeOptions):
-    """What to simulate and where."""
+    """Simulated device and its place."""
 
     kind: Literal["gamepad", "keyboard"] = "gamepad"
     path: str = option(

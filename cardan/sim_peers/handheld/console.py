@@ -18,7 +18,7 @@ CHANNEL = 1
 CONNECT_WITHIN_S = 5.0
 
 LOOK_S = 0.005
-"""How often it is looked for what the server says: it is told the time so soon."""
+"""Poll period for the server's messages: its requests for the time are answered within it."""
 
 TOKEN_VARIABLE = "CARDAN_SERVER_TOKEN"
 
@@ -55,7 +55,7 @@ class ConsolePage:
         self.why = ""
         """Why something was refused."""
         self.grip = ""
-        """What the server says of the hold."""
+        """The server's newest message about the hold."""
         self.due_s = 0.0
         self._opened = False
         self._tell(op="cardan.open", channel=CHANNEL, device=topic)
@@ -77,7 +77,7 @@ class ConsolePage:
             self.ready = False
 
     def attend(self, now_s: float) -> None:
-        """Take what the server says."""
+        """Take the server's messages."""
         self.due_s = now_s + LOOK_S
         try:
             while True:

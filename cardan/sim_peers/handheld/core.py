@@ -1,4 +1,4 @@
-"""What a page sends of a hand, without any I/O and in virtual time.
+"""Frames that a page sends of a hand, without any I/O and in virtual time.
 
 The hand aligns once, and is then moved by a script: six deflections, of which the turns tip and
 twist it by 30° at most; the ways are a drag of the second finger (phone), or go 10 cm at most (XR).
@@ -55,7 +55,7 @@ ALIGNS_S: Final = 0.1
 """How long Align is pressed at the beginning."""
 
 STANDS: Final = Vector3(0.3, 0.1, 1.2)
-"""Where the hand is at rest, m."""
+"""Position of the hand at rest, m."""
 
 HOLD: Final = "hold"
 
@@ -101,7 +101,7 @@ class SimulatedHand(HeldPeriodicDevice[bytes]):
     # -- the hand -------------------------------------------------------------------------------
 
     def replug(self) -> None:
-        """The page is open again, and Align is pressed on it."""
+        """Open the page again, and press Align on it."""
         super().replug()
         self.align()
 
@@ -110,23 +110,23 @@ class SimulatedHand(HeldPeriodicDevice[bytes]):
         self.aligns_until_s = self.next_due_s + ALIGNS_S
 
     def lose_sensors(self) -> None:
-        """The sensors tell nothing more."""
+        """Lose the sensors: they report nothing more."""
         self.senses = False
 
     def lose_tracking(self) -> None:
-        """The tracking is lost."""
+        """Lose the tracking."""
         self.tracking = False
 
     def hide(self) -> None:
-        """The page is hidden."""
+        """Hide the page."""
         self.visible = False
 
     def leap(self) -> None:
-        """The tracking says that it is elsewhere from now on."""
+        """Make the tracked pose jump: it is elsewhere from now on."""
         self.leapt = True
 
     def recenter(self, turn_rad: float = 0.5 * math.pi, *, told: bool = True) -> None:
-        """All poses are in another reference from now on, as after a headset's recentering.
+        """Give all poses in another reference from now on, as after a headset's recentering.
 
         `told`: the browser says so.
         """
@@ -140,7 +140,7 @@ class SimulatedHand(HeldPeriodicDevice[bytes]):
     # -- frames ---------------------------------------------------------------------------------
 
     def reports(self, now_s: float) -> list[bytes]:
-        """What the page sends from the last call until `now_s`."""
+        """Frames that the page sends from the last call until `now_s`."""
         for _, act in self._acts.due(now_s):
             act()
         return super().reports(now_s)

@@ -34,7 +34,7 @@ class PagePeerOptions(BusPeerOptions):
 
     @property
     def kind(self) -> HandKind:
-        """Whose page it is."""
+        """Kind of device whose page it is."""
         return "phone"
 
     @property
@@ -45,7 +45,7 @@ class PagePeerOptions(BusPeerOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class XrPeerOptions(PagePeerOptions):
-    """The same of a headset."""
+    """Options of the page of a headset."""
 
     part: Literal["right", "left", "viewer"] = option("right", "Which hand, or the viewer.")
 
@@ -59,7 +59,7 @@ class XrPeerOptions(PagePeerOptions):
 
 
 def page_on_bus(device: SimulatedHand, options: PagePeerOptions) -> BusBackend:
-    """A page whose frames are passed on already."""
+    """Backend of a page whose frames a console has already passed on to the bus."""
 
     def feel(feedback: Mapping[str, Any]) -> None:
         device.rumble = feedback["intensity"]
@@ -110,11 +110,11 @@ class ConsoleBackend(DeviceBackend[bytes]):
 
     @property
     def due_s(self) -> float:
-        """It looks at every turn of the loop."""
+        """Time of the page's next turn; every turn of the loop without one."""
         return 0.0 if self._page is None else self._page.due_s
 
     def attend(self, now_s: float) -> None:
-        """Take what the server says."""
+        """Take the server's messages."""
         if self._page is None or now_s < self._page.due_s:
             return
         self._page.attend(now_s)

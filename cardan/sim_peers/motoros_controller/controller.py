@@ -1,7 +1,7 @@
 """The motion server of the simulated Motoman controller, sans I/O: messages in, answers out.
 
-`MotomanRobot` is the robot it serves. What `MotorosServers` adds is connections, framing, the state
-cycle and the I/O image.
+`MotomanRobot` is the robot it serves. `MotorosServers` adds connections, framing, the state cycle
+and the I/O image.
 
 Sources: MotoROS 1.9.12 (MotionServer.c, Controller.c) and, for the velocity mode,
 docs/protocols/simple-message.md.
@@ -83,10 +83,10 @@ controller reports that motion is possible between 60 and 85 ms, and replies aft
 
 
 class MotorosController(MotomanRobot):
-    """The motion side of one controller.
+    """The motion server of a controller.
 
     Call `advance` at `next_s`, hand each message of the motion connection to `motion` while not
-    `blocked`, and send what is in `replies`.
+    `blocked`, and send the messages in `replies`.
     """
 
     def __init__(self, options: MotorosControllerOptions | None = None) -> None:
@@ -105,7 +105,7 @@ class MotorosController(MotomanRobot):
     # -- connections -------------------------------------------------------------------------------
 
     def connected(self, now_s: float) -> None:
-        """A client of the motion port has come. What a queue still holds is executed now."""
+        """Take a new client of the motion port. Entries left in a queue are executed now."""
         self.advance(now_s)
         if self._connected or self._task_ends_s < math.inf:
             # Its place is taken at once: the tasks end before the new ones begin.
@@ -137,7 +137,7 @@ class MotorosController(MotomanRobot):
     # -- the motion server -------------------------------------------------------------------------
 
     def motion(self, message: Message, now_s: float) -> None:
-        """One message of the motion connection, not while `blocked`.
+        """Handle a message of the motion connection, not while `blocked`.
 
         Answers go to `replies`, at once or later.
         """
@@ -270,7 +270,7 @@ class MotorosController(MotomanRobot):
     def _points(self, asked: Message, body: JointTrajPtFullEx) -> None:
         sequence, points = body.sequence, body.points
         if not points:
-            # The loops over groups do nothing: what the last message was answered with goes out.
+            # The loops over groups do nothing: the reply to the last message is sent again.
             self._send(asked, self._last_reply)
             return
         refusal = self._refusal()
@@ -472,7 +472,7 @@ class MotorosController(MotomanRobot):
         return good
 
     def _start_job(self) -> Steps:
-        """Everything that START_TRAJ_MODE does until motion is possible."""
+        """Run all steps of START_TRAJ_MODE until motion is possible."""
         self._poll()
         self._collaborative_stop = self._increment_error = False
         seen = self._seen

@@ -3,8 +3,8 @@
 The classical convention: frame i sits on the axis of joint i + 1, x along the common normal of
 the axes before and after link i, and link i is Rot_z(theta + q) Trans_z(d) Trans_x(a) Rot_x(alpha)
 (of a prismatic joint q adds to d). The last frame keeps the direction of the last axis and lies
-where the flange is along it: what the flange is beside or turned against that axis has no place in
-four numbers a link.
+where the flange is along it: four numbers a link cannot hold the flange's offset beside that axis
+or its rotation against it.
 """
 
 from __future__ import annotations

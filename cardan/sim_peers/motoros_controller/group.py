@@ -1,8 +1,8 @@
-"""One control group: from points of a trajectory to the pulses commanded in each IPC.
+"""A control group: from points of a trajectory to the pulses commanded in each IPC.
 
 As MotoROS 1.9.12 does it (MotionServer.c): a point becomes increments of one IPC each, a queue
-holds them, and every IPC one is taken. Nothing here knows what time it is; `fill` and `take` are
-called once an IPC.
+holds them, and every IPC one is taken. Nothing here has a clock; `fill` and `take` are called once
+an IPC.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _REFUSED_SPEED = 1.1
 
 _LONGEST_MS = 2**31 - 1
 _NO_INTEGER = -(2**31)
-"""What C makes of a number that no integer can hold, on x86; other processors make another one."""
+"""C's conversion of a number that no integer can hold, on x86; it differs on other processors."""
 _SINGLE = struct.Struct("<f")
 
 
@@ -50,7 +50,7 @@ def _too_fast(speed_rad_s: float, highest_rad_s: float) -> bool:
 
 
 class _Start(NamedTuple):
-    """Where the next segment begins."""
+    """Start of the next segment."""
 
     time_ms: int
     position: list[float]
@@ -128,8 +128,8 @@ class ControlGroup:
     # -- points -----------------------------------------------------------------------------------
 
     def pulses(self, joints_rad: Sequence[float]) -> list[int]:
-        """Joints in pulses, truncated toward zero. What is no number, or too large for an integer
-        of the controller, is one that it executes no increments to."""
+        """Joints in pulses, truncated toward zero. A NaN, or a value too large for an integer of
+        the controller, becomes one to which it executes no increments."""
         return [
             int(pulses) if -_LONGEST_MS <= (pulses := q * each) <= _LONGEST_MS else _NO_INTEGER
             for q, each in zip(joints_rad, self.pulses_per_rad, strict=False)
@@ -265,7 +265,7 @@ class ControlGroup:
         return bool(self.queue) or self.owes
 
     def take(self, resend: bool) -> list[int]:
-        """What is to be sent in this IPC: one entry, and what belongs to the same IPC.
+        """Take the increments of this IPC, pulses: one entry, and those of the same IPC.
 
         With `resend` pulses that a speed limit held back come first, no faster than the segment
         that they belong to.
@@ -310,7 +310,7 @@ class ControlGroup:
         return False
 
     def limited(self, increments: Sequence[int], share: float) -> Sequence[int]:
-        """What is left of `increments` when `share` of the highest speeds is let through.
+        """Scale `increments` down to `share` of the highest speeds.
 
         All axes are slowed alike.
         """
@@ -323,7 +323,7 @@ class ControlGroup:
         return [int(pulses * scale) for pulses in increments]
 
     def execute(self, increments: Sequence[int], resend: bool) -> None:
-        """Add to the command. With `resend` what `take` gave and did not come here stays owed."""
+        """Add to the command. With `resend`, pulses from `take` that are missing here stay owed."""
         command = self.command
         for axis, pulses in enumerate(increments):
             command[axis] += pulses
@@ -334,19 +334,19 @@ class ControlGroup:
             self.owes = any(owed)
 
     def clear(self) -> None:
-        """Empty the queue and forget the point and what is owed."""
+        """Empty the queue and forget the point and owed pulses."""
         self.queue.clear()
         if self.has_data:
             self._drop_point()
         self.forget_owed()
 
     def forget_owed(self) -> None:
-        """The increment task has stopped: it starts anew from where the arm is."""
+        """Drop owed pulses: the stopped increment task starts again from the arm's position."""
         if self.owes:
             self.owed = [0] * self.axes
             self.owes = False
 
     def restart(self) -> None:
-        """What START_TRAJ_MODE does: no increments, and the next ones count from the command."""
+        """Restart as START_TRAJ_MODE does: no increments; the next ones count from the command."""
         self.clear()
         self._previous = list(self.command)

@@ -1,4 +1,4 @@
-"""What MotoROS knows of the controller around it: status inputs, and whether motion is possible.
+"""MotoROS's view of the controller around it: status inputs, and whether motion is possible.
 
 Source: MotoROS 1.9.12, Controller.c; the order of the reasons is that of its not-ready subcodes.
 """
@@ -83,5 +83,5 @@ def not_ready_reason(
     for applies, reason in reasons:
         if applies:
             return reason
-    # What is left over has this subcode in MotoROS, though it says SKILLSEND.
+    # MotoROS gives this subcode in all other cases, though it says SKILLSEND.
     return NotReadySubcode.SKILLSEND

@@ -52,8 +52,8 @@ REGISTER_TYPES = frozenset((MessageType.MOTO_READ_MREGISTER, MessageType.MOTO_WR
 class IoImage:
     """The state of every bit and register; bits that were not set are off, registers 0.
 
-    `signals` gives the bits that the controller itself drives, by address; they win over what a
-    client wrote there.
+    `signals` gives the bits that the controller itself drives, by address; they override values
+    that a client wrote there.
     """
 
     def __init__(self, signals: Callable[[], Mapping[int, bool]]) -> None:

@@ -31,7 +31,7 @@ _Takes = Annotated[float, TAKES_S]
 _EachAxis = tuple[Annotated[float, bounds.POSITIVE], ...]
 
 PULSES_PER_TURN_OF_MOTOR = 4096
-"""What a controller counts on its motors; gives the default `pulses_per_rad`."""
+"""Encoder counts per turn of a motor; they give the default `pulses_per_rad`."""
 _GEAR_RATIOS = (100.0, 120.0, 100.0, 80.0, 80.0, 50.0, 60.0, 60.0)
 
 
@@ -75,7 +75,7 @@ class MotorosControllerOptions(Options):
     """Duration of START_TRAJ_MODE with the servos on; from about two thirds of it on motion is
     possible."""
     servo_on_s: _Takes = 1.0
-    """From the order to power the drives until they have it."""
+    """Time from the order to power the drives until they have power."""
     servo_off_s: _Takes = 0.05
     eco_wake_s: _Takes = 0.2
     """Leaving energy saving."""

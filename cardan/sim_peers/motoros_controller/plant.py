@@ -31,9 +31,9 @@ class PlantModel(NamedTuple):
 PLANTS: Mapping[str, PlantModel] = {
     "ideal": PlantModel(),
     # GP8 on a YRC1000 (Baklouti et al. 2021): 0.268 s behind a ramp fits both of the paper's
-    # delays. How it divides is not published. What of it does not end in a finite time decides
-    # how long the standard driver waits between two trajectories: with 66 ms of servo that driver
-    # would be 0.70 s behind its goal and not the published 0.55 s, with 10 ms it is 0.56 s.
+    # delays. How it divides is not published. The part that does not end in a finite time, the
+    # lag, decides how long the standard driver waits between two trajectories: with 66 ms that
+    # driver would be 0.70 s behind its goal and not the published 0.55 s, with 10 ms it is 0.56 s.
     "paper": PlantModel(dead_time_s=0.2, average_s=0.112, lag_s=0.01),
 }
 """Presets. ideal: the measured position is the command of one IPC before."""
@@ -42,8 +42,8 @@ PLANTS: Mapping[str, PlantModel] = {
 class Plant:
     """The axes of one group, in pulses.
 
-    Call `step` once an IPC with what is commanded in it; `measured` and `change` then tell where
-    the axes are and how far they moved in this IPC.
+    Call `step` once an IPC with its command; `measured` and `change` are then the positions of the
+    axes and their motion in this IPC.
     """
 
     def __init__(self, model: PlantModel, ipc_s: float, start: Sequence[int]) -> None:
@@ -62,7 +62,7 @@ class Plant:
         """Since the IPC before, pulses."""
 
     def step(self, command: Sequence[int]) -> None:
-        """One IPC in which the axes are commanded to `command`, which is copied."""
+        """Run one IPC in which the axes are commanded to `command`, which is copied."""
         waiting, measured = self._waiting, self.measured
         if command == waiting[-1]:
             self._still += 1

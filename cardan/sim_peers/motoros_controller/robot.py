@@ -1,8 +1,7 @@
 """The robot behind the motion server: time, inputs, operator actions, and a moving arm.
 
-What the server makes of messages is in `controller`; here is what goes on between them: the inputs
-are polled, tasks of the server wait, and every interpolation period (IPC) the arm is commanded and
-follows.
+`controller` handles the messages; this module runs the time between them: the inputs are polled,
+tasks of the server wait, and every interpolation period (IPC) the arm is commanded and follows.
 
 Sources: MotoROS 1.9.12 (Controller.c, CtrlGroup.c, MotionServer.c) and, for the velocity mode,
 docs/protocols/simple-message.md. Where MotoROS leaves something to the controller that it
@@ -55,7 +54,7 @@ Steps = Generator[float, None, bool]
 
 
 class MotomanRobot:
-    """The arms of one controller, and what an operator does to them.
+    """The arms of a controller, and the actions of its operator.
 
     All times are monotonic s and never go back; the first call starts the clock.
     """
@@ -100,7 +99,7 @@ class MotomanRobot:
         self._nothing = [0] * self.axes
         self._inputs = Inputs(servo=options.servo_on, play=options.play, remote=options.remote)
         self._seen = self._inputs.copy()
-        """As the last poll saw them."""
+        """Inputs at the last poll."""
         self._job_ready = False
         self._suspended = False
         """Old firmware: the job goes on when play is back."""
@@ -123,7 +122,7 @@ class MotomanRobot:
         self.velocities_accepted = self.velocities_refused = 0
         """Messages 2040 and 2041 since the start."""
         self.connections: set[str] = set()
-        """Those of the ports "motion", "state" and "io" that have a client; the servers keep it."""
+        """Ports with a client, of "motion", "state" and "io"; kept by the servers."""
         self.events: deque[tuple[float, str]] = deque(maxlen=_KEPT_EVENTS)
         """Recent events, with their times."""
         self.log: list[tuple[float | int | str, ...]] = []
@@ -150,7 +149,7 @@ class MotomanRobot:
         return min(self._tick_s, self._poll_s, self._resume_s, timer_s)
 
     def advance(self, now_s: float) -> None:
-        """Everything that is due up to `now_s`: IPCs, polls of the inputs, waiting tasks."""
+        """Do all work due up to `now_s`: IPCs, polls of the inputs, waiting tasks."""
         if self._now_s == -math.inf:
             self._begin_time(now_s)
         if now_s <= self._now_s:
@@ -196,7 +195,7 @@ class MotomanRobot:
         act(self._now_s)
 
     def _stand_still(self, lost_s: float) -> None:
-        """This process did not run: the controller's clock stood still, and no command was late."""
+        """Shift times after a pause of this process: the clock stood still, no command was late."""
         lost_s = math.floor(lost_s / self._ipc_s) * self._ipc_s
         self._note(f"the simulation stood still for {lost_s:.3f} s")
         self._start_s += lost_s
@@ -218,7 +217,7 @@ class MotomanRobot:
 
     @property
     def moving_data(self) -> bool:
-        """A queue holds increments or the arm is commanded to move: no other client is accepted."""
+        """Whether a queue has increments or a command moves the arm: no other client is let in."""
         return any(group.holding_data for group in self._groups) or not self._still
 
     def status(self) -> RobotStatus:
@@ -288,7 +287,7 @@ class MotomanRobot:
 
     @property
     def active_mode(self) -> ActiveMode:
-        """What may be commanded now."""
+        """Kind of commands that are accepted now."""
         if self._velocity_on:
             return ActiveMode.VELOCITY
         return ActiveMode.TRAJECTORY if self.ready else ActiveMode.NONE
@@ -315,14 +314,14 @@ class MotomanRobot:
         )
 
     def measured_rad(self, group: int) -> tuple[float, ...]:
-        """What the encoders say, whole pulses in rad or m."""
+        """Encoder positions: whole pulses, in rad or m."""
         return tuple(
             int(pulses) / each
             for pulses, each in zip(self._plants[group].measured, self._per_rad, strict=True)
         )
 
     def velocity_rad_s(self, group: int) -> tuple[float, ...]:
-        """The commanded speed: the velocity mode's, else what the last increments make."""
+        """The commanded speed: the velocity mode's, else that of the last increments."""
         if self._velocity_on:
             return tuple(self._laws[group].velocity)
         return tuple(
@@ -446,7 +445,7 @@ class MotomanRobot:
         self._stop_job()
 
     def increment_error(self, now_s: float) -> None:
-        """The next increments are refused."""
+        """Refuse the next increments."""
         self.advance(now_s)
         self._refuse_next = True
 
@@ -463,7 +462,7 @@ class MotomanRobot:
 
     @property
     def blocked(self) -> bool:
-        """The motion server waits inside a message and takes no other one."""
+        """Whether the motion server waits inside a message and takes no other one."""
         return self._steps is not None
 
     def _start(self, steps: Steps) -> None:
@@ -493,14 +492,14 @@ class MotomanRobot:
         self._task_ends_s = math.inf
         for group in self._groups:
             if group.has_data:
-                # The filler is deleted, which is what a controller that is not ready does too.
+                # The filler is deleted, as a controller that is not ready does, too.
                 group.fill(False)
             group.forget_owed()
 
     # -- polls and IPCs ----------------------------------------------------------------------------
 
     def _poll(self) -> None:
-        """Take over the inputs, and what MotoROS does when they changed."""
+        """Take over the inputs, and react to changes as MotoROS does."""
         inputs, before = self._inputs, self._seen
         if inputs.collaborative_stop:
             inputs.collaborative_stop = False
@@ -524,7 +523,7 @@ class MotomanRobot:
             self._note("energy saving ends the velocity mode")
 
     def _clear(self, reason: str) -> None:
-        """Queues and points go, and with them what moved."""
+        """Clear queues and points, which ends all motion."""
         if self.moving_data or any(group.has_data for group in self._groups):
             self._note(f"motion ends: {reason}")
         for group in self._groups:
@@ -532,7 +531,7 @@ class MotomanRobot:
         self._leave_velocity_mode()
 
     def _tick(self) -> None:
-        """One IPC: the increment task, then the fillers, then the arm follows."""
+        """Run one IPC: the increment task, then the fillers, then the arm follows."""
         now_s, groups = self._now_s, self._groups
         if now_s >= self._task_ends_s - _TOLERANCE_S:
             self._end_tasks()
@@ -603,8 +602,8 @@ class MotomanRobot:
 
     @property
     def log_columns(self) -> tuple[str, ...]:
-        """What is in a row of `log`. The age is that of the newest accepted command; counts are of
-        messages of velocity since the start."""
+        """Columns of a row of `log`. The age is that of the newest accepted command; counts are of
+        velocity messages since the start."""
         names = self.arm.joint_names
         return (
             "monotonic_s",
@@ -658,10 +657,10 @@ class MotomanRobot:
             stream.worst_lateness_s = max(stream.worst_lateness_s, offset_s - stream.offset_s)
 
     def _statistics(self, groups: Iterable[int]) -> Joints:
-        """What became of the commands since the last reply: limited axes of any of these groups,
+        """Statistics of the commands since the last reply: limited axes of any of these groups,
         the greatest age, all overwritten ones.
 
-        The command that is answered acts from the next IPC on and is not among them.
+        The command of this reply acts from the next IPC on and is not among them.
         """
         speed = acceleration = position = overwritten = 0
         age_ms = 0.0

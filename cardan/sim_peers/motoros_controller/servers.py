@@ -71,7 +71,7 @@ _SEQUENCE_AT: Mapping[int, int] = {
     _T.MOTO_JOINT_VELOCITY: 20,
     _T.MOTO_JOINT_VELOCITY_EX: 20,
 }
-"""Where messages that are answered with their own sequence have it."""
+"""Offset of the sequence in messages that are answered with it."""
 _COMMAND_AT = 24
 
 _NOT_SERVED = frozenset(
@@ -102,7 +102,7 @@ class ServerCounters:
     replaced: int = 0
     """Connections that had to make place for a newer one."""
     failed: int = 0
-    """Connections closed because what came could not be cut into messages."""
+    """Connections closed because their data could not be cut into messages."""
     messages: int = 0
     malformed: int = 0
     """Messages of a wrong length, answered MSGSIZE."""
@@ -126,9 +126,9 @@ class _Connection(Connection[PortKind]):
     """Requests that came and are not answered yet."""
     last_reply: bytes = b""
     told: set[str] = field(default_factory=set)
-    """What was already noted about this client."""
+    """Events already logged about this client."""
     finished: bool = False
-    """Its FIN has come; what it sent before is still handled."""
+    """Its FIN has come; data before it is still handled."""
     gone_s: float = math.inf
     """When its place is given up."""
 
@@ -172,7 +172,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
         self._merge = faults.get("merge", 0.0) > 0.0
         self._strict = faults.get("strict-recv", 0.0) > 0.0
 
-    # -- what the shell calls ---------------------------------------------------------------------
+    # -- called by the shell ----------------------------------------------------------------------
 
     def takes(self, connection: int) -> bool:
         if not super().takes(connection):
@@ -317,7 +317,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
             connection.told.add(key)
             self._note(f"{connection.kind}: connection {connection.number}: {text}")
 
-    # -- messages come in -------------------------------------------------------------------------
+    # -- received messages ------------------------------------------------------------------------
 
     def _take(self, connection: _Connection, frame: bytes) -> None:
         self.counters.messages += 1
@@ -334,7 +334,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
         connection.frames.append(frame)
 
     def _take_strictly(self, connection: _Connection, chunk: bytes) -> None:
-        """One recv of MotoROS: the type tells the length, the prefix is not looked at."""
+        """Take the data of one recv as MotoROS does: the type gives the length, not the prefix."""
         while True:
             needed = self._needed(connection.kind, chunk)
             if needed is None or len(chunk) <= needed:
@@ -390,7 +390,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
     # -- messages are handled ---------------------------------------------------------------------
 
     def _handle(self) -> None:
-        """As many waiting messages as a turn allows, one at a time."""
+        """Handle as many waiting messages as a turn allows, one at a time."""
         self._busy = False
         if self._silent:
             self.controller.replies.clear()
@@ -424,7 +424,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
                 self._end(each)
 
     def _collect(self, connection: _Connection | None) -> None:
-        """Send what the controller has answered."""
+        """Send the controller's replies."""
         replies = self.controller.replies
         if connection is not None:
             for message in replies:
@@ -461,7 +461,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
             self._reply(connection, answer)
 
     def _trimmed(self, frame: bytes, msg_type: int) -> bytes:
-        """A point for several groups may come with room for all of them."""
+        """Cut a frame of several groups' points, which may have room for all groups, to its own."""
         if (
             msg_type == _T.MOTO_JOINT_TRAJ_PT_FULL_EX
             and len(frame) == _EX_BYTES + MAX_GROUPS * _POINT_BYTES
@@ -472,12 +472,12 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
         return frame
 
     def _invalid(self, frame: bytes, subcode: InvalidSubcode) -> Message:
-        """INVALID, with what the message is known by where it has that."""
+        """Reply INVALID, with the sequence and command of the message if it has them."""
         msg_type = self._header(frame)[1]
         at = _SEQUENCE_AT.get(msg_type)
         body = MotionReply(-1, -1, msg_type, MotionResult.INVALID, subcode)
         if at is not None and subcode == InvalidSubcode.MSGSIZE:
-            # What did not come is zero in the buffer, and so is the group of such a reply.
+            # Missing bytes are zero in the buffer, and so is the group of such a reply.
             buffer = frame.ljust(_COMMAND_AT + _PREFIX_BYTES, b"\0")
             body = body._replace(group=0, sequence=self._word.unpack_from(buffer, at)[0])
             if msg_type == _T.MOTO_MOTION_CTRL:
@@ -485,7 +485,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
         return reply(body)
 
     def _io(self, connection: _Connection, frame: bytes) -> None:
-        """Every message of this port is answered, whatever its communication type."""
+        """Answer a message of this port, whatever its communication type."""
         message = self._wire.decode(frame)
         msg_type = self._header(frame)[1]
         served = msg_type in self._lengths["io"]
@@ -521,7 +521,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
         super()._send(connection, data)
 
     def _publish(self) -> None:
-        """One state cycle to every client of the state port."""
+        """Send a state cycle to every client of the state port."""
         clients = [each for each in self._slots["state"] if each is not None]
         if not clients or self._silent or self._paused():
             return

@@ -35,17 +35,17 @@ class MotorosControllerPeer(TcpPeer[PortKind]):
 
     @property
     def motion_port(self) -> int:
-        """Where motion commands are served."""
+        """Address of the motion server."""
         return self.port("motion")
 
     @property
     def state_port(self) -> int:
-        """Where states are published."""
+        """Address of the state server."""
         return self.port("state")
 
     @property
     def io_port(self) -> int:
-        """Where inputs, outputs and registers are served."""
+        """Address of the I/O server."""
         return self.port("io")
 
     def _port_of(self, kind: PortKind) -> int:

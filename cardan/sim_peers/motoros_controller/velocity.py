@@ -96,7 +96,7 @@ class VelocityLaw:
         self.still = True
 
     def discard(self, command_pulses: Sequence[int]) -> None:
-        """Go on from `command_pulses`: what the controller did not execute is never caught up."""
+        """Go on from `command_pulses`: pulses that were not executed are never caught up."""
         for axis, pulses in enumerate(command_pulses):
             self._exact[axis] = float(pulses)
             self._sent[axis] = pulses
@@ -118,11 +118,11 @@ class VelocityLaw:
         accelerations_rad_s2: Sequence[float],
         speed_share: float = 1.0,
     ) -> list[int]:
-        """One IPC toward `target_rad_s`; None stops, each axis as hard as it may.
+        """Run one IPC toward `target_rad_s`; None stops, each axis as hard as it may.
 
-        `accelerations_rad_s2` hold for this command, each at most the axis's own. `speed_share` of
-        the highest speeds is what the functional safety unit lets through (0 to 1): all axes are
-        slowed alike, and `velocity` is what is left. Returns the increments in pulses.
+        `accelerations_rad_s2` hold for this command, each at most the axis's own. The functional
+        safety unit allows `speed_share` of the highest speeds (0 to 1): all axes are slowed alike,
+        and `velocity` is the slowed one. Returns the increments in pulses.
         """
         velocity, ipc_s = self.velocity, self._ipc_s
         if target_rad_s is None:

@@ -47,7 +47,7 @@ NS = 1_000_000_000
 
 
 class StateMessage(NamedTuple):
-    """What is published on /joint_states."""
+    """Message published on /joint_states."""
 
     sender: int
     """Which node's publisher; another one after a restart."""
@@ -137,13 +137,13 @@ class RosArm:
         self._lacking = True
 
     def unload(self) -> None:
-        """The controller is unloaded, and the arm stands."""
+        """Unload the controller; the arm stands."""
         self._points = []
         self.loaded = False
         self.plant.hold()
 
     def second(self) -> None:
-        """Another node begins to publish the arm's joints, as zeros."""
+        """Start another node's publications of the arm's joints, as zeros."""
         self._second_s = 0.0
 
     def _step_clock(self) -> None:
@@ -167,7 +167,7 @@ class RosArm:
             self.taken += 1
 
     def _obey(self, message: Message) -> str:
-        """Do what a message says; why not, where it cannot."""
+        """Execute a message. Returns why it is refused; empty if it is not."""
         kind = self.options.controller
         if kind in ("position", "velocity"):
             return self._forward(message["data"])
@@ -176,7 +176,7 @@ class RosArm:
         return self._take_joint_state(message)
 
     def _forward(self, values: Sequence[float]) -> str:
-        """As a forward_command_controller: whatever number comes is passed on at once."""
+        """Pass any numbers on at once, as a forward_command_controller does."""
         if len(values) != self.plant.joints:
             return f"{len(values)} values for {self.plant.joints} joints"
         if not all(map(math.isfinite, values)):
@@ -225,7 +225,7 @@ class RosArm:
         return ""
 
     def _wanted(self, at_s: float) -> list[float]:
-        """Where the trajectory has the joints: on straight lines between points without speeds."""
+        """Joints of the trajectory: on straight lines between points without speeds."""
         if not self._points:
             return list(self.plant.positions)
         from_s, from_ = self._from
@@ -239,7 +239,7 @@ class RosArm:
     # -- cycles ---------------------------------------------------------------------------------
 
     def cycle(self, now_s: float, missed: int = 0) -> list[StateMessage]:
-        """One cycle of the controller manager: what is published.
+        """Run a cycle of the controller manager. Returns the messages to publish.
 
         `missed` before it were left out: the arm and its clock went on meanwhile, for CATCH_UP_S at
         most. Beyond that the whole process stood still, and they with it.

@@ -47,7 +47,7 @@ class RosArmPeer(SimulatedPeer):
         self._publishers: dict[int, Publisher | OtherPublisher] = {}
         self._commands: WaitingSubscription | OtherSubscription | None = None
         self._description: Publisher | OtherPublisher | None = None
-        """Kept: it is off the bus when it is nobody's."""
+        """Kept: without a reference it would leave the bus."""
         self._next_s = 0.0
         self._out: FaultyLink[StateMessage] | None = None
         self._in: FaultyLink[bytes] | None = None
@@ -57,7 +57,7 @@ class RosArmPeer(SimulatedPeer):
 
     @property
     def endpoint(self) -> str:
-        """Where other nodes connect to; on DDS the domain."""
+        """Address that other nodes connect to; on DDS the domain."""
         if self.options.transport == "dds":
             return f"dds/{self.options.domain}"
         return self.options.router or f"tcp/{self.options.host}:{self.options.port}"

@@ -1,4 +1,4 @@
-"""What a stock node publishes of the device in a hand, without any I/O and in virtual time.
+"""Messages that a stock node publishes of the device in a hand, without I/O, in virtual time.
 
 From the nodes' sources and documentation: spacenav_node publishes zeros at rest and without a
 device; joy_node and game_controller_node repeat the newest state at autorepeat_rate while there is
@@ -36,7 +36,7 @@ PERIODS_S: Mapping[str, float] = {"spacenav": 0.016, "joy_node": 0.05, "game_con
 BUTTONS: Mapping[str, int] = {"spacenav": 2, "joy_node": 11, "game_controller": 21}
 
 SPACENAV_FULL = 350.0 / 512.0
-"""What spacenav_node makes of a full deflection."""
+"""Value that spacenav_node publishes for a full deflection."""
 
 
 class SimulatedNode(HeldPeriodicDevice[bytes]):
@@ -55,7 +55,7 @@ class SimulatedNode(HeldPeriodicDevice[bytes]):
     # -- the hand -------------------------------------------------------------------------------
 
     def unplug(self) -> None:
-        """The device is taken away; the node stays."""
+        """Remove the device; the node stays."""
         self.device_there = False
 
     def replug(self) -> None:
@@ -63,13 +63,13 @@ class SimulatedNode(HeldPeriodicDevice[bytes]):
         self.device_there = True
 
     def exit(self) -> None:
-        """The node ends."""
+        """End the node."""
         self.plugged = False
 
     # -- messages -------------------------------------------------------------------------------
 
     def reports(self, now_s: float) -> list[bytes]:
-        """What it publishes from the last call until `now_s`."""
+        """Messages that it publishes from the last call until `now_s`."""
         for _, act in self._nodes_faults.due(now_s):
             act()
         return [report for report in super().reports(now_s) if report]

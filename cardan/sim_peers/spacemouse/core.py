@@ -130,7 +130,7 @@ class SimulatedSpaceMouse:
         return tuple(self.model.buttons[bit] for bit in self._down)
 
     def unplug(self) -> None:
-        """Take the device away; what was under way is lost."""
+        """Remove the device; reports under way are lost."""
         self.plugged = False
         self._line.cut()
         self._key_reports.clear()
@@ -235,7 +235,7 @@ class SimulatedSpaceMouse:
         self._motions_ended = 0
 
     def _produce(self, until_s: float) -> None:
-        """Send what the device sends until `until_s`."""
+        """Send the device's reports until `until_s`."""
         until_s = max(until_s, self._now_s)
         if not self._mute:
             for report in self._key_reports:
@@ -296,7 +296,7 @@ class SimulatedSpaceMouse:
             self._line.carry(encode_battery(self.battery_percent, False), due_s)
 
     def _report_keys(self, changed: int) -> None:
-        """Tell of the buttons after that of the bit `changed` was pressed or let go."""
+        """Report the buttons after that of the bit `changed` was pressed or released."""
         if self._mute:
             return
         length = self.model.button_report_bytes

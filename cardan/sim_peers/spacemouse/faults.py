@@ -76,7 +76,7 @@ def _sent_family(faults: Mapping[str, float], model: Model) -> Family:
 class FaultyLine(DelayLine):
     """The line between the device and the host: carries reports, loses, mangles or delays them.
 
-    `family` is the one whose motion reports the device sends.
+    `family`: that of the device's motion reports.
     """
 
     def __init__(self, faults: Mapping[str, float], model: Model, seed: int) -> None:

@@ -1,4 +1,4 @@
-"""Scripted hands: what an operator does to the simulated puck, as a function of time."""
+"""Motion scripts of an operator at the simulated puck, as a function of time."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ only after it has seen it at rest."""
 
 
 class PuckModel(Protocol):
-    """What a scripted hand needs of a model."""
+    """Data of a model that a scripted hand needs."""
 
     @property
     def name(self) -> str:
@@ -165,7 +165,7 @@ class Puck(HeldDevice, Protocol):
 
     @property
     def model(self) -> PuckModel:
-        """What it is."""
+        """Its model."""
 
     @property
     def led(self) -> bool | None:

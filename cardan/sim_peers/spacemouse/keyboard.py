@@ -39,7 +39,7 @@ KEYBOARD_HELP = (
 KEY_HOLD_S = 0.15
 """Time without a repetition after which a key is up: terminals repeat at 25 to 30 Hz."""
 KEY_DEFLECTION = 0.5
-"""What a small letter deflects to; capitals deflect fully."""
+"""Deflection by a lowercase letter; capitals deflect fully."""
 KEY_SPEED = 4.0
 """How fast a deflection builds up and decays, per second: a hand does not jump."""
 

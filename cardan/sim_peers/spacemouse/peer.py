@@ -58,7 +58,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class PuckPeerOptions(NodeOptions):
-    """Options of what moves a device that has a cap."""
+    """Options of the motion source of a device that has a cap."""
 
     keyboard: bool = option(False, "Move it with this terminal's keys.")
     """Instead of the script."""
@@ -68,7 +68,7 @@ class PuckPeerOptions(NodeOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class SpaceMousePeerOptions(PuckPeerOptions):
-    """What to simulate, who moves it, and which one of the three backends opens it."""
+    """Simulated model, source of its motion, and which of the three backends opens it."""
 
     model: str = option(
         "spacenavigator",
@@ -92,7 +92,7 @@ class SpaceMousePeerOptions(PuckPeerOptions):
     host: Annotated[str, bounds.LISTEN_HOST] = "127.0.0.1"
     """Address to listen on for USB/IP."""
     bus_id: Annotated[str, BUS_ID] = "1-1"
-    """What the host calls the device that it attaches over USB/IP."""
+    """Bus ID by which the host attaches the device over USB/IP."""
 
 
 P = TypeVar("P", bound=Puck)
@@ -201,7 +201,7 @@ def _backend_option(options: SpaceMousePeerOptions) -> str:
 
 
 def _made(options: SpaceMousePeerOptions) -> tuple[SimulatedSpaceMouse, DeviceBackend[bytes]]:
-    """The device, and what carries its reports."""
+    """The device, and the backend for its reports."""
     backend = _backend_option(options)
     try:
         model = model_by_key(options.model)
@@ -221,7 +221,7 @@ def _made(options: SpaceMousePeerOptions) -> tuple[SimulatedSpaceMouse, DeviceBa
         )
     if options.usbip is not None:
         return device, _usbip(options, options.usbip, device)
-    # Linux's hid-logitech claims Logitech's ids on USB, and refuses what is not real USB hardware.
+    # Linux's hid-logitech claims Logitech's ids on USB, and refuses all but real USB hardware.
     cable = model.vendor_id == CONNEXION and model.key not in BLUETOOTH_MODELS
     identity = HidIdentity(
         name=f"3Dconnexion {model.name}",

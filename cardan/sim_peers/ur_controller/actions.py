@@ -1,4 +1,4 @@
-"""What a program has the controller do while time passes."""
+"""Actions of a program that take time."""
 
 from __future__ import annotations
 

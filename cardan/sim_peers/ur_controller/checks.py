@@ -1,4 +1,4 @@
-"""What functions of the controller ask of their arguments. All raise ValueError."""
+"""Checks of the arguments of the controller's functions. All raise ValueError."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cardan.sim_peers.ur_controller.values import Pose, is_number
 from cardan.types import Pose as Frame
 
 LARGEST: Final = 1e6
-"""Of a number that has to do with motion: no arm's is larger, and what is computed stays finite."""
+"""Of a number of a motion: no arm's is larger, and results of computations stay finite."""
 SMALLEST: Final = 1e-6
 """Of a speed, an acceleration or a time that is not 0."""
 

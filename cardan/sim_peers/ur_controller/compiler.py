@@ -1,9 +1,9 @@
-"""From a program's tree to what a machine runs: each expression and statement a function of the
-variables of the function that it is in, and a generator only where it may take time.
+"""From a program's tree to code for a machine: each expression and statement becomes a function of
+the variables of the function that it is in, and a generator only if it may take time.
 
 Which variables are global is known before: those of the program's own level, whatever they are
-declared as, and those declared `global` anywhere. A function's other variables are its own; what is
-inside a function sees that function's functions, and not its variables.
+declared as, and those declared `global` anywhere. A function's other variables are its own; nested
+functions see that function's functions, and not its variables.
 
 Source: UR's script manual, scoping rules.
 """
@@ -38,7 +38,7 @@ _BREAK: Final = "break"
 _CONTINUE: Final = "continue"
 _RETURN: Final = "return"
 _RESULT: Final = 0
-"""Where among its variables a function keeps what it gives."""
+"""Index of a function's result among its variables."""
 _QUICK: Final = frozenset("+-*/")
 _PLAIN: Final = (float, int)
 """Of numbers; a truth is of another class."""
@@ -49,13 +49,13 @@ _WRONG: Final = (ValueError, TypeError, IndexError, KeyError, ArithmeticError)
 
 
 class _Code(NamedTuple):
-    """What an expression or a statement became."""
+    """Compiled expression or statement."""
 
     do: _Do
     takes_time: bool = False
     """`do` gives a generator."""
     constant: Any = UNSET
-    """What `do` always gives."""
+    """The value that `do` always gives, if it is a constant."""
 
 
 @dataclass(eq=False)
@@ -67,15 +67,15 @@ class _Scope:
     block: Sequence[tree.Statement]
     functions: dict[str, _Scope] = field(default_factory=dict)
     own: dict[str, int] = field(default_factory=dict)
-    """The places of its variables."""
+    """Indexes of its variables."""
     declared: set[str] = field(default_factory=set)
-    """Its parameters and what it declares `local`."""
+    """Its parameters and the variables it declares `local`."""
     calls: set[str] = field(default_factory=set)
     """Names of functions."""
     assigns: set[tuple[str, str]] = field(default_factory=set)
-    """Variables, and what they are declared as."""
+    """Variables, each with its kind of declaration."""
     joins: bool = False
-    """It waits for threads."""
+    """Whether it waits for threads."""
     takes_time: bool = False
     body: _Do | None = None
     defaults: dict[int, _Do] = field(default_factory=dict)
@@ -135,10 +135,10 @@ class Compiler:
         assert body is not None
         return self._globals, self._program.fresh(), body
 
-    # -- who has which names --------------------------------------------------------------------
+    # -- scopes of names ------------------------------------------------------------------------
 
     async def _survey(self) -> None:
-        """Find all functions, and what each of them assigns, calls and waits for."""
+        """Find all functions, and the names that each of them assigns, calls and waits for."""
         self._scopes.append(self._program)
         for scope in self._scopes:  # which grows meanwhile
             pending: list[Any] = [scope.block]
@@ -220,7 +220,7 @@ class Compiler:
     async def _block(
         self, block: Sequence[tree.Statement], scope: _Scope, weight: int = 1
     ) -> _Code:
-        """One after the other; what it gives is how the block was left, None: at its end.
+        """Compile statements in a row; the code gives how the block was left, None: at its end.
 
         `weight`: steps that it counts as beside its statements.
         """
@@ -959,7 +959,7 @@ def _together(codes: Sequence[_Code], work: Callable[[_Locals, list[Any]], Any])
 def _bound(
     call: tree.Call, parameters: Sequence[str], defaults: Mapping[str, Any]
 ) -> dict[str, tree.Expression] | str:
-    """The arguments by their parameters, or what is wrong with them."""
+    """The arguments by their parameters, or the error in them."""
     if len(call.arguments) > len(parameters):
         return f"{call.name}() has {len(parameters)} arguments"
     bound = dict(zip(parameters, call.arguments, strict=False))

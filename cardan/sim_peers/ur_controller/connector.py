@@ -14,7 +14,7 @@ from cardan.sim_peers.ur_controller.sockets import Opening, ProgramSockets
 _READ, _WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
 _READ_BYTES = 4096
 _CONNECTING = (0, errno.EINPROGRESS, errno.EWOULDBLOCK)
-"""What a connect that goes on says."""
+"""Results of a connect that is in progress, or done."""
 
 
 @dataclass(eq=False)
@@ -25,11 +25,11 @@ class _Link:
     backlog: bytearray = field(default_factory=bytearray)
     watched: int = 0
     ends: bool = False
-    """It is closed once the backlog is written."""
+    """Whether it is closed once the backlog is written."""
 
 
 class Connector:
-    """Makes the connections that programs want; `selector` calls back with what happened."""
+    """Makes the connections that programs want; `selector` calls back for their events."""
 
     def __init__(self, sockets: ProgramSockets, selector: selectors.BaseSelector) -> None:
         self._sockets = sockets
@@ -37,7 +37,7 @@ class Connector:
         self._links: dict[int, _Link] = {}
 
     def serve(self) -> None:
-        """What programs have done since: open, write and close, and watch what is there."""
+        """Carry out the programs' requests since the last call, and watch the connections."""
         sockets = self._sockets
         for opening in sockets.openings():
             self._open(opening)

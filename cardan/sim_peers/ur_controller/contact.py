@@ -1,8 +1,8 @@
-"""What the simulated arm touches, and how its force mode presses against it.
+"""Plane that the simulated arm touches, and how its force mode presses against it.
 
 The contact is kinematic: a horizontal plane with a stiffness, which the TCP enters; nothing pushes
 the arm off its path. Force mode is the controller's: a speed along each compliant axis that grows
-with what is missing of the wrench asked for.
+with the missing part of the requested wrench.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ DAMPING: Final = 0.005
 _SETTLES_S: Final = 0.05
 """Time constant of the force on a contact, at a gain scaling of 1."""
 _COASTS_S: Final = 0.01
-"""Time constant of what coasts without force, at a damping of 1."""
+"""Time constant of coasting without force, at a damping of 1."""
 _QUICKEST: Final = (5.0,) * 3 + (25.0,) * 3
 """Accelerations of compliant axes, m/s² and rad/s²."""
 UP: Final = Vector3(0.0, 0.0, 1.0)
-"""Where a plane pushes."""
+"""Direction in which a plane pushes."""
 
 
 class Plane(NamedTuple):
-    """What the arm touches: all below `height_m` in the base frame."""
+    """Obstacle of the arm: all below `height_m` in the base frame."""
 
     height_m: float
     stiffness_n_m: float
@@ -38,7 +38,7 @@ class Plane(NamedTuple):
 
 
 class Compliance(NamedTuple):
-    """What `force_mode` was given."""
+    """Arguments of `force_mode`."""
 
     frame: Frame
     free: tuple[bool, ...]
@@ -65,7 +65,7 @@ class ForceMode:
         return any(self._speeds)
 
     def begin(self, asked: Compliance) -> None:
-        """Enter force mode, or change what it is given."""
+        """Enter force mode, or change its arguments."""
         self.asked = self._last = asked
 
     def end(self) -> None:
@@ -85,11 +85,11 @@ class ForceMode:
         touched: tuple[float, Vector3],
         dt_s: float,
     ) -> tuple[Vector3, Vector3]:
-        """How the TCP goes in a frame (m, rad): the program's own `change` along the axes that are
-        not compliant, and what the force wants along those that are.
+        """Motion of the TCP in a frame (m, rad): the program's own `change` along the axes that are
+        not compliant, and that of the force law along those that are.
 
-        `felt` is the force on the tool, and `touched` the stiffness of what it touches (N/m; 0:
-        nothing) and the direction in which that pushes.
+        `felt` is the force on the tool, and `touched` the stiffness of the touched object (N/m; 0:
+        none) and the direction in which that pushes.
         """
         asked = self._last
         if asked is None:

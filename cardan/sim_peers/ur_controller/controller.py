@@ -1,10 +1,10 @@
 """The controller of a simulated UR5 or UR5e, sans I/O: its arm, its modes, and the program it runs.
 
-It lives in frames of its control loop (2 ms, CB3: 8 ms). A program comes as text and really is what
-moves the arm. `UrServers` adds the connections.
+It runs in frames of its control loop (2 ms, CB3: 8 ms). A program comes as text, and it alone moves
+the arm. `UrServers` adds the connections.
 
-Sources: UR's script manual, RTDE guide and dashboard pages. What is not published (how hard it
-stops, how long the brakes take) is chosen here, and said to be in docs/simulated-peers.md.
+Sources: UR's script manual, RTDE guide and dashboard pages. Values that are not published (how hard
+it stops, how long the brakes take) are chosen here, and docs/simulated-peers.md says so.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ STOP_CODE: Final = 204
 """The error of every protective stop: of UR's, that a path failed its check."""
 _KEPT_EVENTS = 10_000
 _MOST_MESSAGES = 1_000
-"""That wait to be sent; what a program says beyond is lost."""
+"""Messages that wait to be sent; further messages of a program are lost."""
 _ITS_END = "its end"
 _PORTIONS = 2
 """Of parsing and compiling in a frame: about a millisecond."""
@@ -68,7 +68,7 @@ MOST_WAITING: Final = 16
 
 
 class UrController:
-    """One controller. `advance` at `next_s`; the first time given is when it was switched on."""
+    """A UR controller. `advance` at `next_s`; the first time given is when it was switched on."""
 
     def __init__(self, options: UrControllerOptions | None = None) -> None:
         self.options = options = UrControllerOptions() if options is None else options
@@ -119,15 +119,15 @@ class UrController:
         self.frames = 0
         self.program_name = ""
         self.messages: list[bytes] = []
-        """What the primary interface has to say next; the sender removes them."""
+        """Next messages of the primary interface; the sender removes them."""
         self.events: deque[tuple[float, str]] = deque(maxlen=_KEPT_EVENTS)
-        """(time_s, what happened), the newest of them."""
+        """The newest events, (time_s, text)."""
         self._program: Machine | None = None
         self._ordered: Callable[[], None] | None = None
         self._uploads: deque[tuple[str, str]] = deque()
-        """Programs that have come, and what they are called."""
+        """Received programs and their names."""
         self._preparing: Coroutine[None, None, None] | None = None
-        """The one that is being parsed and compiled."""
+        """The upload that is being parsed and compiled."""
         self._portions = _MOST_PORTIONS
         """Of that, left for this frame."""
         self._waiting: tuple[float, Machine] | None = None
@@ -153,7 +153,7 @@ class UrController:
         return self.frames * self.period_s
 
     def advance(self, now_s: float) -> bool:
-        """One frame, if one is due by `now_s`; whether one was."""
+        """Run one frame, if one is due by `now_s`. Returns whether one was."""
         if math.isnan(self._start_s):
             self._start_s = now_s
         self._now_s = now_s
@@ -204,7 +204,7 @@ class UrController:
             self._end_program("RTDE watchdog")
 
     def _acting(self) -> Action | None:
-        """What the program does in this frame; None: nothing moves the arm."""
+        """The program's action in this frame; None if nothing moves the arm."""
         program = self._program
         if program is None or self.runtime is not RuntimeState.PLAYING:
             return None
@@ -237,8 +237,8 @@ class UrController:
     # -- programs ---------------------------------------------------------------------------------
 
     def upload(self, text: str, name: str = "") -> None:
-        """A program has come: it takes the place of the one that runs. `name`: what it is called,
-        if not as its text says."""
+        """Take a program: it replaces the running one. `name`: its name, if not the one in its
+        text."""
         why = self._why_no_program()
         if why:
             self.refuse(why)
@@ -247,12 +247,12 @@ class UrController:
         self._prepare()
 
     def refuse(self, why: str) -> None:
-        """A program is not taken."""
+        """Refuse a program."""
         self._said(why)
         self._note(f"a program is not taken: {why}")
 
     def _prepare(self) -> None:
-        """Go on with what has come, as far as this frame allows."""
+        """Go on with received programs, as far as this frame allows."""
         while self._portions > 0 and (self._preparing is not None or self._uploads):
             if self._preparing is None:
                 self._preparing = self._prepared(*self._uploads.popleft())
@@ -352,7 +352,7 @@ class UrController:
         return 0 if self._program is None else self._program.mover_line
 
     def _end_all(self, why: str) -> None:
-        """Also of what has come and has not begun."""
+        """End all programs, also received ones that have not begun."""
         self._uploads.clear()
         if self._preparing is not None:
             self._preparing.close()
@@ -424,7 +424,7 @@ class UrController:
         self._stop(SafetyMode.PROTECTIVE_STOP, why)
 
     def unlock_protective_stop(self) -> str:
-        """What the dashboard answers."""
+        """Release a protective stop if it may be. Returns the reply of the dashboard."""
         if self.safety is not SafetyMode.PROTECTIVE_STOP:
             return "Protective stop releasing"
         if self.time_s - self._stopped_s < UNLOCK_AFTER_S:
@@ -437,7 +437,7 @@ class UrController:
         return "Protective stop releasing"
 
     def safeguard_stop(self) -> None:
-        """A guard was opened: the arm stops, the program is paused."""
+        """Open a guard: the arm stops, the program is paused."""
         if self.safety in MOVES_IN:
             self.safety = SafetyMode.SAFEGUARD_STOP
             if not self.pause():
@@ -445,22 +445,22 @@ class UrController:
             self._note("safeguard stop")
 
     def safeguard_reset(self) -> None:
-        """The guard is closed again; the program stays paused."""
+        """Close the guard again; the program stays paused."""
         if self.safety is SafetyMode.SAFEGUARD_STOP:
             self.safety = SafetyMode.NORMAL
 
     def emergency_stop(self) -> None:
-        """The button is pressed: the arm stops, power goes off."""
+        """Press the button: the arm stops, power goes off."""
         self._stop(SafetyMode.ROBOT_EMERGENCY_STOP, "emergency stop")
         self.mode, self._mode_at = RobotMode.POWER_OFF, None
 
     def release_emergency_stop(self) -> None:
-        """The button is pulled out again; the power stays off."""
+        """Pull the button out again; the power stays off."""
         if self.safety is SafetyMode.ROBOT_EMERGENCY_STOP:
             self.safety = SafetyMode.NORMAL
 
     def restart(self) -> None:
-        """Its power supply was gone for a moment: all registers are lost, and the robot is off."""
+        """Restart after a power failure: all registers are lost, and the robot is off."""
         if self.has_program:
             self._end_all("restart")
         for name, values in vars(Registers()).items():

@@ -98,7 +98,7 @@ class Dashboard:
         return f"could not understand: '{request}'"
 
     def _known(self, table: Mapping[str, V]) -> dict[str, V]:
-        """What of it this version has."""
+        """Entries of `table` that this version has."""
         version, always = self._controller.options.version[:2], _ALWAYS[self._e_series]
         found = {}
         for words, made in table.items():
@@ -112,7 +112,7 @@ class Dashboard:
         found = (begin for begin in self._begins if words.startswith(f"{begin} "))
         return max(found, key=len, default="")
 
-    # -- what changes something -------------------------------------------------------------------
+    # -- requests that change something -----------------------------------------------------------
 
     def _orders(self) -> dict[str, Callable[[], str]]:
         controller, pendant = self._controller, self._pendant
@@ -180,7 +180,7 @@ class Dashboard:
         self._pendant.operational_mode = "NONE"
         return "No longer controlling the operational mode. Current operational mode: 'NONE'."
 
-    # -- what only asks ---------------------------------------------------------------------------
+    # -- queries ----------------------------------------------------------------------------------
 
     def _questions(self) -> dict[str, Callable[[], str]]:
         controller, pendant, options = self._controller, self._pendant, self._controller.options

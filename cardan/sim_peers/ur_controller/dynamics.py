@@ -1,8 +1,8 @@
-"""What moves an arm costs in torque: the recursive Newton-Euler algorithm, in bodies' own frames.
+"""Torques of an arm's motion by the recursive Newton-Euler algorithm, in bodies' own frames.
 
-It needs no library, so that a simulated controller tells the same wherever it runs, and nothing is
-loaded while it keeps time; the tests hold it against Pinocchio. Bodies are rigid, and joints are
-without friction. SI units; vectors are plain tuples, and all joints turn about their z axes.
+It needs no library, so that a simulated controller gives the same values wherever it runs, and
+nothing is loaded while it keeps time; the tests compare it with Pinocchio. Bodies are rigid, and
+joints without friction. SI units; vectors are plain tuples, all joints turn about their z axes.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Rows = tuple[Triple, Triple, Triple]
 
 
 ROTORS_KG_M2 = (0.5,) * 3 + (0.1,) * 3
-"""What the motors' rotors have behind their gears, for what torques make of a motion (chosen)."""
+"""Inertia of the motors' rotors behind their gears, for motion driven by torques (chosen)."""
 
 
 class Load(NamedTuple):
@@ -33,22 +33,22 @@ class Load(NamedTuple):
 
 
 class Effort(NamedTuple):
-    """What a motion takes."""
+    """Inverse dynamics of a motion."""
 
     torques: tuple[float, ...]
     """Of the joints, N·m."""
     momentum: float
     """Norm of the linear momentum, kg·m/s."""
     load_wrench: tuple[float, ...]
-    """What the flange exerts on the load: force, then torque about the flange; flange axes."""
+    """Wrench of the flange on the load: force, then torque about the flange; flange axes."""
     base_wrench: tuple[float, ...]
-    """What the base exerts on the arm, likewise, in the base of the model."""
+    """Wrench of the base on the arm, likewise, in the base of the model."""
     acceleration: Triple
-    """Of the flange with what gravity asks for added, as an accelerometer has it; flange axes."""
+    """Proper acceleration of the flange, as an accelerometer has it; flange axes."""
     turning: Triple
     """Angular acceleration of the flange, in its axes."""
     carried: Rows
-    """What turning adds to the acceleration of a place, as a matrix."""
+    """Matrix from a place to the acceleration that turning adds there."""
 
     def at(self, place: Sequence[float]) -> Triple:
         """The acceleration of a point that goes with the flange, likewise."""
@@ -87,7 +87,7 @@ class Dynamics:
             self._bodies.append(_Body(x, y, z, joint.placement.position, load))
 
     def mass_matrix(self, q: Sequence[float], load: Load) -> list[tuple[float, ...]]:
-        """The joints' inertia with a load on the flange, kg·m²: what each takes of an acceleration
+        """The joints' inertia with a load on the flange, kg·m²: torque of each for an acceleration
         of 1 rad/s² of one of them."""
         rest = (0.0,) * len(q)
         return [
@@ -102,7 +102,7 @@ class Dynamics:
     def acceleration(
         self, q: Sequence[float], qd: Sequence[float], torques: Sequence[float], load: Load
     ) -> list[float]:
-        """What torques beside those that hold the weight (N·m) make of a motion, rad/s²."""
+        """Joint accelerations by torques beside those that hold the weight (N·m), rad/s²."""
         taken = self.coriolis(q, qd, load)
         left = [torque - each for torque, each in zip(torques, taken, strict=True)]
         masses = [list(row) for row in self.mass_matrix(q, load)]
@@ -118,11 +118,11 @@ class Dynamics:
         load: Load,
         gravity: Triple,
     ) -> Effort:
-        """Of a motion with a load on the flange. `gravity` is what the base would have to
-        accelerate with to weigh as much: up."""
+        """Effort of a motion with a load on the flange. `gravity` is the acceleration of the base
+        that has the same effect: up."""
         # Out along the arm: w is angular velocity, a angular acceleration, v and f the joint's
-        # velocity and acceleration, each in the body's own axes; "carried" takes a place in the
-        # body to what turning adds to its acceleration.
+        # velocity and acceleration, each in the body's own axes; "carried" maps a place in the body
+        # to the acceleration that turning adds there.
         wx = wy = wz = ax = ay = az = vx = vy = vz = 0.0
         fx, fy, fz = gravity
         carried = _STILL
@@ -171,7 +171,7 @@ class Dynamics:
             )
         force, torque, momentum = _inertial(load, *now)
         load_wrench = (*force, *torque)
-        # And back: what the bodies before have to exert.
+        # And back: the forces of the bodies before.
         (fx, fy, fz), (nx, ny, nz), (mx, my, mz) = force, torque, momentum
         torques = []
         for (xx, xy, xz), (yx, yy, yz), (zx, zy, zz), (x, y, z), taken in reversed(passed):

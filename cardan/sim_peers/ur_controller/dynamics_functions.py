@@ -17,7 +17,7 @@ from cardan.sim_peers.ur_controller.motion import Motion
 
 
 def dynamics_functions(motion: Motion, dynamics: Dynamics) -> Mapping[str, Function]:
-    """By name. What is not given is the measured joints and their speeds, and the active TCP."""
+    """By name. Defaults are the measured joints and their speeds, and the active TCP."""
 
     def joints(q: Any) -> tuple[float, ...]:
         return tuple(motion.actual_q) if q is None else checks.joints("q", q)

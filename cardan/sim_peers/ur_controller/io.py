@@ -10,7 +10,7 @@ BITS: Final = 128
 """Boolean registers."""
 FLAGS: Final = 33
 PLACES: Final = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2)}
-"""Where digital inputs and outputs are among the bits: first and how many."""
+"""Bits of digital inputs and outputs: first bit and count."""
 
 
 class Registers:
@@ -43,5 +43,5 @@ class RobotIo:
         self.flags = [False] * FLAGS
 
     def set_digital_output(self, place: int, on: bool) -> None:
-        """One bit of the outputs."""
+        """Set a bit of the outputs."""
         self.digital_outputs = (self.digital_outputs & ~(1 << place)) | (int(on) << place)

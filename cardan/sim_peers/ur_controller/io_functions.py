@@ -154,7 +154,7 @@ def message_functions(
     period_s: float,
     time_s: Callable[[], float],
 ) -> Mapping[str, Function]:
-    """By name. `say` takes what a program prints."""
+    """By name. `say` takes the output of a program."""
 
     def popup(s: Any, title: Any, warning: Any, error: Any, blocking: Any) -> Action | None:
         kind = (truth("warning", warning), truth("error", error), truth("blocking", blocking))

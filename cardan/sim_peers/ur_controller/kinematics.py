@@ -20,18 +20,18 @@ _X, _Y, _Z = Vector3(1.0, 0.0, 0.0), Vector3(0.0, 1.0, 0.0), Vector3(0.0, 0.0, 1
 
 
 def frame_of(pose: Sequence[float]) -> Frame:
-    """Of six numbers as URScript has them."""
+    """Convert six numbers of a URScript pose to a frame."""
     x, y, z, rx, ry, rz = pose
     return Frame(Vector3(x, y, z), from_rotation_vector(Vector3(rx, ry, rz)))
 
 
 def pose_of(frame: Frame) -> Pose:
-    """As URScript has it."""
+    """Convert a frame to a pose of URScript."""
     return Pose((*frame.position, *to_rotation_vector(frame.orientation)))
 
 
 class Kinematics:
-    """One arm, its joints within `low` and `high`, rad."""
+    """Kinematics of an arm, its joints within `low` and `high`, rad."""
 
     def __init__(
         self, links: Sequence[DhLink], low: Sequence[float], high: Sequence[float]
@@ -39,7 +39,7 @@ class Kinematics:
         self.links, self._low, self._high = links, low, high
 
     def forward(self, q: Sequence[float], tcp: Frame = IDENTITY_POSE) -> Frame:
-        """Where the TCP is; `tcp` is given in the flange's frame."""
+        """Pose of the TCP; `tcp` is given in the flange's frame."""
         return compose(forward(q, self.links).pose, tcp)
 
     def jacobian(self, q: Sequence[float], tcp: Frame) -> list[tuple[float, ...]]:
@@ -50,7 +50,7 @@ class Kinematics:
     def jacobian_rate(
         self, q: Sequence[float], qd: Sequence[float], tcp: Frame
     ) -> list[tuple[float, ...]]:
-        """How that changes in time at the speeds `qd`, by what it is a moment before and after."""
+        """Time derivative of the Jacobian at the speeds `qd`, by a central difference."""
         before, after = (
             self.jacobian([at + side * v for at, v in zip(q, qd, strict=True)], tcp)
             for side in (-_MOMENT_S, _MOMENT_S)
@@ -93,7 +93,7 @@ class Kinematics:
         """All there are, up to whole turns: two shoulders, two wrists, two elbows.
 
         Joints 2, 3 and 4 turn about one direction, which joint 1 alone sets: the flange's parts
-        along it give joints 1, 5 and 6, and what is left is a triangle in a plane.
+        along it give joints 1, 5 and 6, and the rest is a triangle in a plane.
         """
         (_, d1, *_), (_, _, a2, *_), (_, _, a3, *_), (_, d4, *_), (_, d5, *_), (_, d6, *_) = (
             self.links

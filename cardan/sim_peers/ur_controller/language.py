@@ -1,4 +1,4 @@
-"""What programs, the functions they call and the machine that runs them agree on."""
+"""Shared types of programs, the functions they call and the machine that runs them."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from collections.abc import Callable, Generator, Mapping
 from typing import Any, Final, NamedTuple, Protocol
 
 CALL_STEPS: Final = 40
-"""Of computing that a call of a function counts as: its cost, measured in operators."""
+"""Steps of computing for a call of a function: its cost, measured in operators."""
 POSE_STEPS: Final = 200
-"""Of a function that works with poses, or with what moves the arm."""
+"""Steps of a function that works with poses, or with the arm's motion."""
 KINEMATICS_STEPS: Final = 600
-"""Of a function of the arm's kinematics."""
+"""Steps of a function of the arm's kinematics."""
 MASS_STEPS: Final = 2400
-"""Of the arm's mass matrix."""
+"""Steps of the arm's mass matrix."""
 ELEMENT_STEPS: Final = 4
-"""That an operator counts as for each element of its lists."""
+"""Steps of an operator for each element of its lists."""
 PRODUCT_STEPS: Final = 10
-"""That a product of matrices counts as for each product of two elements."""
+"""Steps of a product of matrices for each product of two elements."""
 DEEPEST_CALLS: Final = 50
 
 TOO_MUCH_TIME: Final = (
@@ -53,10 +53,10 @@ class Wait(NamedTuple):
 
 
 class Pending(NamedTuple):
-    """Wait until something is there, while the arm does what it does."""
+    """Wait until a value is there, while the arm goes on."""
 
     poll: Callable[[], Any]
-    """What is there; None: not yet."""
+    """The value; None if it is not there yet."""
     most_s: float = math.inf
     otherwise: Callable[[], Any] = lambda: None
     """The value, when nothing came in that time: in the next frame at the earliest."""
@@ -97,11 +97,11 @@ class _Unset:
 
 
 UNSET: Final = _Unset()
-"""What a variable has before it gets a value."""
+"""Content of a variable before it gets a value."""
 
 
 class Runtime(Protocol):
-    """What a program needs of the machine that runs it."""
+    """Interface of the machine that runs a program."""
 
     steps: list[int]
     """Left in this frame."""

@@ -1,10 +1,10 @@
-"""Runs a URScript program in the controller's own time: threads, waits, and what moves the arm.
+"""Runs a URScript program in the controller's own time: threads, waits, and actions of the arm.
 
 Statements take no time. A thread runs until it calls a function that does, waits for another
-thread, or ends; then the next one runs. What a frame leaves to do is one `Action` of one thread, or
-nothing. Threads only take turns where one of them waits, so that what is between `enter_critical`
-and `exit_critical` is never parted where it takes no time; where it does, others run, which is what
-programs in use need (the manual does not say).
+thread, or ends; then the next one runs. The result of a frame is one `Action` of one thread, or
+none. Threads only take turns when one of them waits: code between `enter_critical` and
+`exit_critical` is never interrupted if it takes no time; if it does, others run, as programs in use
+need it (the manual does not say).
 
 Source: UR's script manual, threads and secondary programs. How much of a frame computing may take
 is not published.
@@ -34,16 +34,16 @@ from cardan.sim_peers.ur_controller.language import (
 from cardan.sim_peers.ur_controller.operators import Struct
 
 MOST_STEPS: Final = 40_000
-"""Of computing in one frame: operators, names and the like; a call of a function is 40."""
+"""Steps of computing in one frame: operators, names and the like; a call of a function is 40."""
 MOST_THREADS: Final = 100
 MOST_BYTES: Final = 4 * 1024 * 1024
-"""Of all values that a program keeps."""
+"""Size of all values that a program keeps."""
 _MEASURED_EVERY: Final = 20
 """Frames."""
 
 
 class Thread:
-    """One of a program."""
+    """A thread of a program."""
 
     def __init__(self, handle: int, name: str) -> None:
         self.handle, self.name = handle, name
@@ -55,16 +55,16 @@ class Thread:
         self.acted = -1
         """The newest frame that it used up."""
         self.action: Action | None = None
-        """What it does with the arm in the next frame."""
+        """Its action of the arm in the next frame."""
         self.wait: Joined | Pending | None = None
         self.until = 0.0
         """The frame with which it goes on, or the waiting ends."""
         self.value: Any = None
-        """What it is waiting for."""
+        """The value that it was waiting for."""
 
 
 class Machine:
-    """One run of a program."""
+    """A run of a program."""
 
     def __init__(self, period_s: float) -> None:
         self.name = ""
@@ -113,7 +113,7 @@ class Machine:
         return self.globals[number] is not UNSET
 
     def step(self, left_of: Callable[[Action], Action | None]) -> Action | None:
-        """One frame: what moves the arm in it. `left_of` says what of an action is then left.
+        """Run a frame; return the arm's action in it. `left_of` gives the rest of an action then.
 
         Raises ProgramError.
         """

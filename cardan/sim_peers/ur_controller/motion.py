@@ -1,12 +1,12 @@
-"""How the simulated arm moves: what a program asks for, frame by frame, and the arm behind it.
+"""Motion of the simulated arm: that of a program, frame by frame, and the arm behind it.
 
 UR publishes the speed profile of its moves (a trapezoid) and where a blend begins, and neither
 servoj's law nor the arm's. Here `servoj` moves the target towards the joints asked for with
-`lookahead_time` as its time constant, whatever the gain, which is what a ramp is behind by; and the
+`lookahead_time` as its time constant, whatever the gain, which is the lag behind a ramp; and the
 arm follows its target with 8 ms.
 
 A move with a blend radius is done for its program once the TCP is that near to the waypoint. A move
-that comes then begins at once, and what is left of the first is added to it until it is over, each
+that comes then begins at once, and the rest of the first is added to it until it is over, each
 with half of the acceleration. Nothing has to be known ahead for that: until another comes, the
 first is on its way to rest at its waypoint.
 """
@@ -86,7 +86,7 @@ _ROUNDING: Final = 1e-9
 
 
 SENSED_STIFFNESS_N_M: Final = 20_000.0
-"""Of what another sensor feels, to force mode (chosen)."""
+"""Stiffness that force mode assumes for contacts measured by an external sensor (chosen)."""
 
 _IN_TOOL_SPACE: Final = (MoveL, MoveC, SpeedL)
 
@@ -102,7 +102,7 @@ class ControlMode(enum.IntEnum):
 
 @dataclass
 class Payload:
-    """What the arm is told it carries, kg and m from the flange."""
+    """Payload set by the program, kg and m from the flange."""
 
     mass: float = 0.0
     cog: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -111,10 +111,10 @@ class Payload:
 
 @dataclass
 class ExternalSensor:
-    """A force sensor of others, whose measurements a client of RTDE writes."""
+    """External force sensor, whose measurements a client of RTDE writes."""
 
     place: tuple[float, ...]
-    """From the flange, m."""
+    """Position from the flange, m."""
     turned: bool
     """Levers count the other way round, as with `enable_external_ft_sensor`."""
 
@@ -145,7 +145,7 @@ class _Run:
 
 @dataclass(eq=False)
 class _Tail:
-    """What is left of the move before."""
+    """Rest of the move before."""
 
     run: _Run
     course: Course
@@ -186,9 +186,9 @@ class Motion:
         """The program is: the arm rests on its path."""
         self.force = ForceMode()
         self.sensor: ExternalSensor | None = None
-        """That takes the place of the arm's own; None: none does."""
+        """Sensor that replaces the arm's own; None: none does."""
         self.sensed: tuple[float, ...] = (0.0,) * AXES
-        """What a client has written of it: force (N) and torque (N·m), in the flange's axes."""
+        """Its reading that a client has written: force (N) and torque (N·m), flange axes."""
         self._by_torque = False
         """A program drives the joints by torques in this frame."""
         self.scale = 1.0
@@ -202,21 +202,21 @@ class Motion:
         self._rest_s = 0.0
         self._past: deque[tuple[float, ...]] = deque([tuple(start)], maxlen=KEPT_POSITIONS)
         self._q = list(start)
-        """What the program's motion asks for; force mode adds to it."""
+        """Joints that the program's motion asks for, rad; force mode adds to them."""
         self._qd = [0.0] * AXES
         self._run: _Run | None = None
         self._tail: _Tail | None = None
         self._skipped: Move | None = None
         self._apart = False
-        """Force mode has moved the arm off what the program asks for."""
+        """Whether force mode has moved the arm off the program's motion."""
         self._rate = 1.0
         """Of a move's time while it is held."""
         self._twist: list[float] | None = None
         """The TCP's speed of a program that sets it."""
         self._line: Frame | None = None
-        """Where that has brought the TCP."""
+        """Pose to which that has brought the TCP."""
 
-    # -- what others ask --------------------------------------------------------------------------
+    # -- queries ----------------------------------------------------------------------------------
 
     @property
     def moving(self) -> bool:
@@ -269,7 +269,7 @@ class Motion:
         return Pose(self.kinematics.speed(self.actual_q, self.actual_qd, self.tcp))
 
     def waypoint(self) -> Pose:
-        """Where the move leads that is on its way; without one, where the TCP is."""
+        """Target of the present move; without one, the target pose of the TCP."""
         run = self._run
         return self.target_tcp_pose() if run is None or run.done else run.waypoint
 
@@ -300,8 +300,7 @@ class Motion:
         return Pose((*add(force, held), *add(torque, scale(cross(center, held), way))))
 
     def contact_force(self) -> Pose:
-        """The force of what the arm touches (N, N·m) about the flange, base frame, since it was
-        zeroed."""
+        """Contact force since zeroing (N, N·m) about the flange, base frame."""
         force = self._felt()
         if not any(force):
             return Pose((0.0,) * AXES)
@@ -310,7 +309,7 @@ class Motion:
         return Pose((*force, *cross(subtract(tip, flange), force)))
 
     def joint_torques(self) -> list[float]:
-        """What the contact has the joints hold, N·m."""
+        """Torques by which the joints hold the contact, N·m."""
         return self._joint_torques(self.actual_q)
 
     def _joint_torques(self, q: Sequence[float]) -> list[float]:
@@ -318,7 +317,7 @@ class Motion:
         return [column[2] * pushed for column in self.kinematics.jacobian(q, self.tcp)]
 
     def zero_force(self) -> None:
-        """What the sensor feels now is none."""
+        """Zero the sensor: its present force is the new zero."""
         self._zero = Vector3(0.0, 0.0, self.pushed())
 
     def touched(self, direction: Sequence[float]) -> int:
@@ -337,7 +336,7 @@ class Motion:
         return len(self._past)
 
     def pushed(self) -> float:
-        """How hard what the TCP touches pushes it up, N."""
+        """Upward contact force on the TCP, N."""
         return self._pushed(self.actual_q)
 
     def _pushed(self, q: Sequence[float]) -> float:
@@ -355,22 +354,22 @@ class Motion:
         self.force.begin(asked)
 
     def set_tcp(self, tcp: Frame) -> None:
-        """Where the TCP is in the flange's frame."""
+        """Set the TCP in the flange's frame."""
         self.tcp = tcp
         self._twist = self._line = None
 
     def end_force(self) -> None:
-        """Leave force mode: what it has moved the arm by stays until a move begins anew."""
+        """Leave force mode: its offset of the arm stays until a move begins anew."""
         self._apart = self._apart or self.force.asked is not None
         self.force.end()
 
     def end_modes(self) -> None:
-        """A program has come to its end, and its modes with it."""
+        """End the modes of a program at its end."""
         self.end_force()
         self.freedrive = False
 
     def halt(self) -> None:
-        """What was on its way is over: the arm brakes."""
+        """End the motion on its way: the arm brakes."""
         self.freedrive = False
         self._drop()
 
@@ -385,7 +384,7 @@ class Motion:
     # -- frames -----------------------------------------------------------------------------------
 
     def left_of(self, action: Action, dt_s: float) -> Action | None:
-        """What of an action is left after the frame that was last."""
+        """The rest of an action after the last frame; None if it has ended."""
         if isinstance(action, MoveJ | MoveL | MoveC):
             return None if self._released(action) else action
         if isinstance(action, DirectTorque):
@@ -414,9 +413,9 @@ class Motion:
         )
 
     def step(self, action: Action | None, dt_s: float, scale: float) -> str:
-        """One frame of `dt_s`, with the program's time running `scale` times as fast as real time.
+        """Run a frame of `dt_s`, the program's time running `scale` times as fast as real time.
 
-        None brakes. Gives why the safety system has to stop the arm; empty: it has not.
+        None brakes. Returns why the safety system has to stop the arm; empty if it has not.
         """
         if self._fresh:
             self.scale, self._fresh = scale, False
@@ -489,7 +488,7 @@ class Motion:
             return f"the arm touches something with {pushed:.0f} N, beyond {HARDEST_N:.0f} N"
         return ""
 
-    # -- what a program asks for ------------------------------------------------------------------
+    # -- motion of the program --------------------------------------------------------------------
 
     def _asked(self, action: Action | None, dt_s: float) -> list[float]:
         """The joints at the end of the frame."""
@@ -616,7 +615,7 @@ class Motion:
         return self._along(begun, dt_s)
 
     def _along(self, run: _Run, dt_s: float, held: bool = False) -> list[float]:
-        """One frame along the path; one that is held comes to rest on it."""
+        """Run a frame along the path; if `held`, the arm comes to rest on it."""
         if run.done and self._tail is None:
             run.released = True
             return list(self._q)
@@ -738,7 +737,7 @@ class Motion:
                 if abs(change) > _ROUNDING:
                     most = min(most, limit * path.length / abs(change))
         elif math.isfinite(path.radius):
-            # Along the path and across it: what both come to is the acceleration asked for.
+            # Along the path and across it: together they are the requested acceleration.
             a = action.a * math.sqrt(0.5)
             return a, min(most, math.sqrt(a * path.radius))
         return action.a, most

@@ -1,4 +1,4 @@
-"""URScript's functions of the arm: what moves it, and what tells where it is."""
+"""URScript's functions of the arm: motion, and measured and computed positions."""
 
 from __future__ import annotations
 
@@ -335,7 +335,7 @@ def _kinematics(motion: Motion) -> Mapping[str, Function]:
         return pose_of(kinematics.forward(joints(q), tool(tcp)))
 
     def inverse_kin(x: Any, near: Any, far: Any, turned: Any, tcp: Any) -> list[float]:
-        # In closed form: what is left of an error is rounding.
+        # In closed form: the only error left is rounding.
         checks.not_below_zero("maxPositionError", far)
         checks.not_below_zero("maxOrientationError", turned)
         return _solved(motion, checks.frame("x", x), joints(near, "qnear"), tool(tcp))
@@ -384,7 +384,7 @@ def _solved(motion: Motion, goal: Frame, near: Any, tcp: Frame) -> list[float]:
     return found
 
 
-# -- what the controller is told -------------------------------------------------------------------
+# -- settings of the controller --------------------------------------------------------------------
 
 
 def _settings(motion: Motion) -> Mapping[str, Function]:

@@ -1,7 +1,7 @@
-"""What URScript's operators do with its values.
+"""URScript's operators on its values.
 
 Numbers, truths, texts, lists (of lists: matrices), poses and structs. All of them are values: a
-list is never changed in place, so that its holders keep what they had.
+list is never changed in place, and its holders keep the old one.
 
 Source: UR's script manual, 5.x: numbers, variables and types; matrix and array expressions.
 """
@@ -66,7 +66,7 @@ def pose(items: Sequence[Any]) -> Pose:
 
 
 def text(value: Any) -> str:
-    """As `textmsg` and `to_str` write it; what is longer than a text may be is cut."""
+    """As `textmsg` and `to_str` write it, cut at the longest length of a text."""
     return _written(value)[: LONGEST_TEXT + 1]
 
 
@@ -159,7 +159,7 @@ def elements(found: list[Any]) -> int:
 
 
 def work_of(sign: str, left: Any, right: Any) -> int:
-    """Steps that an operator counts as for what it has to do with lists."""
+    """Steps that an operator counts as for its work with lists."""
     ours = elements(left) if isinstance(left, list) else 1
     if sign == "*" and _is_matrix(left) and isinstance(right, list):
         columns = len(right[0]) if _is_matrix(right) else 1
@@ -214,7 +214,7 @@ OPERATORS: Final[Mapping[str, Operator]] = {
     "==": _equal,
     "!=": lambda left, right: not _equal(left, right),
 }
-"""Those that take both of their values. They raise ValueError and ArithmeticError."""
+"""Operators that take both of their values. They raise ValueError and ArithmeticError."""
 
 
 def negative(value: Any) -> Any:

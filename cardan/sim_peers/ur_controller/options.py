@@ -80,11 +80,11 @@ class UrControllerOptions(Options):
     start: tuple[float, ...] | None = None
     """Joints at the start, rad; None: the arm's home."""
     boot_s: _Takes = 1.0
-    """From the order to switch the power on until it is."""
+    """Time from the order to switch the power on until it is."""
     release_s: _Takes = 0.6
-    """From the order to release the brakes until they are."""
+    """Time from the order to release the brakes until they are."""
     program_start_s: _Takes = 0.05
-    """From a program's last byte until its first statement."""
+    """Time from a program's last byte until its first statement."""
     faults: Mapping[str, float] = field(default_factory=dict)
     """Values by name, from `cardan.sim_peers.base.parse_faults`."""
     seed: int = 0
@@ -104,8 +104,8 @@ class UrControllerOptions(Options):
 
     @property
     def ports(self) -> dict[str, int]:
-        """By what is served there; 0: any free one. What only sends is 10 above what it is the same
-        as, where that is at its published port."""
+        """By the interface served there; 0: any free one. A send-only interface is 10 above its
+        counterpart, if that is at its published port."""
         published = self.primary_port == PRIMARY_PORT
         secondary, realtime = (
             (port if published else 0) if given is None else given

@@ -1,7 +1,7 @@
 """Paths of the simulated controller's moves, and how a move goes along its path in time.
 
 A path is by its length: of a joint move the way of the joint that goes farthest (rad), of a move in
-tool space that of the TCP (m). What the tool turns counts, too, where it is the more: a radian as
+tool space that of the TCP (m), or of the tool's rotation if that is longer: a radian counts as
 `TURNING_M` meters (chosen; UR publishes no such law).
 """
 
@@ -32,7 +32,7 @@ _STRAIGHT: Final = 1e-6
 
 
 class JointPath:
-    """From joints to joints."""
+    """Path from joints to joints."""
 
     def __init__(self, start: Sequence[float], goal: Sequence[float]) -> None:
         self._start, self.goal = list(start), list(goal)

@@ -1,4 +1,4 @@
-"""The pendant of the simulated controller: what the dashboard server stands in for a person at."""
+"""The pendant of the simulated controller: the user's actions, which the dashboard server does."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ LOG_FILE: Final = "log_history.txt"
 SUPPORT_FILE: Final = f"ur_{SERIAL_NUMBER}.zip"
 
 _ON_A_ROBOT: Final = (PurePosixPath("/ursim/programs"), PurePosixPath("/programs"))
-"""Where a controller has its programs; the folder stands for these."""
+"""Directories of programs on a controller; the folder stands for these."""
 
 
 class Pendant:
-    """Programs in a folder, and what a person has set."""
+    """Programs in a folder, and the settings of the user."""
 
     def __init__(
         self,
@@ -34,7 +34,7 @@ class Pendant:
         note: Callable[[str], None],
         histories: Sequence[Iterable[tuple[float, str]]],
     ) -> None:
-        """`note` takes what a person may want to know; the log is put together of `histories`."""
+        """`note` takes messages for the user; the log is put together of `histories`."""
         self._controller, self.note = controller, note
         self._histories = histories
         folder = controller.options.programs
@@ -43,14 +43,14 @@ class Pendant:
         """The program, as it was asked for."""
         self.user_role = "PROGRAMMER"
         self.operational_mode = "NONE"
-        """NONE: nobody controls it by the dashboard."""
+        """NONE: the dashboard does not control it."""
         self._text = ""
         self._reports = 0
 
     # -- programs ---------------------------------------------------------------------------------
 
     def load(self, name: str) -> str:
-        """Load a program; what the dashboard answers."""
+        """Load a program; return the dashboard's reply."""
         if self._file(name) is None:
             return f"File not found: {name}"
         # A .urp is for PolyScope: the program itself is the .script that is saved with it.
@@ -66,7 +66,7 @@ class Pendant:
         return f"Loading program: {name}"
 
     def play(self) -> bool:
-        """Go on with what is paused, or begin what is loaded."""
+        """Resume the paused program, or start the loaded one."""
         controller = self._controller
         if controller.resume():
             return True
@@ -77,13 +77,13 @@ class Pendant:
 
     @property
     def program_name(self) -> str:
-        """What runs; where nothing does, what is loaded."""
+        """Name of the running program; if none runs, of the loaded one."""
         controller = self._controller
         runs = controller.has_program
         return controller.program_name if runs else PurePosixPath(self.loaded).name
 
     def load_installation(self, name: str) -> str:
-        """Load an installation; what the dashboard answers."""
+        """Load an installation; return the dashboard's reply."""
         if name != DEFAULT_INSTALLATION and self._file(name) is None:
             return f"File not found: {name}"
         if self._controller.has_program:
@@ -114,10 +114,10 @@ class Pendant:
             return None
         return found if found.is_relative_to(self._folder) else None
 
-    # -- what is kept -----------------------------------------------------------------------------
+    # -- files ------------------------------------------------------------------------------------
 
     def save_log(self) -> str:
-        """Save the log in the folder; what the dashboard answers."""
+        """Save the log in the folder; return the dashboard's reply."""
         if self._folder is None:
             return "Failed to save log"
         try:
@@ -127,7 +127,7 @@ class Pendant:
         return "Log saved to disk"
 
     def flight_report(self, kind: str) -> str:
-        """Write a flight report into the log; what the dashboard answers."""
+        """Write a flight report into the log; return the dashboard's reply."""
         if kind not in ("", *REPORTS):
             return f"Error: there is no flight report {kind!r}"
         self._reports += 1
@@ -135,7 +135,7 @@ class Pendant:
         return f"Flight Report generated with id: {self._reports}"
 
     def support_file(self, name: str) -> str:
-        """Save a support file in a directory of the folder; what the dashboard answers."""
+        """Save a support file in a directory of the folder; return the dashboard's reply."""
         found = self._inside(name)
         try:
             if found is None or not found.is_dir():

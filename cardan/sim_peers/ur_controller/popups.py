@@ -1,4 +1,4 @@
-"""Popups of programs, which somebody at the pendant or the dashboard closes."""
+"""Popups of programs, which a user at the pendant or a client of the dashboard closes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Popup(NamedTuple):
-    """One that is shown."""
+    """A popup that is shown."""
 
     number: int
     title: str
@@ -18,7 +18,7 @@ class Popup(NamedTuple):
 
 
 class Popups:
-    """The newest is shown; closing closes all."""
+    """Popups of which the newest is shown; closing closes all."""
 
     def __init__(self, tell: Callable[[Popup], None]) -> None:
         self._tell = tell
@@ -27,14 +27,14 @@ class Popups:
         self.shown: Popup | None = None
 
     def show(self, text: str, title: str, warning: bool, error: bool, blocking: bool) -> int:
-        """Its number."""
+        """Show a popup. Returns its number."""
         self._count += 1
         self.shown = Popup(self._count, title, text, warning, error, blocking)
         self._tell(self.shown)
         return self._count
 
     def close(self) -> None:
-        """Close what is shown."""
+        """Close the shown popups."""
         self._closed = self._count
         self.shown = None
 

@@ -34,7 +34,7 @@ MOST_RECIPES: Final = 255
 
 
 class Claims:
-    """Which client may write which variables, and what all clients have in common."""
+    """Write access of clients to variables, and the shared state of all clients."""
 
     def __init__(self, faults: Mapping[str, float]) -> None:
         self._owners: dict[str, object] = {}
@@ -46,22 +46,22 @@ class Claims:
         """Clients that spoke another protocol."""
 
     def taken(self, name: str, by: object) -> bool:
-        """Whether somebody else has it."""
+        """Whether another client, or a fieldbus, has it."""
         other = self._owners.get(name, by) is not by
         return self._in_use or (other and not self._shared)
 
     def take(self, names: tuple[str, ...], by: object) -> None:
-        """`by` has these now."""
+        """Give these variables to `by`."""
         self._owners.update(dict.fromkeys(names, by))
 
     def release(self, by: object) -> None:
-        """`by` has gone."""
+        """Release the variables of `by`, which is gone."""
         if not self._kept:
             self._owners = {name: owner for name, owner in self._owners.items() if owner is not by}
 
 
 class RtdeClient:
-    """One client's connection: `data` in, `send` out."""
+    """Connection of a client: `data` in, `send` out."""
 
     def __init__(
         self,
@@ -71,7 +71,7 @@ class RtdeClient:
         send: Callable[[bytes], None],
         note: Callable[[str], None],
     ) -> None:
-        """`note` takes what a person may want to know."""
+        """`note` takes messages for the user."""
         self._controller, self._telemetry, self._claims = controller, telemetry, claims
         self._send, self._note = send, note
         self._reader = PacketReader()
@@ -106,7 +106,7 @@ class RtdeClient:
             self._tell(self.failure, TextLevel.ERROR)
 
     def gone(self) -> None:
-        """The connection has ended."""
+        """Handle the end of the connection."""
         self._claims.release(self)
 
     def packages(self, frame: int) -> list[bytes]:
@@ -133,7 +133,7 @@ class RtdeClient:
         elif isinstance(asked, ControlRequest):
             self._answer(asked)
         else:
-            assert isinstance(asked, Text)  # A client's words go to the log, which nobody reads.
+            assert isinstance(asked, Text)  # A client's text for the log is dropped.
 
     def _answer(self, asked: ControlRequest) -> None:
         if asked.kind is PacketType.PROTOCOL_VERSION:

@@ -1,4 +1,4 @@
-"""What a text means that came over an interface that takes scripts."""
+"""Interpretation of texts that came over an interface that takes scripts."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ ORDERS: Final[Mapping[str, Callable[[UrController], object]]] = {
 
 _BEGINS: Final = ("def", "sec")
 LINE: Final = "line"
-"""What a program of one line is called."""
+"""Name of a program of one line."""
 
 
 def take(controller: UrController, text: str) -> None:
-    """Do what a program or a line asks for."""
+    """Execute a program or a line."""
     lines = text.splitlines()
     at = next((n for n, line in enumerate(lines) if line.strip() and not _is_comment(line)), None)
     if at is None:
@@ -43,7 +43,7 @@ def take(controller: UrController, text: str) -> None:
 
 
 def is_program(text: str) -> bool:
-    """Whether it is no line."""
+    """Whether a text is a program, not a line."""
     return any(line.split()[:1] and line.split()[0] in _BEGINS for line in text.splitlines())
 
 

@@ -85,7 +85,7 @@ class UrServers(TcpServers[PortKind, _Connection]):
         self._frame_due = False
         self._claims = Claims(options.faults)
         self._lines = ""
-        """Those that wait, by a fault."""
+        """Lines that wait, by a fault."""
 
     def behave(self, faults: Mapping[str, float]) -> None:
         super().behave(faults)
@@ -99,7 +99,7 @@ class UrServers(TcpServers[PortKind, _Connection]):
     # -- connections and time ---------------------------------------------------------------------
 
     def advance(self, now_s: float) -> None:
-        """Also one frame, if one is due: between two of them sockets are served."""
+        """Run one frame, too, if one is due: between two frames sockets are served."""
         self._frame_due = True
         super().advance(now_s)
 
@@ -221,7 +221,7 @@ class UrServers(TcpServers[PortKind, _Connection]):
     def _slider_zero(self) -> None:
         self.controller.slider = 0.0
 
-    # -- what comes in ----------------------------------------------------------------------------
+    # -- received data ----------------------------------------------------------------------------
 
     def _ask(self, connection: _Connection, data: bytes) -> None:
         lines = connection.lines
@@ -261,11 +261,11 @@ class UrServers(TcpServers[PortKind, _Connection]):
             self.controller.refuse(f"a program has more than {LARGEST} bytes")
 
     def _end_scripts(self, connection: _Connection) -> None:
-        """Nothing more comes of what has come."""
+        """Take the rest of the received text: no more data comes."""
         connection.scripts.end()
         self._take_scripts(connection)
 
-    # -- what goes out ----------------------------------------------------------------------------
+    # -- sent data --------------------------------------------------------------------------------
 
     def _publish(self) -> None:
         if self._silent:

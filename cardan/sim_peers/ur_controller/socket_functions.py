@@ -1,7 +1,7 @@
 """URScript's functions of sockets.
 
-A function that reads waits until what it wants is there. Its time over, or the socket closed, it
-gives what the script manual says of a failure, in the next frame at the earliest.
+A function that reads waits until the requested data is there. After a time-out, or if the socket is
+closed, it returns the script manual's value for a failure, in the next frame at the earliest.
 
 Source: UR's script manual, module interfaces.
 """
@@ -20,9 +20,9 @@ from cardan.sim_peers.ur_controller.sockets import ProgramSocket, ProgramSockets
 from cardan.sim_peers.ur_controller.values import is_number
 
 OPEN_S: Final = 2.0
-"""Longest that opening takes."""
+"""Longest time that opening takes."""
 MOST_VALUES: Final = 255
-"""That one call reads."""
+"""Most values that one call reads."""
 _READ_S: Final = 2.0
 _NAME: Final = "socket_0"
 _NUMBERS: Final = re.compile(rb"\(([^()]*)\)")
@@ -32,7 +32,7 @@ _ESCAPES: Final = re.compile(r"\\(n|r|t|\\|x[0-9a-fA-F]{2})")
 _ESCAPED: Final = {"n": "\n", "r": "\r", "t": "\t", "\\": "\\"}
 
 _Take = Callable[[bytearray], Any]
-"""What a function reads, taken out of what has come; None: it is not all there."""
+"""Takes the value that a function reads out of the received bytes; None if it is incomplete."""
 
 
 def socket_functions(sockets: ProgramSockets) -> Mapping[str, Function]:

@@ -1,7 +1,7 @@
 """The sockets that programs open, sans I/O.
 
-What programs want comes out of `ProgramSockets`; what happens at the real sockets goes in, and a
-shell (`cardan.sim_peers.ur_controller.connector`, or a test) is between.
+Requests of programs come out of `ProgramSockets`; events of the real sockets go in, and a shell
+(`cardan.sim_peers.ur_controller.connector`, or a test) is between.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 MOST_SOCKETS: Final = 32
 MOST_BYTES: Final = 64 * 1024
-"""Of one socket, that wait to be read by its program or sent."""
+"""Most bytes of one socket that wait to be read by its program or sent."""
 
 
 class Opening(NamedTuple):
@@ -24,7 +24,7 @@ class Opening(NamedTuple):
 
 
 class ProgramSocket:
-    """One, by a number that no other has."""
+    """Socket of a program, by a number that no other has."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -35,7 +35,7 @@ class ProgramSocket:
 
 
 class ProgramSockets:
-    """Those of the program that runs, by their names."""
+    """Sockets of the program that runs, by their names."""
 
     def __init__(
         self, allowed: Collection[str], note: Callable[[str], None], closed: bool = False
@@ -50,7 +50,7 @@ class ProgramSockets:
         self._openings: list[Opening] = []
         self._closings: list[int] = []
 
-    # -- what programs do -------------------------------------------------------------------------
+    # -- called by programs -----------------------------------------------------------------------
 
     def open(self, host: str, port: int, name: str) -> ProgramSocket | None:
         """A socket that is being opened; None: it is refused."""
@@ -71,30 +71,30 @@ class ProgramSockets:
         return made
 
     def get(self, name: str) -> ProgramSocket | None:
-        """An open one, or one whose bytes have not all been read."""
+        """An open socket, or one with unread bytes."""
         found = self._named.get(name)
         return None if found is None or found.open is None else found
 
     def close(self, name: str) -> None:
-        """Close it, if there is one; what was sent is still written."""
+        """Close it, if there is one; data sent before is still written."""
         found = self._named.pop(name, None)
         if found is not None and self._numbered.get(found.number) is found:
             self._closings.append(found.number)
 
     def close_all(self) -> None:
-        """The program has ended."""
+        """Close all sockets at the end of a program."""
         for name in tuple(self._named):
             self.close(name)
 
     def send(self, name: str, data: bytes) -> bool:
-        """Whether it was taken."""
+        """Queue data. Returns whether it was taken."""
         found = self.get(name)
         if found is None or not found.open or len(found.unsent) + len(data) > MOST_BYTES:
             return False
         found.unsent += data
         return True
 
-    # -- what the shell does ----------------------------------------------------------------------
+    # -- called by the shell ----------------------------------------------------------------------
 
     def openings(self) -> list[Opening]:
         """Connections to make; they are given once."""
@@ -102,7 +102,7 @@ class ProgramSockets:
         return found
 
     def outgoing(self) -> list[tuple[int, bytes]]:
-        """What is to be written; it is given once."""
+        """Data to write, by the number of the socket; each is given once."""
         found = []
         for each in self._numbered.values():
             if each.unsent:
@@ -118,24 +118,24 @@ class ProgramSockets:
         return found
 
     def takes(self, number: int) -> bool:
-        """Whether there is room for what comes."""
+        """Whether there is room for received data."""
         found = self._numbered.get(number)
         return found is not None and len(found.unread) < MOST_BYTES
 
     def opened(self, number: int) -> None:
-        """A connection is there."""
+        """Mark a socket as connected."""
         found = self._numbered.get(number)
         if found is not None:
             found.open = True
 
     def data(self, number: int, data: bytes) -> None:
-        """What one read brought."""
+        """Take the data of one read."""
         found = self._numbered.get(number)
         if found is not None:
             found.unread += data
 
     def lost(self, number: int, reason: str) -> None:
-        """It could not be opened, or the other end has closed it."""
+        """Drop a socket that could not be opened, or was closed by the other end."""
         found = self._numbered.pop(number, None)
         if found is not None:
             if not found.open:

@@ -1,4 +1,4 @@
-"""What the simulated controller tells in robot states, beside the variables of RTDE."""
+"""Values of the simulated controller in robot states, beside the variables of RTDE."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class StateValues:
         return self._telemetry.value(name) if made is None else made()
 
     def modes(self) -> ModeData:
-        """What a robot state begins with."""
+        """Modes, the first part of a robot state."""
         controller, value = self._controller, self._telemetry.value
         return ModeData(
             power_on=controller.mode >= RobotMode.POWER_ON,

@@ -1,4 +1,4 @@
-"""What the simulated controller tells over RTDE, by the names of the variables."""
+"""Values of the simulated controller over RTDE, by the names of the variables."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ _IDLE_A: Final = 0.4
 _BUS_V: Final = 48.0
 _CURRENT_WINDOW_A: Final = (3.0, 3.0, 3.0, 1.5, 1.5, 1.5)
 _FARTHEST_RAD: Final = 0.2
-"""From the target: at `joint_position_deviation_ratio` 1."""
+"""Distance from the target at `joint_position_deviation_ratio` 1."""
 _JOINT_DEGREES: Final = 28.0
 _TOOL_DEGREES: Final = 30.0
 _EXECUTION_MS: Final = 0.4
@@ -72,7 +72,7 @@ Value = TypeVar("Value")
 
 
 class _Kept(Generic[Value]):
-    """What is computed at most once a frame, and only if somebody asks."""
+    """Value that is computed on demand, at most once per frame."""
 
     def __init__(self, motion: Motion, compute: Callable[[], Value]) -> None:
         self._motion, self._compute = motion, compute
@@ -100,9 +100,9 @@ class Telemetry:
         options = controller.options
         self._controller, self._motion, self._io = controller, controller.motion, controller.io
         self.outputs: Mapping[str, str] = of_series(OUTPUT_VARIABLES, options.version.major)
-        """The types of what it sends, by name."""
+        """Types of the variables that it sends, by name."""
         self.writable: Mapping[str, str] = of_series(INPUT_VARIABLES, options.version.major)
-        """The types of what clients may write."""
+        """Types of the variables that clients may write, by name."""
         self._dynamics = controller.dynamics
         motion = self._motion
         self._actual = _Kept(motion, lambda: self._place(motion.actual_q))
@@ -130,13 +130,13 @@ class Telemetry:
         self._setters = self._register_setters()
 
     def value(self, name: str) -> Any:
-        """Of a variable in `outputs` now; zero for what this robot does not have."""
+        """Value of a variable in `outputs` now; zero if this robot does not have it."""
         return self._sources[name]()
 
-    # -- what clients write -----------------------------------------------------------------------
+    # -- written by clients -----------------------------------------------------------------------
 
     def write(self, values: Mapping[str, Any]) -> None:
-        """What a client's data package brought."""
+        """Write the values of a client's data package."""
         self._controller.watchdogs.fed(values, self._controller.time_s)
         others = False
         for name, value in values.items():
@@ -149,7 +149,7 @@ class Telemetry:
             self._apply(values)
 
     def _apply(self, values: Mapping[str, Any]) -> None:
-        """Inputs keep what was written last, so a mask may have come in another package."""
+        """Apply written inputs. They keep their last values: a mask may be of another package."""
         written, io = self._written.get, self._io
         if _any_of(values, "speed_slider") and written("speed_slider_mask", 0) & 1:
             fraction = written("speed_slider_fraction")
@@ -194,7 +194,7 @@ class Telemetry:
             **{name: bits(first) for name, first in _groups("input")},
         }
 
-    # -- what it tells ----------------------------------------------------------------------------
+    # -- values -----------------------------------------------------------------------------------
 
     def _of_controller(self) -> dict[str, Source]:
         controller, motion = self._controller, self._motion
@@ -382,7 +382,7 @@ class Telemetry:
         return self._driven(self._target_effort().torques)
 
     def _measured_torques(self) -> tuple[float, ...]:
-        """What the joints exert: less of what something that the arm touches does for them."""
+        """Torques of the joints, less those that a contact of the arm takes over."""
         torques = self._actual_effort().torques
         if self._motion.pushed():
             held = self._motion.joint_torques()
@@ -390,7 +390,7 @@ class Telemetry:
         return self._driven(torques)
 
     def _driven(self, torques: tuple[float, ...]) -> tuple[float, ...]:
-        """Nothing where the brakes hold."""
+        """`torques`, or zeros while the brakes hold."""
         return torques if self._controller.mode is RobotMode.RUNNING else (0.0,) * 6
 
     def _robot_current(self, currents: Sequence[float]) -> float:
@@ -409,7 +409,7 @@ class Telemetry:
         return (-fx, -fy, fz, -tx, -ty, tz)
 
     def _raw_wrench(self) -> tuple[float, ...]:
-        """What load and contact exert on the flange, in its axes."""
+        """Wrench of load and contact on the flange, in its axes."""
         felt = rotate(
             conjugate(self._actual().frames.pose.orientation),
             Vector3(0.0, 0.0, self._motion.pushed()),
@@ -454,7 +454,7 @@ def _constant(value: Any) -> Source:
 
 
 def _share(value: float | None, now: float) -> float:
-    """From 0 to 1; what it is now where none was written, or what is no number."""
+    """Clamp to 0 to 1; the value `now` if none, or NaN, was written."""
     return now if value is None or math.isnan(value) else min(max(value, 0.0), 1.0)
 
 

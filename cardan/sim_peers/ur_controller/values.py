@@ -1,4 +1,4 @@
-"""Values of URScript that Python does not have, and what is a number."""
+"""Values of URScript that Python does not have, and a test for numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a program has set to happen when RTDE does not write an input often enough."""
+"""Watchdogs that a program has set on inputs which RTDE has to write often enough."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ class _Watchdog:
 
 
 class Watchdogs:
-    """Of the program that runs, by the inputs' names."""
+    """Watchdogs of the running program, by the inputs' names."""
 
     def __init__(self) -> None:
         self._found: dict[str, _Watchdog] = {}
 
     def add(self, variable: str, period_s: float, action: str, now_s: float) -> None:
-        """From now on."""
+        """Watch an input from now on."""
         self._found[variable] = _Watchdog(period_s, action, now_s)
 
     def fed(self, variables: Iterable[str], now_s: float) -> None:
-        """A client has written these inputs."""
+        """Feed the watchdogs of inputs that a client has written."""
         if self._found:
             for each in variables:
                 if each in self._found:
                     self._found[each].fed_s = now_s
 
     def clear(self) -> None:
-        """The program has ended."""
+        """Remove all watchdogs at the end of a program."""
         self._found.clear()
 
     def expired(self, now_s: float) -> tuple[str, str] | None:
-        """An input that was not written in time, and what is to happen; it counts anew."""
+        """An input that was not written in time, and its action; its time starts anew."""
         for name, each in self._found.items():
             if now_s - each.fed_s > each.period_s + 1e-9:
                 each.fed_s = now_s
