@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 
 class Topic(NamedTuple):
-    """A topic that somebody publishes or subscribes to."""
+    """A topic with a publisher or subscriber."""
 
     type: str
     """In full: "geometry_msgs/msg/PoseStamped"."""
@@ -19,7 +19,7 @@ class Topic(NamedTuple):
 
 
 class Service(NamedTuple):
-    """A service that somebody offers."""
+    """A service that a node offers."""
 
     type: str
     """In full: "std_srvs/srv/Trigger"."""
@@ -67,8 +67,8 @@ Asked = Callable[[bytes, Answered], None]
 class Network(Protocol):
     """The ROS graph, and what is done on it.
 
-    All is called from one thread, and does not block. What is given to be called back may be
-    called from any thread. Names are absolute, types in full.
+    Methods are called from one thread, and do not block. Callbacks may be called from any thread.
+    Names are absolute, types in full.
     """
 
     def topics(self) -> Mapping[str, Topic]:

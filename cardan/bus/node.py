@@ -1,7 +1,7 @@
 """A ROS 2 node on the Zenoh bus, as rmw_zenoh makes one: publishers, subscriptions, services.
 
-Nothing here calls back into Python. What arrives waits in bounded channels of Zenoh's own threads
-until it is polled, so that a loop decides when it has time for it.
+Nothing here calls back into Python. Messages wait in bounded channels of Zenoh's own threads until
+they are polled, so that a loop decides when it has time for them.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ REQUESTS_KEPT = 32
 """Requests to a service that wait for their turn; of more, the oldest are not answered."""
 
 TOKENS_KEPT = 16_384
-"""Tokens that wait for their turn: more than all nodes of a large robot have, as one that is lost
-would leave somebody on the bus who is gone."""
+"""Tokens that wait for their turn: more than all nodes of a large robot have, because a lost token
+would keep a node on the bus that has left."""
 
 LEASE_MS = 2000
 """How long others wait for a sign of life of ours before they take us for gone: as long as a source
@@ -85,7 +85,7 @@ _NETWORK = "the network"
 
 
 class Urgency(Enum):
-    """What goes first where a link is full; by the names of Zenoh's priorities."""
+    """Priority on a full link; by the names of Zenoh's priorities."""
 
     COMMAND = "INTERACTIVE_HIGH"
     """Also calls of services, whose answers have it, too."""
@@ -162,7 +162,7 @@ class Publisher:
 
     @property
     def heard(self) -> bool:
-        """Whether somebody subscribes; always true of a latched topic."""
+        """True if there is a subscriber; always true of a latched topic."""
         status = getattr(self._publisher, "matching_status", None)
         return status is None or bool(status.matching)
 
@@ -668,7 +668,7 @@ def _config(mode: str, listen: Sequence[str], connect: Sequence[str], file: str)
 
 
 def zenoh_settings(mode: str, listen: Sequence[str], connect: Sequence[str]) -> dict[str, object]:
-    """What Cardan sets of Zenoh's configuration, by paths of its keys ("listen/endpoints")."""
+    """Settings of Zenoh that Cardan sets, by paths of their keys ("listen/endpoints")."""
     return {
         "mode": mode,
         "listen/endpoints": list(listen),
@@ -735,5 +735,5 @@ def close_session(session: Any) -> None:
 
 
 def words_of(error: Exception) -> str:
-    """What Zenoh says is wrong, in one line and without the places in its own source code."""
+    """Return Zenoh's error message, in one line and without the places in its own source code."""
     return _PLACE.sub("", " ".join(str(error).split()))[:300]

@@ -3,7 +3,7 @@
 SPAKE2 (RFC 9382, package spake2) makes a key from the code, and both confirm it before anything
 else is said: an impostor has one guess a connection, and nothing to try codes against offline, as
 with a pre-shared key of TLS. OpenSSL's SRP would do the same, but the server of
-OpenSSL 3.0 crashes with it. What follows are Fernet tokens (package cryptography), a line each::
+OpenSSL 3.0 crashes with it. Fernet tokens (package cryptography) follow, a line each::
 
     operator: SPAKE2 message, ready, request (its key's, and HOST), kept
     robot:    SPAKE2 message or "busy", ready too, answer (certificate, authority), kept too
@@ -145,7 +145,7 @@ class _Channel:
     def __init__(self, far: socket.socket, end_s: float, *listener: socket.socket) -> None:
         self._far, self._end_s, self._listener = far, end_s, listener
         self._come = b""
-        """What has come, and was not read yet."""
+        """Received bytes that were not read yet."""
         far.settimeout(CLIENT_S)
 
     def agree(self, side: Any) -> None:
@@ -155,14 +155,14 @@ class _Channel:
             raise _EndedError("it pairs with another computer")
         try:
             self._key = Fernet(base64.urlsafe_b64encode(side.finish(bytes.fromhex(line.decode()))))
-        except Exception as error:  # Whatever the package makes of no element of its group.
+        except Exception as error:  # Any error that the package raises for no element of its group.
             raise _EndedError(f"no message of a pairing: {type(error).__name__}") from None
 
     def send(self, step: str, **values: str) -> None:
         self._write(self._key.encrypt(json.dumps({"step": step, **values}).encode()))
 
     def receive(self, step: str) -> dict[str, str]:
-        """What the other side has sent; never what this one has, whose steps have other names."""
+        """Return the values that the other side sent; never this side's own, whose steps differ."""
         line = self._read()
         try:
             values: dict[str, str] = json.loads(self._key.decrypt(line))

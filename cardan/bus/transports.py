@@ -25,7 +25,7 @@ class OtherPublisher(Protocol):
 
     @property
     def heard(self) -> bool:
-        """Whether somebody subscribes."""
+        """True if there is a subscriber."""
 
     def close(self) -> None:
         """Leave the graph."""

@@ -1,8 +1,8 @@
 """Another node of the same name: one command would go to both, so only one takes commands.
 
-Who comes second finds the other's liveliness token and does not begin. Of two that come at once, or
-meet later, the one that began later takes no commands; as liveliness tokens of ROS 2 do not tell
-when a node began, those of Cardan have a second token that does, and where they run.
+The second node finds the liveliness token of the first and does not start. Of two that start at
+once, or meet later, the later one takes no commands; because liveliness tokens of ROS 2 do not say
+when a node started, Cardan's nodes have a second token with start time and place.
 """
 
 from __future__ import annotations
@@ -87,8 +87,8 @@ class Twins:
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        """Look whether the name is free, for `MEET_S`; where it is not, for `GONE_S` more, as who
-        had it may have crashed. Raises ConfigurationError."""
+        """Look whether the name is free, for `MEET_S`; where it is not, for `GONE_S` more, because
+        its owner may have crashed. Raises ConfigurationError."""
         end_s = clock() + MEET_S
         while not self.others():
             if clock() >= end_s:
@@ -114,7 +114,7 @@ class Twins:
         return {zid: claims.get(zid) for zid in self._zids.values() if zid != self._node.zid}
 
     def state(self) -> tuple[str, bool]:
-        """What to say of them, empty where there is none; and whether this node takes commands."""
+        """Return the message about them, empty if none; and whether this node takes commands."""
         others = self.others()
         if not others:
             return "", True

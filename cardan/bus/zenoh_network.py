@@ -48,8 +48,8 @@ PICTURES = frozenset(
         "sensor_msgs/msg/PointCloud2",
     }
 )
-"""Types of which one message fills a slow link: they wait for all else, and are dropped first. What
-clients of servers publish otherwise may be a command."""
+"""Types of which one message fills a slow link: they wait for all else, and are dropped first. Any
+other message from a server's client may be a command."""
 
 LONGEST_CALL_S = 3600.0
 """How long a call without a time limit waits for its reply."""
@@ -75,12 +75,12 @@ class BusNetwork:
         self._changed = threading.Condition(self._lock)
         self._topics: dict[str, Topic] | None = None
         self._services: dict[str, Service] | None = None
-        """What the graph shows, until it changes: a client that subscribes to all topics of a robot
-        asks for it once for each."""
+        """Copies of the graph's tables, until it changes: a client that subscribes to all topics of
+        a robot asks for them once for each."""
         self._watches: set[_Watch] = set()
         self._making = threading.Lock()
         self._given: weakref.WeakSet[_Declared] = weakref.WeakSet()
-        """What is on the bus for those who hold it."""
+        """Declarations on the bus whose handles are still held."""
         self._clients: dict[tuple[str, str], _Client] = {}
 
     def open(self) -> None:
@@ -124,7 +124,7 @@ class BusNetwork:
     # -- the graph -------------------------------------------------------------------------------
 
     def wait_for_service(self, service: str, timeout_s: float) -> bool:
-        """Wait until somebody offers `service`; False where nobody does in time."""
+        """Wait until a node offers `service`; False if none does in time."""
         with self._changed:
             return self._changed.wait_for(lambda: self._graph.servers(service), timeout_s) != []
 
@@ -137,7 +137,7 @@ class BusNetwork:
         return self._kept(_Declared(watch))
 
     def wait_for_publisher(self, topic: str, timeout_s: float) -> bool:
-        """Wait until somebody publishes `topic`; False where nobody does in time."""
+        """Wait until a node publishes `topic`; False if none does in time."""
         with self._changed:
             return self._changed.wait_for(lambda: self._graph.publishers(topic), timeout_s) != []
 
@@ -364,7 +364,7 @@ def _nodes(entities: Sequence[Entity]) -> tuple[str, ...]:
 
 
 class _Declared:
-    """What Zenoh has declared for us."""
+    """Declarations of a Zenoh session, undeclared together."""
 
     def __init__(self, *declared: Any) -> None:
         self._declared = list(declared)

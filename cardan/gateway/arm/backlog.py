@@ -9,7 +9,7 @@ from typing import NamedTuple
 from cardan.types import NEVER_S
 
 STALE_S = 0.3
-"""What may have waited for longer is not acted on: its sender may have stopped since."""
+"""A command that may have waited for longer is dropped: its sender may have stopped since."""
 
 STREAMED_S = 0.2
 """The same of a streamed command, at the arm: with the stream's timeout and the way that braking

@@ -194,7 +194,7 @@ class CommandedArm(ABC):
     def command(
         self, state: RobotState, dt_s: float, approaching: bool = False, blind: bool = False
     ) -> RobotCommand:
-        """What the robot is sent for this period of `dt_s`.
+        """Return the robot's command for this period of `dt_s`.
 
         `approaching`: the robot is not to follow the motion. `blind`: the measurements in `state`
         are ignored.
@@ -205,7 +205,7 @@ class CommandedArm(ABC):
         return None
 
     def held_by(self) -> str:
-        """What keeps the arm from going on; empty when nothing is known."""
+        """Reason why the arm does not go on; empty when none is known."""
         return ""
 
 
@@ -238,7 +238,7 @@ class TaskSpaceArm(CommandedArm):
         if pose is None:
             return "the robot reports no pose"
         (x, y, z), (w, i, j, k), _ = pose
-        # One comparison for all: a NaN is not below anything.
+        # A single comparison for all: a NaN is not below anything.
         if x * x + y * y + z * z + w * w + i * i + j * j + k * k < FARTHEST_M * FARTHEST_M:
             return ""
         if not is_finite((x, y, z, w, i, j, k)):

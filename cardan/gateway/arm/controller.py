@@ -1,13 +1,13 @@
 """The controller of one arm: robot state in, command out, one `tick`.
 
-Whatever moves the arm (an operator device, a verb, a stream) is a source that asks; the controller
-decides. A tick goes through once: the robot's state is judged (:mod:`supervision`), the operator
-device's state becomes a request (:mod:`cardan.gateway.operator.input`), one activity moves the
-commanded arm, and the gate checks the command. Nothing here reads a clock, a socket or a file:
-time comes in with the states, so tests run it in virtual time.
+An operator device, a verb or a stream is a source that requests motion; the controller decides. A
+tick goes through once: the robot's state is judged (:mod:`supervision`), the operator device's
+state becomes a request (:mod:`cardan.gateway.operator.input`), one activity moves the commanded
+arm, and the gate checks the command. Nothing here reads a clock, a socket or a file: time comes in
+with the states, so tests run it in virtual time.
 
-The rule: nothing moves unless a fresh command from a live operator says so. Whatever interrupts
-that ends in a braking ramp and a hold, and going on takes a deliberate act.
+The rule: nothing moves unless a fresh command from a live operator says so. Any interruption ends
+in a braking ramp and a hold, and going on takes a deliberate act.
 """
 
 from __future__ import annotations
@@ -82,14 +82,14 @@ class Listener(Protocol):
     """Gets the outcome of the activities that it began. Called under the controller's lock."""
 
     def invalidate(self, reason: str) -> None:
-        """Whatever was under way or planned is over, for this reason."""
+        """End all motions under way or planned, for this reason."""
 
     def finished(self, reason: str) -> None:
-        """The activity came to its end; `reason` says why before its goal, else it is empty."""
+        """Take the end of the activity; `reason` says why before its goal, else it is empty."""
 
 
 class ArmController:
-    """One arm, its supervision, and the sources that move it.
+    """Controller of one arm: its supervision, and the sources that move it.
 
     `tick` belongs to the robot's loop; all other methods may be called from any thread.
     """
@@ -111,15 +111,16 @@ class ArmController:
         self.authority = authority or Authority()
         self.supervision = Supervision(watchdogs or Watchdogs())
         self.reference = Reference(limits)
-        """What the TCP follows; while something else does, it waits where the TCP is."""
+        """Reference that the TCP follows; it stays at the TCP while another activity moves that."""
         self.lock = threading.RLock()
         """Guards everything that `tick` touches; never held for long."""
         self.robot: RobotState | None = None
         """The newest state."""
         self.plan_epoch = 0
-        """Counts what voids plans: loss of the robot, trips, stops, the operator taking over."""
+        """Counts events that void plans: loss of the robot, trips, stops, the operator taking
+        over."""
         self.listener: Listener | None = None
-        """What begins activities beside the operator device."""
+        """Source that begins activities, beside the operator device."""
         self.recorder: RequestRecorder | None = None
         """Records what the ticks depend on beside their arguments."""
         self.ticks = 0
@@ -130,12 +131,12 @@ class ArmController:
         self.not_ready = "no state of the robot was received yet"
         """Why the robot cannot be commanded now; empty when it can."""
         self.state = States()
-        """What it is doing; assigned by `_enter` alone."""
+        """State of the controller; assigned by `_enter` alone."""
         self._gate = OutputCheck(gate or OutputLimits.of_free_body(limits))
         self.advanced_s = 0.0
         """Time by which the last tick advanced; lost time is not in it."""
         self._activity: Activity | None = None
-        """What moves the commanded arm, and comes with the state of motion."""
+        """Activity that moves the commanded arm; it comes with the state of motion."""
         self._request = NO_REQUEST
         self._trip_reason = ""
         self._trips = 0
@@ -146,7 +147,7 @@ class ArmController:
         self._recovered_way = NO_WAY
         """Length of recoveries since the last deliberate act."""
         self._inhibits: Mapping[Inhibit, str] = {}
-        """What interrupts from outside, each with its reason; assigned as a whole."""
+        """Inhibits from outside, each with its reason; assigned as a whole."""
         self.stops, self.stopped_by = 0, ""
         """Stops that sources asked for, and which did last."""
         self._filter_fault = ""
@@ -155,7 +156,7 @@ class ArmController:
 
     @property
     def phase(self) -> Phase:
-        """What the arm is doing now."""
+        """Phase of the arm now."""
         with self.lock:
             return phase_of(
                 self.state,
@@ -166,7 +167,7 @@ class ArmController:
 
     @property
     def activity(self) -> Activity | None:
-        """What moves the commanded arm; None while it holds."""
+        """Activity that moves the commanded arm; None while it holds."""
         return self._activity
 
     @property
@@ -730,7 +731,7 @@ class ArmController:
             self._cancel_recovery("it was ended by a button")
 
     def _do(self, act: Act, fault: str, now_s: float) -> None:
-        """What follows from the operator's request, which may have a `fault`."""
+        """Carry out the consequence of the operator's request, which may have a `fault`."""
         match act:
             case Act.TRIP:
                 self._trip(fault or self.authority.take(HAND, now_s))
@@ -896,7 +897,7 @@ class ArmController:
     # -- words -----------------------------------------------------------------------------------
 
     def _held(self, request: MotionRequest) -> str:
-        """What keeps the arm from following the operator."""
+        """Reason why the arm does not follow the operator."""
         activity, reference = self._activity, self.reference
         if not request.asks or not isinstance(activity, FollowHand):
             return ""

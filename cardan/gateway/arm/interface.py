@@ -18,14 +18,14 @@ from cardan.gateway.arm.vocab import Action
 class CartesianArm(Openable):
     """An arm with the verbs movj, movl, ... of the Cartesian interface, for any thread.
 
-    A verb that is refused raises MotionRefusedError and changes nothing. One that takes over from
-    a motion under way blocks until that one is braked to rest; if from there it turns out
-    impossible, it is refused and the arm stays at rest. All raise MotionLoopError once the loop
-    has ended.
+    A verb that is refused raises MotionRefusedError and changes nothing. A verb that takes over
+    from a motion under way blocks until that motion is braked to rest; if from there it turns out
+    impossible, it is refused and the arm stays at rest. All raise MotionLoopError once the loop has
+    ended.
     """
 
     source = VERBS
-    """Name under which this asks, and gets the authority over the arm."""
+    """Name under which this client gets the authority over the arm."""
 
     @abstractmethod
     def open(self) -> None:

@@ -82,7 +82,7 @@ class NeighborBodies:
         self.velocity, self.continuous = arm.velocity, arm.continuous
 
     def label(self, shape: str) -> str:
-        """What a body of its model is called here."""
+        """Name of a body of its model for messages."""
         return f"{self.name}'s {shape}"
 
     def frames(self, joints: Sequence[float]) -> list[SE3]:
@@ -110,7 +110,7 @@ class NeighborBodies:
         return found
 
     def gained_m_s(self, time_s: float) -> FloatArray:
-        """What the fastest point of each of `shapes` may gain in `time_s`."""
+        """Speed that the fastest point of each of `shapes` may gain in `time_s`."""
         found: FloatArray = np.multiply(self._deceleration_m_s2 * time_s, self._moves)
         return found
 

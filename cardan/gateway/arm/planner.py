@@ -55,7 +55,7 @@ BOUNDLESS = 1e3
 
 
 class Line(Protocol):
-    """What the planner needs of a straight path."""
+    """A straight path, as the planner needs it."""
 
     @property
     def duration_s(self) -> float:

@@ -1,6 +1,6 @@
 """The Cartesian interface of an arm whose loop runs in another process: verbs as packets.
 
-What carries the packets is a subclass: the channel of a session that this process has started, or
+A subclass carries the packets: over the channel of a session that this process has started, or over
 the network.
 """
 

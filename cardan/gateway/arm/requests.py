@@ -261,8 +261,8 @@ def encode_note(note: MotionNote) -> bytes:
 _ANSWERS = b'{"reply":', b'{"motion":'
 
 _BROKEN = (LookupError, TypeError, ValueError, AttributeError, OverflowError)
-"""What a reply with wrong values in it leads to. OverflowError: a whole number that is too large
-for a float."""
+"""Errors that a reply with wrong values leads to. OverflowError: an integer that is too large for a
+float."""
 
 
 def is_answer(packet: bytes) -> bool:

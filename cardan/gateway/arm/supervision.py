@@ -65,7 +65,7 @@ class Watchdogs(Options):
 
 
 class Cause(enum.Enum):
-    """What a look at the robot found."""
+    """Finding of a check of the robot."""
 
     FIRST = "the robot is ready for the first time"
     LOST = "the controller fell silent"

@@ -34,7 +34,7 @@ class VerbServer:
     def __init__(self, verbs: ArmVerbs, link: LoopLink) -> None:
         self.verbs, self.link = verbs, link
         self._starting = threading.RLock()
-        """One request that may wait for the arm to rest at a time."""
+        """Held by the request that may wait for the arm to rest; others follow one at a time."""
 
     def perform(
         self,

@@ -218,7 +218,7 @@ class ArmVerbs:
 
     @property
     def state(self) -> State:
-        """What is being done; NOT_CONTROLLING from a stop on."""
+        """State of the arm; NOT_CONTROLLING from a stop on."""
         activity = self.controller.activity
         if activity is None or self.controller.braking:
             return State.NOT_CONTROLLING
@@ -281,14 +281,14 @@ class ArmVerbs:
     # -- what becomes of motions -----------------------------------------------------------------
 
     def invalidate(self, reason: str) -> None:
-        """Whatever was under way or planned is over (called by the controller)."""
+        """End all motions under way or planned (called by the controller)."""
         self._voided = reason
         self._drop_pending(reason)
         self._end_stream(reason)
         self._end_motion(Outcome.ABORTED, reason)
 
     def finished(self, reason: str) -> None:
-        """The activity came to its end (called by the controller)."""
+        """Take the end of the activity (called by the controller)."""
         self._end_motion(Outcome.ABORTED if reason else Outcome.DONE, reason)
 
     # -- requests --------------------------------------------------------------------------------
@@ -387,7 +387,7 @@ class ArmVerbs:
         )
 
     def trajectory(self, wanted: JointTrajectory, *, source: str = VERBS) -> Motion:
-        """Follow joint positions over time that somebody else planned, such as MoveIt.
+        """Follow joint positions over time that another program planned, such as MoveIt.
 
         It has to begin where the arm is, at rest, but for whole turns of continuous joints, which
         are added to all of it, and is slowed as a whole to what the arm may do;
@@ -529,7 +529,7 @@ class ArmVerbs:
     def release(self, source: str = VERBS) -> None:
         """Give up the authority of `source`, so that others need not wait until its lease ends.
 
-        What moves by it is stopped.
+        Its motion, if any, is stopped.
         """
         controller = self.controller
         with controller.lock, controller.recorded_request("release", argument_text(source)):

@@ -50,7 +50,7 @@ _Taken = tuple[int, Goal, Any]
 
 
 class ArmAction:
-    """One action of an arm."""
+    """Server of an action of an arm."""
 
     def __init__(self, node: BusNode, server: CommandServer, command: ActionCommand) -> None:
         """`node` is open; `server` passes goals on to the worker."""
@@ -296,7 +296,7 @@ class _CancelClient:
         """The goal tells of its end."""
 
     def refused(self, number: int | None, error: CardanError) -> None:
-        """What was no request has its answer."""
+        """A malformed request was answered already."""
 
     def ended(self, note: MotionNote) -> None:
         """No motion comes from here."""
@@ -316,7 +316,7 @@ class _ResultClient:
         """It asks nothing of the arm."""
 
     def refused(self, number: int | None, error: CardanError) -> None:
-        """What was no request has its answer."""
+        """A malformed request was answered already."""
 
     def ended(self, note: MotionNote) -> None:
         """No motion comes from here."""

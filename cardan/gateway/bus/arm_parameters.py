@@ -237,7 +237,7 @@ class _Answering(_ServiceEnd):
         """It asks nothing of the arm."""
 
     def refused(self, number: int | None, error: CardanError) -> None:
-        """What was no request has its answer."""
+        """A malformed request was answered already."""
 
 
 class _GetClient(_ServiceEnd):

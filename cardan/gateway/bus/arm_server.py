@@ -86,7 +86,7 @@ _Input = tuple[Callable[[], Any], Any]
 
 
 class _Held(NamedTuple):
-    """A packet that waits for the token of who sent it."""
+    """A packet that waits for its sender's token."""
 
     client: Any
     packet: Received | ServiceRequest
@@ -95,7 +95,7 @@ class _Held(NamedTuple):
 
     @property
     def stream(self) -> tuple[Any, bytes]:
-        """What tells the packets of its publisher from others."""
+        """Key that distinguishes its publisher's packets from others."""
         return self.client, b"" if self.packet.attachment is None else self.packet.attachment.gid
 
 
@@ -183,7 +183,7 @@ class ArmServer:
         self._collect(self._stops)
         if self._arrived:
             self.sources.spend()
-            # What is held came first, and what stops comes after it, at once.
+            # Held commands came first, and stops follow them at once.
             self._let_go(lambda _held: True)
             if not self._full():
                 self._pass_on_before_stops()
@@ -336,7 +336,7 @@ class ArmServer:
         self._contest, self._contest_s = words, self.now_s
 
     def part(self) -> Part:
-        """What the diagnostics say of the commands."""
+        """Return the diagnostics of the commands."""
         contested = self.now_s - self._contest_s < CONTEST_SHOWN_S
         counts = {
             "refused": self.refused,
@@ -464,9 +464,9 @@ class _Sender:
         self.heard_s = NEVER_S
         """When its newest message came."""
         self.told = ""
-        """What the result topic said last of its stream."""
+        """Last reason or outcome of its stream on the result topic."""
         self.note = ""
-        """What is told with the next command that is accepted."""
+        """Published with the next accepted command."""
 
 
 PUBLISHED_S = 0.05
@@ -593,7 +593,7 @@ class _TopicClient:
         return None
 
     def _begins(self, source: Source, value: Any) -> Begins:
-        """What becomes of a streamed command where none is chosen."""
+        """Return the treatment of a streamed command while none is chosen."""
         now_s = self._server.now_s
         if _asks_nothing(value):
             source.rest(now_s)
@@ -610,7 +610,7 @@ class _TopicClient:
         return sender
 
     def _source(self, sender: _Sender, packet: Received) -> Source:
-        """Whose publisher `sender` is: it stays so until it was silent."""
+        """Return the source whose publisher `sender` is; that stays until it was silent."""
         server = self._server
         if server.now_s - sender.heard_s > STREAM_KEPT_S:
             sender.told, sender.source = "", None

@@ -1,4 +1,4 @@
-"""What a session publishes of its arm: state, transforms, description, diagnostics, log.
+"""Topics of a session's arm: state, transforms, description, diagnostics, log.
 
 All messages of one instant are published together, after the robot's answer has left: the first
 one wakes Zenoh's sender, which costs ten times what each further one does.
@@ -83,7 +83,7 @@ def _header_of(type_name: str) -> str:
 
 
 class Diagnostics:
-    """What is wrong with which part of a node, on /diagnostics."""
+    """Publisher of the faults of each part of a node on /diagnostics."""
 
     def __init__(self, node: BusNode) -> None:
         self._node = node

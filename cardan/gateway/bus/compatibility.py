@@ -128,7 +128,7 @@ class Names(NamedTuple):
 
 
 class ServoScales(NamedTuple):
-    """What commands of MoveIt Servo mean."""
+    """Units of the commands of MoveIt Servo."""
 
     unitless: bool = True
     """Whether they are shares of the speeds below; otherwise m/s and rad/s."""
@@ -229,8 +229,8 @@ def _no_positions(speeds: str, pose: str) -> str:
 
 
 def _measured_twist(names: ArmNames) -> Callable[[PublishedState], Message | None]:
-    """What makes a geometry_msgs/TwistStamped of the measured twist along the base's axes; None
-    where the robot does not report the speeds of its joints."""
+    """Return a function that makes a geometry_msgs/TwistStamped of the measured twist along the
+    base's axes, or None if the robot does not report the speeds of its joints."""
 
     def tell(shown: PublishedState) -> Message | None:
         twist = shown.twist

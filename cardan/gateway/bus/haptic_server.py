@@ -81,7 +81,7 @@ class Feedback(Protocol):
 
 
 class _State(Protocol):
-    """What the tables below read and set; HapticServer is it."""
+    """State that the tables below read and set; implemented by HapticServer."""
 
     haptic: IHapticDevice
 
@@ -89,7 +89,7 @@ class _State(Protocol):
         """End the feedback. Raises CardanError."""
 
     def set_mode(self, mode: str) -> None:
-        """What feedback is. Raises CardanError."""
+        """Set the kind of feedback. Raises CardanError."""
 
 
 class _Service(NamedTuple):
@@ -241,7 +241,7 @@ class HapticServer:
         """The service that is looked at first the next time."""
         self._unnumbered = itertools.count(1)
         self._told: dict[bytes, str] = {}
-        """What a publisher of feedback was told last."""
+        """Last reason published to each sender of feedback; empty if accepted."""
         if feedback is not None:
             self._serve()
 
@@ -317,7 +317,7 @@ class HapticServer:
                 self._events.put(codec_of(EVENT).encode(event), now_ns)
 
     def part(self) -> Part:
-        """What the diagnostics say of the device and of what was taken for it."""
+        """Return the diagnostics of the device and of its commands."""
         told = self._device.haptics()
         values = {
             "state": told.state.value,
@@ -337,7 +337,7 @@ class HapticServer:
             raise CommandError(why)
 
     def set_mode(self, mode: str) -> None:
-        """What feedback is, one of MODES; it becomes zero first. Raises CardanError."""
+        """Set the kind of feedback, one of MODES; it becomes zero first. Raises CardanError."""
         if mode == mode_of(self.haptic):
             return
         if mode == MODES[1]:

@@ -23,8 +23,8 @@ UNKNOWN = (
 
 
 class Presence:
-    """An endpoint, a node or a Zenoh session of somebody, from its first token to its last: one
-    that comes back is another one."""
+    """An endpoint, a node or a Zenoh session, from its first token to its last: if it comes back,
+    that is another presence."""
 
     def __init__(self, since_s: float) -> None:
         self.since_s = since_s
@@ -38,7 +38,7 @@ class Presence:
 
 
 class Identity(NamedTuple):
-    """What tells one program on the bus from all others."""
+    """Identity of a program on the bus."""
 
     key: Hashable
     """Its node, or else its session, or else its endpoint."""

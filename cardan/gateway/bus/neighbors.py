@@ -87,7 +87,7 @@ class ArmNeighbors:
         return "; ".join(filter(None, faults))
 
     def diagnosis(self) -> list[str]:
-        """What was not believed, in words."""
+        """Refused reports of neighbors, in words."""
         return [
             f"the neighbor {watch.bodies.name}: refused {count} {reason}"
             for watch in self._watches

@@ -63,8 +63,8 @@ class NetworkOptions(BusOptions):
     servo_angular_rad_s: Annotated[float, ANGULAR_SPEED_RAD_S] = 0.8
     servo_joint_rad_s: Annotated[float, ANGULAR_SPEED_RAD_S] = 0.5
     transforms: Literal["all", "tool", "none"] = "all"
-    """What is published on /tf and /tf_static: base to flange and flange to TCP; the latter alone,
-    beside a robot_state_publisher; or nothing."""
+    """Transforms on /tf and /tf_static: base to flange and flange to TCP; the latter alone, beside
+    a robot_state_publisher; or none."""
     base_frame: str = "base_link"
     flange_frame: str = "tool0"
     tcp_frame: str = "tcp"
@@ -107,7 +107,7 @@ class NetworkOptions(BusOptions):
 
     @property
     def servo_scales(self) -> ServoScales:
-        """What commands of MoveIt Servo mean."""
+        """Units of the commands of MoveIt Servo."""
         return ServoScales(
             self.servo_units == "unitless",
             self.servo_linear_m_s,

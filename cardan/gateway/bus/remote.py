@@ -100,7 +100,7 @@ class RemoteCartesianDevice(RemotePacketArm):
         self._response = codec_of(f"{ASK_TYPE}_Response")
         self._notes = codec_of(MOTIONS_TYPE)
         self._handles: tuple[Handle, ...] = ()
-        """What it hears of the arm, while it is open."""
+        """Its subscriptions to the arm, while it is open."""
 
     def open(self) -> None:
         """Join the bus and find the arm; returns when it has answered, after its first state.

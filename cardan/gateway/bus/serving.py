@@ -1,4 +1,4 @@
-"""What the servers on the bus share."""
+"""Parts that the servers on the bus share."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def key_end(key: str) -> str:
 
 
 class Results:
-    """What becomes of commands that come on topics: ``~/result``, and the same as JSON on
-    ``~/result_text`` for who has no cardan_msgs. For one thread at a time."""
+    """Outcomes of commands that come on topics: ``~/result``, and the same as JSON on
+    ``~/result_text`` for clients without cardan_msgs. For one thread at a time."""
 
     def __init__(self, node: BusNode) -> None:
         self._results = node.publisher("~/result", RESULT_TYPE)

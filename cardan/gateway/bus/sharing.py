@@ -1,8 +1,8 @@
 """``cardan devices share``: an operator device for a session on another computer.
 
-The core decides who has the device, and keeps the edges of its buttons until they are acknowledged;
-it has no I/O, and its caller's time. One session has the device at a time: who claims it first,
-until it gives it back, or LEASE_S after its newest claim.
+The core decides which session has the device, and keeps the edges of its buttons until they are
+acknowledged; it has no I/O, and its caller's time. A single session has the device at a time: the
+first to claim it, until it gives it back, or LEASE_S after its newest claim.
 """
 
 from __future__ import annotations
@@ -60,14 +60,14 @@ from cardan.types import (
 )
 
 LEASE_S = 1.0
-"""Silence of who has the device after which others may have it."""
+"""Silence of the lessee after which other sessions may have the device."""
 
 SHORTEST_S = 0.004
 """Between two states, unless a button changes: a SpaceMouse reports each 8 to 16 ms."""
 
 LONGEST_S = 0.02
-"""Between two states of a device that somebody has: whether it is moved or not, its newest state
-has to be young."""
+"""Between two states of a leased device: whether it is moved or not, its newest state has to be
+young."""
 
 FREE_S = 0.25
 """Between those of one that nobody has, which only say so."""
@@ -91,8 +91,8 @@ NEWS_S = 0.5
 """How often it is looked for the router, and for others of the same name."""
 
 STOOD_STILL_S = 0.1
-"""Later than this a state is offered: this process, or its computer, stood still. What the device
-did meanwhile is read only then, as if it were new."""
+"""A state that is offered later than this shows that this process, or its computer, stood still.
+Input of the device from that time is read only then, as if it were new."""
 
 SETTLE_S = 0.1
 """For so long after that what is read may be from before: a device's reader catches up."""
@@ -103,17 +103,17 @@ MOST_KINDS = 32
 
 @dataclass(frozen=True, kw_only=True)
 class SharedConfig(Options):
-    """What is read of a session's file: no robot is needed."""
+    """Tables that are read of a session's file: no robot is needed."""
 
     device: DriverTable
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShareOptions(Options):
-    """What is shared, and where."""
+    """Name of the shared device, and its network."""
 
     name: str
-    """What the robot's side calls it."""
+    """Its name for the robot's side."""
     bus: BusOptions = field(default_factory=BusOptions)
 
     def __post_init__(self) -> None:
@@ -143,13 +143,13 @@ class ShareCore:
         self._number = 0
         self._sent_s = NEVER_S
         self._last: DeviceState | None = None
-        """What was published last."""
+        """State that was published last."""
         self._changed = False
         """Whether there is another state since."""
         self._asked = False
         """Whether a claim is to be answered."""
         self._shown: DeviceFeedback | None = None
-        """What the operator was given last; None: the device shows nothing that is known."""
+        """Feedback given to the operator last; None if unknown."""
         self._lost = False
         self._offered_s, self._next_s = NEVER_S, math.inf
         """When a state was offered last, and is to be again."""
@@ -190,8 +190,8 @@ class ShareCore:
         self._asked |= self._take(claim, attachment.gid, now_s)
 
     def order(self, now_s: float) -> tuple[Order | None, float, int]:
-        """What the hand is to feel, None: nothing, or nobody has the device; when that came, and
-        the number of the lease."""
+        """Return the haptic order, None if there is none or no session has the device; its time of
+        arrival, and the number of the lease."""
         self._expire(now_s)
         return (None if self._claim is None else self._claim.order), self._heard_s, self._leases
 
@@ -244,8 +244,8 @@ class ShareCore:
         now_s: float,
         haptic_feedback: HapticFeedback | None = None,
     ) -> Shared | None:
-        """What to publish now, if it is time to; `state` and `edges`, oldest first, were taken
-        before `now_s`; `haptic_feedback`: of a device that gives force."""
+        """Return the message to publish now, if one is due; `state` and `edges`, oldest first, were
+        taken before `now_s`; `haptic_feedback`: of a device that gives force."""
         self._expire(now_s)
         self._lost = state.link is DeviceLink.LOST
         if self._lost:
@@ -316,7 +316,7 @@ class ShareCore:
         return told
 
     def feedback(self, now_s: float) -> DeviceFeedback:
-        """What the operator is to be given: nothing once nobody has the device."""
+        """Return the operator's feedback: none once no session has the device."""
         self._expire(now_s)
         return DeviceFeedback(False, 0.0) if self._claim is None else self._claim.feedback
 
@@ -410,7 +410,7 @@ class HandEnd:
 
     @property
     def haptic_feedback(self) -> HapticFeedback:
-        """What the hand feels."""
+        """Haptic feedback of the device."""
         told = self._device.haptics()
         number = 0
         for own, theirs in self._given:
@@ -422,7 +422,7 @@ class HandEnd:
 
 
 class News:
-    """What the operator is told: a line for each change."""
+    """Status lines for the operator, one for each change."""
 
     def __init__(self, router: str, *, routed: bool) -> None:
         """`router`: its endpoint; `routed`: whether it is connected to one."""

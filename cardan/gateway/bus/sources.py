@@ -22,8 +22,8 @@ no stream is fresh for longer, whatever streamTimeout says."""
 
 BEGINS_S = 3.0
 """How long a stream that chooses its preset tries to, from its first message on: opening the arm's
-model takes a second, and waiting for the lease of a source that is gone two. One that goes on for
-longer does not move an arm unexpectedly later."""
+model takes a second, and waiting for the lease of a source that is gone two. A stream that goes on
+for longer does not move an arm unexpectedly later."""
 
 NAMED_WITHIN_S = 0.2
 """How long a packet waits for the token of who sent it, as tokens and packets travel by different
@@ -62,8 +62,8 @@ class Source:
         self._rests = False
 
     def gone(self, now_s: float) -> bool:
-        """Whether somebody else may come back under its name. A program that was killed is there
-        until its computer closes its connections, which it does at once."""
+        """True if another program may take its name. A killed program is present until its computer
+        closes its connections, which it does at once."""
         presence = self.identity.presence
         if presence is None:
             return now_s - self.heard_s > STREAM_KEPT_S

@@ -114,7 +114,7 @@ def _check_begin(stamp: Message, duration_s: float, now_ns: int) -> None:
 
 
 def _rows(points: Sequence[Message], name: str, order: Sequence[int]) -> list[list[float]] | None:
-    """What all points have of `name`, in the arm's order; None where none has it."""
+    """Return the values `name` of all points, in the arm's order; None if no point has them."""
     counts = {len(point[name]) for point in points}
     if counts == {0}:
         return None

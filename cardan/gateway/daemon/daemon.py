@@ -1,6 +1,7 @@
-"""The daemon: starts what its files say, keeps it running, and answers who asks at its socket.
+"""The daemon: starts the sessions and servers of its files, keeps them running, and serves its
+socket.
 
-One thread decides all; the threads that follow a process tell it by an inbox what has become of it.
+A single thread decides all; the threads that follow processes report to its inbox.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ _UNDER_WAY = ("waiting", "running")
 """Outcomes of motions that have not ended."""
 
 _BAD = frozenset({UnitState.WAITING.value, UnitState.FAILED.value, "trip", "reload refused"})
-"""Events that somebody may have to do something about."""
+"""Events that may need an administrator."""
 
 _log = logging.getLogger(__name__)
 
@@ -92,7 +93,7 @@ class _Route(NamedTuple):
     request: Any
     endless: bool
     note: Mapping[str, Any] = MappingProxyType({})
-    """What was reported of the motion at its beginning."""
+    """Report of the motion's beginning."""
 
 
 ReloadOutcome = Sequence[Change] | CardanError
@@ -372,7 +373,7 @@ class Daemon:
             connection.tell(Response(ask.id, "error", str(error)))
             return
         except Exception:
-            # One request must not end all sessions.
+            # A single request must not end all sessions.
             _log.exception("a request, %s, met with a fault of the daemon", ask.do)
             connection.tell(Response(ask.id, "error", f"{ask.do}: a fault: see the daemon's log"))
             return
@@ -522,7 +523,7 @@ class Daemon:
         return self._followed(ask, connection, kept)
 
     def _followed(self, ask: Ask, connection: Connection, kept: Sequence[Any]) -> Any:
-        """What is kept, as the answer; or one by one, and then what comes."""
+        """Return the kept items as the answer; or send them one by one, and then new ones."""
         if ask.value not in (None, True, False):
             why = "its value says whether it goes on: true or false"
             raise ControlError(f"{ask.do}: {why}", ask.id)
@@ -745,7 +746,7 @@ class Daemon:
         if not kept.changes_wait:
             kept.entry = entry
         if keys and kept.unit.state is UnitState.FAILED:
-            kept.unit.start(now_s)  # What it failed of may be mended.
+            kept.unit.start(now_s)  # The cause of its failure may be fixed.
         if is_new and entry.start:
             kept.unit.start(now_s)  # It was in the files before.
 

@@ -15,14 +15,14 @@ AT_REST = frozenset({"disarmed", "no robot"})
 
 
 class Order(enum.Enum):
-    """What a session is to be told."""
+    """Order of the daemon to a session."""
 
     TAKE = "take"
     GIVE = "give"
 
 
 class SessionState(NamedTuple):
-    """What is known of a session now."""
+    """Known state of a session."""
 
     wanted: bool
     """Whether it runs, or is to run again by itself."""

@@ -238,7 +238,7 @@ def _buckets(within: Sequence[int], count: int) -> list[tuple[str, float]]:
 
 
 def _of_watches(rows: Sequence[Row], running: Sequence[tuple[Row, Snapshot]]) -> Iterator[Metric]:
-    """What the daemon itself has counted since its start; of refusals, the sessions the most."""
+    """Counters of the daemon since its start; the sessions count most of the refusals."""
     stops = CounterMetricFamily(
         "cardan_stops",
         "How often the arm began to brake, by what was wrong then; none: it was meant to.",

@@ -43,7 +43,7 @@ class Notifier:
         self._send("STOPPING=1")
 
     def status(self, words: str) -> None:
-        """What `systemctl status` shows."""
+        """Set the text that `systemctl status` shows."""
         if words != self._status:
             self._status = words
             self._send("STATUS=" + " ".join(words.split()))

@@ -21,7 +21,7 @@ LASTED_S: Final = 60.0
 
 
 class UnitState(enum.Enum):
-    """What a unit does."""
+    """State of a unit."""
 
     STOPPED = "stopped"
     """Nobody wants it to run."""
@@ -31,7 +31,7 @@ class UnitState(enum.Enum):
     WAITING = "waiting"
     """It has ended by itself, and is started again after a pause."""
     FAILED = "failed"
-    """It is given up, until somebody starts it."""
+    """It is given up, until a request starts it."""
 
 
 class Ended(enum.Enum):
@@ -41,7 +41,7 @@ class Ended(enum.Enum):
     DIED = "died"
     """By itself, of a fault of its own."""
     UNABLE = "unable"
-    """What it needs is not there: a device, a port. It counts towards no limit."""
+    """A resource is missing: a device, a port. It counts towards no limit."""
     MISCONFIGURED = "misconfigured"
     """Starting it again would change nothing."""
 
@@ -132,7 +132,7 @@ class Unit:
                 self._wait(now_s, now_s, words)
             return
         if how is Ended.AS_ASKED:
-            # Somebody else has told it to end, or its time was over.
+            # Another program ended it, or its time was over.
             self._enter(UnitState.STOPPED, now_s, reason or "it has ended by itself")
             return
         if how is Ended.MISCONFIGURED:

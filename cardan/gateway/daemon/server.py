@@ -36,7 +36,7 @@ MAX_CONNECTIONS: Final = 64
 """Programs that are connected at once; one more is told so and let go."""
 
 MAX_UNREAD_BYTES: Final = 1 << 20
-"""What waits for a client that does not read; one with more is let go."""
+"""Bytes that may wait for a client that does not read; a client with more is disconnected."""
 
 READ_BYTES: Final = 1 << 16
 """Most that is read of a client at once."""

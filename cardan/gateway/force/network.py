@@ -57,7 +57,7 @@ class PublishedFeedback:
         return newest.force
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What was refused or dropped."""
+        """Counts of refused and dropped feedback, in words."""
         lease, words = self._lease, []
         if lease.refused:
             words.append(f"{lease.refused} feedbacks refused: another publisher gave them")

@@ -31,8 +31,8 @@ SURPLUS_J = 0.05
 """Most that the hand can have put in for it to get back: a spring of 40 N/m at 2 N."""
 
 HARDEST_M_S2 = 60.0
-"""A hand on a stylus accelerates less. One that does not may get more in one step, and gets so much
-less in the next."""
+"""A hand on a stylus accelerates less. A hand that exceeds this may get more in one step, and gets
+so much less in the next."""
 
 LONGEST_STEP_S = 0.02
 """Of the hand's end: where it stood still for longer there is no force until the next step."""
@@ -118,7 +118,7 @@ class HandPort:
             # How far the hand goes until the next step cannot be foreseen.
             self._force, self.share = ZERO3, 0.0
             return ZERO3
-        # What comes back does so slowly: a force that is let out anew does not strike.
+        # The force returns slowly: after a release it does not strike.
         self.share = min(left, self.share + dt_s / FADE_S)
         force = scale(asked, self.share)
         self._most_in_j = max(self._most_in_j, self.put_in_j)

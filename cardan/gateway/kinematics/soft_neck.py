@@ -154,7 +154,7 @@ class SoftNeck:
     """
 
     TASK: ClassVar[SixWeights] = (0.0, 0.0, 0.0, 1.0, 1.0, 0.0)
-    """What it can be asked to follow: where the platform leans; the rest is a consequence."""
+    """Task that it can follow: the lean of the platform; the rest is a consequence."""
 
     def __init__(self, data: SoftNeckData | None = None) -> None:
         """Of TEO's neck by default."""

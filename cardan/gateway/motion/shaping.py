@@ -154,7 +154,7 @@ _Triple = tuple[float, float, float]
 def _follow(
     v: _Triple, a: _Triple, target: _Triple, speed: float, most: float, jerk: float, dt: float
 ) -> tuple[_Triple, _Triple]:
-    """One tick of velocity and acceleration towards `target`, which is within `speed`."""
+    """Advance velocity and acceleration by one tick towards `target`, which is within `speed`."""
     vx, vy, vz = v
     ax, ay, az = a
     ex, ey, ez = target[0] - vx, target[1] - vy, target[2] - vz
@@ -174,7 +174,7 @@ def _follow(
             outside = along > 0.0 and along * along > 2.0 * jerk * e * (1.0 + 1e-6)
             if not outside and 2.0 * math.sqrt(rest) - along <= q * (1.0 + 1e-9):
                 return target, (0.0, 0.0, 0.0)
-    # What is left when this tick's share of the present acceleration is spent.
+    # The rest when this tick's share of the present acceleration is spent.
     half = 0.5 * dt
     xx, xy, xz = ex - ax * half, ey - ay * half, ez - az * half
     x = math.sqrt(xx * xx + xy * xy + xz * xz)

@@ -43,9 +43,9 @@ class FeedbackOptions(Options):
     led: bool = True
     """The device's light is on while teleoperation is engaged."""
     rumble: tuple[RumbleSource, ...] = ("trip", "limit", "network")
-    """What rumbles: trip, teleoperation was disengaged; limit, the workspace or the arm ends;
-    max_lead, how far the robot is behind; force, what its sensor measures; network, what somebody
-    asks for on `joy/set_feedback`. The strongest counts."""
+    """Causes of rumble: trip, teleoperation was disengaged; limit, the workspace or the arm ends;
+    max_lead, the lag of the robot; force, the measured force; network, requests on
+    `joy/set_feedback`. The strongest counts."""
     full_force_n: Annotated[float, bounds.ROBOT_FORCE_N] = 20.0
     """Measured force that rumbles at full strength."""
 
@@ -61,7 +61,7 @@ class ArmFeedback(NamedTuple):
     """Whether the operator asks for what the workspace or the arm cannot do."""
     lead_used: float
     asked: float = 0.0
-    """What the network asks for, 0..1."""
+    """Level requested from the network, 0..1."""
 
 
 class HandFeedback:
@@ -88,7 +88,7 @@ class HandFeedback:
     def update(
         self, arm_feedback: ArmFeedback, robot: RobotState, now_s: float
     ) -> DeviceFeedback | None:
-        """What to send now; None: nothing new."""
+        """Return the feedback to send now; None if nothing is new."""
         self._due_s = now_s + FEEDBACK_PERIOD_S
         led = rumble = None
         if self._led_wanted and arm_feedback.engaged is not self._led:
@@ -104,7 +104,7 @@ class HandFeedback:
         return None if led is None and rumble is None else DeviceFeedback(led, rumble)
 
     def last(self) -> DeviceFeedback | None:
-        """What turns light and motor off at the end; None: nothing to send."""
+        """Return the feedback that turns light and motor off at the end; None if both are off."""
         led = False if self._led else None
         rumble = 0.0 if self._rumble > 0.0 else None
         self._led, self._rumble = (False if led is not None else self._led), 0.0

@@ -24,7 +24,7 @@ TOKEN_KEYS = ("t", "token")
 
 
 class AccessDenied(NamedTuple):
-    """Why somebody does not come in; never with what they sent as a token."""
+    """Reason why a client is refused; never with the token that it sent."""
 
     status: HTTPStatus
     reason: str

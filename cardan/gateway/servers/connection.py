@@ -1,4 +1,4 @@
-"""What goes to one client of a server over its WebSocket, as fast as the client reads."""
+"""Sender to one client of a server over its WebSocket, as fast as the client reads."""
 
 from __future__ import annotations
 
@@ -98,8 +98,8 @@ class SendLoop(Generic[PaceT, SampleT]):
     def put(self, what: Ready) -> None:
         """Send a frame now; only while it is free.
 
-        What is put in one turn of the loop leaves in one piece, which costs one call of the system
-        instead of one for each topic.
+        All frames of one turn of the loop leave in one piece, which costs one system call instead
+        of one for each topic.
         """
         if self._connection.protocol.extensions:  # Each client's bytes are its own.
             broadcast([self._connection], what.frame)

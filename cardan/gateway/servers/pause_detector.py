@@ -1,7 +1,7 @@
-"""Notices that this process stood still: it was stopped, or its computer slept.
+"""Detector of pauses of this process: it was stopped, or its computer slept.
 
-What its clients sent meanwhile waits in the system's buffers, and none of it may move an arm when
-the process goes on: who sent it may be gone.
+Messages that clients sent meanwhile wait in the system's buffers, and none may move an arm when the
+process goes on: their sender may be gone.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One client of a rosbridge server: what it subscribed to, publishes, calls and offers."""
+"""A client of a rosbridge server: its subscriptions, publications, service calls and services."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""What a server tells the daemon that runs it: its figures, as a line of its output.
+"""Statistics line in a server's output for the daemon that runs it.
 
-A server that runs in a terminal tells nothing.
+A server that runs in a terminal prints none.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _WORD = "FIGURES "
 
 
 def is_wanted() -> bool:
-    """Whether somebody reads them."""
+    """True if a daemon reads them."""
     return bool(os.environ.get(TELLS_VARIABLE))
 
 

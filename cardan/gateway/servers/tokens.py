@@ -1,4 +1,4 @@
-"""Tokens of those who come in to a server, each with the role of who has it."""
+"""Tokens of a server's clients, each with its role."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _log = logging.getLogger(__name__)
 
 
 class Role(enum.IntEnum):
-    """What somebody may do; each role may do what those before it may."""
+    """Role of a client; each role includes the rights of those before it."""
 
     VIEWER = 1
     """Read: topics, parameters, figures."""

@@ -53,7 +53,8 @@ TOKEN_VARIABLE = "CARDAN_SERVER_TOKEN"
 FORMER_TOKEN_VARIABLE = "CARDAN_FACE_TOKEN"
 
 SEND_BUFFER_BYTES = 128 * 1024
-"""What the system keeps for a client that does not read: more only makes what it reads older."""
+"""Buffer of the system for a client that does not read: a larger one only adds to the age of its
+data."""
 
 FRAMES_AHEAD = 4
 """Frames of a client that are read before their turn."""
@@ -61,7 +62,7 @@ FRAMES_AHEAD = 4
 PING_INTERVAL_S = 5.0
 PING_TIMEOUT_S = 10.0
 """A client that does not answer a ping so long is gone, or reads so slowly that it is of no use.
-What it asked for without an end goes on until then, where its cable was pulled."""
+If its cable was pulled, its open-ended requests go on until then."""
 
 CLOSE_TIMEOUT_S = 1.0
 """Longest wait for a client's part of the farewell."""
@@ -81,8 +82,8 @@ ARRIVALS_PERIOD_S = 0.01
 than a client may be backlogged."""
 
 MOST_HANDSHAKES = 64
-"""Connections that have not said who they are; one more takes the place of the oldest, so that who
-is quick comes in even while somebody opens connections and says nothing."""
+"""Connections that have not said who they are; one more takes the place of the oldest, so that
+quick clients connect even while silent connections are opened."""
 
 SOCKET_PATH = "/ws"
 """Of a server that has pages: where clients connect."""
@@ -135,7 +136,7 @@ class ListenerOptions(Options):
     """Address to listen at; one of another machine's reach needs a certificate and a token."""
     port: Annotated[int, ANY_PORT] = 0
     token: str = field(default="", repr=False, metadata=CODE_ONLY)
-    """What clients have in the address: ws://HOST:PORT/?t=TOKEN, or /TOKEN; an operator's. Empty:
+    """Token in the clients' address: ws://HOST:PORT/?t=TOKEN, or /TOKEN; an operator's. Empty:
     those of `token_file` or of the environment. No option of a command: all users see a command
     line."""
     token_file: Annotated[str, PATH] = ""
@@ -231,7 +232,7 @@ class WebOptions(ListenerOptions):
 
     @property
     def allowed(self) -> Allowed:
-        """What clients may use."""
+        """Allow lists for clients."""
         return Allowed(self.topics, self.services, self.parameters)
 
 
@@ -257,7 +258,7 @@ class Arrivals:
         arrived = self._read + waiting
         newest_s, before = self._seen[-1]
         if now_s - newest_s < ARRIVALS_PERIOD_S:
-            return  # What has arrived since counts as that much older.
+            return  # Bytes that came since count as that much older.
         if len(self._seen) >= ARRIVALS_KEPT:
             del self._seen[1]
         self._seen.append((now_s, max(arrived, before)))
@@ -278,7 +279,7 @@ APART_NS = 1000
 """Between frames that may have arrived at the same time: as seconds, too, they have to differ."""
 
 CLOCK_SET_BACK_NS = 10**9
-"""What is earlier by more is of a clock that was set back."""
+"""A stamp that is earlier by more is of a clock that was set back."""
 
 
 class ListenerConnection(ServerConnection):
@@ -349,7 +350,7 @@ class ListenerConnection(ServerConnection):
             if self._ending is None:
                 yield frame
             self.note_backlog()
-            # What waits already is taken without a turn of the loop: others have theirs.
+            # Waiting frames are taken without a turn of the loop: others have theirs.
             await asyncio.sleep(0)
 
 
@@ -621,7 +622,7 @@ def _split(path: str) -> SplitResult:
 
 
 def tls_context(certificate: str, key: str) -> ssl.SSLContext | None:
-    """What a server serves TLS with, of these two files; None without a certificate.
+    """Return a server's TLS context with these two files; None without a certificate.
 
     Raises ConfigurationError.
     """

@@ -219,7 +219,7 @@ class CompiledServo:
 
     @property
     def policy(self) -> Policy:
-        """What is given up where the arm cannot follow."""
+        """Policy where the arm cannot follow."""
         return Policy.REACH if self._state.reach else Policy.PATH
 
     @policy.setter

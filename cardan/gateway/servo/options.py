@@ -16,7 +16,7 @@ WEIGHT = Range(0.0, 1000.0, "", "against the weight 1 of the task")
 
 
 class Policy(enum.Enum):
-    """What is given up where an arm cannot follow: line or pace; no controller can keep both."""
+    """Policy where an arm cannot follow: give up line or pace; no controller can keep both."""
 
     PATH = "path"
     """Hold the line: slow along it, and wait where it cannot be continued."""

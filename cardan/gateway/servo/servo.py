@@ -491,8 +491,8 @@ class Servo:
         safety, grown = self._safety, collision.grown_m
         if max(grown) > 0.0:
             safety = [kept + more for kept, more in zip(safety, grown, strict=True)]
-        # What no speed within the joints' bounds can bring too near needs no row: first by how far
-        # its bodies can move at most, then by its gradient.
+        # A pair that no speed within the joints' bounds can bring too near needs no row: first by
+        # how far its bodies can move at most, then by its gradient.
         fastest = np.maximum(self._highest[:n], -self._lowest[:n])
         speed = collision.fastest_closing(fastest) + TIGHT_M_S
         farthest = max(safety) + speed * (speed / (2.0 * self._slowest_m_s2) + dt_s)
@@ -552,8 +552,8 @@ class Servo:
         return found
 
     def _parts(self, tight: Sequence[int]) -> list[FloatArray]:
-        """What is asked in parts of which one may be given up without the others: translation along
-        what is in the way, translation into it, rotation; without those that are none."""
+        """Split the requested twist into parts that may be given up separately: translation along
+        an obstacle, translation into it, rotation; without parts that are zero."""
         weights, along, turning = self._weights, self._wanted.copy(), self._wanted.copy()
         along[3:] = turning[:3] = 0.0
         into = along.copy()

@@ -195,7 +195,7 @@ def make_network(
     offer: Callable[[Any, Any, float], None],
     full: Callable[[], bool],
 ) -> SessionNetwork | None:
-    """What shows the arm to the network, not open yet; None where none is configured."""
+    """Make the network interface of the arm, not open yet; None if none is configured."""
     options = config.network
     if options is None:
         return None
@@ -278,7 +278,7 @@ def checked_config(tables: Mapping[str, Any]) -> SessionConfig:
 
 
 def _wrong_options(tables: Mapping[str, Any]) -> Iterator[ConfigurationError]:
-    """What is wrong in the tables of device and robot, read or not."""
+    """Yield the errors in the tables of device and robot, read or not."""
     for key in ("device", "robot"):
         if (table := tables.get(key)) is None:
             continue

@@ -140,17 +140,17 @@ class NeighborTable(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class HapticConfig(Options):
-    """What ``cardan devices haptic`` reads of a file: no robot is needed."""
+    """Tables that ``cardan devices haptic`` reads of a file: no robot is needed."""
 
     device: DriverTable
     network: NetworkOptions = field(default_factory=NetworkOptions)
     force: ForceTables = field(default_factory=NetworkForceTable)
-    """Whose `max_age_s` says how long a published feedback counts."""
+    """Its `max_age_s` limits the age of published feedback."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ForceConfig(Options):
-    """What ``cardan devices force`` reads of a file: neither device nor robot is needed."""
+    """Tables that ``cardan devices force`` reads of a file: neither device nor robot is needed."""
 
     force: ForceTables = field(default_factory=NoForceTable)
     fixtures: FixtureTables = ()
@@ -193,7 +193,7 @@ class SessionConfig(Options):
     """Shows the arm to ROS 2, and takes commands from there; None: no network."""
     force: ForceTables = field(default_factory=NoForceTable)
     fixtures: FixtureTables = ()
-    """What the hand feels of the space around the robot."""
+    """Haptic fixtures in the space around the robot."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -244,7 +244,7 @@ class SessionConfig(Options):
         return bool(self.fixtures) or not isinstance(self.force, NoForceTable)
 
     def _check_buttons(self) -> None:
-        """One meaning a button."""
+        """Refuse buttons with two meanings."""
         mapping = self.mapping
         buttons = [("mapping.deadman", button) for button in mapping.deadman_buttons]
         buttons += [
@@ -269,7 +269,7 @@ class SessionConfig(Options):
                 limits.angular_acceleration_rad_s2,
             ),
         ):
-            # What rounding adds to a stop of exactly the longest time is no reason to refuse it.
+            # Rounding of a stop of exactly the longest time is no reason to refuse it.
             if speed > acceleration * longest_s * (1.0 + 1e-9):
                 consent = (
                     "no more is allowed"

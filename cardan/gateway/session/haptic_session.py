@@ -43,8 +43,8 @@ own wrapper takes."""
 
 
 class LoneFeedback:
-    """What programs publish, rendered as long as it is fresh, and faded in as in a session. Time is
-    an argument."""
+    """Feedback that programs publish, rendered as long as it is fresh, and faded in as in a
+    session. Time is an argument."""
 
     why_no_torques = ""
 
@@ -125,7 +125,7 @@ class LoneFeedback:
                 self._haptic.stop_feedback()
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What prevents a force, and what was refused."""
+        """Reasons why there is no force, and refusals."""
         words = (self._ended, self._enabling.refusal)
         return (*filter(None, words), *self._published.diagnosis())
 

@@ -126,7 +126,7 @@ class SessionNetwork:
         self._haptic_twins: Twins | None = None
         self._twins_due_s = -math.inf
         self._twin: tuple[str, ...] = ()
-        """What is to be said of other nodes of the same names."""
+        """Messages about other nodes of the same names."""
         self._logged = ""
         self._verbs: ArmVerbs | None = None
 
@@ -309,7 +309,7 @@ class SessionNetwork:
 
 
 def _parts(snapshot: Snapshot) -> list[Part]:
-    """What each part of a session reports of itself."""
+    """Return the diagnostics of each part of a session."""
     s = snapshot
     lost = s.robot_link != RobotLink.LIVE.value
     robot = Part(

@@ -56,7 +56,7 @@ IN_MOTION: Final = (Phase.MOVING, Phase.BRAKING)
 
 
 class Now(NamedTuple):
-    """What a snapshot is made of, beside what the parts keep."""
+    """Input of a snapshot, beside the data of the parts."""
 
     cycle: Cycle
     status: ArmStatus
@@ -65,7 +65,7 @@ class Now(NamedTuple):
 
 @dataclass(frozen=True)
 class Whole:
-    """What the parts are parts of."""
+    """The session as its parts share it."""
 
     config: SessionConfig
     robot: RobotDriver
@@ -94,7 +94,7 @@ class Whole:
 
 
 class Part:
-    """One part of a session. What it does not need, it leaves as it is here."""
+    """Base of a part of a session; a part overrides only the hooks that it needs."""
 
     fault = ""
     """Why no source may move the arm now; empty while one may."""
@@ -326,7 +326,7 @@ class Operator(Part):
 
 
 class Feedback(Part):
-    """What the operator device shows by its light and motor."""
+    """Feedback on the operator device by its light and motor."""
 
     def __init__(self, whole: Whole, device: OperatorDevice, lease: DeviceLease) -> None:
         super().__init__(whole)
@@ -455,7 +455,7 @@ class Network(Part):
         self._network.tell(snapshot, now.time_s, time.time_ns())
 
     def close(self) -> None:
-        self.whole.worker.close()  # What is under way is answered by the network.
+        self.whole.worker.close()  # The network answers requests under way.
         self._network.close()
 
 

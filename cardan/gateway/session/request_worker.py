@@ -122,7 +122,7 @@ class _Begun(NamedTuple):
 
 
 class _Packet(NamedTuple):
-    """What a client sent; None: the ends of motions are to be reported."""
+    """Packet of a client; None: the ends of motions are to be reported."""
 
     client: Requester
     packet: Any
@@ -135,7 +135,7 @@ _ENDED = {
     "stop": "the arm was stopped before it began",
     "release": "its source gave up its authority before it began",
 }
-"""What does not let the motions begin that were asked for before it, and why they do not."""
+"""Verbs that cancel motions requested before them and not begun, with the reason."""
 
 
 class _Job:
@@ -184,7 +184,7 @@ class RequestWorker:
         self._beginning: deque[tuple[Requester, str]] = deque()
         """Senders of the streamed commands that wait as their stream is to begin, in order."""
         self._under_way: list[_Job] = []
-        """What the planning thread has to do, and does."""
+        """Jobs of the planning thread, with the present one."""
         self._ordering = threading.Lock()
         self._motions: dict[int, _Begun] = {}
         """Motions that are not over, by the ids that their notes have."""
@@ -196,7 +196,7 @@ class RequestWorker:
 
     @property
     def verbs(self) -> ArmVerbs | None:
-        """The verbs, once somebody has asked for one."""
+        """The verbs, once a client has asked for one."""
         return None if self._verb_server is None else self._verb_server.verbs
 
     @property

@@ -53,16 +53,16 @@ class Launched:
         self.code = 0
         """Exit code, once it has ended."""
         self.before: list[str] = []
-        """What it printed before READY."""
+        """Lines that it printed before READY."""
         self.lines: tuple[str, ...] = ()
-        """What it printed after READY, once it has ended."""
+        """Lines that it printed after READY, once it has ended."""
         self.complaints = ""
-        """What it wrote on standard error last, once it has ended."""
+        """Last output on standard error, once it has ended."""
         named = itertools.takewhile(lambda word: not word.startswith("-"), words)
         self._name = shlex.join(itertools.islice(named, 3))
         self._log: IO[str] = tempfile.TemporaryFile("w+")  # noqa: SIM115
         self._unread = b""
-        """What came after the last line that was taken. No line may wait in a file's own buffer,
+        """Output after the last line that was taken. No line may wait in a file's own buffer,
         which a selector does not see."""
         self._process = subprocess.Popen(
             [

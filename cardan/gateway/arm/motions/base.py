@@ -33,14 +33,14 @@ ARRIVED = Progress(True)
 
 
 class Activity(ABC):
-    """What moves the commanded arm. Every activity begins at rest and ends at rest."""
+    """Base of the activities that move the commanded arm. Each begins and ends at rest."""
 
     state = State.NOT_CONTROLLING
-    """What the Cartesian interface calls it."""
+    """Its state in the Cartesian interface."""
     reference: Reference | None = None
     """The point that the TCP follows; None where joints follow a path."""
     command: RobotCommand | None = None
-    """What the robot is sent in place of the commanded arm's command."""
+    """Sent to the robot in place of the commanded arm's command."""
     fault = ""
     """Why it must not go on; empty while it may."""
     heard_s = math.inf

@@ -29,7 +29,7 @@ class TwistFilter(Driver):
 
     @abstractmethod
     def apply(self, twist: Twist, robot: RobotState) -> Twist:
-        """What to ask for instead of `twist` (base or tool axes), once in every control tick.
+        """Return the twist to request instead of `twist` (base or tool axes), once in every tick.
 
         It is also called when no operator drives or the robot is silent, with a twist of zero and
         perhaps without `robot.pose`, so that the sensor is always read; what it then returns is not
@@ -40,12 +40,12 @@ class TwistFilter(Driver):
 
     @abstractmethod
     def status(self) -> str:
-        """What it does to the operator's motion now; empty when it does nothing."""
+        """Effect on the operator's motion now; empty if there is none."""
 
     def describe(self) -> str:
-        """What it would do as configured, in one line; works without open()."""
+        """Effect as configured, in one line; works without open()."""
         return ""
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What prevents it from working or deserves attention, worst first."""
+        """Faults and warnings, worst first."""
         return ()

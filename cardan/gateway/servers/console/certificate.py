@@ -32,7 +32,7 @@ VALID_DAYS: Final = 397
 """Browsers take none that is valid for longer than 398 days."""
 
 RENEW_DAYS: Final = 30
-"""One that ends sooner is made anew at the start."""
+"""A certificate that ends sooner is made anew at the start."""
 
 MOST_NAMES: Final = 32
 """In a certificate: a computer that is carried from network to network keeps its old addresses, so

@@ -1,4 +1,4 @@
-"""What a page's operator frames become: an arm's stream, a driver's topic, a joystick, an IMU."""
+"""Targets of a page's operator frames: an arm's stream, a driver's topic, a joystick, an IMU."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ positive, and the triggers."""
 
 
 class RefusedError(Exception):
-    """What the page asked for cannot be done."""
+    """The page's request cannot be carried out."""
 
 
 class Channel(ABC):
-    """What a page has opened for its frames."""
+    """Target that a page has opened for its frames."""
 
     target = ""
     """The arm or the topic."""
@@ -211,7 +211,7 @@ def _covariance(measured: object) -> list[float]:
 
 
 class SharedPublisher:
-    """One publisher of a topic for all of a page's channels: by it drivers tell pages apart."""
+    """Publisher of a topic for all of a page's channels: by it drivers tell pages apart."""
 
     def __init__(self, publisher: Publisher, unused: Callable[[], object]) -> None:
         """`unused()` is called when the last one closes it."""

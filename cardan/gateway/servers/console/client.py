@@ -1,4 +1,4 @@
-"""What one page does beside rosbridge: its operator frames, its clock, and what it opens them for.
+"""Operations of a page beside rosbridge: its operator frames, their channels, and its clock.
 
 Text is rosbridge's, but for operations that begin with "cardan." and the message of the public page
 `teleop`; binary is an operator frame. docs/phone.md has the operations.
@@ -101,7 +101,7 @@ async def _at_once() -> None:
 
 
 class Figures:
-    """What arrives of a page, as it is told back to it."""
+    """Figures of the frames that arrive from a page, for display on it."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -123,7 +123,7 @@ class Figures:
 
 
 class Operator:
-    """One page's hands: ``async with Operator(...) as one: one.receive(frame, waited_s)``."""
+    """Operator of a page: ``async with Operator(...) as one: one.receive(frame, waited_s)``."""
 
     def __init__(
         self,
@@ -404,7 +404,7 @@ class Operator:
     def _both_ways(
         self, number: int, topic: str, type_name: str, back: str
     ) -> tuple[Publisher, Handle]:
-        """What is published on a topic, and what is heard of the driver."""
+        """Return the publisher of a topic, and the subscription to the driver's feedback."""
         if not self._allowed.topic(topic):
             raise RefusedError(f"{topic} is not among the topics that clients may use")
         publisher = self._publisher(topic, type_name)
@@ -437,7 +437,7 @@ class Operator:
         if not isinstance(number, int) or number not in self.channels:
             raise RefusedError(f"channel {shown(number)} is not open")
         channel = self.channels[number]
-        # One that came too late renews nothing.
+        # A frame that came too late renews nothing.
         self._look(number, channel)
         channel.hold.renew(self._loop.time())
         self._watch(number, channel)

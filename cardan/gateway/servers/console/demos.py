@@ -31,8 +31,8 @@ class Demos:
         self._said: deque[str] = deque(maxlen=LINES)
 
     async def table(self) -> dict[str, Any]:
-        """What a page is told: which there are, which one runs, and what it or the one before it
-        has said. Raises OrderError."""
+        """Return the table for pages: the demos, the running one, and its output or that of the
+        last. Raises OrderError."""
         if self._known is None:
             found = await carry_out(["demo", "--list", "--json"], self._listing)
             self._known = [{"name": each["demo"], "what": each["what_is_joined"]} for each in found]

@@ -29,16 +29,16 @@ _WHOLE: Final = 2**32
 
 
 class Grip(enum.Enum):
-    """What a hand does."""
+    """State of the hold-to-run button or dead-man."""
 
     FREE = "free"
     HELD = "held"
     LOST = "lost"
-    """It has to let go first."""
+    """It has to be released first."""
 
 
 class Verdict(enum.Enum):
-    """What becomes of a frame."""
+    """Treatment of a frame."""
 
     DROPPED = "dropped"
     REST = "rest"
@@ -127,6 +127,6 @@ class Hold:
         return True
 
     def lose(self, why: str) -> None:
-        """What is held counts no more, and the hand has to let go."""
+        """Ignore the hold until it is released."""
         self.counts["lost"] += self.grip is Grip.HELD
         self.grip, self.why = Grip.LOST, why

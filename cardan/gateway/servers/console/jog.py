@@ -1,8 +1,8 @@
-"""Streams what a hand on a page wants to an arm, as a source of its own name, by the arm's `ask`.
+"""Streams a page's jog commands to an arm, as a source of its own name, by the arm's `ask`.
 
-One request is under way at a time, and after it the newest wish goes: nothing waits in a queue. The
-arm's own controller limits, watches and refuses; what it refuses ends the hold, but for the first
-commands of a hand whose clock it does not know yet.
+A single request is under way at a time, and after it the newest command is sent: nothing waits in a
+queue. The arm's own controller limits, watches and refuses; a refusal ends the hold, but for the
+first commands of a page whose clock it does not know yet.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _NOWHERE = Vector3(0.0, 0.0, 0.0)
 
 
 class Wish(NamedTuple):
-    """What a hand wants of an arm."""
+    """Jog command of a page for an arm."""
 
     body: JogTwist | JogJoints
     made_s: float
@@ -176,7 +176,7 @@ class ArmJog:
         return why
 
     def _stamp(self, wish: Wish) -> float:
-        """When it was made. What is known of the page's clock changes, and stamps have to grow."""
+        """When it was made. The estimate of the page's clock changes, and stamps have to grow."""
         self._stamp_s = max(wish.made_s, self._stamp_s + _STEP_S)
         return self._stamp_s
 

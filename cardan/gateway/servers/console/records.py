@@ -1,7 +1,7 @@
-"""What a page does with the records of the server's machine: have one made, and look at them.
+"""Records on the server's machine for pages: to make one, and to view them.
 
-Each record is made and read by a process of its own, so that nothing of it can hold up what a page
-moves. Pages name no paths: the server names its files, and shows those of one folder.
+Each record is made and read by a process of its own, so that it cannot delay a page's motion. Pages
+name no paths: the server names its files, and shows those of one folder.
 """
 
 from __future__ import annotations
@@ -74,10 +74,10 @@ class Records:
         self._since_s = 0.0
         self._figures: dict[str, int] = {}
         self._ended = ""
-        """What the newest recorder said at its end."""
+        """Last message of the newest recorder."""
 
     def table(self) -> dict[str, Any]:
-        """What a page is told: the records, the newest first, and what becomes of the present
+        """Return the table for pages: the records, newest first, and the progress of the present
         one."""
         recording = None
         if self._path is not None:

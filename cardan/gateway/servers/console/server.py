@@ -205,7 +205,7 @@ class Console(Server[ConsoleServerOptions]):
             if own is not None:
                 print(f"certificate SHA-256 {own.fingerprint}", flush=True)
             if stats.is_wanted():
-                # What a daemon's server prints is kept, and read by others: no token is in it.
+                # The output of a daemon's server is kept, and read by others: no token is in it.
                 ready(page_address(scheme, host, port, ""))
                 return
             address = page_address(scheme, host, port, server.tokens().for_starter())

@@ -80,8 +80,8 @@ class Site:
         self._assets["/"] = self._assets[f"/{START}"]
 
     def answer(self, path: str, accepts: str = "", known: str = "") -> Answer | None:
-        """What to answer to GET of `path`; None: there is no such file. `accepts`, `known`: the
-        headers Accept-Encoding and If-None-Match."""
+        """Return the answer to GET of `path`; None if there is no such file. `accepts`, `known`:
+        the headers Accept-Encoding and If-None-Match."""
         asset = self._assets.get(path)
         if asset is None:
             return None
@@ -97,7 +97,7 @@ class Site:
 
 
 def visual(key: str) -> Answer | None:
-    """What to answer to GET of the mesh that is kept by a key; None: there is none."""
+    """Return the answer to GET of the mesh that is kept by a key; None if there is none."""
     data = kept_visual(key) if _KEY.fullmatch(key) else None
     if data is None:
         return None
