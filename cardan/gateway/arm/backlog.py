@@ -1,4 +1,4 @@
-"""For how long what asks an arm to move may have waited on its way, whichever way it comes."""
+"""Limits on the time that a request for motion may have waited on its way, by any route."""
 
 from __future__ import annotations
 
@@ -16,11 +16,10 @@ STREAMED_S = 0.2
 takes it is at rest within 0.4 s."""
 
 PROVEN_S = 0.3
-"""For how long what comes of a sender that is not known yet may have waited until it was
-connected."""
+"""How long a command of a sender that is not known yet may have waited until that was connected."""
 
 NEVER_STALE = "/stop", "/release", "/cancel_goal"
-"""How names end of what only ends something."""
+"""Endings of the names of commands that only end something."""
 
 UNKNOWN_CLOCK = "the clock of its sender is not known yet"
 """Why the first commands of a sender are refused, for PROVEN_S at most."""
@@ -34,8 +33,8 @@ BACKLOGGED = f"what you send has waited here for more than {STALE_S:g} s: send l
 
 
 def is_stale(name: str, waited_s: float) -> bool:
-    """Whether what a client published, called or asked of an action waited for too long to act on;
-    what stops is never too late."""
+    """Whether a client's message, call or goal waited for too long to act on; a stop is never too
+    late."""
     return waited_s > STALE_S and not name.endswith(NEVER_STALE)
 
 

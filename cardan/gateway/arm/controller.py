@@ -56,8 +56,8 @@ from cardan.types import (
 
 EASE_ABOVE = 0.5
 """Share of the maximum lead beyond which an undriven reference is brought back to its robot, so
-that an arm that lags (MaxSpeedDeviation, a person in its way) stops when the operator lets go, not
-that lead further on. Gravity sag is far below it and never creeps in."""
+that an arm that lags (MaxSpeedDeviation, a person in its way) stops when the operator releases the
+dead-man, not that lead further on. Gravity sag is far below it and never creeps in."""
 
 NEAR_SHARE = 0.1
 """Share of the maximum lead, and of the joints' following-error limit, within which a recovery
@@ -117,8 +117,8 @@ class ArmController:
         self.robot: RobotState | None = None
         """The newest state."""
         self.plan_epoch = 0
-        """Counts events that void plans: loss of the robot, trips, stops, the operator taking
-        over."""
+        """Counts events that void plans: loss of the robot, trips, stops, the operator's
+        takeover."""
         self.listener: Listener | None = None
         """Source that begins activities, beside the operator device."""
         self.recorder: RequestRecorder | None = None

@@ -166,7 +166,7 @@ class NeighborWatch:
     ) -> None:
         """Joint states of the neighbor, of further joints, too; `velocities` may be empty.
 
-        `sender`: who published them; empty: not known. Of two at a time it is not known which is
+        `sender`: their publisher; empty if unknown. Of two at a time it is not known which is
         the neighbor.
         """
         found = self._order_of(tuple(names))

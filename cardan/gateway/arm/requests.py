@@ -63,14 +63,14 @@ class Request(NamedTuple):
     """The verb's argument, where it has one."""
     sequence: int | None = None
     there: Callable[[], bool] | None = None
-    """Whether who asked is still there, without whom a motion without end ends; None: that is
+    """Whether its client is still there, without which a motion without end ends; None: that is
     watched otherwise."""
     stamp_s: float | None = None
     """Of a streamed command: when it was sent, by the sender's clock."""
     begins: Begins | None = None
     """Of a streamed command: whether it chooses its own where none is chosen; None: never."""
     wanted: Callable[[], bool] | None = None
-    """Whether it is still to begin: what was canceled before its turn is not; None: always."""
+    """Whether it is still to begin; a request canceled before its turn is not. None: always."""
     since_s: float | None = None
     """Local monotonic time: it can have waited since then until it came to the session; None: since
     the session looked before, at most."""
@@ -107,7 +107,7 @@ class Reply(NamedTuple):
 
 LATE_S = 1.0
 """Longest time for which a process may have stood still, or may have been starting, when it finds a
-request to begin a motion: who asked may have given up, or be gone, since."""
+request to begin a motion: its client may have given up, or be gone, since."""
 
 FRAMED: Mapping[str, Callable[[Vector3, Vector3, Frame], Any]] = {"twist": Twist, "wrench": Wrench}
 """Verbs whose numbers may have a frame of their own."""
@@ -271,7 +271,7 @@ def is_answer(packet: bytes) -> bool:
 
 
 def decode_answer(packet: bytes) -> Reply | MotionNote | None:
-    """A reply or a motion's note; None for what is neither, as a snapshot is. Raises PacketError
+    """A reply or a motion's note; None for any other packet, such as a snapshot. Raises PacketError
     for one that is broken."""
     if not is_answer(packet):
         return None

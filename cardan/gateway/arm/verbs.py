@@ -581,7 +581,7 @@ class ArmVerbs:
             self._require_idle(f"setting {names}")
             stream = found.pop(Parameter.STREAM, None)
             if stream is None:
-                # It moves nothing: who sets one does not keep others from the arm afterwards.
+                # It moves nothing: its sender does not keep others from the arm afterwards.
                 holds = self.controller.authority.owner == source
                 self._require_authority(f"setting {names}", source, claims=holds)
             before = dict(self.parameters)
@@ -615,9 +615,9 @@ class ArmVerbs:
     ) -> str:
         """Do what the streamed command `verb` (one with a preset) asks for now; "" or why not.
 
-        `owner` names who streams; `sequence` or `stamp_s` (sender's clock), where given, have to
-        grow. `begins`: whether, where nothing moves the arm and no streaming command is chosen, or
-        one that its sender has left, it chooses its own; None: never.
+        `owner` is the streaming source; `sequence` or `stamp_s` (sender's clock), where given, have
+        to grow. `begins`: whether, where nothing moves the arm and no streaming command is chosen,
+        or one that its sender has left, it chooses its own; None: never.
         """
         sender = CommandHeader(owner, sequence, stamp_s, self.stamp_s)
         self.streams.hear(sender)

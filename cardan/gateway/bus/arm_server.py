@@ -1,7 +1,7 @@
 """Serves one arm to the bus: takes commands from topics and services, and answers each of them.
 
-The loop only passes on what has arrived; decoding, carrying out and answering is done by the
-session's worker of requests, in its threads.
+The loop only passes packets on; the session's request worker decodes, carries out and answers, in
+its threads.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ CONTEST_SHOWN_S = 5.0
 
 GOALS_PERIOD_S = 0.01
 """How often goals and parameters are looked for: looking costs 0.5 µs for each of their services,
-which are many, and nobody notices 10 ms."""
+which are many, and a delay of 10 ms goes unnoticed."""
 
 SENDERS_KEPT = 64
 """Publishers of a topic whose sequence numbers are remembered."""
@@ -79,10 +79,10 @@ Offer = Callable[[Any, Any, float], None]
 
 
 HELD_AT_MOST = 32
-"""Most packets that wait for the token of who sent them: the oldest goes on without it."""
+"""Most packets that wait for their sender's token: the oldest goes on without it."""
 
 _Input = tuple[Callable[[], Any], Any]
-"""A poll, and the client of the worker that takes what it gives."""
+"""A poll, and the client of the worker that takes its packets."""
 
 
 class _Held(NamedTuple):
@@ -119,7 +119,8 @@ class ArmServer:
         full: Callable[[], bool] = lambda: False,
     ) -> None:
         """`node` is open. `source`: the first word of all of them in the arm's authority, `owner`:
-        the source that has it now. `full`: whether what arrives should stay where it is for now."""
+        the source that has it now. `full`: whether arriving packets should stay where they are for
+        now."""
         self._full = full
         self.now_s = NEVER_S
         """Time of the newest poll."""
@@ -176,8 +177,8 @@ class ArmServer:
         self._rare_due_s = -math.inf
 
     def poll(self, now_s: float) -> None:
-        """Pass on what has arrived, while the worker has enough to do only what stops the arm; and
-        see who has come and gone."""
+        """Pass on packets that have arrived, while the worker is full only stops; and update the
+        known clients."""
         self.now_s = now_s
         rare = now_s >= self._rare_due_s
         self._collect(self._stops)
@@ -197,7 +198,7 @@ class ArmServer:
             self._collect(self._inputs)
             if rare:
                 self._collect(self._rare_inputs)
-        # After the packets: the tokens of who sent them were there before.
+        # After the packets: their senders' tokens were there before.
         self._take_tokens()
         if self._held:
             self._let_go(lambda held: self._liveliness.knows(held.packet) or now_s >= held.until_s)
@@ -205,8 +206,9 @@ class ArmServer:
             self._pass_on()
 
     def _pass_on_before_stops(self) -> None:
-        """Pass on what is there when a stop is, as nobody knows which came first, so that the stop
-        ends it; but for what the sender of the stop sent after it, by its own clock."""
+        """Pass on packets that are there with a stop, because their order is unknown, so that the
+        stop ends their motions; but not those that the stop's sender sent after it, by its own
+        clock."""
         stops, self._arrived = self._arrived, []
         self._collect((*self._inputs, *self._rare_inputs))
         self._take_tokens()
@@ -250,7 +252,7 @@ class ArmServer:
         self._arrived = [*arrived, *cancels]
 
     def _pass_on(self) -> None:
-        """Offer what has arrived, but for what waits for the token of who sent it."""
+        """Offer packets that have arrived, but for those that wait for their sender's token."""
         now_s = self.now_s
         for client, packet in self._arrived:
             at_once = client in self._never_wait or isinstance(packet, Ahead)
@@ -262,7 +264,7 @@ class ArmServer:
         self._arrived.clear()
 
     def _named_s(self, packet: Received | ServiceRequest) -> float:
-        """Until when `packet` waits for the token of who sent it."""
+        """Until when `packet` waits for its sender's token."""
         if self._liveliness.knows(packet):
             return NEVER_S
         gid = b"" if packet.attachment is None else packet.attachment.gid
@@ -279,7 +281,7 @@ class ArmServer:
         self._held.append(held)
 
     def _let_go(self, ready: Callable[[_Held], bool]) -> None:
-        """Offer what has waited and is `ready`, by the time when it came."""
+        """Offer held packets that are `ready`, by their time of arrival."""
         held, self._held = self._held, []
         for each in held:
             if ready(each):
@@ -296,9 +298,9 @@ class ArmServer:
                 self._arrived.append((client, packet))
 
     def watched(self, request: Request, packet: Received | ServiceRequest) -> Request:
-        """`request`, of a motion without end with a way to see whether who sent `packet` is still
-        on the bus. Raises PacketError where nobody could see it, and for what commands the arm
-        while the server is `inhibited`. From any thread."""
+        """Return `request`; a motion without end gets a check whether the sender of `packet` is
+        still on the bus. Raises PacketError if that cannot be seen, and for commands while the
+        server is `inhibited`. From any thread."""
         if self.inhibited and request.verb in CHANGING - {"release"}:
             refusal = MotionRefusedError(f"{request.verb}: {self.inhibited}")
             raise PacketError(str(refusal), request.id) from refusal
@@ -313,8 +315,9 @@ class ArmServer:
         raise PacketError(str(why), request.id) from why
 
     def _client(self, packet: Received | ServiceRequest) -> Presence | None:
-        """Of a message its publisher, of a request the node of its client, as programs make clients
-        for one call; of a publisher that old releases of rmw_zenoh name at random its session."""
+        """Of a message its publisher, of a request the node of its client, because programs make
+        clients for one call; of a publisher that old releases of rmw_zenoh name at random its
+        session."""
         liveliness, attachment = self._liveliness, packet.attachment
         if isinstance(packet, Received):
             known = None if attachment is None else liveliness.endpoint(attachment.gid)
@@ -322,7 +325,7 @@ class ArmServer:
         return None if attachment is None else liveliness.node(attachment.gid)
 
     def source(self, packet: Received | ServiceRequest) -> str:
-        """Name of who sent `packet` in the arm's authority. In the thread that decodes."""
+        """Name of the sender of `packet` in the arm's authority. In the thread that decodes."""
         return self.sources.of(packet, self.now_s).name
 
     def contested_by(self, source: str) -> str:
@@ -363,7 +366,7 @@ class ArmServer:
             action.tell(now, now_ns)
 
     def offer(self, client: Any, packet: Any) -> None:
-        """Pass on what a client needs done besides. From any thread."""
+        """Pass on a client's further work. From any thread."""
         self._offer(client, packet, self.now_s)
 
     def key_end(self, type_name: str) -> str:
@@ -377,7 +380,7 @@ class ArmServer:
     def tell(
         self, command: str, sequence: int, outcome: str, reason: str = "", source: str = ""
     ) -> None:
-        """Publish what became of a command of `source` that came on a topic. From any thread."""
+        """Publish the outcome of a command of `source` that came on a topic. From any thread."""
         with self._telling:
             self._results.put(command, sequence, outcome, reason, source)
 
@@ -460,7 +463,7 @@ class _Sender:
         """The program that it belongs to."""
         self.sequence, self.source_ns = -1, -1
         self.clock_runs = False
-        """Whether what it says of when it sent its messages was seen to change."""
+        """Whether the stamps of its messages were seen to change."""
         self.heard_s = NEVER_S
         """When its newest message came."""
         self.told = ""
@@ -562,8 +565,9 @@ class _TopicClient:
     def _check_connection(
         self, source: Source, request: Request, attachment: Attachment | None
     ) -> None:
-        """Raise PacketError for what may have waited until its sender was connected: libraries keep
-        what is published meanwhile. A sender's own stamp tells, which the arm judges."""
+        """Raise PacketError for a packet that may have waited until its sender was connected:
+        libraries keep messages published meanwhile. A sender's own stamp tells, which the arm
+        judges."""
         connected_s = source.connected_s(self._server.now_s)
         if connected_s >= PROVEN_S:
             return

@@ -145,7 +145,7 @@ def wrench_of(message: Mapping[str, Any]) -> list[float]:
 
 
 def joint_speeds(names: Sequence[str]) -> Callable[[Message], list[float]]:
-    """Return a function from sensor_msgs/JointState to the speeds of the joints `names`, in
+    """Return the map from a sensor_msgs/JointState to the speeds of the joints `names`, in
     order."""
 
     def speeds(message: Message) -> list[float]:
@@ -247,7 +247,7 @@ TOPICS = (
     _signal("acquire"),
     _signal("release"),
 )
-"""Table 1 of the paper, and what an operator needs."""
+"""Table 1 of the paper, and an operator's commands."""
 
 
 def joint_command(names: Sequence[str]) -> TopicCommand:

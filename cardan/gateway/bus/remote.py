@@ -53,8 +53,8 @@ def parse_address(address: str) -> tuple[str, str]:
 
 
 def options_for(endpoint: str, options: BusOptions | None) -> BusOptions:
-    """How to be on the bus of who is met by `endpoint`: that of another computer is joined as its
-    client, unless `options` are given."""
+    """Options to join the bus of the peer at `endpoint`: a peer on another computer is joined as
+    its client, unless `options` are given."""
     if not endpoint:
         return options or BusOptions()
     if options is not None:

@@ -70,7 +70,7 @@ LONGEST_S = 0.02
 young."""
 
 FREE_S = 0.25
-"""Between those of one that nobody has, which only say so."""
+"""Between states of a free device, which only say that it is free."""
 
 CLAIMS_KEPT = 32
 """Claims that wait for their turn; of more, the oldest are dropped."""
@@ -95,7 +95,7 @@ STOOD_STILL_S = 0.1
 Input of the device from that time is read only then, as if it were new."""
 
 SETTLE_S = 0.1
-"""For so long after that what is read may be from before: a device's reader catches up."""
+"""For so long after that input may be from before: a device's reader catches up."""
 
 MOST_KINDS = 32
 """Kinds of refused claims that are told apart: a stranger chooses its own words."""
@@ -126,14 +126,14 @@ class ShareOptions(Options):
 
 
 class ShareCore:
-    """The lease of a shared device, and what its holder is told. Times are monotonic, s."""
+    """The lease of a shared device, and the messages to its holder. Times are monotonic, s."""
 
     def __init__(self, driver: str, run: int) -> None:
         """`run`: a number that no other process has, not 0."""
         self._driver, self._run = driver, run
         self._codec, self._dds_type = codec_of(CLAIM_TYPE), dds_type(CLAIM_TYPE)
         self._claim: Claim | None = None
-        """The newest one of who has it."""
+        """The newest claim of the lessee."""
         self._owner = b""
         """Id of that one's publisher."""
         self._heard_s = NEVER_S
@@ -154,7 +154,7 @@ class ShareCore:
         self._offered_s, self._next_s = NEVER_S, math.inf
         """When a state was offered last, and is to be again."""
         self._settled_s, self._before_s = NEVER_S, NEVER_S
-        """It stood still: until when what is read may be old, and since when."""
+        """It stood still: until when input may be old, and since when."""
         self._still = ""
         """Why the device counts as lost until then."""
         self.counts: Counter[str] = Counter()
@@ -283,10 +283,10 @@ class ShareCore:
     def _settled(
         self, state: DeviceState, edges: Iterable[ButtonEvent], now_s: float
     ) -> tuple[DeviceState, Iterable[ButtonEvent]]:
-        """The same, but for what may be from when this process stood still: the device counts as
+        """The same, but for input from a time when this process stood still: the device counts as
         lost, and edges as old."""
         if now_s - self._next_s > STOOD_STILL_S:
-            # Where it stood still again meanwhile, what is read may be from the first time.
+            # If it stood still again meanwhile, input may be from the first time.
             if now_s >= self._settled_s:
                 self._before_s = self._offered_s
             self._settled_s = now_s + SETTLE_S
@@ -302,7 +302,7 @@ class ShareCore:
         ]
 
     def _keep(self, edges: Iterable[ButtonEvent]) -> bool:
-        """Keep edges for who has the device: whether there are new ones."""
+        """Keep edges for the lessee: whether there are new ones."""
         told = False
         for stamp_s, button, pressed in edges:
             self._number += 1
@@ -330,7 +330,7 @@ class ShareCore:
 
 
 class HandEnd:
-    """The hand's end of a force from far away: what the device renders. Fixtures it renders by
+    """The device's end of a force from far away: the rendered force. Fixtures it renders by
     itself, as in a session beside it; forces go through the law of `HandPort`."""
 
     def __init__(self, device: HapticDevice) -> None:
@@ -360,7 +360,7 @@ class HandEnd:
             return
         self._cycled_s = now_s
         told = self._device.haptics()
-        # An answer to what the device will do is none.
+        # An order that answers a future state of the device is none.
         if order is None or not order.command.engaged or order.answers_s > now_s:
             self.end(now_s)
             return
@@ -432,7 +432,7 @@ class News:
         self._others: set[str] = set()
 
     def of(self, state: DeviceState, lessee: str, counts: Mapping[str, int]) -> list[str]:
-        """Of the device, of who has it, and of what `counts` has for the first time."""
+        """Of the device, of its lessee, and of what `counts` has for the first time."""
         lines = []
         missing = state.reason or "lost" if state.link is DeviceLink.LOST else ""
         if missing != self._missing:
@@ -481,8 +481,8 @@ def share_until(
     """Open `device` and share it until `stop` is set, or the monotonic time `end_s`.
 
     `ready` is called with the topic once it is shared, `tell` with a line for each change of the
-    device, of who has it, of what is refused, and of the router. Raises DriverError,
-    ConfigurationError, or AddressError where the name is taken.
+    device, of its lessee, of refusals, and of the router. Raises DriverError, ConfigurationError,
+    or AddressError where the name is taken.
     """
     core = ShareCore(driver, secrets.randbits(63) | 1)
     topic = state_topic(options.name)

@@ -26,7 +26,7 @@ model takes a second, and waiting for the lease of a source that is gone two. A 
 for longer does not move an arm unexpectedly later."""
 
 NAMED_WITHIN_S = 0.2
-"""How long a packet waits for the token of who sent it, as tokens and packets travel by different
+"""How long a packet waits for its sender's token, because tokens and packets travel by different
 queues of Zenoh: less than a streamed command may be on its way. A stop does not wait."""
 
 UNNAMED_KEPT = 256

@@ -18,8 +18,7 @@ REMOVED: Final = "removed"
 
 UNTIL_FREE: Final = "until nobody has the arm"
 UNTIL_START: Final = "until it starts"
-"""Conditions that changes of a session wait for: of an engaged session, and of one that does not
-run."""
+"""Conditions that changes wait for: of an engaged session, and of a session that does not run."""
 
 
 class Change(NamedTuple):

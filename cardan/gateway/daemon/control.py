@@ -24,7 +24,7 @@ NEEDS: Final = {
     **dict.fromkeys(("start", "stop", "restart", "switch", "ask"), Role.OPERATOR),
     "reload": Role.ADMIN,
 }
-"""The least role of who may ask for each."""
+"""The least role for each request."""
 
 VIEWERS_VERBS: Final = frozenset({"stat", "status", "get_parameter", "get_parameters", "stop"})
 """Verbs of an arm that a viewer may ask for: they change nothing, or stop the arm, which needs no

@@ -1,5 +1,4 @@
-"""The daemon: starts the sessions and servers of its files, keeps them running, and serves its
-socket.
+"""The daemon: starts sessions and servers from files, keeps them running, and serves its socket.
 
 A single thread decides all; the threads that follow processes report to its inbox.
 """
@@ -59,20 +58,20 @@ POLL_S: Final = 0.1
 
 LINES_KEPT: Final = 2000
 CHARACTERS_KEPT: Final = 2_000_000
-"""Lines of all processes' output that are kept for who asks later, and how long they may be all
-together: one answer has them all."""
+"""Lines of all processes' output that are kept for later requests, and their characters in all: one
+answer has them all."""
 
 LINES_WAITING: Final = 5000
 """Lines that wait until the daemon has a turn; more are dropped, and counted."""
 
 CALLS_A_TURN: Final = 500
-"""Most of what processes tell that is heard before others have their turn."""
+"""Most reports of processes that are handled before others have their turn."""
 
 GOING_ON: Final = 16
 """Requests of one connection that go on: `watch`, `log -f` and `events -f`."""
 
 EVENTS_KEPT: Final = 1000
-"""Events that are kept for who asks later; the event log has more."""
+"""Events that are kept for later requests; the event log has more."""
 
 WATCH_PERIODS_S: Final = (0.1, 60.0)
 
@@ -150,7 +149,8 @@ class Daemon:
             kept.unit.start(time.monotonic())
 
     def _share(self) -> None:
-        """Find which sessions share devices, by what they run with; a holder keeps its device."""
+        """Find which sessions share devices, by their present configurations; a holder keeps its
+        device."""
         before, self._shared = self._shared, {}
         entries = {}
         for name in (*self.layout.sessions, *self._kept):
@@ -317,7 +317,7 @@ class Daemon:
                 self._begin(kept, now_s)
 
     def _renew(self, kept: SessionService, now_s: float) -> None:
-        """Nobody has its arm: what has changed takes effect."""
+        """Its arm is free: changes take effect."""
         if kept.unit.state is UnitState.RUNNING:
             if REMOVED in kept.changes_wait:
                 _remove(kept)
@@ -355,7 +355,7 @@ class Daemon:
         )
 
     def _leave(self, server: ControlServer) -> None:
-        """End all processes in good order; who asks is answered meanwhile."""
+        """End all processes in good order; requests are answered meanwhile."""
         self._notifier.stopping()
         now_s = time.monotonic()
         give_up_s = now_s + ENDS_WITHIN_S
@@ -615,7 +615,7 @@ class Daemon:
         route.connection.tell(Response(route.ask, "result", table | {"reply": route.request}))
 
     def _session_gone(self, name: str, reason: str) -> None:
-        """Its process has ended: nobody else answers what was asked of it. The next one's motions
+        """Its process has ended: refuse requests that it has not answered. The next one's motions
         have the same ids."""
         why = f"{name} has ended{reason and f': {reason}'}"
         for key in [each for each in self._routes if each[0] == name]:
@@ -647,9 +647,9 @@ class Daemon:
     # -- reload ----------------------------------------------------------------------------------
 
     def reload(self, over: Callable[[ReloadOutcome], None], check_only: bool = False) -> None:
-        """Read the files anew, check all of them, and have what has changed take effect, or
-        nothing; or only check it. `over` gets the changes, or why nothing was changed. Raises
-        ControlError where one is under way.
+        """Read the files anew, check all of them, and apply all changes, or none; or only check.
+        `over` gets the changes, or why nothing was changed. Raises ControlError where one is under
+        way.
         """
         if self._reading:
             raise ControlError("a reload is under way; ask again when it is over")
@@ -686,7 +686,7 @@ class Daemon:
         return changes
 
     def _check_kinds(self, layout: Layout) -> None:
-        """Raise ConfigurationError for what no reload can do."""
+        """Raise ConfigurationError for changes that no reload can make."""
         if layout.daemon != self.layout.daemon:
             raise ConfigurationError(
                 "daemon", "its own options are read at its start: restart the daemon for them"
@@ -700,7 +700,8 @@ class Daemon:
                     )
 
     def _changes(self, layout: Layout) -> Iterator[Change]:
-        """Of the sessions: those that run are compared by what they run with."""
+        """Yield changes of the sessions; running ones are compared by their present
+        configuration."""
         for name in self.layout.sessions.keys() - layout.sessions.keys():
             kept = self._kept[name]
             assert isinstance(kept, SessionService)

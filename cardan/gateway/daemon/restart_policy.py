@@ -24,7 +24,7 @@ class UnitState(enum.Enum):
     """State of a unit."""
 
     STOPPED = "stopped"
-    """Nobody wants it to run."""
+    """It is not meant to run."""
     RUNNING = "running"
     ENDING = "ending"
     """It was asked to end."""

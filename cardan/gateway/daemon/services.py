@@ -50,7 +50,7 @@ Say = Callable[[Line], None]
 
 
 class Kept(ABC):
-    """A session or a server: what is known of it, and its process while it runs."""
+    """A session or a server: its known state, and its process while it runs."""
 
     kind = ""
 
@@ -89,9 +89,8 @@ class Kept(ABC):
 
 
 def why_nothing_moves(s: Snapshot, lent: str) -> str:
-    """Return the reason why nothing moves; `lent`: where its device is while another session has
-    it. A fault of the robot comes before that, because programs can move the arm without the
-    device."""
+    """Return why nothing moves; `lent`: where its device is while another session has it. A fault
+    of the robot comes before that, because programs can move the arm without the device."""
     if s.device_held:
         return s.message or s.hold_reason or s.device_reason
     return s.hold_reason or lent
@@ -110,8 +109,8 @@ class SessionService(Kept):
         self.last: Snapshot | None = None
         """Of a process that has ended: its last one, of which no events were found yet."""
         self.changes_wait: tuple[str, ...] = ()
-        """Keys of its configuration that take effect as soon as nobody has its arm: it begins anew
-        then, or ends where it was removed."""
+        """Keys of its configuration that take effect as soon as its arm is free: it begins anew
+        then, or ends if it was removed."""
         self.answered: Callable[[bytes], None] = lambda _packet: None
         self.gone: Callable[[str], None] = lambda _reason: None
         """Called when its process has ended."""

@@ -53,8 +53,7 @@ TOKEN_VARIABLE = "CARDAN_SERVER_TOKEN"
 FORMER_TOKEN_VARIABLE = "CARDAN_FACE_TOKEN"
 
 SEND_BUFFER_BYTES = 128 * 1024
-"""Buffer of the system for a client that does not read: a larger one only adds to the age of its
-data."""
+"""System's buffer for a client that does not read: a larger one only makes its data older."""
 
 FRAMES_AHEAD = 4
 """Frames of a client that are read before their turn."""
