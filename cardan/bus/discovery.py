@@ -36,8 +36,8 @@ class Discovery(NamedTuple):
 
 
 def reachable(options: BusOptions) -> BusOptions:
-    """How to meet who has these options, from a process beside: by the same router, or where there
-    is none at the endpoint that it listens at."""
+    """Return options by which another process reaches a node with these options: by the same
+    router, or without one at the endpoint where that listens."""
     router = options.router
     if not router:
         fixed = (each for each in options.listen if not each.endswith(":0"))

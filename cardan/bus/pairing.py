@@ -78,8 +78,8 @@ def wait_for_operator(
 ) -> Path:
     """Wait at an address of this computer, the robot's, for the operator's; the router's file.
 
-    `show` is called with each new code, `tell` with what went wrong. Raises ConfigurationError,
-    and AddressError, also where nobody has paired within `wait_s`.
+    `show` is called with each new code, `tell` with each failure. Raises ConfigurationError,
+    and AddressError, also if no operator has paired within `wait_s`.
     """
     folder = _folder("as-robot", replace)
     family = socket.AF_INET6 if ":" in place[0] else socket.AF_INET
@@ -110,7 +110,7 @@ def pair_with(host: str, port: int, replace: bool, ask: Callable[[], str]) -> Pa
     """Pair this computer, the operator's, with the robot's at `host`, by the code that `ask` gives;
     the client's file.
 
-    Raises ConfigurationError, and AddressError where nobody answers to the end.
+    Raises ConfigurationError, and AddressError if the robot's side does not answer to the end.
     """
     host = host.lower().removesuffix(".")
     if host[:1] + host[-1:] == "[]" and is_address(host[1:-1]):

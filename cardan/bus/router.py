@@ -72,7 +72,7 @@ def announced(endpoints: Iterable[str]) -> Iterator[None]:
         make_runtime_folder()
         path.write_text("\n".join(endpoints), encoding="utf-8")
     except (AddressError, OSError) as error:
-        # Those who are told the endpoint find it all the same.
+        # Programs that are given the endpoint find it all the same.
         _log.info("the router is not announced to other programs: %s", error)
     try:
         yield
@@ -97,7 +97,7 @@ def routers_here(served: Callable[[tuple[str, int]], bool] = is_served) -> list[
 
 
 class RouterKeeper:
-    """Starts a router where nobody serves one, and again where it has ended.
+    """Starts a router if none serves, and again if it has ended.
 
     Of several processes that do so at once one is first; the others see that the port is in use,
     and are content until it is free. A router ends with the process that has started it.
@@ -110,7 +110,7 @@ class RouterKeeper:
         served: Callable[[tuple[str, int]], bool] = is_served,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`options`: of who needs the router; None: nobody does."""
+        """`options`: of the node that needs the router; None: no node does."""
         self._endpoint = "" if options is None else options.router
         self._address = None if options is None else router_address(options)
         self._served, self._clock = served, clock
@@ -153,7 +153,7 @@ class RouterKeeper:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
-                # Ctrl-C in the terminal is for who needs it, until the very end.
+                # Ctrl-C in the terminal must not end it: its parent needs it to the end.
                 start_new_session=True,
             )
         except OSError as error:

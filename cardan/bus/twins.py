@@ -22,8 +22,8 @@ CLAIM = "@cardan_lv"
 """First part of the tokens that tell since when a node has its name, and on which computer."""
 
 MEET_S = 0.3
-"""How long a node that joins looks for others before it appears: ten times what it takes to meet
-those that are connected to the same router."""
+"""How long a node that joins looks for others before it appears: ten times as long as it takes to
+meet nodes at the same router."""
 
 GONE_S = 1.5e-3 * LEASE_MS
 """Longest wait for a token to vanish: that of a node whose computer is gone does so within the
@@ -49,7 +49,7 @@ class Claim(NamedTuple):
 
     @classmethod
     def parse(cls, key: str) -> Claim | None:
-        """From a key expression; None for what is none."""
+        """From a key expression; None if it is no claim's."""
         parts = key.split("/")
         if len(parts) != 6 or parts[0] != CLAIM or not parts[4].isdecimal() or len(parts[4]) > 20:
             return None

@@ -56,7 +56,7 @@ LONGEST_CALL_S = 3600.0
 
 
 class BusNetwork:
-    """A node that sees the whole graph; what servers stand on.
+    """A node that sees the whole graph; base of the servers.
 
     ::
 
@@ -65,7 +65,7 @@ class BusNetwork:
     """
 
     def __init__(self, options: BusOptions, name: str, deaf: bool = False) -> None:
-        """`deaf`: it does not hear what it and its parts publish."""
+        """`deaf`: it does not hear messages of itself and its parts."""
         self.node = BusNode(options, name)
         self._deaf = deaf
         self.changes = 0
@@ -89,7 +89,7 @@ class BusNetwork:
         self.node.watch_graph(self._watch)
 
     def close(self) -> None:
-        """Leave the bus, and take from it what was not closed. Never raises; twice is fine."""
+        """Leave the bus, and close all that is still open. Never raises; twice is fine."""
         for each in tuple(self._given):
             each.close()
         self._clients.clear()
@@ -129,7 +129,7 @@ class BusNetwork:
             return self._changed.wait_for(lambda: self._graph.servers(service), timeout_s) != []
 
     def watch_service(self, service: str, gone: Callable[[], None]) -> Handle:
-        """Have `gone` called, in any thread, when the last who offers `service` has gone."""
+        """Have `gone` called, in any thread, when the last server of `service` has gone."""
         with self._lock:
             there = bool(self._graph.servers(service))
             watch = _Watch(self._watches, self._lock, service, gone, there)
@@ -201,7 +201,7 @@ class BusNetwork:
             return self._graph.nodes()
 
     def lonely(self) -> bool:
-        """Whether there is no node of another process: then nobody was met."""
+        """True if no node of another process was met."""
         with self._lock:
             return len(self._graph.sessions()) < 2
 
@@ -239,7 +239,7 @@ class BusNetwork:
 
     def advertise(self, topic: str, type_name: str, latched: bool, mark: str = "") -> Publisher:
         """A publisher of `topic`; `mark`: the type's hash, where it is none of the types that
-        Cardan knows and nobody else has it. Raises NetworkError."""
+        Cardan knows and no other node has it. Raises NetworkError."""
         with self._lock:
             others = [*self._graph.publishers(topic), *self._graph.subscribers(topic)]
         entity, key = self._entity(PUBLISHER, topic, type_name, others, latched, mark)
@@ -267,7 +267,7 @@ class BusNetwork:
 
     def _client(self, service: str, type_name: str) -> _Client:
         """The client of a service, which stays on the bus: by its token the server knows whether
-        who asked is still there."""
+        the client is still there."""
         with self._making:
             client = self._clients.get((service, type_name))
             if client is None:

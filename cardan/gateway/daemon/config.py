@@ -67,7 +67,7 @@ class DaemonOptions(Options):
     group_role: Literal["viewer", "operator", "admin"] = "operator"
     """Role of the group's members."""
     event_log: Annotated[str, _EVENT_LOG] = ""
-    """File of what happened, a JSON object a line; empty: events.jsonl in the folder for the user's
+    """Event log, a JSON object a line; empty: events.jsonl in the folder for the user's
     (a service's) state; "none": none."""
     start_limit: Annotated[int, bounds.STARTS] = 8
     """Starts in a row, none of which lasted for a minute, after which a process that fails by

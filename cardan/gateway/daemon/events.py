@@ -38,7 +38,7 @@ class Event(NamedTuple):
     name: str
     """Session, server, or ``daemon``."""
     event: str
-    """``authority``, ``arm``, ``robot``, ``device``, ``trip``, ``message``, or what became of a
+    """``authority``, ``arm``, ``robot``, ``device``, ``trip``, ``message``, or the fate of a
     process: ``started``, ``ended``, ``failed``, ``reload``; ``lost``: how many could not be
     written."""
     what: str
@@ -71,7 +71,7 @@ class SessionWatch:
         self._before: Snapshot | None = None
         self._said = ""
         self.stops = dict.fromkeys(STOP_REASONS, 0)
-        """How often the arm began to brake, by what was wrong."""
+        """How often the arm began to brake, by fault."""
         self.refusals = 0
         """How often a source was refused the authority."""
 

@@ -227,7 +227,7 @@ class RunningServer(Process):
 
 
 class Lines:
-    """Puts what a process writes together to lines, and takes only so many."""
+    """Splits the output of a process into lines, and takes only so many."""
 
     def __init__(self, say: Say, clock: Callable[[], float] = time.monotonic) -> None:
         self._say, self._left, self._clock = say, b"", clock
@@ -249,7 +249,7 @@ class Lines:
                 self._take(line.decode(errors="backslashreplace").rstrip())
 
     def end(self) -> None:
-        """Nothing more comes: take what has no end of a line."""
+        """Nothing more comes: take the last line without its end."""
         self.take(b"\n")
         self._tell_dropped()
 

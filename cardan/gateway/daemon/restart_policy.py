@@ -69,7 +69,7 @@ class Unit:
         self._failures = 0
         self._then_start = False
 
-    # -- what a person asks ----------------------------------------------------------------------
+    # -- requests --------------------------------------------------------------------------------
 
     def start(self, now_s: float) -> None:
         """It is to run from now on."""
@@ -94,7 +94,7 @@ class Unit:
             self.stop(now_s, reason)
         self.start(now_s)
 
-    # -- what becomes of its process -------------------------------------------------------------
+    # -- ends of its process ---------------------------------------------------------------------
 
     @property
     def due_s(self) -> float | None:

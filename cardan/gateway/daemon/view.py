@@ -74,7 +74,7 @@ def table(rows: Iterable[Row], width: int | None = None) -> Text:
 
 
 def why(row: Row) -> str:
-    """Why it does not run or its arm does not move, what waits, and where it serves."""
+    """Why it does not run or its arm does not move, waiting changes, and where it serves."""
     words = [row["reason"] or row.get("why", "")]
     if row.get("changes_wait"):
         waits = ", ".join(row["changes_wait"])

@@ -62,7 +62,8 @@ class AccessControl:
     def check(
         self, caller: ClientInfo, now_s: float, *, public: bool = False
     ) -> Role | AccessDenied:
-        """The role of who may come in; `now_s` is monotonic. `public`: a token is not asked for."""
+        """Return the client's role, or why it is denied; `now_s` is monotonic. `public`: a token is
+        not asked for."""
         hosts, origins = caller.hosts, caller.origins
         if len(hosts) != 1 or (host := _host_name(f"//{hosts[0]}")) is None:
             return AccessDenied(HTTPStatus.BAD_REQUEST, "the request needs one Host header")

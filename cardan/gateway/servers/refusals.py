@@ -45,8 +45,7 @@ class Refusals:
 
     @contextlib.contextmanager
     def telling(self, node: str, told: Refused) -> Iterator[None]:
-        """Have `told` called with what is refused of the client that is this node on the
-        network."""
+        """Have `told` called with refusals of the client that is this node on the network."""
         self._told[node] = told
         self._listen()
         try:

@@ -1,6 +1,6 @@
 """Send queue of one client of a server: control first, the newest sample of a topic wins.
 
-Nothing here sends: `SendQueue.take` hands out what is due. Time is monotonic, in seconds.
+Nothing here sends: `SendQueue.take` returns due frames. Time is monotonic, in seconds.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The web server of a network server: who reaches it, by which name and token, or by TLS.
+"""The web server of a network server: access by address, name and token, or by TLS.
 The options are the same for every such server."""
 
 from __future__ import annotations
@@ -69,26 +69,26 @@ CLOSE_TIMEOUT_S = 1.0
 LOOK_S = 0.1
 """How often a server looks whether it is to end."""
 HANDSHAKE_S = 5.0
-"""Longest time for a client to say who it is, and before that for TLS."""
+"""Longest time for a client's handshake, and before that for TLS."""
 
 BACKLOG = 1024
-"""Connections that the system keeps until this server takes them: who comes then has to try again,
+"""Connections that the system keeps until this server takes them: further clients have to retry,
 which systems do after a whole second."""
 
 ARRIVALS_KEPT = 256
 ARRIVALS_PERIOD_S = 0.01
-"""How many times it is kept in mind what had arrived, and how far they are apart: longer together
-than a client may be backlogged."""
+"""Number of kept samples of the bytes that had arrived, and their spacing: longer together than a
+client may be backlogged."""
 
 MOST_HANDSHAKES = 64
-"""Connections that have not said who they are; one more takes the place of the oldest, so that
+"""Connections without a complete handshake; one more takes the place of the oldest, so that
 quick clients connect even while silent connections are opened."""
 
 SOCKET_PATH = "/ws"
 """Of a server that has pages: where clients connect."""
 
 MOST_DENIALS_SHOWN = 10
-"""Later ones are logged for debugging only, so that nobody can fill a disk."""
+"""Later ones are logged for debugging only, so that no client can fill a disk."""
 
 _CLIENTS = Range(1, 1000, "", "each costs a connection")
 _FRAME_BYTES = Range(1000, 100_000_000, "bytes", "a frame is read before it is refused")
@@ -101,8 +101,8 @@ _library_log.setLevel(logging.CRITICAL)
 
 
 def refuse_former_variable() -> None:
-    """Raise ConfigurationError where a token has the environment variable's former name: left out
-    of account, it would leave open what it was to protect."""
+    """Raise ConfigurationError where a token has the environment variable's former name: ignored,
+    it would leave the server open."""
     if os.environ.get(FORMER_TOKEN_VARIABLE, "").strip():
         raise ConfigurationError(
             FORMER_TOKEN_VARIABLE,
@@ -111,7 +111,7 @@ def refuse_former_variable() -> None:
 
 
 Page = Callable[[str, Headers], Awaitable["Answer | None"]]
-"""`page(path, headers)`: what a page has; None: there is none of this path."""
+"""`page(path, headers)`: a page's content; None: there is none of this path."""
 
 
 class Answer(NamedTuple):
@@ -126,7 +126,7 @@ class Answer(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ListenerOptions(Options):
-    """How clients reach a server, and who may."""
+    """Address and access control of a server."""
 
     makes_certificate: ClassVar[bool] = False
     """Whether the server makes a certificate of its own where it needs one."""
@@ -214,7 +214,7 @@ class ListenerOptions(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class WebOptions(ListenerOptions):
-    """How clients reach the server, and what they may do."""
+    """Address, access control and allow lists of the server."""
 
     topics: tuple[str, ...] = ("*",)
     """Patterns of the topics that clients may use."""
@@ -322,7 +322,7 @@ class ListenerConnection(ServerConnection):
         super().process_event(event)
 
     def note_backlog(self) -> None:
-        """Note what has arrived until now, read or not."""
+        """Note the bytes that have arrived until now, read or not."""
         now_s = self.loop.time()  # Before it looks: this process may stand still in between.
         if self._socket is not None and has_room(self._socket):
             self.arrivals.note(waiting_bytes(self._socket), now_s)
@@ -365,7 +365,7 @@ def serve_until(
     server: WebServer, ready: Callable[[int], None], stop: threading.Event | None
 ) -> None:
     """Serve in a loop of its own until `stop` is set (None: for ever); `ready` is called with the
-    port. Raises what entering the server raises."""
+    port. Raises the errors of entering the server."""
     ended = threading.Event() if stop is None else stop
 
     async def run() -> None:
@@ -378,7 +378,7 @@ def serve_until(
 
 
 class WebSocketListener:
-    """Listens, and lets in who may come in."""
+    """Listens, and serves clients that pass access control."""
 
     def __init__(
         self,
@@ -471,7 +471,7 @@ class WebSocketListener:
         _log.warning("%s is disconnected: %s", peer, BACKLOGGED)
 
     async def _tell(self) -> None:
-        """Tell the daemon of clients, and of what was counted."""
+        """Report clients and counters to the daemon."""
         before: dict[str, int] = {}
         while True:
             round_trip = {stats.ROUND_TRIP: self._round_trip_us()}

@@ -137,7 +137,7 @@ def own_topic(config: SessionConfig, name: str) -> str:
 
 
 def disagreements(sessions: Mapping[str, SessionConfig]) -> list[str]:
-    """Where sessions of one daemon say of their neighbors what these do not say of themselves."""
+    """Bodies that sessions of one daemon declare of their neighbors, and these do not."""
     by_topic = {own_topic(each, "joint_states"): name for name, each in sessions.items()}
     found = []
     for name, config in sessions.items():

@@ -1,7 +1,7 @@
-"""A session's configuration: what a TOML file may say, checked whole.
+"""A session's configuration: the tables of a TOML file, checked as a whole.
 
 The tables are the options of the parts that they set, where a part has options of its own. Every
-error names the key, what is wrong with the value, and what is allowed.
+error names the key, the fault of the value, and the allowed values.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ LONGEST_ACCEPTED_STOP_S = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class LimitsTable(ReferenceLimits):
-    """``[limits]``: what the reference may do, whatever the operator asks."""
+    """``[limits]``: bounds of the reference, whatever the operator asks."""
 
     i_accept_long_stops: bool = False
 
@@ -115,7 +115,8 @@ class NeighborTable(Options):
     acceleration_share: Annotated[float, bounds.SHARE] = ServoOptions.acceleration_share
     """Of its joints' accelerations, as its own session's [arm] has it: how late it stops."""
     ignore: tuple[tuple[str, str], ...] = ()
-    """Pairs that are not kept apart, as they always touch: a body of this arm and one of it."""
+    """Pairs that are not kept apart, because they always touch: a body of this arm and one of
+    it."""
     max_age_s: Annotated[float, bounds.NEIGHBOR_AGE_S] = 0.15
     """While its newest joint states are older, this arm brakes and is not moved."""
 
@@ -297,7 +298,7 @@ class SessionConfig(Options):
 def parse_config(table: Mapping[str, Any], from_file: bool = True) -> SessionConfig:
     """Check a configuration already read; ConfigurationError names the first wrong key.
 
-    Not `from_file`: it comes from another program, with what only programs set.
+    Not `from_file`: it comes from another program, with settings that only programs make.
     """
     return read_table(SessionConfig, table, from_file=from_file)
 

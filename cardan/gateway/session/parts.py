@@ -102,7 +102,7 @@ class Part:
     def __init__(self, whole: Whole) -> None:
         self.whole = whole
         self.cost = LatencyHistogram()
-        """Of what `after` takes, in some of the cycles."""
+        """Times that `after` takes, in some of the cycles."""
 
     def open(self) -> None:
         """Before the robot is opened. Raises DriverError or ConfigurationError."""
@@ -121,7 +121,7 @@ class Part:
 
 
 class Figures(Part):
-    """The arm: what it does, how fast it is answered, how well it follows."""
+    """The arm: its status, the latency of its answers, its following error."""
 
     def __init__(self, whole: Whole) -> None:
         super().__init__(whole)
@@ -238,7 +238,7 @@ class Gripper(Part):
 
 
 class Operator(Part):
-    """The operator device: who has it, its buttons beside motion, the filters behind it."""
+    """The operator device: its holder, its buttons beside motion, the filters behind it."""
 
     def __init__(
         self, whole: Whole, device: OperatorDevice, lease: DeviceLease, begins_with_device: bool
@@ -335,7 +335,7 @@ class Feedback(Part):
         self._feedback = HandFeedback(whole.config.feedback, ())
 
     def open(self) -> None:
-        """Give the operator what the device can show: an open one may be able to do more."""
+        """Set the feedback that the device can show: an open one may be able to do more."""
         channels = self._device.capabilities.feedback
         if channels != self._channels:
             self._channels = channels

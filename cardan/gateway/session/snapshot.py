@@ -106,7 +106,7 @@ class Snapshot:
     haptic_state: str = ""
     """Operating state of the haptic device's force; empty without such a device."""
     haptic_reason: str = ""
-    """Why the force is not what was commanded; empty when it is."""
+    """Why the force differs from the commanded one; empty if it does not."""
     force_n: float = 0.0
     """Force rendered to the hand now."""
     force_commanded_n: float = 0.0

@@ -1,4 +1,4 @@
-"""Runs ``cardan`` commands beside this process: what prints READY once it serves."""
+"""Runs ``cardan`` commands beside this process, each of which prints READY once it serves."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _AT_ONCE = 65536
 """Bytes that are read at once: as many as a pipe holds."""
 
 _LAST_WORDS = 2000
-"""Characters of what it wrote on standard error that are kept."""
+"""Characters of its standard error that are kept."""
 
 
 class Launched:
@@ -44,10 +44,10 @@ class Launched:
         at: Sequence[str] = (),
     ) -> None:
         """Start it in `folder` (None: here), which is removed if this process is killed. It is
-        killed where it does not end within `end_within_s` of being asked to. `at`: what stands
-        before the command and executes it, as nsenter does.
+        killed where it does not end within `end_within_s` of being asked to. `at`: words before the
+        command that execute it, such as nsenter's.
 
-        Raises DriverError where it does not serve in time; what it said is on standard error then.
+        Raises DriverError if it does not serve in time; its output is on standard error then.
         """
         self._ready_within_s, self._end_within_s = ready_within_s, end_within_s
         self.code = 0

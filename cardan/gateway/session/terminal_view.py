@@ -67,7 +67,7 @@ def _messages(snapshot: Snapshot) -> str:
 
 
 def _diagnosis(snapshot: Snapshot) -> list[str]:
-    """The diagnosis, without what the message says already."""
+    """The diagnosis, without parts that the message says already."""
     return [line for line in snapshot.diagnosis if line not in snapshot.message]
 
 

@@ -1,5 +1,5 @@
 """The server's cameras on the bus, with image_transport's names for compressed pictures: read while
-there is a subscriber, newest picture only, at the lowest priority of the bus."""
+there is a subscriber, newest picture only, at lowest priority."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ class Camera:
             reader.start()
 
     def leave(self, news: asyncio.Event) -> None:
-        """Nobody waits there any more; twice is fine."""
+        """Remove a waiting page; twice is fine."""
         self._watchers.discard(news)
         if not self._watchers and self._reader is not None:
             self._reader.ended.set()
@@ -121,7 +121,7 @@ def _put(loop: asyncio.AbstractEventLoop, take: Callable[..., None], *values: ob
 
 
 class _Reader(threading.Thread):
-    """Reads a camera until `ended`. It ends within SILENT_S, and nobody waits for it."""
+    """Reads a camera until `ended`. It ends within SILENT_S, and is not waited for."""
 
     def __init__(self, address: Address, put: Callable[[_Reader, bytes, str, float], None]) -> None:
         super().__init__(name=f"cardan-camera-{address.name}", daemon=True)

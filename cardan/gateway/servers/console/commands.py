@@ -1,6 +1,6 @@
 """Commands of a page for the daemon and the doctor: those of the command line, each in a process of
-its own, so that none can hold up what the page moves. An arm's Stop is none of them: the page calls
-the verb `stop`, as every client of rosbridge does (`bus/arm_server.py`)."""
+its own, so that none can delay the page's motion. An arm's Stop is none of them: the page calls the
+verb `stop`, as every client of rosbridge does (`bus/arm_server.py`)."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ SECONDS: Final = 60
 """How long a demo runs, unless it is ended before."""
 
 LINES: Final = 40
-"""Of what it says, the last ones."""
+"""Lines of its output that are kept, the last ones."""
 
 
 class Demos:
@@ -70,6 +70,6 @@ class Demos:
         await self._running.end()
 
     async def close(self) -> None:
-        """End what runs."""
+        """End the running demo."""
         if self._running is not None:
             await self._running.end()

@@ -107,7 +107,7 @@ class ArmJog:
         self._task: asyncio.Task[None] | None = None
 
     def open(self) -> None:
-        """Begin to stream what is wished for."""
+        """Begin to stream the newest command."""
         self._task = self._loop.create_task(self._run())
 
     def begin(self) -> None:
@@ -127,7 +127,7 @@ class ArmJog:
             self._something.set()
 
     async def close(self) -> None:
-        """Bring what moves by it to rest, and give up the authority."""
+        """Bring its motion to rest, and give up the authority."""
         task, self._task = self._task, None
         if task is None:
             return
@@ -164,7 +164,7 @@ class ArmJog:
             await self._ask("set_parameters", {Parameter.STREAM: float(Stream.NONE)})
             self._verb = ""
             if self._wish is not None or not self._held:
-                return ""  # The hand has let go meanwhile, or wants something else.
+                return ""  # The control was released meanwhile, or the command has changed.
         if wish.moves and self._loop.time() - wish.made_s > FRESH_S:
             self.stale += 1
             return ""

@@ -41,7 +41,7 @@ MOST_SHOWN: Final = 8
 """Records that are shown at a time: each takes a process."""
 
 MOST_LINE: Final = 9 * 2**20
-"""Longest line of what is shown, with its head."""
+"""Longest line of a shown record, with its head."""
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}\.mcap")
 
@@ -168,7 +168,7 @@ class Records:
         await self.close()
 
     async def close(self) -> None:
-        """End what is being made."""
+        """End the present recording."""
         recorder, following = self._recorder, self._following
         if recorder is not None and following is not None:
             await recorder.end()

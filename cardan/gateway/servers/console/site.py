@@ -1,5 +1,5 @@
-"""The files of the page, as tools/console has built them, meshes of arms, and what a browser is
-told with each."""
+"""The files of the page, as tools/console has built them, meshes of arms, and the headers of
+each."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ FOR_EVER: Final = ("Cache-Control", "private, max-age=31536000, immutable")
 """A mesh of another content has another key."""
 
 _KEY: Final = re.compile(r"[0-9a-f]{64}")
-"""No path: nothing but what a session of this user has kept is found by it."""
+"""No path: only meshes kept by this user's sessions are found by it."""
 
 ENCODINGS: Final = (("br", ".br"), ("gzip", ".gz"))
 """By preference. Browsers offer br by TLS and on their own computer."""
