@@ -119,7 +119,7 @@ class CommandedArm(ABC):
     @property
     @abstractmethod
     def settled(self) -> bool:
-        """True when what is left of the motion can be stopped within one period."""
+        """True if the rest of the motion can be stopped within one period."""
 
     @abstractmethod
     def obstacle(self, state: RobotState, new: bool) -> str:
@@ -143,7 +143,8 @@ class CommandedArm(ABC):
 
     @abstractmethod
     def leap(self, before: RobotState, state: RobotState, time_s: float) -> str:
-        """Message about what moved farther in `time_s` than an arm can; empty when nothing did."""
+        """Message about a part that moved farther in `time_s` than an arm can; empty if none
+        did."""
 
     @abstractmethod
     def place(

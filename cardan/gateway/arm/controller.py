@@ -70,7 +70,7 @@ COASTS_S = 0.5
 """Longest time for which a robot goes on at the speed it was commanded last."""
 
 HELD_SHARE = 0.5
-"""Share of the asked speed below which the message says what holds the arm."""
+"""Share of the requested speed below which the message names the limit."""
 
 
 RequestRecorder = Callable[[int, str, str], None]
@@ -122,7 +122,7 @@ class ArmController:
         self.listener: Listener | None = None
         """Source that begins activities, beside the operator device."""
         self.recorder: RequestRecorder | None = None
-        """Records what the ticks depend on beside their arguments."""
+        """Records inputs of the ticks beside their arguments."""
         self.ticks = 0
         """Counts the ticks that have begun."""
         self._noting = 0
@@ -152,7 +152,7 @@ class ArmController:
         """Stops that sources asked for, and which did last."""
         self._filter_fault = ""
 
-    # -- what it is doing ------------------------------------------------------------------------
+    # -- state -----------------------------------------------------------------------------------
 
     @property
     def phase(self) -> Phase:
@@ -312,8 +312,7 @@ class ArmController:
     # -- requests --------------------------------------------------------------------------------
 
     def note(self, what: str, argument: str = "") -> None:
-        """Tell the recorder, where there is one, of a request that changes what the next ticks
-        do."""
+        """Tell the recorder, if there is one, of a request that changes the next ticks."""
         if self.recorder is not None and self._noting != threading.get_ident():
             self.recorder(self.ticks, what, argument)
 
@@ -329,7 +328,7 @@ class ArmController:
             self._noting = outer
 
     def inhibit(self, reason: str, kind: Inhibit) -> None:
-        """Interrupt what moves the arm, or keep sources from moving it, as `kind` says."""
+        """Interrupt the arm's motion, or keep sources from moving it, as `kind` says."""
         with self.lock:
             before, self._inhibits = self._inhibits, inhibits_after(self._inhibits, reason, kind)
             if kind is not Inhibit.WHILE_SAID or self._inhibits != before:
@@ -512,7 +511,7 @@ class ArmController:
         reference.observe(self.commanded.measured(robot))
         return reference
 
-    # -- what is wrong ---------------------------------------------------------------------------
+    # -- faults ----------------------------------------------------------------------------------
 
     def _act_on(self, finding: StopReason, robot: RobotState) -> None:
         """The one place where a finding about the robot has consequences."""
@@ -575,7 +574,7 @@ class ArmController:
     ) -> RobotCommand:
         """No robot to command: the source that was moving it has to engage again.
 
-        A controller that is still heard may still obey: then what moves is braked in a ramp.
+        A controller that is still heard may still obey: then the motion is braked in a ramp.
         """
         cause, reason = finding
         if cause is Cause.LOST:
@@ -668,7 +667,7 @@ class ArmController:
             self.hand.disarm()
 
     def _end_activity(self, reason: str) -> None:
-        """Brake what moves, and give its source the reason."""
+        """Brake the motion, and give its source the reason."""
         self.brake()
         if self.listener is not None:
             self.listener.invalidate(reason)
@@ -724,7 +723,7 @@ class ArmController:
             self._do(act, request.fault or request.filter_fault, robot.stamp_s)
         self._filter_fault = request.filter_fault
         if recovering and request.pressed and self.state.arming.armed and not request.asks:
-            # A regrip goes on from where the command is; what is left of the way is left.
+            # A regrip goes on from the command's place; the rest of the way is dropped.
             self._on(Event.LEFT)
             self._end_activity("it was ended by a button")
         elif recovering and request.pressed and not self.state.arming.armed:
@@ -754,7 +753,7 @@ class ArmController:
         return self.inhibited or robot.alarm or self._filter_fault or self.authority.refuses(HAND)
 
     def _take_over(self, now_s: float) -> None:
-        """The operator device takes the arm; what moved before is braked first."""
+        """The operator device takes the arm; a motion under way is braked first."""
         self._trip_reason, self._recovered_way = "", NO_WAY
         self.authority.take(HAND, now_s)
         self.plan_epoch += 1

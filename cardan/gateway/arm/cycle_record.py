@@ -58,7 +58,7 @@ class CycleRecord(NamedTuple):
 
 
 def _plain(value: Any) -> Any:
-    """Of what JSON does not have: names of an enumeration, and sets."""
+    """Encode types that JSON does not have: names of an enumeration, and sets."""
     if isinstance(value, enum.Enum):
         return value.value
     if isinstance(value, (frozenset, set)):

@@ -40,7 +40,7 @@ class CartesianArm(Openable):
         self, verb: str, value: Any = None, *, source: str = "", sequence: int | None = None
     ) -> Any:
         """Have `verb` carried out by the arm's :class:`VerbServer`, for `source` or our own; raises
-        what it raises."""
+        its errors."""
 
     # -- requests --------------------------------------------------------------------------------
 
@@ -56,7 +56,7 @@ class CartesianArm(Openable):
         return positions
 
     def rehearse_line(self, xd: Target) -> Rehearsal:
-        """Look at the straight line from here to the pose `xd`, without moving: what stops it."""
+        """Rehearse the straight line from here to the pose `xd`, without moving."""
         found: Rehearsal = self._ask("rehearse_line", xd)
         return found
 

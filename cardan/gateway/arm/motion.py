@@ -1,4 +1,4 @@
-"""Motions that verbs start, and what the verbs return."""
+"""Motions that verbs start, and the verbs' results."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Outcome(enum.Enum):
     """State of a motion."""
 
     WAITING = "waiting"
-    """Accepted; what moved before is still coming to rest."""
+    """Accepted; the motion before is still coming to rest."""
     RUNNING = "running"
     DONE = "done"
     REFUSED = "refused"
@@ -78,7 +78,7 @@ class Stat(NamedTuple):
     twist: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """How it is commanded to move: m/s and rad/s, base axes."""
     heard: bool = True
-    """Whether the robot is; else what is measured is old."""
+    """Whether the robot is; otherwise measurements are old."""
 
 
 class ControllerStatus(NamedTuple):

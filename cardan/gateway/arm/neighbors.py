@@ -1,4 +1,4 @@
-"""Another arm beside this one that moves by itself: its bodies, and what is known of its state.
+"""Another arm beside this one that moves by itself: its bodies, and its known state.
 
 No I/O: time comes in as an argument. Monotonic time of this computer in s, times since the epoch,
 which messages have in their stamps, in ns.
@@ -54,9 +54,9 @@ class NeighborBodies:
         *,
         one_robot: bool = False,
     ) -> None:
-        """`base`: the neighbor's base in this arm's. `acceleration_share`: of its joints'
-        accelerations what it may use. `one_robot`: they are arms of one robot, and what does not
-        move with the neighbor's joints is this arm's already.
+        """`base`: the neighbor's base in this arm's. `acceleration_share`: share of its joints'
+        accelerations that it may use. `one_robot`: they are arms of one robot, and bodies that do
+        not move with the neighbor's joints are this arm's already.
         """
         self.name, self.model = name, model
         self._kinematics = arm = ArmKinematics(model)
@@ -247,7 +247,7 @@ class NeighborWatch:
         return self._order[1]
 
     def fault(self, now_s: float) -> str:
-        """Why this arm must not be moved, and what to do; empty while the neighbor is known."""
+        """Why this arm must not be moved, with advice; empty while the neighbor is known."""
         age_s = self.age_s(now_s)
         if age_s <= self._max_age_s:
             if now_s - self._second_s > self._max_age_s:

@@ -1,4 +1,4 @@
-"""The parameters of the interface: keys, names, units, defaults, and what is accepted."""
+"""The parameters of the interface: keys, names, units, defaults, and accepted values."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ _BY_NAME = {rule.name: rule for rule in RULES}
 def find_rule(key: Key) -> ParameterRule:
     """The parameter with this code (integer or its characters) or name.
 
-    Raises ConfigurationError that lists what there is.
+    Raises ConfigurationError that lists all parameters.
     """
     if isinstance(key, str) and key in _BY_NAME:
         return _BY_NAME[key]

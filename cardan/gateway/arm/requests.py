@@ -121,7 +121,7 @@ _FRAMES = {"twist": tuple(Frame), "wrench": (Frame.BASE, Frame.TOOL)}
 
 
 def encode_request(request: Request) -> bytes:
-    """As one packet. Raises what the verb raises for an argument that it does not take."""
+    """As one packet. Raises the verb's error for an argument that it does not take."""
     takes = VERB_TABLE[request.verb].takes
     checked_source(request.verb, request.source)
     table: dict[str, Any] = {"id": request.id, "source": request.source, "verb": request.verb}
@@ -309,7 +309,7 @@ def _error(table: Mapping[str, Any]) -> CardanError:
     return error
 
 
-# -- what replies carry ---------------------------------------------------------------------------
+# -- content of replies ---------------------------------------------------------------------------
 
 
 def result_of(verb: str, result: Any) -> Any:

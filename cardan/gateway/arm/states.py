@@ -1,15 +1,14 @@
 """State machines of an arm, each an enum and one function that returns the next state.
 
 That of the operator device, its dead-man and clutch is :mod:`cardan.gateway.operator.deadman`. The
-machines are independent: each looks at its own state, at what happened (an :class:`Event`), and at
-a few :class:`Facts`. The controller asks them and does what follows from the answer; it assigns
-states in one place, `ArmController._enter`. The data of a state (reasons, the activity that moves
-the arm, limits, counters) is the controller's.
+machines are independent: each reads its own state, an :class:`Event`, and a few :class:`Facts`. The
+controller asks them and acts on the answer; it assigns states in one place, `ArmController._enter`.
+Data of a state (reasons, the arm's activity, limits, counters) is the controller's.
 
 Properties that are read in every cycle are attributes of the member: a look-up of another member
 takes longer than the rest of the comparison.
 
-Read a function downwards: the first case that fits counts, and what is not named changes nothing.
+Read a function downwards: the first case that fits counts, and other events change nothing.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ class Link(enum.Enum):
     ABSENT = "absent"
     """It is silent, or would not act on commands; all motion is forgotten."""
     BRAKING_BLIND = "braking blind"
-    """It is heard and not ready, and may still obey: what moved is braked in a ramp."""
+    """It is heard and not ready, and may still obey: a motion is braked in a ramp."""
     READY = "ready"
     """It acts on commands."""
 
@@ -38,7 +37,7 @@ class Link(enum.Enum):
 
 
 class Readings(enum.Enum):
-    """Whether what the robot measures is believed."""
+    """Whether the robot's measurements are plausible."""
 
     ACCEPTED = "accepted"
     """They are."""
@@ -73,7 +72,7 @@ class Motion(enum.Enum):
 
 
 class Separation(enum.Enum):
-    """Whether command and robot are apart, and what becomes of it."""
+    """Whether command and robot are apart, and the recovery from it."""
 
     NONE = "none"
     """They are not."""
@@ -91,7 +90,7 @@ class Separation(enum.Enum):
 
 
 class Inhibit(enum.Enum):
-    """How something outside of the arm interrupts what moves it. The value is its name in
+    """Kinds of interruption from outside of the arm. The value is its name in
     records."""
 
     FOR_GOOD = "request_stop"
@@ -100,7 +99,7 @@ class Inhibit(enum.Enum):
     """From the next tick on no source may move the arm, until the reason is said to be ""."""
     ONCE = "trip"
     """The next tick disengages the source that moves the arm, as the watchdogs do; without effect
-    where none does by then. The first reason counts."""
+    if none does by then. The first reason counts."""
     MOTION_IGNORED = "suspend"
     """The operator's motion is ignored in the next tick; after it, teleoperation goes on."""
 

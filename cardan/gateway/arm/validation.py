@@ -62,7 +62,7 @@ def _finite_numbers(verb: str, values: Any, many: str) -> tuple[float, ...]:
 
 
 def six_numbers(verb: str, values: Sequence[float]) -> Six:
-    """`values` as six finite floats. Raises MotionRefusedError that says what is wrong."""
+    """`values` as six finite floats. Raises MotionRefusedError that names the fault."""
     numbers = _finite_numbers(verb, values, "six numbers")
     if len(numbers) != 6:
         raise MotionRefusedError(f"{verb} takes six numbers, not {len(numbers)}")

@@ -1,4 +1,4 @@
-"""The verbs of the Cartesian interface in one table: what each takes and answers, and how it acts.
+"""The verbs of the Cartesian interface in one table: the argument, result and effect of each.
 
 The packets of :mod:`cardan.gateway.arm.requests`,
 :class:`~cardan.gateway.arm.verb_server.VerbServer`, the worker of a session, ROS 2 and the command

@@ -1,7 +1,7 @@
 """The verbs of the Cartesian interface: each checks, works out and starts a motion of the arm.
 
-Verbs may be called from any thread: what takes long (inverse kinematics, dry runs) is worked out
-beside the loop, which only ever holds the controller's lock for a moment.
+Verbs may be called from any thread: slow work (inverse kinematics, dry runs) is done beside the
+loop, which only ever holds the controller's lock for a moment.
 """
 
 from __future__ import annotations
@@ -214,7 +214,7 @@ class ArmVerbs:
             gripper=gripper,
         )
 
-    # -- what it is doing ------------------------------------------------------------------------
+    # -- state -----------------------------------------------------------------------------------
 
     @property
     def state(self) -> State:
@@ -278,7 +278,7 @@ class ArmVerbs:
         positions, velocities = activity.desired()
         return positions.tolist(), velocities.tolist(), activity.point
 
-    # -- what becomes of motions -----------------------------------------------------------------
+    # -- ends of motions -------------------------------------------------------------------------
 
     def invalidate(self, reason: str) -> None:
         """End all motions under way or planned (called by the controller)."""
@@ -325,8 +325,8 @@ class ArmVerbs:
             return tuple(self.planner.inverse("inv", target, start).tolist())
 
     def rehearse_line(self, xd: Target) -> Rehearsal:
-        """Look at the straight line from here to the pose `xd` in the base, without moving: what
-        stops it, and how long it takes."""
+        """Rehearse the straight line from here to the pose `xd` in the base, without moving: its
+        obstacle, if any, and its duration."""
         verb = "rehearse_line"
         target = checked_pose(verb, xd)
         return self._rehearse(verb, lambda q: self.plans.line(target, q, False, verb))
@@ -390,7 +390,7 @@ class ArmVerbs:
         """Follow joint positions over time that another program planned, such as MoveIt.
 
         It has to begin where the arm is, at rest, but for whole turns of continuous joints, which
-        are added to all of it, and is slowed as a whole to what the arm may do;
+        are added to all of it, and is slowed as a whole to the arm's limits;
         all of its way has to be free, as in movj.
         """
         return self._launch("trajectory", True, lambda q: self.plans.trajectory(wanted, q), source)
@@ -562,7 +562,7 @@ class ArmVerbs:
     def set_parameter(self, key: prm.Key, value: prm.Value, *, source: str = VERBS) -> None:
         """Set a parameter by its code or name. Refused while a motion is under way.
 
-        Raises ConfigurationError for what is not accepted, MotionRefusedError for the moment.
+        Raises ConfigurationError for an invalid value, MotionRefusedError at a wrong moment.
         """
         self.set_parameters({key: value}, source=source)
 
@@ -613,7 +613,7 @@ class ArmVerbs:
         stamp_s: float | None = None,
         begins: Begins | None = None,
     ) -> str:
-        """Do what the streamed command `verb` (one with a preset) asks for now; "" or why not.
+        """Carry out the streamed command `verb` (one with a preset) now; "" or why not.
 
         `owner` is the streaming source; `sequence` or `stamp_s` (sender's clock), where given, have
         to grow. `begins`: whether, where nothing moves the arm and no streaming command is chosen,
@@ -696,8 +696,8 @@ class ArmVerbs:
                 if self.controller.idle:
                     self._begin(motion, plan)
                 else:
-                    # It was worked out from where the arm was, to refuse early what is wrong;
-                    # it starts from where the arm comes to rest.
+                    # It was planned from where the arm was, to refuse early; it starts from where
+                    # the arm comes to rest.
                     self._end_stream(f"{verb} took over")
                     self._end_motion(Outcome.ABORTED, f"{verb} took over")
                     self.controller.brake()
@@ -733,7 +733,7 @@ class ArmVerbs:
             motion.outcome, motion.reason = Outcome.ABORTED, reason
             self._pending = None
 
-    # -- what has to be so -----------------------------------------------------------------------
+    # -- conditions ------------------------------------------------------------------------------
 
     def _counted(self) -> _Counted:
         return _Counted(self)
@@ -774,7 +774,7 @@ class ArmVerbs:
             return np.array(robot.joints)
 
     def _check_measured(self, verb: str, robot: RobotState) -> None:
-        """Before the first command: the robot rests, and is what its model says."""
+        """Before the first command: the robot rests, and agrees with its model."""
         misfit = self.commanded.obstacle(robot, True)
         if misfit:
             raise MotionRefusedError(f"{verb}: {misfit}")

@@ -93,7 +93,7 @@ class ProfileCode(enum.IntEnum):
 
 
 class PolicyCode(enum.IntEnum):
-    """Values of the parameter cppo: what is given up where the arm cannot follow."""
+    """Values of the parameter cppo: the policy where the arm cannot follow."""
 
     PATH = vocab("path")
     REACH = vocab("rech")

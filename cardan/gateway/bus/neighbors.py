@@ -44,7 +44,7 @@ class ArmNeighbors:
             watch.topic = subscription.entity.name  # A relative one is the session's.
 
     def hear(self, now_s: float, now_ns: int) -> None:
-        """Take what has come."""
+        """Take messages that have arrived."""
         for watch, subscription in zip(self._watches, self._subscriptions, strict=True):
             for _ in range(MESSAGES_AT_ONCE):
                 received = subscription.poll()

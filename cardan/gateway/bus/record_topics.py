@@ -88,7 +88,7 @@ class _RawTap:
             self.dropped += 1
 
     def publish(self, now_ns: int) -> None:
-        """Publish what has come, from the loop's thread."""
+        """Publish captured packets, from the loop's thread."""
         packets = self._packets
         for _ in range(min(len(packets), AT_ONCE)):
             packet = packets.popleft()
@@ -103,7 +103,7 @@ class _RawTap:
 
 
 class _ControllerLog:
-    """Publishes what goes into each cycle of the loop, and what comes out of it."""
+    """Publishes the inputs and outputs of each cycle of the loop."""
 
     def __init__(self, node: BusNode, controller: ArmController) -> None:
         self._controller = controller
@@ -188,7 +188,7 @@ class SessionTaps:
         return sum(each.dropped for each in self._raw)
 
     def cycle(self, cycle: Cycle, now_s: float) -> None:
-        """Publish what belongs to a cycle, after its answer has left."""
+        """Publish the record of a cycle, after its answer has left."""
         if now_s >= self._look_s:
             self._look_s = now_s + LOOK_PERIOD_S
             self._log.look(now_s)
@@ -208,7 +208,7 @@ class SessionTaps:
 
 
 def _described(tables: Mapping[str, Any]) -> dict[str, Any]:
-    """The configuration, and what results may depend on beside it."""
+    """The configuration, and further data that results may depend on."""
     versions = {"cardan": __version__, "python": platform.python_version()}
     for name in _PACKAGES:
         try:

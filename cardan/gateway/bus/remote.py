@@ -140,7 +140,7 @@ class RemoteCartesianDevice(RemotePacketArm):
         return f"there is no arm {self._arm} on the bus that takes commands; there are: {arms}"
 
     def close(self) -> None:
-        """Give up the authority, which brakes what moves by it to rest, and leave the bus. Never
+        """Give up the authority, which brakes its motion to rest, and leave the bus. Never
         raises; twice is fine."""
         if not self._handles:
             return

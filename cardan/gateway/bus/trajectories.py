@@ -127,7 +127,7 @@ def _tolerances(
     goal: Message, name: str, joints: Sequence[str], default: _DefaultT
 ) -> list[float | _DefaultT] | None:
     """By joint; 0: any distance, which a message says by a number below 0. Its 0 is the `default`,
-    as is what is not named."""
+    as is the value of a joint that is not named."""
     if goal[f"component_{name}"]:
         raise TrajectoryError(INVALID_GOAL, f"component_{name}: there are no such joints")
     if not goal[name]:

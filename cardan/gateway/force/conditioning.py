@@ -45,7 +45,7 @@ class Conditioning(Options):
 
 
 class Tare:
-    """The mean of what a sensor reads at rest."""
+    """The mean of a sensor's readings at rest."""
 
     def __init__(self, wanted: bool = True) -> None:
         self.value = ZERO3

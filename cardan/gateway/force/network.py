@@ -97,5 +97,5 @@ class NetworkSource(ForceSource):
         return Reading(newest.stamp_s, force, Frame.BASE)
 
     def diagnosis(self) -> tuple[str, ...]:
-        """Why there is no force, and what was refused or dropped."""
+        """Why there is no force; refusals and drops."""
         return (*super().diagnosis(), *self.feedback.diagnosis())

@@ -1,4 +1,4 @@
-"""Passivity of a force that comes from far away, whatever the delay, its jitter, and what is lost.
+"""Passivity of a force from far away, for any delay, jitter and loss.
 
 A two-port after Ryu, Artigas and Preusche (A passive bilateral control scheme for a teleoperator
 with time-varying communication delay, 2010): either end observes the energy at its own port, only
@@ -52,7 +52,7 @@ def share_left(silent_s: float, round_s: float) -> float:
 
 
 class FarPort:
-    """The arm's end: what the surroundings have absorbed of the hand's motion, as it arrives."""
+    """The arm's end: energy of the hand's motion that the surroundings absorbed, as it arrives."""
 
     def __init__(self) -> None:
         self.absorbed_j = 0.0
@@ -65,7 +65,7 @@ class FarPort:
         self.absorbed_j, self._place = 0.0, None
 
     def rest(self) -> None:
-        """There is no force: what moves does no work until the next step."""
+        """There is no force: motion does no work until the next step."""
         self._place = None
 
     def step(self, place: Vector3, force: Vector3) -> float:
@@ -83,7 +83,7 @@ class HandPort:
     def __init__(self, budget_j: float = BUDGET_J) -> None:
         self._budget_j = budget_j
         self.put_in_j = 0.0
-        """Net energy that the hand has put in, by what was let out; SURPLUS_J at most."""
+        """Net energy that the hand has put in against the rendered force; SURPLUS_J at most."""
         self._most_in_j = self._most_absorbed_j = 0.0
         """The most that `put_in_j` was, and that the surroundings had absorbed."""
         self._place: Vector3 | None = None
@@ -91,10 +91,10 @@ class HandPort:
         self._moved = ZERO3
         self._now_s = math.nan
         self.share = 0.0
-        """Of all that is felt, what is let out now: it fades, and comes back slowly."""
+        """Share of the force that is rendered now: it fades, and comes back slowly."""
 
     def rest(self) -> None:
-        """The device lets no force out: what the hand has moved since the last step is no work."""
+        """The device renders no force: the hand's motion since the last step is no work."""
         self._force = ZERO3
 
     def step(
@@ -111,7 +111,7 @@ class HandPort:
             self._moved = subtract(place, before)
             put_in_j = -dot(self._force, self._moved)
             if not 0.0 < dt_s <= LONGEST_STEP_S:
-                # Nobody knows for how long the device has let the force out.
+                # It is unknown for how long the device has rendered the force.
                 put_in_j = min(put_in_j, 0.0)
             self.put_in_j = min(self.put_in_j + put_in_j, SURPLUS_J)
         if before is None or not 0.0 < dt_s <= LONGEST_STEP_S:

@@ -87,7 +87,7 @@ class ForceRenderer:
         world: WorldMap | None,
         at_rest: bool,
     ) -> str:
-        """Render what this cycle of the robot brings.
+        """Render the force of this cycle of the robot.
 
         `world` is None while clutched out; `at_rest`: nothing is commanded to move. Returns why
         teleoperation must be disengaged; empty while it need not.

@@ -67,7 +67,7 @@ class ForceSource(Openable):
     reason = ""
 
     def open(self) -> None:
-        """Open what the force comes through. Raises DriverError."""
+        """Open the channel of the force. Raises DriverError."""
         return
 
     def close(self) -> None:
@@ -155,7 +155,7 @@ class _Instrument(ForceSource):
         return reading
 
     def diagnosis(self) -> tuple[str, ...]:
-        """Why there is no force, and what was rejected."""
+        """Why there is no force; rejections."""
         return (*super().diagnosis(), *self._sieve.diagnosis())
 
 

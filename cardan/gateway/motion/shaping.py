@@ -91,10 +91,10 @@ class JerkLimitedVector:
     """A velocity of 1 to 3 components that follows a target, |a| and |jerk| bounded.
 
     Each tick takes the largest acceleration towards the target from which it can still be reached
-    without passing it: a straight change is time-optimal to within a tick, does not overshoot,
-    and ends exactly at the target. Only where the target comes nearer than the acceleration
-    already gained can be taken back is it passed, and never `speed`: what the acceleration still
-    adds stays inside it.
+    without passing it: a straight change is time-optimal to within a tick, does not overshoot, and
+    ends exactly at the target. Only where the target comes nearer than the acceleration already
+    gained can be taken back is it passed, and never `speed`: the rest of the acceleration's effect
+    stays inside it.
     """
 
     def __init__(self, dimensions: int, speed: float, acceleration: float, jerk: float) -> None:
@@ -256,8 +256,8 @@ class _Chaser:
     def advance(self, d: Vector3, dt: float, resting_s: float) -> Vector3:
         """The way of this tick.
 
-        `d` is what separates the point from its target now, `resting_s` how long the target has
-        been resting.
+        `d` is the distance vector from the point to its target now, `resting_s` how long the target
+        has been resting.
         """
         if resting_s == 0.0:
             self._stopping = False

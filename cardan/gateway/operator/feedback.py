@@ -1,7 +1,7 @@
 """Feedback to the operator through the device's light and its motor.
 
-Rumble is what devices without force feedback have: Łukawski, Victores and Balaguer 2023 name it
-for the Wiimote. Strength 0..1; the driver renders it as its motor can.
+Rumble is for devices without force feedback: Łukawski, Victores and Balaguer 2023 name it for the
+Wiimote. Strength 0..1; the driver renders it as its motor can.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ RumbleSource = Literal["trip", "limit", "max_lead", "force", "network"]
 
 @dataclass(frozen=True, kw_only=True)
 class FeedbackOptions(Options):
-    """``[feedback]``: what the operator device shows and renders."""
+    """``[feedback]``: light and rumble of the operator device."""
 
     led: bool = True
     """The device's light is on while teleoperation is engaged."""
@@ -58,14 +58,14 @@ class ArmFeedback(NamedTuple):
     trips: int
     """How often it was disengaged by a watchdog or fault."""
     limited: bool
-    """Whether the operator asks for what the workspace or the arm cannot do."""
+    """Whether the operator asks for a motion beyond the workspace or the arm."""
     lead_used: float
     asked: float = 0.0
     """Level requested from the network, 0..1."""
 
 
 class HandFeedback:
-    """Decides what to send; `channels` are those the device has."""
+    """Decides on feedback; `channels` are those the device has."""
 
     def __init__(self, options: FeedbackOptions, channels: Collection[str]) -> None:
         self._sources = options.rumble if "rumble" in channels else ()

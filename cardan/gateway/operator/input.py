@@ -3,7 +3,7 @@
 The rule of arming is here: going on after an interruption takes a deliberate act, which is the
 device at rest and, where one is configured, the dead-man button released and pressed anew, or a
 press of the button that toggles the clutch. Where the hand's pose is followed, deflections mean
-nothing and need not be at rest. The controller decides what the robot does about a request.
+nothing and need not be at rest. The controller decides on requests.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class MotionRequest(NamedTuple):
     """Request of an operator in one control tick."""
 
     arming: Arming
-    """Whether this device drives the arm, after what the operator did in this tick, and moves or
+    """Whether this device drives the arm, after the operator's acts in this tick, and moves or
     claims it, or would if it were free."""
     engages: bool
     """Whether the deliberate act was made in this tick and is accepted."""

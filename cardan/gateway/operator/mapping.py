@@ -1,4 +1,4 @@
-"""Maps the axes, the pose and the buttons of a device to what the operator asks of the robot.
+"""Maps the axes, the pose and the buttons of a device to the operator's request.
 
 Pure values in and out: no clock, no hardware. The mappings are those of Łukawski, Victores and
 Balaguer 2023, Table 1: rate control in the base frame (SpaceNavigator), which is the default, rate

@@ -21,7 +21,7 @@ class Policy(enum.Enum):
     PATH = "path"
     """Hold the line: slow along it, and wait where it cannot be continued."""
     REACH = "reach"
-    """Keep the pace: go around what is in the way and leave the line."""
+    """Keep the pace: go around obstacles and leave the line."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 SLOWED = 0.9
-"""Share of the asked speed below which the status says what slows the arm."""
+"""Share of the requested speed below which the status names the limit."""
 
 SINGULAR = 0.03
 """Smallest singular value below which a slow arm is called singular."""
@@ -60,7 +60,7 @@ class ServoStatus(NamedTuple):
 
     @property
     def singular(self) -> bool:
-        """Whether the arm is so close to a singularity that it may be what slows it."""
+        """Whether the arm is so close to a singularity that this may slow it."""
         return self.smallest_singular_value < SINGULAR
 
     @property
@@ -80,7 +80,7 @@ class ServoStatus(NamedTuple):
 
     @property
     def unreachable(self) -> bool:
-        """Whether part of what is commanded is a motion that the arm has no joints for."""
+        """Whether the command has a part for which the arm has no joints."""
         return self.unreachable_m_s > UNREACHABLE_M_S or self.unreachable_rad_s > UNREACHABLE_RAD_S
 
     def limits(self) -> list[str]:

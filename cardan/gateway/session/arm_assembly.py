@@ -137,7 +137,8 @@ def own_topic(config: SessionConfig, name: str) -> str:
 
 
 def disagreements(sessions: Mapping[str, SessionConfig]) -> list[str]:
-    """Bodies that sessions of one daemon declare of their neighbors, and these do not."""
+    """Settings of one daemon's sessions for their neighbors that differ from these sessions'
+    own."""
     by_topic = {own_topic(each, "joint_states"): name for name, each in sessions.items()}
     found = []
     for name, config in sessions.items():

@@ -54,7 +54,7 @@ class Activity(ABC):
     in_one_step = False
     """Whether a long period must not be divided for it."""
     outlives_silence = False
-    """Whether silence of the source only releases what it drives, and does not end the activity."""
+    """Whether silence of the source only stops its motion, and does not end the activity."""
 
     @property
     def yields(self) -> bool:
