@@ -59,7 +59,7 @@ LEASE_MS = 2000
 keeps the authority that it does not renew. Zenoh sends one four times in it."""
 
 CLIENT_CONNECT_MS = 5000
-"""How long a client waits for its router, without which it cannot begin: one that is started at the
+"""How long a client waits for its router, without which it cannot begin: a router started at the
 same time takes two seconds on a small computer."""
 
 RETRY_MS = 200, 2000

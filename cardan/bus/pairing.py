@@ -272,7 +272,7 @@ def _folder(name: str, replace: bool) -> Path:
 @contextlib.contextmanager
 def _kept(folder: Path, side: str, settings: dict[str, object], *pems: bytes) -> Iterator[None]:
     """Write Zenoh's configuration, authority, certificate and key beside `folder`, and put them
-    there, all at once, where what is inside succeeds. Raises OSError."""
+    there, all at once, if the block inside succeeds. Raises OSError."""
     names = ("authority.pem", "certificate.pem", "key.pem", CONFIG)
     keys = ("root_ca_certificate", f"{side}_certificate", f"{side}_private_key")
     tls = {key: str(folder / name) for key, name in zip(keys, names, strict=False)}

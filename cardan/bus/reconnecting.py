@@ -1,10 +1,10 @@
 """Connects a Zenoh session again to peers whose connection to it broke.
 
-Zenoh reconnects only to configured endpoints: the router. Two peers that the router told of
+Zenoh reconnects only to configured endpoints: the router. Two peers that the router introduced to
 each other stay apart when the connection between them breaks; nothing is logged, and the router
 passes no messages between them. A third peer tells them of each other again, so one comes for a
-moment. It does not help if a peer sends gossip to routers only (scouting/gossip/target), as
-in the configuration that rmw_zenoh comes with.
+moment. It does not help if a peer sends gossip to routers only (scouting/gossip/target), as in the
+configuration that rmw_zenoh comes with.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from cardan.errors import ConfigurationError
 from cardan.protocols.ros2.zenoh import LIVELINESS, NODE, Entity
 
 LOOK_S = 0.2, 2.0
-"""First and longest pause before the router is asked for a lost peer: of one that ended, it knows
-by then."""
+"""First and longest pause before the router is asked for a lost peer: by then it knows whether that
+ended."""
 
 MEET_S = 0.5
 """How long the third peer stays: they meet in 20 ms on loopback."""
@@ -38,9 +38,8 @@ _log = logging.getLogger(__name__)
 
 
 class Reconnector:
-    """Watches the connections of one session. Without a router it does nothing: a peer that
-    connects to an endpoint retries by itself, and a router that comes back tells its peers of each
-    other."""
+    """Watches the connections of a session. Without a router it does nothing: a peer retries its
+    endpoint by itself, and a router that comes back introduces its peers to each other."""
 
     def __init__(self, zenoh: Any, session: Any, config: Callable[[], Any]) -> None:
         """`config`: makes the configuration of another session on the same bus."""

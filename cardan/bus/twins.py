@@ -19,15 +19,15 @@ from cardan.errors import ConfigurationError
 from cardan.protocols.ros2.zenoh import Entity, mangled, node_pattern
 
 CLAIM = "@cardan_lv"
-"""First part of the tokens that tell since when a node has its name, and on which computer."""
+"""First part of the tokens with the time since when a node has its name, and its computer."""
 
 MEET_S = 0.3
 """How long a node that joins looks for others before it appears: ten times as long as it takes to
 meet nodes at the same router."""
 
 GONE_S = 1.5e-3 * LEASE_MS
-"""Longest wait for a token to vanish: that of a node whose computer is gone does so within the
-lease, and of one that has crashed, at once."""
+"""Longest wait for a token to vanish: of a node whose computer is gone within the lease, of a
+crashed node at once."""
 
 _LOOK_S = 0.02
 
@@ -106,8 +106,8 @@ class Twins:
             sleep(_LOOK_S)
 
     def others(self) -> dict[str, Claim | None]:
-        """Those that are there now, by the id of their Zenoh session; None: it does not tell since
-        when. Never blocks."""
+        """Those that are there now, by the id of their Zenoh session; None: its start is unknown.
+        Never blocks."""
         _take(self._nodes, self._zids, lambda key: getattr(Entity.parse(key), "zid", None))
         _take(self._claims, self._claimed, Claim.parse)
         claims = {each.zid: each for each in self._claimed.values()}

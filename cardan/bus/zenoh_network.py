@@ -377,8 +377,8 @@ class _Declared:
 
 
 class _Watch:
-    """Listeners that are told when a service's last server has gone. By the graph, and not by a
-    subscription of its own: one that is declared while a token appears may miss it."""
+    """Listener for the departure of a service's last server. By the graph, and not by a
+    subscription of its own, which may miss a token that appears while it is declared."""
 
     def __init__(
         self,

@@ -29,7 +29,7 @@ BACKLOGGED_S = 1.0
 handled: it is disconnected."""
 
 BACKLOGGED = f"what you send has waited here for more than {STALE_S:g} s: send less often"
-"""The reason that a client is told, of 123 bytes at most, as WebSocket has it."""
+"""The reason for the client, of 123 bytes at most, the limit of WebSocket."""
 
 
 def is_stale(name: str, waited_s: float) -> bool:
@@ -69,11 +69,11 @@ class Backlog:
 
 
 SENDERS = 64
-"""Senders whose delays are kept; the one that was silent longest goes first."""
+"""Senders whose delays are kept; the longest silent one is dropped first."""
 
 REMEMBERED_S = 30.0
 """How long the smallest delay of a sender that goes on counts, at least; twice this at most. Two
-clocks that differ by 100 ppm part by 6 ms meanwhile, and one that was set is believed again."""
+clocks that differ by 100 ppm part by 6 ms meanwhile, and a clock that was set is trusted again."""
 
 FORGOTTEN_S = 3600.0
 """After so long a silence nothing is known of a sender's clock any more."""

@@ -143,8 +143,7 @@ class CommandedArm(ABC):
 
     @abstractmethod
     def leap(self, before: RobotState, state: RobotState, time_s: float) -> str:
-        """Message about a part that moved farther in `time_s` than an arm can; empty if none
-        did."""
+        """Message about a motion in `time_s` that is farther than an arm can; empty if none."""
 
     @abstractmethod
     def place(

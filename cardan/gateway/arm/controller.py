@@ -117,8 +117,8 @@ class ArmController:
         self.robot: RobotState | None = None
         """The newest state."""
         self.plan_epoch = 0
-        """Counts events that void plans: loss of the robot, trips, stops, the operator's
-        takeover."""
+        """Counts events that void plans: loss of the robot, trips, stops, takeovers by the
+        operator."""
         self.listener: Listener | None = None
         """Source that begins activities, beside the operator device."""
         self.recorder: RequestRecorder | None = None
@@ -318,7 +318,7 @@ class ArmController:
 
     @contextlib.contextmanager
     def recorded_request(self, what: str, argument: str) -> Iterator[None]:
-        """Tell the recorder of a request made inside, as a whole: of no other that it consists of.
+        """Record a request made inside as a whole: no other that it consists of.
         The caller holds the lock."""
         self.note(what, argument)
         outer, self._noting = self._noting, threading.get_ident()
@@ -470,7 +470,7 @@ class ArmController:
             return self._command(robot, dt_s)
 
     def _heed_inhibits(self) -> bool:
-        """Trip what is inhibited now; those for one tick are over. Returns whether the operator's
+        """Trip by the inhibits of now; those for one tick are over. Returns whether the operator's
         motion is ignored in this tick."""
         inhibits = self._inhibits
         reason = inhibits.get(Inhibit.ONCE) or inhibits.get(Inhibit.WHILE_SAID)

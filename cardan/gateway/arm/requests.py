@@ -272,7 +272,7 @@ def is_answer(packet: bytes) -> bool:
 
 def decode_answer(packet: bytes) -> Reply | MotionNote | None:
     """A reply or a motion's note; None for any other packet, such as a snapshot. Raises PacketError
-    for one that is broken."""
+    for a broken packet."""
     if not is_answer(packet):
         return None
     table = _unpacked(packet)

@@ -33,7 +33,7 @@ or range; no joint for the commanded motion; the edge of the workspace; a robot 
 behind as it may be."""
 
 TAUT_SHARE: Final = 0.9
-"""Share of the maximum lead above which the robot counts as one that does not follow."""
+"""Share of the maximum lead above which the robot counts as not following."""
 
 
 class ArmStatus(NamedTuple):

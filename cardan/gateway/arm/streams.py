@@ -72,8 +72,7 @@ class Streams:
         self._controller, self._commanded, self._plans = controller, commanded, plans
         self._link: _Link | None = None
         self._delays = Delays()
-        """Kept when a stream is chosen again: a command that waited in a queue is no measure of its
-        delay."""
+        """Kept when a stream is chosen again: a queued command is no measure of its delay."""
         self._ended = ""
         self._heard_s = NEVER_S
         """When the newest command came, the robot's time."""

@@ -23,8 +23,7 @@ from cardan.types import NEVER_S, RobotLink, RobotState
 
 LONGEST_STEP_PERIODS = 2.5
 """Periods of the robot by which one tick advances at most. A datagram that is lost, or two that
-come at once, are made up for, because the robot itself went on meanwhile; time beyond that is
-lost."""
+come at once, are made up for: the robot itself went on meanwhile; time beyond that is lost."""
 
 JOINT_ERROR = bounds.Range(
     0.0,

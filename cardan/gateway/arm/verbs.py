@@ -451,7 +451,8 @@ class ArmVerbs:
             self.controller.drop()
 
     def act(self, code: Action | int | str, *, source: str = VERBS) -> None:
-        """Tell the gripper to close, open or stop; for this, too, `source` needs the authority."""
+        """Command the gripper to close, open or stop; for this, too, `source` needs the
+        authority."""
         with self._counted():
             action = checked_action(code)
             if self._gripper is None:

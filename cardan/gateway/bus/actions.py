@@ -1,4 +1,4 @@
-"""Motions of an arm as ROS 2 actions: goals that tell how far they are, and that can be canceled.
+"""Motions of an arm as ROS 2 actions: goals that report their progress, and can be canceled.
 
 A goal that can be read is accepted at once, and another one rejected; a refusal by the arm ends it
 as aborted, with the reason in its result, because a rejected goal could not carry one. A later
@@ -293,7 +293,7 @@ class _CancelClient:
         return Request(action.next_id(), "", "stop")
 
     def done(self, request: Request, result: Any) -> None:
-        """The goal tells of its end."""
+        """The goal reports its end."""
 
     def refused(self, number: int | None, error: CardanError) -> None:
         """A malformed request was answered already."""

@@ -119,8 +119,7 @@ class ArmServer:
         full: Callable[[], bool] = lambda: False,
     ) -> None:
         """`node` is open. `source`: the first word of all of them in the arm's authority, `owner`:
-        the source that has it now. `full`: whether arriving packets should stay where they are for
-        now."""
+        the source that has it now. `full`: whether packets should stay where they are for now."""
         self._full = full
         self.now_s = NEVER_S
         """Time of the newest poll."""
@@ -206,9 +205,8 @@ class ArmServer:
             self._pass_on()
 
     def _pass_on_before_stops(self) -> None:
-        """Pass on packets that are there with a stop, because their order is unknown, so that the
-        stop ends their motions; but not those that the stop's sender sent after it, by its own
-        clock."""
+        """Pass on packets that are there with a stop, whose order is unknown, so that the stop ends
+        their motions; but not those that its sender sent after it, by its own clock."""
         stops, self._arrived = self._arrived, []
         self._collect((*self._inputs, *self._rare_inputs))
         self._take_tokens()
@@ -315,9 +313,8 @@ class ArmServer:
         raise PacketError(str(why), request.id) from why
 
     def _client(self, packet: Received | ServiceRequest) -> Presence | None:
-        """Of a message its publisher, of a request the node of its client, because programs make
-        clients for one call; of a publisher that old releases of rmw_zenoh name at random its
-        session."""
+        """Of a message its publisher, of a request its client's node: programs make clients for one
+        call; of a publisher that old releases of rmw_zenoh name at random its session."""
         liveliness, attachment = self._liveliness, packet.attachment
         if isinstance(packet, Received):
             known = None if attachment is None else liveliness.endpoint(attachment.gid)
@@ -401,7 +398,7 @@ class _PacketClient:
         self._waiting: dict[int, tuple[ServiceRequest, int, str]] = {}
         """The requests that wait for their answer, and the ids and sources that they have."""
         self._untold: deque[MotionNote] = deque(maxlen=ENDS_KEPT)
-        """Ends of motions that no reply has told yet: what is published may be later than a reply
+        """Ends of motions that are in no reply yet: a publication may arrive later than a reply
         that was sent after it."""
 
     def decode(self, packet: ServiceRequest) -> Request:
@@ -474,7 +471,7 @@ class _Sender:
 
 PUBLISHED_S = 0.05
 """A stamp that is this near to the time at which its message was published on the bus was made
-then, as by a server for a client that gave none: it does not tell for how long the client kept the
+then, as by a server for a client that gave none: it does not show for how long the client kept the
 message."""
 
 NO_STAMP = "its stamp is zero: it counts as sent when it came"
@@ -484,7 +481,7 @@ class _TopicClient:
     """A topic as a client of the worker: its answers are messages on the result topic.
 
     Of a stream, whose commands come many times a second, only the first answer after a silence and
-    changes are told.
+    changes are published.
     """
 
     def __init__(self, server: ArmServer, command: TopicCommand) -> None:
@@ -500,7 +497,7 @@ class _TopicClient:
         self._nobody = _Sender()
 
     def decode(self, packet: Received) -> Request | None:
-        """The request in a message; None for one that came twice. Raises PacketError."""
+        """The request in a message; None for a repeated one. Raises PacketError."""
         server, command = self._server, self._command
         attachment, waited_s = packet.attachment, 0.0
         if attachment is None:
@@ -566,8 +563,7 @@ class _TopicClient:
         self, source: Source, request: Request, attachment: Attachment | None
     ) -> None:
         """Raise PacketError for a packet that may have waited until its sender was connected:
-        libraries keep messages published meanwhile. A sender's own stamp tells, which the arm
-        judges."""
+        libraries keep such messages. A sender's own stamp shows it, which the arm judges."""
         connected_s = source.connected_s(self._server.now_s)
         if connected_s >= PROVEN_S:
             return

@@ -64,8 +64,8 @@ class TopicCommand(NamedTuple):
     always: bool = False
     """Whether it is carried out though it came twice, or after a newer one."""
     apart_s: float = 0.0
-    """For how long its publisher must have sent none before it: of a deliberate act, which one that
-    repeats it all the time does not do."""
+    """For how long its publisher must have sent none before it: of a deliberate act, which a
+    publisher that repeats it all the time does not do."""
 
 
 class Instant(NamedTuple):
@@ -145,8 +145,7 @@ def wrench_of(message: Mapping[str, Any]) -> list[float]:
 
 
 def joint_speeds(names: Sequence[str]) -> Callable[[Message], list[float]]:
-    """Return the map from a sensor_msgs/JointState to the speeds of the joints `names`, in
-    order."""
+    """Return a function: sensor_msgs/JointState to speeds of the joints `names`, in this order."""
 
     def speeds(message: Message) -> list[float]:
         given, velocities = message["name"], message["velocity"]

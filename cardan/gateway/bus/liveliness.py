@@ -47,7 +47,7 @@ class Identity(NamedTuple):
     presence: Presence | None
     """None if its end could not be seen."""
     mark: str
-    """Tells it from others of the same name."""
+    """Distinguishes it from others of the same name."""
 
 
 class _Token(NamedTuple):

@@ -1,5 +1,5 @@
-"""The neighbors of a session's arm: hears their joint states, and tells the controller where their
-bodies are. All methods are for the loop's thread."""
+"""The neighbors of a session's arm: subscribes to their joint states, and sets their bodies in the
+controller. All methods are for the loop's thread."""
 
 from __future__ import annotations
 

@@ -34,14 +34,14 @@ UNNAMED_KEPT = 256
 ago is forgotten first."""
 
 SOURCES_KEPT = 64
-"""Programs that are known at a time; the one that was silent longest goes first."""
+"""Programs that are known at a time; the longest silent one is dropped first."""
 
 _PER_PROCESS = re.compile(r"(/_ros2cli|/rqt_gui_(?:py|cpp)_node)_\d+$")
 """Names of nodes that ROS 2's own tools end with their process's id: the same command that is
 given again is the same source."""
 
 TELLING_DIGITS = 8
-"""Of the mark that tells a source from another one of the same name."""
+"""Of the mark that distinguishes sources of the same name."""
 
 LONGEST_WORDS = LONGEST_NAME - TELLING_DIGITS - 2
 """Characters of a source's name without its mark."""
@@ -57,7 +57,7 @@ class Source:
         self.heard_s = NEVER_S
         """When its newest command came."""
         self._publisher: Hashable = None
-        """Of its publishers the one that streams."""
+        """Its streaming publisher."""
         self._streamed_s = self._may_begin_s = NEVER_S
         self._rests = False
 
@@ -90,7 +90,7 @@ class Source:
         self._rests, self._may_begin_s = True, now_s + BEGINS_S
 
     def may_begin(self, now_s: float) -> bool:
-        """Whether its stream has just begun: one that was stopped does not go on by itself."""
+        """Whether its stream has just begun: a stopped stream does not go on by itself."""
         return now_s <= self._may_begin_s
 
     def spend(self) -> None:

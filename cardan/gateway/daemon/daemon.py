@@ -100,7 +100,7 @@ ReloadOutcome = Sequence[Change] | CardanError
 
 
 class Daemon:
-    """Runs all that a layout says until it is told to end."""
+    """Runs the services of a layout until a request to end."""
 
     def __init__(self, layout: Layout, read: Callable[[], Layout]) -> None:
         """`read` reads the layout anew, in a thread of its own, in which it must not hold up the
@@ -149,7 +149,7 @@ class Daemon:
             kept.unit.start(time.monotonic())
 
     def _share(self) -> None:
-        """Find which sessions share devices, by their present configurations; a holder keeps its
+        """Find which sessions share devices, by present configurations; a holder keeps its
         device."""
         before, self._shared = self._shared, {}
         entries = {}
@@ -265,7 +265,7 @@ class Daemon:
         return ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
 
     def _all_answer(self, now_s: float) -> bool:
-        """Whether every session that has begun has told of itself lately."""
+        """Whether every session that has begun has reported lately."""
         running = (kept.process for kept in self._kept.values())
         return all(
             now_s <= process.due_s for process in running if isinstance(process, RunningSession)
@@ -592,7 +592,7 @@ class Daemon:
             raise ControlError(f"{kept.name} takes no requests: {words}", ask.id) from None
 
     def _answered(self, name: str, packet: bytes) -> None:
-        """A session has answered, or tells of a motion."""
+        """A session has answered, or reports a motion."""
         table = json.loads(packet)
         if "motion" in table:
             note = table["motion"]
@@ -700,8 +700,7 @@ class Daemon:
                     )
 
     def _changes(self, layout: Layout) -> Iterator[Change]:
-        """Yield changes of the sessions; running ones are compared by their present
-        configuration."""
+        """Yield changes of sessions; running ones are compared by their present configuration."""
         for name in self.layout.sessions.keys() - layout.sessions.keys():
             kept = self._kept[name]
             assert isinstance(kept, SessionService)
@@ -770,7 +769,7 @@ def _remove(kept: Kept) -> None:
 
 
 class _Watcher:
-    """A client that is told all rows again and again."""
+    """A client that gets all rows again and again."""
 
     def __init__(self, connection: Connection, ask: Ask, period_s: float) -> None:
         self.connection, self.ask, self.period_s = connection, ask, period_s

@@ -120,7 +120,7 @@ class EventLog:
         self.lost = 0
         """Events that could not be written: the disk is full, or the folder is gone."""
         self._unsaid = 0
-        """Those of them that the file does not tell of yet."""
+        """Those of them that are not in the file yet."""
         self._why = ""
         try:
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -3,8 +3,8 @@
 A two-port after Ryu, Artigas and Preusche (A passive bilateral control scheme for a teleoperator
 with time-varying communication delay, 2010): either end observes the energy at its own port, only
 sums travel, and so the newest that has arrived is right whatever was lost, overtaken or came twice.
-Late news is cautious news. The arm's end (`FarPort`) tells the net energy that the surroundings
-have absorbed; the hand's end (`HandPort`) lets no force out that would return more than they have
+Late news is cautious news. The arm's end (`FarPort`) sends the net energy that the surroundings
+have absorbed; the hand's end (`HandPort`) renders no force that would return more than they have
 given back by then, or in all more than the hand put in.
 
 Two things differ from the paper. The arm's motion is not held back where the hand has not paid for

@@ -66,7 +66,7 @@ class Closest(NamedTuple):
     """Negative: they overlap by so much."""
     names: tuple[str, str]
     grown_m: float = 0.0
-    """How much farther apart than others the pair is kept, for bodies that move by themselves."""
+    """Extra distance that the pair is kept apart, for bodies that move by themselves."""
 
 
 class CollisionModel:
@@ -133,8 +133,7 @@ class CollisionModel:
         self.with_obstacle = np.array([b >= fixed_to_base or a >= fixed_to_base for a, b in pairs])
         """True for pairs of which one is an obstacle, False within the arm."""
         self.grown_m: list[float] = [0.0] * len(pairs)
-        """How much farther apart than others each pair is kept, for bodies that move by themselves,
-        m."""
+        """Extra distance that each pair is kept apart, for bodies that move by themselves, m."""
         self._masks = masks
         self.sweeps = sweeps
         """How much nearer each pair can come per motion of each joint, at most; pairs × n."""
@@ -195,8 +194,8 @@ class CollisionModel:
         return list(map(_MIN_DISTANCE, self._results))
 
     def closest(self) -> Closest:
-        """The nearest pair of the last `update`, by its distance less the extra one that is kept to
-        bodies that others move."""
+        """The nearest pair of the last `update`, by its distance less the extra one kept to bodies
+        that others move."""
         if not self.distances:
             return Closest(math.inf, ("", ""))
         left = list(map(operator.sub, self.distances, self.grown_m))

@@ -25,7 +25,7 @@ _CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 
 
 class StandStill:
-    """Tells that the process stood still. All but `standing` is for one thread."""
+    """Reports pauses of the process. All but `standing` is for one thread."""
 
     def __init__(self, tell: Callable[[float], None]) -> None:
         """`tell` is called with the time, in s, that it stood still for."""

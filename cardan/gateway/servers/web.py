@@ -282,8 +282,8 @@ CLOCK_SET_BACK_NS = 10**9
 
 
 class ListenerConnection(ServerConnection):
-    """A client's connection: it tells how long its frames waited, is ended where they wait for too
-    long, and nothing of it is read any more once it is cut off."""
+    """A client's connection: it measures how long its frames waited, is ended if they wait for too
+    long, and is not read any more once it is cut off."""
 
     _cut_off = False
     _ending: asyncio.Task[None] | None = None
@@ -598,7 +598,7 @@ class WebSocketListener:
 def _watched(
     arrived: Callable[[ServerConnection], None], left: Callable[[ServerConnection], None]
 ) -> type[ListenerConnection]:
-    """Connections that tell when they arrive and leave."""
+    """Connections that report when they arrive and leave."""
 
     class Watched(ListenerConnection):
         def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -613,7 +613,7 @@ def _watched(
 
 
 def _split(path: str) -> SplitResult:
-    """Path and query of a request; of one that is no address, none."""
+    """Path and query of a request; none of an invalid address."""
     try:
         return urlsplit(path)
     except ValueError:

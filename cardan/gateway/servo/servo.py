@@ -1,5 +1,4 @@
-"""The control tick: from the wanted pose of the TCP to the motion of every joint in the next
-period.
+"""The control tick: from the goal of the TCP to the motion of every joint in the next period.
 
 Unknowns are the joint velocities v and the path speed s. Each tick solves
 
@@ -438,8 +437,7 @@ class Servo:
         self._lowest[n] = pace if self.policy is Policy.REACH else 0.0
 
     def _project(self, jacobian: FloatArray) -> None:
-        """Drop directions that an arm with few joints does not have from the request, and keep its
-        size."""
+        """Drop directions that an arm with few joints lacks from the request, and keep its size."""
         weighed = jacobian * self._column_weights
         normal = weighed.T.dot(weighed)
         normal[np.diag_indices(self.joints)] += FREE_DIRECTION

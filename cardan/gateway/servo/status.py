@@ -14,7 +14,7 @@ UNBENT = "the arm is singular there ({:.3f}): move its joints to a bent posture 
 """Advice for a motion that does not go on, by the smallest singular value."""
 
 UNREACHABLE_M_S, UNREACHABLE_RAD_S = 1e-3, 1e-2
-"""Smallest part of the commanded motion that counts as one that the arm cannot do."""
+"""Smallest part of the commanded motion that counts as unreachable."""
 
 NEARER_M = 5e-3
 """Least reported approach of a body that moves by itself. A body at rest may come as far within a

@@ -137,8 +137,7 @@ def own_topic(config: SessionConfig, name: str) -> str:
 
 
 def disagreements(sessions: Mapping[str, SessionConfig]) -> list[str]:
-    """Settings of one daemon's sessions for their neighbors that differ from these sessions'
-    own."""
+    """Settings of a daemon's sessions for their neighbors that differ from the neighbors' own."""
     by_topic = {own_topic(each, "joint_states"): name for name, each in sessions.items()}
     found = []
     for name, config in sessions.items():

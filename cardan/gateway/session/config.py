@@ -115,8 +115,7 @@ class NeighborTable(Options):
     acceleration_share: Annotated[float, bounds.SHARE] = ServoOptions.acceleration_share
     """Of its joints' accelerations, as its own session's [arm] has it: how late it stops."""
     ignore: tuple[tuple[str, str], ...] = ()
-    """Pairs that are not kept apart, because they always touch: a body of this arm and one of
-    it."""
+    """Pairs that always touch and are not kept apart: a body of this arm and one of it."""
     max_age_s: Annotated[float, bounds.NEIGHBOR_AGE_S] = 0.15
     """While its newest joint states are older, this arm brakes and is not moved."""
 

@@ -309,7 +309,7 @@ class Operator(Part):
                 s.diagnosis.append(f"the filter {each.name} failed: {reason(error)}")
 
     def _look_at_buttons(self) -> None:
-        """Have the operator told of configured buttons that the device, open by now, has not."""
+        """Report configured buttons that the device, open by now, does not have."""
         known = self._device.capabilities.buttons
         if known == self._known_buttons:
             return

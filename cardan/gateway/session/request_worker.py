@@ -76,7 +76,7 @@ class Requester(Protocol):
         """The request with this id, or a malformed one, was refused."""
 
     def ended(self, note: MotionNote) -> None:
-        """A motion that `done` told of has ended."""
+        """A motion that `done` reported has ended."""
 
 
 class ChannelClient:

@@ -474,7 +474,7 @@ class Operator:
         self._tell_authority(table, self.source, _name(table, "owner"), "")
 
     def _keep_authority(self, table: Mapping[str, Any], _identity: str | int | None) -> None:
-        """Tell a source that has asked that it does not get it."""
+        """Refuse the authority to a source that requested it."""
         self._tell_authority(table, _name(table, "source"), self.source, KEPT)
 
     def _tell_authority(

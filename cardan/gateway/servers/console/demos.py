@@ -20,7 +20,7 @@ LINES: Final = 40
 
 
 class Demos:
-    """All demos of this installation, and the one that runs."""
+    """All demos of this installation, and the running one."""
 
     def __init__(self, listing: Sequence[str] = COMMAND, running: Sequence[str] = CARDAN) -> None:
         self._listing, self._command = listing, running
@@ -64,7 +64,7 @@ class Demos:
             raise OrderError(f"the demo cannot be started: {error}") from None
 
     async def stop(self) -> None:
-        """End the one that runs. Raises OrderError."""
+        """End the running demo. Raises OrderError."""
         if self._running is None or self._running.code is not None:
             raise OrderError("no demo runs")
         await self._running.end()

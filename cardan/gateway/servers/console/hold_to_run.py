@@ -1,7 +1,7 @@
 """Hold-to-run of a page: whether its operator may move something now.
 
 Only frames that say so keep a hold: it ends with the first one that does not, and when none comes.
-After any other end than a release, the control has to be released before it counts again. Times are
+After an end without a release, the control has to be released before it counts again. Times are
 monotonic, s.
 """
 

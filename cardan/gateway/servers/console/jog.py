@@ -101,7 +101,7 @@ class ArmJog:
         self._begun = False
         """Whether the arm has taken a command of this hold."""
         self._verb = ""
-        """The verb of the newest one that the arm has taken."""
+        """The verb of the newest command that the arm has taken."""
         self._stamp_s = NEVER_S
         self._ids = itertools.count(1)
         self._task: asyncio.Task[None] | None = None

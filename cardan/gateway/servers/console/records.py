@@ -55,7 +55,7 @@ class RecordsError(Exception):
 
 
 class Records:
-    """The records of a folder, and the one that is being made."""
+    """The records of a folder, and the present recording."""
 
     def __init__(
         self, folder: Path, bus_words: Sequence[str], recorder: Sequence[str] = RECORDER
