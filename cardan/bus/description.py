@@ -22,8 +22,8 @@ TOPIC: Final = "/robot_description"
 TYPE: Final = "std_msgs/msg/String"
 
 ARRIVES_WITHIN_S: Final = 5.0
-"""How long the text of a publisher that was met is waited for: one that is latched comes at once,
-and who sends anew does so about once a second."""
+"""Longest wait for the text of a known publisher: a latched text comes at once, and other
+publishers send theirs about once a second."""
 
 OTHERS_WITHIN_S: Final = 1.0
 """How long after the first text others are listened for: peers that learn of each other from a
@@ -57,7 +57,7 @@ def topic_of(name: str) -> str:
 def describe(topic: str, options: BusOptions) -> Description:
     """The text that is published as `topic`.
 
-    Raises ConfigurationError where nobody publishes one in time, or several that differ;
+    Raises ConfigurationError if no node publishes one in time, or several that differ;
     ExtraMissingError, DriverError.
     """
     heard: Inbox[bytes] = Inbox(TEXTS_KEPT)

@@ -1,4 +1,4 @@
-"""Looks around on the bus: who is there, and what to do where nobody is."""
+"""Discovery of the nodes on the bus, and remedies if there are none."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ second, and a session opens its arm's model in two."""
 
 
 class Discovery(NamedTuple):
-    """What there is on the bus, besides the node that looks."""
+    """Nodes, topics and services on the bus, besides the node that searches."""
 
     nodes: Sequence[str]
     topics: Mapping[str, Topic]
@@ -36,8 +36,8 @@ class Discovery(NamedTuple):
 
 
 def reachable(options: BusOptions) -> BusOptions:
-    """How to meet who has these options, from a process beside: by the same router, or where there
-    is none at the endpoint that it listens at."""
+    """Return options by which another process reaches a node with these options: by the same
+    router, or without one at the endpoint where that listens."""
     router = options.router
     if not router:
         fixed = (each for each in options.listen if not each.endswith(":0"))
@@ -76,8 +76,8 @@ def discover(options: BusOptions) -> Discovery:
 
 
 def published(network: BusNetwork, name: str, key: str, remedy: str = "") -> Topic:
-    """The topic, once somebody publishes it. Raises ConfigurationError, of the setting `key`, where
-    nobody does in time; `remedy`: what else is to be done then."""
+    """Return the topic, once a node publishes it. Raises ConfigurationError, of the setting `key`,
+    if none does in time; `remedy`: further advice for the message."""
     options = network.node.options
     if not network.wait_for_publisher(name, APPEARS_WITHIN_S):
         others = [each for each in routers_here() if each != options.router]
@@ -100,7 +100,7 @@ def met_by(options: BusOptions) -> str:
 
 
 def remedies(options: BusOptions, found: Discovery) -> list[str]:
-    """What to do where nobody was met, in sentences; empty where somebody was."""
+    """Advice if no node was found, in sentences; empty if one was."""
     if found.nodes:
         return []
     if found.routers and options.mode == "peer":
@@ -138,7 +138,7 @@ def remedies(options: BusOptions, found: Discovery) -> list[str]:
 
 
 def unseen(found: Discovery) -> str:
-    """What else there may be, in a sentence; empty: nothing."""
+    """Describe what discovery cannot see, in a sentence; empty if nothing."""
     if not any(name == f"/{SERVER_NODE}" for name in found.nodes):
         return ""
     return (

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 
 class Topic(NamedTuple):
-    """A topic that somebody publishes or subscribes to."""
+    """A topic with a publisher or subscriber."""
 
     type: str
     """In full: "geometry_msgs/msg/PoseStamped"."""
@@ -19,7 +19,7 @@ class Topic(NamedTuple):
 
 
 class Service(NamedTuple):
-    """A service that somebody offers."""
+    """A service that a node offers."""
 
     type: str
     """In full: "std_srvs/srv/Trigger"."""
@@ -28,7 +28,7 @@ class Service(NamedTuple):
 
 
 class NetworkError(Exception):
-    """The network cannot do what was asked; the text says why."""
+    """The network cannot carry out a request; the text says why."""
 
 
 class Failure(NamedTuple):
@@ -50,8 +50,8 @@ class Publisher(Handle, Protocol):
     def publish(self, cdr: bytes, sent_ns: int = 0) -> None:
         """Publish a message: plain CDR with its encapsulation, of exact length.
 
-        `sent_ns`: when who it comes from had sent it, ns since the epoch, so that its reader sees
-        how long it was on its way; 0: now. DDS always says now."""
+        `sent_ns`: when its original sender sent it, ns since the epoch, so that its reader sees how
+        long it was on its way; 0: now. DDS always says now."""
 
 
 Heard = Callable[[bytes, int], None]
@@ -61,14 +61,14 @@ Answered = Callable[["bytes | Failure"], None]
 """The reply to a call: CDR with its encapsulation."""
 
 Asked = Callable[[bytes, Answered], None]
-"""A request to an offered service, and what is called with its reply, once."""
+"""A request to an offered service, and the callback for its reply, called once."""
 
 
 class Network(Protocol):
-    """The ROS graph, and what is done on it.
+    """The ROS graph, and operations on it.
 
-    All is called from one thread, and does not block. What is given to be called back may be
-    called from any thread. Names are absolute, types in full.
+    Methods are called from one thread, and do not block. Callbacks may be called from any thread.
+    Names are absolute, types in full.
     """
 
     def topics(self) -> Mapping[str, Topic]:
@@ -102,9 +102,8 @@ class Network(Protocol):
         """Offer a service; `asked` is called with each request. Raises NetworkError."""
 
     def part(self, name: str) -> Network:
-        """The same network as a node of its own, for one client of a server: what the client has on
-        the network vanishes with it, and a motion without end that it asked for ends. Raises
-        DriverError."""
+        """The same network as a node of its own, for one client of a server: the client's endpoints
+        vanish with it, and a motion without end that it requested ends. Raises DriverError."""
 
     def close(self) -> None:
-        """Leave the network, and take from it what was not closed. Never raises; twice is fine."""
+        """Leave the network, and close all that is still open. Never raises; twice is fine."""

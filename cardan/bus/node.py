@@ -1,7 +1,7 @@
 """A ROS 2 node on the Zenoh bus, as rmw_zenoh makes one: publishers, subscriptions, services.
 
-Nothing here calls back into Python. What arrives waits in bounded channels of Zenoh's own threads
-until it is polled, so that a loop decides when it has time for it.
+Nothing here calls back into Python. Messages wait in bounded channels of Zenoh's own threads until
+they are polled, so that a loop decides when it has time for them.
 """
 
 from __future__ import annotations
@@ -51,15 +51,15 @@ REQUESTS_KEPT = 32
 """Requests to a service that wait for their turn; of more, the oldest are not answered."""
 
 TOKENS_KEPT = 16_384
-"""Tokens that wait for their turn: more than all nodes of a large robot have, as one that is lost
-would leave somebody on the bus who is gone."""
+"""Tokens that wait for their turn: more than all nodes of a large robot have, because a lost token
+would keep a node on the bus that has left."""
 
 LEASE_MS = 2000
 """How long others wait for a sign of life of ours before they take us for gone: as long as a source
 keeps the authority that it does not renew. Zenoh sends one four times in it."""
 
 CLIENT_CONNECT_MS = 5000
-"""How long a client waits for its router, without which it cannot begin: one that is started at the
+"""How long a client waits for its router, without which it cannot begin: a router started at the
 same time takes two seconds on a small computer."""
 
 RETRY_MS = 200, 2000
@@ -73,8 +73,8 @@ TX_BATCHES = 16
 still for 40 ms loses messages of a session that is recorded."""
 
 SEND_BYTES = 32_768
-"""Of a link's buffer in the kernel, which doubles it: what is in it goes before any command. As the
-kernel sizes it, 2 MB and more of pictures are ahead of an answer, 8 s at 2 Mbit/s."""
+"""Of a link's buffer in the kernel, which doubles it: its content goes before any command. With the
+kernel's own size, 2 MB and more of pictures are ahead of an answer, 8 s at 2 Mbit/s."""
 
 _log = logging.getLogger(__name__)
 
@@ -85,7 +85,7 @@ _NETWORK = "the network"
 
 
 class Urgency(Enum):
-    """What goes first where a link is full; by the names of Zenoh's priorities."""
+    """Priority on a full link; by the names of Zenoh's priorities."""
 
     COMMAND = "INTERACTIVE_HIGH"
     """Also calls of services, whose answers have it, too."""
@@ -108,7 +108,7 @@ class Received(NamedTuple):
     """Key expression; its last two parts are the type and the type hash that the sender has."""
     attachment: Attachment | None
     stamp: Any = None
-    """Zenoh's timestamp, None where nobody gave it one."""
+    """Zenoh's timestamp, None if it has none."""
 
     @property
     def zid(self) -> str:
@@ -153,7 +153,7 @@ class Publisher:
         self.put_as(self._sequence, data, now_ns)
 
     def put_as(self, sequence: int, data: bytes | bytearray, now_ns: int) -> None:
-        """The same with a number of the caller's, as a network has it that loses, repeats or
+        """The same with a number of the caller's, for a simulated network that loses, repeats or
         exchanges messages."""
         attachment = self._attachment
         ATTACHMENT.pack_into(attachment, 0, sequence, now_ns, _GID_BYTES, self._gid)
@@ -162,7 +162,7 @@ class Publisher:
 
     @property
     def heard(self) -> bool:
-        """Whether somebody subscribes; always true of a latched topic."""
+        """True if there is a subscriber; always true of a latched topic."""
         status = getattr(self._publisher, "matching_status", None)
         return status is None or bool(status.matching)
 
@@ -280,7 +280,7 @@ class ServiceRequest:
         self.attachment = None if attachment is None else Attachment.decode(attachment.to_bytes())
 
     def reply(self, data: bytes, now_ns: int) -> None:
-        """Answer with an encoded response; without effect where who asked is gone."""
+        """Answer with an encoded response; without effect if the client is gone."""
         asked = self.attachment or Attachment(0, 0, bytes(_GID_BYTES))
         attachment = Attachment(asked.sequence, now_ns, asked.gid).encode()
         with contextlib.suppress(zenoh_module().ZError):
@@ -312,7 +312,7 @@ class Service:
         return None if query is None else ServiceRequest(query, self._key)
 
     def close(self) -> None:
-        """Leave the graph; what was not answered gets no answer."""
+        """Leave the graph; open requests get no answer."""
         self._token.undeclare()
         self._queryable.undeclare()
 
@@ -333,7 +333,7 @@ class Client:
         return self._node.get(self._key, data, attachment, timeout_s)
 
     def ask(self, data: bytes, answered: Callable[[bytes], None], timeout_s: float) -> None:
-        """Call without waiting, after what was asked before: `answered` gets the response in a
+        """Call without waiting, after earlier requests: `answered` gets the response in a
         thread of Zenoh's, if one comes in time."""
         attachment = Attachment(next(self._sequences), time.time_ns(), self._gid).encode()
 
@@ -393,7 +393,7 @@ class BusNode:
             self._node_token = self.declare_token(entity)
 
     def join(self) -> None:
-        """Join the bus without appearing on it, to look who is there. Raises as `open` does."""
+        """Join the bus without appearing on it, for discovery. Raises as `open` does."""
         if self._session is not None:
             return
         if self._beside is not None:
@@ -446,7 +446,7 @@ class BusNode:
         self, name: str, type_name: str, qos: Qos = DEFAULT_QOS, *, express: bool = False
     ) -> Publisher:
         """A publisher of a topic; `express`: of commands, each sent by itself, at once, and ahead
-        of what is none. Raises InterfaceError or RosNameError."""
+        of other messages. Raises InterfaceError or RosNameError."""
         entity, key = self.endpoint(PUBLISHER, name, type_name, qos)
         return Publisher(self, entity, key, express=express)
 
@@ -455,8 +455,8 @@ class BusNode:
     ) -> Subscription:
         """A subscription that keeps the newest `depth` messages for `poll`.
 
-        It hears every type on the topic, so that what is sent in a wrong one can be refused in
-        words. Raises InterfaceError or RosNameError.
+        It hears every type on the topic, so that a message of a wrong type can be refused in words.
+        Raises InterfaceError or RosNameError.
         """
         entity, _ = self.endpoint(SUBSCRIPTION, name, type_name, qos)
         key = f"{self.options.domain}{entity.name}/*/*"
@@ -542,10 +542,10 @@ class BusNode:
     def declare_publisher(
         self, key: str, qos: Qos, express: bool = True, urgency: Urgency = Urgency.STATE
     ) -> Any:
-        """Zenoh's publisher; one of latched messages keeps them for who comes later. `express`:
+        """Zenoh's publisher; a publisher of latched messages keeps them for latecomers. `express`:
         each message is sent by itself, at once."""
         zenoh = zenoh_module()
-        # DROP: a full link costs messages, never the time of who publishes.
+        # DROP: a full link costs messages, never the publisher's time.
         options = {
             "congestion_control": zenoh.CongestionControl.DROP,
             "priority": urgency.priority,
@@ -564,7 +564,7 @@ class BusNode:
         )
 
     def declare_subscriber(self, key: str, handler: Any, qos: Qos, deaf: bool = False) -> Any:
-        """Zenoh's subscriber; of latched topics, one that asks for what was published before.
+        """Zenoh's subscriber; of latched topics, one that asks for earlier messages.
         `handler` is Zenoh's: a channel, or a callback. `deaf`: to this session's own messages."""
         locality = zenoh_module().Locality
         origin = locality.REMOTE if deaf else locality.ANY
@@ -668,7 +668,7 @@ def _config(mode: str, listen: Sequence[str], connect: Sequence[str], file: str)
 
 
 def zenoh_settings(mode: str, listen: Sequence[str], connect: Sequence[str]) -> dict[str, object]:
-    """What Cardan sets of Zenoh's configuration, by paths of its keys ("listen/endpoints")."""
+    """Settings of Zenoh that Cardan sets, by paths of their keys ("listen/endpoints")."""
     return {
         "mode": mode,
         "listen/endpoints": list(listen),
@@ -683,7 +683,7 @@ def zenoh_settings(mode: str, listen: Sequence[str], connect: Sequence[str]) -> 
         },
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": True,
-        # Publishers that keep messages for latecomers need it; and it says who sent a message.
+        # Publishers that keep messages for latecomers need it; and it names a message's sender.
         "timestamping/enabled": True,
         "transport/link/tx/lease": LEASE_MS,
         # Closing waits for connections that are being made: 10 s, where a peer stands still.
@@ -735,5 +735,5 @@ def close_session(session: Any) -> None:
 
 
 def words_of(error: Exception) -> str:
-    """What Zenoh says is wrong, in one line and without the places in its own source code."""
+    """Return Zenoh's error message, in one line and without the places in its own source code."""
     return _PLACE.sub("", " ".join(str(error).split()))[:300]

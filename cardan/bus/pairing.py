@@ -3,7 +3,7 @@
 SPAKE2 (RFC 9382, package spake2) makes a key from the code, and both confirm it before anything
 else is said: an impostor has one guess a connection, and nothing to try codes against offline, as
 with a pre-shared key of TLS. OpenSSL's SRP would do the same, but the server of
-OpenSSL 3.0 crashes with it. What follows are Fernet tokens (package cryptography), a line each::
+OpenSSL 3.0 crashes with it. Fernet tokens (package cryptography) follow, a line each::
 
     operator: SPAKE2 message, ready, request (its key's, and HOST), kept
     robot:    SPAKE2 message or "busy", ready too, answer (certificate, authority), kept too
@@ -78,8 +78,8 @@ def wait_for_operator(
 ) -> Path:
     """Wait at an address of this computer, the robot's, for the operator's; the router's file.
 
-    `show` is called with each new code, `tell` with what went wrong. Raises ConfigurationError,
-    and AddressError, also where nobody has paired within `wait_s`.
+    `show` is called with each new code, `tell` with each failure. Raises ConfigurationError,
+    and AddressError, also if no operator has paired within `wait_s`.
     """
     folder = _folder("as-robot", replace)
     family = socket.AF_INET6 if ":" in place[0] else socket.AF_INET
@@ -110,7 +110,7 @@ def pair_with(host: str, port: int, replace: bool, ask: Callable[[], str]) -> Pa
     """Pair this computer, the operator's, with the robot's at `host`, by the code that `ask` gives;
     the client's file.
 
-    Raises ConfigurationError, and AddressError where nobody answers to the end.
+    Raises ConfigurationError, and AddressError if the robot's side does not answer to the end.
     """
     host = host.lower().removesuffix(".")
     if host[:1] + host[-1:] == "[]" and is_address(host[1:-1]):
@@ -145,7 +145,7 @@ class _Channel:
     def __init__(self, far: socket.socket, end_s: float, *listener: socket.socket) -> None:
         self._far, self._end_s, self._listener = far, end_s, listener
         self._come = b""
-        """What has come, and was not read yet."""
+        """Received bytes that were not read yet."""
         far.settimeout(CLIENT_S)
 
     def agree(self, side: Any) -> None:
@@ -155,14 +155,14 @@ class _Channel:
             raise _EndedError("it pairs with another computer")
         try:
             self._key = Fernet(base64.urlsafe_b64encode(side.finish(bytes.fromhex(line.decode()))))
-        except Exception as error:  # Whatever the package makes of no element of its group.
+        except Exception as error:  # Any error that the package raises for no element of its group.
             raise _EndedError(f"no message of a pairing: {type(error).__name__}") from None
 
     def send(self, step: str, **values: str) -> None:
         self._write(self._key.encrypt(json.dumps({"step": step, **values}).encode()))
 
     def receive(self, step: str) -> dict[str, str]:
-        """What the other side has sent; never what this one has, whose steps have other names."""
+        """Return the values that the other side sent; never this side's own, whose steps differ."""
         line = self._read()
         try:
             values: dict[str, str] = json.loads(self._key.decrypt(line))
@@ -272,7 +272,7 @@ def _folder(name: str, replace: bool) -> Path:
 @contextlib.contextmanager
 def _kept(folder: Path, side: str, settings: dict[str, object], *pems: bytes) -> Iterator[None]:
     """Write Zenoh's configuration, authority, certificate and key beside `folder`, and put them
-    there, all at once, where what is inside succeeds. Raises OSError."""
+    there, all at once, if the block inside succeeds. Raises OSError."""
     names = ("authority.pem", "certificate.pem", "key.pem", CONFIG)
     keys = ("root_ca_certificate", f"{side}_certificate", f"{side}_private_key")
     tls = {key: str(folder / name) for key, name in zip(keys, names, strict=False)}

@@ -1,10 +1,10 @@
 """Connects a Zenoh session again to peers whose connection to it broke.
 
-Zenoh tries again only what it is told to connect to: the router. Two peers that the router told of
+Zenoh reconnects only to configured endpoints: the router. Two peers that the router introduced to
 each other stay apart when the connection between them breaks; nothing is logged, and the router
 passes no messages between them. A third peer tells them of each other again, so one comes for a
-moment. It does not help where a peer tells routers alone whom it knows (scouting/gossip/target), as
-in the configuration that rmw_zenoh comes with.
+moment. It does not help if a peer sends gossip to routers only (scouting/gossip/target), as in the
+configuration that rmw_zenoh comes with.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from cardan.errors import ConfigurationError
 from cardan.protocols.ros2.zenoh import LIVELINESS, NODE, Entity
 
 LOOK_S = 0.2, 2.0
-"""First and longest pause before the router is asked for a lost peer: of one that ended, it knows
-by then."""
+"""First and longest pause before the router is asked for a lost peer: by then it knows whether that
+ended."""
 
 MEET_S = 0.5
 """How long the third peer stays: they meet in 20 ms on loopback."""
@@ -32,14 +32,14 @@ ROUTER_TIMEOUT_S = 1.0
 """Longest wait for the router."""
 
 THIRD = "cada9e3f"
-"""How the ids of third peers begin, which nobody misses."""
+"""How the ids of third peers begin, whose loss is ignored."""
 
 _log = logging.getLogger(__name__)
 
 
 class Reconnector:
-    """Watches the connections of one session. Without a router it does nothing: who connects to an
-    endpoint tries again by itself, and a router that comes back tells its peers of each other."""
+    """Watches the connections of a session. Without a router it does nothing: a peer retries its
+    endpoint by itself, and a router that comes back introduces its peers to each other."""
 
     def __init__(self, zenoh: Any, session: Any, config: Callable[[], Any]) -> None:
         """`config`: makes the configuration of another session on the same bus."""
@@ -51,7 +51,7 @@ class Reconnector:
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
         self._closed = False
-        # Not indirect: no thread that waits for what hardly ever happens.
+        # Not indirect: no thread that waits for a rare event.
         handler = zenoh.handlers.Callback(self._hear, indirect=False)
         self._listener = session.info.declare_transport_events_listener(handler, history=False)
 
@@ -120,13 +120,13 @@ class Reconnector:
             self._told.discard(zid)
 
     def _look(self) -> None:
-        """Ask the router who of the lost is still there, and have them told of us."""
+        """Ask the router which lost peers are still there, and introduce this session to them."""
         with self._changed:
             lost = set(self._lost)
         with self._joined("client", None) as client:
             nodes = _nodes(client)
         if nodes is None:
-            return  # Nobody is known to have ended.
+            return  # It is not known which have ended.
         with self._changed:
             self._forget(lost - nodes.keys())
             for zid in self._lost.keys() & lost - self._told:
@@ -144,7 +144,7 @@ class Reconnector:
 
     @contextlib.contextmanager
     def _joined(self, mode: str, zid: str | None) -> Iterator[Any]:
-        """Another session on the same bus, at which nobody can connect."""
+        """Another session on the same bus, to which no peer can connect."""
         config = self._config()
         endpoints = json.loads(config.get_json("connect/endpoints"))
         if isinstance(endpoints, dict):  # By mode; the other one has this session's.

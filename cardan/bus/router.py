@@ -19,8 +19,8 @@ from cardan.errors import AddressError
 from cardan.types import NEVER_S
 
 LOOK_PERIOD_S = 1.0
-"""How often it looks whether somebody serves: nodes that know each other do without a router, and
-those that come wait for it longer than this."""
+"""Period of checks for a router: nodes that know each other do without one, and new nodes wait for
+it longer than this."""
 
 RESTART_PAUSE_S = 5.0
 """Pause after a router that has failed: the next one may fail as well, and its start takes a
@@ -51,7 +51,7 @@ def is_served(address: tuple[str, int]) -> bool:
     """Whether a program listens there. Does not connect to it, which the program would tell of."""
     family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as probe:
-        # What is left of closed connections is no listener.
+        # Remains of closed connections are no listener.
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind(address)
@@ -72,7 +72,7 @@ def announced(endpoints: Iterable[str]) -> Iterator[None]:
         make_runtime_folder()
         path.write_text("\n".join(endpoints), encoding="utf-8")
     except (AddressError, OSError) as error:
-        # Those who are told the endpoint find it all the same.
+        # Programs that are given the endpoint find it all the same.
         _log.info("the router is not announced to other programs: %s", error)
     try:
         yield
@@ -83,7 +83,7 @@ def announced(endpoints: Iterable[str]) -> Iterator[None]:
 
 def routers_here(served: Callable[[tuple[str, int]], bool] = is_served) -> list[str]:
     """The endpoints on loopback of the routers that this user's programs run on this computer, one
-    each, in order. One that was killed is not there any more, whatever it has left behind."""
+    each, in order. A killed router is not listed, whatever it has left behind."""
     found = set()
     for each in Path(runtime_path("")).glob(f"{_ANNOUNCED}*"):
         with contextlib.suppress(OSError, ValueError):
@@ -97,7 +97,7 @@ def routers_here(served: Callable[[tuple[str, int]], bool] = is_served) -> list[
 
 
 class RouterKeeper:
-    """Starts a router where nobody serves one, and again where it has ended.
+    """Starts a router if none serves, and again if it has ended.
 
     Of several processes that do so at once one is first; the others see that the port is in use,
     and are content until it is free. A router ends with the process that has started it.
@@ -110,7 +110,7 @@ class RouterKeeper:
         served: Callable[[tuple[str, int]], bool] = is_served,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`options`: of who needs the router; None: nobody does."""
+        """`options`: of the node that needs the router; None: no node does."""
         self._endpoint = "" if options is None else options.router
         self._address = None if options is None else router_address(options)
         self._served, self._clock = served, clock
@@ -123,7 +123,7 @@ class RouterKeeper:
         return None if self._process is None else self._process.pid
 
     def poll(self) -> None:
-        """Several times a second: see to it that somebody serves. Never raises."""
+        """Start a router if none serves; call this several times a second. Never raises."""
         if self._address is None or self._clock() - self._looked_s < LOOK_PERIOD_S:
             return
         self._looked_s = self._clock()
@@ -137,7 +137,7 @@ class RouterKeeper:
             self._start()
 
     def wait(self, timeout_s: float = START_TIMEOUT_S) -> None:
-        """Until somebody serves, or the time is over. Never raises."""
+        """Wait until a router serves, or the time is over. Never raises."""
         end_s = self._clock() + timeout_s
         while self._address is not None and self._clock() < end_s:
             self.poll()
@@ -153,7 +153,7 @@ class RouterKeeper:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
-                # Ctrl-C in the terminal is for who needs it, until the very end.
+                # Ctrl-C in the terminal must not end it: its parent needs it to the end.
                 start_new_session=True,
             )
         except OSError as error:

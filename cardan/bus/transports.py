@@ -1,5 +1,5 @@
-"""Nodes on another transport than Zenoh, of plug-ins: what drivers and simulated robots need of
-them, and how they are found."""
+"""Nodes of plug-ins on another transport than Zenoh: their interface for drivers and simulated
+robots, and their discovery."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class OtherPublisher(Protocol):
 
     @property
     def heard(self) -> bool:
-        """Whether somebody subscribes."""
+        """True if there is a subscriber."""
 
     def close(self) -> None:
         """Leave the graph."""
@@ -51,7 +51,7 @@ class OtherGraph(Protocol):
     """The nodes of other programs on the transport."""
 
     def look(self) -> None:
-        """Take in who has come and gone."""
+        """Update the known nodes."""
 
     def writer(self, gid: bytes) -> str:
         """Full name of the node whose publisher has this id in attachments; empty: unknown."""
@@ -88,7 +88,7 @@ class OtherNode(ABC):
 
     @abstractmethod
     def graph_reader(self) -> OtherGraph:
-        """A reader of who is there. Raises DriverError."""
+        """A reader of the nodes that are there. Raises DriverError."""
 
 
 FINDER: Finder[OtherNode] = Finder(

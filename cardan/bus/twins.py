@@ -1,8 +1,8 @@
 """Another node of the same name: one command would go to both, so only one takes commands.
 
-Who comes second finds the other's liveliness token and does not begin. Of two that come at once, or
-meet later, the one that began later takes no commands; as liveliness tokens of ROS 2 do not tell
-when a node began, those of Cardan have a second token that does, and where they run.
+The second node finds the liveliness token of the first and does not start. Of two that start at
+once, or meet later, the later one takes no commands; because liveliness tokens of ROS 2 do not say
+when a node started, Cardan's nodes have a second token with start time and place.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from cardan.errors import ConfigurationError
 from cardan.protocols.ros2.zenoh import Entity, mangled, node_pattern
 
 CLAIM = "@cardan_lv"
-"""First part of the tokens that tell since when a node has its name, and on which computer."""
+"""First part of the tokens with the time since when a node has its name, and its computer."""
 
 MEET_S = 0.3
-"""How long a node that joins looks for others before it appears: ten times what it takes to meet
-those that are connected to the same router."""
+"""How long a node that joins looks for others before it appears: ten times as long as it takes to
+meet nodes at the same router."""
 
 GONE_S = 1.5e-3 * LEASE_MS
-"""Longest wait for a token to vanish: that of a node whose computer is gone does so within the
-lease, and of one that has crashed, at once."""
+"""Longest wait for a token to vanish: of a node whose computer is gone within the lease, of a
+crashed node at once."""
 
 _LOOK_S = 0.02
 
@@ -49,7 +49,7 @@ class Claim(NamedTuple):
 
     @classmethod
     def parse(cls, key: str) -> Claim | None:
-        """From a key expression; None for what is none."""
+        """From a key expression; None if it is no claim's."""
         parts = key.split("/")
         if len(parts) != 6 or parts[0] != CLAIM or not parts[4].isdecimal() or len(parts[4]) > 20:
             return None
@@ -87,8 +87,8 @@ class Twins:
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        """Look whether the name is free, for `MEET_S`; where it is not, for `GONE_S` more, as who
-        had it may have crashed. Raises ConfigurationError."""
+        """Look whether the name is free, for `MEET_S`; where it is not, for `GONE_S` more, because
+        its owner may have crashed. Raises ConfigurationError."""
         end_s = clock() + MEET_S
         while not self.others():
             if clock() >= end_s:
@@ -106,15 +106,15 @@ class Twins:
             sleep(_LOOK_S)
 
     def others(self) -> dict[str, Claim | None]:
-        """Those that are there now, by the id of their Zenoh session; None: it does not tell since
-        when. Never blocks."""
+        """Those that are there now, by the id of their Zenoh session; None: its start is unknown.
+        Never blocks."""
         _take(self._nodes, self._zids, lambda key: getattr(Entity.parse(key), "zid", None))
         _take(self._claims, self._claimed, Claim.parse)
         claims = {each.zid: each for each in self._claimed.values()}
         return {zid: claims.get(zid) for zid in self._zids.values() if zid != self._node.zid}
 
     def state(self) -> tuple[str, bool]:
-        """What to say of them, empty where there is none; and whether this node takes commands."""
+        """Return the message about them, empty if none; and whether this node takes commands."""
         others = self.others()
         if not others:
             return "", True

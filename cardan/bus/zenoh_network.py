@@ -48,15 +48,15 @@ PICTURES = frozenset(
         "sensor_msgs/msg/PointCloud2",
     }
 )
-"""Types of which one message fills a slow link: they wait for all else, and are dropped first. What
-clients of servers publish otherwise may be a command."""
+"""Types of which one message fills a slow link: they wait for all else, and are dropped first. Any
+other message from a server's client may be a command."""
 
 LONGEST_CALL_S = 3600.0
 """How long a call without a time limit waits for its reply."""
 
 
 class BusNetwork:
-    """A node that sees the whole graph; what servers stand on.
+    """A node that sees the whole graph; base of the servers.
 
     ::
 
@@ -65,7 +65,7 @@ class BusNetwork:
     """
 
     def __init__(self, options: BusOptions, name: str, deaf: bool = False) -> None:
-        """`deaf`: it does not hear what it and its parts publish."""
+        """`deaf`: it does not hear messages of itself and its parts."""
         self.node = BusNode(options, name)
         self._deaf = deaf
         self.changes = 0
@@ -75,12 +75,12 @@ class BusNetwork:
         self._changed = threading.Condition(self._lock)
         self._topics: dict[str, Topic] | None = None
         self._services: dict[str, Service] | None = None
-        """What the graph shows, until it changes: a client that subscribes to all topics of a robot
-        asks for it once for each."""
+        """Copies of the graph's tables, until it changes: a client that subscribes to all topics of
+        a robot asks for them once for each."""
         self._watches: set[_Watch] = set()
         self._making = threading.Lock()
         self._given: weakref.WeakSet[_Declared] = weakref.WeakSet()
-        """What is on the bus for those who hold it."""
+        """Declarations on the bus whose handles are still held."""
         self._clients: dict[tuple[str, str], _Client] = {}
 
     def open(self) -> None:
@@ -89,7 +89,7 @@ class BusNetwork:
         self.node.watch_graph(self._watch)
 
     def close(self) -> None:
-        """Leave the bus, and take from it what was not closed. Never raises; twice is fine."""
+        """Leave the bus, and close all that is still open. Never raises; twice is fine."""
         for each in tuple(self._given):
             each.close()
         self._clients.clear()
@@ -124,12 +124,12 @@ class BusNetwork:
     # -- the graph -------------------------------------------------------------------------------
 
     def wait_for_service(self, service: str, timeout_s: float) -> bool:
-        """Wait until somebody offers `service`; False where nobody does in time."""
+        """Wait until a node offers `service`; False if none does in time."""
         with self._changed:
             return self._changed.wait_for(lambda: self._graph.servers(service), timeout_s) != []
 
     def watch_service(self, service: str, gone: Callable[[], None]) -> Handle:
-        """Have `gone` called, in any thread, when the last who offers `service` has gone."""
+        """Have `gone` called, in any thread, when the last server of `service` has gone."""
         with self._lock:
             there = bool(self._graph.servers(service))
             watch = _Watch(self._watches, self._lock, service, gone, there)
@@ -137,7 +137,7 @@ class BusNetwork:
         return self._kept(_Declared(watch))
 
     def wait_for_publisher(self, topic: str, timeout_s: float) -> bool:
-        """Wait until somebody publishes `topic`; False where nobody does in time."""
+        """Wait until a node publishes `topic`; False if none does in time."""
         with self._changed:
             return self._changed.wait_for(lambda: self._graph.publishers(topic), timeout_s) != []
 
@@ -201,7 +201,7 @@ class BusNetwork:
             return self._graph.nodes()
 
     def lonely(self) -> bool:
-        """Whether there is no node of another process: then nobody was met."""
+        """True if no node of another process was met."""
         with self._lock:
             return len(self._graph.sessions()) < 2
 
@@ -239,7 +239,7 @@ class BusNetwork:
 
     def advertise(self, topic: str, type_name: str, latched: bool, mark: str = "") -> Publisher:
         """A publisher of `topic`; `mark`: the type's hash, where it is none of the types that
-        Cardan knows and nobody else has it. Raises NetworkError."""
+        Cardan knows and no other node has it. Raises NetworkError."""
         with self._lock:
             others = [*self._graph.publishers(topic), *self._graph.subscribers(topic)]
         entity, key = self._entity(PUBLISHER, topic, type_name, others, latched, mark)
@@ -267,7 +267,7 @@ class BusNetwork:
 
     def _client(self, service: str, type_name: str) -> _Client:
         """The client of a service, which stays on the bus: by its token the server knows whether
-        who asked is still there."""
+        the client is still there."""
         with self._making:
             client = self._clients.get((service, type_name))
             if client is None:
@@ -364,7 +364,7 @@ def _nodes(entities: Sequence[Entity]) -> tuple[str, ...]:
 
 
 class _Declared:
-    """What Zenoh has declared for us."""
+    """Declarations of a Zenoh session, undeclared together."""
 
     def __init__(self, *declared: Any) -> None:
         self._declared = list(declared)
@@ -377,8 +377,8 @@ class _Declared:
 
 
 class _Watch:
-    """Listeners that are told when a service's last server has gone. By the graph, and not by a
-    subscription of its own: one that is declared while a token appears may miss it."""
+    """Listener for the departure of a service's last server. By the graph, and not by a
+    subscription of its own, which may miss a token that appears while it is declared."""
 
     def __init__(
         self,

@@ -29,7 +29,7 @@ class ArrivalOptions(Options):
     arrival_rad: Annotated[float, bounds.ARRIVAL_RAD] = 0.02
     """Farthest that it may be turned from there."""
     arrival_joint: Annotated[float, bounds.ARRIVAL_JOINT] = 0.01
-    """Farthest that a joint may be from its goal, rad or m, where joints are what is moved."""
+    """Farthest that a joint may be from its goal, rad or m, if joints are moved."""
     arrival_timeout_s: Annotated[float, bounds.ARRIVAL_S] = 2.0
     """Longest wait for it once the command is at rest, beyond the robot's lag."""
 

@@ -1,4 +1,4 @@
-"""For how long what asks an arm to move may have waited on its way, whichever way it comes."""
+"""Limits on the time that a request for motion may have waited on its way, by any route."""
 
 from __future__ import annotations
 
@@ -9,18 +9,17 @@ from typing import NamedTuple
 from cardan.types import NEVER_S
 
 STALE_S = 0.3
-"""What may have waited for longer is not acted on: its sender may have stopped since."""
+"""A command that may have waited for longer is dropped: its sender may have stopped since."""
 
 STREAMED_S = 0.2
 """The same of a streamed command, at the arm: with the stream's timeout and the way that braking
 takes it is at rest within 0.4 s."""
 
 PROVEN_S = 0.3
-"""For how long what comes of a sender that is not known yet may have waited until it was
-connected."""
+"""How long a command of a sender that is not known yet may have waited until that was connected."""
 
 NEVER_STALE = "/stop", "/release", "/cancel_goal"
-"""How names end of what only ends something."""
+"""Endings of the names of commands that only end something."""
 
 UNKNOWN_CLOCK = "the clock of its sender is not known yet"
 """Why the first commands of a sender are refused, for PROVEN_S at most."""
@@ -30,12 +29,12 @@ BACKLOGGED_S = 1.0
 handled: it is disconnected."""
 
 BACKLOGGED = f"what you send has waited here for more than {STALE_S:g} s: send less often"
-"""The reason that a client is told, of 123 bytes at most, as WebSocket has it."""
+"""The reason for the client, of 123 bytes at most, the limit of WebSocket."""
 
 
 def is_stale(name: str, waited_s: float) -> bool:
-    """Whether what a client published, called or asked of an action waited for too long to act on;
-    what stops is never too late."""
+    """Whether a client's message, call or goal waited for too long to act on; a stop is never too
+    late."""
     return waited_s > STALE_S and not name.endswith(NEVER_STALE)
 
 
@@ -70,11 +69,11 @@ class Backlog:
 
 
 SENDERS = 64
-"""Senders whose delays are kept; the one that was silent longest goes first."""
+"""Senders whose delays are kept; the longest silent one is dropped first."""
 
 REMEMBERED_S = 30.0
 """How long the smallest delay of a sender that goes on counts, at least; twice this at most. Two
-clocks that differ by 100 ppm part by 6 ms meanwhile, and one that was set is believed again."""
+clocks that differ by 100 ppm part by 6 ms meanwhile, and a clock that was set is trusted again."""
 
 FORGOTTEN_S = 3600.0
 """After so long a silence nothing is known of a sender's clock any more."""

@@ -119,7 +119,7 @@ class CommandedArm(ABC):
     @property
     @abstractmethod
     def settled(self) -> bool:
-        """True when what is left of the motion can be stopped within one period."""
+        """True if the rest of the motion can be stopped within one period."""
 
     @abstractmethod
     def obstacle(self, state: RobotState, new: bool) -> str:
@@ -143,7 +143,7 @@ class CommandedArm(ABC):
 
     @abstractmethod
     def leap(self, before: RobotState, state: RobotState, time_s: float) -> str:
-        """Message about what moved farther in `time_s` than an arm can; empty when nothing did."""
+        """Message about a motion in `time_s` that is farther than an arm can; empty if none."""
 
     @abstractmethod
     def place(
@@ -194,7 +194,7 @@ class CommandedArm(ABC):
     def command(
         self, state: RobotState, dt_s: float, approaching: bool = False, blind: bool = False
     ) -> RobotCommand:
-        """What the robot is sent for this period of `dt_s`.
+        """Return the robot's command for this period of `dt_s`.
 
         `approaching`: the robot is not to follow the motion. `blind`: the measurements in `state`
         are ignored.
@@ -205,7 +205,7 @@ class CommandedArm(ABC):
         return None
 
     def held_by(self) -> str:
-        """What keeps the arm from going on; empty when nothing is known."""
+        """Reason why the arm does not go on; empty when none is known."""
         return ""
 
 
@@ -238,7 +238,7 @@ class TaskSpaceArm(CommandedArm):
         if pose is None:
             return "the robot reports no pose"
         (x, y, z), (w, i, j, k), _ = pose
-        # One comparison for all: a NaN is not below anything.
+        # A single comparison for all: a NaN is not below anything.
         if x * x + y * y + z * z + w * w + i * i + j * j + k * k < FARTHEST_M * FARTHEST_M:
             return ""
         if not is_finite((x, y, z, w, i, j, k)):

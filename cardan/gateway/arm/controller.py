@@ -1,13 +1,13 @@
 """The controller of one arm: robot state in, command out, one `tick`.
 
-Whatever moves the arm (an operator device, a verb, a stream) is a source that asks; the controller
-decides. A tick goes through once: the robot's state is judged (:mod:`supervision`), the operator
-device's state becomes a request (:mod:`cardan.gateway.operator.input`), one activity moves the
-commanded arm, and the gate checks the command. Nothing here reads a clock, a socket or a file:
-time comes in with the states, so tests run it in virtual time.
+An operator device, a verb or a stream is a source that requests motion; the controller decides. A
+tick goes through once: the robot's state is judged (:mod:`supervision`), the operator device's
+state becomes a request (:mod:`cardan.gateway.operator.input`), one activity moves the commanded
+arm, and the gate checks the command. Nothing here reads a clock, a socket or a file: time comes in
+with the states, so tests run it in virtual time.
 
-The rule: nothing moves unless a fresh command from a live operator says so. Whatever interrupts
-that ends in a braking ramp and a hold, and going on takes a deliberate act.
+The rule: nothing moves unless a fresh command from a live operator says so. Any interruption ends
+in a braking ramp and a hold, and going on takes a deliberate act.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ from cardan.types import (
 
 EASE_ABOVE = 0.5
 """Share of the maximum lead beyond which an undriven reference is brought back to its robot, so
-that an arm that lags (MaxSpeedDeviation, a person in its way) stops when the operator lets go, not
-that lead further on. Gravity sag is far below it and never creeps in."""
+that an arm that lags (MaxSpeedDeviation, a person in its way) stops when the operator releases the
+dead-man, not that lead further on. Gravity sag is far below it and never creeps in."""
 
 NEAR_SHARE = 0.1
 """Share of the maximum lead, and of the joints' following-error limit, within which a recovery
@@ -70,7 +70,7 @@ COASTS_S = 0.5
 """Longest time for which a robot goes on at the speed it was commanded last."""
 
 HELD_SHARE = 0.5
-"""Share of the asked speed below which the message says what holds the arm."""
+"""Share of the requested speed below which the message names the limit."""
 
 
 RequestRecorder = Callable[[int, str, str], None]
@@ -82,14 +82,14 @@ class Listener(Protocol):
     """Gets the outcome of the activities that it began. Called under the controller's lock."""
 
     def invalidate(self, reason: str) -> None:
-        """Whatever was under way or planned is over, for this reason."""
+        """End all motions under way or planned, for this reason."""
 
     def finished(self, reason: str) -> None:
-        """The activity came to its end; `reason` says why before its goal, else it is empty."""
+        """Take the end of the activity; `reason` says why before its goal, else it is empty."""
 
 
 class ArmController:
-    """One arm, its supervision, and the sources that move it.
+    """Controller of one arm: its supervision, and the sources that move it.
 
     `tick` belongs to the robot's loop; all other methods may be called from any thread.
     """
@@ -111,17 +111,18 @@ class ArmController:
         self.authority = authority or Authority()
         self.supervision = Supervision(watchdogs or Watchdogs())
         self.reference = Reference(limits)
-        """What the TCP follows; while something else does, it waits where the TCP is."""
+        """Reference that the TCP follows; it stays at the TCP while another activity moves that."""
         self.lock = threading.RLock()
         """Guards everything that `tick` touches; never held for long."""
         self.robot: RobotState | None = None
         """The newest state."""
         self.plan_epoch = 0
-        """Counts what voids plans: loss of the robot, trips, stops, the operator taking over."""
+        """Counts events that void plans: loss of the robot, trips, stops, takeovers by the
+        operator."""
         self.listener: Listener | None = None
-        """What begins activities beside the operator device."""
+        """Source that begins activities, beside the operator device."""
         self.recorder: RequestRecorder | None = None
-        """Records what the ticks depend on beside their arguments."""
+        """Records inputs of the ticks beside their arguments."""
         self.ticks = 0
         """Counts the ticks that have begun."""
         self._noting = 0
@@ -130,12 +131,12 @@ class ArmController:
         self.not_ready = "no state of the robot was received yet"
         """Why the robot cannot be commanded now; empty when it can."""
         self.state = States()
-        """What it is doing; assigned by `_enter` alone."""
+        """State of the controller; assigned by `_enter` alone."""
         self._gate = OutputCheck(gate or OutputLimits.of_free_body(limits))
         self.advanced_s = 0.0
         """Time by which the last tick advanced; lost time is not in it."""
         self._activity: Activity | None = None
-        """What moves the commanded arm, and comes with the state of motion."""
+        """Activity that moves the commanded arm; it comes with the state of motion."""
         self._request = NO_REQUEST
         self._trip_reason = ""
         self._trips = 0
@@ -146,16 +147,16 @@ class ArmController:
         self._recovered_way = NO_WAY
         """Length of recoveries since the last deliberate act."""
         self._inhibits: Mapping[Inhibit, str] = {}
-        """What interrupts from outside, each with its reason; assigned as a whole."""
+        """Inhibits from outside, each with its reason; assigned as a whole."""
         self.stops, self.stopped_by = 0, ""
         """Stops that sources asked for, and which did last."""
         self._filter_fault = ""
 
-    # -- what it is doing ------------------------------------------------------------------------
+    # -- state -----------------------------------------------------------------------------------
 
     @property
     def phase(self) -> Phase:
-        """What the arm is doing now."""
+        """Phase of the arm now."""
         with self.lock:
             return phase_of(
                 self.state,
@@ -166,7 +167,7 @@ class ArmController:
 
     @property
     def activity(self) -> Activity | None:
-        """What moves the commanded arm; None while it holds."""
+        """Activity that moves the commanded arm; None while it holds."""
         return self._activity
 
     @property
@@ -311,14 +312,13 @@ class ArmController:
     # -- requests --------------------------------------------------------------------------------
 
     def note(self, what: str, argument: str = "") -> None:
-        """Tell the recorder, where there is one, of a request that changes what the next ticks
-        do."""
+        """Tell the recorder, if there is one, of a request that changes the next ticks."""
         if self.recorder is not None and self._noting != threading.get_ident():
             self.recorder(self.ticks, what, argument)
 
     @contextlib.contextmanager
     def recorded_request(self, what: str, argument: str) -> Iterator[None]:
-        """Tell the recorder of a request made inside, as a whole: of no other that it consists of.
+        """Record a request made inside as a whole: no other that it consists of.
         The caller holds the lock."""
         self.note(what, argument)
         outer, self._noting = self._noting, threading.get_ident()
@@ -328,7 +328,7 @@ class ArmController:
             self._noting = outer
 
     def inhibit(self, reason: str, kind: Inhibit) -> None:
-        """Interrupt what moves the arm, or keep sources from moving it, as `kind` says."""
+        """Interrupt the arm's motion, or keep sources from moving it, as `kind` says."""
         with self.lock:
             before, self._inhibits = self._inhibits, inhibits_after(self._inhibits, reason, kind)
             if kind is not Inhibit.WHILE_SAID or self._inhibits != before:
@@ -470,7 +470,7 @@ class ArmController:
             return self._command(robot, dt_s)
 
     def _heed_inhibits(self) -> bool:
-        """Trip what is inhibited now; those for one tick are over. Returns whether the operator's
+        """Trip by the inhibits of now; those for one tick are over. Returns whether the operator's
         motion is ignored in this tick."""
         inhibits = self._inhibits
         reason = inhibits.get(Inhibit.ONCE) or inhibits.get(Inhibit.WHILE_SAID)
@@ -511,7 +511,7 @@ class ArmController:
         reference.observe(self.commanded.measured(robot))
         return reference
 
-    # -- what is wrong ---------------------------------------------------------------------------
+    # -- faults ----------------------------------------------------------------------------------
 
     def _act_on(self, finding: StopReason, robot: RobotState) -> None:
         """The one place where a finding about the robot has consequences."""
@@ -574,7 +574,7 @@ class ArmController:
     ) -> RobotCommand:
         """No robot to command: the source that was moving it has to engage again.
 
-        A controller that is still heard may still obey: then what moves is braked in a ramp.
+        A controller that is still heard may still obey: then the motion is braked in a ramp.
         """
         cause, reason = finding
         if cause is Cause.LOST:
@@ -667,7 +667,7 @@ class ArmController:
             self.hand.disarm()
 
     def _end_activity(self, reason: str) -> None:
-        """Brake what moves, and give its source the reason."""
+        """Brake the motion, and give its source the reason."""
         self.brake()
         if self.listener is not None:
             self.listener.invalidate(reason)
@@ -723,14 +723,14 @@ class ArmController:
             self._do(act, request.fault or request.filter_fault, robot.stamp_s)
         self._filter_fault = request.filter_fault
         if recovering and request.pressed and self.state.arming.armed and not request.asks:
-            # A regrip goes on from where the command is; what is left of the way is left.
+            # A regrip goes on from the command's place; the rest of the way is dropped.
             self._on(Event.LEFT)
             self._end_activity("it was ended by a button")
         elif recovering and request.pressed and not self.state.arming.armed:
             self._cancel_recovery("it was ended by a button")
 
     def _do(self, act: Act, fault: str, now_s: float) -> None:
-        """What follows from the operator's request, which may have a `fault`."""
+        """Carry out the consequence of the operator's request, which may have a `fault`."""
         match act:
             case Act.TRIP:
                 self._trip(fault or self.authority.take(HAND, now_s))
@@ -753,7 +753,7 @@ class ArmController:
         return self.inhibited or robot.alarm or self._filter_fault or self.authority.refuses(HAND)
 
     def _take_over(self, now_s: float) -> None:
-        """The operator device takes the arm; what moved before is braked first."""
+        """The operator device takes the arm; a motion under way is braked first."""
         self._trip_reason, self._recovered_way = "", NO_WAY
         self.authority.take(HAND, now_s)
         self.plan_epoch += 1
@@ -896,7 +896,7 @@ class ArmController:
     # -- words -----------------------------------------------------------------------------------
 
     def _held(self, request: MotionRequest) -> str:
-        """What keeps the arm from following the operator."""
+        """Reason why the arm does not follow the operator."""
         activity, reference = self._activity, self.reference
         if not request.asks or not isinstance(activity, FollowHand):
             return ""

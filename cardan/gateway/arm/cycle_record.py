@@ -1,4 +1,4 @@
-"""What went into a cycle of the control loop and what came out of it, as one line of JSON.
+"""Record of a cycle of the control loop, input and output, as one line of JSON.
 
 Numbers are written as Python's ``repr`` has them, which reads back to the same bits: a recorded
 session can be held against a controller bit for bit (:mod:`cardan.recording.verify`). The
@@ -54,11 +54,11 @@ class CycleRecord(NamedTuple):
     device: DeviceState | None
     events: tuple[ButtonEvent, ...]
     command: str
-    """What was sent, as `command_text` has it."""
+    """Command that was sent, as `command_text` has it."""
 
 
 def _plain(value: Any) -> Any:
-    """Of what JSON does not have: names of an enumeration, and sets."""
+    """Encode types that JSON does not have: names of an enumeration, and sets."""
     if isinstance(value, enum.Enum):
         return value.value
     if isinstance(value, (frozenset, set)):

@@ -18,14 +18,14 @@ from cardan.gateway.arm.vocab import Action
 class CartesianArm(Openable):
     """An arm with the verbs movj, movl, ... of the Cartesian interface, for any thread.
 
-    A verb that is refused raises MotionRefusedError and changes nothing. One that takes over from
-    a motion under way blocks until that one is braked to rest; if from there it turns out
-    impossible, it is refused and the arm stays at rest. All raise MotionLoopError once the loop
-    has ended.
+    A verb that is refused raises MotionRefusedError and changes nothing. A verb that takes over
+    from a motion under way blocks until that motion is braked to rest; if from there it turns out
+    impossible, it is refused and the arm stays at rest. All raise MotionLoopError once the loop has
+    ended.
     """
 
     source = VERBS
-    """Name under which this asks, and gets the authority over the arm."""
+    """Name under which this client gets the authority over the arm."""
 
     @abstractmethod
     def open(self) -> None:
@@ -40,7 +40,7 @@ class CartesianArm(Openable):
         self, verb: str, value: Any = None, *, source: str = "", sequence: int | None = None
     ) -> Any:
         """Have `verb` carried out by the arm's :class:`VerbServer`, for `source` or our own; raises
-        what it raises."""
+        its errors."""
 
     # -- requests --------------------------------------------------------------------------------
 
@@ -56,7 +56,7 @@ class CartesianArm(Openable):
         return positions
 
     def rehearse_line(self, xd: Target) -> Rehearsal:
-        """Look at the straight line from here to the pose `xd`, without moving: what stops it."""
+        """Rehearse the straight line from here to the pose `xd`, without moving."""
         found: Rehearsal = self._ask("rehearse_line", xd)
         return found
 

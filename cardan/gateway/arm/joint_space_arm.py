@@ -108,7 +108,7 @@ class JointSpaceArm(CommandedArm):
         self._relaxed = getattr(servo.kinematics, "relaxed", None)
         self._lag = ResponseLag(lag_s, servo.kinematics.continuous)
 
-    # -- what is commanded -----------------------------------------------------------------------
+    # -- commanded state -------------------------------------------------------------------------
 
     @property
     def pose(self) -> Pose:
@@ -169,7 +169,7 @@ class JointSpaceArm(CommandedArm):
         shapes in the base."""
         return list(itertools.chain.from_iterable(self._placed))
 
-    # -- what is measured ------------------------------------------------------------------------
+    # -- measured state --------------------------------------------------------------------------
 
     def obstacle(self, state: RobotState, new: bool) -> str:
         joints = self.servo.joints
@@ -321,7 +321,7 @@ class JointSpaceArm(CommandedArm):
         )
         servo.tick_joints(servo.q.copy(), rate / over, dt_s)
 
-    # -- what is sent ----------------------------------------------------------------------------
+    # -- commands to the robot -------------------------------------------------------------------
 
     def command(
         self, state: RobotState, dt_s: float, approaching: bool = False, blind: bool = False

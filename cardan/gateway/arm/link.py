@@ -17,7 +17,7 @@ POLL_S = 0.05
 
 
 class LoopLink:
-    """Between the loop that drives an arm and the threads that wait for what it does.
+    """Link between the loop that drives an arm and the threads that wait for its effects.
 
     The loop calls `begin`, `attend` once a cycle, and `end`; all else is for other threads.
     """
@@ -37,7 +37,7 @@ class LoopLink:
         give_up_in_children(self)
 
     def attend(self) -> None:
-        """Do what was asked for and wake waiting threads; cheap where none waits."""
+        """Run the errands and wake waiting threads; cheap where none waits."""
         while self._errands:
             errand, answer = self._errands.popleft()
             try:
@@ -94,7 +94,7 @@ class LoopLink:
                 self._listeners -= 1
 
     def do(self, errand: Callable[[], None]) -> None:
-        """Have the loop's thread call `errand`; raises what that raises, or MotionLoopError."""
+        """Have the loop's thread call `errand`; raises its errors, or MotionLoopError."""
         answer: list[Exception | None] = []
         self._errands.append((errand, answer))
         while not answer:

@@ -24,7 +24,7 @@ _log = logging.getLogger(__name__)
 
 
 class Cycle(NamedTuple):
-    """One control instant, after its command has left."""
+    """A control instant, after its command has left."""
 
     robot: RobotState
     device: DeviceState | None

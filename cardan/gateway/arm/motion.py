@@ -1,4 +1,4 @@
-"""Motions that verbs start, and what the verbs return."""
+"""Motions that verbs start, and the verbs' results."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Outcome(enum.Enum):
     """State of a motion."""
 
     WAITING = "waiting"
-    """Accepted; what moved before is still coming to rest."""
+    """Accepted; the motion before is still coming to rest."""
     RUNNING = "running"
     DONE = "done"
     REFUSED = "refused"
@@ -38,7 +38,7 @@ class Motion:
         self.reason = ""
         """Why it was aborted or refused."""
         self.note = ""
-        """What was changed of what was asked for; empty when nothing was."""
+        """Changes made to the request; empty if there were none."""
         self.duration_s = math.inf
         """As planned; infinite for a motion without end."""
         self.error: MotionRefusedError | None = None
@@ -53,12 +53,12 @@ class Motion:
 
 
 class Rehearsal(NamedTuple):
-    """What would become of a motion."""
+    """Predicted outcome of a motion."""
 
     refusal: str
-    """What stops it, and where; empty: nothing does."""
+    """Obstacle to it, and where; empty if there is none."""
     note: str
-    """What would be changed of what was asked for; empty: nothing."""
+    """Changes that would be made to the request; empty if none."""
     duration_s: float
     """By the speeds of the parameters; 0 where it is refused."""
 
@@ -78,7 +78,7 @@ class Stat(NamedTuple):
     twist: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """How it is commanded to move: m/s and rad/s, base axes."""
     heard: bool = True
-    """Whether the robot is; else what is measured is old."""
+    """Whether the robot is; otherwise measurements are old."""
 
 
 class ControllerStatus(NamedTuple):
@@ -95,7 +95,7 @@ class ControllerStatus(NamedTuple):
     recovering: bool
     """After a trip, until the command is back at the arm."""
     message: str
-    """What last ended a motion or a stream."""
+    """Reason why a motion or a stream last ended."""
     stream_owner: str
     stream_age_s: float
     """Since the newest streamed command; infinite before the first."""

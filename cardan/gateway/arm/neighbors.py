@@ -1,4 +1,4 @@
-"""Another arm beside this one that moves by itself: its bodies, and what is known of its state.
+"""Another arm beside this one that moves by itself: its bodies, and its known state.
 
 No I/O: time comes in as an argument. Monotonic time of this computer in s, times since the epoch,
 which messages have in their stamps, in ns.
@@ -54,9 +54,9 @@ class NeighborBodies:
         *,
         one_robot: bool = False,
     ) -> None:
-        """`base`: the neighbor's base in this arm's. `acceleration_share`: of its joints'
-        accelerations what it may use. `one_robot`: they are arms of one robot, and what does not
-        move with the neighbor's joints is this arm's already.
+        """`base`: the neighbor's base in this arm's. `acceleration_share`: share of its joints'
+        accelerations that it may use. `one_robot`: they are arms of one robot, and bodies that do
+        not move with the neighbor's joints are this arm's already.
         """
         self.name, self.model = name, model
         self._kinematics = arm = ArmKinematics(model)
@@ -82,7 +82,7 @@ class NeighborBodies:
         self.velocity, self.continuous = arm.velocity, arm.continuous
 
     def label(self, shape: str) -> str:
-        """What a body of its model is called here."""
+        """Name of a body of its model for messages."""
         return f"{self.name}'s {shape}"
 
     def frames(self, joints: Sequence[float]) -> list[SE3]:
@@ -110,7 +110,7 @@ class NeighborBodies:
         return found
 
     def gained_m_s(self, time_s: float) -> FloatArray:
-        """What the fastest point of each of `shapes` may gain in `time_s`."""
+        """Speed that the fastest point of each of `shapes` may gain in `time_s`."""
         found: FloatArray = np.multiply(self._deceleration_m_s2 * time_s, self._moves)
         return found
 
@@ -166,7 +166,7 @@ class NeighborWatch:
     ) -> None:
         """Joint states of the neighbor, of further joints, too; `velocities` may be empty.
 
-        `sender`: who published them; empty: not known. Of two at a time it is not known which is
+        `sender`: their publisher; empty if unknown. Of two at a time it is not known which is
         the neighbor.
         """
         found = self._order_of(tuple(names))
@@ -247,7 +247,7 @@ class NeighborWatch:
         return self._order[1]
 
     def fault(self, now_s: float) -> str:
-        """Why this arm must not be moved, and what to do; empty while the neighbor is known."""
+        """Why this arm must not be moved, with advice; empty while the neighbor is known."""
         age_s = self.age_s(now_s)
         if age_s <= self._max_age_s:
             if now_s - self._second_s > self._max_age_s:

@@ -1,7 +1,7 @@
 """The last check in front of every robot driver: commands beyond a limit are not sent.
 
-Limits are met by construction before this. The gate is for what construction did not foresee: an
-overflow, a mistake of ours, a filter or a plugin that computes nonsense.
+Limits are met by construction before this. The gate is for unforeseen faults: an overflow, a
+mistake of ours, a filter or a plugin that computes nonsense.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ over a period, which the servo takes in steps of equal length."""
 
 
 class OutputLimits(NamedTuple):
-    """Limits of what may be sent: of the TCP, and of each joint."""
+    """Limits of commands: of the TCP, and of each joint."""
 
     linear_speed_m_s: float
     linear_acceleration_m_s2: float

@@ -1,4 +1,4 @@
-"""The parameters of the interface: keys, names, units, defaults, and what is accepted."""
+"""The parameters of the interface: keys, names, units, defaults, and accepted values."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ DAMPING = Range(0.1, 1.0, "", "at less the arm hardly follows")
 
 
 class ParameterRule(NamedTuple):
-    """One parameter."""
+    """Name, default and accepted values of a parameter."""
 
     key: Parameter
     name: str
@@ -57,7 +57,7 @@ class ParameterRule(NamedTuple):
 
     @property
     def allowed(self) -> str:
-        """What is accepted."""
+        """Accepted values, for messages."""
         if isinstance(self.accepted, Range):
             return f"{self.accepted}: {self.accepted.reason}"
         return ", ".join(map(vocab_text, self.accepted))
@@ -96,7 +96,7 @@ _BY_NAME = {rule.name: rule for rule in RULES}
 def find_rule(key: Key) -> ParameterRule:
     """The parameter with this code (integer or its characters) or name.
 
-    Raises ConfigurationError that lists what there is.
+    Raises ConfigurationError that lists all parameters.
     """
     if isinstance(key, str) and key in _BY_NAME:
         return _BY_NAME[key]
@@ -140,7 +140,7 @@ def checked_group(values: Mapping[Key, Value]) -> dict[Parameter, float]:
 
 
 def feedback_gain_1_s(gain: float, period_ms: float) -> float:
-    """What a position error is multiplied with to give a velocity, from cpcg and cpcp, 1/s."""
+    """Gain from position error to velocity, from cpcg and cpcp, 1/s."""
     return gain * 1000.0 / period_ms
 
 

@@ -55,7 +55,7 @@ BOUNDLESS = 1e3
 
 
 class Line(Protocol):
-    """What the planner needs of a straight path."""
+    """A straight path, as the planner needs it."""
 
     @property
     def duration_s(self) -> float:
@@ -90,7 +90,7 @@ SPARE_RESTARTS = 12
 
 
 class Planner:
-    """Inverse kinematics and dry runs of one arm, with reasons for what is impossible."""
+    """Inverse kinematics and dry runs of one arm, with reasons for impossible motions."""
 
     def __init__(
         self,
@@ -129,12 +129,12 @@ class Planner:
         lengths = (1.0, 1.0, 1.0, length, length, length)
         self._weights = np.where(self.followed, 1.0, 0.0) * lengths
         self._weights_on_way = weights * lengths
-        # On the way an arm with few joints keeps what its task counts most.
+        # On the way an arm with few joints keeps the directions that its task counts most.
         self._kept_on_way = weights >= 0.5 * weights.max()
         can_all = np.count_nonzero(self.followed) <= len(model.joints)
         self.kept = self.followed if can_all else self._kept_on_way
-        """Directions in which a line has to end at its goal: all that the arm follows, or what its
-        task counts most where it has too few joints for them."""
+        """Directions in which a line has to end at its goal: all that the arm follows, or those
+        that its task counts most if it has too few joints."""
         self._units = tuple(
             "m" if joint.kind is JointKind.PRISMATIC else "rad" for joint in model.joints
         )

@@ -1,6 +1,6 @@
 """The Cartesian interface of an arm whose loop runs in another process: verbs as packets.
 
-What carries the packets is a subclass: the channel of a session that this process has started, or
+A subclass carries the packets: over the channel of a session that this process has started, or over
 the network.
 """
 
@@ -69,7 +69,7 @@ class RemotePacketArm(CartesianArm):
         self._rests = True
         """Whether the arm is at rest once it has ended."""
 
-    # -- what a subclass carries -----------------------------------------------------------------
+    # -- for subclasses --------------------------------------------------------------------------
 
     @abstractmethod
     def _send(self, request: Request, packet: bytes) -> None:
@@ -81,7 +81,7 @@ class RemotePacketArm(CartesianArm):
         self._early.clear()
 
     def _take_answer(self, answer: Reply | MotionNote) -> None:
-        """Handle what has come, in any thread."""
+        """Handle an arrived packet, in any thread."""
         with self._lock:
             if isinstance(answer, MotionNote):
                 self._note(answer)

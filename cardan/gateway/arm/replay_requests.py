@@ -1,7 +1,7 @@
 """Requests of programs as a record has them: :mod:`cardan.recording.replay_requests` repeats them.
 
-Written down is what acts on the arm, in the moment in which it does, and between which ticks: what
-was worked out before (inverse kinematics, checks) is not repeated.
+A record has the requests that act on the arm, at the moment of their effect, between its ticks:
+work before that (inverse kinematics, checks) is not repeated.
 """
 
 from __future__ import annotations

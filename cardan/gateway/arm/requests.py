@@ -63,14 +63,14 @@ class Request(NamedTuple):
     """The verb's argument, where it has one."""
     sequence: int | None = None
     there: Callable[[], bool] | None = None
-    """Whether who asked is still there, without whom a motion without end ends; None: that is
+    """Whether its client is still there, without which a motion without end ends; None: that is
     watched otherwise."""
     stamp_s: float | None = None
     """Of a streamed command: when it was sent, by the sender's clock."""
     begins: Begins | None = None
     """Of a streamed command: whether it chooses its own where none is chosen; None: never."""
     wanted: Callable[[], bool] | None = None
-    """Whether it is still to begin: what was canceled before its turn is not; None: always."""
+    """Whether it is still to begin; a request canceled before its turn is not. None: always."""
     since_s: float | None = None
     """Local monotonic time: it can have waited since then until it came to the session; None: since
     the session looked before, at most."""
@@ -107,7 +107,7 @@ class Reply(NamedTuple):
 
 LATE_S = 1.0
 """Longest time for which a process may have stood still, or may have been starting, when it finds a
-request to begin a motion: who asked may have given up, or be gone, since."""
+request to begin a motion: its client may have given up, or be gone, since."""
 
 FRAMED: Mapping[str, Callable[[Vector3, Vector3, Frame], Any]] = {"twist": Twist, "wrench": Wrench}
 """Verbs whose numbers may have a frame of their own."""
@@ -121,7 +121,7 @@ _FRAMES = {"twist": tuple(Frame), "wrench": (Frame.BASE, Frame.TOOL)}
 
 
 def encode_request(request: Request) -> bytes:
-    """As one packet. Raises what the verb raises for an argument that it does not take."""
+    """As one packet. Raises the verb's error for an argument that it does not take."""
     takes = VERB_TABLE[request.verb].takes
     checked_source(request.verb, request.source)
     table: dict[str, Any] = {"id": request.id, "source": request.source, "verb": request.verb}
@@ -261,8 +261,8 @@ def encode_note(note: MotionNote) -> bytes:
 _ANSWERS = b'{"reply":', b'{"motion":'
 
 _BROKEN = (LookupError, TypeError, ValueError, AttributeError, OverflowError)
-"""What a reply with wrong values in it leads to. OverflowError: a whole number that is too large
-for a float."""
+"""Errors that a reply with wrong values leads to. OverflowError: an integer that is too large for a
+float."""
 
 
 def is_answer(packet: bytes) -> bool:
@@ -271,8 +271,8 @@ def is_answer(packet: bytes) -> bool:
 
 
 def decode_answer(packet: bytes) -> Reply | MotionNote | None:
-    """A reply or a motion's note; None for what is neither, as a snapshot is. Raises PacketError
-    for one that is broken."""
+    """A reply or a motion's note; None for any other packet, such as a snapshot. Raises PacketError
+    for a broken packet."""
     if not is_answer(packet):
         return None
     table = _unpacked(packet)
@@ -309,7 +309,7 @@ def _error(table: Mapping[str, Any]) -> CardanError:
     return error
 
 
-# -- what replies carry ---------------------------------------------------------------------------
+# -- content of replies ---------------------------------------------------------------------------
 
 
 def result_of(verb: str, result: Any) -> Any:

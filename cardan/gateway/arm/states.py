@@ -1,16 +1,14 @@
-"""What an arm is doing: a few small machines, each an enum and one function that says the next
-state.
+"""State machines of an arm, each an enum and one function that returns the next state.
 
 That of the operator device, its dead-man and clutch is :mod:`cardan.gateway.operator.deadman`. The
-machines are independent: each looks at its own state, at what happened (an :class:`Event`), and
-at a few :class:`Facts`. The controller asks them and does what follows from the answer; it assigns
-states in one place, `ArmController._enter`. What a state carries (reasons, the activity that moves
-the arm, limits, counters) is data of the controller.
+machines are independent: each reads its own state, an :class:`Event`, and a few :class:`Facts`. The
+controller asks them and acts on the answer; it assigns states in one place, `ArmController._enter`.
+Data of a state (reasons, the arm's activity, limits, counters) is the controller's.
 
-What a state is asked in every cycle is an attribute of its member: a look-up of another member
-takes longer than the rest of the question.
+Properties that are read in every cycle are attributes of the member: a look-up of another member
+takes longer than the rest of the comparison.
 
-Read a function downwards: the first case that fits counts, and what is not named changes nothing.
+Read a function downwards: the first case that fits counts, and other events change nothing.
 """
 
 from __future__ import annotations
@@ -30,7 +28,7 @@ class Link(enum.Enum):
     ABSENT = "absent"
     """It is silent, or would not act on commands; all motion is forgotten."""
     BRAKING_BLIND = "braking blind"
-    """It is heard and not ready, and may still obey: what moved is braked in a ramp."""
+    """It is heard and not ready, and may still obey: a motion is braked in a ramp."""
     READY = "ready"
     """It acts on commands."""
 
@@ -39,7 +37,7 @@ class Link(enum.Enum):
 
 
 class Readings(enum.Enum):
-    """Whether what the robot measures is believed."""
+    """Whether the robot's measurements are plausible."""
 
     ACCEPTED = "accepted"
     """They are."""
@@ -53,7 +51,7 @@ class Readings(enum.Enum):
 
 
 class Motion(enum.Enum):
-    """What moves the commanded arm."""
+    """Source of the commanded motion."""
 
     UNCOMMANDED = "uncommanded"
     """The robot is sent a hold."""
@@ -66,7 +64,7 @@ class Motion(enum.Enum):
     RESYNCHRONIZING = "resynchronizing"
     """The command is brought back to a robot that is not where it was commanded to be."""
     BRAKING = "braking"
-    """What moved it was told to come to rest."""
+    """The activity that moved it was told to come to rest."""
 
     def __init__(self, value: str) -> None:
         self.commanded = value != "uncommanded"
@@ -74,7 +72,7 @@ class Motion(enum.Enum):
 
 
 class Separation(enum.Enum):
-    """Whether command and robot are apart, and what becomes of it."""
+    """Whether command and robot are apart, and the recovery from it."""
 
     NONE = "none"
     """They are not."""
@@ -92,22 +90,22 @@ class Separation(enum.Enum):
 
 
 class Inhibit(enum.Enum):
-    """How something outside of the arm interrupts what moves it. The value is its name in
+    """Kinds of interruption from outside of the arm. The value is its name in
     records."""
 
     FOR_GOOD = "request_stop"
-    """What moves brakes now, and no source moves the arm any more."""
+    """The motion under way brakes now, and no source moves the arm any more."""
     WHILE_SAID = "hold_off"
     """From the next tick on no source may move the arm, until the reason is said to be ""."""
     ONCE = "trip"
     """The next tick disengages the source that moves the arm, as the watchdogs do; without effect
-    where none does by then. The first reason counts."""
+    if none does by then. The first reason counts."""
     MOTION_IGNORED = "suspend"
     """The operator's motion is ignored in the next tick; after it, teleoperation goes on."""
 
 
 class Act(enum.Enum):
-    """What follows from the operator's request, beside the motion that it asks for."""
+    """Consequences of the operator's request, beside the requested motion."""
 
     TRIP = "the device must not drive any longer"
     LET_GO = "the clutch was released: the arm brakes, and its authority is free"
@@ -117,7 +115,7 @@ class Act(enum.Enum):
 
 
 class Event(enum.Enum):
-    """What happens to an arm, beside what its operator does."""
+    """Events of an arm, beside its operator's requests."""
 
     READY = "a tick ends in which the robot was ready"
     UNREADY = "the robot is silent or not ready"
@@ -143,7 +141,7 @@ class Event(enum.Enum):
 
 
 class Facts(NamedTuple):
-    """What the next state depends on beside the state and the event."""
+    """Conditions of the next state, beside the state and the event."""
 
     device: bool = False
     """Whether the arm has an operator device."""
@@ -205,7 +203,7 @@ def readings_after(readings: Readings, event: Event, states: States) -> Readings
 
 
 def motion_after(motion: Motion, event: Event, facts: Facts) -> Motion:
-    """What moves the commanded arm, once `event` has happened."""
+    """Return the source of motion after `event`."""
     match event:
         case Event.FORGOTTEN:
             return Motion.UNCOMMANDED
@@ -258,7 +256,7 @@ def separation_after(separation: Separation, event: Event, facts: Facts) -> Sepa
 def inhibits_after(
     inhibits: Mapping[Inhibit, str], reason: str, kind: Inhibit
 ) -> Mapping[Inhibit, str]:
-    """What inhibits the arm, each with its reason, once `kind` was asked for."""
+    """Return the inhibits of the arm, each with its reason, after a request for `kind`."""
     match kind:
         case Inhibit.WHILE_SAID if not reason:
             return {each: why for each, why in inhibits.items() if each is not kind}
@@ -270,7 +268,7 @@ def inhibits_after(
 def arming_after(
     arming: Arming, request: MotionRequest, acknowledges: bool, owns: bool, refused: bool
 ) -> tuple[Arming, Act | None]:
-    """What the operator's request makes of `arming`, and what follows; None: nothing.
+    """Return the arming after the operator's request, and its consequence, if any.
 
     `acknowledges`: whether an act that arms nothing has something to acknowledge; `owns`: whether
     the device has the authority over the arm; `refused`: whether it may not take it.
@@ -293,10 +291,10 @@ def arming_after(
 
 
 def phase_of(states: States, moving: bool, asks: bool, recovers: bool) -> Phase:
-    """What people are told that the arm is doing.
+    """Return the phase of the arm that is displayed.
 
     `moving`: whether it is commanded to move; `asks`: whether the operator asks for motion;
-    `recovers`: whether what moves it brings the command back to its robot.
+    `recovers`: whether the activity brings the command back to its robot.
     """
     match states.link, states.motion:
         case Link.ABSENT, _:

@@ -11,7 +11,7 @@ from cardan.types import Pose, Twist
 
 
 class Phase(enum.Enum):
-    """What an arm is doing."""
+    """Phase of an arm, as displayed."""
 
     NO_ROBOT = "no robot"
     """The robot is silent or would not act on commands."""
@@ -28,24 +28,24 @@ class Phase(enum.Enum):
 
 
 LIMITS: Final = ("collision", "singularity", "joint", "unreachable", "workspace", "max_lead")
-"""What may limit an arm's motion: a body nearby; a singularity; a joint's bound of speed,
-acceleration or range; no joint for what is commanded; the edge of the workspace; a robot that is
-as far behind as it may be."""
+"""Limits of an arm's motion: a body nearby; a singularity; a joint's bound of speed, acceleration
+or range; no joint for the commanded motion; the edge of the workspace; a robot that is as far
+behind as it may be."""
 
 TAUT_SHARE: Final = 0.9
-"""Share of the maximum lead above which the robot counts as one that does not follow."""
+"""Share of the maximum lead above which the robot counts as not following."""
 
 
 class ArmStatus(NamedTuple):
-    """What the last tick decided."""
+    """Result of the last tick."""
 
     phase: Phase
     message: str
     """Why nothing moves and what to do about it; empty when all is well."""
     target: Twist
-    """What the operator asks for, along `target.frame`, after the filters."""
+    """Operator's request, along `target.frame`, after the filters."""
     twist: Twist
-    """What is commanded, base axes."""
+    """Commanded twist, base axes."""
     pose: Pose | None
     """Where the TCP is commanded to be."""
     lead_used: float
@@ -55,9 +55,9 @@ class ArmStatus(NamedTuple):
     """How often a watchdog or fault disengaged the source that moved the arm."""
     authority: AuthorityState
     filters: tuple[str, ...] = ()
-    """What the filters do to the operator's motion; those that do nothing are silent."""
+    """Effects of the filters on the operator's motion; filters without effect are left out."""
     arm: ServoStatus | None = None
-    """What the servo met, where there is an arm's model."""
+    """Status of the servo, if there is an arm's model."""
 
     def limits(self) -> list[str]:
         """Which of LIMITS act now."""

@@ -1,7 +1,7 @@
 """Streaming commands: poses, jogs, twists, wrenches and joint speeds, each valid for a moment.
 
 A stream has to be chosen first (parameter streamingCommand). Its freshness is judged by local
-reception; numbers and stamps of the sender only sort out what is late.
+reception; numbers and stamps of the sender only sort out late commands.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Streams:
         self._controller, self._commanded, self._plans = controller, commanded, plans
         self._link: _Link | None = None
         self._delays = Delays()
-        """Kept when a stream is chosen again: what waited in a queue is no measure of its delay."""
+        """Kept when a stream is chosen again: a queued command is no measure of its delay."""
         self._ended = ""
         self._heard_s = NEVER_S
         """When the newest command came, the robot's time."""
@@ -170,7 +170,7 @@ class Streams:
     # -- commands --------------------------------------------------------------------------------
 
     def hear(self, sender: CommandHeader) -> None:
-        """Learn from the stamp of a command, before anything decides whether it is taken: what
+        """Learn from the stamp of a command, before it is accepted or refused: a command that
         waited in a queue while its sender was refused is no measure of its delay."""
         owner, _, stamp_s, heard_s = sender
         if isinstance(owner, str) and len(owner) <= LONGEST_NAME and _is_time(stamp_s):
@@ -216,7 +216,7 @@ class Streams:
         of: Callable[[Pose, Pose, Pose], Pose],
         sender: CommandHeader,
     ) -> None:
-        """Aim the pose stream at `of` what is given, the commanded pose and the target before."""
+        """Aim the pose stream at `of` the given pose, the commanded one and the target before."""
         controller, plans = self._controller, self._plans
         pose = checked_pose(verb, given)
         with controller.lock:
@@ -303,7 +303,7 @@ class Streams:
             self.scaled += activity.aim(values)
             self._note_command(activity, sender)
 
-    # -- who may stream --------------------------------------------------------------------------
+    # -- permission to stream --------------------------------------------------------------------
 
     def _streaming(self, kind: Stream, sender: CommandHeader) -> Activity:
         """The activity of the stream, if this command may act on it."""

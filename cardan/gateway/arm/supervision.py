@@ -1,8 +1,8 @@
 """Why an arm is stopped: everything that is watched, in one place.
 
-Once a tick, before any request, `look` judges what the robot reports: whether a command acts,
-whether the robot is where it was, whether it follows. The result is one :class:`StopReason`, the
-gravest; the controller acts on it in one place. The operator device is judged by its own source
+Once a tick, before any request, `look` judges the robot's reports: whether a command acts, whether
+the robot is where it was, whether it follows. The result is one :class:`StopReason`, the gravest;
+the controller acts on it in one place. The operator device is judged by its own source
 (:mod:`cardan.gateway.operator.input`), the streams by their silence limit. All by local monotonic
 time.
 """
@@ -23,7 +23,7 @@ from cardan.types import NEVER_S, RobotLink, RobotState
 
 LONGEST_STEP_PERIODS = 2.5
 """Periods of the robot by which one tick advances at most. A datagram that is lost, or two that
-come at once, are made up for, as the robot itself went on meanwhile; time beyond that is lost."""
+come at once, are made up for: the robot itself went on meanwhile; time beyond that is lost."""
 
 JOINT_ERROR = bounds.Range(
     0.0,
@@ -65,7 +65,7 @@ class Watchdogs(Options):
 
 
 class Cause(enum.Enum):
-    """What a look at the robot found."""
+    """Finding of a check of the robot."""
 
     FIRST = "the robot is ready for the first time"
     LOST = "the controller fell silent"
@@ -145,7 +145,7 @@ class Supervision:
             self._plausible_s = state.stamp_s
             return StopReason(Cause.FIRST if first else Cause.NEW_SESSION, "")
         if before is not None:
-            # The longer of the two clocks: what waited in a queue was measured earlier.
+            # The longer of the two clocks: a state that waited in a queue was measured earlier.
             time_s = max(state.stamp_s - before.stamp_s, state.period_s, 0.0)
             leap = commanded.leap(before, state, time_s)
             if leap:

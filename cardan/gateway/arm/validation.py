@@ -1,4 +1,4 @@
-"""What is checked of every command before anything else: length, numbers, rotation, names."""
+"""Validation of every command before anything else: length, numbers, rotation, names."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _finite_numbers(verb: str, values: Any, many: str) -> tuple[float, ...]:
 
 
 def six_numbers(verb: str, values: Sequence[float]) -> Six:
-    """`values` as six finite floats. Raises MotionRefusedError that says what is wrong."""
+    """`values` as six finite floats. Raises MotionRefusedError that names the fault."""
     numbers = _finite_numbers(verb, values, "six numbers")
     if len(numbers) != 6:
         raise MotionRefusedError(f"{verb} takes six numbers, not {len(numbers)}")
@@ -134,7 +134,7 @@ def checked_distance(verb: str, distance_m: float) -> float:
 
 
 def checked_action(code: Action | int | str) -> Action:
-    """What a gripper is told to do. Raises MotionRefusedError."""
+    """Return a gripper's action. Raises MotionRefusedError."""
     try:
         action = Action(vocab(code) if isinstance(code, str) else code)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Carries out verbs by name, and waits for what takes time, beside the loop."""
+"""Carries out verbs by name, and waits for slow ones, beside the loop."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class VerbServer:
     def __init__(self, verbs: ArmVerbs, link: LoopLink) -> None:
         self.verbs, self.link = verbs, link
         self._starting = threading.RLock()
-        """One request that may wait for the arm to rest at a time."""
+        """Held by the request that may wait for the arm to rest; others follow one at a time."""
 
     def perform(
         self,
@@ -48,7 +48,7 @@ class VerbServer:
         """Carry out `verb` for `source`; `value` is its argument, where it has one. `sequence`,
         `stamp_s` and `begins` are of streamed commands: see :meth:`ArmVerbs.stream`.
 
-        Answers what the verb answers. Raises MotionRefusedError, ConfigurationError, or, where the
+        Returns the verb's result. Raises MotionRefusedError, ConfigurationError, or, where the
         loop does not run, MotionLoopError.
         """
         checked_source(verb, source)

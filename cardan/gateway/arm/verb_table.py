@@ -1,4 +1,4 @@
-"""The verbs of the Cartesian interface in one table: what each takes and answers, and how it acts.
+"""The verbs of the Cartesian interface in one table: the argument, result and effect of each.
 
 The packets of :mod:`cardan.gateway.arm.requests`,
 :class:`~cardan.gateway.arm.verb_server.VerbServer`, the worker of a session, ROS 2 and the command
@@ -140,14 +140,14 @@ def _word_or_number(word: str) -> float | str:
 
 
 class Takes(NamedTuple):
-    """What a verb takes: in words, as JSON, and on a command line."""
+    """Argument of a verb: in words, as JSON, and on a command line."""
 
     words: str
     """For people, with units."""
     counts: Sequence[int]
     """How many words of a command line it is."""
     encode: Callable[[str, Any], Any]
-    """To JSON, of the verb of this name; raises what the verb raises for what it does not take."""
+    """To JSON, of the verb of this name; a wrong argument raises the verb's own error."""
     decode: Callable[[str, Any], Any]
     """From JSON; raises MotionRefusedError or ConfigurationError."""
     read: Callable[[str, Sequence[str]], Any] = _word_numbers

@@ -1,7 +1,7 @@
 """The verbs of the Cartesian interface: each checks, works out and starts a motion of the arm.
 
-Verbs may be called from any thread: what takes long (inverse kinematics, dry runs) is worked out
-beside the loop, which only ever holds the controller's lock for a moment.
+Verbs may be called from any thread: slow work (inverse kinematics, dry runs) is done beside the
+loop, which only ever holds the controller's lock for a moment.
 """
 
 from __future__ import annotations
@@ -214,11 +214,11 @@ class ArmVerbs:
             gripper=gripper,
         )
 
-    # -- what it is doing ------------------------------------------------------------------------
+    # -- state -----------------------------------------------------------------------------------
 
     @property
     def state(self) -> State:
-        """What is being done; NOT_CONTROLLING from a stop on."""
+        """State of the arm; NOT_CONTROLLING from a stop on."""
         activity = self.controller.activity
         if activity is None or self.controller.braking:
             return State.NOT_CONTROLLING
@@ -278,17 +278,17 @@ class ArmVerbs:
         positions, velocities = activity.desired()
         return positions.tolist(), velocities.tolist(), activity.point
 
-    # -- what becomes of motions -----------------------------------------------------------------
+    # -- ends of motions -------------------------------------------------------------------------
 
     def invalidate(self, reason: str) -> None:
-        """Whatever was under way or planned is over (called by the controller)."""
+        """End all motions under way or planned (called by the controller)."""
         self._voided = reason
         self._drop_pending(reason)
         self._end_stream(reason)
         self._end_motion(Outcome.ABORTED, reason)
 
     def finished(self, reason: str) -> None:
-        """The activity came to its end (called by the controller)."""
+        """Take the end of the activity (called by the controller)."""
         self._end_motion(Outcome.ABORTED if reason else Outcome.DONE, reason)
 
     # -- requests --------------------------------------------------------------------------------
@@ -325,8 +325,8 @@ class ArmVerbs:
             return tuple(self.planner.inverse("inv", target, start).tolist())
 
     def rehearse_line(self, xd: Target) -> Rehearsal:
-        """Look at the straight line from here to the pose `xd` in the base, without moving: what
-        stops it, and how long it takes."""
+        """Rehearse the straight line from here to the pose `xd` in the base, without moving: its
+        obstacle, if any, and its duration."""
         verb = "rehearse_line"
         target = checked_pose(verb, xd)
         return self._rehearse(verb, lambda q: self.plans.line(target, q, False, verb))
@@ -387,10 +387,10 @@ class ArmVerbs:
         )
 
     def trajectory(self, wanted: JointTrajectory, *, source: str = VERBS) -> Motion:
-        """Follow joint positions over time that somebody else planned, such as MoveIt.
+        """Follow joint positions over time that another program planned, such as MoveIt.
 
         It has to begin where the arm is, at rest, but for whole turns of continuous joints, which
-        are added to all of it, and is slowed as a whole to what the arm may do;
+        are added to all of it, and is slowed as a whole to the arm's limits;
         all of its way has to be free, as in movj.
         """
         return self._launch("trajectory", True, lambda q: self.plans.trajectory(wanted, q), source)
@@ -451,7 +451,8 @@ class ArmVerbs:
             self.controller.drop()
 
     def act(self, code: Action | int | str, *, source: str = VERBS) -> None:
-        """Tell the gripper to close, open or stop; for this, too, `source` needs the authority."""
+        """Command the gripper to close, open or stop; for this, too, `source` needs the
+        authority."""
         with self._counted():
             action = checked_action(code)
             if self._gripper is None:
@@ -529,7 +530,7 @@ class ArmVerbs:
     def release(self, source: str = VERBS) -> None:
         """Give up the authority of `source`, so that others need not wait until its lease ends.
 
-        What moves by it is stopped.
+        Its motion, if any, is stopped.
         """
         controller = self.controller
         with controller.lock, controller.recorded_request("release", argument_text(source)):
@@ -562,7 +563,7 @@ class ArmVerbs:
     def set_parameter(self, key: prm.Key, value: prm.Value, *, source: str = VERBS) -> None:
         """Set a parameter by its code or name. Refused while a motion is under way.
 
-        Raises ConfigurationError for what is not accepted, MotionRefusedError for the moment.
+        Raises ConfigurationError for an invalid value, MotionRefusedError at a wrong moment.
         """
         self.set_parameters({key: value}, source=source)
 
@@ -581,7 +582,7 @@ class ArmVerbs:
             self._require_idle(f"setting {names}")
             stream = found.pop(Parameter.STREAM, None)
             if stream is None:
-                # It moves nothing: who sets one does not keep others from the arm afterwards.
+                # It moves nothing: its sender does not keep others from the arm afterwards.
                 holds = self.controller.authority.owner == source
                 self._require_authority(f"setting {names}", source, claims=holds)
             before = dict(self.parameters)
@@ -613,11 +614,11 @@ class ArmVerbs:
         stamp_s: float | None = None,
         begins: Begins | None = None,
     ) -> str:
-        """Do what the streamed command `verb` (one with a preset) asks for now; "" or why not.
+        """Carry out the streamed command `verb` (one with a preset) now; "" or why not.
 
-        `owner` names who streams; `sequence` or `stamp_s` (sender's clock), where given, have to
-        grow. `begins`: whether, where nothing moves the arm and no streaming command is chosen, or
-        one that its sender has left, it chooses its own; None: never.
+        `owner` is the streaming source; `sequence` or `stamp_s` (sender's clock), where given, have
+        to grow. `begins`: whether, where nothing moves the arm and no streaming command is chosen,
+        or one that its sender has left, it chooses its own; None: never.
         """
         sender = CommandHeader(owner, sequence, stamp_s, self.stamp_s)
         self.streams.hear(sender)
@@ -696,8 +697,8 @@ class ArmVerbs:
                 if self.controller.idle:
                     self._begin(motion, plan)
                 else:
-                    # It was worked out from where the arm was, to refuse early what is wrong;
-                    # it starts from where the arm comes to rest.
+                    # It was planned from where the arm was, to refuse early; it starts from where
+                    # the arm comes to rest.
                     self._end_stream(f"{verb} took over")
                     self._end_motion(Outcome.ABORTED, f"{verb} took over")
                     self.controller.brake()
@@ -733,7 +734,7 @@ class ArmVerbs:
             motion.outcome, motion.reason = Outcome.ABORTED, reason
             self._pending = None
 
-    # -- what has to be so -----------------------------------------------------------------------
+    # -- conditions ------------------------------------------------------------------------------
 
     def _counted(self) -> _Counted:
         return _Counted(self)
@@ -774,7 +775,7 @@ class ArmVerbs:
             return np.array(robot.joints)
 
     def _check_measured(self, verb: str, robot: RobotState) -> None:
-        """Before the first command: the robot rests, and is what its model says."""
+        """Before the first command: the robot rests, and agrees with its model."""
         misfit = self.commanded.obstacle(robot, True)
         if misfit:
             raise MotionRefusedError(f"{verb}: {misfit}")

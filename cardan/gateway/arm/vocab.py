@@ -42,8 +42,8 @@ class Stream(enum.IntEnum):
 
 
 class Begins(enum.Enum):
-    """What becomes of a streamed command of a stream that chooses its preset by itself, where no
-    streaming command is chosen. The values are the reasons why it is refused."""
+    """Treatment of a command of a stream that chooses its preset by itself, while no streaming
+    command is chosen. The values are the reasons why it is refused."""
 
     NEW = ""
     """It chooses: its stream has just begun."""
@@ -51,13 +51,13 @@ class Begins(enum.Enum):
         "the stream was ended, and does not begin again by itself: let it be silent for 0.5 s, or "
         "send zero, first"
     )
-    """It chooses only where its own stream fell silent: one that was stopped stays so, and that of
-    somebody else is not taken up."""
+    """It chooses only where its own stream fell silent: a stopped stream stays stopped, and another
+    sender's is not taken up."""
     REST = "zero begins no stream; the first command that moves the arm does"
 
 
 class State(enum.IntEnum):
-    """What the controller is doing."""
+    """State of the controller."""
 
     NOT_CONTROLLING = vocab("ccnc")
     """At rest, stopping, or streaming."""
@@ -93,7 +93,7 @@ class ProfileCode(enum.IntEnum):
 
 
 class PolicyCode(enum.IntEnum):
-    """Values of the parameter cppo: what is given up where the arm cannot follow."""
+    """Values of the parameter cppo: the policy where the arm cannot follow."""
 
     PATH = vocab("path")
     REACH = vocab("rech")

@@ -1,1 +1,1 @@
-"""An arm on the bus: what a session publishes, and what it takes."""
+"""An arm on the bus: topics and commands of a session."""

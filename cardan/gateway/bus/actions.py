@@ -1,7 +1,7 @@
-"""Motions of an arm as ROS 2 actions: goals that tell how far they are, and that can be canceled.
+"""Motions of an arm as ROS 2 actions: goals that report their progress, and can be canceled.
 
-A goal that can be read is accepted at once, and another one rejected; what the arm then refuses
-ends it as aborted, with the reason in its result, as a rejected goal could not tell one. A later
+A goal that can be read is accepted at once, and another one rejected; a refusal by the arm ends it
+as aborted, with the reason in its result, because a rejected goal could not carry one. A later
 motion takes the arm from the goal before, through rest, as all motions do. A goal that is canceled
 before it moves the arm, also before it is accepted, never begins: it is accepted and ends as
 canceled.
@@ -50,7 +50,7 @@ _Taken = tuple[int, Goal, Any]
 
 
 class ArmAction:
-    """One action of an arm."""
+    """Server of an action of an arm."""
 
     def __init__(self, node: BusNode, server: CommandServer, command: ActionCommand) -> None:
         """`node` is open; `server` passes goals on to the worker."""
@@ -65,7 +65,7 @@ class ArmAction:
         self._status = node.publisher(f"{base}/status", STATUS_TYPE, STATUS_QOS)
         self._stopper = _CancelClient(self)
         self.offers: tuple[Callable[[], Any], Any] = send.poll, _GoalClient(self)
-        """Poll of goals, and the client of the worker that takes what it gives."""
+        """Poll of goals, and the client of the worker that takes them."""
         self.cancels: tuple[Callable[[], Any], Any] = cancel.poll, self._stopper
         self.results: tuple[Callable[[], Any], Any] = result.poll, _ResultClient(self)
         self._results: dict[bytes, list[ServiceRequest]] = {}
@@ -92,7 +92,7 @@ class ArmAction:
     # -- for the worker's threads ----------------------------------------------------------------
 
     def accept(self, packet: ServiceRequest) -> _Taken | None:
-        """Take a goal; None where it was answered otherwise. Raises PacketError for what is no
+        """Take a goal; None where it was answered otherwise. Raises PacketError for a malformed
         goal."""
         server, command = self._server, self._command
         name = self._type.send_goal.request
@@ -134,7 +134,7 @@ class ArmAction:
     def end(
         self, goal: Goal, status: GoalStatus, reason: str = "", error: CardanError | None = None
     ) -> None:
-        """The goal is over: tell who waits for its result."""
+        """The goal is over: answer the requests for its result."""
         if self._running is goal:
             self._running = None
         if status is GoalStatus.ABORTED and goal.status is GoalStatus.CANCELING:
@@ -196,7 +196,7 @@ class ArmAction:
 
     def request(self, taken: _Taken, packet: ServiceRequest) -> Request:
         """The goal of `packet` as a request to the arm, which is not begun once it is canceled,
-        and ends with who asked where it has no end of its own."""
+        and ends with its client if it has no end of its own."""
         (number, goal, value), server = taken, self._server
         request = Request(
             number, server.source(packet), self.verb, value,
@@ -293,10 +293,10 @@ class _CancelClient:
         return Request(action.next_id(), "", "stop")
 
     def done(self, request: Request, result: Any) -> None:
-        """The goal tells of its end."""
+        """The goal reports its end."""
 
     def refused(self, number: int | None, error: CardanError) -> None:
-        """What was no request has its answer."""
+        """A malformed request was answered already."""
 
     def ended(self, note: MotionNote) -> None:
         """No motion comes from here."""
@@ -316,7 +316,7 @@ class _ResultClient:
         """It asks nothing of the arm."""
 
     def refused(self, number: int | None, error: CardanError) -> None:
-        """What was no request has its answer."""
+        """A malformed request was answered already."""
 
     def ended(self, note: MotionNote) -> None:
         """No motion comes from here."""

@@ -155,12 +155,12 @@ class ArmParameters:
     """The parameter services of one arm's node, and its events."""
 
     def __init__(self, node: BusNode, server: CommandServer) -> None:
-        """`node` is open; `server` carries requests on and counts what was refused."""
+        """`node` is open; `server` carries requests on and counts refusals."""
         self.table = table = ParameterServer(each.declared() for each in PARAMETERS)
         self._node = node
         self._events = node.publisher(EVENTS, EVENT_TYPE, PARAMETERS_QOS)
         self.inputs: list[tuple[Callable[[], Any], Any]] = []
-        """Polls and the clients of the worker that take what they give."""
+        """Polls and the clients of the worker that take their packets."""
         for name, kind, client in (
             ("get_parameters", "GetParameters", _GetClient(server, table)),
             ("get_parameter_types", "GetParameterTypes", _Answering(server, table.get_types)),
@@ -178,14 +178,14 @@ class ArmParameters:
         self.inputs.append((service.poll, client))
 
     def observe(self, values: Mapping[str, float], now_ns: int) -> None:
-        """Publish what has changed of the arm's parameters, by any client. For the loop."""
+        """Publish changes of the arm's parameters, by any client. For the loop."""
         event = self.table.event(self._node.full_name, to_ros(values), now_ns)
         if event is not None:
             self._events.put(codec_of(EVENT_TYPE).encode(event), now_ns)
 
 
 class _ServiceEnd:
-    """A service as a client of the worker; what is no request of it is refused."""
+    """A service as a client of the worker; malformed requests are refused."""
 
     def __init__(self, server: CommandServer) -> None:
         self.server = server
@@ -237,7 +237,7 @@ class _Answering(_ServiceEnd):
         """It asks nothing of the arm."""
 
     def refused(self, number: int | None, error: CardanError) -> None:
-        """What was no request has its answer."""
+        """A malformed request was answered already."""
 
 
 class _GetClient(_ServiceEnd):

@@ -1,7 +1,7 @@
 """Serves one arm to the bus: takes commands from topics and services, and answers each of them.
 
-The loop only passes on what has arrived; decoding, carrying out and answering is done by the
-session's worker of requests, in its threads.
+The loop only passes packets on; the session's request worker decodes, carries out and answers, in
+its threads.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ CONTEST_SHOWN_S = 5.0
 
 GOALS_PERIOD_S = 0.01
 """How often goals and parameters are looked for: looking costs 0.5 µs for each of their services,
-which are many, and nobody notices 10 ms."""
+which are many, and a delay of 10 ms goes unnoticed."""
 
 SENDERS_KEPT = 64
 """Publishers of a topic whose sequence numbers are remembered."""
@@ -79,14 +79,14 @@ Offer = Callable[[Any, Any, float], None]
 
 
 HELD_AT_MOST = 32
-"""Most packets that wait for the token of who sent them: the oldest goes on without it."""
+"""Most packets that wait for their sender's token: the oldest goes on without it."""
 
 _Input = tuple[Callable[[], Any], Any]
-"""A poll, and the client of the worker that takes what it gives."""
+"""A poll, and the client of the worker that takes its packets."""
 
 
 class _Held(NamedTuple):
-    """A packet that waits for the token of who sent it."""
+    """A packet that waits for its sender's token."""
 
     client: Any
     packet: Received | ServiceRequest
@@ -95,7 +95,7 @@ class _Held(NamedTuple):
 
     @property
     def stream(self) -> tuple[Any, bytes]:
-        """What tells the packets of its publisher from others."""
+        """Key that distinguishes its publisher's packets from others."""
         return self.client, b"" if self.packet.attachment is None else self.packet.attachment.gid
 
 
@@ -119,7 +119,7 @@ class ArmServer:
         full: Callable[[], bool] = lambda: False,
     ) -> None:
         """`node` is open. `source`: the first word of all of them in the arm's authority, `owner`:
-        the source that has it now. `full`: whether what arrives should stay where it is for now."""
+        the source that has it now. `full`: whether packets should stay where they are for now."""
         self._full = full
         self.now_s = NEVER_S
         """Time of the newest poll."""
@@ -176,14 +176,14 @@ class ArmServer:
         self._rare_due_s = -math.inf
 
     def poll(self, now_s: float) -> None:
-        """Pass on what has arrived, while the worker has enough to do only what stops the arm; and
-        see who has come and gone."""
+        """Pass on packets that have arrived, while the worker is full only stops; and update the
+        known clients."""
         self.now_s = now_s
         rare = now_s >= self._rare_due_s
         self._collect(self._stops)
         if self._arrived:
             self.sources.spend()
-            # What is held came first, and what stops comes after it, at once.
+            # Held commands came first, and stops follow them at once.
             self._let_go(lambda _held: True)
             if not self._full():
                 self._pass_on_before_stops()
@@ -197,7 +197,7 @@ class ArmServer:
             self._collect(self._inputs)
             if rare:
                 self._collect(self._rare_inputs)
-        # After the packets: the tokens of who sent them were there before.
+        # After the packets: their senders' tokens were there before.
         self._take_tokens()
         if self._held:
             self._let_go(lambda held: self._liveliness.knows(held.packet) or now_s >= held.until_s)
@@ -205,8 +205,8 @@ class ArmServer:
             self._pass_on()
 
     def _pass_on_before_stops(self) -> None:
-        """Pass on what is there when a stop is, as nobody knows which came first, so that the stop
-        ends it; but for what the sender of the stop sent after it, by its own clock."""
+        """Pass on packets that are there with a stop, whose order is unknown, so that the stop ends
+        their motions; but not those that its sender sent after it, by its own clock."""
         stops, self._arrived = self._arrived, []
         self._collect((*self._inputs, *self._rare_inputs))
         self._take_tokens()
@@ -250,7 +250,7 @@ class ArmServer:
         self._arrived = [*arrived, *cancels]
 
     def _pass_on(self) -> None:
-        """Offer what has arrived, but for what waits for the token of who sent it."""
+        """Offer packets that have arrived, but for those that wait for their sender's token."""
         now_s = self.now_s
         for client, packet in self._arrived:
             at_once = client in self._never_wait or isinstance(packet, Ahead)
@@ -262,7 +262,7 @@ class ArmServer:
         self._arrived.clear()
 
     def _named_s(self, packet: Received | ServiceRequest) -> float:
-        """Until when `packet` waits for the token of who sent it."""
+        """Until when `packet` waits for its sender's token."""
         if self._liveliness.knows(packet):
             return NEVER_S
         gid = b"" if packet.attachment is None else packet.attachment.gid
@@ -279,7 +279,7 @@ class ArmServer:
         self._held.append(held)
 
     def _let_go(self, ready: Callable[[_Held], bool]) -> None:
-        """Offer what has waited and is `ready`, by the time when it came."""
+        """Offer held packets that are `ready`, by their time of arrival."""
         held, self._held = self._held, []
         for each in held:
             if ready(each):
@@ -296,9 +296,9 @@ class ArmServer:
                 self._arrived.append((client, packet))
 
     def watched(self, request: Request, packet: Received | ServiceRequest) -> Request:
-        """`request`, of a motion without end with a way to see whether who sent `packet` is still
-        on the bus. Raises PacketError where nobody could see it, and for what commands the arm
-        while the server is `inhibited`. From any thread."""
+        """Return `request`; a motion without end gets a check whether the sender of `packet` is
+        still on the bus. Raises PacketError if that cannot be seen, and for commands while the
+        server is `inhibited`. From any thread."""
         if self.inhibited and request.verb in CHANGING - {"release"}:
             refusal = MotionRefusedError(f"{request.verb}: {self.inhibited}")
             raise PacketError(str(refusal), request.id) from refusal
@@ -313,8 +313,8 @@ class ArmServer:
         raise PacketError(str(why), request.id) from why
 
     def _client(self, packet: Received | ServiceRequest) -> Presence | None:
-        """Of a message its publisher, of a request the node of its client, as programs make clients
-        for one call; of a publisher that old releases of rmw_zenoh name at random its session."""
+        """Of a message its publisher, of a request its client's node: programs make clients for one
+        call; of a publisher that old releases of rmw_zenoh name at random its session."""
         liveliness, attachment = self._liveliness, packet.attachment
         if isinstance(packet, Received):
             known = None if attachment is None else liveliness.endpoint(attachment.gid)
@@ -322,7 +322,7 @@ class ArmServer:
         return None if attachment is None else liveliness.node(attachment.gid)
 
     def source(self, packet: Received | ServiceRequest) -> str:
-        """Name of who sent `packet` in the arm's authority. In the thread that decodes."""
+        """Name of the sender of `packet` in the arm's authority. In the thread that decodes."""
         return self.sources.of(packet, self.now_s).name
 
     def contested_by(self, source: str) -> str:
@@ -336,7 +336,7 @@ class ArmServer:
         self._contest, self._contest_s = words, self.now_s
 
     def part(self) -> Part:
-        """What the diagnostics say of the commands."""
+        """Return the diagnostics of the commands."""
         contested = self.now_s - self._contest_s < CONTEST_SHOWN_S
         counts = {
             "refused": self.refused,
@@ -363,7 +363,7 @@ class ArmServer:
             action.tell(now, now_ns)
 
     def offer(self, client: Any, packet: Any) -> None:
-        """Pass on what a client needs done besides. From any thread."""
+        """Pass on a client's further work. From any thread."""
         self._offer(client, packet, self.now_s)
 
     def key_end(self, type_name: str) -> str:
@@ -377,7 +377,7 @@ class ArmServer:
     def tell(
         self, command: str, sequence: int, outcome: str, reason: str = "", source: str = ""
     ) -> None:
-        """Publish what became of a command of `source` that came on a topic. From any thread."""
+        """Publish the outcome of a command of `source` that came on a topic. From any thread."""
         with self._telling:
             self._results.put(command, sequence, outcome, reason, source)
 
@@ -398,7 +398,7 @@ class _PacketClient:
         self._waiting: dict[int, tuple[ServiceRequest, int, str]] = {}
         """The requests that wait for their answer, and the ids and sources that they have."""
         self._untold: deque[MotionNote] = deque(maxlen=ENDS_KEPT)
-        """Ends of motions that no reply has told yet: what is published may be later than a reply
+        """Ends of motions that are in no reply yet: a publication may arrive later than a reply
         that was sent after it."""
 
     def decode(self, packet: ServiceRequest) -> Request:
@@ -460,18 +460,18 @@ class _Sender:
         """The program that it belongs to."""
         self.sequence, self.source_ns = -1, -1
         self.clock_runs = False
-        """Whether what it says of when it sent its messages was seen to change."""
+        """Whether the stamps of its messages were seen to change."""
         self.heard_s = NEVER_S
         """When its newest message came."""
         self.told = ""
-        """What the result topic said last of its stream."""
+        """Last reason or outcome of its stream on the result topic."""
         self.note = ""
-        """What is told with the next command that is accepted."""
+        """Published with the next accepted command."""
 
 
 PUBLISHED_S = 0.05
 """A stamp that is this near to the time at which its message was published on the bus was made
-then, as by a server for a client that gave none: it does not tell for how long the client kept the
+then, as by a server for a client that gave none: it does not show for how long the client kept the
 message."""
 
 NO_STAMP = "its stamp is zero: it counts as sent when it came"
@@ -481,7 +481,7 @@ class _TopicClient:
     """A topic as a client of the worker: its answers are messages on the result topic.
 
     Of a stream, whose commands come many times a second, only the first answer after a silence and
-    changes are told.
+    changes are published.
     """
 
     def __init__(self, server: ArmServer, command: TopicCommand) -> None:
@@ -497,7 +497,7 @@ class _TopicClient:
         self._nobody = _Sender()
 
     def decode(self, packet: Received) -> Request | None:
-        """The request in a message; None for one that came twice. Raises PacketError."""
+        """The request in a message; None for a repeated one. Raises PacketError."""
         server, command = self._server, self._command
         attachment, waited_s = packet.attachment, 0.0
         if attachment is None:
@@ -562,8 +562,8 @@ class _TopicClient:
     def _check_connection(
         self, source: Source, request: Request, attachment: Attachment | None
     ) -> None:
-        """Raise PacketError for what may have waited until its sender was connected: libraries keep
-        what is published meanwhile. A sender's own stamp tells, which the arm judges."""
+        """Raise PacketError for a packet that may have waited until its sender was connected:
+        libraries keep such messages. A sender's own stamp shows it, which the arm judges."""
         connected_s = source.connected_s(self._server.now_s)
         if connected_s >= PROVEN_S:
             return
@@ -593,7 +593,7 @@ class _TopicClient:
         return None
 
     def _begins(self, source: Source, value: Any) -> Begins:
-        """What becomes of a streamed command where none is chosen."""
+        """Return the treatment of a streamed command while none is chosen."""
         now_s = self._server.now_s
         if _asks_nothing(value):
             source.rest(now_s)
@@ -610,7 +610,7 @@ class _TopicClient:
         return sender
 
     def _source(self, sender: _Sender, packet: Received) -> Source:
-        """Whose publisher `sender` is: it stays so until it was silent."""
+        """Return the source whose publisher `sender` is; that stays until it was silent."""
         server = self._server
         if server.now_s - sender.heard_s > STREAM_KEPT_S:
             sender.told, sender.source = "", None

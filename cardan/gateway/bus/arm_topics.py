@@ -1,4 +1,4 @@
-"""What a session publishes of its arm: state, transforms, description, diagnostics, log.
+"""Topics of a session's arm: state, transforms, description, diagnostics, log.
 
 All messages of one instant are published together, after the robot's answer has left: the first
 one wakes Zenoh's sender, which costs ten times what each further one does.
@@ -21,7 +21,7 @@ from cardan.spatial import compose, inverse
 from cardan.types import IDENTITY_POSE, Pose, RobotState
 
 DIAGNOSTICS_PERIOD_S = 1.0
-"""Of /diagnostics: what rqt_robot_monitor expects, which takes a part for stale after 5 s."""
+"""Of /diagnostics: as rqt_robot_monitor expects, which takes a part for stale after 5 s."""
 
 OK, WARN, ERROR, STALE = range(4)
 """Levels of diagnostics."""
@@ -83,7 +83,7 @@ def _header_of(type_name: str) -> str:
 
 
 class Diagnostics:
-    """What is wrong with which part of a node, on /diagnostics."""
+    """Publisher of the faults of each part of a node on /diagnostics."""
 
     def __init__(self, node: BusNode) -> None:
         self._node = node
@@ -128,11 +128,11 @@ class ArmTopics:
     ) -> None:
         """`period_s`: shortest time between two instants that are published. `node` is open; its
         own name is before the arm's own topics, its namespace before those that all robots have.
-        `surroundings`: what is around the arm, as JSON.
+        `surroundings`: those of the arm, as JSON.
 
         `transforms`: "all": base to flange (/tf) and flange to TCP (/tf_static); "tool": only the
-        latter, as a robot_state_publisher has the others. `same`: further topics for the messages
-        of "joint_states", "state/pose", "state/target", "state/twist" and "state/wrench".
+        latter, because a robot_state_publisher has the others. `same`: further topics for the
+        messages of "joint_states", "state/pose", "state/target", "state/twist" and "state/wrench".
         """
         self._node, self._names = node, names
         self.period_s = period_s
@@ -302,8 +302,8 @@ class ArmTopics:
         self._snapshots.put(codec_of(_STRING).encode({"data": text}), now_ns)
 
     def put_diagnostics(self, parts: Sequence[Part], now_s: float, now_ns: int) -> None:
-        """Publish what is wrong with which part, at most once a second; with what the newest
-        status says, for who has no cardan_msgs."""
+        """Publish the faults of each part, at most once a second; with the newest status, for
+        clients without cardan_msgs."""
         self._diagnostics.put(lambda: [*parts, *self._arm_part()], now_s, now_ns)
 
     def _arm_part(self) -> list[Part]:

@@ -37,7 +37,7 @@ second."""
 
 
 class Asks(NamedTuple):
-    """What a message asks for whose verb depends on it; given as the value of its command."""
+    """Request of a message that names its own verb; given as the value of its command."""
 
     verb: str = ""
     """Empty: nothing of the arm."""
@@ -64,12 +64,12 @@ class TopicCommand(NamedTuple):
     always: bool = False
     """Whether it is carried out though it came twice, or after a newer one."""
     apart_s: float = 0.0
-    """For how long its publisher must have sent none before it: of a deliberate act, which one that
-    repeats it all the time does not do."""
+    """For how long its publisher must have sent none before it: of a deliberate act, which a
+    publisher that repeats it all the time does not do."""
 
 
 class Instant(NamedTuple):
-    """What goals in progress tell of the arm."""
+    """State of the arm for the feedback of goals in progress."""
 
     stamp_ns: int
     """Of the measurement, since the epoch."""
@@ -145,7 +145,7 @@ def wrench_of(message: Mapping[str, Any]) -> list[float]:
 
 
 def joint_speeds(names: Sequence[str]) -> Callable[[Message], list[float]]:
-    """What makes the speeds of the joints `names`, in this order, of a sensor_msgs/JointState."""
+    """Return a function: sensor_msgs/JointState to speeds of the joints `names`, in this order."""
 
     def speeds(message: Message) -> list[float]:
         given, velocities = message["name"], message["velocity"]
@@ -240,13 +240,13 @@ TOPICS = (
     TopicCommand(
         "~/command/gripper", "std_msgs/msg/Int32", "act", lambda message: action_of(message["data"])
     ),
-    # What an operator needs is a topic, too: services do not cross middlewares.
+    # An operator's commands are topics, too: services do not cross middlewares.
     _signal("stop", always=True),
     _signal("acknowledge", apart_s=ACT_APART_S),
     _signal("acquire"),
     _signal("release"),
 )
-"""Table 1 of the paper, and what an operator needs."""
+"""Table 1 of the paper, and an operator's commands."""
 
 
 def joint_command(names: Sequence[str]) -> TopicCommand:

@@ -1,8 +1,8 @@
-"""The names by which other people's programs command an arm, and what they read of it.
+"""Names by which foreign programs command an arm, and read its state.
 
 Each set of names is a table: of topics and services and the verbs that they stand for, and of
-topics that show what the arm's own ones show. Nothing here limits, watches or plans: all of it
-ends at the verbs of the one controller, and what that one cannot do is refused in words.
+topics that show what the arm's own ones show. Nothing here limits, watches or plans: all of it ends
+at the verbs of the one controller, and commands that it cannot carry out are refused in words.
 
 Sources: MoveIt Servo (moveit_servo, its ServoParameters and ServoStatus); CRTK (Collaborative
 Robotics Toolkit, api-robot-motion and api-operating-state); FZI cartesian_controllers; YARP's joint
@@ -128,7 +128,7 @@ class Names(NamedTuple):
 
 
 class ServoScales(NamedTuple):
-    """What commands of MoveIt Servo mean."""
+    """Units of the commands of MoveIt Servo."""
 
     unitless: bool = True
     """Whether they are shares of the speeds below; otherwise m/s and rad/s."""
@@ -144,7 +144,7 @@ class _Frames:
     """Reads the values of stamped messages, in the frames that the arm knows."""
 
     def __init__(self, names: ArmNames, unnamed: Frame | None = None) -> None:
-        """`unnamed`: what an empty frame_id means; None: it is refused."""
+        """`unnamed`: meaning of an empty frame_id; None: it is refused."""
         self.names = names
         self._frames = {names.tcp: Frame.TOOL, names.base: Frame.BASE}
         if unnamed is not None:
@@ -221,7 +221,7 @@ def _refusing(why: str) -> Callable[[Message], NoReturn]:
 
 
 def _no_positions(speeds: str, pose: str) -> str:
-    """Why joint positions are refused, with the names of what there is instead."""
+    """Why joint positions are refused, with the names of the alternatives."""
     return (
         f"joint positions are not streamed: stream speeds by {speeds}, send a pose by {pose}, or "
         "a plan by the action follow_joint_trajectory"
@@ -229,8 +229,8 @@ def _no_positions(speeds: str, pose: str) -> str:
 
 
 def _measured_twist(names: ArmNames) -> Callable[[PublishedState], Message | None]:
-    """What makes a geometry_msgs/TwistStamped of the measured twist along the base's axes; None
-    where the robot does not report the speeds of its joints."""
+    """Return a function that makes a geometry_msgs/TwistStamped of the measured twist along the
+    base's axes, or None if the robot does not report the speeds of its joints."""
 
     def tell(shown: PublishedState) -> Message | None:
         twist = shown.twist
@@ -501,8 +501,8 @@ def crtk_names(names: ArmNames) -> Names:
 
 
 def yarp_names(names: ArmNames) -> Names:
-    """Of YARP's controlBoard_nws_ros2, below the arm's node: what it publishes as `topic_name` is
-    ~/state, and `msgs_name` is the node."""
+    """Of YARP's controlBoard_nws_ros2, below the arm's node: its topic `topic_name` is ~/state, and
+    `msgs_name` is the node."""
     frames = _Frames(names)
 
     def rates(message: Message) -> list[float]:
@@ -551,7 +551,7 @@ class _Telling:
 
 
 class NamesTopics:
-    """Publishes what sets of names have to tell that the arm's own topics have not. For the
+    """Publishes messages of the sets of names that the arm's own topics do not have. For the
     loop."""
 
     def __init__(self, node: BusNode, sets: Sequence[Names]) -> None:

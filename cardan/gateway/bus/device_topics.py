@@ -2,8 +2,8 @@
 
 Numbers are those of the stock nodes: a full deflection is 350/512 on `spacenav/*`, where
 spacenav_node has a SpaceMouse's 350 counts by its full_scale, and 1 on `joy`. Unlike those nodes it
-publishes nothing while the device is not live, after zeros once: nobody is to take a device that is
-not there for an operator at rest.
+publishes nothing while the device is not live, after zeros once: a missing device must not look
+like an operator at rest.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ class DeviceTopics:
 
 
 class _Imu:
-    """A topic of what inertial sensors measure, by REP 145: raw, without an orientation."""
+    """A topic of inertial measurements, by REP 145: raw, without an orientation."""
 
     def __init__(self, publisher: Publisher) -> None:
         self._publisher = publisher

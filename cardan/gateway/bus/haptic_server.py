@@ -4,7 +4,7 @@ The names are those of the wrapper today, and those that the paper of 2026 print
 teleoperation bridging YARP and ROS 2 ecosystems", Table 1), each set a table.
 Sources: robotology/yarp-devices-ros2, hapticDevice_nws_ros2 and yarp_control_msgs. Its units are
 corrected: N and N·m, and poses along the axes of the hand frame. Nothing here limits or watches a
-force: what a program publishes goes to `Feedback`, and from there the way of every force.
+force: a program's feedback goes to `Feedback`, and from there the way of every force.
 """
 
 from __future__ import annotations
@@ -55,15 +55,15 @@ FEEDBACK_KEPT = 8
 """Messages of all publishers together that are taken in one cycle; the newest counts."""
 
 LOOK_PERIOD_S = 0.01
-"""How often requests are looked for, of which one is answered each time: nobody notices 10 ms, and
-a flood of them takes little of the loop's time."""
+"""Period of checks for requests, of which one is answered each time: a delay of 10 ms goes
+unnoticed, and a flood of them takes little of the loop's time."""
 
 MESSAGE_BYTES, REQUEST_BYTES = 1024, 256
-"""Longest message and request that are read, twice those that make sense: what is longer would take
+"""Longest message and request that are read, twice those that make sense: longer ones would take
 the time of the loop, a request for many parameters milliseconds."""
 
 SENDERS_KEPT = 64
-"""Publishers of whom it is remembered what they were told."""
+"""Publishers whose last outcome is remembered."""
 
 
 class Feedback(Protocol):
@@ -81,7 +81,7 @@ class Feedback(Protocol):
 
 
 class _State(Protocol):
-    """What the tables below read and set; HapticServer is it."""
+    """State that the tables below read and set; implemented by HapticServer."""
 
     haptic: IHapticDevice
 
@@ -89,7 +89,7 @@ class _State(Protocol):
         """End the feedback. Raises CardanError."""
 
     def set_mode(self, mode: str) -> None:
-        """What feedback is. Raises CardanError."""
+        """Set the kind of feedback. Raises CardanError."""
 
 
 class _Service(NamedTuple):
@@ -98,7 +98,7 @@ class _Service(NamedTuple):
     answer: Callable[[_State, Message], Message]
     """The response; raises CardanError, whose words are the answer then."""
     changes: bool = False
-    """Whether it changes what the device does; but for what ends a force."""
+    """Whether it changes the device's output; but for a stop of the force."""
 
 
 class _Taken(NamedTuple):
@@ -227,7 +227,7 @@ class HapticServer:
         self.refused = 0
         """Messages and requests that were refused."""
         self.inhibited = ""
-        """Why nothing is taken but what stops the feedback; empty: all is."""
+        """Why only stops of the feedback are taken; empty: all is."""
         self._node, self._device, self._feedback = node, device, feedback
         self._period_s = period_s
         self._due_s = self._look_s = -math.inf
@@ -241,7 +241,7 @@ class HapticServer:
         """The service that is looked at first the next time."""
         self._unnumbered = itertools.count(1)
         self._told: dict[bytes, str] = {}
-        """What a publisher of feedback was told last."""
+        """Last reason published to each sender of feedback; empty if accepted."""
         if feedback is not None:
             self._serve()
 
@@ -317,7 +317,7 @@ class HapticServer:
                 self._events.put(codec_of(EVENT).encode(event), now_ns)
 
     def part(self) -> Part:
-        """What the diagnostics say of the device and of what was taken for it."""
+        """Return the diagnostics of the device and of its commands."""
         told = self._device.haptics()
         values = {
             "state": told.state.value,
@@ -337,7 +337,7 @@ class HapticServer:
             raise CommandError(why)
 
     def set_mode(self, mode: str) -> None:
-        """What feedback is, one of MODES; it becomes zero first. Raises CardanError."""
+        """Set the kind of feedback, one of MODES; it becomes zero first. Raises CardanError."""
         if mode == mode_of(self.haptic):
             return
         if mode == MODES[1]:
@@ -353,7 +353,7 @@ class HapticServer:
 
     def _take(self, packet: Received, types: dict[str, _Taken], now_s: float) -> None:
         attachment = packet.attachment
-        if attachment is None:  # Of no ROS node: what came later is newer.
+        if attachment is None:  # Of no ROS node: a later message is newer.
             gid, sequence = packet.zid.encode(), next(self._unnumbered)
         else:
             gid, sequence = attachment.gid, attachment.sequence
@@ -382,7 +382,7 @@ class HapticServer:
             self._tell(gid, name, sequence, "")
 
     def _tell(self, gid: bytes, command: str, sequence: int, reason: str) -> None:
-        """Publish when what becomes of a publisher's messages changes."""
+        """Publish when the outcome of a publisher's messages changes."""
         if self._told.get(gid) == reason or self._results is None:
             return
         if gid not in self._told and len(self._told) >= SENDERS_KEPT:

@@ -1,8 +1,8 @@
 """Participants of the bus, by liveliness tokens: whether the client of a motion is still there.
 
-A token vanishes with its process: at once where the process ends, however it does, as the computer
-then closes its connections; after the lease of its Zenoh session where the computer or the cable
-fails.
+A token vanishes with its process: at once where the process ends, however it does, because the
+computer then closes its connections; after the lease of its Zenoh session where the computer or the
+cable fails.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ UNKNOWN = (
 
 
 class Presence:
-    """An endpoint, a node or a Zenoh session of somebody, from its first token to its last: one
-    that comes back is another one."""
+    """An endpoint, a node or a Zenoh session, from its first token to its last: if it comes back,
+    that is another presence."""
 
     def __init__(self, since_s: float) -> None:
         self.since_s = since_s
@@ -38,16 +38,16 @@ class Presence:
 
 
 class Identity(NamedTuple):
-    """What tells one program on the bus from all others."""
+    """Identity of a program on the bus."""
 
     key: Hashable
     """Its node, or else its session, or else its endpoint."""
     node: str
     """Full name; empty: it has none."""
     presence: Presence | None
-    """None where nobody could see it go."""
+    """None if its end could not be seen."""
     mark: str
-    """Tells it from others of the same name."""
+    """Distinguishes it from others of the same name."""
 
 
 class _Token(NamedTuple):
@@ -59,12 +59,12 @@ class _Token(NamedTuple):
 class LivelinessMonitor:
     """All endpoints, nodes and sessions of others.
 
-    `take` is for one thread, the rest for any; what is not known is None.
+    `take` is for one thread, the rest for any; unknown values are None.
     """
 
     def __init__(self, own: str) -> None:
         """`own`: id of the Zenoh session that listens. It gives its own id to samples without a
-        timestamp, so that this id says nothing of who asked."""
+        timestamp, so that this id says nothing of the client."""
         self._own = own
         self._tokens: dict[bytes, _Token] = {}
         """By GID."""
@@ -72,8 +72,8 @@ class LivelinessMonitor:
         """Sessions by "ZID", nodes by "ZID/NODE"."""
 
     def take(self, token: str, there: bool, now_s: float) -> None:
-        """A liveliness token has appeared or vanished now, perhaps twice; what is none of ROS 2
-        counts as nothing."""
+        """A liveliness token has appeared or vanished now, perhaps twice; tokens other than ROS 2's
+        are ignored."""
         parts = token.split("/", 4)
         if len(parts) < 5 or parts[0] != LIVELINESS or parts[2] == self._own:
             return
@@ -105,7 +105,7 @@ class LivelinessMonitor:
         return None if token is None else token.owners[1]
 
     def knows(self, packet: Received | ServiceRequest) -> bool:
-        """Whether the token of who sent a packet is there, or none can tell who did."""
+        """Whether the token of a packet's sender is there, or the sender cannot be known."""
         if packet.attachment is not None:
             return packet.attachment.gid in self._tokens
         zid = packet.zid if isinstance(packet, Received) else ""

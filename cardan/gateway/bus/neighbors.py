@@ -1,5 +1,5 @@
-"""The neighbors of a session's arm: hears their joint states, and tells the controller where their
-bodies are. All methods are for the loop's thread."""
+"""The neighbors of a session's arm: subscribes to their joint states, and sets their bodies in the
+controller. All methods are for the loop's thread."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class ArmNeighbors:
             watch.topic = subscription.entity.name  # A relative one is the session's.
 
     def hear(self, now_s: float, now_ns: int) -> None:
-        """Take what has come."""
+        """Take messages that have arrived."""
         for watch, subscription in zip(self._watches, self._subscriptions, strict=True):
             for _ in range(MESSAGES_AT_ONCE):
                 received = subscription.poll()
@@ -87,7 +87,7 @@ class ArmNeighbors:
         return "; ".join(filter(None, faults))
 
     def diagnosis(self) -> list[str]:
-        """What was not believed, in words."""
+        """Refused reports of neighbors, in words."""
         return [
             f"the neighbor {watch.bodies.name}: refused {count} {reason}"
             for watch in self._watches

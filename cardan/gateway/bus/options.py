@@ -29,7 +29,7 @@ def is_topic(name: str) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkOptions(BusOptions):
-    """``[network]`` of a session: what it publishes of its arm, and what it takes."""
+    """``[network]`` of a session: topics and commands of its arm."""
 
     name: str = DEFAULT_NAME
     """Name of the node, and first part of the arm's own topics and services."""
@@ -46,8 +46,8 @@ class NetworkOptions(BusOptions):
     haptic: str = "hapticDevice_nws_ros2"
     """Name of the haptic device's node, and first part of its topics and services."""
     endless_without_watch: bool = False
-    """True: motions without end (movv, gcmp, forc) are taken of anybody, though nobody notices when
-    who asked is gone; only a stop then ends them."""
+    """True: motions without end (movv, gcmp, forc) are taken of any client, though it is not
+    noticed when that is gone; only a stop then ends them."""
     source: str = "ros2"
     """First word of all names that nodes have in the arm's authority: "ros2 /joystick"."""
     trajectory_controller: str = "joint_trajectory_controller"
@@ -63,8 +63,8 @@ class NetworkOptions(BusOptions):
     servo_angular_rad_s: Annotated[float, ANGULAR_SPEED_RAD_S] = 0.8
     servo_joint_rad_s: Annotated[float, ANGULAR_SPEED_RAD_S] = 0.5
     transforms: Literal["all", "tool", "none"] = "all"
-    """What is published on /tf and /tf_static: base to flange and flange to TCP; the latter alone,
-    beside a robot_state_publisher; or nothing."""
+    """Transforms on /tf and /tf_static: base to flange and flange to TCP; the latter alone, beside
+    a robot_state_publisher; or none."""
     base_frame: str = "base_link"
     flange_frame: str = "tool0"
     tcp_frame: str = "tcp"
@@ -107,7 +107,7 @@ class NetworkOptions(BusOptions):
 
     @property
     def servo_scales(self) -> ServoScales:
-        """What commands of MoveIt Servo mean."""
+        """Units of the commands of MoveIt Servo."""
         return ServoScales(
             self.servo_units == "unitless",
             self.servo_linear_m_s,

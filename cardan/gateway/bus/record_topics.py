@@ -1,7 +1,7 @@
-"""What a session publishes for recorders: its configuration, the loop's inputs and outputs, and the
-raw bytes that are exchanged with the device and the robot.
+"""Topics of a session for recorders: its configuration, the loop's inputs and outputs, and the raw
+bytes that are exchanged with the device and the robot.
 
-Beside the configuration nothing is made while nobody subscribes.
+All but the configuration is made only while there is a subscriber.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ CONFIGURATION_TOPIC, CONTROLLER_LOG_TOPIC = "~/configuration", "~/controller_log
 RAW_TYPE = "cardan_msgs/msg/RawPacket"
 
 LOOK_PERIOD_S = 0.25
-"""How often it is looked whether somebody subscribes."""
+"""Period of checks for a subscriber."""
 
 KEPT_S = 5.0
 """Time from the first cycle during which cycles are kept for a recorder that was there before the
@@ -70,7 +70,7 @@ class _RawTap:
         self._packets: deque[_Packet] = deque()
 
     def look(self) -> None:
-        """Begin or end, as somebody subscribes."""
+        """Begin or end, by whether there is a subscriber."""
         if self._publisher.heard:
             self._driver.tap = self._take
         else:
@@ -88,7 +88,7 @@ class _RawTap:
             self.dropped += 1
 
     def publish(self, now_ns: int) -> None:
-        """Publish what has come, from the loop's thread."""
+        """Publish captured packets, from the loop's thread."""
         packets = self._packets
         for _ in range(min(len(packets), AT_ONCE)):
             packet = packets.popleft()
@@ -103,7 +103,7 @@ class _RawTap:
 
 
 class _ControllerLog:
-    """Publishes what goes into each cycle of the loop, and what comes out of it."""
+    """Publishes the inputs and outputs of each cycle of the loop."""
 
     def __init__(self, node: BusNode, controller: ArmController) -> None:
         self._controller = controller
@@ -120,7 +120,7 @@ class _ControllerLog:
         return self._controller.recorder is not None
 
     def look(self, now_s: float) -> None:
-        """Begin or end, as somebody subscribes."""
+        """Begin or end, by whether there is a subscriber."""
         self._heard = self._publisher.heard
         if self._keeps_until_s == math.inf:
             self._keeps_until_s = now_s + KEPT_S
@@ -139,10 +139,10 @@ class _ControllerLog:
         self._requests.append((ticks, RecordedRequest(name, argument)))
 
     def publish(self, cycle: Cycle, now_ns: int) -> None:
-        """Publish a cycle, from the loop's thread; or keep it until somebody subscribes."""
+        """Publish a cycle, from the loop's thread; or keep it until there is a subscriber."""
         number, requests = self._controller.ticks, self._requests
         before = []
-        # What came since this tick belongs to the next one.
+        # Requests since this tick belong to the next one.
         while requests and requests[0][0] < number:
             before.append(requests.popleft()[1])
         self._kept.append(encode_cycle(number, before, cycle))
@@ -150,7 +150,7 @@ class _ControllerLog:
             self._publish_kept(AT_ONCE, now_ns)
 
     def finish(self, now_ns: int) -> None:
-        """Publish all that is kept where somebody subscribes, and take nothing any more."""
+        """Publish all kept cycles if there is a subscriber, and end."""
         if self._publisher.heard:
             self._publish_kept(len(self._kept), now_ns)
         self.end()
@@ -188,7 +188,7 @@ class SessionTaps:
         return sum(each.dropped for each in self._raw)
 
     def cycle(self, cycle: Cycle, now_s: float) -> None:
-        """Publish what belongs to a cycle, after its answer has left."""
+        """Publish the record of a cycle, after its answer has left."""
         if now_s >= self._look_s:
             self._look_s = now_s + LOOK_PERIOD_S
             self._log.look(now_s)
@@ -208,7 +208,7 @@ class SessionTaps:
 
 
 def _described(tables: Mapping[str, Any]) -> dict[str, Any]:
-    """The configuration, and what results may depend on beside it."""
+    """The configuration, and further data that results may depend on."""
     versions = {"cardan": __version__, "python": platform.python_version()}
     for name in _PACKAGES:
         try:

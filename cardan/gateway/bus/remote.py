@@ -53,8 +53,8 @@ def parse_address(address: str) -> tuple[str, str]:
 
 
 def options_for(endpoint: str, options: BusOptions | None) -> BusOptions:
-    """How to be on the bus of who is met by `endpoint`: that of another computer is joined as its
-    client, unless `options` are given."""
+    """Options to join the bus of the peer at `endpoint`: a peer on another computer is joined as
+    its client, unless `options` are given."""
     if not endpoint:
         return options or BusOptions()
     if options is not None:
@@ -100,7 +100,7 @@ class RemoteCartesianDevice(RemotePacketArm):
         self._response = codec_of(f"{ASK_TYPE}_Response")
         self._notes = codec_of(MOTIONS_TYPE)
         self._handles: tuple[Handle, ...] = ()
-        """What it hears of the arm, while it is open."""
+        """Its subscriptions to the arm, while it is open."""
 
     def open(self) -> None:
         """Join the bus and find the arm; returns when it has answered, after its first state.
@@ -140,7 +140,7 @@ class RemoteCartesianDevice(RemotePacketArm):
         return f"there is no arm {self._arm} on the bus that takes commands; there are: {arms}"
 
     def close(self) -> None:
-        """Give up the authority, which brakes what moves by it to rest, and leave the bus. Never
+        """Give up the authority, which brakes its motion to rest, and leave the bus. Never
         raises; twice is fine."""
         if not self._handles:
             return

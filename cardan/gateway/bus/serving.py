@@ -1,4 +1,4 @@
-"""What the servers on the bus share."""
+"""Parts that the servers on the bus share."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def key_end(key: str) -> str:
 
 
 class Results:
-    """What becomes of commands that come on topics: ``~/result``, and the same as JSON on
-    ``~/result_text`` for who has no cardan_msgs. For one thread at a time."""
+    """Outcomes of commands that come on topics: ``~/result``, and the same as JSON on
+    ``~/result_text`` for clients without cardan_msgs. For one thread at a time."""
 
     def __init__(self, node: BusNode) -> None:
         self._results = node.publisher("~/result", RESULT_TYPE)
@@ -48,7 +48,7 @@ class Results:
 
 
 class CommandServer(Protocol):
-    """Passes requests on to the session's worker, and tells what became of them."""
+    """Passes requests on to the session's worker, and publishes their outcomes."""
 
     refused: int
     """Messages and requests that were none."""
@@ -57,17 +57,17 @@ class CommandServer(Protocol):
         """Of the next request."""
 
     def source(self, packet: ServiceRequest) -> str:
-        """Name of who sent `packet` in the arm's authority. In the thread that decodes."""
+        """Name of the sender of `packet` in the arm's authority. In the thread that decodes."""
 
     def watched(self, request: Request, packet: ServiceRequest) -> Request:
-        """`request`, of a motion without end with a way to see whether who asked is still there.
-        Raises PacketError where nobody could see it, and where no commands are taken. From any
+        """Return `request`; a motion without end gets a check whether its client is still there.
+        Raises PacketError if that cannot be seen, and while no commands are taken. From any
         thread."""
 
     def offer(self, client: Any, packet: Any) -> None:
-        """Pass on what a client needs done besides. From any thread."""
+        """Pass on a client's further work. From any thread."""
 
     def tell(
         self, command: str, sequence: int, outcome: str, reason: str = "", source: str = ""
     ) -> None:
-        """Publish what became of a command of `source`. From any thread."""
+        """Publish the outcome of a command of `source`. From any thread."""

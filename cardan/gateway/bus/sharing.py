@@ -1,8 +1,8 @@
 """``cardan devices share``: an operator device for a session on another computer.
 
-The core decides who has the device, and keeps the edges of its buttons until they are acknowledged;
-it has no I/O, and its caller's time. One session has the device at a time: who claims it first,
-until it gives it back, or LEASE_S after its newest claim.
+The core decides which session has the device, and keeps the edges of its buttons until they are
+acknowledged; it has no I/O, and its caller's time. A single session has the device at a time: the
+first to claim it, until it gives it back, or LEASE_S after its newest claim.
 """
 
 from __future__ import annotations
@@ -60,17 +60,17 @@ from cardan.types import (
 )
 
 LEASE_S = 1.0
-"""Silence of who has the device after which others may have it."""
+"""Silence of the lessee after which other sessions may have the device."""
 
 SHORTEST_S = 0.004
 """Between two states, unless a button changes: a SpaceMouse reports each 8 to 16 ms."""
 
 LONGEST_S = 0.02
-"""Between two states of a device that somebody has: whether it is moved or not, its newest state
-has to be young."""
+"""Between two states of a leased device: whether it is moved or not, its newest state has to be
+young."""
 
 FREE_S = 0.25
-"""Between those of one that nobody has, which only say so."""
+"""Between states of a free device, which only say that it is free."""
 
 CLAIMS_KEPT = 32
 """Claims that wait for their turn; of more, the oldest are dropped."""
@@ -91,11 +91,11 @@ NEWS_S = 0.5
 """How often it is looked for the router, and for others of the same name."""
 
 STOOD_STILL_S = 0.1
-"""Later than this a state is offered: this process, or its computer, stood still. What the device
-did meanwhile is read only then, as if it were new."""
+"""A state that is offered later than this shows that this process, or its computer, stood still.
+Input of the device from that time is read only then, as if it were new."""
 
 SETTLE_S = 0.1
-"""For so long after that what is read may be from before: a device's reader catches up."""
+"""For so long after that input may be from before: a device's reader catches up."""
 
 MOST_KINDS = 32
 """Kinds of refused claims that are told apart: a stranger chooses its own words."""
@@ -103,17 +103,17 @@ MOST_KINDS = 32
 
 @dataclass(frozen=True, kw_only=True)
 class SharedConfig(Options):
-    """What is read of a session's file: no robot is needed."""
+    """Tables that are read of a session's file: no robot is needed."""
 
     device: DriverTable
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShareOptions(Options):
-    """What is shared, and where."""
+    """Name of the shared device, and its network."""
 
     name: str
-    """What the robot's side calls it."""
+    """Its name for the robot's side."""
     bus: BusOptions = field(default_factory=BusOptions)
 
     def __post_init__(self) -> None:
@@ -126,14 +126,14 @@ class ShareOptions(Options):
 
 
 class ShareCore:
-    """The lease of a shared device, and what its holder is told. Times are monotonic, s."""
+    """The lease of a shared device, and the messages to its holder. Times are monotonic, s."""
 
     def __init__(self, driver: str, run: int) -> None:
         """`run`: a number that no other process has, not 0."""
         self._driver, self._run = driver, run
         self._codec, self._dds_type = codec_of(CLAIM_TYPE), dds_type(CLAIM_TYPE)
         self._claim: Claim | None = None
-        """The newest one of who has it."""
+        """The newest claim of the lessee."""
         self._owner = b""
         """Id of that one's publisher."""
         self._heard_s = NEVER_S
@@ -143,18 +143,18 @@ class ShareCore:
         self._number = 0
         self._sent_s = NEVER_S
         self._last: DeviceState | None = None
-        """What was published last."""
+        """State that was published last."""
         self._changed = False
         """Whether there is another state since."""
         self._asked = False
         """Whether a claim is to be answered."""
         self._shown: DeviceFeedback | None = None
-        """What the operator was given last; None: the device shows nothing that is known."""
+        """Feedback given to the operator last; None if unknown."""
         self._lost = False
         self._offered_s, self._next_s = NEVER_S, math.inf
         """When a state was offered last, and is to be again."""
         self._settled_s, self._before_s = NEVER_S, NEVER_S
-        """It stood still: until when what is read may be old, and since when."""
+        """It stood still: until when input may be old, and since when."""
         self._still = ""
         """Why the device counts as lost until then."""
         self.counts: Counter[str] = Counter()
@@ -190,8 +190,8 @@ class ShareCore:
         self._asked |= self._take(claim, attachment.gid, now_s)
 
     def order(self, now_s: float) -> tuple[Order | None, float, int]:
-        """What the hand is to feel, None: nothing, or nobody has the device; when that came, and
-        the number of the lease."""
+        """Return the haptic order, None if there is none or no session has the device; its time of
+        arrival, and the number of the lease."""
         self._expire(now_s)
         return (None if self._claim is None else self._claim.order), self._heard_s, self._leases
 
@@ -244,8 +244,8 @@ class ShareCore:
         now_s: float,
         haptic_feedback: HapticFeedback | None = None,
     ) -> Shared | None:
-        """What to publish now, if it is time to; `state` and `edges`, oldest first, were taken
-        before `now_s`; `haptic_feedback`: of a device that gives force."""
+        """Return the message to publish now, if one is due; `state` and `edges`, oldest first, were
+        taken before `now_s`; `haptic_feedback`: of a device that gives force."""
         self._expire(now_s)
         self._lost = state.link is DeviceLink.LOST
         if self._lost:
@@ -283,10 +283,10 @@ class ShareCore:
     def _settled(
         self, state: DeviceState, edges: Iterable[ButtonEvent], now_s: float
     ) -> tuple[DeviceState, Iterable[ButtonEvent]]:
-        """The same, but for what may be from when this process stood still: the device counts as
+        """The same, but for input from a time when this process stood still: the device counts as
         lost, and edges as old."""
         if now_s - self._next_s > STOOD_STILL_S:
-            # Where it stood still again meanwhile, what is read may be from the first time.
+            # If it stood still again meanwhile, input may be from the first time.
             if now_s >= self._settled_s:
                 self._before_s = self._offered_s
             self._settled_s = now_s + SETTLE_S
@@ -302,7 +302,7 @@ class ShareCore:
         ]
 
     def _keep(self, edges: Iterable[ButtonEvent]) -> bool:
-        """Keep edges for who has the device: whether there are new ones."""
+        """Keep edges for the lessee: whether there are new ones."""
         told = False
         for stamp_s, button, pressed in edges:
             self._number += 1
@@ -316,7 +316,7 @@ class ShareCore:
         return told
 
     def feedback(self, now_s: float) -> DeviceFeedback:
-        """What the operator is to be given: nothing once nobody has the device."""
+        """Return the operator's feedback: none once no session has the device."""
         self._expire(now_s)
         return DeviceFeedback(False, 0.0) if self._claim is None else self._claim.feedback
 
@@ -330,7 +330,7 @@ class ShareCore:
 
 
 class HandEnd:
-    """The hand's end of a force from far away: what the device renders. Fixtures it renders by
+    """The device's end of a force from far away: the rendered force. Fixtures it renders by
     itself, as in a session beside it; forces go through the law of `HandPort`."""
 
     def __init__(self, device: HapticDevice) -> None:
@@ -360,7 +360,7 @@ class HandEnd:
             return
         self._cycled_s = now_s
         told = self._device.haptics()
-        # An answer to what the device will do is none.
+        # An order that answers a future state of the device is none.
         if order is None or not order.command.engaged or order.answers_s > now_s:
             self.end(now_s)
             return
@@ -410,7 +410,7 @@ class HandEnd:
 
     @property
     def haptic_feedback(self) -> HapticFeedback:
-        """What the hand feels."""
+        """Haptic feedback of the device."""
         told = self._device.haptics()
         number = 0
         for own, theirs in self._given:
@@ -422,7 +422,7 @@ class HandEnd:
 
 
 class News:
-    """What the operator is told: a line for each change."""
+    """Status lines for the operator, one for each change."""
 
     def __init__(self, router: str, *, routed: bool) -> None:
         """`router`: its endpoint; `routed`: whether it is connected to one."""
@@ -432,7 +432,7 @@ class News:
         self._others: set[str] = set()
 
     def of(self, state: DeviceState, lessee: str, counts: Mapping[str, int]) -> list[str]:
-        """Of the device, of who has it, and of what `counts` has for the first time."""
+        """Of the device, of its lessee, and of what `counts` has for the first time."""
         lines = []
         missing = state.reason or "lost" if state.link is DeviceLink.LOST else ""
         if missing != self._missing:
@@ -481,8 +481,8 @@ def share_until(
     """Open `device` and share it until `stop` is set, or the monotonic time `end_s`.
 
     `ready` is called with the topic once it is shared, `tell` with a line for each change of the
-    device, of who has it, of what is refused, and of the router. Raises DriverError,
-    ConfigurationError, or AddressError where the name is taken.
+    device, of its lessee, of refusals, and of the router. Raises DriverError, ConfigurationError,
+    or AddressError where the name is taken.
     """
     core = ShareCore(driver, secrets.randbits(63) | 1)
     topic = state_topic(options.name)

@@ -22,11 +22,11 @@ no stream is fresh for longer, whatever streamTimeout says."""
 
 BEGINS_S = 3.0
 """How long a stream that chooses its preset tries to, from its first message on: opening the arm's
-model takes a second, and waiting for the lease of a source that is gone two. One that goes on for
-longer does not move an arm unexpectedly later."""
+model takes a second, and waiting for the lease of a source that is gone two. A stream that goes on
+for longer does not move an arm unexpectedly later."""
 
 NAMED_WITHIN_S = 0.2
-"""How long a packet waits for the token of who sent it, as tokens and packets travel by different
+"""How long a packet waits for its sender's token, because tokens and packets travel by different
 queues of Zenoh: less than a streamed command may be on its way. A stop does not wait."""
 
 UNNAMED_KEPT = 256
@@ -34,14 +34,14 @@ UNNAMED_KEPT = 256
 ago is forgotten first."""
 
 SOURCES_KEPT = 64
-"""Programs that are known at a time; the one that was silent longest goes first."""
+"""Programs that are known at a time; the longest silent one is dropped first."""
 
 _PER_PROCESS = re.compile(r"(/_ros2cli|/rqt_gui_(?:py|cpp)_node)_\d+$")
 """Names of nodes that ROS 2's own tools end with their process's id: the same command that is
 given again is the same source."""
 
 TELLING_DIGITS = 8
-"""Of the mark that tells a source from another one of the same name."""
+"""Of the mark that distinguishes sources of the same name."""
 
 LONGEST_WORDS = LONGEST_NAME - TELLING_DIGITS - 2
 """Characters of a source's name without its mark."""
@@ -57,13 +57,13 @@ class Source:
         self.heard_s = NEVER_S
         """When its newest command came."""
         self._publisher: Hashable = None
-        """Of its publishers the one that streams."""
+        """Its streaming publisher."""
         self._streamed_s = self._may_begin_s = NEVER_S
         self._rests = False
 
     def gone(self, now_s: float) -> bool:
-        """Whether somebody else may come back under its name. A program that was killed is there
-        until its computer closes its connections, which it does at once."""
+        """True if another program may take its name. A killed program is present until its computer
+        closes its connections, which it does at once."""
         presence = self.identity.presence
         if presence is None:
             return now_s - self.heard_s > STREAM_KEPT_S
@@ -90,7 +90,7 @@ class Source:
         self._rests, self._may_begin_s = True, now_s + BEGINS_S
 
     def may_begin(self, now_s: float) -> bool:
-        """Whether its stream has just begun: one that was stopped does not go on by itself."""
+        """Whether its stream has just begun: a stopped stream does not go on by itself."""
         return now_s <= self._may_begin_s
 
     def spend(self) -> None:

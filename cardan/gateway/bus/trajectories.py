@@ -114,7 +114,7 @@ def _check_begin(stamp: Message, duration_s: float, now_ns: int) -> None:
 
 
 def _rows(points: Sequence[Message], name: str, order: Sequence[int]) -> list[list[float]] | None:
-    """What all points have of `name`, in the arm's order; None where none has it."""
+    """Return the values `name` of all points, in the arm's order; None if no point has them."""
     counts = {len(point[name]) for point in points}
     if counts == {0}:
         return None
@@ -127,7 +127,7 @@ def _tolerances(
     goal: Message, name: str, joints: Sequence[str], default: _DefaultT
 ) -> list[float | _DefaultT] | None:
     """By joint; 0: any distance, which a message says by a number below 0. Its 0 is the `default`,
-    as is what is not named."""
+    as is the value of a joint that is not named."""
     if goal[f"component_{name}"]:
         raise TrajectoryError(INVALID_GOAL, f"component_{name}: there are no such joints")
     if not goal[name]:

@@ -1,4 +1,4 @@
-"""What has changed in the files: of each session its keys, of a server all of it."""
+"""Changes in the files: of a session by key, of a server as a whole."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from cardan.gateway.daemon.config import ServerEntry
 from cardan.gateway.session.config import SessionConfig
 
 REMOVED: Final = "removed"
-"""What has changed of a session that is not in the files any more."""
+"""Change of a session or server that is not in the files any more."""
 
 UNTIL_FREE: Final = "until nobody has the arm"
 UNTIL_START: Final = "until it starts"
-"""What changes of a session wait for that runs, and of one that does not."""
+"""Conditions that changes wait for: of an engaged session, and of a session that does not run."""
 
 
 class Change(NamedTuple):

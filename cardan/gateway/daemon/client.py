@@ -87,7 +87,7 @@ class ControlClient:
         raise AddressError("the daemon has ended")
 
     def events(self, do: str, name: str = "", value: Any = None) -> Iterator[Any]:
-        """What comes of a request that goes on, until the daemon ends. Raises as `ask` does."""
+        """Yield values of a request that goes on, until the daemon ends. Raises as `ask` does."""
         number = next(self._ids)
         self.send(Ask(number, do, name, value))
         for told in self._answers(number):

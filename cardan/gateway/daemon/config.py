@@ -1,4 +1,4 @@
-"""What the daemon's files say: which sessions and servers there are, and how the daemon runs.
+"""Configuration files of the daemon: its sessions and servers, and its own options.
 
 A file with a table ``[robot]`` is one session, as ``cardan run`` takes it, and has the file's name.
 Other files may have, together or each for itself::
@@ -65,13 +65,13 @@ class DaemonOptions(Options):
     group: str = ""
     """Group whose members may ask it, too; empty: its own user alone."""
     group_role: Literal["viewer", "operator", "admin"] = "operator"
-    """What they may do."""
+    """Role of the group's members."""
     event_log: Annotated[str, _EVENT_LOG] = ""
-    """File of what happened, a JSON object a line; empty: events.jsonl in the folder for the user's
+    """Event log, a JSON object a line; empty: events.jsonl in the folder for the user's
     (a service's) state; "none": none."""
     start_limit: Annotated[int, bounds.STARTS] = 8
     """Starts in a row, none of which lasted for a minute, after which a process that fails by
-    itself is given up until somebody starts it."""
+    itself is given up until a request starts it."""
 
 
 @dataclass(frozen=True, kw_only=True)

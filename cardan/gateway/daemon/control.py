@@ -24,7 +24,7 @@ NEEDS: Final = {
     **dict.fromkeys(("start", "stop", "restart", "switch", "ask"), Role.OPERATOR),
     "reload": Role.ADMIN,
 }
-"""The least role of who may ask for each."""
+"""The least role for each request."""
 
 VIEWERS_VERBS: Final = frozenset({"stat", "status", "get_parameter", "get_parameters", "stop"})
 """Verbs of an arm that a viewer may ask for: they change nothing, or stop the arm, which needs no
@@ -33,7 +33,7 @@ authority. They wait in no queue that others' verbs wait in."""
 _LARGEST_ID: Final = 1 << 53
 
 MOST_LEVELS: Final = 32
-"""Lists and objects within each other in a line; a verb's have 4. What has hundreds can be read,
+"""Lists and objects within each other in a line; a verb's have 4. A line with hundreds can be read,
 and then neither be shown nor passed on: each level takes one of Python's."""
 
 
@@ -56,7 +56,7 @@ class Ask(NamedTuple):
 
 
 class Response(NamedTuple):
-    """What the daemon says to a request."""
+    """Response of the daemon to a request."""
 
     id: int | None
     kind: str
@@ -65,7 +65,7 @@ class Response(NamedTuple):
 
 
 def refusal(ask: Ask, role: Role) -> str:
-    """Why somebody with this role may not ask for this; empty: they may."""
+    """Reason why a client with this role may not ask for this; empty if it may."""
     needed, what = NEEDS[ask.do], ask.do
     if ask.do == "ask" and isinstance(ask.value, dict) and isinstance(ask.value.get("verb"), str):
         what = ask.value["verb"]

@@ -1,6 +1,6 @@
-"""The daemon: starts what its files say, keeps it running, and answers who asks at its socket.
+"""The daemon: starts sessions and servers from files, keeps them running, and serves its socket.
 
-One thread decides all; the threads that follow a process tell it by an inbox what has become of it.
+A single thread decides all; the threads that follow processes report to its inbox.
 """
 
 from __future__ import annotations
@@ -58,20 +58,20 @@ POLL_S: Final = 0.1
 
 LINES_KEPT: Final = 2000
 CHARACTERS_KEPT: Final = 2_000_000
-"""Lines of all processes' output that are kept for who asks later, and how long they may be all
-together: one answer has them all."""
+"""Lines of all processes' output that are kept for later requests, and their characters in all: one
+answer has them all."""
 
 LINES_WAITING: Final = 5000
 """Lines that wait until the daemon has a turn; more are dropped, and counted."""
 
 CALLS_A_TURN: Final = 500
-"""Most of what processes tell that is heard before others have their turn."""
+"""Most reports of processes that are handled before others have their turn."""
 
 GOING_ON: Final = 16
 """Requests of one connection that go on: `watch`, `log -f` and `events -f`."""
 
 EVENTS_KEPT: Final = 1000
-"""Events that are kept for who asks later; the event log has more."""
+"""Events that are kept for later requests; the event log has more."""
 
 WATCH_PERIODS_S: Final = (0.1, 60.0)
 
@@ -79,7 +79,7 @@ _UNDER_WAY = ("waiting", "running")
 """Outcomes of motions that have not ended."""
 
 _BAD = frozenset({UnitState.WAITING.value, UnitState.FAILED.value, "trip", "reload refused"})
-"""Events that somebody may have to do something about."""
+"""Events that may need an administrator."""
 
 _log = logging.getLogger(__name__)
 
@@ -92,7 +92,7 @@ class _Route(NamedTuple):
     request: Any
     endless: bool
     note: Mapping[str, Any] = MappingProxyType({})
-    """What was reported of the motion at its beginning."""
+    """Report of the motion's beginning."""
 
 
 ReloadOutcome = Sequence[Change] | CardanError
@@ -100,7 +100,7 @@ ReloadOutcome = Sequence[Change] | CardanError
 
 
 class Daemon:
-    """Runs all that a layout says until it is told to end."""
+    """Runs the services of a layout until a request to end."""
 
     def __init__(self, layout: Layout, read: Callable[[], Layout]) -> None:
         """`read` reads the layout anew, in a thread of its own, in which it must not hold up the
@@ -149,7 +149,8 @@ class Daemon:
             kept.unit.start(time.monotonic())
 
     def _share(self) -> None:
-        """Find which sessions share devices, by what they run with; a holder keeps its device."""
+        """Find which sessions share devices, by present configurations; a holder keeps its
+        device."""
         before, self._shared = self._shared, {}
         entries = {}
         for name in (*self.layout.sessions, *self._kept):
@@ -264,7 +265,7 @@ class Daemon:
         return ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
 
     def _all_answer(self, now_s: float) -> bool:
-        """Whether every session that has begun has told of itself lately."""
+        """Whether every session that has begun has reported lately."""
         running = (kept.process for kept in self._kept.values())
         return all(
             now_s <= process.due_s for process in running if isinstance(process, RunningSession)
@@ -316,7 +317,7 @@ class Daemon:
                 self._begin(kept, now_s)
 
     def _renew(self, kept: SessionService, now_s: float) -> None:
-        """Nobody has its arm: what has changed takes effect."""
+        """Its arm is free: changes take effect."""
         if kept.unit.state is UnitState.RUNNING:
             if REMOVED in kept.changes_wait:
                 _remove(kept)
@@ -354,7 +355,7 @@ class Daemon:
         )
 
     def _leave(self, server: ControlServer) -> None:
-        """End all processes in good order; who asks is answered meanwhile."""
+        """End all processes in good order; requests are answered meanwhile."""
         self._notifier.stopping()
         now_s = time.monotonic()
         give_up_s = now_s + ENDS_WITHIN_S
@@ -372,7 +373,7 @@ class Daemon:
             connection.tell(Response(ask.id, "error", str(error)))
             return
         except Exception:
-            # One request must not end all sessions.
+            # A single request must not end all sessions.
             _log.exception("a request, %s, met with a fault of the daemon", ask.do)
             connection.tell(Response(ask.id, "error", f"{ask.do}: a fault: see the daemon's log"))
             return
@@ -522,7 +523,7 @@ class Daemon:
         return self._followed(ask, connection, kept)
 
     def _followed(self, ask: Ask, connection: Connection, kept: Sequence[Any]) -> Any:
-        """What is kept, as the answer; or one by one, and then what comes."""
+        """Return the kept items as the answer; or send them one by one, and then new ones."""
         if ask.value not in (None, True, False):
             why = "its value says whether it goes on: true or false"
             raise ControlError(f"{ask.do}: {why}", ask.id)
@@ -591,7 +592,7 @@ class Daemon:
             raise ControlError(f"{kept.name} takes no requests: {words}", ask.id) from None
 
     def _answered(self, name: str, packet: bytes) -> None:
-        """A session has answered, or tells of a motion."""
+        """A session has answered, or reports a motion."""
         table = json.loads(packet)
         if "motion" in table:
             note = table["motion"]
@@ -614,7 +615,7 @@ class Daemon:
         route.connection.tell(Response(route.ask, "result", table | {"reply": route.request}))
 
     def _session_gone(self, name: str, reason: str) -> None:
-        """Its process has ended: nobody else answers what was asked of it. The next one's motions
+        """Its process has ended: refuse requests that it has not answered. The next one's motions
         have the same ids."""
         why = f"{name} has ended{reason and f': {reason}'}"
         for key in [each for each in self._routes if each[0] == name]:
@@ -646,9 +647,9 @@ class Daemon:
     # -- reload ----------------------------------------------------------------------------------
 
     def reload(self, over: Callable[[ReloadOutcome], None], check_only: bool = False) -> None:
-        """Read the files anew, check all of them, and have what has changed take effect, or
-        nothing; or only check it. `over` gets the changes, or why nothing was changed. Raises
-        ControlError where one is under way.
+        """Read the files anew, check all of them, and apply all changes, or none; or only check.
+        `over` gets the changes, or why nothing was changed. Raises ControlError where one is under
+        way.
         """
         if self._reading:
             raise ControlError("a reload is under way; ask again when it is over")
@@ -685,7 +686,7 @@ class Daemon:
         return changes
 
     def _check_kinds(self, layout: Layout) -> None:
-        """Raise ConfigurationError for what no reload can do."""
+        """Raise ConfigurationError for changes that no reload can make."""
         if layout.daemon != self.layout.daemon:
             raise ConfigurationError(
                 "daemon", "its own options are read at its start: restart the daemon for them"
@@ -699,7 +700,7 @@ class Daemon:
                     )
 
     def _changes(self, layout: Layout) -> Iterator[Change]:
-        """Of the sessions: those that run are compared by what they run with."""
+        """Yield changes of sessions; running ones are compared by their present configuration."""
         for name in self.layout.sessions.keys() - layout.sessions.keys():
             kept = self._kept[name]
             assert isinstance(kept, SessionService)
@@ -745,7 +746,7 @@ class Daemon:
         if not kept.changes_wait:
             kept.entry = entry
         if keys and kept.unit.state is UnitState.FAILED:
-            kept.unit.start(now_s)  # What it failed of may be mended.
+            kept.unit.start(now_s)  # The cause of its failure may be fixed.
         if is_new and entry.start:
             kept.unit.start(now_s)  # It was in the files before.
 
@@ -768,7 +769,7 @@ def _remove(kept: Kept) -> None:
 
 
 class _Watcher:
-    """A client that is told all rows again and again."""
+    """A client that gets all rows again and again."""
 
     def __init__(self, connection: Connection, ask: Ask, period_s: float) -> None:
         self.connection, self.ask, self.period_s = connection, ask, period_s

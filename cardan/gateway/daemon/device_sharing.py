@@ -15,14 +15,14 @@ AT_REST = frozenset({"disarmed", "no robot"})
 
 
 class Order(enum.Enum):
-    """What a session is to be told."""
+    """Order of the daemon to a session."""
 
     TAKE = "take"
     GIVE = "give"
 
 
 class SessionState(NamedTuple):
-    """What is known of a session now."""
+    """Known state of a session."""
 
     wanted: bool
     """Whether it runs, or is to run again by itself."""
@@ -35,7 +35,7 @@ class SessionState(NamedTuple):
 
 
 class SharedDevice:
-    """A device that several sessions share: who has it, and who gets it next."""
+    """A device that several sessions share: its holder, and the next one."""
 
     def __init__(self, name: str, sessions: Sequence[str]) -> None:
         """`sessions` in the order in which the device goes round; the first begins with it."""
@@ -53,7 +53,7 @@ class SharedDevice:
         return self._next
 
     def serve(self, sessions: Sequence[str]) -> None:
-        """These share it from now on; who has it keeps it."""
+        """These share it from now on; its holder keeps it."""
         self.sessions = tuple(sessions)
         if self.holder not in sessions:
             self.holder, self._next = self.sessions[0], ""
@@ -71,7 +71,7 @@ class SharedDevice:
         return next((each for each in round_ if may(each)), "")
 
     def poll(self, seen: Callable[[str], SessionState]) -> list[tuple[str, Order]]:
-        """Several times a second: who is to be told what."""
+        """Return the orders to sessions; call this several times a second."""
         found: list[tuple[str, Order]] = []
         now = {session: seen(session) for session in self.sessions}
         holder = now[self.holder]

@@ -1,7 +1,7 @@
-"""What happened: who took the authority over an arm, what was armed and stopped, and why.
+"""Events of sessions: changes of authority over an arm, arming and stops, with their reasons.
 
-Events are found by comparing what is known of a session now with what was known before. They are
-kept in a file, a JSON object a line, which is turned over before it grows large.
+Events are found by comparing the snapshots of a session. They are kept in a file, a JSON object a
+line, which is rotated before it grows large.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Event(NamedTuple):
     name: str
     """Session, server, or ``daemon``."""
     event: str
-    """``authority``, ``arm``, ``robot``, ``device``, ``trip``, ``message``, or what became of a
+    """``authority``, ``arm``, ``robot``, ``device``, ``trip``, ``message``, or the fate of a
     process: ``started``, ``ended``, ``failed``, ``reload``; ``lost``: how many could not be
     written."""
     what: str
@@ -50,8 +50,8 @@ class Event(NamedTuple):
 
 
 STOP_REASONS: Final = ("robot", "device", "trip", "none")
-"""What may be wrong when an arm brakes: the robot's link, the device's, something else that
-disengaged who moved it, or nothing: it was meant to."""
+"""Faults that make an arm brake: the robot's link, the device's, another fault that disengaged its
+source, or none: a normal stop."""
 
 
 def _stop_reason(before: Snapshot, now: Snapshot) -> str:
@@ -71,7 +71,7 @@ class SessionWatch:
         self._before: Snapshot | None = None
         self._said = ""
         self.stops = dict.fromkeys(STOP_REASONS, 0)
-        """How often the arm began to brake, by what was wrong."""
+        """How often the arm began to brake, by fault."""
         self.refusals = 0
         """How often a source was refused the authority."""
 
@@ -80,7 +80,7 @@ class SessionWatch:
         self._before, self._said = None, ""
 
     def take(self, now: Snapshot, time_s: float) -> Iterator[Event]:
-        """What has happened since the snapshot before."""
+        """Yield the events since the previous snapshot."""
         before, self._before = self._before, now
         if before is None:
             before = Snapshot()
@@ -120,7 +120,7 @@ class EventLog:
         self.lost = 0
         """Events that could not be written: the disk is full, or the folder is gone."""
         self._unsaid = 0
-        """Those of them that the file does not tell of yet."""
+        """Those of them that are not in the file yet."""
         self._why = ""
         try:
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -161,7 +161,7 @@ class EventLog:
 
     def _append(self, data: bytes) -> int:
         found = os.fstat(self._file)
-        if not found.st_nlink:  # Somebody has removed it.
+        if not found.st_nlink:  # The file was removed.
             fresh = self._opened(self.path)
             os.close(self._file)
             self._file = fresh

@@ -1,7 +1,7 @@
 """The figures of all sessions and servers as metrics of Prometheus.
 
 Of the rows that the daemon tells; nothing here opens anything. Names: base units, ``_total`` for
-what only grows, and labels of few values. Needs prometheus_client.
+counters, and labels of few values. Needs prometheus_client.
 """
 
 from __future__ import annotations
@@ -76,11 +76,11 @@ SERVER_COUNTERS: Final = (
     ("cardan_recording_dropped_messages", "dropped", "Messages that came faster than it writes."),
     ("cardan_recording_lost_messages", "lost", "Messages that did not arrive at it."),
 )  # fmt: skip
-"""Counters of a server: name, what it calls it itself, help."""
+"""Counters of a server: name, the server's own name for it, help."""
 
 
 def metrics_of(answer: Mapping[str, Any]) -> Iterator[Metric]:
-    """Of what the daemon answers to ``figures``."""
+    """Of the daemon's answer to ``figures``."""
     rows: list[Row] = answer["units"]
     yield InfoMetricFamily(
         "cardan_build", "The daemon's version.", {"version": str(answer["version"])}
@@ -238,7 +238,7 @@ def _buckets(within: Sequence[int], count: int) -> list[tuple[str, float]]:
 
 
 def _of_watches(rows: Sequence[Row], running: Sequence[tuple[Row, Snapshot]]) -> Iterator[Metric]:
-    """What the daemon itself has counted since its start; of refusals, the sessions the most."""
+    """Counters of the daemon since its start; the sessions count most of the refusals."""
     stops = CounterMetricFamily(
         "cardan_stops",
         "How often the arm began to brake, by what was wrong then; none: it was meant to.",
@@ -282,7 +282,7 @@ def _of_servers(rows: Sequence[Row]) -> Iterator[Metric]:
 
 
 def _snapshot(table: Mapping[str, Any]) -> Snapshot:
-    """Of another version of Cardan, what both know."""
+    """Of another version of Cardan, the fields that both know."""
     known = {
         name: value
         for name, value in table.items()

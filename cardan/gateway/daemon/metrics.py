@@ -102,7 +102,7 @@ class MetricsServer:
 
 
 class _Collected:
-    """What an encoder takes for a registry."""
+    """Registry of metrics for an encoder."""
 
     def __init__(self, metrics: Iterable[Any]) -> None:
         self._metrics = list(metrics)

@@ -1,4 +1,4 @@
-"""Tells systemd how the daemon does: sd_notify(3), without a library."""
+"""State of the daemon for systemd: sd_notify(3), without a library."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Notifier:
 
     @property
     def watched(self) -> bool:
-        """Whether the service manager wants to be told again and again."""
+        """Whether the service manager expects watchdog messages."""
         return bool(self._path) and self._period_s > 0.0
 
     def ready(self) -> None:
@@ -43,7 +43,7 @@ class Notifier:
         self._send("STOPPING=1")
 
     def status(self, words: str) -> None:
-        """What `systemctl status` shows."""
+        """Set the text that `systemctl status` shows."""
         if words != self._status:
             self._status = words
             self._send("STATUS=" + " ".join(words.split()))

@@ -1,6 +1,6 @@
 """The daemon's processes: a session, or a server, from its start to its end.
 
-What they say and how they end is told by calls in threads of their own; nothing here decides.
+Callbacks in threads of their own report their output and their end; nothing here decides.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ LINE_BYTES: Final = 4096
 
 LINES_AT_ONCE: Final = 1000
 LINES_A_SECOND: Final = 200
-"""Most lines of a process that are taken, at once and as they go on; of more, their number. One
-that babbles would keep the daemon from all others."""
+"""Most lines of a process that are taken, at once and per second; more are only counted. A flood of
+lines from one process would keep the daemon from all others."""
 
 STARTS_WITHIN_S: Final = 60.0
 """Longest time until a session's first snapshot: all sessions of a lab import their arms' models at
@@ -153,7 +153,7 @@ class RunningServer(Process):
         self.endpoint = ""
         """Where it serves, once it does."""
         self.figures: dict[str, int] = {}
-        """What it tells of itself."""
+        """Newest statistics that it printed."""
         self._said, self._over = say, over
         self._stopping = False
         self._last = ""
@@ -227,7 +227,7 @@ class RunningServer(Process):
 
 
 class Lines:
-    """Puts what a process writes together to lines, and takes only so many."""
+    """Splits the output of a process into lines, and takes only so many."""
 
     def __init__(self, say: Say, clock: Callable[[], float] = time.monotonic) -> None:
         self._say, self._left, self._clock = say, b"", clock
@@ -235,7 +235,7 @@ class Lines:
         self._dropped = 0
 
     def take(self, data: bytes) -> None:
-        """What was written."""
+        """Take output of the process."""
         *lines, left = (self._left + data).split(b"\n")
         while len(left) > LINE_BYTES:
             lines.append(left[:LINE_BYTES])
@@ -249,7 +249,7 @@ class Lines:
                 self._take(line.decode(errors="backslashreplace").rstrip())
 
     def end(self) -> None:
-        """Nothing more comes: take what has no end of a line."""
+        """Nothing more comes: take the last line without its end."""
         self.take(b"\n")
         self._tell_dropped()
 

@@ -21,17 +21,17 @@ LASTED_S: Final = 60.0
 
 
 class UnitState(enum.Enum):
-    """What a unit does."""
+    """State of a unit."""
 
     STOPPED = "stopped"
-    """Nobody wants it to run."""
+    """It is not meant to run."""
     RUNNING = "running"
     ENDING = "ending"
     """It was asked to end."""
     WAITING = "waiting"
     """It has ended by itself, and is started again after a pause."""
     FAILED = "failed"
-    """It is given up, until somebody starts it."""
+    """It is given up, until a request starts it."""
 
 
 class Ended(enum.Enum):
@@ -41,7 +41,7 @@ class Ended(enum.Enum):
     DIED = "died"
     """By itself, of a fault of its own."""
     UNABLE = "unable"
-    """What it needs is not there: a device, a port. It counts towards no limit."""
+    """A resource is missing: a device, a port. It counts towards no limit."""
     MISCONFIGURED = "misconfigured"
     """Starting it again would change nothing."""
 
@@ -69,7 +69,7 @@ class Unit:
         self._failures = 0
         self._then_start = False
 
-    # -- what a person asks ----------------------------------------------------------------------
+    # -- requests --------------------------------------------------------------------------------
 
     def start(self, now_s: float) -> None:
         """It is to run from now on."""
@@ -94,7 +94,7 @@ class Unit:
             self.stop(now_s, reason)
         self.start(now_s)
 
-    # -- what becomes of its process -------------------------------------------------------------
+    # -- ends of its process ---------------------------------------------------------------------
 
     @property
     def due_s(self) -> float | None:
@@ -132,7 +132,7 @@ class Unit:
                 self._wait(now_s, now_s, words)
             return
         if how is Ended.AS_ASKED:
-            # Somebody else has told it to end, or its time was over.
+            # Another program ended it, or its time was over.
             self._enter(UnitState.STOPPED, now_s, reason or "it has ended by itself")
             return
         if how is Ended.MISCONFIGURED:

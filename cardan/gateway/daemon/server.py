@@ -1,4 +1,4 @@
-"""The daemon's local socket: who may connect, and bounded output for each who does."""
+"""The daemon's local socket: access control, and bounded output for each client."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ from cardan.types import NEVER_S
 GROUP_TOO: Final = 0o660
 
 MAX_CONNECTIONS: Final = 64
-"""Programs that are connected at once; one more is told so and let go."""
+"""Programs that are connected at once; one more is refused."""
 
 MAX_UNREAD_BYTES: Final = 1 << 20
-"""What waits for a client that does not read; one with more is let go."""
+"""Bytes that may wait for a client that does not read; a client with more is disconnected."""
 
 READ_BYTES: Final = 1 << 16
-"""Most that is read of a client at once."""
+"""Most bytes that are read of a client at once."""
 
 TURN_S: Final = 0.01
 """Longest time for the requests of one client before others have their turn."""
@@ -48,10 +48,10 @@ BACKLOG: Final = MAX_CONNECTIONS
 """Programs that wait until they are connected; others would be refused at once."""
 
 SHORTAGE_PAUSE_S: Final = 0.5
-"""Pause of taking new programs in where no file can be opened for one."""
+"""Pause of accepting connections when no file can be opened for one."""
 
 STOOD_STILL_S: Final = 0.05
-"""Looking for what has come took so much longer than it may: this process was stopped meanwhile."""
+"""Polling took so much longer than it may: this process was stopped meanwhile."""
 
 _log = logging.getLogger(__name__)
 
@@ -84,8 +84,8 @@ class Connection:
         self.open = True
 
     def tell(self, *told: Response) -> None:
-        """Say something to it. Never waits; one that does not read is let go. An answer may be
-        longer than what may wait for it."""
+        """Say something to it. Never waits; a client that does not read is disconnected. An answer
+        may exceed MAX_UNREAD_BYTES."""
         if not self.open:
             return
         if len(self._unsent) > MAX_UNREAD_BYTES:
@@ -103,7 +103,7 @@ class Connection:
         return bool(self._unsent)
 
     def flush(self) -> None:
-        """Send what its socket takes."""
+        """Send as much as its socket takes."""
         try:
             while self._unsent:
                 del self._unsent[: self.sock.send(self._unsent)]
@@ -123,9 +123,9 @@ class ControlServer:
         handle: Callable[[Ask, Connection], Any | None],
         group_role: Role = Role.OPERATOR,
     ) -> None:
-        """`handle` carries out a request and tells its connection; `group_role`: of those who come
-        in by the group. Raises AddressError where the path cannot be had, and ConfigurationError
-        for a group that there is not."""
+        """`handle` carries out a request and tells its connection; `group_role`: of members of the
+        group. Raises AddressError where the path cannot be had, and ConfigurationError for a group
+        that there is not."""
         number = _group_number(group)
         mode = OWNER_ONLY if number is None else GROUP_TOO
         self._socket = UnixSocket(path, socket.SOCK_STREAM, OWNER_ONLY, _ADVICE)
@@ -145,7 +145,7 @@ class ControlServer:
         self._connections: dict[int, Connection] = {}
         self._listening = True
         self._listen_s = NEVER_S
-        """When it looks again who wants to connect, after a shortage."""
+        """When it accepts connections again, after a shortage."""
         self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._socket.sock, selectors.EVENT_READ)
@@ -157,7 +157,7 @@ class ControlServer:
             os.write(self._wake_write, b"x")
 
     def poll(self, timeout_s: float) -> None:
-        """Carry out what is asked, for `timeout_s` at most."""
+        """Serve requests, for `timeout_s` at most."""
         if not self._listening and time.monotonic() >= self._listen_s:
             self._listening = True
             self._selector.register(self._socket.sock, selectors.EVENT_READ)
@@ -219,7 +219,7 @@ class ControlServer:
         self._selector.register(sock, selectors.EVENT_READ)
 
     def _role_of(self, sock: socket.socket) -> Role:
-        """By the kernel's word; without it nobody but a group's members is told apart."""
+        """By the client's user, from the kernel; if unknown, the group's role."""
         owners = (0, os.geteuid())
         return Role.ADMIN if user_of(sock) in owners else self._group_role
 
@@ -248,7 +248,7 @@ class ControlServer:
             connection.open = False
 
     def _answer_some(self, connection: Connection) -> None:
-        """So that who asks much at once keeps nobody waiting."""
+        """Answer for TURN_S at most, so that a client with many requests keeps no other waiting."""
         end_s = time.monotonic() + TURN_S
         while connection.open and connection.asked:
             self._answer(connection.asked.popleft(), connection)

@@ -182,7 +182,7 @@ def is_outdated(service: Service) -> bool:
 
 
 def install(service: Service) -> list[str]:
-    """Write the unit and have it started, now and with the computer; what was done, in lines.
+    """Write the unit and have it started, now and with the computer; return the steps, in lines.
 
     Raises DriverError where that is refused.
     """
@@ -200,7 +200,7 @@ def install(service: Service) -> list[str]:
 
 
 def remove(service: Service) -> list[str]:
-    """End the service and remove its unit; what was done, in lines. Raises DriverError."""
+    """End the service and remove its unit; return the steps, in lines. Raises DriverError."""
     if not service.path.exists():
         raise DriverError(f"there is no {service.path}: nothing was installed")
     _run([*service.systemctl, "disable", "--now", NAME])

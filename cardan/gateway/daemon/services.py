@@ -1,6 +1,6 @@
-"""What the daemon keeps running: its sessions and servers, each with what is known of it.
+"""Services of the daemon: its sessions and servers, each with its known state.
 
-Only the daemon's thread uses them; what a process tells is brought there.
+Only the daemon's thread uses them; reports of processes are passed on to it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from cardan.gateway.session.snapshot import Snapshot
 from cardan.types import NEVER_S
 
 ENGAGED: Final = frozenset({"holding", "moving", "braking", "recovering"})
-"""Phases of an arm that somebody moves, or may move at once."""
+"""Phases of an arm that a source moves, or may move at once."""
 
 
 class Line(NamedTuple):
@@ -38,7 +38,7 @@ class Line(NamedTuple):
 
     @classmethod
     def of(cls, name: str, text: str) -> Line:
-        """What `name` has written now."""
+        """Make a line that `name` has written now."""
         level, text = level_of(text)
         return cls(time.time(), name, printable(text), logging.getLevelName(level).lower())
 
@@ -50,7 +50,7 @@ Say = Callable[[Line], None]
 
 
 class Kept(ABC):
-    """A session or a server: what is known of it, and its process while it runs."""
+    """A session or a server: its known state, and its process while it runs."""
 
     kind = ""
 
@@ -89,8 +89,8 @@ class Kept(ABC):
 
 
 def why_nothing_moves(s: Snapshot, lent: str) -> str:
-    """In words; `lent`: where its device is while another session has it. What is wrong with the
-    robot comes before that, as programs can move the arm without the device."""
+    """Return why nothing moves; `lent`: where its device is while another session has it. A fault
+    of the robot comes before that, because programs can move the arm without the device."""
     if s.device_held:
         return s.message or s.hold_reason or s.device_reason
     return s.hold_reason or lent
@@ -104,13 +104,13 @@ class SessionService(Kept):
     def __init__(self, name: str, entry: SessionEntry, start_limit: int) -> None:
         super().__init__(name, start_limit)
         self.entry = entry
-        """What its process runs with, or will."""
+        """Configuration with which its process runs, or will."""
         self.watch = SessionWatch(name)
         self.last: Snapshot | None = None
         """Of a process that has ended: its last one, of which no events were found yet."""
         self.changes_wait: tuple[str, ...] = ()
-        """Keys of its configuration that take effect as soon as nobody has its arm: it begins anew
-        then, or ends where it was removed."""
+        """Keys of its configuration that take effect as soon as its arm is free: it begins anew
+        then, or ends if it was removed."""
         self.answered: Callable[[bytes], None] = lambda _packet: None
         self.gone: Callable[[str], None] = lambda _reason: None
         """Called when its process has ended."""
@@ -126,7 +126,7 @@ class SessionService(Kept):
 
     @property
     def engaged(self) -> bool:
-        """Whether somebody moves its arm, or has the authority to."""
+        """True if a source moves its arm, or has the authority to."""
         s = self.snapshot
         moves = s.phase in ENGAGED and s.phase != "holding"
         return self.process is not None and (moves or s.authority != "")

@@ -74,7 +74,7 @@ def table(rows: Iterable[Row], width: int | None = None) -> Text:
 
 
 def why(row: Row) -> str:
-    """Why it does not run or its arm does not move, what waits, and where it serves."""
+    """Why it does not run or its arm does not move, waiting changes, and where it serves."""
     words = [row["reason"] or row.get("why", "")]
     if row.get("changes_wait"):
         waits = ", ".join(row["changes_wait"])
@@ -97,7 +97,7 @@ def way(metrics: Mapping[str, float | None]) -> str:
 
 
 def frame(rows: Sequence[Row], width: int | None) -> Text:
-    """One picture of ``cardan daemon top``."""
+    """A frame of ``cardan daemon top``."""
     counts = [
         f"{len(found)} {kind}{'s' * (len(found) != 1)}"
         for kind in ("session", "server")
@@ -168,7 +168,7 @@ def _line(cells: Sequence[str], widths: Sequence[int], *, heading: bool = False)
 
 def _below(words: str, style: str, width: int | None) -> list[Text]:
     room = len(words) if width is None else max(width - len(_BELOW), SHORTEST_CELLS)
-    # What is to be done stands last: nothing is cut.
+    # The advice stands last: nothing is cut.
     pieces = textwrap.wrap(words, max(room, 1))
     return [
         _cut(Text((" " * len(_BELOW) if index else _BELOW) + piece, style), width)

@@ -45,7 +45,7 @@ class Conditioning(Options):
 
 
 class Tare:
-    """The mean of what a sensor reads at rest."""
+    """The mean of a sensor's readings at rest."""
 
     def __init__(self, wanted: bool = True) -> None:
         self.value = ZERO3
@@ -107,7 +107,7 @@ class LowPass:
         return self._stamp_s
 
     def add(self, new: Vector3, stamp_s: float) -> None:
-        """Take a value; one that is not newer than the last is ignored."""
+        """Take a value; a value that is not newer than the last is ignored."""
         dt_s = stamp_s - self._stamp_s
         if dt_s <= 0.0:
             return

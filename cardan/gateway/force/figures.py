@@ -89,7 +89,7 @@ class ContactFigures:
 
 
 class HapticFigures:
-    """What the device rendered: largest force and energy, and the ages of forces."""
+    """Figures of the rendered force: largest force and energy, and the ages of forces."""
 
     def __init__(self) -> None:
         self.peak_n = 0.0

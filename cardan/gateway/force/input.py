@@ -23,7 +23,7 @@ MeasuredTcp = Callable[[RobotState], Pose | None]
 
 
 class ForceInput:
-    """One source of measured forces, in a session with a haptic device."""
+    """A source of measured forces, in a session with a haptic device."""
 
     def __init__(
         self,
@@ -105,7 +105,7 @@ class ForceInput:
         return self._valid and not self._stale
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What prevents a force."""
+        """Reasons why there is no force."""
         words = list(self.source.diagnosis())
         if self.conditioner.reason and not self.source.reason:
             words.append(f"no measured force: {self.conditioner.reason}")

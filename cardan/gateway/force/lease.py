@@ -13,7 +13,7 @@ FUTURE_S = 0.1
 
 
 class Lease:
-    """One owner of the force at a time, by number; and its newest force."""
+    """Lease of the force: a single owner at a time, by number, and its newest force."""
 
     def __init__(self, max_age_s: float) -> None:
         self._max_age_s = max_age_s

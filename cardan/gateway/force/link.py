@@ -81,7 +81,7 @@ class ForceMessage(NamedTuple):
     """A force for the hand."""
 
     sequence: int
-    """Counts the node's messages; a session drops one that does not increase."""
+    """Counts the node's messages; a session drops a message whose count does not increase."""
     stamp_s: float
     """Of the robot's state, or of the sensor's reading, that it was made from."""
     force: Vector3

@@ -57,7 +57,7 @@ class PublishedFeedback:
         return newest.force
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What was refused or dropped."""
+        """Counts of refused and dropped feedback, in words."""
         lease, words = self._lease, []
         if lease.refused:
             words.append(f"{lease.refused} feedbacks refused: another publisher gave them")
@@ -97,5 +97,5 @@ class NetworkSource(ForceSource):
         return Reading(newest.stamp_s, force, Frame.BASE)
 
     def diagnosis(self) -> tuple[str, ...]:
-        """Why there is no force, and what was refused or dropped."""
+        """Why there is no force; refusals and drops."""
         return (*super().diagnosis(), *self.feedback.diagnosis())

@@ -1,10 +1,10 @@
-"""Passivity of a force that comes from far away, whatever the delay, its jitter, and what is lost.
+"""Passivity of a force from far away, for any delay, jitter and loss.
 
 A two-port after Ryu, Artigas and Preusche (A passive bilateral control scheme for a teleoperator
 with time-varying communication delay, 2010): either end observes the energy at its own port, only
 sums travel, and so the newest that has arrived is right whatever was lost, overtaken or came twice.
-Late news is cautious news. The arm's end (`FarPort`) tells the net energy that the surroundings
-have absorbed; the hand's end (`HandPort`) lets no force out that would return more than they have
+Late news is cautious news. The arm's end (`FarPort`) sends the net energy that the surroundings
+have absorbed; the hand's end (`HandPort`) renders no force that would return more than they have
 given back by then, or in all more than the hand put in.
 
 Two things differ from the paper. The arm's motion is not held back where the hand has not paid for
@@ -31,8 +31,8 @@ SURPLUS_J = 0.05
 """Most that the hand can have put in for it to get back: a spring of 40 N/m at 2 N."""
 
 HARDEST_M_S2 = 60.0
-"""A hand on a stylus accelerates less. One that does not may get more in one step, and gets so much
-less in the next."""
+"""A hand on a stylus accelerates less. A hand that exceeds this may get more in one step, and gets
+so much less in the next."""
 
 LONGEST_STEP_S = 0.02
 """Of the hand's end: where it stood still for longer there is no force until the next step."""
@@ -52,7 +52,7 @@ def share_left(silent_s: float, round_s: float) -> float:
 
 
 class FarPort:
-    """The arm's end: what the surroundings have absorbed of the hand's motion, as it arrives."""
+    """The arm's end: energy of the hand's motion that the surroundings absorbed, as it arrives."""
 
     def __init__(self) -> None:
         self.absorbed_j = 0.0
@@ -65,7 +65,7 @@ class FarPort:
         self.absorbed_j, self._place = 0.0, None
 
     def rest(self) -> None:
-        """There is no force: what moves does no work until the next step."""
+        """There is no force: motion does no work until the next step."""
         self._place = None
 
     def step(self, place: Vector3, force: Vector3) -> float:
@@ -83,7 +83,7 @@ class HandPort:
     def __init__(self, budget_j: float = BUDGET_J) -> None:
         self._budget_j = budget_j
         self.put_in_j = 0.0
-        """Net energy that the hand has put in, by what was let out; SURPLUS_J at most."""
+        """Net energy that the hand has put in against the rendered force; SURPLUS_J at most."""
         self._most_in_j = self._most_absorbed_j = 0.0
         """The most that `put_in_j` was, and that the surroundings had absorbed."""
         self._place: Vector3 | None = None
@@ -91,10 +91,10 @@ class HandPort:
         self._moved = ZERO3
         self._now_s = math.nan
         self.share = 0.0
-        """Of all that is felt, what is let out now: it fades, and comes back slowly."""
+        """Share of the force that is rendered now: it fades, and comes back slowly."""
 
     def rest(self) -> None:
-        """The device lets no force out: what the hand has moved since the last step is no work."""
+        """The device renders no force: the hand's motion since the last step is no work."""
         self._force = ZERO3
 
     def step(
@@ -111,14 +111,14 @@ class HandPort:
             self._moved = subtract(place, before)
             put_in_j = -dot(self._force, self._moved)
             if not 0.0 < dt_s <= LONGEST_STEP_S:
-                # Nobody knows for how long the device has let the force out.
+                # It is unknown for how long the device has rendered the force.
                 put_in_j = min(put_in_j, 0.0)
             self.put_in_j = min(self.put_in_j + put_in_j, SURPLUS_J)
         if before is None or not 0.0 < dt_s <= LONGEST_STEP_S:
             # How far the hand goes until the next step cannot be foreseen.
             self._force, self.share = ZERO3, 0.0
             return ZERO3
-        # What comes back does so slowly: a force that is let out anew does not strike.
+        # The force returns slowly: after a release it does not strike.
         self.share = min(left, self.share + dt_s / FADE_S)
         force = scale(asked, self.share)
         self._most_in_j = max(self._most_in_j, self.put_in_j)

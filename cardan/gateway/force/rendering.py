@@ -31,7 +31,7 @@ NO_MAP = WorldMap()
 
 
 class ForceRenderer:
-    """The force feedback of a session. One for each run."""
+    """The force feedback of a session, made anew for each run."""
 
     def __init__(
         self,
@@ -87,7 +87,7 @@ class ForceRenderer:
         world: WorldMap | None,
         at_rest: bool,
     ) -> str:
-        """Render what this cycle of the robot brings.
+        """Render the force of this cycle of the robot.
 
         `world` is None while clutched out; `at_rest`: nothing is commanded to move. Returns why
         teleoperation must be disengaged; empty while it need not.
@@ -168,7 +168,7 @@ class ForceRenderer:
             self._rejection = ""
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What prevents a force, or a good one."""
+        """Reasons why there is no force, or a poor one."""
         words = [each for each in (self._enabling.refusal, self._rejection) if each]
         newest = self.figures.newest
         if self.watchdog.heard and newest.reason:

@@ -102,7 +102,7 @@ class RemoteSource(ForceSource):
         return Reading(newest.stamp_s, newest.force, Frame.BASE)
 
     def diagnosis(self) -> tuple[str, ...]:
-        """Why there is no force, and what was dropped or refused."""
+        """Why there is no force; drops and refusals."""
         words = list(super().diagnosis())
         lease = self.lease
         if lease.refused:

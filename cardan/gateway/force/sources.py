@@ -42,7 +42,7 @@ after it would seem to be older."""
 
 
 class Reading(NamedTuple):
-    """One reading of a source."""
+    """A reading of a source."""
 
     stamp_s: float
     """Local monotonic time of the measurement."""
@@ -53,7 +53,7 @@ class Reading(NamedTuple):
 
 
 class ForceSource(Openable):
-    """One origin of forces. `reason` says why there is no reading, in words."""
+    """An origin of forces. `reason` says why there is no reading, in words."""
 
     needs_tcp = False
     """Whether `read` needs the measured TCP."""
@@ -67,11 +67,11 @@ class ForceSource(Openable):
     reason = ""
 
     def open(self) -> None:
-        """Open what the force comes through. Raises DriverError."""
+        """Open the channel of the force. Raises DriverError."""
         return
 
     def close(self) -> None:
-        """Let go of what was opened. Never raises."""
+        """Release all resources. Never raises."""
         return
 
     @abstractmethod
@@ -85,7 +85,7 @@ class ForceSource(Openable):
         return
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What prevents a reading."""
+        """Reasons why there is no reading."""
         return (f"no measured force: {self.reason}",) if self.reason else ()
 
 
@@ -155,7 +155,7 @@ class _Instrument(ForceSource):
         return reading
 
     def diagnosis(self) -> tuple[str, ...]:
-        """Why there is no force, and what was rejected."""
+        """Why there is no force; rejections."""
         return (*super().diagnosis(), *self._sieve.diagnosis())
 
 

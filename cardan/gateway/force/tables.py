@@ -204,7 +204,7 @@ AnyContactTable = Annotated[PlaneContactTable | SphereContactTable, Tag("shape")
 
 @dataclass(frozen=True, kw_only=True)
 class ForceTable(Conditioning):
-    """What ``[force]`` has whatever its source."""
+    """Options of ``[force]`` for any source."""
 
     max_age_s: Annotated[float, bounds.BLIND_S] = 0.1
     stiffness_n_m: Annotated[float, bounds.HAND_STIFFNESS_N_M] = 0.0

@@ -1,4 +1,4 @@
-"""What the servo knows about an arm: where its TCP is, and how each joint moves it."""
+"""Kinematics of an arm for the servo: the pose of its TCP, and the motion by each joint."""
 
 from __future__ import annotations
 

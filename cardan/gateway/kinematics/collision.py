@@ -66,7 +66,7 @@ class Closest(NamedTuple):
     """Negative: they overlap by so much."""
     names: tuple[str, str]
     grown_m: float = 0.0
-    """How much farther apart than others the pair is kept, for what moves by itself."""
+    """Extra distance that the pair is kept apart, for bodies that move by themselves."""
 
 
 class CollisionModel:
@@ -84,15 +84,15 @@ class CollisionModel:
         movers: Iterable[Sequence[BodyShape]] = (),
         ignored: Collection[tuple[str, str]] = (),
     ) -> None:
-        """`tool` are further shapes of the arm's bodies, as a gripper is of the last; `movers`
-        those of each of what others move, in frames that are at the base until `move`.
-        `ignored`: names of a mover and of a shape of the arm that are not kept apart."""
+        """`tool` are further shapes of the arm's bodies, such as a gripper of the last; `movers`
+        those of each body that others move, in frames that are at the base until `move`. `ignored`:
+        names of a mover and of a shape of the arm that are not kept apart."""
         self.kinematics = kinematics
         self.ignored = ignored
         arm, n = kinematics.arm, kinematics.joints
         self._geometry: Any = pin.GeometryModel()
         self.solids: list[Solid] = []
-        """The arm's shapes, the tool's, the obstacles, and what others move."""
+        """The arm's shapes, the tool's, the obstacles, and bodies that others move."""
         for shape in (*arm.shapes, *tool):
             self._add(shape.name, shape.body, shape.shape)
         fixed_to_base = len(self.solids)
@@ -133,7 +133,7 @@ class CollisionModel:
         self.with_obstacle = np.array([b >= fixed_to_base or a >= fixed_to_base for a, b in pairs])
         """True for pairs of which one is an obstacle, False within the arm."""
         self.grown_m: list[float] = [0.0] * len(pairs)
-        """How much farther apart than others each pair is kept, for what moves by itself, m."""
+        """Extra distance that each pair is kept apart, for bodies that move by themselves, m."""
         self._masks = masks
         self.sweeps = sweeps
         """How much nearer each pair can come per motion of each joint, at most; pairs × n."""
@@ -194,8 +194,8 @@ class CollisionModel:
         return list(map(_MIN_DISTANCE, self._results))
 
     def closest(self) -> Closest:
-        """The nearest pair of the last `update`; what others move counts as near as it is less
-        how much farther away it is kept."""
+        """The nearest pair of the last `update`, by its distance less the extra one kept to bodies
+        that others move."""
         if not self.distances:
             return Closest(math.inf, ("", ""))
         left = list(map(operator.sub, self.distances, self.grown_m))
@@ -263,8 +263,8 @@ def _without_inner(
     shapes: Sequence[Shape | HalfSpace],
     owners: Sequence[tuple[int, int]],
 ) -> list[tuple[int, int]]:
-    """Without those of a shape of which one around it has the same pair; `owners`: what each of
-    `shapes` is fixed to. The lower index is the first of each pair."""
+    """Without those of a shape of which one around it has the same pair; `owners`: the body to
+    which each of `shapes` is fixed. The lower index is the first of each pair."""
     around: list[list[int]] = [[] for _ in shapes]
     for one, other in itertools.permutations(range(len(shapes)), 2):
         if owners[one] != owners[other] or not _is_inside(shapes[one], shapes[other]):

@@ -1,9 +1,9 @@
 """Kinematics of a soft neck: a platform on a flexible link that three tendons bend.
 
 Constant curvature: the link bends into an arc of its own length, and the platform stands square on
-its end. The three tendons are as many as the inclination (two numbers) and the co-contraction
-(what all three are pulled beyond the arc's geometry), so each triple of them has one shape. This is
-the corrected model of TEO's neck; the public source (SoftNeckControl of the group's
+its end. The three tendons are as many as the inclination (two numbers) and the co-contraction (the
+pull of all three beyond the arc's geometry), so each triple of them has one shape. This is the
+corrected model of TEO's neck; the public source (SoftNeckControl of the group's
 humasoft-yarp-devices) has sin² where cos² is meant, and its platform matrix is no rotation.
 
 Inclination is calculated with as a vector: its length the angle in rad, its direction the azimuth
@@ -96,7 +96,7 @@ class SoftNeckData(Options):
 def load_soft_neck(name_or_file: str = "teo_soft_neck") -> SoftNeckData:
     """A soft neck of `cardan/robots` by name, or one from the path of a ``.toml`` file.
 
-    Raises ConfigurationError that names the file, what is wrong in it, and what is allowed.
+    Raises ConfigurationError that names the file, its fault, and the allowed values.
     """
     own = not name_or_file.endswith(".toml")
     path = _FOLDER / f"{name_or_file}.toml" if own else Path(name_or_file)
@@ -154,7 +154,7 @@ class SoftNeck:
     """
 
     TASK: ClassVar[SixWeights] = (0.0, 0.0, 0.0, 1.0, 1.0, 0.0)
-    """What it can be asked to follow: where the platform leans; the rest is a consequence."""
+    """Task that it can follow: the lean of the platform; the rest is a consequence."""
 
     def __init__(self, data: SoftNeckData | None = None) -> None:
         """Of TEO's neck by default."""

@@ -1,4 +1,4 @@
-"""Joint trajectories that somebody else planned: positions at times."""
+"""Joint trajectories planned by other programs: positions at times."""
 
 from __future__ import annotations
 

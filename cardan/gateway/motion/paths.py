@@ -39,7 +39,7 @@ _HALF_TURN_RAD = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class PathLimits:
-    """What a Cartesian path may do; norms, translation and rotation each by its own."""
+    """Limits of a Cartesian path; norms, for translation and rotation separately."""
 
     linear_speed_m_s: float = 0.05
     linear_acceleration_m_s2: float = 0.1

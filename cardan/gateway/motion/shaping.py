@@ -91,10 +91,10 @@ class JerkLimitedVector:
     """A velocity of 1 to 3 components that follows a target, |a| and |jerk| bounded.
 
     Each tick takes the largest acceleration towards the target from which it can still be reached
-    without passing it: a straight change is time-optimal to within a tick, does not overshoot,
-    and ends exactly at the target. Only where the target comes nearer than the acceleration
-    already gained can be taken back is it passed, and never `speed`: what the acceleration still
-    adds stays inside it.
+    without passing it: a straight change is time-optimal to within a tick, does not overshoot, and
+    ends exactly at the target. Only where the target comes nearer than the acceleration already
+    gained can be taken back is it passed, and never `speed`: the rest of the acceleration's effect
+    stays inside it.
     """
 
     def __init__(self, dimensions: int, speed: float, acceleration: float, jerk: float) -> None:
@@ -154,7 +154,7 @@ _Triple = tuple[float, float, float]
 def _follow(
     v: _Triple, a: _Triple, target: _Triple, speed: float, most: float, jerk: float, dt: float
 ) -> tuple[_Triple, _Triple]:
-    """One tick of velocity and acceleration towards `target`, which is within `speed`."""
+    """Advance velocity and acceleration by one tick towards `target`, which is within `speed`."""
     vx, vy, vz = v
     ax, ay, az = a
     ex, ey, ez = target[0] - vx, target[1] - vy, target[2] - vz
@@ -174,7 +174,7 @@ def _follow(
             outside = along > 0.0 and along * along > 2.0 * jerk * e * (1.0 + 1e-6)
             if not outside and 2.0 * math.sqrt(rest) - along <= q * (1.0 + 1e-9):
                 return target, (0.0, 0.0, 0.0)
-    # What is left when this tick's share of the present acceleration is spent.
+    # The rest when this tick's share of the present acceleration is spent.
     half = 0.5 * dt
     xx, xy, xz = ex - ax * half, ey - ay * half, ez - az * half
     x = math.sqrt(xx * xx + xy * xy + xz * xz)
@@ -256,8 +256,8 @@ class _Chaser:
     def advance(self, d: Vector3, dt: float, resting_s: float) -> Vector3:
         """The way of this tick.
 
-        `d` is what separates the point from its target now, `resting_s` how long the target has
-        been resting.
+        `d` is the distance vector from the point to its target now, `resting_s` how long the target
+        has been resting.
         """
         if resting_s == 0.0:
             self._stopping = False

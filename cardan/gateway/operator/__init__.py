@@ -1,1 +1,1 @@
-"""The operator's input: what an operator device asks for. It decides nothing about the robot."""
+"""The operator's input: requests of an operator device. It decides nothing about the robot."""

@@ -48,7 +48,7 @@ class AbsoluteMapping(HandMapping):
 
     @property
     def remark(self) -> str:
-        """What keeps the TCP from where the hand is."""
+        """Reason why the TCP is not where the hand is."""
         if self.outside:
             return "the hand is outside the workspace: the TCP stays at its edge"
         return "" if self.arrived else "the TCP is on its way to where the hand is"

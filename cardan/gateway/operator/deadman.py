@@ -28,7 +28,7 @@ class Arming(enum.Enum):
 def armed_by_deadman(
     arming: Arming, held: bool, at_rest: bool, inhibited: bool
 ) -> tuple[Arming, bool]:
-    """What a device with a dead-man that is not armed becomes, and whether its act was made: the
+    """Return the arming of a disarmed device with a dead-man, and whether its act was made: the
     dead-man released with the device `at_rest`, and pressed then."""
     released = arming is Arming.RELEASED
     match held, released:
@@ -40,9 +40,8 @@ def armed_by_deadman(
 
 
 def armed_by_rest(arming: Arming, at_rest: bool, inhibited: bool) -> tuple[Arming, bool]:
-    """What a device without a button that is not armed becomes, and whether its act was made: to
-    be `at_rest`, and where something bars it, to be let go once. To stay at rest is no further
-    act."""
+    """Return the arming of a disarmed device without a button, and whether its act was made: to be
+    `at_rest`, and while it is inhibited, to be let go once. To stay at rest is no further act."""
     match at_rest, inhibited:
         case True, True:
             return Arming.DISARMED, arming is Arming.DEFLECTED

@@ -1,7 +1,7 @@
 """Feedback to the operator through the device's light and its motor.
 
-Rumble is what devices without force feedback have: Łukawski, Victores and Balaguer 2023 name it
-for the Wiimote. Strength 0..1; the driver renders it as its motor can.
+Rumble is for devices without force feedback: Łukawski, Victores and Balaguer 2023 name it for the
+Wiimote. Strength 0..1; the driver renders it as its motor can.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ RumbleSource = Literal["trip", "limit", "max_lead", "force", "network"]
 
 @dataclass(frozen=True, kw_only=True)
 class FeedbackOptions(Options):
-    """``[feedback]``: what the operator device shows and renders."""
+    """``[feedback]``: light and rumble of the operator device."""
 
     led: bool = True
     """The device's light is on while teleoperation is engaged."""
     rumble: tuple[RumbleSource, ...] = ("trip", "limit", "network")
-    """What rumbles: trip, teleoperation was disengaged; limit, the workspace or the arm ends;
-    max_lead, how far the robot is behind; force, what its sensor measures; network, what somebody
-    asks for on `joy/set_feedback`. The strongest counts."""
+    """Causes of rumble: trip, teleoperation was disengaged; limit, the workspace or the arm ends;
+    max_lead, the lag of the robot; force, the measured force; network, requests on
+    `joy/set_feedback`. The strongest counts."""
     full_force_n: Annotated[float, bounds.ROBOT_FORCE_N] = 20.0
     """Measured force that rumbles at full strength."""
 
@@ -58,14 +58,14 @@ class ArmFeedback(NamedTuple):
     trips: int
     """How often it was disengaged by a watchdog or fault."""
     limited: bool
-    """Whether the operator asks for what the workspace or the arm cannot do."""
+    """Whether the operator asks for a motion beyond the workspace or the arm."""
     lead_used: float
     asked: float = 0.0
-    """What the network asks for, 0..1."""
+    """Level requested from the network, 0..1."""
 
 
 class HandFeedback:
-    """Decides what to send; `channels` are those the device has."""
+    """Decides on feedback; `channels` are those the device has."""
 
     def __init__(self, options: FeedbackOptions, channels: Collection[str]) -> None:
         self._sources = options.rumble if "rumble" in channels else ()
@@ -88,7 +88,7 @@ class HandFeedback:
     def update(
         self, arm_feedback: ArmFeedback, robot: RobotState, now_s: float
     ) -> DeviceFeedback | None:
-        """What to send now; None: nothing new."""
+        """Return the feedback to send now; None if nothing is new."""
         self._due_s = now_s + FEEDBACK_PERIOD_S
         led = rumble = None
         if self._led_wanted and arm_feedback.engaged is not self._led:
@@ -104,7 +104,7 @@ class HandFeedback:
         return None if led is None and rumble is None else DeviceFeedback(led, rumble)
 
     def last(self) -> DeviceFeedback | None:
-        """What turns light and motor off at the end; None: nothing to send."""
+        """Return the feedback that turns light and motor off at the end; None if both are off."""
         led = False if self._led else None
         rumble = 0.0 if self._rumble > 0.0 else None
         self._led, self._rumble = (False if led is not None else self._led), 0.0

@@ -3,7 +3,7 @@
 The rule of arming is here: going on after an interruption takes a deliberate act, which is the
 device at rest and, where one is configured, the dead-man button released and pressed anew, or a
 press of the button that toggles the clutch. Where the hand's pose is followed, deflections mean
-nothing and need not be at rest. The controller decides what the robot does about a request.
+nothing and need not be at rest. The controller decides on requests.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class ArmView(NamedTuple):
     resting: Pose | None
     """Where the TCP comes to rest when it brakes as hard as it may, base frame."""
     arming: Arming
-    """What the last request made of this device."""
+    """Arming of this device after the last request."""
     free: bool
     """Whether the arm is not still braking a motion of another source."""
     inhibited: str = ""
@@ -66,10 +66,10 @@ class ArmView(NamedTuple):
 
 
 class MotionRequest(NamedTuple):
-    """What an operator asks for in one control tick."""
+    """Request of an operator in one control tick."""
 
     arming: Arming
-    """Whether this device drives the arm, after what the operator did in this tick, and moves or
+    """Whether this device drives the arm, after the operator's acts in this tick, and moves or
     claims it, or would if it were free."""
     engages: bool
     """Whether the deliberate act was made in this tick and is accepted."""
@@ -115,7 +115,7 @@ def _followed(options: MappingOptions, limits: ReferenceLimits) -> HandMapping |
 
 
 class OperatorInput:
-    """One operator device with its mapping, clutch, dead-man and filters."""
+    """Operator device with its mapping, clutch, dead-man and filters."""
 
     def __init__(
         self,
@@ -137,14 +137,14 @@ class OperatorInput:
         """Why the last deliberate act was refused."""
         self._device: DeviceState | None = None
         self.complaint = ""
-        """What is wrong in how the device's buttons are configured; empty: nothing known."""
+        """Fault in the configuration of the device's buttons; empty if none is known."""
 
     # -- one control tick ------------------------------------------------------------------------
 
     def request(
         self, device: DeviceState, events: Sequence[ButtonEvent], view: ArmView
     ) -> MotionRequest:
-        """What the operator asks for now; `events` are the button edges since the last call."""
+        """Return the operator's request now; `events` are the button edges since the last call."""
         before, self._device = self._device, device
         position, options = self._position, self.mapping.options
         arming, fault = view.arming, ""
@@ -196,7 +196,7 @@ class OperatorInput:
         )
 
     def disarm(self) -> None:
-        """Let go of the hand's pose: the deliberate act is needed anew."""
+        """Release the hand's pose: the deliberate act is needed anew."""
         self._refusal = ""
         if self._position is not None:
             self._position.release()
@@ -214,7 +214,7 @@ class OperatorInput:
         return "" if self._position is None else self._position.remark
 
     def filter_words(self) -> tuple[str, ...]:
-        """What the filters do to the operator's motion; those that do nothing are silent."""
+        """Effects of the filters on the operator's motion; filters without effect are left out."""
         return tuple(words for each in self.filters if (words := _status(each)))
 
     def advice(self, why: str, arming: Arming) -> str:
@@ -313,8 +313,8 @@ class OperatorInput:
     def _arm(
         self, arming: Arming, device: DeviceState, held: bool, view: ArmView
     ) -> tuple[Arming, bool]:
-        """What the act by the dead-man, or by rest alone, makes of a device that is not armed, and
-        whether it was made."""
+        """Return the arming of a disarmed device after the act by the dead-man, or by rest alone,
+        and whether the act was made."""
         followed = self._position is not None
         if self._unusable(device, view.robot.stamp_s):
             return (arming if arming is Arming.DEFLECTED else Arming.DISARMED), False
@@ -337,10 +337,10 @@ class OperatorInput:
         fault: str,
         view: ArmView,
     ) -> tuple[Arming, bool, bool]:
-        """Handle the buttons that toggle the clutch and recapture the references: what they make of
-        the device, whether a deliberate press was made, and references are captured.
+        """Handle the buttons that toggle the clutch and recapture the references: return the
+        arming, whether a deliberate press was made, and whether references are captured.
 
-        What was held in `before`, or while the device was not live, is not pressed anew.
+        A button held in `before`, or while the device was not live, is not pressed anew.
         """
         options = self.mapping.options
         was_live = before is not None and before.link is DeviceLink.LIVE
@@ -416,7 +416,7 @@ class OperatorInput:
                 filtered = each.apply(filtered, robot)
                 if not (is_finite(filtered.linear) and is_finite(filtered.angular)):
                     wrong = "gives values that are not numbers"
-            except Exception as error:  # Whatever it is, the arm must still brake in a ramp.
+            except Exception as error:  # In any case, the arm must still brake in a ramp.
                 wrong = f"failed: {error!r}"
             if wrong:
                 filtered = ZERO_TWIST

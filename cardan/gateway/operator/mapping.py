@@ -1,4 +1,4 @@
-"""Maps the axes, the pose and the buttons of a device to what the operator asks of the robot.
+"""Maps the axes, the pose and the buttons of a device to the operator's request.
 
 Pure values in and out: no clock, no hardware. The mappings are those of Łukawski, Victores and
 Balaguer 2023, Table 1: rate control in the base frame (SpaceNavigator), which is the default, rate
@@ -39,7 +39,7 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 class Mode(enum.Enum):
-    """What the motion of a device or hand means."""
+    """Meaning of the motion of a device or hand."""
 
     RATE = "rate"
     """Deflections are velocities."""
@@ -50,7 +50,7 @@ class Mode(enum.Enum):
 
 
 class Orientation(enum.Enum):
-    """What the hand's orientation means where its pose is followed."""
+    """Meaning of the hand's orientation while its pose is followed."""
 
     FOLLOW_BASE = "follow-base"
     """The TCP turns about the base's axes as the hand has turned about its device's axes since the
@@ -64,7 +64,7 @@ class Orientation(enum.Enum):
 
 
 class GripperAction(enum.Enum):
-    """What a gripper button does when it goes down."""
+    """Action of a gripper button when it is pressed."""
 
     TOGGLE = "toggle"
     CLOSE = "close"
@@ -104,8 +104,8 @@ class MappingOptions(Options):
     """How the device's axes stand in those of `frame` (roll, pitch, yaw); position and absolute
     mode."""
     orientation: Orientation | None = None
-    """What the hand's orientation means. None: in position mode what `frame` says, the hand's turn
-    about its device's axes; in absolute mode it is fixed."""
+    """Meaning of the hand's orientation. None: in position mode by `frame`, the hand's turn about
+    its device's axes; in absolute mode it is fixed."""
     origin_m: Point | None = None
     """Where the TCP is, base frame, when the hand is at `device_center_m`; absolute mode."""
     device_center_m: Point = ZERO3
@@ -240,7 +240,7 @@ class GripperOptions(Options):
 
     @property
     def buttons(self) -> dict[str, GripperAction]:
-        """What each button does."""
+        """Action of each gripper button."""
         named = ((getattr(self, action.value), action) for action in GripperAction)
         return {button: action for button, action in named if button}
 

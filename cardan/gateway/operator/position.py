@@ -103,7 +103,7 @@ def _sources(options: MappingOptions) -> list[Source]:
 def _turning_sources(options: MappingOptions) -> list[Source] | None:
     """The rotation among `options.axes`: of gain 1 or -1, nothing fixed, nothing mirrored.
 
-    Components that do not move take what is left over, their own axis if they can. None where
+    Components that do not move take the remaining axes, their own if they can. None where
     there is no such rotation: the axes mirror, or one drives several components.
     """
     rows = [

@@ -24,7 +24,7 @@ TOKEN_KEYS = ("t", "token")
 
 
 class AccessDenied(NamedTuple):
-    """Why somebody does not come in; never with what they sent as a token."""
+    """Reason why a client is refused; never with the token that it sent."""
 
     status: HTTPStatus
     reason: str
@@ -62,7 +62,8 @@ class AccessControl:
     def check(
         self, caller: ClientInfo, now_s: float, *, public: bool = False
     ) -> Role | AccessDenied:
-        """The role of who may come in; `now_s` is monotonic. `public`: a token is not asked for."""
+        """Return the client's role, or a denial; `now_s` is monotonic. `public`: no token is
+        needed."""
         hosts, origins = caller.hosts, caller.origins
         if len(hosts) != 1 or (host := _host_name(f"//{hosts[0]}")) is None:
             return AccessDenied(HTTPStatus.BAD_REQUEST, "the request needs one Host header")
@@ -84,7 +85,7 @@ class AccessControl:
 
     def _by_token(self, caller: ClientInfo, now_s: float) -> Role | AccessDenied:
         given = _given(caller)
-        # Asked first: one that may not try learns nothing, not even with the right token.
+        # Checked first: a client that may not try learns nothing, not even with the right token.
         wait_s = max(
             (self._failed.wait_s(caller.address, each, now_s) for each in given), default=0.0
         )

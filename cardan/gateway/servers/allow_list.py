@@ -1,4 +1,4 @@
-"""What clients of a server may use: topics, services and parameters by patterns of their names."""
+"""Allow lists for clients of a server: patterns for names of topics, services and parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a server is declared: what ``cardan net server`` makes its command of."""
+"""Declaration of a server, of which ``cardan net server`` makes its command."""
 
 from __future__ import annotations
 

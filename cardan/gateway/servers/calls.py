@@ -18,7 +18,7 @@ class CallError(Exception):
 
 
 class Mailbox:
-    """Runs in an asyncio loop what other threads put in, in order, many at a time."""
+    """Runs calls from other threads in an asyncio loop, in order, many at a time."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop

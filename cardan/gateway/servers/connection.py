@@ -1,4 +1,4 @@
-"""What goes to one client of a server over its WebSocket, as fast as the client reads."""
+"""Sender to one client of a server over its WebSocket, as fast as the client reads."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _in_parts(frame: Frame) -> Frame | Iterable[Frame]:
 
 
 class SendLoop(Generic[PaceT, SampleT]):
-    """The way to a client, in a loop; within its ``async with`` what waits is sent."""
+    """Send loop to a client; within its ``async with`` waiting frames are sent."""
 
     def __init__(
         self,
@@ -54,7 +54,7 @@ class SendLoop(Generic[PaceT, SampleT]):
         counts: Counter[str],
         encoded: Callable[[TopicQueue[PaceT, SampleT], SampleT], Iterable[Frame]],
     ) -> None:
-        """`max_bytes`: of what is no publication, and that the client does not read. `encoded`: the
+        """`max_bytes`: of control frames that the client does not read. `encoded`: the
         frames of a publication that has waited."""
         self.outbox: SendQueue[PaceT, SampleT] = SendQueue(max_bytes)
         self._connection, self._peer, self._counts, self._encoded = (
@@ -89,7 +89,7 @@ class SendLoop(Generic[PaceT, SampleT]):
 
     @property
     def free(self) -> bool:
-        """Whether what is sent now leaves at once."""
+        """True if a frame sent now leaves at once."""
         transport = self._connection.transport
         if self._sending or self._closed or transport.is_closing():
             return False
@@ -98,8 +98,8 @@ class SendLoop(Generic[PaceT, SampleT]):
     def put(self, what: Ready) -> None:
         """Send a frame now; only while it is free.
 
-        What is put in one turn of the loop leaves in one piece, which costs one call of the system
-        instead of one for each topic.
+        All frames of one turn of the loop leave in one piece, which costs one system call instead
+        of one for each topic.
         """
         if self._connection.protocol.extensions:  # Each client's bytes are its own.
             broadcast([self._connection], what.frame)
@@ -120,7 +120,7 @@ class SendLoop(Generic[PaceT, SampleT]):
         self._something.set()
 
     def send(self, *frames: Frame) -> None:
-        """Send what is no publication: at once, or first of all that waits."""
+        """Send a control frame: at once, or first of all that waits."""
         for frame in frames:
             if self.free and not self.outbox.has_control and len(frame) <= FREE_BYTES:
                 self.put(ready(frame))
@@ -135,11 +135,11 @@ class SendLoop(Generic[PaceT, SampleT]):
                 self._connection.transport.abort()
 
     async def calm(self) -> None:
-        """Wait until the client has read what must not be dropped, or nearly."""
+        """Wait until the client has read all control frames, or nearly."""
         await self._calm.wait()
 
     async def _write(self) -> None:
-        """Send what waits, as fast as the client reads."""
+        """Send waiting frames, as fast as the client reads."""
         try:
             while True:
                 due = self.outbox.take(self._loop.time())

@@ -1,4 +1,4 @@
-"""What clients of a server see of the network: its topics and services, and their definitions."""
+"""The network as clients of a server see it: topics, services, and their definitions."""
 
 from __future__ import annotations
 

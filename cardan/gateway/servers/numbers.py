@@ -1,5 +1,5 @@
-"""Numbers of a server's clients, which name them on the bus: one that comes back has its number
-again, and with it what an arm knows of its clock."""
+"""Numbers of a server's clients, which name them on the bus: a client that comes back has its
+number again, and with it an arm's estimate of its clock."""
 
 from __future__ import annotations
 

@@ -100,4 +100,4 @@ class NodeParameters:
 
 
 REFUSALS = (ValueError, CallError, NetworkError, CdrError)
-"""What goes wrong with parameters; MessageError and InterfaceError are ValueErrors."""
+"""Errors of requests for parameters; MessageError and InterfaceError are ValueErrors."""

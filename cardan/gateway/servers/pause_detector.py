@@ -1,7 +1,7 @@
-"""Notices that this process stood still: it was stopped, or its computer slept.
+"""Detector of pauses of this process: it was stopped, or its computer slept.
 
-What its clients sent meanwhile waits in the system's buffers, and none of it may move an arm when
-the process goes on: who sent it may be gone.
+Messages that clients sent meanwhile wait in the system's buffers, and none may move an arm when the
+process goes on: their sender may be gone.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 
 
 class StandStill:
-    """Tells that the process stood still. All but `standing` is for one thread."""
+    """Reports pauses of the process. All but `standing` is for one thread."""
 
     def __init__(self, tell: Callable[[float], None]) -> None:
         """`tell` is called with the time, in s, that it stood still for."""

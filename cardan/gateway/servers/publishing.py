@@ -15,7 +15,7 @@ MAX_ADVERTISED = 1000
 
 
 class RefusedError(Exception):
-    """What the client asked for cannot be done."""
+    """The client's request cannot be carried out."""
 
 
 class Advertised(NamedTuple):
@@ -24,7 +24,7 @@ class Advertised(NamedTuple):
     type: str
     publisher: Publisher
     ids: set[Hashable]
-    """What the client calls its advertisements; the topic stays until the last one has gone."""
+    """The client's ids of its advertisements; the topic stays until the last one has gone."""
 
 
 class Advertisements:
@@ -43,7 +43,7 @@ class Advertisements:
         return topic
 
     def get(self, topic: str) -> Advertised | None:
-        """What the client has of a topic; None: it does not publish there."""
+        """Return the client's advertisement of a topic; None if it does not publish there."""
         return self._of_topic.get(topic)
 
     def type_of(self, topic: str) -> str:

@@ -1,6 +1,6 @@
-"""Bounds how fast tokens can be guessed: so many wrong ones with the same beginning from an
-address, then only one in a while; and more coarsely all wrong ones from an address. All times are
-monotonic, in seconds."""
+"""Rate limit for failed token attempts, per address: a burst of wrong tokens with the same
+beginning, then only one in a while; and more coarsely all wrong ones. All times are monotonic, in
+seconds."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from collections.abc import Collection
 from typing import NamedTuple
 
 BURST = 20
-"""Wrong tokens in a row with one beginning that an address may try: a person who mistypes."""
+"""Wrong tokens in a row with one beginning that an address may try: typing errors."""
 
 FORGOTTEN_S = 10.0
 """After so long one wrong token of an address is forgotten: 8640 guesses a day."""
 
 BEGINNING_CHARACTERS = 8
 """Wrong tokens are counted by their beginning, so that they are in no other token's way. It is half
-of the shortest token: who guesses has to guess the other half behind each beginning slowly."""
+of the shortest token: the other half can only be guessed slowly behind each beginning."""
 
 MOST_BEGINNINGS = 4096
 """Beginnings that are kept in mind; further ones take the place of that tried least lately."""
@@ -38,7 +38,7 @@ class _Tries(NamedTuple):
 
 class FailedTokens:
     """The wrong tokens of each address, by their beginning. Of IPv6 the address is the network
-    (/64), as who has one address of it has them all."""
+    (/64), because a client with one address of it has them all."""
 
     def __init__(
         self,

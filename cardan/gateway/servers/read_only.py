@@ -30,8 +30,8 @@ READING_SERVICES = frozenset(
         "yarp_control_msgs/srv/GetTransformation",
     }
 )
-"""Types of services that change nothing. All others may command: what a Trigger does nobody
-knows."""
+"""Types of services that change nothing. All others may command: the effect of a Trigger is
+unknown."""
 
 
 class ReadingNetwork:

@@ -1,5 +1,5 @@
-"""Tells the clients of a server which of their commands an arm has refused, such as a stream while
-another source has the authority: a topic has no answer of its own."""
+"""Reports to the clients of a server which of their commands an arm has refused, such as a stream
+while another source has the authority: a topic has no answer of its own."""
 
 from __future__ import annotations
 
@@ -45,8 +45,7 @@ class Refusals:
 
     @contextlib.contextmanager
     def telling(self, node: str, told: Refused) -> Iterator[None]:
-        """Have `told` called with what is refused of the client that is this node on the
-        network."""
+        """Have `told` called with refusals of the client that is this node on the network."""
         self._told[node] = told
         self._listen()
         try:
@@ -72,7 +71,7 @@ class Refusals:
             self._heard.pop(name).close()
         for name in arms:
             if name not in self._heard:
-                with contextlib.suppress(NetworkError):  # It is leaving; the next look tells.
+                with contextlib.suppress(NetworkError):  # It is leaving; the next look shows it.
                     self._heard[name] = self._network.subscribe(name, RESULT, self._hear)
 
     def _hear(self, cdr: bytes, _stamp_ns: int) -> None:

@@ -1,4 +1,4 @@
-"""The services of rosapi: what clients of rosbridge ask about the graph, types and parameters."""
+"""The services of rosapi: questions of rosbridge clients about graph, types and parameters."""
 
 from __future__ import annotations
 

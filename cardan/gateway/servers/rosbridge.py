@@ -1,6 +1,6 @@
 """The rosbridge v2 server: web pages and programs without ROS on the network, over WebSocket.
 
-`serve` runs it; docs/protocols/rosbridge.md says what is spoken, and what bounds a client.
+`serve` runs it; docs/protocols/rosbridge.md has the protocol, and the limits of a client.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ PORT = 9090
 
 @dataclass(frozen=True, kw_only=True)
 class RosbridgeOptions(WebOptions):
-    """How clients reach the server, and what they may do."""
+    """Address, access control and allow lists of the server."""
 
     port: Annotated[int, ANY_PORT] = PORT
 
@@ -99,7 +99,7 @@ class RosbridgeServer:
         return self
 
     async def __aexit__(self, *_exception: object) -> None:
-        """Let all clients go, and what they had."""
+        """Disconnect all clients, and close their endpoints."""
         await self._listener.close()
         self._refusals.end()
         if self._mailbox is not None:

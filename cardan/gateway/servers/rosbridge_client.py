@@ -1,4 +1,4 @@
-"""One client of a rosbridge server: what it subscribed to, publishes, calls and offers."""
+"""A client of a rosbridge server: its subscriptions, publications, service calls and services."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ class RosbridgeClient:
     # -- to the client ---------------------------------------------------------------------------
 
     def send(self, *frames: forms.Frame) -> None:
-        """Send what is no publication: at once, or first of all that waits."""
+        """Send a control frame: at once, or first of all that waits."""
         self.sender.send(*frames)
 
     def _encoded(self, stream: ClientStream, sample: Sample) -> tuple[forms.Frame, ...]:
@@ -204,14 +204,14 @@ class RosbridgeClient:
             self.send(status)
 
     def tell_refused(self, command: str, reason: str) -> None:
-        """Tell the client that an arm has refused what it published."""
+        """Tell the client that an arm has refused its message."""
         if not self._gone:
             self._refuse(Refused(reason, "publish", None, command))
 
     # -- from the client -------------------------------------------------------------------------
 
     def receive(self, frame: forms.Frame) -> None:
-        """Do what a frame asks for; what cannot be done is refused with a reason."""
+        """Handle a frame; an impossible request is refused with a reason."""
         asked = self._session.receive(frame, self._loop.time())
         if asked is None:
             return
@@ -419,7 +419,7 @@ class RosbridgeClient:
         return service
 
     def _check_fresh(self, name: str) -> None:
-        """Raise RefusedError where what the client asks now waited for too long to act on."""
+        """Raise RefusedError if the client's present request waited for too long to act on."""
         waited_s = self.connection.waited_s
         if is_stale(name, waited_s):
             self._counts["stale"] += 1
@@ -524,14 +524,14 @@ class RosbridgeClient:
         self._cancel(goal)
 
     def _answered_goal(self, goal: _Goal) -> None:
-        """A goal has been answered: one that was canceled meanwhile is canceled now that its
-        server knows it, and one that nobody follows, as its answer did not come in time."""
+        """Cancel an answered goal that was canceled before its server knew it, and a goal whose
+        answer did not come in time, which no client follows."""
         unknown = goal.accepted.exception() is not None
         if unknown or (goal.canceled and goal.accepted.result()["accepted"]):
             self._cancel(goal)
 
     def _answered_cancel(self, goal: _Goal, answer: asyncio.Future[Message]) -> None:
-        """Tell where the goal goes on; else its result tells what became of it."""
+        """Report whether the goal goes on; otherwise its result reports its outcome."""
         error = answer.exception()
         if error is not None:
             self._not_canceled(goal, str(error))
@@ -586,8 +586,8 @@ def _whole(delivery: Delivery, latched: bool) -> Delivery:
 
 
 def _by_name(type_name: str, args: Any) -> Any:
-    """A message's fields by name, from what a client gave: an object, a list in their order, or
-    nothing. Raises MessageError."""
+    """A message's fields by name, from a client's object, list in their order, or nothing. Raises
+    MessageError."""
     if args is None:
         return {}
     if not isinstance(args, list):
@@ -613,4 +613,4 @@ _HANDLERS: Mapping[type, tuple[str, Callable[[RosbridgeClient, Any], None], str]
     SendActionGoal: ("send_action_goal", RosbridgeClient._send_goal, "action"),
     CancelActionGoal: ("cancel_action_goal", RosbridgeClient._cancel_goal, "action"),
 }
-"""Of each operation its name, what does it, and which of its fields names what it is about."""
+"""Of each operation its name, its handler, and the field that names its subject."""

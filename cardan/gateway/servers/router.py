@@ -74,6 +74,6 @@ class Router(Server[RouterOptions]):
 
 
 def _at_its_end(descriptor: int) -> bool:
-    """Whether nothing comes any more; what comes is read, and has no meaning."""
+    """True if nothing comes any more; data is read, and has no meaning."""
     readable, _, _ = select.select((descriptor,), (), (), 0.0)
     return bool(readable) and not os.read(descriptor, 4096)

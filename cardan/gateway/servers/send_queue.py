@@ -1,6 +1,6 @@
-"""What waits for one client of a server, and when it goes out: the newest wins, control goes first.
+"""Send queue of one client of a server: control first, the newest sample of a topic wins.
 
-Nothing here sends: `SendQueue.take` hands out what is due. Time is monotonic, in seconds.
+Nothing here sends: `SendQueue.take` returns due frames. Time is monotonic, in seconds.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ LATCHED_DEPTH = 100
 and all of them count."""
 
 Frame = str | bytes
-"""What goes over a WebSocket in one piece: text or binary."""
+"""A WebSocket message: text or binary."""
 
 
 class Pace(Protocol):
@@ -57,12 +57,12 @@ class Due(Generic[PaceT, SampleT]):
 
 
 class SendQueue(Generic[PaceT, SampleT]):
-    """What waits for one client. Publications are bounded by the newest winning; what is no
-    publication is never dropped: where it is too much, `overflowed` says so."""
+    """Send queue of one client. Newer publications replace older ones, which bounds them; control
+    frames are never dropped: `overflowed` if there are too many."""
 
     def __init__(self, max_control_bytes: int) -> None:
         self.overflowed = False
-        """There was too much that must not be dropped: the client does not read."""
+        """There were too many control frames: the client does not read."""
         self.superseded = 0
         """Publications that newer ones took the place of."""
         self._max_control_bytes = max_control_bytes
@@ -103,7 +103,7 @@ class SendQueue(Generic[PaceT, SampleT]):
         return False
 
     def take(self, now_s: float) -> Frame | Due[PaceT, SampleT] | None:
-        """What is to be sent next: a frame of control, or a publication; None: nothing is due."""
+        """Return the next control frame or publication to send; None if nothing is due."""
         if self._control:
             frame = self._control.popleft()
             self._control_bytes -= len(frame)

@@ -1,6 +1,6 @@
-"""What a server tells the daemon that runs it: its figures, as a line of its output.
+"""Statistics line in a server's output for the daemon that runs it.
 
-A server that runs in a terminal tells nothing.
+A server that runs in a terminal prints none.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ TELLS_VARIABLE = "CARDAN_SERVER_TELLS"
 """The environment variable by which the daemon says that it reads them."""
 
 PERIOD_S = 1.0
-"""How often figures that have changed are told."""
+"""Period of printing figures that have changed."""
 
 ROUND_TRIP = "round_trip_us"
 """The figure that says in which time the slowest client answered its newest ping."""
@@ -25,12 +25,12 @@ _WORD = "FIGURES "
 
 
 def is_wanted() -> bool:
-    """Whether somebody reads them."""
+    """True if a daemon reads them."""
     return bool(os.environ.get(TELLS_VARIABLE))
 
 
 def tell(figures: Mapping[str, int]) -> None:
-    """Tell figures by name: "clients" is how many are connected, "round_trip_us" how long the
+    """Print figures by name: "clients" is how many are connected, "round_trip_us" how long the
     slowest of them takes; all others only grow."""
     print(_WORD + json.dumps(figures), flush=True)
 

@@ -53,7 +53,7 @@ class SharedFeeds(Generic[FeedT]):
     ) -> FeedT:
         """Have a topic's messages sent to a client. Raises NetworkError.
 
-        One that is `latched` is subscribed to anew, as the network begins with its last messages.
+        A `latched` topic is subscribed to anew, because the network begins with its last messages.
         """
         feed = None if latched else self._shared.get((topic, type_name))
         if feed is not None:

@@ -1,4 +1,4 @@
-"""Tokens of those who come in to a server, each with the role of who has it."""
+"""Tokens of a server's clients, each with its role."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MIN_TOKEN_CHARACTERS = 16
 """Shorter tokens could be guessed over a network."""
 
 TOKEN_BYTES = 16
-"""Of a token that is made here: 128 bits, which nobody guesses."""
+"""Of a token that is made here: 128 bits, which cannot be guessed."""
 
 FILE_BYTES = 4096
 """Longest file of tokens."""
@@ -26,14 +26,14 @@ _log = logging.getLogger(__name__)
 
 
 class Role(enum.IntEnum):
-    """What somebody may do; each role may do what those before it may."""
+    """Role of a client; each role includes the rights of those before it."""
 
     VIEWER = 1
     """Read: topics, parameters, figures."""
     OPERATOR = 2
     """Command: publish, call and offer services, set parameters."""
     ADMIN = 3
-    """Everything, what concerns the server itself among it."""
+    """Everything, operations on the server itself among it."""
 
     @property
     def word(self) -> str:
@@ -49,15 +49,15 @@ class Tokens:
     """The tokens that one server knows; of their secrets nothing is ever logged."""
 
     def __init__(self, roles: Mapping[str, Role]) -> None:
-        """Empty: nobody needs one."""
+        """Empty: clients need none."""
         self._roles = {token.encode(): role for token, role in roles.items()}
 
     def __bool__(self) -> bool:
         return bool(self._roles)
 
     def for_starter(self) -> str:
-        """The token for who has started the server, an operator's where there is one; empty: none
-        is needed. To be told to that person alone."""
+        """The token for the user who has started the server, an operator's if there is one; empty:
+        none is needed. To be shown to that user alone."""
         found = {role: token.decode() for token, role in reversed(self._roles.items())}
         order = (Role.OPERATOR, Role.ADMIN, Role.VIEWER)
         return next((found[role] for role in order if role in found), "")

@@ -1,4 +1,4 @@
-"""The web server of a network server: who reaches it, by which name and token, or by TLS.
+"""The web server of a network server: access by address, name and token, or by TLS.
 The options are the same for every such server."""
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ TOKEN_VARIABLE = "CARDAN_SERVER_TOKEN"
 FORMER_TOKEN_VARIABLE = "CARDAN_FACE_TOKEN"
 
 SEND_BUFFER_BYTES = 128 * 1024
-"""What the system keeps for a client that does not read: more only makes what it reads older."""
+"""System's buffer for a client that does not read: a larger one only makes its data older."""
 
 FRAMES_AHEAD = 4
 """Frames of a client that are read before their turn."""
@@ -61,7 +61,7 @@ FRAMES_AHEAD = 4
 PING_INTERVAL_S = 5.0
 PING_TIMEOUT_S = 10.0
 """A client that does not answer a ping so long is gone, or reads so slowly that it is of no use.
-What it asked for without an end goes on until then, where its cable was pulled."""
+If its cable was pulled, its open-ended requests go on until then."""
 
 CLOSE_TIMEOUT_S = 1.0
 """Longest wait for a client's part of the farewell."""
@@ -69,26 +69,26 @@ CLOSE_TIMEOUT_S = 1.0
 LOOK_S = 0.1
 """How often a server looks whether it is to end."""
 HANDSHAKE_S = 5.0
-"""Longest time for a client to say who it is, and before that for TLS."""
+"""Longest time for a client's handshake, and before that for TLS."""
 
 BACKLOG = 1024
-"""Connections that the system keeps until this server takes them: who comes then has to try again,
+"""Connections that the system keeps until this server takes them: further clients have to retry,
 which systems do after a whole second."""
 
 ARRIVALS_KEPT = 256
 ARRIVALS_PERIOD_S = 0.01
-"""How many times it is kept in mind what had arrived, and how far they are apart: longer together
-than a client may be backlogged."""
+"""Number of kept samples of the bytes that had arrived, and their spacing: longer together than a
+client may be backlogged."""
 
 MOST_HANDSHAKES = 64
-"""Connections that have not said who they are; one more takes the place of the oldest, so that who
-is quick comes in even while somebody opens connections and says nothing."""
+"""Connections without a complete handshake; one more takes the place of the oldest, so that
+quick clients connect even while silent connections are opened."""
 
 SOCKET_PATH = "/ws"
 """Of a server that has pages: where clients connect."""
 
 MOST_DENIALS_SHOWN = 10
-"""Later ones are logged for debugging only, so that nobody can fill a disk."""
+"""Later ones are logged for debugging only, so that no client can fill a disk."""
 
 _CLIENTS = Range(1, 1000, "", "each costs a connection")
 _FRAME_BYTES = Range(1000, 100_000_000, "bytes", "a frame is read before it is refused")
@@ -101,8 +101,8 @@ _library_log.setLevel(logging.CRITICAL)
 
 
 def refuse_former_variable() -> None:
-    """Raise ConfigurationError where a token has the environment variable's former name: left out
-    of account, it would leave open what it was to protect."""
+    """Raise ConfigurationError where a token has the environment variable's former name: ignored,
+    it would leave the server open."""
     if os.environ.get(FORMER_TOKEN_VARIABLE, "").strip():
         raise ConfigurationError(
             FORMER_TOKEN_VARIABLE,
@@ -111,7 +111,7 @@ def refuse_former_variable() -> None:
 
 
 Page = Callable[[str, Headers], Awaitable["Answer | None"]]
-"""`page(path, headers)`: what a page has; None: there is none of this path."""
+"""`page(path, headers)`: a page's content; None: there is none of this path."""
 
 
 class Answer(NamedTuple):
@@ -126,7 +126,7 @@ class Answer(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ListenerOptions(Options):
-    """How clients reach a server, and who may."""
+    """Address and access control of a server."""
 
     makes_certificate: ClassVar[bool] = False
     """Whether the server makes a certificate of its own where it needs one."""
@@ -135,7 +135,7 @@ class ListenerOptions(Options):
     """Address to listen at; one of another machine's reach needs a certificate and a token."""
     port: Annotated[int, ANY_PORT] = 0
     token: str = field(default="", repr=False, metadata=CODE_ONLY)
-    """What clients have in the address: ws://HOST:PORT/?t=TOKEN, or /TOKEN; an operator's. Empty:
+    """Token in the clients' address: ws://HOST:PORT/?t=TOKEN, or /TOKEN; an operator's. Empty:
     those of `token_file` or of the environment. No option of a command: all users see a command
     line."""
     token_file: Annotated[str, PATH] = ""
@@ -214,7 +214,7 @@ class ListenerOptions(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class WebOptions(ListenerOptions):
-    """How clients reach the server, and what they may do."""
+    """Address, access control and allow lists of the server."""
 
     topics: tuple[str, ...] = ("*",)
     """Patterns of the topics that clients may use."""
@@ -231,7 +231,7 @@ class WebOptions(ListenerOptions):
 
     @property
     def allowed(self) -> Allowed:
-        """What clients may use."""
+        """Allow lists for clients."""
         return Allowed(self.topics, self.services, self.parameters)
 
 
@@ -257,7 +257,7 @@ class Arrivals:
         arrived = self._read + waiting
         newest_s, before = self._seen[-1]
         if now_s - newest_s < ARRIVALS_PERIOD_S:
-            return  # What has arrived since counts as that much older.
+            return  # Bytes that came since count as that much older.
         if len(self._seen) >= ARRIVALS_KEPT:
             del self._seen[1]
         self._seen.append((now_s, max(arrived, before)))
@@ -278,12 +278,12 @@ APART_NS = 1000
 """Between frames that may have arrived at the same time: as seconds, too, they have to differ."""
 
 CLOCK_SET_BACK_NS = 10**9
-"""What is earlier by more is of a clock that was set back."""
+"""A stamp that is earlier by more is of a clock that was set back."""
 
 
 class ListenerConnection(ServerConnection):
-    """A client's connection: it tells how long its frames waited, is ended where they wait for too
-    long, and nothing of it is read any more once it is cut off."""
+    """A client's connection: it measures how long its frames waited, is ended if they wait for too
+    long, and is not read any more once it is cut off."""
 
     _cut_off = False
     _ending: asyncio.Task[None] | None = None
@@ -322,7 +322,7 @@ class ListenerConnection(ServerConnection):
         super().process_event(event)
 
     def note_backlog(self) -> None:
-        """Note what has arrived until now, read or not."""
+        """Note the bytes that have arrived until now, read or not."""
         now_s = self.loop.time()  # Before it looks: this process may stand still in between.
         if self._socket is not None and has_room(self._socket):
             self.arrivals.note(waiting_bytes(self._socket), now_s)
@@ -349,7 +349,7 @@ class ListenerConnection(ServerConnection):
             if self._ending is None:
                 yield frame
             self.note_backlog()
-            # What waits already is taken without a turn of the loop: others have theirs.
+            # Waiting frames are taken without a turn of the loop: others have theirs.
             await asyncio.sleep(0)
 
 
@@ -365,7 +365,7 @@ def serve_until(
     server: WebServer, ready: Callable[[int], None], stop: threading.Event | None
 ) -> None:
     """Serve in a loop of its own until `stop` is set (None: for ever); `ready` is called with the
-    port. Raises what entering the server raises."""
+    port. Raises the errors of entering the server."""
     ended = threading.Event() if stop is None else stop
 
     async def run() -> None:
@@ -378,7 +378,7 @@ def serve_until(
 
 
 class WebSocketListener:
-    """Listens, and lets in who may come in."""
+    """Listens, and serves clients that pass access control."""
 
     def __init__(
         self,
@@ -471,7 +471,7 @@ class WebSocketListener:
         _log.warning("%s is disconnected: %s", peer, BACKLOGGED)
 
     async def _tell(self) -> None:
-        """Tell the daemon of clients, and of what was counted."""
+        """Report clients and counters to the daemon."""
         before: dict[str, int] = {}
         while True:
             round_trip = {stats.ROUND_TRIP: self._round_trip_us()}
@@ -598,7 +598,7 @@ class WebSocketListener:
 def _watched(
     arrived: Callable[[ServerConnection], None], left: Callable[[ServerConnection], None]
 ) -> type[ListenerConnection]:
-    """Connections that tell when they arrive and leave."""
+    """Connections that report when they arrive and leave."""
 
     class Watched(ListenerConnection):
         def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -613,7 +613,7 @@ def _watched(
 
 
 def _split(path: str) -> SplitResult:
-    """Path and query of a request; of one that is no address, none."""
+    """Path and query of a request; none of an invalid address."""
     try:
         return urlsplit(path)
     except ValueError:
@@ -621,7 +621,7 @@ def _split(path: str) -> SplitResult:
 
 
 def tls_context(certificate: str, key: str) -> ssl.SSLContext | None:
-    """What a server serves TLS with, of these two files; None without a certificate.
+    """Return a server's TLS context with these two files; None without a certificate.
 
     Raises ConfigurationError.
     """

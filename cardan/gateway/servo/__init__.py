@@ -1,1 +1,1 @@
-"""The servo: one quadratic program a tick turns what is wanted into joint motion that is safe."""
+"""The servo: one quadratic program a tick turns the requested twist into safe joint motion."""

@@ -1,7 +1,7 @@
 """The servo compiled: the tick of :mod:`cardan.gateway.servo.servo` in C, one call each.
 
 The kernel keeps the commanded joints and all it works with; `q`, `v` and `twist` here are windows
-onto its memory. docs/servo.md says what it takes, and how its sources are to be read.
+onto its memory. docs/servo.md describes its input, and how its sources are to be read.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ class CompiledServo:
 
     def move(self, first: int, frames: Sequence[SE3], grown_m: Sequence[float]) -> None:
         """As CollisionModel.move, between two ticks: of the kernel's bodies, not of `collision`,
-        which the kernel does not ask. Raises ValueError for what is no placement or distance."""
+        which the kernel does not ask. Raises ValueError for an invalid placement or distance."""
         if self.collision is None:
             return
         placements, grown = self._placements[: len(frames)], self._grown_m[: len(grown_m)]
@@ -219,7 +219,7 @@ class CompiledServo:
 
     @property
     def policy(self) -> Policy:
-        """What is given up where the arm cannot follow."""
+        """Policy where the arm cannot follow."""
         return Policy.REACH if self._state.reach else Policy.PATH
 
     @policy.setter

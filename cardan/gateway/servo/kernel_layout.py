@@ -140,7 +140,7 @@ class CState(ctypes.Structure):
 
 
 class CProgram(ctypes.Structure):
-    """The program's data and solution; what the solver works with follows and is its own."""
+    """The program's data and solution; the solver's own workspace follows."""
 
     _fields_ = (
         ("unknowns", c_int32),

@@ -48,7 +48,7 @@ class ResponseLag:
         self._nearest = 0
         """The row that was nearest last."""
         self._known: tuple[Sequence[float], Sequence[float], Sequence[float]] = (), (), ()
-        """What `expected` was asked for last, and its answer: a control cycle asks twice."""
+        """Last arguments of `expected`, and its result: a control cycle asks twice."""
 
     @property
     def late(self) -> bool:

@@ -20,7 +20,7 @@ def library_path() -> Path:
 
 @functools.cache
 def kernel_library() -> Any:
-    """The compiled servo, loaded once. Raises NativePartError, saying what to do."""
+    """The compiled servo, loaded once. Raises NativePartError, with advice."""
     what = "the compiled servo"
     loaded = load_library(library_path(), what, "kernel_layout", expected_layout())
     numbers = POINTER(c_double)

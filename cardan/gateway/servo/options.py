@@ -16,12 +16,12 @@ WEIGHT = Range(0.0, 1000.0, "", "against the weight 1 of the task")
 
 
 class Policy(enum.Enum):
-    """What is given up where an arm cannot follow: line or pace; no controller can keep both."""
+    """Policy where an arm cannot follow: give up line or pace; no controller can keep both."""
 
     PATH = "path"
     """Hold the line: slow along it, and wait where it cannot be continued."""
     REACH = "reach"
-    """Keep the pace: go around what is in the way and leave the line."""
+    """Keep the pace: go around obstacles and leave the line."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""The control tick: from where the TCP should be to what every joint does for the next period.
+"""The control tick: from the goal of the TCP to the motion of every joint in the next period.
 
 Unknowns are the joint velocities v and the path speed s. Each tick solves
 
@@ -56,7 +56,7 @@ POSTURE_FULL_AT_M_S = 0.02
 """Length-weighed speed of the TCP from which the posture has its full gain."""
 
 TIGHT_M_S = 1e-4
-"""Closing speed below its limit by less than this is what ends the motion."""
+"""A closing speed below its limit by less than this ends the motion."""
 
 LONGEST_SERVO_STEP_S = 0.005
 """A longer tick is taken in steps: near a singularity the servo is only as good as its linear
@@ -70,13 +70,13 @@ LEAST_STIFFNESS = 1e-3
 removed does not stop an arm."""
 
 SWEEPS = 10
-"""Projections onto each pair in the way, at most; what narrow corners leave is slowed."""
+"""Projections onto each pair in the way, at most; the rest in narrow corners is slowed."""
 
 AT_END = 1e-3
 """Distance to an end of a joint's range, rad or m, within which it is not counted on."""
 
 FREE_DIRECTION = 1e-9
-"""Regularizes projections onto what an arm can do; far below any real direction."""
+"""Regularizes projections onto an arm's possible motions; far below any real direction."""
 
 
 def servo_steps(dt_s: float) -> list[float]:
@@ -88,7 +88,7 @@ def servo_steps(dt_s: float) -> list[float]:
 
 
 def _closing_with(bounds: JointBounds) -> FloatArray:
-    """Deceleration, m/s², with which each joint brakes what it moves."""
+    """Deceleration, m/s², with which each joint brakes its bodies."""
     found: FloatArray = np.where(bounds.prismatic, 1.0, CLOSING_LEVER_M) * bounds.acceleration
     return found
 
@@ -147,8 +147,8 @@ class Servo:
         """Motion of the reference in this period: linear, angular; base axes."""
         self.path_speed = 1.0
         self.reachable: Pose | None = None
-        """The goal of the last tick without what the arm cannot do for want of joints, whose error
-        would otherwise pile up and come out where it can; None for arms that can do all."""
+        """The goal of the last tick without directions for which the arm lacks joints, whose error
+        would otherwise pile up and come out in others; None for arms that can do all."""
         length = options.length_m
         self._weights = np.array(weights) * (1.0, 1.0, 1.0, length, length, length)
         self._column_weights = self._weights[:, None]
@@ -263,15 +263,15 @@ class Servo:
     ) -> float:
         """Move for `dt_s` towards the TCP `goal` (in the base), which itself moves at `twist`.
 
-        `twist` is linear, angular; base axes, at the TCP. `joint_rate` (n) is what the
-        operator asks of single joints beside it; it adds to the twist (Baklouti et al. 2021,
-        equation 7). With `slide` an obstacle or the end of a joint's range takes away only the part
-        of the twist that points into it: of the translation what an obstacle does not leave, and
+        `twist` is linear, angular; base axes, at the TCP. `joint_rate` (n) is the operator's
+        request for single joints beside it; it adds to the twist (Baklouti et al. 2021, equation
+        7). With `slide` an obstacle or the end of a joint's range takes away only the part of the
+        twist that points into it: of the translation the part that an obstacle does not leave, and
         translation and rotation each by its own path speed. Under Policy.PATH nothing else is added
-        to what is asked. Without, the line is held and the motion ends there.
+        to the request. Without, the line is held and the motion ends there.
 
         Returns the path speed s: the goal is to be moved by `self.twist` · dt_s, which is s times
-        what was asked for, less what the arm cannot do at all.
+        the request, less directions that the arm does not have.
         """
         kinematics, options, n = self.kinematics, self.options, self.joints
         kinematics.update(self.q)
@@ -437,7 +437,7 @@ class Servo:
         self._lowest[n] = pace if self.policy is Policy.REACH else 0.0
 
     def _project(self, jacobian: FloatArray) -> None:
-        """Drop what an arm with few joints cannot do from what is asked, and keep its size."""
+        """Drop directions that an arm with few joints lacks from the request, and keep its size."""
         weighed = jacobian * self._column_weights
         normal = weighed.T.dot(weighed)
         normal[np.diag_indices(self.joints)] += FREE_DIRECTION
@@ -491,8 +491,8 @@ class Servo:
         safety, grown = self._safety, collision.grown_m
         if max(grown) > 0.0:
             safety = [kept + more for kept, more in zip(safety, grown, strict=True)]
-        # What no speed within the joints' bounds can bring too near needs no row: first by how far
-        # its bodies can move at most, then by its gradient.
+        # A pair that no speed within the joints' bounds can bring too near needs no row: first by
+        # how far its bodies can move at most, then by its gradient.
         fastest = np.maximum(self._highest[:n], -self._lowest[:n])
         speed = collision.fastest_closing(fastest) + TIGHT_M_S
         farthest = max(safety) + speed * (speed / (2.0 * self._slowest_m_s2) + dt_s)
@@ -523,7 +523,7 @@ class Servo:
         self._lowest[n + 1 : n + 1 + count] = least[binding]
 
     def _add_posture(self, joint_rate: FloatArray | None, speed: float) -> None:
-        """Pull towards the posture, and what is asked of joints, where the task leaves freedom.
+        """Pull towards the posture and the requested joint speeds, where the task leaves freedom.
 
         Only along the null space: a cost on all of v would be paid with the task's pace. And only
         while the TCP is asked to move, because an arm whose TCP rests must rest.
@@ -552,8 +552,8 @@ class Servo:
         return found
 
     def _parts(self, tight: Sequence[int]) -> list[FloatArray]:
-        """What is asked in parts of which one may be given up without the others: translation along
-        what is in the way, translation into it, rotation; without those that are none."""
+        """Split the requested twist into parts that may be given up separately: translation along
+        an obstacle, translation into it, rotation; without parts that are zero."""
         weights, along, turning = self._weights, self._wanted.copy(), self._wanted.copy()
         along[3:] = turning[:3] = 0.0
         into = along.copy()
@@ -577,8 +577,8 @@ class Servo:
     def _slide(
         self, parts: list[FloatArray], stiffness: float, rows: int
     ) -> tuple[FloatArray, float]:
-        """The program's solution with a path speed for each of `parts`, of which what is left is
-        put in place of what is asked; and the share that is left."""
+        """The program's solution with a path speed for each of `parts`, whose possible motion
+        replaces the request; and the share that is left."""
         n, weights = self.joints, self._weights
         unknowns, end = n + len(parts), n + 1 + rows
         weighed = np.array(parts) * weights
@@ -645,7 +645,7 @@ class Servo:
             and collision.fastest_closing(step) > self._nearest_m
             and self._strikes(collision, step)
         ):
-            # The soft rows are violated; what is left is to be slower.
+            # The soft rows are violated; the only way left is to be slower.
             self._failures += 1
             v = np.minimum(
                 np.maximum(0.0, self._lowest[: self.joints]), self._highest[: self.joints]

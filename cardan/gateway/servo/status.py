@@ -1,23 +1,23 @@
-"""What the servo tells of its ticks."""
+"""Status of the servo's ticks."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 SLOWED = 0.9
-"""Share of the asked speed below which the status says what slows the arm."""
+"""Share of the requested speed below which the status names the limit."""
 
 SINGULAR = 0.03
 """Smallest singular value below which a slow arm is called singular."""
 
 UNBENT = "the arm is singular there ({:.3f}): move its joints to a bent posture first"
-"""What to do about a motion that does not go on, by the smallest singular value."""
+"""Advice for a motion that does not go on, by the smallest singular value."""
 
 UNREACHABLE_M_S, UNREACHABLE_RAD_S = 1e-3, 1e-2
-"""Smallest part of the commanded motion that counts as one that the arm cannot do."""
+"""Smallest part of the commanded motion that counts as unreachable."""
 
 NEARER_M = 5e-3
-"""Least that is reported of what comes nearer by itself. One at rest may come as far within a
+"""Least reported approach of a body that moves by itself. A body at rest may come as far within a
 cycle."""
 
 
@@ -31,8 +31,8 @@ class ServoStatus(NamedTuple):
     limiting_joints: tuple[str, ...]
     """Joints at a bound of speed, acceleration or range."""
     distance_m: float
-    """Distance of the nearest pair of bodies; infinite without any. What others move counts as
-    near as they may come."""
+    """Distance of the nearest pair of bodies; infinite without any. A body that others move counts
+    at its nearest possible place."""
     nearest_pair: tuple[str, str]
     active_pairs: int
     error_m: float
@@ -48,7 +48,7 @@ class ServoStatus(NamedTuple):
     compiled: bool = False
     """Whether the compiled servo runs."""
     refused: str = ""
-    """What was wrong with what the last tick was given, which therefore braked; empty: nothing."""
+    """Fault in the input of the last tick, which therefore braked; empty if none."""
     nearer_m: float = 0.0
     """How much nearer the first of `nearest_pair` may come by itself until this arm moves next and
     it stops."""
@@ -60,7 +60,7 @@ class ServoStatus(NamedTuple):
 
     @property
     def singular(self) -> bool:
-        """Whether the arm is so close to a singularity that it may be what slows it."""
+        """Whether the arm is so close to a singularity that this may slow it."""
         return self.smallest_singular_value < SINGULAR
 
     @property
@@ -80,11 +80,11 @@ class ServoStatus(NamedTuple):
 
     @property
     def unreachable(self) -> bool:
-        """Whether part of what is commanded is a motion that the arm has no joints for."""
+        """Whether the command has a part for which the arm has no joints."""
         return self.unreachable_m_s > UNREACHABLE_M_S or self.unreachable_rad_s > UNREACHABLE_RAD_S
 
     def limits(self) -> list[str]:
-        """What limits the arm now, in one word each; empty while nothing does."""
+        """Limits of the arm now, in one word each; empty if there are none."""
         slowed = self.slowed
         found = {
             "collision": self.overlaps or (slowed and self.active_pairs > 0),
@@ -95,7 +95,7 @@ class ServoStatus(NamedTuple):
         return [name for name, limits in found.items() if limits]
 
     def in_words(self) -> list[str]:
-        """What limits the arm now, for people; empty while nothing does."""
+        """Limits of the arm now, in words for people; empty if there are none."""
         found = []
         if self.slowed:
             if self.active_pairs:

@@ -32,7 +32,7 @@ SAME_BASE_M, SAME_BASE_RAD = 1e-3, 2e-3
 """Two sessions mean one place by bases that differ by less."""
 
 FREE_JOINTS = 6
-"""Joints of an arm without redundancy. One with more has a posture to choose: its home."""
+"""Joints of an arm without redundancy. An arm with more has a posture to choose: its home."""
 
 
 def why_no_verbs(config: SessionConfig) -> str:
@@ -54,7 +54,7 @@ def has_rigid_arm(config: SessionConfig) -> bool:
 def make_neighbors(
     config: SessionConfig, robot: RobotDriver, controller: ArmController
 ) -> ArmNeighbors | None:
-    """What hears the neighbors of a session's arm, not open yet; None without any."""
+    """Make the subscriber to the neighbors of a session's arm, not open yet; None without any."""
     if not config.neighbors:
         return None
     from cardan.gateway.arm.joint_space_arm import JointSpaceArm
@@ -137,7 +137,7 @@ def own_topic(config: SessionConfig, name: str) -> str:
 
 
 def disagreements(sessions: Mapping[str, SessionConfig]) -> list[str]:
-    """Where sessions of one daemon say of their neighbors what these do not say of themselves."""
+    """Settings of a daemon's sessions for their neighbors that differ from the neighbors' own."""
     by_topic = {own_topic(each, "joint_states"): name for name, each in sessions.items()}
     found = []
     for name, config in sessions.items():

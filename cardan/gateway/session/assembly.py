@@ -72,7 +72,7 @@ def check_buttons(config: SessionConfig, device: OperatorDevice) -> None:
 
 
 def check_mode(mapping: MappingOptions, device: OperatorDevice) -> None:
-    """Raise ConfigurationError when the device does not measure what the mapping wants."""
+    """Raise ConfigurationError if the device does not measure a quantity that the mapping needs."""
     able = device.capabilities
     if mapping.mode is Mode.RATE and not able.gives_axes:
         raise ConfigurationError(
@@ -195,7 +195,7 @@ def make_network(
     offer: Callable[[Any, Any, float], None],
     full: Callable[[], bool],
 ) -> SessionNetwork | None:
-    """What shows the arm to the network, not open yet; None where none is configured."""
+    """Make the network interface of the arm, not open yet; None if none is configured."""
     options = config.network
     if options is None:
         return None
@@ -268,7 +268,7 @@ def load_config(path: Path) -> SessionConfig:
 
 def checked_config(tables: Mapping[str, Any]) -> SessionConfig:
     """A configuration already read, the options of drivers and filters included. ConfigurationError
-    says what is wrong in it."""
+    names its fault."""
     try:
         config = parse_config(tables)
     except ConfigurationError as error:
@@ -278,7 +278,7 @@ def checked_config(tables: Mapping[str, Any]) -> SessionConfig:
 
 
 def _wrong_options(tables: Mapping[str, Any]) -> Iterator[ConfigurationError]:
-    """What is wrong in the tables of device and robot, read or not."""
+    """Yield the errors in the tables of device and robot, read or not."""
     for key in ("device", "robot"):
         if (table := tables.get(key)) is None:
             continue
@@ -293,7 +293,7 @@ def _wrong_options(tables: Mapping[str, Any]) -> Iterator[ConfigurationError]:
 
 
 def check_parts(config: SessionConfig) -> None:
-    """Check the options of drivers and filters, and what device, robot and arm can do. Raises
+    """Check the options of drivers and filters, and the abilities of device, robot and arm. Raises
     ConfigurationError; nothing is opened."""
     if wrong := tuple(_wrong_options({"device": config.device, "robot": config.robot})):
         raise together(wrong)

@@ -1,4 +1,4 @@
-"""What a configuration may say and rarely should."""
+"""Warnings about settings that are allowed and rarely intended."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 
 def cautions(config: SessionConfig) -> list[str]:
-    """What is allowed and rarely should be: what the drivers say of their options, bodies that
-    nothing keeps apart or that are in each other at home, and a home that is singular."""
+    """Return warnings: those of the drivers about their options, bodies that nothing keeps apart or
+    that overlap at home, and a singular home."""
     drivers = {"robot": config.robot, "device": config.device}
     found = [
         f"{key}: {words}"

@@ -1,7 +1,7 @@
-"""A session's configuration: what a TOML file may say, checked whole.
+"""A session's configuration: the tables of a TOML file, checked as a whole.
 
 The tables are the options of the parts that they set, where a part has options of its own. Every
-error names the key, what is wrong with the value, and what is allowed.
+error names the key, the fault of the value, and the allowed values.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ LONGEST_ACCEPTED_STOP_S = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class LimitsTable(ReferenceLimits):
-    """``[limits]``: what the reference may do, whatever the operator asks."""
+    """``[limits]``: bounds of the reference, whatever the operator asks."""
 
     i_accept_long_stops: bool = False
 
@@ -115,7 +115,7 @@ class NeighborTable(Options):
     acceleration_share: Annotated[float, bounds.SHARE] = ServoOptions.acceleration_share
     """Of its joints' accelerations, as its own session's [arm] has it: how late it stops."""
     ignore: tuple[tuple[str, str], ...] = ()
-    """Pairs that are not kept apart, as they always touch: a body of this arm and one of it."""
+    """Pairs that always touch and are not kept apart: a body of this arm and one of it."""
     max_age_s: Annotated[float, bounds.NEIGHBOR_AGE_S] = 0.15
     """While its newest joint states are older, this arm brakes and is not moved."""
 
@@ -140,17 +140,17 @@ class NeighborTable(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class HapticConfig(Options):
-    """What ``cardan devices haptic`` reads of a file: no robot is needed."""
+    """Tables that ``cardan devices haptic`` reads of a file: no robot is needed."""
 
     device: DriverTable
     network: NetworkOptions = field(default_factory=NetworkOptions)
     force: ForceTables = field(default_factory=NetworkForceTable)
-    """Whose `max_age_s` says how long a published feedback counts."""
+    """Its `max_age_s` limits the age of published feedback."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ForceConfig(Options):
-    """What ``cardan devices force`` reads of a file: neither device nor robot is needed."""
+    """Tables that ``cardan devices force`` reads of a file: neither device nor robot is needed."""
 
     force: ForceTables = field(default_factory=NoForceTable)
     fixtures: FixtureTables = ()
@@ -193,7 +193,7 @@ class SessionConfig(Options):
     """Shows the arm to ROS 2, and takes commands from there; None: no network."""
     force: ForceTables = field(default_factory=NoForceTable)
     fixtures: FixtureTables = ()
-    """What the hand feels of the space around the robot."""
+    """Haptic fixtures in the space around the robot."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -244,7 +244,7 @@ class SessionConfig(Options):
         return bool(self.fixtures) or not isinstance(self.force, NoForceTable)
 
     def _check_buttons(self) -> None:
-        """One meaning a button."""
+        """Refuse buttons with two meanings."""
         mapping = self.mapping
         buttons = [("mapping.deadman", button) for button in mapping.deadman_buttons]
         buttons += [
@@ -269,7 +269,7 @@ class SessionConfig(Options):
                 limits.angular_acceleration_rad_s2,
             ),
         ):
-            # What rounding adds to a stop of exactly the longest time is no reason to refuse it.
+            # Rounding of a stop of exactly the longest time is no reason to refuse it.
             if speed > acceleration * longest_s * (1.0 + 1e-9):
                 consent = (
                     "no more is allowed"
@@ -297,7 +297,7 @@ class SessionConfig(Options):
 def parse_config(table: Mapping[str, Any], from_file: bool = True) -> SessionConfig:
     """Check a configuration already read; ConfigurationError names the first wrong key.
 
-    Not `from_file`: it comes from another program, with what only programs set.
+    Not `from_file`: it comes from another program, with settings that only programs make.
     """
     return read_table(SessionConfig, table, from_file=from_file)
 

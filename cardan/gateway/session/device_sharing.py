@@ -1,4 +1,4 @@
-"""The operator device of a session that serves other sessions, too: who has it, opens it.
+"""The operator device of a session that serves other sessions, too: its holder opens it.
 
 While another session has the device it is closed here: its link is CLOSED, so the arm brakes, holds
 and is disarmed, and moving it again takes the deliberate act.
@@ -23,7 +23,7 @@ be closing it."""
 
 
 class DeviceLease:
-    """Opens and closes a device beside the session's loop, as it takes its time."""
+    """Opens and closes a device beside the session's loop, because that takes time."""
 
     def __init__(self, device: OperatorDevice) -> None:
         """`device` is closed."""
@@ -38,7 +38,7 @@ class DeviceLease:
         self._over = False
 
     def begin(self) -> None:
-        """Open it, before the loop begins. Raises what its open() raises."""
+        """Open it, before the loop begins. Raises the errors of its open()."""
         self._device.open()
         self._wanted = self.held = True
 

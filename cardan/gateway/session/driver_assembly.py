@@ -40,7 +40,7 @@ def make_driver(table: registry.DriverTable, key: str) -> Driver:
 def using_driver(
     table: registry.DriverTable | None, key: str
 ) -> contextlib.AbstractContextManager[None]:
-    """What another package's driver raises inside is an error of its table, which `key` names."""
+    """Turn errors of another package's driver into errors of its table, which `key` names."""
     return (
         contextlib.nullcontext() if table is None else registry.using(table.driver, f"{key}.driver")
     )
@@ -96,7 +96,7 @@ def _drivers(side: type[Driver]) -> list[str]:
 
 
 class WithDevice(Protocol):
-    """What is read of a file with ``[device]``."""
+    """Configuration from a file with ``[device]``."""
 
     @property
     def device(self) -> registry.DriverTable | None: ...

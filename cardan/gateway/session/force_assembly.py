@@ -1,4 +1,4 @@
-"""Makes what a session's hand feels, as its configuration has it; nothing is opened."""
+"""Makes the force feedback of a session from its configuration; nothing is opened."""
 
 from __future__ import annotations
 
@@ -161,8 +161,8 @@ def _force_warnings(
 
 
 def load_haptic(path: Path) -> HapticConfig:
-    """Read and check what ``cardan devices haptic`` needs of a file: ``[device]``, ``[network]``
-    and the age of ``[force]``."""
+    """Read and check the tables of a file for ``cardan devices haptic``: ``[device]``,
+    ``[network]`` and the age of ``[force]``."""
     with in_file(path):
         config = read_part(HapticConfig, path)
         device = make_device(config)
@@ -174,7 +174,7 @@ def load_haptic(path: Path) -> HapticConfig:
 
 
 def load_force(path: Path) -> ForceConfig:
-    """Read and check what ``cardan devices force`` needs of a file: ``[force]`` and
+    """Read and check the tables of a file for ``cardan devices force``: ``[force]`` and
     ``[[fixtures]]``."""
     with in_file(path):
         config = read_part(ForceConfig, path)

@@ -3,7 +3,7 @@
 As in the paper of 2026, one node drives the robot, another renders force. Fixtures are evaluated
 here on the robot's measured TCP, in each of its cycles, which is why stiff ones oscillate: a
 session's own ``[[fixtures]]`` are evaluated by the haptic device at 1 kHz. The session filters the
-node's forces and drops stale ones, and the device bounds what is left.
+node's forces and drops stale ones, and the device bounds the rest.
 """
 
 from __future__ import annotations

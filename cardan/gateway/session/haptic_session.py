@@ -1,7 +1,7 @@
 """A haptic device on the network without an arm: another program computes its forces.
 
-This is the paper of 2026's wrapper: a program reads the stylus, drives a robot by whatever it
-likes, and publishes what the hand is to feel. The device's own loop bounds all of it.
+This is the paper of 2026's wrapper: a program reads the stylus, drives a robot by any means, and
+publishes the haptic feedback. The device's own loop bounds all of it.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ PERIOD_S = 0.004
 """Of the loop: a fifth of the 20 ms for which the device renders a command."""
 
 LARGEST_TORQUE_N_M = 1.0
-"""Three times what the joint of a desktop device can: a larger torque is one in mN·m, which YARP's
+"""Three times the torque of a desktop device's joint: a larger value is one in mN·m, which YARP's
 own wrapper takes."""
 
 
 class LoneFeedback:
-    """What programs publish, rendered as long as it is fresh, and faded in as in a session. Time is
-    an argument."""
+    """Feedback that programs publish, rendered as long as it is fresh, and faded in as in a
+    session. Time is an argument."""
 
     why_no_torques = ""
 
@@ -125,7 +125,7 @@ class LoneFeedback:
                 self._haptic.stop_feedback()
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What prevents a force, and what was refused."""
+        """Reasons why there is no force, and refusals."""
         words = (self._ended, self._enabling.refusal)
         return (*filter(None, words), *self._published.diagnosis())
 

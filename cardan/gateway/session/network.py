@@ -102,8 +102,8 @@ class SessionNetwork:
         tables: Mapping[str, Any],
         surroundings: str = "",
     ) -> None:
-        """`offer` takes what arrives unless it is `full`, as :class:`RequestWorker` does; `tables`:
-        the session's configuration; `surroundings`: what is around the arm, as JSON."""
+        """`offer` takes packets unless it is `full`, as :class:`RequestWorker` does; `tables`: the
+        session's configuration; `surroundings`: those of the arm, as JSON."""
         self._surroundings = surroundings
         self._full = full
         self.options = options
@@ -126,7 +126,7 @@ class SessionNetwork:
         self._haptic_twins: Twins | None = None
         self._twins_due_s = -math.inf
         self._twin: tuple[str, ...] = ()
-        """What is to be said of other nodes of the same names."""
+        """Messages about other nodes of the same names."""
         self._logged = ""
         self._verbs: ArmVerbs | None = None
 
@@ -239,12 +239,12 @@ class SessionNetwork:
             _log.warning("%s", "; ".join(twin) or "no other node has this one's name any more")
 
     def tap(self, cycle: Cycle, now_s: float) -> None:
-        """Publish what recorders want of a cycle."""
+        """Publish a cycle for recorders."""
         if self._taps is not None:
             self._taps.cycle(cycle, now_s)
 
     def diagnosis(self) -> tuple[str, ...]:
-        """Problems, and what else deserves attention."""
+        """Faults and warnings."""
         said = list(self._twin)
         if self._taps is not None and self._taps.dropped:
             said.append(f"{self._taps.dropped} raw packets were not published: too many at once")
@@ -290,7 +290,7 @@ class SessionNetwork:
             self._server.report(now, now_ns)
 
     def tell(self, snapshot: Snapshot, now_s: float, now_ns: int) -> None:
-        """Publish a snapshot, what it says of each part, and what is new in words."""
+        """Publish a snapshot, the diagnostics of each part, and new messages."""
         if self._topics is None:
             return
         self._topics.put_snapshot(snapshot.to_bytes().decode(), now_ns)
@@ -309,7 +309,7 @@ class SessionNetwork:
 
 
 def _parts(snapshot: Snapshot) -> list[Part]:
-    """What each part of a session reports of itself."""
+    """Return the diagnostics of each part of a session."""
     s = snapshot
     lost = s.robot_link != RobotLink.LIVE.value
     robot = Part(

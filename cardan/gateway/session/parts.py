@@ -68,7 +68,7 @@ IN_MOTION: Final = (Phase.MOVING, Phase.BRAKING)
 
 
 class Now(NamedTuple):
-    """What a snapshot is made of, beside what the parts keep."""
+    """Input of a snapshot, beside the data of the parts."""
 
     cycle: Cycle
     status: ArmStatus
@@ -77,7 +77,7 @@ class Now(NamedTuple):
 
 @dataclass(frozen=True)
 class Whole:
-    """What the parts are parts of."""
+    """The session as its parts share it."""
 
     config: SessionConfig
     robot: RobotDriver
@@ -106,7 +106,7 @@ class Whole:
 
 
 class Part:
-    """One part of a session. What it does not need, it leaves as it is here."""
+    """Base of a part of a session; a part overrides only the hooks that it needs."""
 
     fault = ""
     """Why no source may move the arm now; empty while one may."""
@@ -114,7 +114,7 @@ class Part:
     def __init__(self, whole: Whole) -> None:
         self.whole = whole
         self.cost = LatencyHistogram()
-        """Of what `after` takes, in some of the cycles."""
+        """Times that `after` takes, in some of the cycles."""
 
     def open(self) -> None:
         """Before the robot is opened. Raises DriverError or ConfigurationError."""
@@ -133,7 +133,7 @@ class Part:
 
 
 class Figures(Part):
-    """The arm: what it does, how fast it is answered, how well it follows."""
+    """The arm: its status, the latency of its answers, its following error."""
 
     def __init__(self, whole: Whole) -> None:
         super().__init__(whole)
@@ -250,7 +250,7 @@ class Gripper(Part):
 
 
 class Operator(Part):
-    """The operator device: who has it, its buttons beside motion, the filters behind it."""
+    """The operator device: its holder, its buttons beside motion, the filters behind it."""
 
     def __init__(
         self, whole: Whole, device: OperatorDevice, lease: DeviceLease, begins_with_device: bool
@@ -330,7 +330,7 @@ class Operator(Part):
                 s.diagnosis.append(f"the filter {each.name} failed: {reason(error)}")
 
     def _look_at_buttons(self) -> None:
-        """Have the operator told of configured buttons that the device, open by now, has not."""
+        """Report configured buttons that the device, open by now, does not have."""
         known = self._device.capabilities.buttons
         if known == self._known_buttons:
             return
@@ -347,7 +347,7 @@ class Operator(Part):
 
 
 class Feedback(Part):
-    """What the operator device shows by its light and motor."""
+    """Feedback on the operator device by its light and motor."""
 
     def __init__(self, whole: Whole, device: OperatorDevice, lease: DeviceLease) -> None:
         super().__init__(whole)
@@ -356,7 +356,7 @@ class Feedback(Part):
         self._feedback = HandFeedback(whole.config.feedback, ())
 
     def open(self) -> None:
-        """Give the operator what the device can show: an open one may be able to do more."""
+        """Set the feedback that the device can show: an open one may be able to do more."""
         channels = self._device.capabilities.feedback
         if channels != self._channels:
             self._channels = channels
@@ -476,7 +476,7 @@ class Network(Part):
         self._network.tell(snapshot, now.time_s, time.time_ns())
 
     def close(self) -> None:
-        self.whole.worker.close()  # What is under way is answered by the network.
+        self.whole.worker.close()  # The network answers requests under way.
         self._network.close()
 
 

@@ -13,12 +13,12 @@ from cardan.bus.router import RouterKeeper
 from cardan.gateway.session.subprocesses import Launched
 
 LAST_S = 0.5
-"""How long the recorder goes on after the session has ended: what it said last is on its way."""
+"""How long the recorder goes on after the session has ended: its last messages are on their way."""
 
 
 def why_incomplete(recorder: Launched, path: Path) -> str:
     """Why a recorder that has ended did not come to its end in good order; empty: it did, or says
-    itself what is missing."""
+    itself which part is missing."""
     if recorder.code >= 0:
         return ""
     number = -recorder.code

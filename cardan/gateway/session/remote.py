@@ -1,6 +1,6 @@
 """The Cartesian interface of a session in a process of its own.
 
-The session's loop has its own interpreter: what the user's program does beside does not delay it.
+The session's loop has its own interpreter: the user's program does not delay it.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class RemoteArm(RemotePacketArm):
     def open(self) -> None:
         """Start the session; returns when the robot's first state is there.
 
-        Raises ConfigurationError or DriverError where the session cannot open what it needs.
+        Raises ConfigurationError or DriverError if the session cannot open a part.
         """
         if self._process is not None:
             return

@@ -1,8 +1,8 @@
 """Carries out the requests to a session beside its loop, which only passes packets on.
 
-Two threads, which begin with the first request: one decodes and does what is quick, so that `stop`
-acts at once whatever is under way; the other does what plans or waits for rest, one request after
-the other.
+Two threads, which begin with the first request: one decodes and carries out quick requests, so that
+`stop` acts at once during any other; the other plans or waits for rest, one request after the
+other.
 """
 
 from __future__ import annotations
@@ -66,17 +66,17 @@ class Requester(Protocol):
     """Where requests come from and their answers go. The worker's threads call it."""
 
     def decode(self, packet: Any) -> Request | None:
-        """The request in what was offered; None where it is answered already. Raises
+        """Return the request in an offered packet; None if it is answered already. Raises
         PacketError."""
 
     def done(self, request: Request, result: Any) -> None:
         """A request was carried out; `result` is the verb's, a motion as its note."""
 
     def refused(self, number: int | None, error: CardanError) -> None:
-        """The request with this id, or what is no request, was refused."""
+        """The request with this id, or a malformed one, was refused."""
 
     def ended(self, note: MotionNote) -> None:
-        """A motion that `done` told of has ended."""
+        """A motion that `done` reported has ended."""
 
 
 class ChannelClient:
@@ -122,7 +122,7 @@ class _Begun(NamedTuple):
 
 
 class _Packet(NamedTuple):
-    """What a client sent; None: the ends of motions are to be reported."""
+    """Packet of a client; None: the ends of motions are to be reported."""
 
     client: Requester
     packet: Any
@@ -135,7 +135,7 @@ _ENDED = {
     "stop": "the arm was stopped before it began",
     "release": "its source gave up its authority before it began",
 }
-"""What does not let the motions begin that were asked for before it, and why they do not."""
+"""Verbs that cancel motions requested before them and not begun, with the reason."""
 
 
 class _Job:
@@ -146,7 +146,7 @@ class _Job:
         self.client, self.request = client, request
         self.received_s, self.late_s = received_s, late_s
         self.ended_by = ""
-        """Of _ENDED, what came after it; empty: nothing."""
+        """The verb of _ENDED that came after it; empty: none."""
 
 
 class RequestWorker:
@@ -182,9 +182,9 @@ class RequestWorker:
         self._turned_s = NEVER_S
         self._late_s = 0.0
         self._beginning: deque[tuple[Requester, str]] = deque()
-        """Senders of the streamed commands that wait as their stream is to begin, in order."""
+        """Senders of the streamed commands that wait because their stream is to begin, in order."""
         self._under_way: list[_Job] = []
-        """What the planning thread has to do, and does."""
+        """Jobs of the planning thread, with the present one."""
         self._ordering = threading.Lock()
         self._motions: dict[int, _Begun] = {}
         """Motions that are not over, by the ids that their notes have."""
@@ -196,7 +196,7 @@ class RequestWorker:
 
     @property
     def verbs(self) -> ArmVerbs | None:
-        """The verbs, once somebody has asked for one."""
+        """The verbs, once a client has asked for one."""
         return None if self._verb_server is None else self._verb_server.verbs
 
     @property
@@ -205,12 +205,12 @@ class RequestWorker:
         return self._packets.qsize() >= MAX_PENDING
 
     def turn(self, now_s: float) -> None:
-        """Once a cycle, before `offer`: what is offered from now on came after the call before."""
+        """Once a cycle, before `offer`: packets offered from now on came after the call before."""
         self._late_s = now_s - self._turned_s
         self._turned_s = now_s
 
     def offer(self, client: Requester, packet: Any, now_s: float) -> None:
-        """Take what a client sent; it is decoded beside the loop."""
+        """Take a client's packet; it is decoded beside the loop."""
         if not self.busy:
             self.busy = True
             for name, work in (("requests", self._receive), ("planning", self._work)):
@@ -220,8 +220,8 @@ class RequestWorker:
         self._packets.put(_Packet(client, packet, now_s, self._late_s))
 
     def attend(self) -> None:
-        """Once a cycle: do what the verbs need the loop for, find motions that are over, and end
-        those without end whose client is gone."""
+        """Once a cycle: run the verbs' work for the loop, find motions that are over, and end those
+        without end whose client is gone."""
         self._link.attend()
         for motion, client, there in tuple(self._motions.values()):
             if motion.over:
@@ -319,8 +319,8 @@ class RequestWorker:
                 self._under_way.remove(job)
                 if job.request.verb in _BEGINNING:
                     self._beginning.popleft()
-            # The session's collector is off for the loop's sake, and what was there before is of
-            # the oldest generation: only what requests leave behind is looked at here.
+            # The session's collector is off for the loop's sake, and earlier objects are of the
+            # oldest generation: only the garbage of requests is collected here.
             gc.collect(1)
 
     def _perform(self, job: _Job) -> None:
@@ -416,7 +416,7 @@ def _late(late_s: float) -> str:
 
 
 def _begins(request: Request, verb_server: VerbServer) -> bool:
-    """Whether a streamed command may choose its preset, which takes what planning takes."""
+    """Whether a streamed command may choose its preset, which takes as long as planning."""
     verbs, begins = verb_server.verbs, request.begins
     if begins is Begins.NEW or (begins and verbs.goes_on(begins, request.source)):
         return verbs.may_choose(request.verb, begins, request.source)

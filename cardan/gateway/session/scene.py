@@ -1,6 +1,6 @@
-"""What is around an arm, for who shows it: obstacles, workspace, and the shapes of its own bodies.
+"""Surroundings of an arm for display: obstacles, workspace, and the shapes of its own bodies.
 
-One JSON object, published once and again where it changes. Lengths in m, angles in rad, base axes,
+A JSON object, published once and again when it changes. Lengths in m, angles in rad, base axes,
 orientations as x y z w.
 """
 
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 def surroundings(
     config: SessionConfig, rigid: bool, neighbors: Sequence[NeighborBodies] = ()
 ) -> str:
-    """What is around the arm of a session, as JSON; `rigid`: whether its links are; `neighbors`:
-    those of `config`.
+    """Return the surroundings of a session's arm, as JSON; `rigid`: whether its links are;
+    `neighbors`: those of `config`.
 
     ``workspace_m``: for x, y and z the range that the TCP keeps to, or null. ``reach_m``: those
     that it has within the joints' limits, null where no arm is known. ``obstacles``: each

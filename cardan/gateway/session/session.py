@@ -78,7 +78,7 @@ class Session:
         force: ForceRenderer | None = None,
         has_device: bool = True,
     ) -> None:
-        """`channel`: the supervisor's beats and requests; `force`: what a haptic device renders;
+        """`channel`: the supervisor's beats and requests; `force`: that of a haptic device;
         `has_device`: whether it begins with the device, which other sessions may have."""
         self.device, self.robot, self.controller = device, robot, controller
         self.snapshot = Snapshot()
@@ -278,6 +278,6 @@ def main(arguments: list[str] | None = None) -> int:
 
 if __name__ == "__main__":
     EXIT_CODE = main()
-    # It has left its robot; who asked it twice (a login session: SIGTERM, SIGHUP) gets its code.
+    # It has left its robot; a second signal (a login session: SIGTERM, SIGHUP) keeps its code.
     ignore_ending()
     sys.exit(EXIT_CODE)

@@ -64,7 +64,7 @@ class Snapshot:
     lead_used: float = 0.0
     at_workspace_limit: bool = False
     filters: list[str] = field(default_factory=list)
-    """What shared control does to the operator's motion."""
+    """Effects of shared control on the operator's motion."""
     gripper_closed: bool = False
     utilization: float | None = None
     path_speed: float | None = None
@@ -75,7 +75,7 @@ class Snapshot:
     """Distance of the nearest pair of bodies."""
     nearest_pair: list[str] = field(default_factory=list)
     arm_limits: list[str] = field(default_factory=list)
-    """What limits the arm now; empty while nothing does."""
+    """Limits of the arm now; empty if there are none."""
     limits: list[str] = field(default_factory=list)
     """Of :data:`cardan.gateway.arm.status.LIMITS` those that act now."""
     scheduling: str = ""
@@ -102,15 +102,15 @@ class Snapshot:
     input_age_within: list[int] = field(default_factory=list)
     """Those whose newest report was no older than each of BOUNDS_S."""
     part_cost_s: dict[str, float] = field(default_factory=dict)
-    """What each part of the session took of a cycle after its answer, on average."""
+    """Mean time of each part of the session in a cycle, after its answer."""
     haptic_state: str = ""
     """Operating state of the haptic device's force; empty without such a device."""
     haptic_reason: str = ""
-    """Why the force is not what was commanded; empty when it is."""
+    """Why the force differs from the commanded one; empty if it does not."""
     force_n: float = 0.0
     """Force rendered to the hand now."""
     force_commanded_n: float = 0.0
-    """What fixtures and measured force ask for."""
+    """Force requested by fixtures and measured force."""
     force_peak_n: float = 0.0
     """The largest force sent in any tick."""
     force_losses: int = 0
@@ -179,7 +179,7 @@ class Snapshot:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Snapshot:
-        """From one packet. What it tells is printable: much of it came over a wire."""
+        """From one packet. Its texts are made printable: much of them came over a wire."""
         fields = json.loads(data)
         snapshot = cls()
         vars(snapshot).update(fields if _is_printable(data) else _printable(fields))

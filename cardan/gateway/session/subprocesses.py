@@ -1,4 +1,4 @@
-"""Runs ``cardan`` commands beside this process: what prints READY once it serves."""
+"""Runs ``cardan`` commands beside this process, each of which prints READY once it serves."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _AT_ONCE = 65536
 """Bytes that are read at once: as many as a pipe holds."""
 
 _LAST_WORDS = 2000
-"""Characters of what it wrote on standard error that are kept."""
+"""Characters of its standard error that are kept."""
 
 
 class Launched:
@@ -44,25 +44,25 @@ class Launched:
         at: Sequence[str] = (),
     ) -> None:
         """Start it in `folder` (None: here), which is removed if this process is killed. It is
-        killed where it does not end within `end_within_s` of being asked to. `at`: what stands
-        before the command and executes it, as nsenter does.
+        killed where it does not end within `end_within_s` of being asked to. `at`: words before the
+        command that execute it, such as nsenter's.
 
-        Raises DriverError where it does not serve in time; what it said is on standard error then.
+        Raises DriverError if it does not serve in time; its output is on standard error then.
         """
         self._ready_within_s, self._end_within_s = ready_within_s, end_within_s
         self.code = 0
         """Exit code, once it has ended."""
         self.before: list[str] = []
-        """What it printed before READY."""
+        """Lines that it printed before READY."""
         self.lines: tuple[str, ...] = ()
-        """What it printed after READY, once it has ended."""
+        """Lines that it printed after READY, once it has ended."""
         self.complaints = ""
-        """What it wrote on standard error last, once it has ended."""
+        """Last output on standard error, once it has ended."""
         named = itertools.takewhile(lambda word: not word.startswith("-"), words)
         self._name = shlex.join(itertools.islice(named, 3))
         self._log: IO[str] = tempfile.TemporaryFile("w+")  # noqa: SIM115
         self._unread = b""
-        """What came after the last line that was taken. No line may wait in a file's own buffer,
+        """Output after the last line that was taken. No line may wait in a file's own buffer,
         which a selector does not see."""
         self._process = subprocess.Popen(
             [

@@ -33,7 +33,7 @@ KILL_AFTER_S = BRAKE_TIMEOUT_S + 3.0
 
 
 LAST_OUTPUT_S = 0.5
-"""Longest wait for what a session that has ended still says on standard error."""
+"""Longest wait for the last lines of an ended session on standard error."""
 
 _BEFORE_IT_BEGAN = {code for each in ENDING_SIGNALS for code in (-each, 128 + each)}
 """Exit codes of a session, or of a command around it, that an ending signal has ended: it handles
@@ -60,8 +60,8 @@ class SessionProcess:
     """A session in a process of its own, from its start to its end.
 
     While `follow` reads its packets, beats are sent: if this process is stopped, or its view hangs,
-    the session's arm brakes and holds. It also keeps the router that the session meets others by,
-    where that is on this computer and nobody else serves it.
+    the session's arm brakes and holds. It also keeps the router of the session's network, if that
+    is on this computer and no other process serves it.
     """
 
     def __init__(
@@ -76,9 +76,9 @@ class SessionProcess:
         """Start it; `through` as :func:`supervise` has it. `has_device`: whether it begins with its
         operator device, or waits until TAKE is sent.
 
-        `say` gets what it writes on standard output and standard error, in a thread of its own:
-        where that blocks or fails the words are lost, and nobody waits for them. It logs what the
-        logger ``cardan`` of this process does, each line as `log_format` has it.
+        `say` gets its standard output and standard error, in a thread of its own: if that blocks or
+        fails the words are lost, and nothing waits for them. It logs at the level of the logger
+        ``cardan`` of this process, each line as `log_format` has it.
         """
         self._config = config
         self._stopping = False
@@ -190,7 +190,7 @@ class SessionProcess:
                 try:
                     packet = self._channel.recv(MAX_SNAPSHOT_BYTES)
                 except ConnectionResetError:
-                    continue  # It left beats unread; what it said last is still to come.
+                    continue  # It left beats unread; its last packets are still to come.
                 if not packet:
                     return
                 yield packet
@@ -220,7 +220,7 @@ class SessionProcess:
 
 
 def _relay(said: int, say: Callable[[bytes], None]) -> None:
-    """Pass on what a session says until it has ended."""
+    """Pass on a session's output until it has ended."""
     with os.fdopen(said, "rb", buffering=0) as pipe:
         while data := pipe.read(4096):
             say(data)
@@ -245,7 +245,7 @@ def supervise(
 
     Every signal that would end this process asks it to brake, hold and leave, and so do Ctrl-Z,
     `poll`, called several times a second, by returning False, and an exception in `show`, which
-    goes on after. While `shown` returns False the arm brakes and holds: nobody sees what it does.
+    goes on after. While `shown` returns False the arm brakes and holds: it is not displayed.
     `through` is a command that runs the command after it in an environment of its making, hands
     signals on to it and ends with its code, as ``cardan sim omni --`` does.
     """
@@ -276,7 +276,7 @@ def supervise(
 
 
 class _Logged:
-    """Logs what changes between two snapshots."""
+    """Logs changes between two snapshots."""
 
     def __init__(self) -> None:
         self._said: dict[str, str] = {}

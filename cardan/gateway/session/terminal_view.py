@@ -67,12 +67,12 @@ def _messages(snapshot: Snapshot) -> str:
 
 
 def _diagnosis(snapshot: Snapshot) -> list[str]:
-    """The diagnosis, without what the message says already."""
+    """The diagnosis, without parts that the message says already."""
     return [line for line in snapshot.diagnosis if line not in snapshot.message]
 
 
 def render(snapshot: Snapshot) -> RenderableType:
-    """One frame of the live view."""
+    """Render a frame of the live view."""
     s = snapshot
     hand = Table.grid(padding=(0, 1))
     for index, name in enumerate(AXES):
@@ -235,7 +235,7 @@ class SessionView:
 
 
 def plain(snapshot: Snapshot) -> str:
-    """One snapshot as one line."""
+    """Return a snapshot as a line."""
     s = snapshot
     speed_mm_s = math.sqrt(sum(v * v for v in s.twist[:3])) * 1e3
     text = (
@@ -285,5 +285,5 @@ def summary(snapshot: Snapshot) -> Table:
         ("teleoperation disengaged", f"{s.trips} times"),
         ("last message", s.message or "–"),
     ):
-        table.add_row(name, Text(value))  # What stands in brackets is no markup.
+        table.add_row(name, Text(value))  # Text in brackets is no markup.
     return table

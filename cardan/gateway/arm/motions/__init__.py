@@ -1,1 +1,1 @@
-"""What an arm can be doing, one at a time. No activity supervises or limits."""
+"""Activities of an arm, one at a time. No activity supervises or limits."""

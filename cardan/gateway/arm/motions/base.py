@@ -33,14 +33,14 @@ ARRIVED = Progress(True)
 
 
 class Activity(ABC):
-    """What moves the commanded arm. Every activity begins at rest and ends at rest."""
+    """Base of the activities that move the commanded arm. Each begins and ends at rest."""
 
     state = State.NOT_CONTROLLING
-    """What the Cartesian interface calls it."""
+    """Its state in the Cartesian interface."""
     reference: Reference | None = None
     """The point that the TCP follows; None where joints follow a path."""
     command: RobotCommand | None = None
-    """What the robot is sent in place of the commanded arm's command."""
+    """Sent to the robot in place of the commanded arm's command."""
     fault = ""
     """Why it must not go on; empty while it may."""
     heard_s = math.inf
@@ -54,7 +54,7 @@ class Activity(ABC):
     in_one_step = False
     """Whether a long period must not be divided for it."""
     outlives_silence = False
-    """Whether silence of the source only releases what it drives, and does not end the activity."""
+    """Whether silence of the source only stops its motion, and does not end the activity."""
 
     @property
     def yields(self) -> bool:

@@ -23,8 +23,8 @@ class FollowHand(ReferenceMotion):
         self._driving = False
 
     def aim(self, twist: Twist, rates: Mapping[str, float], driving: bool) -> None:
-        """What is asked for from now on. Jerk is limited only while the operator is `driving`:
-        letting go of the dead-man brakes at once."""
+        """Set the requested motion. Jerk is limited only while the operator is `driving`: releasing
+        the dead-man brakes at once."""
         self._twist, self._driving = twist, driving
         self._rates = rates if rates and any(rates.values()) else None
 

@@ -18,7 +18,7 @@ ARRIVED_RAD = 1e-5
 
 
 class JointMotionPath(Protocol):
-    """What a joint motion follows."""
+    """Path of a joint motion over time."""
 
     @property
     def duration_s(self) -> float:

@@ -48,7 +48,7 @@ class FollowJointStream(Activity):
         servo = self._commanded.servo
         most = self._acceleration * dt_s
         change = self._target - self._rate
-        # One share for all joints, so that they keep their proportion while they speed up.
+        # The same share for all joints, so that they keep their proportion while they speed up.
         share = min(1.0, 1.0 / max(float((np.abs(change) / most).max()), 1e-9))
         self._rate = self._rate + share * change
         if self._rate.any():

@@ -109,7 +109,7 @@ class FollowPath(Activity):
 
     def _wait(self, robot: RobotState, dt_s: float) -> Progress:
         """Have the arm come to where its command is."""
-        # One that lags has perhaps not begun to move: then near is very near.
+        # A robot that lags has perhaps not begun to move: then near is very near.
         early = self._waited_s < min(self._arrival.lag_s, self._timeout_s)
         left = self._left(robot, early)
         if self._arrival.arrived(robot, not left):

@@ -59,7 +59,7 @@ class Recover(Activity):
         self.reference: Reference = reference
         self._limit = near
         limits = reference.limits
-        # Less what braking from its own speed takes.
+        # Less the braking distance of its own speed.
         self._way_m = min(
             limits.max_lead_m - went.linear_m, MARGIN_SHARE * error.linear_m + MARGIN_M
         ) - (APPROACH_SPEED_M_S**2 / limits.linear_acceleration_m_s2)

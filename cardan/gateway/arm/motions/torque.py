@@ -26,7 +26,7 @@ TORQUE_SLEW_NM_S = bounds.Range(0.0, 1e6, "N·m/s", _SLEW, above=True)
 
 @dataclass(frozen=True, kw_only=True)
 class TorqueLimits(Options):
-    """What torque motions may do. Raises OptionError."""
+    """Limits of torque motions. Raises OptionError."""
 
     force_n: Annotated[float, bounds.ROBOT_FORCE_N] = 100.0
     """Largest force of a wrench, N."""
@@ -192,7 +192,7 @@ class TorqueMotion(Activity):
 
 
 class _Weight:
-    """What the joints need to hold the arm: its weight, less what its springs carry."""
+    """Joint torques that hold the arm: its weight, less the share of its springs."""
 
     def __init__(self, arm: ArmModel, kinematics: ArmKinematics) -> None:
         self._model = kinematics.model

@@ -1,4 +1,4 @@
-"""A joint trajectory that somebody else planned, with the tolerances that go with it."""
+"""A joint trajectory planned by another program, with its tolerances."""
 
 from __future__ import annotations
 

@@ -18,8 +18,8 @@ from cardan.types import RobotState, Twist
 class TwistFilter(Driver):
     """Changes the operator's twist, usually by readings of its own sensor.
 
-    It has a driver's options, open(), close() and diagnosis(). While its sensor is not fresh, what
-    it does must be safe, and status() must say it.
+    It has a driver's options, open(), close() and diagnosis(). While its sensor is not fresh, its
+    effect must be safe, and status() must say so.
     """
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
@@ -29,10 +29,10 @@ class TwistFilter(Driver):
 
     @abstractmethod
     def apply(self, twist: Twist, robot: RobotState) -> Twist:
-        """What to ask for instead of `twist` (base or tool axes), once in every control tick.
+        """Return the twist to request instead of `twist` (base or tool axes), once in every tick.
 
         It is also called when no operator drives or the robot is silent, with a twist of zero and
-        perhaps without `robot.pose`, so that the sensor is always read; what it then returns is not
+        perhaps without `robot.pose`, so that the sensor is always read; its result is then not
         used, because a filter cannot start a motion. Now is `robot.stamp_s`. Never blocks, never
         raises, never gives a value that is not finite: either of the last two disengages
         teleoperation.
@@ -40,12 +40,12 @@ class TwistFilter(Driver):
 
     @abstractmethod
     def status(self) -> str:
-        """What it does to the operator's motion now; empty when it does nothing."""
+        """Effect on the operator's motion now; empty if there is none."""
 
     def describe(self) -> str:
-        """What it would do as configured, in one line; works without open()."""
+        """Effect as configured, in one line; works without open()."""
         return ""
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What prevents it from working or deserves attention, worst first."""
+        """Faults and warnings, worst first."""
         return ()

@@ -67,8 +67,8 @@ def _of_inet6() -> Iterator[str]:
 
 
 def reachable_host(host: str) -> str:
-    """What others call a server that listens at `host`: of "all addresses" the one of the way
-    out."""
+    """Return the address at which others reach a server that listens at `host`: for "all addresses"
+    that of the outgoing route."""
     try:
         found = ipaddress.ip_address(host)
     except ValueError:

@@ -1,5 +1,5 @@
-"""The server's cameras on the bus, as image_transport names what it has compressed: read while
-somebody subscribes, the newest picture, behind all else that the bus has to carry."""
+"""The server's cameras on the bus, with image_transport's names for compressed pictures: read while
+there is a subscriber, newest picture only, at lowest priority."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cardan.protocols.ros2.messages import Stamp
 TYPE: Final = "sensor_msgs/msg/CompressedImage"
 
 LOOK_S: Final = 0.5
-"""How often it is looked whether somebody subscribes."""
+"""Period of checks for a subscriber."""
 
 _log = logging.getLogger(__name__)
 

@@ -1,6 +1,6 @@
-"""Cameras that the server shows to pages: each is read once for all pages, and only while somebody
-looks; a page that is slow gets fewer pictures, never older ones, as each goes out when the page
-has shown the one before."""
+"""Cameras that the server shows to pages: each is read once for all pages, and only while a page
+shows it; a slow page gets fewer pictures, never older ones, because each is sent when the page has
+shown the one before."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Address(NamedTuple):
     """A camera, as the options have it."""
 
     name: str
-    """What pages call it; never with what is secret in its address."""
+    """Its name for pages; never with secrets of its address."""
     where: str
 
 
@@ -72,13 +72,13 @@ def parse_camera(text: str) -> Address:
 
 
 class Camera:
-    """One camera. `watch` and `leave` are called in the server's loop."""
+    """A camera. `watch` and `leave` are called in the server's loop."""
 
     def __init__(self, address: Address) -> None:
         self.address = address
         self.newest = b""
         self.newest_s = 0.0
-        """When the server had it, monotonic: what a camera says of its own time is not read."""
+        """When the server had it, monotonic: a camera's own time is not read."""
         self.number = 0
         """Of the newest picture that there was; 0: none yet."""
         self.why = ""
@@ -99,7 +99,7 @@ class Camera:
             reader.start()
 
     def leave(self, news: asyncio.Event) -> None:
-        """Nobody waits there any more; twice is fine."""
+        """Remove a waiting page; twice is fine."""
         self._watchers.discard(news)
         if not self._watchers and self._reader is not None:
             self._reader.ended.set()
@@ -121,7 +121,7 @@ def _put(loop: asyncio.AbstractEventLoop, take: Callable[..., None], *values: ob
 
 
 class _Reader(threading.Thread):
-    """Reads a camera until `ended`. It ends within SILENT_S, and nobody waits for it."""
+    """Reads a camera until `ended`. It ends within SILENT_S, and is not waited for."""
 
     def __init__(self, address: Address, put: Callable[[_Reader, bytes, str, float], None]) -> None:
         super().__init__(name=f"cardan-camera-{address.name}", daemon=True)

@@ -1,8 +1,8 @@
 """A certificate of this installation for its own names and addresses, where none was given.
 
-Sensors, gamepads and headsets are for pages of https only, and a key that everybody has protects
-nobody: each installation makes its own at the first start, keeps it, and makes another one in time
-and where the computer has a new address.
+Sensors, gamepads and headsets are for pages of https only, and a key known to all protects no page:
+each installation makes its own at the first start, keeps it, and makes another one in time and when
+the computer has a new address.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ VALID_DAYS: Final = 397
 """Browsers take none that is valid for longer than 398 days."""
 
 RENEW_DAYS: Final = 30
-"""One that ends sooner is made anew at the start."""
+"""A certificate that ends sooner is made anew at the start."""
 
 MOST_NAMES: Final = 32
 """In a certificate: a computer that is carried from network to network keeps its old addresses, so

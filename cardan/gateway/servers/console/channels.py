@@ -1,4 +1,4 @@
-"""What a page's operator frames become: an arm's stream, a driver's topic, a joystick, an IMU."""
+"""Targets of a page's operator frames: an arm's stream, a driver's topic, a joystick, an IMU."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ positive, and the triggers."""
 
 
 class RefusedError(Exception):
-    """What the page asked for cannot be done."""
+    """The page's request cannot be carried out."""
 
 
 class Channel(ABC):
-    """What a page has opened for its frames."""
+    """Target that a page has opened for its frames."""
 
     target = ""
     """The arm or the topic."""
@@ -172,9 +172,9 @@ class ImuChannel(Channel):
             raise RefusedError(
                 f"channel {frame.channel} is opened for a phone's sensors, not for {frame.kind}"
             )
-        # Nothing is held, and nothing moves by it: what counts is that it is young.
+        # Nothing is held, and nothing moves by it: only its age counts.
         verdict = self.hold.take(frame._replace(hold=True), made_s, now_s)
-        # A hidden page hears nothing of its sensors: what it says of them is what they were.
+        # A hidden page hears nothing of its sensors: its readings are old ones.
         self.hold.grip, self.hold.why = Grip.FREE, "" if frame.visible else "the page is hidden"
         measured = phone.angles_deg, phone.rates_rad_s, phone.acceleration_m_s2
         if verdict is Verdict.DROPPED or not frame.visible or not any(measured):
@@ -189,8 +189,8 @@ class ImuChannel(Channel):
 
 
 def imu_message(stamp: Stamp, phone: Phone) -> dict[str, Any]:
-    """``sensor_msgs/msg/Imu``; what the phone does not measure has a covariance that begins with
-    -1."""
+    """``sensor_msgs/msg/Imu``; quantities that the phone does not measure have a covariance that
+    begins with -1."""
     angles, rates = phone.angles_deg, phone.rates_rad_s
     force = phone.acceleration_m_s2
     turned = Quaternion(1.0, 0.0, 0.0, 0.0) if angles is None else from_angles(*angles)
@@ -206,12 +206,12 @@ def imu_message(stamp: Stamp, phone: Phone) -> dict[str, Any]:
 
 
 def _covariance(measured: object) -> list[float]:
-    """Of what is measured, nobody knows how well: all zeros, as the message's definition says."""
+    """Of measured quantities, unknown: all zeros, as the message's definition says."""
     return [0.0 if measured is not None else -1.0, *[0.0] * 8]
 
 
 class SharedPublisher:
-    """One publisher of a topic for all of a page's channels: by it drivers tell pages apart."""
+    """Publisher of a topic for all of a page's channels: by it drivers tell pages apart."""
 
     def __init__(self, publisher: Publisher, unused: Callable[[], object]) -> None:
         """`unused()` is called when the last one closes it."""

@@ -1,4 +1,4 @@
-"""What one page does beside rosbridge: its operator frames, its clock, and what it opens them for.
+"""Operations of a page beside rosbridge: its operator frames, their channels, and its clock.
 
 Text is rosbridge's, but for operations that begin with "cardan." and the message of the public page
 `teleop`; binary is an operator frame. docs/phone.md has the operations.
@@ -59,13 +59,13 @@ FEEDBACK_TYPE: Final = "sensor_msgs/msg/JoyFeedback"
 
 REQUEST_TOPIC: Final = "authority/request"
 REQUEST_TYPE: Final = "cardan_msgs/msg/AuthorityRequest"
-"""Below an arm's node: who asks whom for the authority over it."""
+"""Below an arm's node: requests to its owner for the authority over it."""
 
 KEPT: Final = "kept"
 """The answer of an owner that keeps it; one that does not hands it over, which all can see."""
 
 PERIOD_S: Final = 0.5
-"""How often a page's clock is asked, and it is told what of it arrives."""
+"""Period of reading a page's clock, and of sending it its figures."""
 
 MOST_FRAMES_PER_S: Final = 500
 """Of a page; two hands at 120 Hz are half of it."""
@@ -101,7 +101,7 @@ async def _at_once() -> None:
 
 
 class Figures:
-    """What arrives of a page, as it is told back to it."""
+    """Figures of the frames that arrive from a page, for display on it."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -123,7 +123,7 @@ class Figures:
 
 
 class Operator:
-    """One page's hands: ``async with Operator(...) as one: one.receive(frame, waited_s)``."""
+    """Operator of a page: ``async with Operator(...) as one: one.receive(frame, waited_s)``."""
 
     def __init__(
         self,
@@ -142,9 +142,9 @@ class Operator:
         hold_s: float = LONGEST_S,
     ) -> None:
         """`source`: name of this page in the authority of arms, two words; the person's name comes
-        between them where the page tells one. `counts`: the server's; `calm` waits until the page
-        has read what was sent; `records`, `cameras`, `demos`: of this machine; `hold_s`: how long
-        an arm is jogged without a sign of the person."""
+        between them if the page gives one. `counts`: the server's; `calm` waits until the page has
+        read all messages; `records`, `cameras`, `demos`: of this machine; `hold_s`: how long an arm
+        is jogged without a sign of the person."""
         self.source = self._nameless = source
         self.clock = RemoteClock()
         self.figures = Figures()
@@ -162,7 +162,7 @@ class Operator:
         self._orders: set[asyncio.Task[None]] = set()
         self._told_viewer = False
         self._requests: dict[str, Publisher] = {}
-        """Those of who asks for the authority, by topic."""
+        """Publishers of requests for the authority, by topic."""
         self._calm, self._records = calm, records
         self._shown: OpenRecord | None = None
         self._cameras = Cameras(()) if cameras is None else cameras
@@ -196,7 +196,7 @@ class Operator:
     # -- from the page ---------------------------------------------------------------------------
 
     def receive(self, data: Frame, waited_s: float) -> bool:
-        """Do what a frame of the socket asks for, which waited there; False: it is rosbridge's."""
+        """Handle a frame that waited at the socket; False: it is rosbridge's."""
         if isinstance(data, bytes):
             self._operate(data)
             return True
@@ -404,7 +404,7 @@ class Operator:
     def _both_ways(
         self, number: int, topic: str, type_name: str, back: str
     ) -> tuple[Publisher, Handle]:
-        """What is published on a topic, and what is heard of the driver."""
+        """Return the publisher of a topic, and the subscription to the driver's feedback."""
         if not self._allowed.topic(topic):
             raise RefusedError(f"{topic} is not among the topics that clients may use")
         publisher = self._publisher(topic, type_name)
@@ -437,7 +437,7 @@ class Operator:
         if not isinstance(number, int) or number not in self.channels:
             raise RefusedError(f"channel {shown(number)} is not open")
         channel = self.channels[number]
-        # One that came too late renews nothing.
+        # A frame that came too late renews nothing.
         self._look(number, channel)
         channel.hold.renew(self._loop.time())
         self._watch(number, channel)
@@ -461,7 +461,7 @@ class Operator:
         task.add_done_callback(self._closing.discard)
 
     def _not_taken(self, number: int, why: str) -> None:
-        """The arm refused what a hold asked for."""
+        """The arm refused a hold's request."""
         channel = self.channels.get(number)
         if channel is not None:
             channel.hold.lose(why)
@@ -474,7 +474,7 @@ class Operator:
         self._tell_authority(table, self.source, _name(table, "owner"), "")
 
     def _keep_authority(self, table: Mapping[str, Any], _identity: str | int | None) -> None:
-        """Tell a source that has asked that it does not get it."""
+        """Refuse the authority to a source that requested it."""
         self._tell_authority(table, _name(table, "source"), self.source, KEPT)
 
     def _tell_authority(
@@ -594,7 +594,7 @@ class Operator:
         self._send(object_text(op="cardan.records", id=identity, **records.table()))
 
     def _replay(self, table: Mapping[str, Any], _identity: str | int | None) -> None:
-        """Show a record to this page, and to nobody else."""
+        """Show a record to this page only."""
         do = table.get("do")
         if do == "order" and self._shown is not None:
             self._shown.order(table)
@@ -618,7 +618,7 @@ class Operator:
             raise RefusedError(str(error)) from None
 
     def _show_page(self, said: Mapping[str, Any] | str) -> None:
-        """`said`: a table, or what is between the braces of its JSON."""
+        """`said`: a table, or the text between the braces of its JSON."""
         if isinstance(said, str):
             self._send(f'{{"op":"cardan.replay",{said}}}')
         else:
@@ -673,7 +673,7 @@ class Operator:
             camera.leave(news)
 
     def _send_picture(self, camera: Camera, unshown: Unshown) -> None:
-        """First what is to be known of it, which comes before a slow link has carried the rest."""
+        """Send its description first, which arrives before a slow link has carried the rest."""
         self._picture += 1
         now_s = time.monotonic()
         self._send(
@@ -695,7 +695,7 @@ class Operator:
             self._send(object_text(op="cardan.feedback", channel=number, intensity=intensity))
 
     async def _tell(self) -> None:
-        """Ask for the page's time, and tell what of it arrives."""
+        """Ask for the page's time, and send its figures."""
         while True:
             self._send(object_text(op="cardan.ping", server_us=self._now_us()))
             await asyncio.sleep(PERIOD_S)

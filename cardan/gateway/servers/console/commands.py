@@ -1,6 +1,6 @@
 """Commands of a page for the daemon and the doctor: those of the command line, each in a process of
-its own, so that none can hold up what the page moves. An arm's Stop is none of them: the page calls
-the verb `stop`, as every client of rosbridge does (`bus/arm_server.py`)."""
+its own, so that none can delay the page's motion. An arm's Stop is none of them: the page calls the
+verb `stop`, as every client of rosbridge does (`bus/arm_server.py`)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ORDERS: Final[Mapping[str, tuple[str, ...]]] = {
     "restart": ("daemon", "restart"),
     "doctor": ("doctor", "--json"),
 }
-"""What can be asked for, and the words of the command."""
+"""Requests, and the words of their commands."""
 
 NAMED: Final = frozenset({"start", "stop", "restart"})
 """Those that are about one session or server."""
@@ -57,7 +57,7 @@ def words_of(do: object, name: object) -> list[str]:
 
 
 async def carry_out(words: Sequence[str], command: Sequence[str] = COMMAND) -> Any:
-    """What the command prints: JSON, or its text. Raises OrderError."""
+    """Run a command and return its output: JSON, or its text. Raises OrderError."""
     process = await asyncio.create_subprocess_exec(
         *command,
         *words,

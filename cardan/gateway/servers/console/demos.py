@@ -16,11 +16,11 @@ SECONDS: Final = 60
 """How long a demo runs, unless it is ended before."""
 
 LINES: Final = 40
-"""Of what it says, the last ones."""
+"""Lines of its output that are kept, the last ones."""
 
 
 class Demos:
-    """All demos of this installation, and the one that runs."""
+    """All demos of this installation, and the running one."""
 
     def __init__(self, listing: Sequence[str] = COMMAND, running: Sequence[str] = CARDAN) -> None:
         self._listing, self._command = listing, running
@@ -31,8 +31,8 @@ class Demos:
         self._said: deque[str] = deque(maxlen=LINES)
 
     async def table(self) -> dict[str, Any]:
-        """What a page is told: which there are, which one runs, and what it or the one before it
-        has said. Raises OrderError."""
+        """Return the table for pages: the demos, the running one, and its output or that of the
+        last. Raises OrderError."""
         if self._known is None:
             found = await carry_out(["demo", "--list", "--json"], self._listing)
             self._known = [{"name": each["demo"], "what": each["what_is_joined"]} for each in found]
@@ -64,12 +64,12 @@ class Demos:
             raise OrderError(f"the demo cannot be started: {error}") from None
 
     async def stop(self) -> None:
-        """End the one that runs. Raises OrderError."""
+        """End the running demo. Raises OrderError."""
         if self._running is None or self._running.code is not None:
             raise OrderError("no demo runs")
         await self._running.end()
 
     async def close(self) -> None:
-        """End what runs."""
+        """End the running demo."""
         if self._running is not None:
             await self._running.end()

@@ -1,7 +1,8 @@
-"""Whether a hand on a page may move something now.
+"""Hold-to-run of a page: whether its operator may move something now.
 
 Only frames that say so keep a hold: it ends with the first one that does not, and when none comes.
-After anything but letting go the hand has to let go before it counts again. Times are monotonic, s.
+After an end without a release, the control has to be released before it counts again. Times are
+monotonic, s.
 """
 
 from __future__ import annotations
@@ -20,25 +21,25 @@ AHEAD_S: Final = 0.1
 """A frame that is from the future by more is of a clock that is not known."""
 
 LONGEST_S: Final = 10.0
-"""Default of how long an arm is jogged without a sign that the person is there: a page may live
-while its browser hangs, and never hear that the control was let go. Devices need none: their
-sensors fall silent with the browser."""
+"""Default of how long an arm is jogged without a sign of the person: a page may live while its
+browser hangs, and never hear that the control was released. Devices need none: their sensors fall
+silent with the browser."""
 
 _HALF: Final = 2**31
 _WHOLE: Final = 2**32
 
 
 class Grip(enum.Enum):
-    """What a hand does."""
+    """State of the hold-to-run button or dead-man."""
 
     FREE = "free"
     HELD = "held"
     LOST = "lost"
-    """It has to let go first."""
+    """It has to be released first."""
 
 
 class Verdict(enum.Enum):
-    """What becomes of a frame."""
+    """Treatment of a frame."""
 
     DROPPED = "dropped"
     REST = "rest"
@@ -56,7 +57,7 @@ class Hold:
         self.longest_s = longest_s
         self.grip = Grip.LOST
         self.why = "let go of the control once"
-        """Why it is LOST, or what became of the newest hold."""
+        """Why it is LOST, or the end of the newest hold."""
         self.counts: Counter[str] = Counter()
         """"late": frames after a newer one; "old": those that took too long; "unknown": those of a
         page whose clock is not known yet; "lost": holds that ended otherwise than by letting
@@ -83,7 +84,7 @@ class Hold:
         self._renewed_s = now_s
 
     def take(self, frame: OperatorFrame, made_s: float | None, now_s: float) -> Verdict:
-        """A frame came that the page made at `made_s`; None: nobody knows when."""
+        """Take a frame that the page made at `made_s`; None if unknown."""
         if (
             self._sequence is not None
             and not 0 < (frame.sequence - self._sequence) % _WHOLE < _HALF
@@ -93,7 +94,7 @@ class Hold:
         self._sequence = frame.sequence
         self.look(now_s)
         if not frame.hold:
-            # To let go counts, however late it comes.
+            # A release counts, however late it comes.
             self.grip, self.why = Grip.FREE, ""
             return Verdict.REST
         if made_s is None or made_s - now_s > AHEAD_S:
@@ -127,6 +128,6 @@ class Hold:
         return True
 
     def lose(self, why: str) -> None:
-        """What is held counts no more, and the hand has to let go."""
+        """Ignore the hold until it is released."""
         self.counts["lost"] += self.grip is Grip.HELD
         self.grip, self.why = Grip.LOST, why

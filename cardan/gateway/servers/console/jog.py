@@ -1,8 +1,8 @@
-"""Streams what a hand on a page wants to an arm, as a source of its own name, by the arm's `ask`.
+"""Streams a page's jog commands to an arm, as a source of its own name, by the arm's `ask`.
 
-One request is under way at a time, and after it the newest wish goes: nothing waits in a queue. The
-arm's own controller limits, watches and refuses; what it refuses ends the hold, but for the first
-commands of a hand whose clock it does not know yet.
+A single request is under way at a time, and after it the newest command is sent: nothing waits in a
+queue. The arm's own controller limits, watches and refuses; a refusal ends the hold, but for the
+first commands of a page whose clock it does not know yet.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _NOWHERE = Vector3(0.0, 0.0, 0.0)
 
 
 class Wish(NamedTuple):
-    """What a hand wants of an arm."""
+    """Jog command of a page for an arm."""
 
     body: JogTwist | JogJoints
     made_s: float
@@ -101,13 +101,13 @@ class ArmJog:
         self._begun = False
         """Whether the arm has taken a command of this hold."""
         self._verb = ""
-        """The verb of the newest one that the arm has taken."""
+        """The verb of the newest command that the arm has taken."""
         self._stamp_s = NEVER_S
         self._ids = itertools.count(1)
         self._task: asyncio.Task[None] | None = None
 
     def open(self) -> None:
-        """Begin to stream what is wished for."""
+        """Begin to stream the newest command."""
         self._task = self._loop.create_task(self._run())
 
     def begin(self) -> None:
@@ -127,7 +127,7 @@ class ArmJog:
             self._something.set()
 
     async def close(self) -> None:
-        """Bring what moves by it to rest, and give up the authority."""
+        """Bring its motion to rest, and give up the authority."""
         task, self._task = self._task, None
         if task is None:
             return
@@ -164,7 +164,7 @@ class ArmJog:
             await self._ask("set_parameters", {Parameter.STREAM: float(Stream.NONE)})
             self._verb = ""
             if self._wish is not None or not self._held:
-                return ""  # The hand has let go meanwhile, or wants something else.
+                return ""  # The control was released meanwhile, or the command has changed.
         if wish.moves and self._loop.time() - wish.made_s > FRESH_S:
             self.stale += 1
             return ""
@@ -176,7 +176,7 @@ class ArmJog:
         return why
 
     def _stamp(self, wish: Wish) -> float:
-        """When it was made. What is known of the page's clock changes, and stamps have to grow."""
+        """When it was made. The estimate of the page's clock changes, and stamps have to grow."""
         self._stamp_s = max(wish.made_s, self._stamp_s + _STEP_S)
         return self._stamp_s
 

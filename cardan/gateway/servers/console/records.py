@@ -1,7 +1,7 @@
-"""What a page does with the records of the server's machine: have one made, and look at them.
+"""Records on the server's machine for pages: to make one, and to view them.
 
-Each record is made and read by a process of its own, so that nothing of it can hold up what a page
-moves. Pages name no paths: the server names its files, and shows those of one folder.
+Each record is made and read by a process of its own, so that it cannot delay a page's motion. Pages
+name no paths: the server names its files, and shows those of one folder.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ MOST_SHOWN: Final = 8
 """Records that are shown at a time: each takes a process."""
 
 MOST_LINE: Final = 9 * 2**20
-"""Longest line of what is shown, with its head."""
+"""Longest line of a shown record, with its head."""
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}\.mcap")
 
@@ -55,7 +55,7 @@ class RecordsError(Exception):
 
 
 class Records:
-    """The records of a folder, and the one that is being made."""
+    """The records of a folder, and the present recording."""
 
     def __init__(
         self, folder: Path, bus_words: Sequence[str], recorder: Sequence[str] = RECORDER
@@ -74,10 +74,10 @@ class Records:
         self._since_s = 0.0
         self._figures: dict[str, int] = {}
         self._ended = ""
-        """What the newest recorder said at its end."""
+        """Last message of the newest recorder."""
 
     def table(self) -> dict[str, Any]:
-        """What a page is told: the records, the newest first, and what becomes of the present
+        """Return the table for pages: the records, newest first, and the progress of the present
         one."""
         recording = None
         if self._path is not None:
@@ -168,7 +168,7 @@ class Records:
         await self.close()
 
     async def close(self) -> None:
-        """End what is being made."""
+        """End the present recording."""
         recorder, following = self._recorder, self._following
         if recorder is not None and following is not None:
             await recorder.end()

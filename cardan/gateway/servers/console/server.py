@@ -56,7 +56,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class ConsoleOptions(RosbridgeOptions):
-    """How browsers reach the page, and what they may do."""
+    """Address, access control and allow lists of the page."""
 
     makes_certificate = True
 
@@ -75,7 +75,7 @@ class ConsoleOptions(RosbridgeOptions):
     there is a subscription."""
 
     hold_s: Annotated[float, HOLD_S] = LONGEST_S
-    """How long a page jogs an arm without a sign of who holds, s: a pointer that moves, a key that
+    """How long a page jogs an arm without a sign of the person, s: a pointer that moves, a key that
     repeats itself, or in Chromium the browser itself."""
 
     def __post_init__(self) -> None:
@@ -205,7 +205,7 @@ class Console(Server[ConsoleServerOptions]):
             if own is not None:
                 print(f"certificate SHA-256 {own.fingerprint}", flush=True)
             if stats.is_wanted():
-                # What a daemon's server prints is kept, and read by others: no token is in it.
+                # The output of a daemon's server is kept, and read by others: no token is in it.
                 ready(page_address(scheme, host, port, ""))
                 return
             address = page_address(scheme, host, port, server.tokens().for_starter())

@@ -1,5 +1,5 @@
-"""The files of the page, as tools/console has built them, meshes of arms, and what a browser is
-told with each."""
+"""The files of the page, as tools/console has built them, meshes of arms, and the headers of
+each."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ FOR_EVER: Final = ("Cache-Control", "private, max-age=31536000, immutable")
 """A mesh of another content has another key."""
 
 _KEY: Final = re.compile(r"[0-9a-f]{64}")
-"""No path: nothing but what a session of this user has kept is found by it."""
+"""No path: only meshes kept by this user's sessions are found by it."""
 
 ENCODINGS: Final = (("br", ".br"), ("gzip", ".gz"))
 """By preference. Browsers offer br by TLS and on their own computer."""
@@ -80,8 +80,8 @@ class Site:
         self._assets["/"] = self._assets[f"/{START}"]
 
     def answer(self, path: str, accepts: str = "", known: str = "") -> Answer | None:
-        """What to answer to GET of `path`; None: there is no such file. `accepts`, `known`: the
-        headers Accept-Encoding and If-None-Match."""
+        """Return the answer to GET of `path`; None if there is no such file. `accepts`, `known`:
+        the headers Accept-Encoding and If-None-Match."""
         asset = self._assets.get(path)
         if asset is None:
             return None
@@ -97,7 +97,7 @@ class Site:
 
 
 def visual(key: str) -> Answer | None:
-    """What to answer to GET of the mesh that is kept by a key; None: there is none."""
+    """Return the answer to GET of the mesh that is kept by a key; None if there is none."""
     data = kept_visual(key) if _KEY.fullmatch(key) else None
     if data is None:
         return None

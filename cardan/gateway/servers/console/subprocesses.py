@@ -1,5 +1,5 @@
 """Commands of Cardan's that go on beside a server, each in a process of its own that ends with it:
-nothing of them can hold up what a page moves."""
+none can delay a page's motion."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CARDAN: Final = (sys.executable, "-m", "cardan.gateway.session.parent_death", ""
 """Before a command's words: it ends with this process, even if that is killed."""
 
 ENDS_WITHIN_S: Final = 10.0
-"""Longest time for a command to end in good order: a recorder writes what has arrived."""
+"""Longest time for a command to end in good order: a recorder writes messages that have arrived."""
 
 MOST_LINE: Final = 64 * 1024
 """Bytes of a line that is read."""
@@ -58,7 +58,7 @@ class Beside:
         while True:
             try:
                 data = await process.stdout.readline()
-            except ValueError:  # A line that is longer: what was read of it is gone.
+            except ValueError:  # A longer line: the part that was read is gone.
                 continue
             if not data:
                 break

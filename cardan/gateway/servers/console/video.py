@@ -75,8 +75,8 @@ def _ioctl() -> Ioctl:
 
 
 def pictures(path: str, ended: Callable[[], bool], ioctl: Ioctl | None = None) -> Iterator[bytes]:
-    """JPEG pictures of the device at `path` until `ended`. Raises OSError, with what it is about
-    in words."""
+    """JPEG pictures of the device at `path` until `ended`. Raises OSError, with its subject in
+    words."""
     call = ioctl or _ioctl()
     device = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
     maps: list[mmap.mmap] = []
