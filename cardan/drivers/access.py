@@ -78,13 +78,13 @@ class UsbDevice(NamedTuple):
     """Four hexadecimal digits, as the product's."""
     product_id: str
     name: str
-    """What it calls itself; may be empty."""
+    """Product name that it reports; may be empty."""
     folder: Path
     """In /sys."""
 
 
 def usb_devices() -> Iterator[UsbDevice]:
-    """What is plugged into this machine (Linux). Never raises."""
+    """Yield the USB devices plugged into this machine (Linux). Never raises."""
     for vendor in sorted(USB_DEVICES.glob("*/idVendor")):
         vendor_id, product_id, name = (
             _text(vendor.with_name(part)) for part in ("idVendor", "idProduct", "product")

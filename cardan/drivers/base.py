@@ -54,21 +54,21 @@ class Endpoint(NamedTuple):
     peer: str | None = None
     """The only computer that it listens to; None: any."""
     request: bytes = b""
-    """What a server is asked that answers only then."""
+    """Request to a server that speaks only when asked."""
     speaks: Callable[[bytes], bool | None] | None = None
     """Whether a datagram, or a server's first words, are of the protocol; it says None where more
     is needed. Without it they are not waited for, and not judged."""
 
 
 class Driver(Openable):
-    """What operator devices and robots have in common: options, open, close, diagnosis."""
+    """Base of operator devices and robots: options, open, close, diagnosis."""
 
     Options: ClassVar[type[Any]]
     """A frozen dataclass with a default for every field; the configuration file's table of this
     driver is checked against it. It raises OptionError for a bad value, as
     :class:`cardan.common.options.Options` does by the annotations."""
     summary: ClassVar[str] = ""
-    """What it drives, in a few words; lists and tables begin with it."""
+    """Short name of the hardware that it drives; lists and tables begin with it."""
     page: ClassVar[str] = ""
     """Its documentation: a page as seen from Cardan's docs/, or a URL."""
     peer: ClassVar[str] = ""
@@ -122,14 +122,14 @@ class Driver(Openable):
         """Problems, and what else deserves attention, worst first."""
 
     def cautions(self) -> tuple[str, ...]:
-        """What the options allow and rarely should, in words that name them and say what to do
-        instead: `cardan check` and `cardan run` print it. Open or not."""
+        """Warnings about risky options; each names the option and says what to do instead. `cardan
+        check` and `cardan run` print them. Open or not."""
         return ()
 
     def endpoints(self) -> tuple[Endpoint, ...]:
-        """Where it listens, and what it connects to, as its options have it: `cardan doctor` looks
-        whether these can be had. Only those are named at which one more connection, that is closed
-        again after `request` at most, disturbs nobody. Open or not."""
+        """Addresses on which it listens or to which it connects, by its options; `cardan doctor`
+        checks them. Omits those that one more connection, closed again after `request` at most,
+        would disturb. Open or not."""
         return ()
 
     def metrics(self) -> dict[str, float]:
@@ -150,7 +150,7 @@ class FoundDevice(NamedTuple):
     """USB vendor and product ("256f:c635"), a Bluetooth address, or empty."""
     transport: str
     path: str
-    """What the driver's options call it."""
+    """Value that selects it in the driver's options."""
     obstacle: str = ""
     """Why it cannot be opened; empty: nothing known."""
     driver: str = ""
@@ -165,7 +165,7 @@ class OperatorDevice(Driver):
     than the device gets the newest state and misses some; `button_events()` has every edge.
     """
 
-    # What taking states needs does not wait for __init__: a driver with its own may leave ours out.
+    # Set on the class: a driver with an __init__ of its own may not call ours.
     _notified = 0
     """Counts calls of _notify()."""
     _close_count = 0
@@ -181,14 +181,14 @@ class OperatorDevice(Driver):
         return changed
 
     gives: ClassVar[str] = ""
-    """What it measures, in a few words."""
+    """Short description of its measurements."""
     takes_back: ClassVar[str] = ""
     """Its feedback to the operator (light, rumble, force); empty: none."""
     suits: ClassVar[str] = ""
     """The `mapping` of a session that suits it: mode and frame."""
     udev_matches: ClassVar[Sequence[str]] = ()
-    """What udev rules match its device nodes by: ``cardan devices udev`` opens those to the user at
-    the console. A line that begins with # is a comment."""
+    """Match keys of its device nodes in udev rules: ``cardan devices udev`` grants the user at the
+    console access to these. A line that begins with # is a comment."""
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
@@ -198,7 +198,7 @@ class OperatorDevice(Driver):
     @property
     @abstractmethod
     def capabilities(self) -> DeviceCapabilities:
-        """What the device measures, and its feedback; may grow once it is open."""
+        """Measurements and feedback of the device; may grow once it is open."""
 
     @abstractmethod
     def state(self) -> DeviceState:
@@ -267,7 +267,7 @@ class OperatorDevice(Driver):
 
     @abstractmethod
     def button_events(self) -> Sequence[ButtonEvent]:
-        """Button edges since the last call, oldest first; none is lost. One consumer."""
+        """Button edges since the last call, oldest first; none is lost. For a single consumer."""
 
     def feedback(self, feedback: DeviceFeedback) -> None:
         """Give `feedback` to the operator. Raises CommandError for a channel the device lacks."""

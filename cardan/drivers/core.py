@@ -1,4 +1,4 @@
-"""What the cores of all operator devices share: link, buttons, counts, and their diagnosis."""
+"""Base of all operator device cores: link, buttons, counts, and their diagnosis."""
 
 from __future__ import annotations
 
@@ -25,13 +25,12 @@ MOST_KINDS = 32
 
 
 class DeviceCore(ABC):
-    """What a device's reports mean, without any I/O. Times are monotonic, s.
+    """Interpreter of a device's reports, without any I/O. Times are monotonic, s.
 
     A device's own core takes its reports, and has its own rules of rest and of silence. It calls
     `_begin` when the device was opened, `_invalidate_input` or `_fall_silent` when nothing that is
     known counts any more, and sets `_link` to LIVE when the device was seen at rest. After every
-    change it sets `_cached` to None. What it gives beside buttons is in the methods below that a
-    core may override.
+    change it sets `_cached` to None. For values beside buttons a core overrides the methods below.
     """
 
     # CPython keeps up to 29 attributes of an object in a fast place, and the SpaceMouse's core has
@@ -86,7 +85,7 @@ class DeviceCore(ABC):
         return None
 
     def _inertia(self, now_s: float) -> Inertia | None:
-        """What its inertial sensors measure, while they are heard."""
+        """Measurements of its inertial sensors, while these report."""
         return None
 
     def _why(self) -> str:
@@ -94,7 +93,7 @@ class DeviceCore(ABC):
         return self._reason
 
     def _notes(self, now_s: float) -> list[str]:
-        """What else deserves attention, worst first."""
+        """Further warnings, worst first."""
         return []
 
     def _figures(self, now_s: float) -> dict[str, float]:

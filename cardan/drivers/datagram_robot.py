@@ -1,9 +1,9 @@
 """Drivers of controllers that send their state as a datagram in each of their cycles.
 
 A :class:`DatagramSession` has the protocol, without sockets, clocks and threads; a
-:class:`DatagramRobot` around it has the loop, and a :class:`Transport` the socket. What both do
-whatever the protocol numbers its datagrams by is an :class:`AnsweringSession`'s and an
-:class:`AnsweringRobot`'s.
+:class:`DatagramRobot` around it has the loop, and a :class:`Transport` the socket. Their parts that
+do not depend on how a protocol numbers its datagrams are :class:`AnsweringSession` and
+:class:`AnsweringRobot`.
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ def _continues(message: Numbered, before: Numbered) -> bool:
 class AnsweringSession(ABC):
     """A session whose controller is answered, once for each of its states; sans I/O.
 
-    What came is received, and gives a state or nothing; `tick` gives one of silence. Times are
-    local monotonic ones.
+    Each received message gives a state or nothing; `tick` gives the state of a silent link. Times
+    are local monotonic ones.
     """
 
     capabilities: RobotCapabilities
@@ -99,7 +99,7 @@ class AnsweringSession(ABC):
         """Raise CommandError for a command that the robot cannot take."""
 
     def keepalive(self, now_s: float) -> bytes | None:
-        """What a silent controller is sent, to make itself heard; None: nothing."""
+        """Message that makes a silent controller report; None: nothing to send."""
         return None
 
     @abstractmethod
@@ -108,7 +108,7 @@ class AnsweringSession(ABC):
 
     @abstractmethod
     def final_command(self, now_s: float) -> bytes | None:
-        """What the controller is left with, at rest; None: nothing is to be said."""
+        """Last message to a controller at rest; None: nothing to send."""
 
     @abstractmethod
     def tick(self, now_s: float) -> RobotState | None:
@@ -147,7 +147,7 @@ class AnsweringSession(ABC):
 
 
 class DatagramSession(AnsweringSession, Generic[MessageT]):
-    """One connection to a controller, sans I/O: datagrams to states, commands to datagrams.
+    """Connection to a controller, sans I/O: datagrams to states, commands to datagrams.
 
     A newer session of the controller voids earlier commands; an older one, or a lower sequence
     number in the same, is ignored unless the link is lost: then it is a new session, too. A state
@@ -157,9 +157,9 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
     """
 
     controller: ClassVar[str]
-    """What messages call it, with its article."""
+    """Noun phrase for messages, e.g. "the controller"."""
     advice: str = ""
-    """What to look at when nothing was ever heard of it."""
+    """Advice for a controller that has never been heard."""
 
     def __init__(
         self,
@@ -173,7 +173,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         self.ignored: Counter[str] = Counter()
         """Datagrams without effect, by reason."""
         self.last_implausible = ""
-        """What no robot measures in the last state that was ignored for it."""
+        """Implausible value in the last state that was ignored for it."""
         self.accepted = 0
         self.message: MessageT | None = None
         """Of which `state` was made."""
@@ -192,8 +192,8 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
 
     @abstractmethod
     def _decode(self, data: Any, now_s: float) -> MessageT | str | None:
-        """The controller's message, or why `data` (bytes, or what the transport gives), which came
-        `now_s`, is none; None for what is somebody else's, which is no mistake."""
+        """Return the controller's message, or why `data` (bytes, or the transport's value),
+        received at `now_s`, is not one; None for a foreign message, which is no error."""
 
     @abstractmethod
     def _state_of(self, message: MessageT, before: MessageT | None, now_s: float) -> RobotState:
@@ -202,7 +202,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         what it is by the controller's word, and becomes what our clock agrees with."""
 
     def _joint_name(self, index: int) -> str:
-        """What messages call a joint."""
+        """Name of a joint for messages."""
         return f"joint {index + 1}"
 
     def _time_s(self, message: MessageT) -> float | None:
@@ -222,7 +222,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         return self.command(HoldCommand(), now_s)
 
     def final_command(self, now_s: float) -> bytes | None:
-        """What brings the robot to rest when nothing comes after it."""
+        """Message that brings the robot to rest when none follows it."""
         return self.hold(now_s)
 
     # -- states ---------------------------------------------------------------------------------
@@ -403,10 +403,10 @@ class Transport(Protocol):
         """Never raises."""
 
     def wait(self) -> Sequence[Any]:
-        """What came in by the next control instant, oldest first; empty at least every WAKE_S."""
+        """Messages up to the next control instant, oldest first; empty at least every WAKE_S."""
 
     def waiting(self) -> Sequence[Any]:
-        """What is there already, oldest first."""
+        """Messages received already, oldest first."""
 
     def close(self) -> None: ...
 
@@ -442,7 +442,7 @@ class UdpTransport:
         return found
 
     def waiting(self) -> list[bytes]:
-        # One byte more, so that a longer one is seen to be longer.
+        # A byte more than the largest, so that an oversized datagram is recognized.
         return [data for data, _ in waiting(self._socket, self._largest + 1)]
 
     def close(self) -> None:
@@ -469,11 +469,11 @@ class AnsweringRobot(LoopingRobot[AnsweringSessionT]):
 
     @abstractmethod
     def _connection(self) -> object:
-        """What the driver is connected by; None while it is closed."""
+        """Connection of the driver; None while it is closed."""
 
     @abstractmethod
     def _waiting(self) -> Iterable[Any]:
-        """What came and was not taken, oldest first. Never blocks."""
+        """Messages received and not yet read, oldest first. Never blocks."""
 
     @abstractmethod
     def _take(self, came: Any, now_s: float) -> RobotState | None:
@@ -569,7 +569,7 @@ class DatagramRobot(AnsweringRobot[DatagramSessionT]):
         self._session = self._make_session()
         self._transport: Transport | None = None
         self._parents: Transport | None = None
-        """In a forked child: kept, as a bus that is let go of there would wait for its threads."""
+        """In a forked child: kept, because closing a bus there would wait for its threads."""
 
     @abstractmethod
     def _make_session(self) -> DatagramSessionT:

@@ -64,10 +64,10 @@ SIMULATED_MOST: Final = 10.0
 """As fast as simulated time may pass; what leaps farther from one state to the next jumps."""
 
 PAUSE_S: Final = 0.1
-"""Time of this computer's that may pass beyond the controller's and be made up for later, by states
-that were kept back. A clock that loses more between two states was stopped with its controller,
-where states come faster otherwise: clocks are compared anew then. One that shows the same time for
-so long, while states come, stands still."""
+"""Local time that may pass beyond the controller's and be made up for later, by states that were
+kept back. A clock that loses more between two states, where states come faster otherwise, was
+stopped with its controller: clocks are compared anew. A clock that shows the same time for this
+long, while states come, stands still."""
 
 _STILL_STATES = 2
 """So many more with the same time are needed for that."""
@@ -222,7 +222,7 @@ class AgreedTime(ClockWatch):
         self.period_s = period_s
         """Between two states."""
         self.time_s = 0.0
-        """What has passed."""
+        """Time that has passed."""
         super().__init__(option=option, simulated=simulated)
 
     def begin(self, controller_s: float = math.nan, local_s: float = math.nan) -> None:
@@ -331,7 +331,7 @@ class SlipCompensation:
         dt_s: float,
         seen_s: float = 0.0,
     ) -> tuple[Any, Any]:
-        """What to send for one period, while `working`, with a `target` that moves at `speeds`.
+        """Return target and speeds for one period while `working`; `target` moves at `speeds`.
 
         `asked` is the target before with its speeds, None after anything else than a target.
         Where the speeds of either are not known, the difference is forgotten; `seen_s`, if above
@@ -367,7 +367,7 @@ class SlipCompensation:
         velocity: Sequence[float],
         dt_s: float,
     ) -> None:
-        """One period with a command that moves at `velocity`.
+        """Advance one period with a command that moves at `velocity`.
 
         It is `moved` from the command before it, which moved at `before`, both without what is
         added here.
@@ -422,7 +422,7 @@ class SlipCompensation:
             self.reset()
 
     def _rest(self, before: Sequence[float], dt_s: float) -> None:
-        """One period in which the command rests, which moved at `before`."""
+        """Advance one period in which the command rests, having moved at `before`."""
         offset, rate = self.offset, self.rate
         if self._rested_s == 0.0:
             self._plan_rest(before)

@@ -1,4 +1,4 @@
-"""What operator devices share that a thread reads: opening, reading, losing, opening again."""
+"""Operator devices read by a thread: open, read, detect a loss, open again."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
     """
 
     _kind: ClassVar[str]
-    """What people call it; for `_check_open`."""
+    """Name of the device in messages of `_check_open`."""
     _core: C
     """Set by the driver's __init__, from `self.options`."""
 
@@ -71,7 +71,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
 
     @abstractmethod
     def _release(self) -> None:
-        """Let go of what `_connect` opened, or of a part of it. Never raises; twice is fine."""
+        """Close what `_connect` opened, wholly or in part. Never raises; closing twice is fine."""
 
     # -- the interface -------------------------------------------------------------------------
 
@@ -198,8 +198,8 @@ class ReadDevice(OperatorDevice, Generic[C]):
         arrivals: Arrivals | None = None
         try:
             while not stop.is_set():
-                # Whatever a system's library raises, the device is tried again: a reader that dies
-                # would never tell of it.
+                # The device is tried again after any exception of a system's library: a reader
+                # that died would never report it.
                 if not connected:
                     try:
                         self._connect()

@@ -1,4 +1,4 @@
-"""What robot drivers have in common: opening, closing and the one loop, and checks of commands.
+"""Base of robot drivers: open, close, the one loop, and checks of commands.
 
 A driver for another controller is a :class:`LoopingRobot` with its transport, around a session
 without sockets, clocks and threads that knows the protocol.
@@ -40,7 +40,7 @@ WAKE_S: Final = 0.1
 
 
 class RobotSession(Protocol):
-    """What a driver asks of the session with its controller."""
+    """Interface of a driver to the session with its controller."""
 
     @property
     def capabilities(self) -> RobotCapabilities: ...
@@ -66,7 +66,7 @@ class LoopingRobot(RobotDriver, Generic[SessionT]):
     """
 
     title: ClassVar[str]
-    """What messages call the driver."""
+    """Name of the driver in messages."""
 
     _session: SessionT
     """Set by the driver's __init__, from `self.options`."""
@@ -94,7 +94,7 @@ class LoopingRobot(RobotDriver, Generic[SessionT]):
 
     @abstractmethod
     def _states(self, loop: int) -> Generator[RobotState, None, None]:
-        """What `cycles` yields while `_loop` is `loop`, inside of `_looping(loop)`."""
+        """Yield the states of `cycles` while `_loop` is `loop`, inside of `_looping(loop)`."""
 
     @abstractmethod
     def _leave(self) -> None:

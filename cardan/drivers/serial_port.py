@@ -53,7 +53,7 @@ class SerialPort:
             raise kind(f"cannot open {path}: {_words(error, number)}") from None
 
     def read(self, *, wait: bool = True) -> bytes:
-        """What has come; if that is nothing, and `wait`, what comes first within `WAIT_S`.
+        """Return the bytes received; if there are none and `wait`, the first within `WAIT_S`.
 
         Raises OSError once the port is gone.
         """
@@ -72,7 +72,7 @@ class SerialPort:
             raise _gone(error) from None
 
     def fileno(self) -> int:
-        """What `select` waits for, where the system has serial ports as files."""
+        """File descriptor for `select`, where the system has serial ports as files."""
         return int(self._port.fileno())
 
     def close(self) -> None:

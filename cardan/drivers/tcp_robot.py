@@ -78,7 +78,7 @@ class Connection:
 
 
 class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
-    """One robot on one controller, sans I/O.
+    """Protocol session with one robot on one controller, sans I/O.
 
     The shell connects what `wants` says, passes on what comes and goes (`connected`, `received`,
     `disconnected`, `connect_failed`), calls `advance` when `next_s` has come, sends what
@@ -91,7 +91,7 @@ class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
         """Times that the controller fell silent."""
         self._links: dict[ChannelT, Connection] = {name: Connection() for name in channels}
         self._out: list[tuple[ChannelT, bytes]] = []
-        """What is to be sent, in order."""
+        """Messages to send, in order."""
         self._closing: list[ChannelT] = []
         self._said_s = NEVER_S
         """When a state was given last, and with which link."""
@@ -155,7 +155,7 @@ class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
         return found
 
     def outgoing(self) -> list[tuple[ChannelT, bytes]]:
-        """What to send now, in order; each item is one message and needs a send of its own."""
+        """Return the messages to send now, in order; each item needs a send of its own."""
         found = self._out
         if found:
             self._out = []
@@ -214,7 +214,7 @@ def _begin_to_connect(sock: socket.socket, address: Any) -> None:
 
 
 class Link:
-    """One socket, from the attempt to connect on."""
+    """A socket, from the attempt to connect on."""
 
     def __init__(self, sock: socket.socket, now_s: float) -> None:
         self.socket = sock
@@ -226,9 +226,9 @@ class Link:
 class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT]):
     """A driver of a controller with several TCP ports.
 
-    One thread does it all: `cycles` waits on the sockets, `send` answers. A state that the
-    application does not answer is answered with a hold; leaving the loop and `close` brake the
-    robot along a ramp. A driver gives `channels`, `_make_session` and `_port`.
+    A single thread does it all: `cycles` waits on the sockets, `send` answers. If the application
+    does not answer a state, the driver answers with a hold; leaving the loop and `close` brake the
+    robot along a ramp. A driver defines `channels`, `_make_session` and `_port`.
     """
 
     channels: ClassVar[tuple[Any, ...]]

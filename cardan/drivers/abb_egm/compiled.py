@@ -1,6 +1,6 @@
-"""What EGM's driver does in every cycle, compiled: one call to take a datagram, one to answer it.
+"""Compiled cycle of the EGM driver: one call receives a datagram, another one answers it.
 
-Taking is :class:`cardan.protocols.egm.reader.FeedbackReader` and what the session does with a
+Receiving is :class:`cardan.protocols.egm.reader.FeedbackReader` and what the session does with a
 usual datagram. Answering is the command's range, the limiter and the message:
 :mod:`cardan.drivers.limiters` and :mod:`cardan.protocols.egm.replies`. These do the same to the
 last bit; what is rare goes their way, and everything does where nothing was compiled. The memory is
@@ -364,7 +364,7 @@ class CompiledReader(FeedbackReader):
 
 
 class CompiledCycle:
-    """What a session keeps from cycle to cycle, in memory that the compiled part goes on with."""
+    """State that a session keeps between cycles, in memory shared with the compiled part."""
 
     def __init__(self, **constants: float) -> None:
         """`constants` are fields of CCycle. Raises NativePartError where nothing was compiled."""
@@ -476,7 +476,7 @@ class _Shared:
     __slots__ = ()
     _shared: Any
     _place: ClassVar[type[Any]]
-    """What its reference is."""
+    """Type of the reference."""
 
     @property
     def reference(self) -> Any:

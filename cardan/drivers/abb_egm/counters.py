@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 @dataclass(slots=True)
 class EgmCounters:
-    """What happened since the driver was opened."""
+    """Counts of events since the driver was opened."""
 
     accepted: int = 0
     answers: int = 0

@@ -41,7 +41,7 @@ def robotware(message: EgmRobot) -> str:
 
 
 class Diagnosed(Protocol):
-    """What `diagnose` reads of a session."""
+    """Attributes of a session that `diagnose` reads."""
 
     counters: EgmCounters
     slow_motion: SpeedCapDetector

@@ -55,7 +55,7 @@ Address = tuple[str, int]
 
 
 class Measured(NamedTuple):
-    """What a datagram says."""
+    """Contents of a datagram."""
 
     feedback: EgmFeedback
     joints: tuple[float, ...]
@@ -103,7 +103,7 @@ _COAST_PERIODS = 4
 
 
 class EgmSession(AnsweringSession):
-    """One controller on one port, seen from the PC.
+    """Protocol session with one controller on one port.
 
     The shell calls `receive` for each datagram and, for the newest state that comes back, `reply`
     once; `tick` when nothing came for a while. All times are local monotonic seconds.
@@ -127,8 +127,8 @@ class EgmSession(AnsweringSession):
         """Whether that was another port of the controller's address whose sequence began before
         the controller fell silent."""
         self.handover: tuple[bytes, Address] | None = None
-        """What the controller's port before is to be left with, and that port; the shell sends it
-        once, and sets None."""
+        """Final message to the controller's previous port, and that port; the shell sends it once
+        and sets None."""
         self.last_send_error = ""
         self.jitter = LatencyHistogram()
         """Deviation of the time between two receptions from the controller's own period."""
@@ -182,7 +182,7 @@ class EgmSession(AnsweringSession):
         self._before: Heard = self._newest
         self._answered: Heard = self._newest
         self._past: Heard | None = None
-        """The one before `_before`: to let go of its parts has time until the answer is out."""
+        """State before `_before`, kept so that its parts are freed after the answer is sent."""
         self._full: tuple[bytes, EgmRobot | None] = (b"", None)
         """A datagram and all that was in it."""
         self._held = False
@@ -248,8 +248,8 @@ class EgmSession(AnsweringSession):
         return False
 
     def _decode(self, data: bytes, source: Address, now_s: float) -> Measured | None:
-        """What a datagram says, if it has all that is needed and a robot can measure it; what has
-        not is counted."""
+        """Return the contents of a datagram that is complete and plausible for a robot; count any
+        other."""
         feedback = self._reader.read(data)
         if isinstance(feedback, Malformed):
             self._refuse(feedback)
@@ -750,7 +750,7 @@ class EgmSession(AnsweringSession):
 
     def is_over(self, now_s: float) -> bool:
         """Whether the run of the newest datagram is over: none came for the controller's
-        CommTimeout. What is sent then would be the first message to its next run."""
+        CommTimeout. A message sent then would be the first of its next run."""
         return now_s - self._last_s > self._comm_timeout_s
 
     @property

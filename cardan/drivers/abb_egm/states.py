@@ -19,7 +19,7 @@ ADVICE = {
     EGM_STOPPED: "the RAPID program must reach EGMRunPose, EGMRunJoint or EGMMoveL",
     EGM_UNDEFINED: "the RAPID program must reach EGMRunPose, EGMRunJoint or EGMMoveL",
 }
-"""What to do about each of them."""
+"""Advice for each of these states."""
 
 
 def hold_reason(motors: int | None, mci: int | None, rapid: int | None) -> str:

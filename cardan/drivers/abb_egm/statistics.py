@@ -1,4 +1,4 @@
-"""What an EGM session keeps from one cycle to the next."""
+"""State that an EGM session keeps between cycles."""
 
 from __future__ import annotations
 

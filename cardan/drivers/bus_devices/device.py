@@ -53,7 +53,7 @@ class Rumbler:
 
     def __init__(self, publisher: Publisher) -> None:
         self.level = 0.0
-        """What is to be shown, 0 to 1."""
+        """Rumble level to show, 0 to 1."""
         self._publisher = publisher
         self._shown = self._again_s = 0.0
 
@@ -85,9 +85,9 @@ class BusDevice(ReadDevice[C]):
     """Of the rumble that was asked for."""
 
     _missing: ClassVar[str] = ""
-    """What to do where nobody publishes `{topic}`, of the `{router}`."""
+    """Advice when `{topic}` has no publisher on the `{router}`."""
     _gone: ClassVar[str] = "the node that published {topic} has ended"
-    """What has happened where nobody publishes it any more."""
+    """Cause when the topic has lost its publisher."""
     _gives_pose = _gives_inertia = False
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
@@ -96,11 +96,11 @@ class BusDevice(ReadDevice[C]):
 
     @abstractmethod
     def _make_core(self) -> C:
-        """What its messages mean, from `self.options`."""
+        """Make the interpreter of its messages, from `self.options`."""
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """What the device has; buttons are those that are known."""
+        """Capabilities of the device; buttons are those known so far."""
         with self._lock:
             labels = self._core.labels
         return DeviceCapabilities(
@@ -174,7 +174,7 @@ class BusDevice(ReadDevice[C]):
         return WAIT_S
 
     def _attend(self) -> None:
-        """What the reader does besides."""
+        """Do the reader's periodic work."""
         if self._rumbler is not None:
             self._rumbler.level = self._level
             self._rumbler.attend(time.monotonic())
