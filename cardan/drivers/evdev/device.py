@@ -92,7 +92,7 @@ class EvdevDevice(ReadDevice[K]):
 
     @staticmethod
     def _misfit(identity: str, keys: frozenset[int], axes: frozenset[int]) -> str:
-        """What a device that does not fit is instead, where that helps; empty: anything."""
+        """Actual kind of a device that does not fit, where that helps; empty: any."""
         return ""
 
     @abstractmethod

@@ -67,7 +67,7 @@ class Node(NamedTuple):
 
 
 class Description(NamedTuple):
-    """What an open device is and has."""
+    """Identity and capabilities of an open device."""
 
     name: str
     vendor: int
@@ -87,7 +87,7 @@ class Description(NamedTuple):
 
 
 class Snapshot(NamedTuple):
-    """What an open device holds now."""
+    """Current values of an open device."""
 
     keys: frozenset[int]
     """Codes of the keys and buttons that are down."""
@@ -109,7 +109,7 @@ _MODE_D: Final[Mapping[str, tuple[str, str]]] = {
 
 
 def pad_in_mode_d(identity: str) -> str:
-    """What has to be done that this Logitech pad is a gamepad; empty: it is none of them."""
+    """How to switch this Logitech pad to gamepad mode; empty: it is none of them."""
     if identity not in _MODE_D:
         return ""
     pad, older = _MODE_D[identity]
@@ -120,7 +120,7 @@ def pad_in_mode_d(identity: str) -> str:
 
 
 def joystick(identity: str, keys: frozenset[int], axes: frozenset[int]) -> str:
-    """What a device is whose buttons are a joystick's, and what can be done; empty: it is none."""
+    """Explanation of a device with a joystick's buttons, with advice; empty: it has none."""
     if BTN_SOUTH in keys or not axes or keys.isdisjoint(JOYSTICK_BUTTONS):
         return ""
     if words := pad_in_mode_d(identity):
@@ -191,7 +191,7 @@ def take_snapshot(link: Link, description: Description) -> Snapshot:
 
 
 def _number(path: str) -> str:
-    """What stands for the name of a device that has none ("event7")."""
+    """Substitute for the name of a device without one ("event7")."""
     return os.path.basename(path)
 
 

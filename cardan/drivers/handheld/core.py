@@ -1,16 +1,16 @@
-"""What the frames of a hand mean, without any I/O and in the caller's time.
+"""Interpreter of a handheld device's frames, without any I/O and in the caller's time.
 
-Frames come 30 to 60 times a second, whether or not the hand moves, and each says whether the hand
-holds the dead-man control. So silence is always trouble, and after anything that is no letting go
-the hand counts again only once it was seen letting go:
+Frames come 30 to 60 times a second, whether or not the device moves, and each says whether the
+operator holds the dead-man control. So silence is always a fault, and after any end other than a
+release the device counts again only once the dead-man control was seen released:
 
-- A page that is hidden, tracking that is lost, a sensor that is not there, and a leap: the link is
-  NEEDS_NEUTRAL, deflections are zero, buttons released.
+- A hidden page, lost tracking, a missing sensor, or a position jump: the link is NEEDS_NEUTRAL,
+  deflections are zero, buttons released.
 - No frame that is young enough: STALE. The page that published has left: LOST.
-- Of two pages on one topic, the one that was heard first counts, while it speaks.
+- Of two pages on one topic, the first one heard counts, while it sends.
 
-An alignment is of one reference: where that is, or may be, another one (the page says so, the hand
-leaps, or was lost and is found elsewhere), it is void and has to be made anew.
+An alignment belongs to one reference: where that is, or may be, another one (the page says so, the
+position jumps, or was lost and is found elsewhere), it is void and has to be made anew.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ OLDEST_S = 3600.0
 
 
 class Reading(NamedTuple):
-    """What a frame says of where the hand is."""
+    """Position and orientation of the device in a frame."""
 
     sample: Sample
     reference: int
@@ -96,7 +96,7 @@ class HandheldCore(BusCore):
     no_sensor: ClassVar[str]
     """Why a hand that is not lost has no place, and what to do."""
     to_align: ClassVar[str]
-    """What the operator does so that the robot's x axis is known, behind why it is not."""
+    """Instruction for aligning with the robot's x axis, printed behind why it is unknown."""
 
     def __init__(self, options: HandheldOptions) -> None:
         super().__init__()
@@ -125,7 +125,7 @@ class HandheldCore(BusCore):
 
     @abstractmethod
     def _read(self, frame: OperatorFrame) -> Reading | None:
-        """What a frame of this hand says of its place; None: it has none."""
+        """Return the position in a frame of this device; None: it has none."""
 
     @abstractmethod
     def _heading(self, reading: Reading) -> Yaw:
@@ -358,7 +358,7 @@ class XrCore(HandheldCore):
     def _read(self, frame: OperatorFrame) -> Reading | None:
         body = frame.body
         assert isinstance(body, Xr)
-        # What is given is where the grip's axis points; the hand points below it.
+        # The frame gives the direction of the grip's axis; the hand points below it.
         q = pitched(orientation_from_xr(body.orientation), -self._grip_rad)
         sample = Sample(1e-6 * frame.time_us, q, position_from_xr(body.position_m))
         return Reading(sample, body.reference)

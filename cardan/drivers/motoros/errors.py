@@ -1,4 +1,4 @@
-"""What reading and writing a controller's inputs and outputs can raise besides a CommandError."""
+"""Errors of reading and writing a controller's inputs and outputs, besides CommandError."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the three ways to move a robot by MotoROS have in common."""
+"""Base of the three ways to move a robot by MotoROS."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ START_TRIES = 3
 
 @dataclass(slots=True)
 class MotionCounters:
-    """What happened to commands since the driver was opened."""
+    """Counts of command outcomes since the driver was opened."""
 
     commands: int = 0
     """Points or velocities that were sent."""
@@ -126,7 +126,7 @@ class MotionRecord:
 
 
 class MotionParts(NamedTuple):
-    """What the session lends to a motion."""
+    """Parts of the session that a motion uses."""
 
     options: MotorosOptions
     requests: MotionRequests
@@ -138,7 +138,7 @@ class MotionParts(NamedTuple):
 
 
 class Motion(ABC):
-    """One use of a mode of the controller, from its start to the end of motion.
+    """A use of a mode of the controller, from its start to the end of motion.
 
     The session calls `advance` when `next_s` has come, answers each control instant that `due`
     reports with `command`, and looks at `ended`. Replies come through the requests' callbacks.

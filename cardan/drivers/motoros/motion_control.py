@@ -49,7 +49,7 @@ STOP_RETRY_S = 0.05
 
 
 class MotionPhase(enum.Enum):
-    """What the motion connection is doing."""
+    """Phase of the motion connection."""
 
     DOWN = "not connected"
     GREETING = "the motion connection is being set up"
@@ -89,17 +89,17 @@ class MotionControl:
         self.sessions = 0
         """Motion connections and starts of motion; earlier targets are void when it changes."""
         self.end_reason = ""
-        """What ended or prevented motion last; empty after a start that worked."""
+        """Reason that last ended or prevented motion; empty after a successful start."""
         self.ends: Counter[str] = Counter()
         """How often motion was ended, by reason."""
         self.velocity_info: VelocityInfo | None = None
-        """What the controller says about its velocity mode; None where it has none."""
+        """The controller's description of its velocity mode; None where it has none."""
         self.reply_pending = False
         """True between a state that takes a command and that command."""
         self.failure = ""
         """Why the motion connection cannot be used; empty while it can."""
         self.answer = ""
-        """What the last control request was answered, where it failed."""
+        """Answer to the last control request, where it failed."""
         self._topics: list[Message] = []
         self._velocity: bool | None = None
         """Whether the velocity mode is used; None until the controller was asked."""
@@ -160,7 +160,7 @@ class MotionControl:
         self.failure = ""
         self.sessions += 1
         self.phase = MotionPhase.GREETING
-        # What a connection before this one left in the queue must not be played.
+        # Points that a previous connection left in the queue must not be played.
         self.requests.control(MotionCommand.STOP_MOTION, self._stopped)
 
     def disconnected(self, reason: str, now_s: float) -> None:
@@ -331,7 +331,7 @@ class MotionControl:
                 self.requests.control(MotionCommand.START_TRAJ_MODE, self._started)
 
     def _lacking(self) -> str:
-        """What makes a start pointless; empty when nothing does."""
+        """Reason why a start would fail; empty: none known."""
         if self.options.mode == "velocity" and not self._velocity:
             return "the controller has no velocity mode; set mode to stream or auto"
         if self.feed.other_axis:
@@ -413,7 +413,7 @@ class MotionControl:
 
     @property
     def _stop_commands(self) -> tuple[MotionCommand, ...]:
-        """What leaves the modes; trajectory mode stays behind when velocity mode is left."""
+        """Commands that leave the modes; leaving velocity mode does not leave trajectory mode."""
         trajectory = MotionCommand.STOP_TRAJ_MODE
         if self.uses_velocity:
             return MotionCommand.STOP_VEL_MODE, trajectory
@@ -520,7 +520,7 @@ class MotionControl:
         return str(phase.value)
 
     def _stopped_by(self) -> str:
-        """What has to be changed at the robot before motion can be enabled."""
+        """Changes needed at the robot before motion can be enabled."""
         status = self.feed.status
         if status is None or status.motion_possible == 1:
             return ""

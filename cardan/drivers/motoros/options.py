@@ -1,4 +1,4 @@
-"""What can be set about the MotoROS driver."""
+"""Options of the MotoROS driver."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ class MotorosOptions(Options):
 
     @property
     def limits(self) -> JointLimits:
-        """What every command is kept inside of."""
+        """Limits that every command is kept within."""
         own = load_arm(self.robot).limits
         return own.reduced(self.velocity_rad_s, self.acceleration_rad_s2, self.speed_share)
 

@@ -49,7 +49,7 @@ SLOW = frozenset(
 class _Asked(NamedTuple):
     body: MotorosRequest
     command: int
-    """What a reply must name: a MotionCommand or the type of the message."""
+    """Value that a reply must name: a MotionCommand or the type of the message."""
     sequence: int
     then: Then
     slow: bool
@@ -166,7 +166,7 @@ class MotionRequests:
         return ""
 
     def overdue(self, now_s: float) -> str:
-        """What was not answered in time; "" while all is well."""
+        """Message about a request that was not answered in time; "" if none."""
         asked = self._asked
         if asked is None or now_s < self.deadline_s:
             return ""

@@ -270,7 +270,7 @@ class JointTrajectoryLimiter:
         self._advance(dt_s, low, high)
 
     def _advance(self, dt_s: float, lows: Sequence[float], highs: Sequence[float]) -> None:
-        """One period towards the velocities in `_wanted`; `lows` and `highs` bound the next ones.
+        """Advance one period towards the velocities `_wanted`, within `lows` and `highs`.
 
         The bounds contain zero, or the way to it that the acceleration allows.
         """

@@ -31,7 +31,7 @@ much."""
 
 
 class Motion(NamedTuple):
-    """What one state says of the hand's motion."""
+    """Motion of the device in one state."""
 
     sent_s: float
     """By the sender's clock."""
@@ -47,8 +47,8 @@ class Playout:
     """Which of the states that have arrived is shown now. States come in the order of `sent_s`."""
 
     def __init__(self, most_s: float, max_age_s: float) -> None:
-        """`most_s`: no state waits longer, 0: each is shown on arrival. What is older than
-        `max_age_s` gives way to what waits."""
+        """`most_s`: no state waits longer, 0: each is shown on arrival. A shown state older than
+        `max_age_s` gives way to a waiting one."""
         self._most_s, self._max_age_s = most_s, max_age_s
         self.shown: Motion | None = None
         self._waiting: deque[tuple[float, Motion]] = deque(maxlen=MOST_KEPT)
@@ -110,7 +110,7 @@ class Playout:
 
     def _adapt(self, sent_s: float, *, free: bool) -> None:
         """The delay follows the transit times, slowly unless nothing is in motion (`free`)."""
-        # What no delay within the bound would have helped, as after a stall, does not count.
+        # States that no delay within the bound would have helped, as after a stall, do not count.
         helped = bisect_right(self._sorted, self._sorted[0] + self._most_s)
         wanted_s = _quantile(self._sorted, IN_TIME, helped)
         passed_s = max(0.0, sent_s - self._sent_s)

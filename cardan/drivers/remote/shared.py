@@ -61,7 +61,7 @@ LARGEST = 1e6
 """No measurement is larger, in SI units."""
 
 FEEDBACK = frozenset({"led", "rumble"})
-"""What is passed back beside force, which has a law of its own at either end."""
+"""Feedback passed back besides force, which has a control law at either end."""
 
 FIXTURES: Mapping[str, type[Any]] = {each.__name__: each for each in get_args(Fixture)}
 _SIZES = {Vector3: 3, Matrix3: 9, float: 1, bool: 1}
@@ -79,7 +79,7 @@ def claim_topic(name: str) -> str:
 
 
 class Order(NamedTuple):
-    """What the hand is to feel."""
+    """Haptic command for the device."""
 
     command: HapticCommand
     """By the session's count; its stamp counts nowhere else."""
@@ -88,7 +88,7 @@ class Order(NamedTuple):
 
 
 class HapticFeedback(NamedTuple):
-    """What the hand feels."""
+    """Haptic feedback of the device."""
 
     state: HapticState
     """Of which a message has a part; `command_sequence` by the session's count."""
@@ -97,7 +97,7 @@ class HapticFeedback(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """One edge of one button, as numbered since the lease began, from 1."""
+    """An edge of a button, numbered since the lease began, from 1."""
 
     number: int
     stamp_s: float
@@ -106,7 +106,7 @@ class Edge(NamedTuple):
 
 
 class Shared(NamedTuple):
-    """What one message says of a device."""
+    """A message with the state of a shared device."""
 
     run: int
     """Of the process that shares it: another number, another process."""
@@ -128,7 +128,7 @@ class Shared(NamedTuple):
 
 
 class Claim(NamedTuple):
-    """What one message says of who wants a device."""
+    """A message in which a session claims a device, or gives it back."""
 
     lessee: int
     name: str
