@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 MAX_PUBLICATIONS_PER_S = 5000
-"""What a client of a server publishes beyond it is refused: 50 topics at 100 Hz are enough for a
-page."""
+"""Rate limit of a client's publications; excess ones are refused. Enough for a page with 50 topics
+at 100 Hz."""
 
 
 class RateLimit:

@@ -43,7 +43,7 @@ class Chain(NamedTuple):
         for end in self.tree.ends():
             path = self.tree.path(end)
             if self.joints[-1] in path:
-                continue  # What the arm holds.
+                continue  # Held by the arm.
             row = [joint for joint in path if joint.moves and joint not in own]
             if len(row) >= LEAST_OF_ANOTHER and len(row) > len(rows.get(row[0].name, ())):
                 rows[row[0].name] = row
@@ -51,12 +51,12 @@ class Chain(NamedTuple):
 
 
 def unit_of(kind: str) -> float:
-    """What one deg (m for a prismatic joint) of the arm's file is."""
+    """Return rad (m for a prismatic joint) per unit of the arm's file, deg (m)."""
     return 1.0 if kind == JointKind.PRISMATIC.value else math.pi / 180.0
 
 
 def no_link(key: str, name: str, links: Iterable[str]) -> ConfigurationError:
-    """What is raised where the setting `key` names a link that is none of `links`."""
+    """Make the error of a setting `key` that names a link which is none of `links`."""
     there = tuple(links)
     words = f"there is no link {name!r}; allowed: {', '.join(there)}{suggestion(name, there)}"
     return ConfigurationError(key, words)
@@ -166,7 +166,7 @@ def _leader_of_telescope(
 
 
 def _mimicry(joint: TreeJoint, leader: TreeJoint, moving: list[TreeJoint]) -> ConfigurationError:
-    """What is raised where `joint` follows `leader` and both are within the arm."""
+    """Make the error of a `joint` that follows `leader` where both are within the arm."""
     others = json.dumps([each.name for each in moving if each is not leader], ensure_ascii=False)
     if len(moving) == 1:
         return ConfigurationError(

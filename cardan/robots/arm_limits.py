@@ -26,11 +26,11 @@ _CAREFUL_SPEED = 10.0
 _CAREFUL_SPEED_M_S = 0.05
 _CAREFUL_WAY = 45.0
 _CAREFUL_WAY_M = 0.05
-"""What is proposed where nothing is published: deg/s, m/s; deg, m to each side."""
+"""Proposals for unpublished limits: deg/s, m/s; deg, m to each side."""
 
 
 class Proposal(NamedTuple):
-    """What may stand in the arm's file for a limit that is missing."""
+    """Proposed entry of the arm's file for a missing limit."""
 
     key: str
     joint: str
@@ -53,7 +53,7 @@ def limits_of(joints: Sequence[TreeJoint], file: ArmFile) -> list[Limits]:
 
 
 def proposals_for(joints: Sequence[TreeJoint], file: ArmFile) -> list[Proposal]:
-    """For all limits that are missing. Raises ConfigurationError for such as are wrong."""
+    """Propose all missing limits. Raises ConfigurationError for wrong ones."""
     found, missing = _found(joints, file)
     return _proposals(missing, found, joints)
 

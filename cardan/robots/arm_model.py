@@ -33,7 +33,7 @@ class JointKind(enum.Enum):
 
 
 class ArmJoint(NamedTuple):
-    """One joint: T(placement) and then the motion along or about `axis`."""
+    """Joint: T(placement) and then the motion along or about `axis`."""
 
     name: str
     kind: JointKind

@@ -297,7 +297,7 @@ def _shape(geometry: Any, pose: Pose) -> Shape:
 def _by_name(
     tree: Tree, covers: Mapping[ET.Element, tuple[Shape, ...]], left_out: Collection[ET.Element]
 ) -> dict[str, tuple[Shape, ...]]:
-    """What stands for meshes, by what Pinocchio calls the shape in its place: "link_3_0" is the
+    """Return the shapes that replace meshes, by Pinocchio's name of the mesh: "link_3_0" is the
     first of link 3."""
     found = {}
     for number, element in enumerate(tree.links.values()):
@@ -337,7 +337,7 @@ def _swept_shapes(
         if sweep := chain.sweeps.get(owner):
             number = [joint.name for joint in joints].index(sweep.joint)
             joint, direction = joints[number], joints[number].axis
-            if each.body == number:  # What carries the joint.
+            if each.body == number:  # The body that carries the joint.
                 direction = rotate(joint.placement.orientation, direction)
             shape = swept(shape, direction, sweep)
         found.append(each._replace(shape=shape))

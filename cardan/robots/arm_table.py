@@ -30,7 +30,7 @@ _SOURCES = (
     "telescope.py",
     "urdf.py",
 )
-"""What makes a model out of files: others make others."""
+"""Modules that make a model out of files: a kept model is void when one changes."""
 KIND = "arms"
 _T = TypeVar("_T")
 
@@ -69,14 +69,14 @@ def made_from(kind: type[_T], text: str) -> _T | None:
 
 
 def kept_arm(parts: Sequence[str | bytes], urdf: str) -> ArmModel | None:
-    """What `keep_arm` has kept of these files; None: nothing."""
+    """Return the model that `keep_arm` has kept of these files; None: nothing."""
     key = content_key((*parts, *_sources()))
     text = kept_text(KIND, key)
     return None if text is None else from_table(text, key, urdf)
 
 
 def keep_arm(parts: Sequence[str | bytes], urdf: str, arm: ArmModel) -> None:
-    """Where the user has a folder that can be written to, `kept_arm` has it next time."""
+    """Keep the model for `kept_arm`, if the user has a writable folder for it."""
     key = content_key((*parts, *_sources()))
     keep_text(KIND, key, to_table(arm, key, urdf))
 

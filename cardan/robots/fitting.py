@@ -1,9 +1,9 @@
-"""Covers the convex hull of a mesh with few capsules and boxes.
+"""Fit of few capsules and boxes around the convex hull of a mesh.
 
 A control cycle compares an arm's bodies some hundred times a second, which meshes are too slow for.
-What is returned contains the hull for certain, so that no distance of it is larger than the mesh's:
-the hull is cut into convex cells by planes, each piece contains the corners of its cell, and is
-then made larger by what the hull was simplified by. Lengths in m.
+The fit contains the hull for certain, so that no distance of it is larger than the mesh's: the hull
+is cut into convex cells by planes, each piece contains the corners of its cell, and is then made
+larger by the error of simplifying the hull. Lengths in m.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ OVER_M: Final = 0.010
 """A tight fit is good enough below one of them: of the hull's volume, or beyond its surface."""
 
 FARTHEST_M: Final = 100.0
-"""Nothing of an arm is farther from its frame."""
+"""Largest distance of any part of an arm from its frame."""
 THINNEST_M: Final = 1e-4
-"""What is thinner in some direction, as a plate without thickness, is taken to be so thick."""
+"""Least thickness in any direction, for plates without one."""
 ROUNDING_M: Final = 1e-6
-"""All pieces are larger by it, besides what the hull was simplified by."""
+"""Margin of all pieces, besides the error of simplifying the hull."""
 
 _MOST_CORNERS: Final = 400
 _SIMPLER: Final = 5e-4
@@ -49,7 +49,7 @@ _JOGGLE: Final = 1e-8
 _SLICES: Final = 8
 """Half of the hull's length along an axis is divided into so many, where steps may begin."""
 _ON_PLANE_M: Final = 1e-9
-"""What is so near to a plane is on both its sides: rounding must not take a corner from a cell."""
+"""Points so near to a plane are on both its sides: rounding must not take a corner from a cell."""
 _SAMPLES: Final = 16384
 _SAMPLES_TO_COMPARE: Final = 2048
 _AT_ONCE: Final = 4096
@@ -534,7 +534,7 @@ def _crossings(edges: Floats, normal: Floats, offset: float) -> Floats:
 
 
 class _Plane(NamedTuple):
-    """What is on the lower side of a plane: normal · point <= offset."""
+    """Half-space on the lower side of a plane: normal · point <= offset."""
 
     normal: Floats
     offset: float
@@ -551,7 +551,7 @@ def _cut(hull: Hull, axes: Floats) -> Iterator[list[_Piece]]:
 
 
 class _Cell:
-    """What planes leave of the hull."""
+    """Part of the hull on the lower side of all `planes`."""
 
     def __init__(self, hull: Hull, axes: Floats, planes: tuple[_Plane, ...]) -> None:
         self._hull, self._axes, self._planes = hull, axes, planes

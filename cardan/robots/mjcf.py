@@ -4,7 +4,7 @@ Not by Pinocchio's parser: it takes meters of slide joints for degrees, shifts r
 keeps those that ``limited="false"`` switches off, and says nothing of bodies of several joints.
 
 Joint positions are those of MuJoCo's qpos: a joint's `ref` is part of where the joint is. Sites
-with a name are links. What an equality or a tendon couples is a joint that mimics; a free or ball
+with a name are links. A joint coupled by an equality or a tendon is one that mimics; a free or ball
 joint is a floating one.
 """
 
@@ -78,7 +78,7 @@ class _Item(NamedTuple):
 
 
 class _Solid(NamedTuple):
-    """What a geom weighs."""
+    """Mass properties of a geom."""
 
     mass: float
     pose: Pose
@@ -256,7 +256,7 @@ class _Translation:
         return ChainMap(element.attrib, *self._classes[name].get(tag, []))
 
     def _items(self, element: ET.Element, frame: Pose, childclass: str) -> Iterator[_Item]:
-        """What a body has, its own frames undone."""
+        """Yield the items of a body, with its own frames resolved."""
         for child in element:
             if child.tag in ("frame", "body"):
                 name = child.get("name", "")
@@ -441,7 +441,7 @@ class _Translation:
                 yield name, made
 
     def _put_geom(self, link: ET.Element, geom: _Item) -> None:
-        """One that touches nothing is only seen."""
+        """Add a geom to a link; without contacts it is only a visual."""
         attributes = geom.attributes
         seen = attributes.get("contype") == "0" and attributes.get("conaffinity") == "0"
         kind = self._geom_kind(geom)

@@ -103,7 +103,7 @@ def telescoped(
 
 
 def swept(shape: Shape, direction: Vector3, sweep: Sweep) -> Shape:
-    """What contains a shape wherever it is on its way along a unit vector."""
+    """Return a shape that contains `shape` throughout its sweep along a unit vector."""
     longer = sweep.high - sweep.low
     moved = scale(direction, 0.5 * (sweep.low + sweep.high))
     if isinstance(shape, Box):

@@ -1,4 +1,4 @@
-"""What an arm looks like: the visual meshes of its description, for programs that draw it.
+"""Visual meshes of an arm's description, for programs that draw it.
 
 A mesh is read once and kept in the user's cache folder by its content, as `Surface.packed` has it.
 """
@@ -33,7 +33,7 @@ class Visuals(NamedTuple):
     """Which meshes are not shown, and why."""
 
     def in_words(self) -> str:
-        """What is not shown; empty: nothing."""
+        """Say which meshes are not shown; empty: all are."""
         if not self.left_out:
             return ""
         count = len(self.keys) + len(self.left_out)
@@ -49,7 +49,7 @@ class Visuals(NamedTuple):
 def keep_visuals(name_or_file: str) -> Visuals:
     """Keep the visual meshes of an arm, as `load_arm` takes it, for `kept_visual`.
 
-    One that is missing, damaged or too large is left out. Raises ConfigurationError as `load_arm`.
+    A missing, damaged or too large mesh is left out. Raises ConfigurationError as `load_arm`.
     """
     if name_or_file in arm_names():  # Ours have none.
         return Visuals({})

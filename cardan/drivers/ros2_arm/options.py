@@ -1,4 +1,4 @@
-"""What can be set about the driver of ROS 2 arms."""
+"""Options of the driver of ROS 2 arms."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Ros2ArmOptions(NodeOptions):
     """The joints' names on ROS 2 in kinematic order, where they are not those of `robot`, as with
     a prefix ("left_shoulder_pan_joint"); empty: as in `robot`."""
     transport: Literal["zenoh", "dds"] = "zenoh"
-    """What the robot's nodes speak, as their RMW_IMPLEMENTATION says: zenoh: rmw_zenoh_cpp; dds:
+    """Middleware of the robot's nodes, by their RMW_IMPLEMENTATION: zenoh: rmw_zenoh_cpp; dds:
     rmw_cyclonedds_cpp or rmw_fastrtps_cpp, which needs the plug-in cardan-dds."""
     dds_config: Annotated[str, bounds.DDS_CONFIG] = ""
     """For dds: configuration of Cyclone DDS, XML or file://PATH. Empty: CYCLONEDDS_URI where that
@@ -93,7 +93,7 @@ class Ros2ArmOptions(NodeOptions):
 
     @property
     def caution(self) -> str:
-        """What speaks against `command`; empty: nothing."""
+        """Disadvantage of `command`; empty: none."""
         if self.command == "trajectory":
             return (
                 "command = 'trajectory' sends single points, each of which replaces the one "

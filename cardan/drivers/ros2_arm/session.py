@@ -1,9 +1,9 @@
 """A ROS 2 arm without I/O: joint states to states of the robot, commands to messages.
 
 Joint states are ordered by the number that their publisher gives each message, and by nothing else:
-stamps may be of any clock. One publisher of the arm's joints counts. While another one is heard as
-well nothing is commanded: one of them is not the arm. It counts when the one before has fallen
-silent (its node was started anew), and begins a new session, as stamps do that go back.
+stamps may be of any clock. A single publisher of the arm's joints counts. While another is heard,
+nothing is commanded: one of them is not the arm. A new publisher counts when the previous has
+fallen silent (its node was restarted), and begins a new session, as do stamps that go back.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ ADVICE = {
         "dds_config says otherwise, and is states_topic its topic?"
     ),
 }
-"""What to look for where no joint states come, by transports."""
+"""Advice for missing joint states, by transport."""
 
 
 class JointStates(NamedTuple):
@@ -118,11 +118,11 @@ class _Rival(NamedTuple):
 
 
 class Ros2ArmSession(DatagramSession[JointStates]):
-    """What is known of an arm, and what is sent to it.
+    """Protocol session with an arm: its newest state, and the reference sent to it.
 
-    What is sent is a reference that keeps to the joints' ranges, speeds and accelerations, whatever
-    is asked for. Nothing is sent before the first command that moves: an arm that is only looked at
-    gets no messages.
+    The reference keeps to the joints' ranges, speeds and accelerations, whatever is commanded.
+    Nothing is sent before the first command that moves: an arm that is only observed gets no
+    messages.
     """
 
     controller = "the robot's joint state publisher"
@@ -148,7 +148,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             AgreedTime(options.period_s, option=SIMULATED_TIME, simulated=options.simulated_time),
         )
         self.taken: Callable[[], bool] = lambda: True
-        """Whether somebody takes the commands."""
+        """Whether the commands have a subscriber."""
         self.named: Callable[[bytes], str] = lambda gid: ""
         """The node whose publisher has this GID; empty where that is not known."""
         self.listens_until_s = NEVER_S
@@ -460,7 +460,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         return self.final_command(now_s) if self.options.command == "velocity" else None
 
     def final_command(self, now_s: float) -> bytes | None:
-        """What stops the arm when nothing comes after it: its reference, at rest."""
+        """Message that stops the arm when none follows it: its reference, at rest."""
         if not self._commanded or self._limiter is None:
             return None
         return self._messages.message(self._limiter.reference, (0.0,) * self._count)

@@ -1,4 +1,4 @@
-"""What can be set about the simulated arm's driver."""
+"""Options of the simulated arm's driver."""
 
 from __future__ import annotations
 

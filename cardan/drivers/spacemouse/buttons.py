@@ -31,8 +31,8 @@ class Buttons(ButtonEdges):
 
     Of an unknown model (None) and of a receiver, what is paired shows in the length of report 3:
     three bytes are a two-button device's "left" and "right", more are the vendor's key numbers.
-    A long press that has a meaning of its own is one more button, held until its key goes. What
-    each report named last stays after `release_all`: another does not show those buttons up.
+    A long press that has a meaning of its own is one more button, held until its key goes. The last
+    contents of each report are kept after `release_all`: other reports do not show its buttons.
     """
 
     def __init__(self, model: Model | None) -> None:

@@ -144,7 +144,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """What the device has. No buttons listed: unknown, as the model is."""
+        """Capabilities of the device. No buttons listed: the model is unknown."""
         with self._lock:
             labels = self._core.labels
         model = self._model

@@ -84,7 +84,7 @@ class Spnav(ReadDevice[SpnavCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """What the device has. No buttons listed: the daemon does not tell (version 0)."""
+        """Capabilities of the device. No buttons listed: the daemon does not tell (version 0)."""
         with self._lock:
             labels, further = self._core.labels, self._core.further_labels
             has_led = self._core.has_led
@@ -183,7 +183,7 @@ def _connected(path: str) -> socket.socket:
 
 
 def _refusal(path: str, error: OSError) -> DriverError:
-    """What `error` of connecting means, and what to do."""
+    """Explain an `error` of connecting, with advice."""
     start = f"start spacenavd, or `cardan devices spnav --socket {path}`"
     if isinstance(error, FileNotFoundError):
         return DeviceNotFoundError(f"{absence(path)}: {start}")

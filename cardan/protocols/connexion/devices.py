@@ -32,7 +32,7 @@ class Family(enum.Enum):
 
 
 class Model(NamedTuple):
-    """What is known about one vendor and product id."""
+    """Model of a device, by vendor and product id."""
 
     vendor_id: int
     product_id: int
@@ -40,7 +40,7 @@ class Model(NamedTuple):
     key: str
     """Name for command lines and configuration files."""
     family: Family
-    """What it should send; a driver detects what it does send."""
+    """Reports that it should send; a driver detects those that it does send."""
     buttons: Mapping[int, str]
     """Label by bit of report 3, lowest first. Key-array reports carry the bit number plus 1."""
     key_array: bool = False

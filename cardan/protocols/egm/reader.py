@@ -1,9 +1,9 @@
-"""Reads a controller's feedback in less than half the time, by the equal layout of its datagrams.
+"""Fast reader of a controller's feedback, by the equal layout of its datagrams (half the time).
 
 A datagram with the same tags, lengths and widths of numbers, byte for byte, as one that protobuf
 has read differs from it in its values only. So the layout of a datagram,
 once learned, reads the following ones by one comparison under a mask and one ``struct`` call.
-Whatever differs goes the long way of :func:`cardan.protocols.egm.decode.decode_feedback`.
+Any other is left to :func:`cardan.protocols.egm.decode.decode_feedback`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Layout(NamedTuple):
     """Where things are in a datagram of a certain length."""
 
     mask: int
-    """What must be the same: ones; little-endian, like `fixed`."""
+    """Mask of the bits that must be the same; little-endian, like `fixed`."""
     fixed: int
     values: struct.Struct
     states: tuple[int, int, int]
@@ -57,7 +57,7 @@ class FeedbackReader:
         """The clock's seconds as they came last; they come often."""
 
     def read(self, data: bytes) -> EgmFeedback | Malformed:
-        """What `decode_feedback` makes of `data`."""
+        """Decode `data` like `decode_feedback`."""
         layout = self._layouts.get(len(data))
         if layout is not None:
             mask, fixed, values, states, forces, has_rate, _ = layout

@@ -16,7 +16,7 @@ _POSE = struct.Struct("<7sd1sd1sd3sd1sd1sd1sd")
 _POSE_AND_SPEED = struct.Struct("<7sd1sd1sd3sd1sd1sd1sd5sd1sd1sd1sd1sd1sd")
 _SIX = struct.Struct("<5sd1sd1sd1sd1sd1sd")
 
-# What comes before the first double of each part: tags and lengths down to it.
+# Prefix of the first double of each part: tags and lengths down to it.
 _PLANNED_POSE = b"\x12\x45\x12\x43\x0a\x1b\x09"
 _ORIENT = b"\x12\x24\x09"
 _PLANNED_JOINTS = b"\x12\x38\x0a\x36\x09"

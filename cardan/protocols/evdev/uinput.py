@@ -68,7 +68,7 @@ def begin_upload(request_id: int) -> bytes:
 
 
 def decode_upload(argument: bytes) -> Upload:
-    """What the kernel filled in."""
+    """Decode the effect that the kernel filled in."""
     effect = decode_rumble(argument[_UPLOAD_AT : _UPLOAD_AT + EFFECT_BYTES])
     return Upload(
         _UPLOAD_HEAD.unpack_from(argument)[0], effect if isinstance(effect, Rumble) else None

@@ -1,9 +1,8 @@
-"""Operator frames: one binary WebSocket message for each state of a hand, little endian.
+"""Operator frames: one binary WebSocket message for each device state, little endian.
 
-A header of 16 bytes, then what the kind has; docs/phone.md has the table. Every frame
-says again whether the hand holds the dead-man control: there is no frame that starts or ends a
-motion. Floats are of 32 bits. What is not there (a phone without sensors) is NaN; nothing else may
-be.
+A header of 16 bytes, then the fields of the kind; docs/phone.md has the table. Every frame
+repeats whether the operator holds the dead-man control: no frame starts or ends a motion. Floats
+are of 32 bits. A missing value (of a phone without sensors) is NaN; no other value may be NaN.
 """
 
 from __future__ import annotations
@@ -131,7 +130,7 @@ Body = JogTwist | JogJoints | Phone | Xr | Gamepad
 
 
 class OperatorFrame(NamedTuple):
-    """One state of a hand."""
+    """State of a device on a page."""
 
     body: Body
     hold: bool
@@ -141,7 +140,7 @@ class OperatorFrame(NamedTuple):
     visible: bool = True
     """The page is shown."""
     channel: int = 0
-    """What the page has opened it for."""
+    """Purpose for which the page has opened it."""
     sequence: int = 0
     """Counts all frames of a page, modulo 2**32."""
     time_us: int = 0

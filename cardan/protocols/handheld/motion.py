@@ -1,5 +1,4 @@
-"""What a movement of the hand means: how far it went since it was held, and whether it can have
-gone there."""
+"""Displacement of the device since the dead-man control was held, and its plausibility."""
 
 from __future__ import annotations
 

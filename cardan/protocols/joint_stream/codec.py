@@ -24,7 +24,7 @@ _HALF = 1 << 31
 
 
 class ControlMode(enum.IntEnum):
-    """What the drives follow, and what a command asks for."""
+    """Quantity that the drives follow, or that a command requests."""
 
     HOLD = 0
     POSITION = 1
@@ -49,7 +49,7 @@ class Malformed(NamedTuple):
 
 
 class ArmState(NamedTuple):
-    """What the controller measured at one of its cycles."""
+    """State that the controller measured at one of its cycles."""
 
     session: int
     """Changes when the controller restarts."""
@@ -70,7 +70,7 @@ class ArmState(NamedTuple):
     pose: tuple[float, ...]
     """TCP in the base: x y z in m, then the unit quaternion w x y z."""
     wrench: tuple[float, ...]
-    """What the TCP exerts on the world, base axes, about the TCP: N, then N·m."""
+    """Wrench of the TCP on the world, base axes, about the TCP: N, then N·m."""
     reason: str = ""
     """Why commands do not act; empty when they do."""
 

@@ -16,18 +16,18 @@ MAX_HEAD_BYTES: Final = 4096
 """Of the lines before a picture."""
 
 START: Final = b"\xff\xd8"
-"""What every JPEG begins with."""
+"""First bytes of every JPEG."""
 
 _LENGTH = re.compile(rb"^content-length:[ \t]*([0-9]{1,9})[ \t]*\r?$", re.IGNORECASE | re.MULTILINE)
 _BOUNDARY = re.compile(r'boundary="?([^";,]{1,200})"?', re.IGNORECASE)
 
 
 class MjpegError(ValueError):
-    """What came is no stream of pictures."""
+    """The received data is no stream of pictures."""
 
 
 def boundary_of(content_type: str) -> str | None:
-    """What is between the parts, by the header Content-Type; None: it is no stream of parts."""
+    """Return the boundary between the parts from Content-Type; None: not a stream of parts."""
     if not content_type.lower().startswith("multipart/"):
         return None
     found = _BOUNDARY.search(content_type)
@@ -63,7 +63,7 @@ class PictureParser:
         held = self._held
         begin = held.find(self._line)
         if begin < 0:
-            # What is before the first boundary means nothing; the boundary may be there in part.
+            # Drop bytes before the first boundary, of which the end may be a part.
             del held[: max(0, len(held) - len(self._line))]
             return False
         ends = [

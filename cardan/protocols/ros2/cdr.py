@@ -2,7 +2,7 @@
 
 A message is a dictionary of its fields, nested messages are dictionaries within; ``uint8[]``,
 ``byte[]`` and ``char[]`` are bytes, other arrays lists. Decoding never raises: it gives a message,
-or a reason. What is published again and again, with texts and lengths that stay, is a
+or a reason. A message that is published repeatedly, with constant texts and lengths, is a
 :class:`Template`: it costs one ``struct.pack_into`` for each group of numbers.
 
 Source: OMG DDS-XTypes 1.3, 7.4.3.4 ("XCDR1, PLAIN_CDR"); alignment counts from behind the four

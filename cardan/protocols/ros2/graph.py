@@ -8,7 +8,7 @@ from cardan.protocols.ros2.zenoh import NODE, PUBLISHER, SERVICE, SUBSCRIPTION, 
 
 
 class Graph:
-    """What there is on the bus. Tokens may come twice, and leave without having come."""
+    """Entities on the bus. Tokens may come twice, and leave without having come."""
 
     def __init__(self) -> None:
         self._entities: dict[str, Entity] = {}
@@ -47,11 +47,11 @@ class Graph:
         return {each.zid for each in self._entities.values()}
 
     def topics(self) -> dict[str, str]:
-        """The type of each topic that somebody publishes or subscribes to."""
+        """The type of each topic with a publisher or a subscription."""
         return _types(self.entities(PUBLISHER, SUBSCRIPTION))
 
     def services(self) -> dict[str, str]:
-        """The type of each service that somebody offers."""
+        """The type of each service that a node offers."""
         return _types(self.entities(SERVICE))
 
     def publishers(self, topic: str) -> list[Entity]:

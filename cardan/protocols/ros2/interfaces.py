@@ -1,8 +1,8 @@
-"""ROS 2 interfaces: what the messages, services and actions that Cardan knows consist of.
+"""ROS 2 interfaces: fields of the messages, services and actions that Cardan knows.
 
-`definitions` has their ``.msg``, ``.srv`` and ``.action`` files (docs.ros.org, "Interfaces"). What
-a service or an action adds to its own fields (``..._Request``, ``..._SendGoal_Response``, ...) is
-made here, as rosidl makes it.
+`definitions` has their ``.msg``, ``.srv`` and ``.action`` files (docs.ros.org, "Interfaces"). The
+types that rosidl derives of a service or an action (``..._Request``, ``..._SendGoal_Response``,
+...) are made here.
 """
 
 from __future__ import annotations
@@ -330,7 +330,7 @@ def _sections(package: str, kind: str, base: str, count: int) -> list[str]:
 
 
 def _event(service: str) -> MessageType:
-    """What a service's introspection publishes; it is part of the service's type hash."""
+    """Event type of a service's introspection; it is part of the service's type hash."""
     fields = (
         Field("info", "service_msgs/msg/ServiceEventInfo"),
         Field("request", f"{service}_Request", "bounded", 1),

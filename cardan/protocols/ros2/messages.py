@@ -28,7 +28,7 @@ _BYTES = ("uint8", "char", "byte")
 
 
 class MessageError(ValueError):
-    """What was given does not fit the type; the text names the field and what it takes."""
+    """A value does not fit the type; the text names the field and what it takes."""
 
 
 class Stamp(NamedTuple):

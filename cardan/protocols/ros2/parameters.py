@@ -73,7 +73,7 @@ _VALUE = "rcl_interfaces/msg/ParameterValue"
 
 
 def content_of(value: Message) -> Any:
-    """What a ``rcl_interfaces/msg/ParameterValue`` holds; None: nothing, or nothing known."""
+    """Value of a ``rcl_interfaces/msg/ParameterValue``; None: not set, or of an unknown type."""
     field = _FIELDS.get(value["type"])
     return value[field] if field else None
 
@@ -132,7 +132,7 @@ class Declared:
     choices: tuple[str, ...] = ()
     """Of a text; empty: any."""
     constraints: str = ""
-    """What else is to be known of its values, in words."""
+    """Further constraints on its values, in words."""
     read_only: bool = False
 
     def checked(self, value: Value) -> Value:
@@ -297,7 +297,7 @@ class ParameterServer:
 
 
 def _below(name: str, prefix: str) -> str | None:
-    """What is behind `prefix` in `name`, "" where it is the same; None where it is not below."""
+    """Return the part of `name` below `prefix`, "" if they are equal; None if it is not below."""
     if name == prefix or not prefix:
         return "" if prefix else name
     return name[len(prefix) + 1 :] if name.startswith(f"{prefix}.") else None

@@ -22,7 +22,7 @@ from cardan.protocols.ros2.interfaces import (
 )
 
 UNSUPPORTED = "TypeHashNotSupported"
-"""What ROS 2 Humble, which has no type hashes, puts in a hash's place."""
+"""Placeholder of ROS 2 Humble, which has no type hashes."""
 
 _NESTED = 1
 _TYPE_IDS = {

@@ -49,7 +49,7 @@ class Qos(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> Qos:
-        """From a token. What cannot be read counts as the default."""
+        """Parse the QoS of a token. An unreadable value counts as the default."""
         parts = [*text.split(":"), "", "", ""]
         history, _, depth = parts[2].partition(",")
         readable = depth.isdecimal() and len(depth) <= _DEPTH_DIGITS
@@ -66,7 +66,7 @@ ROSOUT_QOS = Qos(transient_local=True, depth=1000)
 
 
 class Attachment(NamedTuple):
-    """What accompanies each publication, request and reply."""
+    """Attachment of each publication, request and reply."""
 
     sequence: int
     source_ns: int

@@ -1,4 +1,4 @@
-"""What a client receives: its subscriptions, those to one topic merged."""
+"""Delivery to a client: its subscriptions, those to one topic merged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What rosapi says of types and parameters, without a graph.
+"""Answers of rosapi about types and parameters, without a graph.
 
 Source: rosbridge_suite, rosapi/src/rosapi/objectutils.py and params.py.
 """

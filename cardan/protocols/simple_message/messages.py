@@ -185,7 +185,7 @@ class JointTrajPtFullEx(NamedTuple):
 
     sequence: int
     points: tuple[JointFeedback, ...]
-    """One a group, at most MAX_GROUPS."""
+    """A point for each group, at most MAX_GROUPS."""
 
 
 class JointFeedbackEx(NamedTuple):
@@ -222,7 +222,7 @@ class DhParameters(NamedTuple):
 
 
 class RtGroupState(NamedTuple):
-    """One group of RtJointState."""
+    """State of a group in RtJointState."""
 
     group: int
     pos: Joints
@@ -239,7 +239,7 @@ class RtJointState(NamedTuple):
 
 
 class RtGroupCommand(NamedTuple):
-    """One group of RtJointCommand."""
+    """Command of a group in RtJointCommand."""
 
     group: int
     command: Joints
@@ -334,7 +334,7 @@ Body = (
 
 
 class Message(NamedTuple):
-    """One message: header and body."""
+    """Message: header and body."""
 
     msg_type: int
     """A MessageType."""
@@ -346,7 +346,7 @@ class Message(NamedTuple):
 
 
 class Malformed(NamedTuple):
-    """What is not a message, and why."""
+    """Reason why bytes are not a message."""
 
     reason: str
     msg_type: int = 0

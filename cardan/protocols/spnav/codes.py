@@ -20,7 +20,7 @@ REQUEST_TAG = 0x7FAA0000
 
 
 class Code(enum.IntEnum):
-    """What a request asks for: the lower half of its first word."""
+    """Code of a request: the lower half of its first word."""
 
     SET_NAME = 0x1000
     SET_SENS = 0x1001

@@ -40,12 +40,12 @@ class ScriptReader:
         self._pending = bytearray()
         """A line that has not all come."""
         self._lines: list[str] = []
-        """Of what has not ended: comments, or a program."""
+        """Lines of the unfinished part: comments, or a program."""
         self._size = 0
-        """Of these."""
+        """Bytes of these."""
         self._depth = 0
         self._too_large = False
-        """What has not ended has more bytes than a program may have, and is not kept."""
+        """The unfinished part has more bytes than a program may have, and is not kept."""
         self._whole: list[str] = []
         self.refused = 0
         """Programs that had too many bytes; the reporter sets it to 0."""

@@ -169,7 +169,7 @@ def _message(time_s: float, kind: MessageKind, content: bytes) -> bytes:
 def version_message(
     time_s: float, version: tuple[int, int, int, int], built: str = "01-01-2022, 00:00:00"
 ) -> bytes:
-    """What a controller says first. `time_s` since it was switched on."""
+    """Encode the first message of a controller. `time_s` since it was switched on."""
     name = b"URControl"
     numbers = _VERSION.pack(version[0], version[1], version[2], version[3])
     content = bytes([len(name)]) + name + numbers + built.encode()
@@ -177,7 +177,7 @@ def version_message(
 
 
 def text_message(time_s: float, text: str) -> bytes:
-    """What a program said by `textmsg`."""
+    """Encode the text of a program's `textmsg`."""
     return _message(time_s, MessageKind.TEXT, text.encode())
 
 
@@ -208,7 +208,7 @@ def popup_message(
     error: bool = False,
     blocking: bool = False,
 ) -> bytes:
-    """What the pendant shows over all else."""
+    """Encode a popup of the pendant."""
     titled = title.encode()[:255]
     head = _POPUP.pack(number, 0, warning, error, blocking, len(titled))
     return _message(time_s, MessageKind.POPUP, head + titled + text.encode())
@@ -228,7 +228,7 @@ def error_message(
 
 
 class ModeData(NamedTuple):
-    """What the robot state says of modes."""
+    """Modes in the robot state."""
 
     power_on: bool
     emergency_stopped: bool

@@ -23,7 +23,7 @@ client's: while the client stands still both go on at a speed that both know."""
 
 
 class Order(enum.IntEnum):
-    """What the client wants, in an input register."""
+    """Order of the client, in an input register."""
 
     FOLLOW = 1
     END = 2
@@ -31,7 +31,7 @@ class Order(enum.IntEnum):
 
 
 class Report(enum.IntEnum):
-    """What the program does, in an output register."""
+    """Status of the program, in an output register."""
 
     NOTHING = 0
     FOLLOWS = 1

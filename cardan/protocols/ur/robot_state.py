@@ -227,8 +227,8 @@ def parts(values: Values, e_series: bool) -> bytes:
 
 
 def sub_packages(found: Package) -> Mapping[int, bytes] | None:
-    """What a robot state has in it, by kind, without sizes and kinds; None where it is another
-    package, or cut."""
+    """Return the contents of a robot state by kind, without sizes and kinds; None for another
+    package, or a truncated one."""
     if found.kind != ROBOT_STATE:
         return None
     content, at, read = found.content, 0, {}

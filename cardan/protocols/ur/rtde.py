@@ -264,7 +264,7 @@ Asked = ControlRequest | Text | Setup | Data
 
 
 def read_reply(kind: int, payload: bytes, version: int = VERSION) -> Reply | Malformed:
-    """What a controller sent that speaks that version."""
+    """Decode a controller's package of that protocol version."""
     if version == 1 and kind == PacketType.DATA:
         return Data(0, payload)
     if version == 1 and kind == PacketType.OUTPUTS:
@@ -290,7 +290,7 @@ def read_reply(kind: int, payload: bytes, version: int = VERSION) -> Reply | Mal
 
 
 def read_request(kind: int, payload: bytes, version: int = VERSION) -> Asked | Malformed:
-    """What a client sent that speaks that version."""
+    """Decode a client's package of that protocol version."""
     if kind == PacketType.DATA:
         return Data(payload[0], payload[1:]) if payload else Malformed("a data package of 0 bytes")
     if kind == PacketType.PROTOCOL_VERSION:

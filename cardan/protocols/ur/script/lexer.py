@@ -73,7 +73,7 @@ class Token(NamedTuple):
 
 
 class WrongError(Exception):
-    """What of a program is not understood."""
+    """A part of a program is not understood."""
 
     def __init__(self, line: int, reason: str) -> None:
         super().__init__(reason)

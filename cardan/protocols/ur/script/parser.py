@@ -68,7 +68,7 @@ _LEVELS: Final = {
 """How closely operators bind; `not`: 4."""
 _SIMPLE: Final = frozenset(("number", "text", "name"))
 _GOES_ON: Final = frozenset((*_LEVELS, "[", ".", "("))
-"""What belongs to the value before it."""
+"""Tokens that continue the value before them."""
 
 
 def parse(text: str) -> Program | Refused:
@@ -193,7 +193,7 @@ class _Parser:
         return block
 
     async def _statement(self) -> tuple[Statement, ...]:
-        """One; none for `pass`."""
+        """Parse a statement; empty for `pass`."""
         word, line = self._kinds[self._at], self._line
         if word not in WORDS:
             return (await self._assignment(""),)
