@@ -152,7 +152,7 @@ class FoundDevice(NamedTuple):
     path: str
     """Value that selects it in the driver's options."""
     obstacle: str = ""
-    """Why it cannot be opened; empty: nothing known."""
+    """Reason why it cannot be opened; empty: none known."""
     driver: str = ""
     """The name of its driver, from :func:`cardan.devices`."""
 
@@ -339,7 +339,7 @@ class RobotDriver(Driver):
     @property
     @abstractmethod
     def capabilities(self) -> RobotCapabilities:
-        """Which commands the robot takes, how often, and its limits where known."""
+        """Commands that the robot takes, their period, and its limits where known."""
 
     @abstractmethod
     def cycles(self) -> Iterator[RobotState]:

@@ -1,4 +1,4 @@
-"""Which buttons of a device are down, and all their edges, for one consumer."""
+"""State of a device's buttons, and all their edges, for one consumer."""
 
 from __future__ import annotations
 

@@ -78,20 +78,20 @@ class AnsweringSession(ABC):
     capabilities: RobotCapabilities
 
     def __init__(self, lost_after_s: float) -> None:
-        """After `lost_after_s` without a valid datagram the link counts as lost."""
+        """`lost_after_s`: time without a valid datagram after which the link counts as lost."""
         self.state: RobotState | None = None
-        """The newest."""
+        """Newest state."""
         self.reply_pending = False
         """The newest state has no answer yet."""
         self.sessions = 0
-        """So many sessions of the controller were heard; the number that states have."""
+        """Number of sessions of the controller heard so far, also in each state."""
         self._lost_after_s = lost_after_s
         self._flood = 0
         """Refused datagrams, less one for each that was accepted."""
 
     @property
     def moving(self) -> bool:
-        """Whether what was sent last moves the robot on, so that it is to be braked by a ramp."""
+        """Whether the last command moves the robot, so that a ramp must brake it."""
         return False
 
     @abstractmethod
@@ -176,11 +176,11 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         """Implausible value in the last state that was ignored for it."""
         self.accepted = 0
         self.message: MessageT | None = None
-        """Of which `state` was made."""
+        """Message from which `state` was made."""
         self._heard_s = NEVER_S
         self._skipped = 0
         self._leapt_s = NEVER_S
-        """When what came last was out of the arm's reach."""
+        """Time of the last message out of the arm's reach."""
         lower, upper, self._fastest, _ = capabilities.limits or JointLimits((), (), (), ())
         self._continuous = [
             low == -math.inf and high == math.inf for low, high in zip(lower, upper, strict=True)
@@ -206,7 +206,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         return f"joint {index + 1}"
 
     def _time_s(self, message: MessageT) -> float | None:
-        """When the controller sent `message`, by its own clock; None: it does not tell."""
+        """Time at which the controller sent `message`, by its clock; None: it does not tell."""
         return None
 
     @abstractmethod
@@ -228,7 +228,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
     # -- states ---------------------------------------------------------------------------------
 
     def receive(self, data: Any, now_s: float) -> RobotState | None:
-        """The state in `data`, stamped `now_s`; None when it is none, late or double."""
+        """Return the state in `data`, stamped `now_s`; None if it is invalid, late or double."""
         message = self._decode(data, now_s)
         if message is None:
             return None
@@ -276,7 +276,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         return state
 
     def _leap(self, state: RobotState, message: MessageT) -> str:
-        """Why the arm cannot have come here from where it was measured last; empty: it can.
+        """Explain a position jump since the last measurement; empty: the step is possible.
 
         A place that it cannot have come to becomes no likelier by being told again: time counts
         from the last time that it was, unless the controller has begun anew since.
@@ -477,7 +477,7 @@ class AnsweringRobot(LoopingRobot[AnsweringSessionT]):
 
     @abstractmethod
     def _take(self, came: Any, now_s: float) -> RobotState | None:
-        """The state in one of these, which came `now_s`; None where it is none."""
+        """Return the state in one of these, received at `now_s`; None if it is invalid."""
 
     @abstractmethod
     def _hear(self) -> RobotState | None:
@@ -562,7 +562,7 @@ class AnsweringRobot(LoopingRobot[AnsweringSessionT]):
 
 
 class DatagramRobot(AnsweringRobot[DatagramSessionT]):
-    """Such a driver by a :class:`Transport`; it gives `_make_session` and `_join`."""
+    """Driver by a :class:`Transport`; a subclass defines `_make_session` and `_join`."""
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)

@@ -105,7 +105,7 @@ def robot_problem(state: Any) -> str:
 
 
 def told(lines: Any) -> list[str]:
-    """The lines of a `diagnosis()`. Raises TypeError for what is none."""
+    """Return the lines of a `diagnosis()`. Raises TypeError for any other value."""
     wrong = [lines] if isinstance(lines, str) else [each for each in lines if type(each) is not str]
     if wrong:
         raise TypeError(f"diagnosis() gave {wrong[0]!r:.60}, not lines of text")

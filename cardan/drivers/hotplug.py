@@ -26,10 +26,10 @@ ARRIVED: Final = frozenset({"add", "bind", "change"})
 permissions by the one that the kernel told first."""
 
 SUBSYSTEMS: Final = frozenset({"hidraw", "input", "tty", "usb", "usb_device", "can", "net"})
-"""Where operator devices appear."""
+"""Subsystems of operator devices."""
 
 LISTEN_S: Final = 0.1
-"""How often it looks whether it is to end."""
+"""Period of checking whether to end."""
 
 
 class Arrivals:
@@ -51,7 +51,7 @@ class Arrivals:
 
     @property
     def told(self) -> bool:
-        """Whether the system tells of devices."""
+        """Whether the system reports devices."""
         return self._socket is not None
 
     def wait(self, timeout_s: float, stop: threading.Event) -> bool:

@@ -61,7 +61,7 @@ JUMP_S: Final = 0.05
 """Lead of a clock over the quickest arrival of a window that no delay explains."""
 
 SIMULATED_MOST: Final = 10.0
-"""As fast as simulated time may pass; what leaps farther from one state to the next jumps."""
+"""Largest rate of simulated time; a larger step from one state to the next is a jump."""
 
 PAUSE_S: Final = 0.1
 """Local time that may pass beyond the controller's and be made up for later, by states that were
@@ -70,7 +70,7 @@ stopped with its controller: clocks are compared anew. A clock that shows the sa
 long, while states come, stands still."""
 
 _STILL_STATES = 2
-"""So many more with the same time are needed for that."""
+"""Further states with the same time that are needed for that."""
 
 SIMULATED_TIME: Final = "simulated_time"
 """The option of drivers whose controller may be a simulation."""
@@ -220,7 +220,7 @@ class AgreedTime(ClockWatch):
 
     def __init__(self, period_s: float, *, option: str = "", simulated: bool = False) -> None:
         self.period_s = period_s
-        """Between two states."""
+        """Period between two states."""
         self.time_s = 0.0
         """Time that has passed."""
         super().__init__(option=option, simulated=simulated)
@@ -281,9 +281,9 @@ class SlipCompensation:
 
     def _clear(self, axes: int) -> None:
         self.offset = [0.0] * axes
-        """How far the robot is ahead of its commands."""
+        """Distance by which the robot is ahead of its commands."""
         self.rate = [0.0] * axes
-        """How much faster it is than its commands, per s."""
+        """Speed in excess of its commands, per s."""
         self.working = False
         """False: there is no difference, and `step` need not be called."""
         self._interrupted = False
@@ -291,13 +291,13 @@ class SlipCompensation:
         self._went = [0.0] * axes
         """Distance moved in the interruption beyond that of the commanded speed over `_gap_s`."""
         self._slip = [0.0] * axes
-        """How much faster it is than commanded before the interruption."""
+        """Speed in excess of the command before the interruption."""
         self._fastest = 0.0
-        """Highest speed commanded of late, 0 once the robot has come to rest."""
+        """Highest recent commanded speed, 0 once the robot has come to rest."""
         self._rested_s = 0.0
-        """For how long the command rests."""
+        """Time for which the command has rested."""
         self._rest_s = 0.0
-        """When the robot comes to rest then."""
+        """Time after which the robot comes to rest."""
         self._plan: list[tuple[float, float, float]] = []
         """Of each axis what stays of the difference, the rest of it, and the rate, when it came to
         rest."""

@@ -54,7 +54,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
         self._closes_itself = False
         """close() was called by the reader, which then ends as soon as it can."""
         self._ending: threading.Thread | None = None
-        """A reader that was told to stop, and did not in time: it still holds the device."""
+        """A reader that did not stop in time: it still holds the device."""
 
     # -- what drivers implement ----------------------------------------------------------------
 
@@ -135,7 +135,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
             self._end(thread)
 
     def _end(self, thread: threading.Thread) -> None:
-        """It is closed, if `thread` still was its reader: what waits for a state is told."""
+        """Mark it closed if `thread` still was its reader, and wake waiters for a state."""
         with self._lock:
             if self._thread is not thread:
                 return

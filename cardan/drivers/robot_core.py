@@ -102,14 +102,14 @@ class LoopingRobot(RobotDriver, Generic[SessionT]):
 
     @abstractmethod
     def _leave_within_s(self) -> float:
-        """How long a loop in another thread may take to see that it is over, s."""
+        """Longest time in which a loop in another thread sees that it is over, s."""
 
     @abstractmethod
     def _now_s(self) -> float:
         """The time of the session's stamps."""
 
     def _forget(self) -> None:
-        """Close what `_acquire` opened in a forked child, without a word to the controller."""
+        """Close what `_acquire` opened in a forked child, without a message to the controller."""
 
     @property
     def session(self) -> SessionT:
@@ -193,7 +193,7 @@ def counts(counters: Any) -> dict[str, float]:
 
 
 def wrong_kind(who: str, command: object, kinds: Collection[CommandKind]) -> CommandError:
-    """To raise for a command of a kind that is not among `kinds`."""
+    """Make the error of a command of a kind that is not among `kinds`."""
     kind = getattr(command, "kind", None)
     name = kind.value if isinstance(kind, CommandKind) else shown(command)
     allowed = ", ".join(sorted(kind.value for kind in kinds))
@@ -216,7 +216,7 @@ def _cannot(who: str, command: RobotCommand, error: Exception) -> CommandError:
 
 
 def outside(name: str, values: Sequence[float], allowed: Range) -> str:
-    """Why `values` are neither a reading nor a command, in words; empty: all are in `allowed`.
+    """Explain why `values` are not plausible; empty: all are in `allowed`.
 
     `allowed` reaches as far below zero as above.
     """
@@ -229,7 +229,7 @@ def outside(name: str, values: Sequence[float], allowed: Range) -> str:
 
 
 def no_rotation(name: str, orientation: Sequence[float]) -> str:
-    """Why a quaternion is no rotation, in words; empty where it is one."""
+    """Explain why a quaternion is no rotation; empty: it is one."""
     w, x, y, z = orientation
     squared = w * w + x * x + y * y + z * z
     if _SHORTEST <= squared <= _LONGEST:
@@ -244,7 +244,7 @@ _SHORTEST, _LONGEST = ROTATION_LENGTH.lowest**2, ROTATION_LENGTH.highest**2
 
 
 def implausible(state: RobotState) -> str:
-    """Why no robot measures `state`, in words; empty where one may.
+    """Explain why `state` is implausible; empty: plausible.
 
     Its wrench is judged where forces are used (`cardan.gateway.force.sources`).
     """

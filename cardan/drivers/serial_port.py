@@ -1,4 +1,4 @@
-"""A serial port, and in words why it cannot be opened."""
+"""Serial port, with explanations of a failed open."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ except ImportError:  # where there are no terminals
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
 
 WAIT_S = 0.02
-"""At most so long a read waits: who reads has other things to do, and looks whether to stop."""
+"""Longest wait of a read: the reader has other work, and checks whether to stop."""
 
 
 class SerialPort:

@@ -1,4 +1,4 @@
-"""From deflections to what the operator means: dead zone, response curve, locks, dominance."""
+"""Shaping of deflections: dead zone, response curve, locks, dominance."""
 
 from __future__ import annotations
 

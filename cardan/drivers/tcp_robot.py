@@ -51,25 +51,25 @@ TaskT = TypeVar("TaskT", bound=str)
 
 
 class Connection:
-    """Whether one connection is up, since when, and when to try again."""
+    """State of a connection: whether it is up, since when, and when to retry."""
 
     def __init__(self) -> None:
         self.up = False
         self.reason = ""
-        """Why it is down; empty before the first attempt and while it is up."""
+        """Reason why it is down; empty before the first attempt and while it is up."""
         self.retry_s = NEVER_S
         self.since_s = NEVER_S
         self.count = 0
-        """How often it has been up."""
+        """Number of times that it has been up."""
         self._backoff_s = SHORTEST_BACKOFF_S
 
     def opened(self, now_s: float) -> None:
-        """It is up."""
+        """Record a connection."""
         self.up, self.reason, self.since_s = True, "", now_s
         self.count += 1
 
     def lost(self, reason: str, now_s: float) -> None:
-        """It broke, or could not be made."""
+        """Record a broken or failed connection."""
         if self.up and now_s - self.since_s >= STEADY_S:
             self._backoff_s = SHORTEST_BACKOFF_S
         self.up, self.reason = False, reason
@@ -94,7 +94,7 @@ class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
         """Messages to send, in order."""
         self._closing: list[ChannelT] = []
         self._said_s = NEVER_S
-        """When a state was given last, and with which link."""
+        """Time and link of the last state given."""
         self._said_link: RobotLink | None = None
 
     @property
@@ -105,7 +105,7 @@ class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
     @property
     @abstractmethod
     def next_s(self) -> float:
-        """When `advance` and `due_state` are to be called at the latest."""
+        """Latest time of the next call of `advance` and `due_state`."""
 
     @property
     @abstractmethod
@@ -232,7 +232,7 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
     """
 
     channels: ClassVar[tuple[Any, ...]]
-    """In the order in which they are connected."""
+    """Channels in the order of connecting."""
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)

@@ -1,4 +1,4 @@
-"""How many in a second: what a client does beyond it is refused."""
+"""Rate limit of a client's actions: excess ones are refused."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ at 100 Hz."""
 
 
 class RateLimit:
-    """So many in each second. Time is monotonic, in seconds."""
+    """Rate limit, per second. Time is monotonic, in seconds."""
 
     def __init__(self, per_s: int) -> None:
         self._per_s = per_s

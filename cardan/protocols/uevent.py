@@ -38,7 +38,7 @@ class Uevent(NamedTuple):
 
 
 def decode_uevent(data: bytes) -> Uevent | None:
-    """The event in a datagram; None where it is none."""
+    """Decode the event in a datagram; None if it is invalid."""
     if data.startswith(_UDEV_PREFIX):
         if len(data) < _UDEV_HEADER.size or data[8:12] != _UDEV_MAGIC:
             return None

@@ -1,4 +1,4 @@
-"""Which joints of a tree are an arm, and where the others are held."""
+"""Selection of the joints of a tree that are an arm, and held positions of the others."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cardan.robots.telescope import Sweep, is_telescope, telescoped
 from cardan.robots.urdf import LOOSE, MOVING, Tree, TreeJoint
 
 MOST_JOINTS = 9
-"""Of one arm: seven on a torso of two."""
+"""Most joints of an arm: seven on a torso of two."""
 
 LEAST_OF_ANOTHER = 3
 """So many joints in a row that are held beside the arm are taken to be another arm, or a leg; fewer
@@ -28,16 +28,16 @@ class Chain(NamedTuple):
     base: str
     tcp: str
     joints: tuple[TreeJoint, ...]
-    """Those that move, in kinematic order."""
+    """Moving joints, in kinematic order."""
     held: dict[str, float]
-    """Where all others of one direction are, rad or m."""
+    """Positions of all others of one direction, rad or m."""
     tree: Tree
     """The one that it is in: its telescopes are one joint each."""
     sweeps: dict[str, Sweep]
     """Links within these."""
 
     def held_rows(self) -> tuple[tuple[str, str], ...]:
-        """Other arms of the tree: the first and the last joint of each."""
+        """Return other arms of the tree: the first and the last joint of each."""
         own = self.tree.path(self.tcp)
         rows: dict[str, list[TreeJoint]] = {}
         for end in self.tree.ends():

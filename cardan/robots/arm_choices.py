@@ -23,7 +23,7 @@ MIDDLE_SHARE = 0.5
 """Part of each range, about its middle, that a home is chosen in."""
 
 FARTHEST_RAD = math.pi / 2.0
-"""From the middle, for joints with a long range or none."""
+"""Largest distance from the middle, for joints with a long range or none."""
 
 HOME_ROOMS_M = (0.02, 0.01, 0.005, 0.0)
 """Between bodies at home: the first that any posture has. Wrists may be a few mm apart always."""
@@ -36,7 +36,7 @@ POSTURES = 10_000
 
 
 def pairs_to_watch(arm: ArmModel) -> list[tuple[int, int]]:
-    """Those of the arm's shapes, by number, that are kept apart."""
+    """Return the pairs of the arm's shapes, by number, that are kept apart."""
     return [
         (first, second)
         for first, second in itertools.combinations(range(len(arm.shapes)), 2)

@@ -1,4 +1,4 @@
-"""Limits of an arm's joints: the URDF's, and those of the arm's file, which count more."""
+"""Limits of an arm's joints: the URDF's, overridden by those of the arm's file."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Proposal(NamedTuple):
     joint: str
     value: float
     remark: str
-    """Its unit, and what the URDF has."""
+    """Its unit, and the URDF's value."""
 
 
 def limits_of(joints: Sequence[TreeJoint], file: ArmFile) -> list[Limits]:

@@ -59,7 +59,7 @@ class ArmTexts:
         self.texts = (*texts, self.urdf)
 
     def parts(self) -> list[str | bytes]:
-        """All that the arm is made of, meshes too. Raises ConfigurationError."""
+        """Return all inputs of the arm, also meshes. Raises ConfigurationError."""
         with self._blamed():
             meshes = meshes_of(read_tree(self.urdf), self.file, self.urdf_path)
             return [
@@ -71,7 +71,7 @@ class ArmTexts:
             ]
 
     def build(self) -> ArmModel:
-        """By Pinocchio. Raises ConfigurationError, ExtraMissingError."""
+        """Build the arm by Pinocchio. Raises ConfigurationError, ExtraMissingError."""
         with self._blamed():
             return _build(self.urdf, self.file, self.urdf_path, self.disabled)
 

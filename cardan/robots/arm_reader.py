@@ -39,7 +39,7 @@ _HOME_TOLERANCE = 1e-3
 
 
 class _Link(NamedTuple):
-    """Where a link is: the body that it is part of, and its frame in that body's."""
+    """Place of a link: the body that it is part of, and its frame in that body's."""
 
     body: int
     pose: Pose
@@ -49,7 +49,7 @@ class _Links(dict[str, _Link]):
     """The links by name, those before others that hang on them."""
 
     def get_link(self, name: str, key: str) -> _Link:
-        """ConfigurationError of the setting `key` where there is none of that name."""
+        """Return a link; ConfigurationError of the setting `key` if there is none of that name."""
         if name not in self:
             raise no_link(key, name, self)
         return self[name]
@@ -345,7 +345,7 @@ def _swept_shapes(
 
 
 def _solid_links(tree: Tree, links: _Links) -> tuple[str, ...]:
-    """As `ArmModel` has them."""
+    """Return `ArmModel.solid_links`."""
     solid: dict[int, list[str]] = {}
     first: dict[int, str] = {}
     for name, link in links.items():

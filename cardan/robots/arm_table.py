@@ -36,14 +36,14 @@ _T = TypeVar("_T")
 
 
 def to_table(arm: ArmModel, key: str, urdf: str) -> str:
-    """Of an arm out of the files that have this `content_key`, the text `urdf` among them."""
+    """Serialize an arm made of files with this `content_key`, the text `urdf` among them."""
     table = {name: _plain(value) for name, value in arm._asdict().items() if value != urdf}
     rows = ",\n".join(f"{json.dumps(name)}: {json.dumps(value)}" for name, value in table.items())
     return f'{{"of": {json.dumps(key)},\n{rows}}}\n'
 
 
 def from_table(text: str, key: str, urdf: str) -> ArmModel | None:
-    """The arm; None where the text is of files with another key, or damaged."""
+    """Return the arm; None where the text is of files with another key, or damaged."""
     try:
         table = json.loads(text)
         if table.pop("of") != key:
@@ -55,12 +55,12 @@ def from_table(text: str, key: str, urdf: str) -> ArmModel | None:
 
 
 def plain_text(value: Any) -> str:
-    """A value of named tuples, tables and shapes as JSON."""
+    """Serialize a value of named tuples, tables and shapes as JSON."""
     return json.dumps(_plain(value))
 
 
 def made_from(kind: type[_T], text: str) -> _T | None:
-    """The value of type `kind` that `plain_text` made this of; None where it is none."""
+    """Return the value of type `kind` that `plain_text` serialized; None if it is invalid."""
     try:
         made: _T = _made(kind, json.loads(text))
     except (AttributeError, KeyError, TypeError, ValueError, RecursionError):

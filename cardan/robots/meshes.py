@@ -24,7 +24,7 @@ UNSCALED: Final = Vector3(1.0, 1.0, 1.0)
 FORMATS: Final = (".stl", ".obj", ".dae")
 LARGEST_SCALE: Final = 1e6
 MOST_POINTS: Final = 10_000_000
-"""Of all copies of all parts of a COLLADA file."""
+"""Most points of all copies of all parts of a COLLADA file."""
 MOST_NODES: Final = 10_000
 MOST_ELEMENTS: Final = 500_000
 DEEPEST: Final = 64
@@ -32,16 +32,16 @@ DEEPEST: Final = 64
 
 
 class Surface(NamedTuple):
-    """Of a mesh."""
+    """Surface of a mesh."""
 
     points: Points
     """Corners of its faces, in rows; some may be there more than once."""
     triangles: Indices
-    """Of three corners each, by their rows."""
+    """Triangles of three corners each, by their rows."""
 
     @classmethod
     def of(cls, parts: Sequence[Surface]) -> Surface:
-        """All of them together."""
+        """Join surfaces."""
         firsts = np.cumsum([0, *(len(each.points) for each in parts)])
         shifted = (each.triangles + first for each, first in zip(parts, firsts, strict=False))
         return cls(
@@ -105,7 +105,7 @@ def _refuse(reason: str) -> NoReturn:
 
 
 def _corners_of(points: Points, corners: Indices, triangles: Indices) -> Surface:
-    """Of the faces with these corners, between which are the `triangles`: each corner once."""
+    """Return the surface of faces with these corners and `triangles`: each corner once."""
     used, which = np.unique(corners, return_inverse=True)
     return Surface(points[used], which.reshape(-1)[triangles])
 
@@ -276,7 +276,7 @@ class _Collada:
         return self._known[geometry]
 
     def _corners(self, faces: ET.Element) -> Iterator[Surface]:
-        """Of some faces of one geometry, each corner once."""
+        """Yield surfaces of some faces of one geometry, with each corner once."""
         inputs = faces.findall("input")
         offsets = [int(each.get("offset", "0")) for each in inputs]
         step = max(offsets, default=0) + 1
@@ -320,7 +320,7 @@ class _Collada:
 
 
 def _triangles(faces: ET.Element, listed: ET.Element, count: int) -> Indices:
-    """Between `count` corners of some faces."""
+    """Return the triangles between `count` corners of some faces."""
     if listed.tag == "h":  # A hole.
         return np.empty((0, 3), dtype=np.int64)
     if faces.tag == "tristrips":
@@ -338,7 +338,7 @@ def _triangles(faces: ET.Element, listed: ET.Element, count: int) -> Indices:
 
 
 def _transform(element: ET.Element) -> Points:
-    """Of a node, 4 x 4."""
+    """Transform of a node, 4 x 4."""
     numbers = np.array((element.text or "").split(), dtype=np.float64)
     found = np.eye(4)
     match element.tag, len(numbers):

@@ -17,20 +17,20 @@ from cardan.robots.urdf import Tree, read_tree
 
 KIND: Final = "visuals"
 METHOD: Final = "1"
-"""Another where the same mesh is written otherwise."""
+"""Version of the form in which a mesh is written."""
 
 MOST_BYTES: Final = 2 * 2**20
-"""Of a mesh: 100,000 triangles, more than a small computer draws well."""
+"""Largest mesh: 100,000 triangles, more than a small computer draws well."""
 MOST_BYTES_OF_ARM: Final = 16 * 2**20
 
 
 class Visuals(NamedTuple):
-    """Of an arm."""
+    """Visual meshes of an arm."""
 
     keys: dict[str, str]
-    """Of each mesh, by what the URDF calls it, the key that it is kept by."""
+    """Cache key of each mesh, by its name in the URDF."""
     left_out: tuple[str, ...] = ()
-    """Which meshes are not shown, and why."""
+    """Meshes that are not shown, with reasons."""
 
     def in_words(self) -> str:
         """Say which meshes are not shown; empty: all are."""
@@ -74,7 +74,7 @@ def keep_visuals(name_or_file: str) -> Visuals:
 
 
 def kept_visual(key: str) -> bytes | None:
-    """The mesh that is kept by a key; None: there is none."""
+    """Return the mesh that is kept by a key; None: there is none."""
     return kept_bytes(KIND, key) or None
 
 

@@ -58,7 +58,7 @@ _new = tuple.__new__
 
 
 class CAnswer(ctypes.Structure):
-    """As kernel/answer.h has it."""
+    """Struct of kernel/answer.h."""
 
     _fields_ = (
         ("lower", _SIX),
@@ -85,7 +85,7 @@ class CAnswer(ctypes.Structure):
 
 
 class CPoint(ctypes.Structure):
-    """As kernel/pose.h has it, and the next two."""
+    """Struct of kernel/pose.h, as are the next two."""
 
     _fields_ = (
         ("lower", _THREE),
@@ -139,7 +139,7 @@ _PLACES = c_int32 * (VALUES + FORCES + 1)
 
 
 class CLayout(ctypes.Structure):
-    """As kernel/read.h has it, and the next."""
+    """Struct of kernel/read.h, as is the next."""
 
     _fields_ = (
         ("length", c_int32),
@@ -169,7 +169,7 @@ class CReader(ctypes.Structure):
 
 
 class CCycle(ctypes.Structure):
-    """As kernel/take.h has it."""
+    """Struct of kernel/take.h."""
 
     _fields_ = (
         ("nominal_s", c_double),

@@ -78,11 +78,11 @@ class AbbEgm(AnsweringRobot[EgmSession]):
         self._sendto: Callable[[bytes, Address], object]
         self._poll = select.poll()
         self._drained_s = NEVER_S
-        """When the socket was last seen empty; datagrams read now arrived after it."""
+        """Last time that the socket was seen empty; datagrams read now arrived after it."""
         self._woken_s = NEVER_S
-        """When something came last, or was waited for in vain."""
+        """Last time that a datagram came, or a wait for one timed out."""
         self._patience_ms = 0.0
-        """How long the next datagram is waited for while the robot is braked."""
+        """Longest wait for the next datagram while the robot is braked."""
         self._wake_s = min(WAKE_S, self.options.lost_after_s)
         self._period_s = self.options.period_s
         self._late_after_s = self.options.late_after_s

@@ -172,7 +172,7 @@ class AbbEgmOptions(Options):
 
     @property
     def caution(self) -> str:
-        """Why it is not safe who guides the robot; empty where it is."""
+        """Warning that another computer could pose as the controller; empty: none can."""
         if self.controller_host is not None or is_loopback(self.listen_host):
             return ""
         return (

@@ -118,9 +118,9 @@ class EgmSession(AnsweringSession):
         self.opened_s = now_s
         self.counters = EgmCounters()
         self.peer: Address | None = None
-        """Where the controller sends from, and where answers go."""
+        """Address from which the controller sends, and to which answers go."""
         self.last_cause = ""
-        """Why the present session counts as a new one."""
+        """Reason why the present session counts as a new one."""
         self.last_malformed = ""
         self.last_foreign = ""
         self.last_foreign_counts_on = False
@@ -133,10 +133,10 @@ class EgmSession(AnsweringSession):
         self.jitter = LatencyHistogram()
         """Deviation of the time between two receptions from the controller's own period."""
         self.reply_latency = LatencyHistogram()
-        """From the reception of a datagram to its answer being sent."""
+        """Time from the reception of a datagram to sending its answer."""
         self.slow_motion = SpeedCapDetector()
         self.clock = ClockWatch()
-        """Of the ms clock in the headers; the wall clock may be set at any time."""
+        """Watch of the ms clock in the headers; the wall clock may be set at any time."""
         self._tm_ms, self._tm_s = UNKNOWN, 0.0
         """That clock when it was looked at last, and time since the first look."""
         self.port = options.listen_port
@@ -167,7 +167,7 @@ class EgmSession(AnsweringSession):
                 self._take = self._reader.compiled_receive(cycle, self._force_frame)
         self._guidance = guidance_for(options, cycle)
         self.capabilities = self._capabilities()
-        """Which commands `reply` takes in the mode of the options."""
+        """Commands that `reply` takes in the mode of the options."""
         self._suffix = b""
         self._outputs = EgmRapidData(None, ())
         if options.digital_output is not None or options.output_values:
@@ -450,7 +450,7 @@ class EgmSession(AnsweringSession):
         self.last_foreign_counts_on = counts_on
 
     def _leap(self, joints: tuple[float, ...], position: Vector3 | None, now_s: float) -> str:
-        """Why the robot cannot have come here from where it was measured last; empty: it can.
+        """Explain a position jump since the last measurement; empty: the step is possible.
 
         It is lost when it stays there, and a new session begins where it then is.
         """
@@ -820,7 +820,7 @@ class EgmSession(AnsweringSession):
 
     @property
     def _last_s(self) -> float:
-        """When the newest datagram was accepted."""
+        """Time at which the newest datagram was accepted."""
         state = self.state
         return NEVER_S if state is None else state.stamp_s
 
@@ -838,7 +838,7 @@ class EgmSession(AnsweringSession):
 
     @property
     def hold_reason(self) -> str:
-        """Why the controller's states keep commands from acting; empty when they act."""
+        """Reason why the controller's states inhibit commands; empty when they act."""
         return self._hold_reason
 
     @property
@@ -891,7 +891,7 @@ class EgmSession(AnsweringSession):
 
 
 _CLOCK_MAX_US = 2**62
-"""A controller's clock beyond this, in 146 000 years, is none."""
+"""Limit of a valid controller's clock, µs: 146 000 years."""
 
 _USUAL = COORDINATE_M.highest
 """No number of a sum up to this is outside of its range."""
@@ -903,7 +903,7 @@ def _implausible(
     position: Vector3 | None,
     orientation: Quaternion | None,
 ) -> str:
-    """Why no robot measures this, in words; empty where one may."""
+    """Explain why values are implausible; empty: plausible."""
     return (
         outside("feedBack.joints", joints, JOINT_POSITION)
         or outside("feedBack.externalJoints", external, JOINT_POSITION)

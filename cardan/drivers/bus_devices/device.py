@@ -28,7 +28,7 @@ MEET_S = 1.0
 """Longest wait for the node to be found: a router takes some 0.1 s to tell of it."""
 
 LOOK_S = 0.01
-"""How often it is looked for meanwhile."""
+"""Period of looking for it meanwhile."""
 
 WAIT_S = 0.04
 """The reader looks at the end of its work so often."""
@@ -82,7 +82,7 @@ class BusDevice(ReadDevice[C]):
     _presence: Presence | None = None
     _rumbler: Rumbler | None = None
     _level = 0.0
-    """Of the rumble that was asked for."""
+    """Requested level of the rumble."""
 
     _missing: ClassVar[str] = ""
     """Advice when `{topic}` has no publisher on the `{router}`."""
@@ -113,13 +113,13 @@ class BusDevice(ReadDevice[C]):
 
     @property
     def _on_bus(self) -> NodeOptions:
-        """How it is on the bus."""
+        """Options of its bus connection."""
         options: NodeOptions = self.options
         return options
 
     @property
     def _feedback_topic(self) -> str:
-        """Where its rumble is shown; empty: nowhere."""
+        """Topic of its rumble; empty: none."""
         topic: str = getattr(self.options, "feedback_topic", "")
         return topic
 

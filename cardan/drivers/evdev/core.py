@@ -77,7 +77,7 @@ class EvdevCore(DeviceCore):
         self._skipping = False
         """After SYN_DROPPED, up to the end of the frame."""
         self._unanswered = False
-        """It was asked for a sign of life, and has not answered yet."""
+        """A request for a sign of life is still unanswered."""
         self._event_s = NEVER_S
 
     # -- what a kind of device is --------------------------------------------------------------
@@ -160,7 +160,7 @@ class EvdevCore(DeviceCore):
             self._settle()
 
     def on_unanswered(self, now_s: float) -> None:
-        """It was asked whether it is there, and did not say so in time."""
+        """Handle a request for a sign of life that was not answered in time."""
         self._unanswered = True
 
     @property
@@ -241,7 +241,7 @@ class EvdevCore(DeviceCore):
         self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, reason, now_s)
 
     def _renew(self, snapshot: Snapshot, reason: str, now_s: float) -> None:
-        """Begin anew from what the device holds."""
+        """Restart from the device's current values."""
         self._frame.clear()
         self.needs_snapshot = False
         self._down = {*snapshot.keys}

@@ -28,7 +28,7 @@ READ_TIMEOUT_S = 0.02
 """Longest wait for an event; a device that sends none meanwhile counts as read."""
 
 ANSWER_TIMEOUT_S = 0.03
-"""How long a simulated device may take to say that it is there. This, the wait before it and
+"""Timeout of a simulated device's sign of life. This, the wait before it and
 `FEEDBACK_TIMEOUT_S` together are less than what a deflected device may go unread."""
 
 SNAPSHOT_PERIOD_S = 0.02

@@ -31,7 +31,7 @@ READ_BYTES = 64 * EVENT_BYTES
 """Size of every read: at least as many events as the kernel keeps for a slow reader."""
 
 CALL_TIMEOUT_S = 0.5
-"""How long a simulated device may take to say what it is, or what it holds."""
+"""Timeout of a simulated device's answers about its identity or its values."""
 
 FEEDBACK_TIMEOUT_S = 0.03
 """The same for feedback while the device is read: reading must not wait for it."""
@@ -116,7 +116,7 @@ class SocketLink(PacketSocket, Link):
         self._owed: deque[int] = deque()
         """Requests whose answers may still come, after their calls have timed out."""
         self._answered = False
-        """Such an answer came since `answers` was asked last."""
+        """An answer came since the last call of `answers`."""
         super().__init__(path)
 
     def read(self, timeout_s: float) -> bytes | None:

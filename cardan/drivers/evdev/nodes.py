@@ -1,4 +1,4 @@
-"""Which input devices the system has, what an open one is, and why one cannot be opened."""
+"""Input devices of the system: search, description of an open one, reasons of a failed open."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Description(NamedTuple):
     kernel_driver: str = ""
     """Name of the kernel's driver ("xpad"); empty: not known."""
     bustype: int = 0
-    """How it is connected (`BUS_USB`, `BUS_BLUETOOTH` ...); 0: not known."""
+    """Kind of its connection (`BUS_USB`, `BUS_BLUETOOTH` ...); 0: not known."""
 
     @property
     def identity(self) -> str:

@@ -215,7 +215,7 @@ class GamepadCore(EvdevCore):
         self._assign(right, triggers or self._pedals)
 
     def _share(self, code: int, values: Mapping[int, int]) -> float:
-        """Where an axis is in its range, 0..1."""
+        """Return the position of an axis in its range, 0..1."""
         info = self.description.axes[code]
         return (values[code] - info.minimum) / max(info.maximum - info.minimum, 1)
 

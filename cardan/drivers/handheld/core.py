@@ -62,7 +62,7 @@ ALIGN = "align"
 NOT_ALIGNED = "not aligned"
 
 SETTLE_S = 0.016
-"""A hand that lets go this soon after a silence may be seen in old frames that had queued up."""
+"""A release this soon after a silence may be in old frames that had queued up."""
 
 OLDEST_S = 3600.0
 """No frame is older."""
@@ -73,7 +73,7 @@ class Reading(NamedTuple):
 
     sample: Sample
     reference: int
-    """Which reference it is in, as the page counts them."""
+    """Number of its reference, as the page counts them."""
     drag: Vector3 = ZERO3
     """Of the second finger, along the reference's axes; 1 is a third of the screen."""
 
@@ -92,9 +92,9 @@ class HandheldCore(BusCore):
     }
 
     kind: ClassVar[str]
-    """Of the frames that are its own."""
+    """Kind of its frames."""
     no_sensor: ClassVar[str]
-    """Why a hand that is not lost has no place, and what to do."""
+    """Reason why a device that is not lost has no position, with advice."""
     to_align: ClassVar[str]
     """Instruction for aligning with the robot's x axis, printed behind why it is unknown."""
 
@@ -106,14 +106,14 @@ class HandheldCore(BusCore):
         self._asks = options.heading == "asked"
         self._yaw: Yaw | None = None
         self._unaligned = NOT_ALIGNED
-        """Why there is no alignment."""
+        """Reason why there is no alignment."""
         self._reading: Reading | None = None
         self._placed: Reading | None = None
-        """Where it was when its sensors last knew that."""
+        """Last known position."""
         self._interrupted = False
-        """They did not since then, or nothing was heard."""
+        """Tracking or the link was lost since then."""
         self._held: Held | None = None
-        """While it is held and counts."""
+        """Set while the dead-man control is held and counts."""
         self._began: Reading | None = None
         self._dragged = ZERO3
         """Way of all drags together, along the robot's axes, m."""
@@ -129,7 +129,7 @@ class HandheldCore(BusCore):
 
     @abstractmethod
     def _heading(self, reading: Reading) -> Yaw:
-        """Where it points."""
+        """Direction in which it points."""
 
     def _is_mine(self, frame: OperatorFrame) -> bool:
         """Whether a frame of the kind is of this hand."""
@@ -194,7 +194,7 @@ class HandheldCore(BusCore):
         self._cached = None
 
     def _why_not(self, frame: OperatorFrame) -> str:
-        """Why the hand does not count; empty: it does."""
+        """Reason why the device does not count; empty: it does."""
         if not frame.visible:
             why = "the page is hidden: show it, and let go of the control once"
         elif not frame.tracking:
@@ -207,7 +207,7 @@ class HandheldCore(BusCore):
         return why
 
     def _moved(self, reading: Reading) -> str:
-        """Why a hand whose place is known cannot have gone there; empty: it can."""
+        """Reason why the device cannot have moved there; empty: it can."""
         before, self._placed = self._placed, reading
         interrupted, self._interrupted = self._interrupted, False
         if before is None:
@@ -272,7 +272,7 @@ class HandheldCore(BusCore):
         self._held = self._began = None
 
     def _translation(self) -> Vector3:
-        """Of the hand since it was held, as deflections along the reference's axes."""
+        """Translation since the hold began, as deflections along the reference's axes."""
         raise NotImplementedError
 
     def _axes(self, now_s: float) -> Axes:

@@ -59,7 +59,7 @@ class KeyboardCore(EvdevCore):
         """Motion keys that were down together with Ctrl, Alt or Meta."""
         self._goal = [0.0] * 6
         self._since_s = [0.0] * 6
-        """When each axis was first deflected towards its goal."""
+        """Time at which each axis was first deflected towards its goal."""
 
     @property
     def buttons(self) -> tuple[str, ...]:

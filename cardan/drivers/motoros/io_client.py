@@ -123,7 +123,7 @@ def write_register(register: int, value: int) -> IoRequest:
 
 
 def _index(value: int) -> int:
-    """`value` as a whole number; -1 when it is none."""
+    """Return `value` as a whole number; -1 if it is not one."""
     try:
         return operator.index(value)
     except TypeError:

@@ -152,17 +152,17 @@ class Motion(ABC):
     def __init__(self, parts: MotionParts) -> None:
         self.options = parts.options
         self.ended = ""
-        """Why motion is over; empty while it is not."""
+        """Reason why motion is over; empty while it is not."""
         self.unexplained = False
         """Whether the controller can tell more about what `ended` says."""
         self.waiting = ""
-        """Why commands do not act yet; empty when they do."""
+        """Reason why commands do not act yet; empty when they do."""
         self.next_s = math.inf
-        """When `advance` is to be called."""
+        """Time of the next call of `advance`."""
         self._acting_s = math.inf
         """A status later than this must say that the drives have power."""
         self.topics: list[Message] = []
-        """To be sent at once, in order."""
+        """Messages to send at once, in order."""
         self._requests, self._feed, self._guide = parts.requests, parts.feed, parts.guide
         self._counters, self._record = parts.counters, parts.record
         self._joints = parts.options.joints
@@ -206,7 +206,7 @@ class Motion(ABC):
 
     @property
     def braking_s(self) -> float:
-        """How long the ramp to rest takes, and what is queued before it."""
+        """Duration of the ramp to rest and of the points queued before it, s."""
         guide = self._guide
         ramp_s = max(
             abs(speed) / acceleration

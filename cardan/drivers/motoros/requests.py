@@ -81,7 +81,7 @@ class MotionRequests:
 
     @property
     def deadline_s(self) -> float:
-        """When the reply that is awaited is overdue; infinite while none is."""
+        """Time at which the awaited reply is overdue; infinite while none is awaited."""
         asked = self._asked
         if asked is None:
             return math.inf
@@ -174,7 +174,7 @@ class MotionRequests:
 
 
 def _ignore(answer: Answer, now_s: float) -> None:
-    """Takes a reply that is not needed any more."""
+    """Accept a reply that is no longer needed."""
 
 
 def _name(command: int) -> str:

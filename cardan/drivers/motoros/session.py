@@ -53,7 +53,7 @@ class MotorosSession(TcpSession[Channel, Task]):
             options.group, options.request_timeout_s, options.start_timeout_s
         )
         self.control = self.kind_of_control(options, self.requests, self.feed)
-        """When motion may be, and what became of it."""
+        """Control of motion, and its results."""
         self.jitter = LatencyHistogram()
         """Deviation of the time between two control instants from their period."""
         self._wire: Wire | None = None
@@ -328,7 +328,7 @@ class MotorosSession(TcpSession[Channel, Task]):
 
     @property
     def hold_reason(self) -> str:
-        """Why commands would not act now; empty when they do."""
+        """Reason why commands would not act now; empty when they do."""
         control = self.control
         if control.phase is MotionPhase.DOWN:
             return no_motion_connection(self.options, self._links["motion"], control.end_reason)

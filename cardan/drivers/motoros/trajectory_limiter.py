@@ -30,7 +30,7 @@ from cardan.types import CommandKind, HoldCommand, JointCommand, JointVelocityCo
 LONGEST_STEP_S: Final = 0.1
 """A longer period counts as this long."""
 SHORTEST_STEP_S: Final = 1e-6
-"""Nothing happens in a shorter one."""
+"""Shorter steps are ignored."""
 
 KINDS: Final = frozenset({CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT_VELOCITY})
 """Commands that it takes."""

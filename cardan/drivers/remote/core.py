@@ -111,13 +111,13 @@ class RemoteCore(BusCore):
         self.haptic_feedback: HapticFeedback | None = None
         """Haptic feedback at the newest state; None: not known, or the device gives no force."""
         self._sequences: deque[int] = deque(maxlen=SEQUENCES_KEPT)
-        """Those of the newest states."""
+        """Sequence numbers of the newest states."""
         self.capabilities = UNKNOWN
         self.driver = ""
         self.leased = False
         """Whether the device is ours."""
         self.taken_by = ""
-        """Another holder of the lease; empty: none that is known."""
+        """Another holder of the lease; empty: none known."""
 
     # -- what it asks --------------------------------------------------------------------------
 
@@ -217,13 +217,13 @@ class RemoteCore(BusCore):
 
     @property
     def refusal(self) -> str:
-        """Why the device cannot be had; empty: nothing known."""
+        """Reason why the lease is refused; empty: none known."""
         if not self.taken_by:
             return ""
         return f"{self._options.device} is used by {self.taken_by}: end that session first"
 
     def _take(self, shared: Shared, now_s: float) -> None:
-        """A state that is young enough."""
+        """Take a state that is young enough."""
         state, before = shared.state, (self._link, self._edge, self._down, self._resets)
         there = _LINKS.get(state.link, state.link)
         if there is not DeviceLink.LIVE:
@@ -256,7 +256,7 @@ class RemoteCore(BusCore):
 
     @property
     def due_s(self) -> float:
-        """When motion that waits is played next; inf: none waits."""
+        """Time at which waiting motion is played next; inf: none waits."""
         return self._playout.due_s
 
     def play(self, now_s: float) -> bool:
@@ -291,7 +291,7 @@ class RemoteCore(BusCore):
     # -- its age -------------------------------------------------------------------------------
 
     def _age_s(self, now_s: float) -> float:
-        """Of the newest state, at least what its round trip allows."""
+        """Age of the newest state, at least what its round trip allows."""
         echoed_s = self._echoed_s + CLAIM_PERIOD_S + self._clock.quickest_s
         return now_s - min(self._newest_s, echoed_s)
 

@@ -109,7 +109,7 @@ class Ros2ArmOptions(NodeOptions):
 
     @property
     def dds(self) -> DdsOptions:
-        """How to be on DDS."""
+        """Options of the DDS connection."""
         return DdsOptions(
             dds_domain=self.domain,
             dds_config=self.dds_config,
@@ -118,12 +118,12 @@ class Ros2ArmOptions(NodeOptions):
 
     @property
     def period_s(self) -> float:
-        """Of the joint states."""
+        """Period of the joint states."""
         return 1.0 / self.rate_hz
 
     @property
     def topic(self) -> str:
-        """Where commands go."""
+        """Topic of the commands."""
         return self.command_topic or COMMAND_TOPICS[self.command]
 
     @property
@@ -133,7 +133,7 @@ class Ros2ArmOptions(NodeOptions):
 
     @property
     def limits(self) -> JointLimits | None:
-        """Those of `robot`; None where it is empty."""
+        """Limits of `robot`; None where it is empty."""
         return load_arm(self.robot).limits if self.robot else None
 
     @property

@@ -67,7 +67,7 @@ NO_GAP_S = 0.5 * LIVING_S
 computer that stood still, and the messages of the one that counts come next."""
 
 RIVALS_KEPT = 64
-"""Other publishers of the arm's joints that are told apart."""
+"""Most other publishers of the arm's joints that are tracked."""
 
 NS = 1_000_000_000
 
@@ -90,7 +90,7 @@ class JointStates(NamedTuple):
     session: int
     sequence: int
     stamp_ns: int
-    """By the robot's clock; 0: it gives none."""
+    """Stamp by the robot's clock; 0: it gives none."""
     positions: tuple[float, ...]
     velocities: tuple[float, ...]
     """Empty where they are not reported."""
@@ -111,10 +111,10 @@ class _Rival(NamedTuple):
     """Another publisher of the arm's joints."""
 
     since_s: float
-    """It alone was heard from then on, without a gap."""
+    """Time since which it alone was heard, without a gap."""
     heard_s: float
     positions: dict[str, float]
-    """Of its last message, as it names them."""
+    """Positions of its last message, by its joint names."""
 
 
 class Ros2ArmSession(DatagramSession[JointStates]):
@@ -152,7 +152,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         self.named: Callable[[bytes], str] = lambda gid: ""
         """The node whose publisher has this GID; empty where that is not known."""
         self.listens_until_s = NEVER_S
-        """Until then a second publisher may not have been heard yet: nothing is commanded."""
+        """Time until which a second publisher may still be unheard: nothing is commanded."""
         self.others = 0
         """Messages of other joints than the arm's."""
         self._codec = codec_of(STATE_TYPE)
@@ -268,7 +268,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         return sender
 
     def _rivalry(self, message: JointStates, now_s: float) -> str:
-        """Other publishers of our joints than the one that counts, in words; empty: none."""
+        """Describe other publishers of our joints than the one that counts; empty: none."""
         there = {gid: each for gid, each in self._rivals.items() if now_s - each.heard_s < LIVING_S}
         if not there or self._sender is None:
             return ""
@@ -299,7 +299,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         self._commanded = self._commanded and self.options.command == "velocity"
 
     def receive(self, data: Received, now_s: float) -> RobotState | None:
-        """The state in a message, stamped `now_s`; None when it is none, late or double."""
+        """Return the state in a message, stamped `now_s`; None if invalid, late or double."""
         state = super().receive(data, now_s)
         if state is None or self.message is None:
             return None

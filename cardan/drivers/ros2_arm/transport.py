@@ -1,4 +1,4 @@
-"""How the driver of ROS 2 arms reaches the robot's nodes."""
+"""Transports of the driver of ROS 2 arms to the robot's nodes."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ class ZenohTransport(NodeTransport):
         return bool(self._takers.others())
 
     def publisher(self, gid: bytes) -> str:
-        """By its liveliness token."""
+        """Find the node by its liveliness token."""
         domain = self._options.bus.domain
         found = (e.full_node for e in self._publishers.others() if gid_of(e, domain) == gid)
         return next(found, "")
@@ -154,7 +154,7 @@ class DdsTransport(NodeTransport):
         return self._commands.heard
 
     def publisher(self, gid: bytes) -> str:
-        """By its announcement."""
+        """Find the node by its announcement."""
         return self._graph.writer(gid)
 
     def close(self) -> None:
@@ -167,4 +167,4 @@ TRANSPORTS: dict[str, Callable[[Ros2ArmOptions], Ros2Transport]] = {
     "zenoh": ZenohTransport,
     "dds": DdsTransport,
 }
-"""By the option `transport`."""
+"""Transports by the option `transport`."""

@@ -59,7 +59,7 @@ class BusCore(DeviceCore):
         self._sender = b""
         self._sequence, self._source_ns = -1, -1
         self._last_s = NEVER_S
-        """When it was opened, or the last message was new."""
+        """Time of opening, or of the last new message."""
 
     @property
     @abstractmethod
@@ -134,7 +134,7 @@ class JoyCore(BusCore):
         self._values: tuple[float, ...] = ()
         """The message's axes, -1..1."""
         self._first: tuple[float, ...] | None = None
-        """Those of the first message since the device was opened."""
+        """Axes of the first message since the device was opened."""
         self._touched = False
         self._button_count = 0
 

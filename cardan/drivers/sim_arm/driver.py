@@ -39,7 +39,7 @@ class _InProcess:
 
         self.arm = SimulatedArm(options.arm_options)
         self.lateness = LatencyHistogram()
-        """How long after its instant each cycle began."""
+        """Lateness of the begin of each cycle."""
         self.missed = 0
         """Instants that were left out: the next one was due when their turn came."""
         self._period_s = options.period_s

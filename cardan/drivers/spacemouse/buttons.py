@@ -1,4 +1,4 @@
-"""Which buttons are down, merged from all the reports that tell of buttons."""
+"""State of the buttons, merged from all reports about buttons."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ class DriftDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew."""
+        """Restart the estimate."""
         self.due_s = NEVER_S
         self.drifting = False
         self._reference: Sequence[int] | None = None

@@ -33,7 +33,7 @@ class HidCandidate(NamedTuple):
     transport: str
     path: str
     obstacle: str = ""
-    """Why it cannot be opened; empty: nothing known."""
+    """Reason why it cannot be opened; empty: none known."""
     serial: str = ""
     model: Model | None = None
     certain: bool = True

@@ -57,7 +57,7 @@ from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceLink
 USUAL_STALE_AFTER_S = SpnavOptions().stale_after_s
 
 REPEAT_CHECK_S = 1.0
-"""How often the daemon is asked whether it repeats: not all tell when their settings change."""
+"""Period of asking the daemon whether it repeats: not all report changed settings."""
 
 SETTLE_S = 0.016
 """Motions of zero this soon after a silence may be old ones that had queued up meanwhile."""
@@ -145,13 +145,13 @@ class SpnavCore(DeviceCore):
         """The daemon's LED setting as it was found; None: it has none."""
         self._led_set: int | None = None
         self._repeat_check_s = math.inf
-        """When to ask again whether the daemon repeats."""
+        """Time of the next request whether the daemon repeats."""
         self._refusal = ""
-        """Why no motion of this daemon counts; empty: it does."""
+        """Reason why no motion of this daemon counts; empty: it does."""
         self._motion: Motion | None = None
         self._active = False
         self._motion_s = NEVER_S
-        """When the device was last heard to move."""
+        """Time of the device's last motion."""
         self._repeats = RepeatDetector(self._options.stale_after_s)
 
     # -- what happens to the connection --------------------------------------------------------
@@ -240,7 +240,7 @@ class SpnavCore(DeviceCore):
 
     @property
     def out_of_step(self) -> bool:
-        """Whether only connecting anew can help: no record is meaningful any more."""
+        """Whether only a new connection helps: records have lost their boundaries."""
         return self._malformed_in_a_row >= OUT_OF_STEP
 
     @property
@@ -250,7 +250,7 @@ class SpnavCore(DeviceCore):
 
     @property
     def refusal(self) -> str:
-        """Why no motion of this daemon counts, and what to do; empty: it does."""
+        """Reason why no motion of this daemon counts, with advice; empty: it does."""
         return self._refusal
 
     @property

@@ -168,7 +168,7 @@ class Spnav(ReadDevice[SpnavCore]):
 
 
 def socket_path(option: str) -> str:
-    """Where the socket is when the option says `option`."""
+    """Return the path of the socket for the option `option`."""
     return option or os.environ.get(SOCKET_VARIABLE, "") or DEFAULT_SOCKET
 
 

@@ -27,7 +27,7 @@ class RepeatDetector:
         self._stamp_s = NEVER_S
         self._ahead_s = 0.0
         self.in_pace_s = NEVER_S
-        """When the last motion came that was not ahead: the last that a device has surely sent."""
+        """Time of the last motion that was not ahead: the last that a device has surely sent."""
         self.repeating = False
         """The last motion was the daemon's own, and so are those to come that are like it."""
 

@@ -23,7 +23,7 @@ MULTI_AXIS_CONTROLLER = (0x01, 0x08)
 
 
 class Family(enum.Enum):
-    """How a device reports its motion."""
+    """Form in which a device reports its motion."""
 
     SPLIT = "split"
     """Report 1 holds the translation, report 2 the rotation (wired, 8-byte packets)."""
@@ -188,7 +188,7 @@ def find_model(vendor_id: int, product_id: int) -> Model | None:
 
 
 def model_by_key(key: str) -> Model:
-    """The model called `key`; KeyError when there is none."""
+    """Return the model called `key`; KeyError if there is none."""
     return _BY_KEY[key]
 
 

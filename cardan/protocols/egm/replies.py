@@ -83,7 +83,7 @@ def _six_angles(start: bytes, angles_rad: Sequence[float]) -> bytes:
 
 
 _HEADER_STARTS = tuple(bytes((0x0A, 4 + length, 0x08)) for length in range(11))
-"""By the length of the two numbers in it."""
+"""Beginnings of headers, by the length of the two numbers in it."""
 
 
 def _header(seqno: int, tm_ms: int) -> bytes:

@@ -104,7 +104,7 @@ AxisPair = tuple[int, int]
 
 
 class PadLayout(NamedTuple):
-    """Where a gamepad has what."""
+    """Numbers of a gamepad's sticks, triggers and buttons."""
 
     buttons: Mapping[int, str]
     """Labels by code."""
@@ -147,7 +147,7 @@ _COUNTED: Final[Mapping[tuple[int, int], PadLayout]] = {
     # Xbox One S by Bluetooth with its first firmware.
     (MICROSOFT, 0x02E0): _XBOX_COUNTED,
 }
-"""By vendor and product. Source: SDL's table of gamepads, for Linux."""
+"""Layouts by vendor and product. Source: SDL's table of gamepads, for Linux."""
 
 PAD_LABELS: Final = tuple(dict.fromkeys((*PAD_BUTTONS.values(), *_SONY_COUNTED.buttons.values())))
 """Labels of the buttons that any gamepad has."""

@@ -31,7 +31,7 @@ def ioc(direction: int, kind: str, number: int, size: int) -> int:
 
 
 def argument_bytes(request: int) -> int:
-    """How long the argument of `request` is."""
+    """Return the length of the argument of `request`, bytes."""
     return request >> 16 & 0x3FFF
 
 

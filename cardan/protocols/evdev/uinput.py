@@ -48,7 +48,7 @@ class Upload(NamedTuple):
 
     request_id: int
     effect: Rumble | None
-    """None: an effect that is no rumble."""
+    """Rumble effect; None: another kind of effect."""
 
 
 def encode_setup(device_id: InputId, name: str, effects: int) -> bytes:

@@ -52,7 +52,7 @@ class TeleopLog(NamedTuple):
 
 
 def decode_teleop(text: str) -> TeleopPose | TeleopLog | Malformed | None:
-    """The message in a text frame; None: it is none of teleop's. Never raises."""
+    """Decode the message in a text frame; None: it is not teleop's. Never raises."""
     if len(text) > LONGEST_TEXT or '"type"' not in text:
         return None
     try:

@@ -39,11 +39,11 @@ _VECTORS = {
     ControlMode.VELOCITY: 1,
     ControlMode.TORQUE: 1,
 }
-"""How many values per joint a command carries."""
+"""Number of values per joint in a command."""
 
 
 class Malformed(NamedTuple):
-    """Not a datagram of this protocol, or not a usable one."""
+    """Datagram of another protocol, or an unusable one."""
 
     reason: str
 
@@ -72,7 +72,7 @@ class ArmState(NamedTuple):
     wrench: tuple[float, ...]
     """Wrench of the TCP on the world, base axes, about the TCP: N, then N·m."""
     reason: str = ""
-    """Why commands do not act; empty when they do."""
+    """Reason why commands do not act; empty when they do."""
 
 
 class ArmCommand(NamedTuple):
@@ -163,7 +163,7 @@ def is_command(data: bytes) -> bool:
 
 
 def decode_state(data: bytes) -> ArmState | Malformed:
-    """A state, or why `data` is none."""
+    """Decode a state, or return why `data` is invalid."""
     head = _header(data, _STATE)
     if isinstance(head, Malformed):
         return head
@@ -202,7 +202,7 @@ def decode_state(data: bytes) -> ArmState | Malformed:
 
 
 def decode_command(data: bytes) -> ArmCommand | Malformed:
-    """A command, or why `data` is none. `feed_forward` is always there in mode POSITION."""
+    """Decode a command, or return why not. `feed_forward` is always there in mode POSITION."""
     head = _header(data, _COMMAND)
     if isinstance(head, Malformed):
         return head

@@ -13,7 +13,7 @@ MAX_PICTURE_BYTES: Final = 4 * 2**20
 """Largest picture; those of cameras with 4K have 1 to 2 MB."""
 
 MAX_HEAD_BYTES: Final = 4096
-"""Of the lines before a picture."""
+"""Largest head: the lines before a picture."""
 
 START: Final = b"\xff\xd8"
 """First bytes of every JPEG."""
@@ -41,7 +41,7 @@ class PictureParser:
         self._line = b"--" + boundary.encode("latin-1", "replace")
         self._held = bytearray()
         self._length: int | None = None
-        """Of the picture that comes, where its head says it."""
+        """Bytes of the current picture, if its head has them."""
         self._within = False
         """The head of a part has been read."""
         self._searched = 0

@@ -755,4 +755,4 @@ trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_actual
 trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_error
 int32 multi_dof_index
 """
-"""That of control_msgs/action/FollowJointTrajectory from control_msgs 6.3 on."""
+"""Feedback of control_msgs/action/FollowJointTrajectory from control_msgs 6.3 on."""

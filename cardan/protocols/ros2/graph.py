@@ -1,4 +1,4 @@
-"""The ROS graph as liveliness tokens tell it: nodes, topics, services, and who has them."""
+"""ROS graph by liveliness tokens: nodes, topics, services, and the nodes that have them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Graph:
     def __init__(self) -> None:
         self._entities: dict[str, Entity] = {}
         self.strange = 0
-        """Tokens that are none of ROS 2."""
+        """Number of tokens that are not ROS 2's."""
 
     def add(self, token: str) -> Entity | None:
         """A token has appeared; the entity where it is a new one."""
@@ -35,7 +35,7 @@ class Graph:
         self._entities.clear()
 
     def entities(self, *kinds: str) -> list[Entity]:
-        """All of these kinds, all kinds where none is named."""
+        """Return entities of these kinds, of all kinds where none is named."""
         return [each for each in self._entities.values() if not kinds or each.kind in kinds]
 
     def nodes(self) -> list[str]:
@@ -67,7 +67,7 @@ class Graph:
         return self._having(service, SERVICE)
 
     def by_name(self, kind: str) -> dict[str, list[Entity]]:
-        """All entities of a kind by what they publish, subscribe to or offer, sorted by it."""
+        """Return entities of a kind by the name of their topic or service, sorted by it."""
         found: dict[str, list[Entity]] = {}
         for each in self.entities(kind):
             found.setdefault(each.name, []).append(each)

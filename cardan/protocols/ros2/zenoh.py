@@ -74,12 +74,12 @@ class Attachment(NamedTuple):
     gid: bytes
 
     def encode(self) -> bytes:
-        """As bytes."""
+        """Encode it as bytes."""
         return ATTACHMENT.pack(self.sequence, self.source_ns, _GID_BYTES, self.gid)
 
     @classmethod
     def decode(cls, data: bytes) -> Attachment | None:
-        """From bytes; None for what is none."""
+        """Decode bytes; None if they are invalid."""
         if len(data) != ATTACHMENT.size:
             return None
         sequence, source_ns, length, gid = ATTACHMENT.unpack(data)
@@ -103,10 +103,10 @@ def data_key(domain: int, name: str, type_name: str, hashed: bool = True) -> str
 
 
 class Entity(NamedTuple):
-    """A node, or an endpoint of it, as its liveliness token tells it."""
+    """Node, or an endpoint of it, by its liveliness token."""
 
     zid: str
-    """Of the Zenoh session."""
+    """Id of the Zenoh session."""
     node_id: str
     entity_id: str
     kind: str
@@ -136,7 +136,7 @@ class Entity(NamedTuple):
 
     @classmethod
     def parse(cls, token: str) -> Entity | None:
-        """From the key expression of a token; None for what is none."""
+        """Parse the key expression of a token; None if it is invalid."""
         parts = token.split("/")
         if len(parts) < 9 or parts[0] != LIVELINESS:
             return None

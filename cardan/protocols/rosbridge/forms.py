@@ -28,7 +28,7 @@ Frame = str | bytes
 """A text or a binary frame."""
 
 MAX_FRAGMENTS = 1000
-"""Of a message; where a client asks for smaller ones, they are larger."""
+"""Most fragments of a message; where a client asks for smaller ones, they are larger."""
 
 _TYPED_ARRAYS = {
     "uint16": (69, "H"), "uint32": (70, "I"), "uint64": (71, "Q"), "int8": (72, "b"),

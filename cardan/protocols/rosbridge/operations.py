@@ -159,7 +159,7 @@ class CancelActionGoal(NamedTuple):
 
 
 class SetLevel(NamedTuple):
-    """Which status messages the client wants."""
+    """Request for a level of status messages."""
 
     id: Id
     level: str
@@ -191,7 +191,7 @@ Operation = (
 
 
 def parse_operation(text: str) -> Operation | Refused:
-    """The operation that a text frame asks for, or why it is none."""
+    """Parse the operation of a text frame, or return why it is refused."""
     try:
         given = json.loads(text, parse_constant=_no_constant)
     except (ValueError, RecursionError) as error:
@@ -370,4 +370,4 @@ _PARSERS: dict[str, tuple[str, Callable[[_Fields, Id, str], Operation]]] = {
     ),
     "auth": ("", lambda _fields, identity, _name: Authenticate(identity)),
 }
-"""Of each operation the key of the name that it is about, and what makes it."""
+"""Parsers by operation: the key of the name that it is about, and the function."""

@@ -20,7 +20,7 @@ from cardan.protocols.ros2.parameters import content_of, value_of
 
 ROS_VERSION = 2
 DISTRIBUTION = "jazzy"
-"""The distribution that Cardan's messages are those of."""
+"""Distribution of Cardan's messages."""
 
 
 def typedefs(name: str) -> list[Message]:

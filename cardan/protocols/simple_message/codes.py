@@ -117,7 +117,7 @@ class MotionResult(enum.IntEnum):
 
 
 class InvalidSubcode(enum.IntEnum):
-    """Why a message was INVALID."""
+    """Reason why a message was INVALID."""
 
     UNSPECIFIED = 3000
     MSGSIZE = 3001
@@ -148,7 +148,7 @@ class InvalidSubcode(enum.IntEnum):
 
 
 class NotReadySubcode(enum.IntEnum):
-    """Why the controller is NOT_READY."""
+    """Reason why the controller is NOT_READY."""
 
     UNSPECIFIED = 5000
     ALARM = 5001
@@ -187,7 +187,7 @@ class IoResult(enum.IntEnum):
 
 
 class ValidFields(enum.IntFlag):
-    """Which fields of a point or of a feedback hold something."""
+    """Flags of the valid fields of a point or of a feedback."""
 
     TIME = 1
     POSITION = 2

@@ -71,7 +71,7 @@ class FrameReader:
             self._buffer += data
 
     def take(self) -> bytes | None:
-        """The next whole message; None while there is none."""
+        """Return the next whole message; None while there is none."""
         buffer = self._buffer
         if len(buffer) < PREFIX_BYTES or self.failure:
             return None

@@ -192,7 +192,7 @@ class JointFeedbackEx(NamedTuple):
     """MOTO_JOINT_FEEDBACK_EX 2017."""
 
     groups: int
-    """How many of `feedback` mean something."""
+    """Number of valid items of `feedback`."""
     feedback: tuple[JointFeedback, ...]
     """Always MAX_GROUPS."""
 
@@ -385,7 +385,7 @@ BODIES: dict[MessageType, tuple[type[Body], ...]] = {
     MessageType.MOTO_JOINT_VELOCITY_EX: (JointVelocityEx,),
     MessageType.MOTO_VELOCITY_INFO: (VelocityInfoRequest, VelocityInfo),
 }
-"""Where a type has several bodies, their lengths tell them apart."""
+"""Bodies by type; several bodies of a type differ in their lengths."""
 
 
 def _types() -> dict[type[Body], MessageType]:

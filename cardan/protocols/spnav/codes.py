@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 DEFAULT_SOCKET = "/var/run/spnav.sock"
-"""Where spacenavd listens and programs look, unless SPNAV_SOCKET names another path."""
+"""Socket of spacenavd and its clients, unless SPNAV_SOCKET names another path."""
 
 NEWEST_VERSION = 1
 """Version 0 has no handshake, motion and buttons only; version 1 adds requests."""
@@ -65,7 +65,7 @@ class Code(enum.IntEnum):
 
 
 class EventMask(enum.IntFlag):
-    """Which events a client of version 1 gets."""
+    """Events that a client of version 1 gets."""
 
     MOTION = 0x01
     BUTTON = 0x02
@@ -85,7 +85,7 @@ class LedMode(enum.IntEnum):
     OFF = 0
     ON = 1
     AUTO = 2
-    """On while a client is connected."""
+    """LED on while a client is connected."""
 
 
 UNKNOWN_DEVICE = 0

@@ -56,7 +56,7 @@ class Motion(NamedTuple):
     ry: int
     rz: int
     period_ms: int
-    """Since the motion before this one."""
+    """Time since the motion before this one."""
 
 
 class Button(NamedTuple):
@@ -121,7 +121,7 @@ class Malformed(NamedTuple):
 
     reason: str
     word: int
-    """The first word; 0 when there is none."""
+    """First word; 0 if there is none."""
 
 
 Event = Motion | Button | DeviceChange | ConfigChange | RawAxis | RawButton

@@ -65,7 +65,7 @@ class LineReader:
         self._pending = bytearray()
         self._skips = False
         self.failure = ""
-        """Why nothing after this can be read; empty: all is well."""
+        """Reason why nothing after this can be read; empty: none."""
 
     @property
     def pending_bytes(self) -> int:

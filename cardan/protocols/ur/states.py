@@ -80,4 +80,4 @@ class SafetyBit(enum.IntFlag):
 
 
 MOVES_IN = frozenset({SafetyMode.NORMAL, SafetyMode.REDUCED})
-"""In these a program may move the arm."""
+"""Safety modes in which a program may move the arm."""

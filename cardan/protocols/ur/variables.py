@@ -1,4 +1,4 @@
-"""Variables that an RTDE recipe may name, with their types, and since when a controller has them.
+"""Variables that an RTDE recipe may name, with their types and the first versions that have them.
 
 Source: UR's RTDE guide, and what UR's public client library says of names that the guide had later.
 """
@@ -22,9 +22,9 @@ class Variable(NamedTuple):
 
     type: str
     cb3: tuple[int, int] | None = (3, 2)
-    """Since which version of a CB3's software, where the guide says it; None: no CB3 has it."""
+    """First version of a CB3's software, where the guide says it; None: no CB3 has it."""
     e_series: tuple[int, int] = (5, 0)
-    """Since which of an e-Series' software, likewise."""
+    """First version of an e-Series' software, likewise."""
 
     def since(self, major: int) -> tuple[int, int] | None:
         """The version of that series that has it first: 3 is a CB3, all others have what an

@@ -169,7 +169,7 @@ class Define(NamedTuple):
 
     name: str
     parameters: tuple[tuple[str, Expression | None], ...]
-    """With their defaults."""
+    """Parameters with their defaults."""
     block: tuple[Statement, ...]
     thread: bool
     line: int
@@ -184,4 +184,4 @@ class Program(NamedTuple):
     name: str
     block: tuple[Statement, ...]
     secondary: bool = False
-    """It runs beside another one and takes no time (`sec`)."""
+    """Secondary program: runs beside another one and takes no time (`sec`)."""
