@@ -17,12 +17,12 @@ _SAME_CYCLE: Final = 1.5
 
 
 class Motion:
-    """One run of the program, from its first report on. Times are what both clocks agree on."""
+    """A run of the program, from its first report on. Times are agreed by both clocks."""
 
     def __init__(self, options: UrRtdeOptions, token: int, beat: int) -> None:
         self._token = token
         self.beat = beat
-        """Of the command that was sent last."""
+        """Beat of the last command."""
         self._limiter = JointLimiter(*options.limits, longest_period_s=options.watchdog_s)
         self._lost = SlipCompensation(JOINTS)
         self._asked: tuple[Sequence[float], Sequence[float] | None] | None = None
@@ -38,7 +38,7 @@ class Motion:
 
     @property
     def reference(self) -> tuple[float, ...]:
-        """Where the arm is sent, rad."""
+        """Commanded joint positions, rad."""
         return tuple(self._limiter.reference)
 
     def begin(self, place: Sequence[float]) -> None:
