@@ -1,6 +1,6 @@
 """The two interfaces of a driver: all that the gateway knows about hardware.
 
-A driver module opens one kind of device or controller and speaks its protocol, nothing else. It
+A driver module opens one kind of device or controller and handles its protocol, nothing else. It
 never imports the gateway, so that other projects can import drivers alone. Third parties add
 theirs through the entry-point group ``cardan.drivers`` (see :mod:`cardan.drivers.registry`).
 """
@@ -33,7 +33,7 @@ from cardan.types import (
 
 RECHECK_S = 0.1
 """Period at which a waiting reader checks for a new state without being notified: silence that
-makes a state stale notifies nobody, and the thread that reads the device may hang."""
+makes a state stale notifies no reader, and the device's thread may hang."""
 
 
 Tap = Callable[[bytes, bool, str], None]
@@ -210,7 +210,7 @@ class OperatorDevice(Driver):
         Returns None where none came, or the device was closed meanwhile. The loss of a device is a
         state, too: look at `link`. For one consumer; others iterate or have on_state().
 
-        Raises NotOpenError, and OptionError for a time that is none.
+        Raises NotOpenError, and OptionError for an invalid time.
         """
         good = isinstance(timeout_s, (int, float)) and not isinstance(timeout_s, bool)
         require(

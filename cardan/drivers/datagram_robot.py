@@ -150,10 +150,9 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
     """Connection to a controller, sans I/O: datagrams to states, commands to datagrams.
 
     A newer session of the controller voids earlier commands; an older one, or a lower sequence
-    number in the same, is ignored unless the link is lost: then it is a new session, too. A state
-    that the arm cannot have come to since the one before, by any sender, is none: the arm is held
-    with that reason for as long as it is said to be there, and the next state within its reach
-    begins a new session. Times are local monotonic ones.
+    number in the same, is ignored unless the link is lost: then it is a new session, too. A
+    position jump, by any sender, is implausible: the arm is held with that reason while such states
+    come, and the next state within its reach begins a new session. Times are local monotonic ones.
     """
 
     controller: ClassVar[str]
@@ -278,8 +277,8 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
     def _leap(self, state: RobotState, message: MessageT) -> str:
         """Explain a position jump since the last measurement; empty: the step is possible.
 
-        A place that it cannot have come to becomes no likelier by being told again: time counts
-        from the last time that it was, unless the controller has begun anew since.
+        Repeating an implausible position makes it no likelier: time counts from the last such
+        state, unless the controller has restarted since.
         """
         before = self.state
         if before is None or self.message is None:
@@ -412,7 +411,7 @@ class Transport(Protocol):
 
 
 class UdpTransport:
-    """A controller that listens; nobody else is heard."""
+    """A controller that listens; no other sender is heard."""
 
     def __init__(self, host: str, port: int, problem: str, largest: int) -> None:
         """Datagrams of up to `largest` bytes mean something. Raises an AddressError that begins
@@ -464,8 +463,8 @@ class AnsweringRobot(LoopingRobot[AnsweringSessionT]):
     brakes_within_s: ClassVar[float] = 0.0
     """The longest that a robot that is left is braked."""
     no_final_command_after_s: ClassVar[float] = LONGEST_BLIND_S
-    """A controller that has been silent for so long is told nothing: it has stopped by itself, and
-    its next run is not ours to command."""
+    """Silence after which a controller gets no final command: it has stopped by itself, and its
+    next run is not ours to command."""
 
     @abstractmethod
     def _connection(self) -> object:

@@ -58,7 +58,7 @@ def close_in_order(opened: Openable) -> None:
 
 
 def is_foreign(driver: object) -> bool:
-    """Whether another package has made a driver: what it gives is looked at in each cycle."""
+    """Whether another package has made a driver: its results are checked in each cycle."""
     return type(driver).__module__.partition(".")[0] != "cardan"
 
 

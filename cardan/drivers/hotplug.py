@@ -1,7 +1,7 @@
-"""Waits for a device to be plugged in, so that a driver that has none need not look all the time.
+"""Wait for a device to be plugged in, so that a driver without one need not poll.
 
-The kernel tells of it where it lets us listen; elsewhere (some containers, other systems) a driver
-looks at times. Anybody may send such an event: it only makes a driver look.
+The kernel reports it where it lets us listen; elsewhere (some containers, other systems) a driver
+polls. Any program may send such an event: it only makes a driver look.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from cardan.protocols.uevent import (
 )
 
 ARRIVED: Final = frozenset({"add", "bind", "change"})
-"""Actions after which a device may be there that was not, or may be opened: udev tells of its
-permissions by the one that the kernel told first."""
+"""Actions after which a device may have appeared, or may be opened: udev reports its permissions by
+repeating the kernel's action."""
 
 SUBSYSTEMS: Final = frozenset({"hidraw", "input", "tty", "usb", "usb_device", "can", "net"})
 """Subsystems of operator devices."""

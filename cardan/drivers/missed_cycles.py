@@ -5,10 +5,10 @@ speed. The next command then differs from the robot's position: it is behind, if
 continued from its last command, or ahead, if the robot slowed down. Sent at once it would cause a
 jerk, and a robot that made up for lost time would be faster than commanded.
 
-So the difference is kept, and added to every command. A robot that is ahead of its
-command is slowed a little until it is not; one that is behind stays behind until it rests. When the
-command has come to rest nobody commands, and nothing may move for long: the robot ends its way at
-once, no faster than it was commanded, and what it cannot do within `LONGEST_REST_S` stays.
+So the difference is kept, and added to every command. A robot that is ahead of its command is
+slowed a little until it is not; one that is behind stays behind until it rests. When the command
+has come to rest, nothing may move for long: the robot ends its way at once, no faster than it was
+commanded, and the part that takes longer than `LONGEST_REST_S` stays.
 
 How much time has passed is never the controller's word alone: `AgreedTime` counts what its clock
 and this computer's both say.
@@ -124,12 +124,12 @@ class ClockWatch:
 
     def __init__(self, *, option: str = "", simulated: bool = False) -> None:
         """`simulated`: the controller's time is a simulation's, and may pass as fast as that
-        computes. `option` is what says so, for who meets such a clock unprepared."""
+        computes. `option` names the setting for that, for messages about an unexpected clock."""
         self._option, self._simulated = option, simulated
         self.begin()
 
     def begin(self, controller_s: float = math.nan, local_s: float = math.nan) -> None:
-        """Compare anew from a first state on; without one, from the next on."""
+        """Restart the comparison from a first state; without one, from the next on."""
         self.fault = ""
         self._controller_s, self._local_s = controller_s, local_s
         self._rose_s, self._still, self._waited_s = local_s, 0, 0.0
@@ -238,7 +238,7 @@ class AgreedTime(ClockWatch):
         return 0.0 if first else self._agree(step_s, waited_s, states)
 
     def counted(self, local_s: float, states: int = 1) -> float:
-        """The same where the controller tells no time: that of so many states."""
+        """The same for a controller without a clock: the time of `states` periods."""
         waited_s = local_s - self._local_s
         super().begin(math.nan, local_s)
         return self._agree(states * self.period_s, waited_s, states)

@@ -18,11 +18,11 @@ from cardan.errors import DeviceAccessError, DriverError, NotOpenError
 from cardan.types import ButtonEvent, DeviceState
 
 RETRY_FIRST_S, RETRY_LAST_S = 0.2, 0.8
-"""Pause between attempts to open a lost device, doubled each time, where the system does not tell
-of one that is plugged in: it is found within a second all the same."""
+"""Pause between attempts to open a lost device, doubled each time, where the system does not report
+plugging in: it is found within a second all the same."""
 
 SETTLE_S = 0.05
-"""Pause before an attempt after the system has told of a device: a plug makes a dozen events."""
+"""Pause before an attempt after the system has reported a device: a plug makes a dozen events."""
 
 JOIN_TIMEOUT_S = 2.0
 """A reader looks at `stop` at least every 50 ms; one that does not is left to die as a daemon."""
@@ -66,7 +66,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
     def _serve(self, stop: threading.Event) -> None:
         """Read the open device until `stop` is set, or OSError: it is gone.
 
-        Looks at `stop` at least every 50 ms; calls `_notify()` after what it took in.
+        Looks at `stop` at least every 50 ms; calls `_notify()` after input.
         """
 
     @abstractmethod
@@ -145,7 +145,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
         self._notify()
 
     def after_fork(self) -> None:
-        """In a forked child the device stays the parent's, whose reader is not here: closed."""
+        """Close the device in a forked child: it stays the parent's, whose reader is not here."""
         thread = self._thread
         self._changed = threading.Condition()
         self._opening, self._lock = threading.RLock(), threading.Lock()
@@ -232,7 +232,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
                 self._end(threading.current_thread())
 
     def _lose(self, reason: str) -> None:
-        # Neutral first: letting go of a device may take its time.
+        # Neutral first: releasing a device may take its time.
         with self._lock:
             self._core.on_lost(reason, time.monotonic())
         self._notify()

@@ -60,9 +60,9 @@ LEAP_NOISE_RAD: Final = 0.05
 class LoopingRobot(RobotDriver, Generic[SessionT]):
     """A driver with one loop at a time, which leaves the robot safe however it ends.
 
-    A driver gives `_acquire` and `_release`, the loop in `_states`, and in `_leave` what brings the
-    robot to rest. `_leave` is called once for each loop: when its generator ends or is closed, or
-    by `close`, which lets a loop in another thread come to its end first.
+    A driver defines `_acquire` and `_release`, the loop in `_states`, and in `_leave` how the robot
+    is brought to rest. `_leave` is called once for each loop: when its generator ends or is closed,
+    or by `close`, which lets a loop in another thread come to its end first.
     """
 
     title: ClassVar[str]
@@ -336,8 +336,8 @@ _POSITIONS, _SPEEDS = JOINT_POSITION.highest, JOINT_VELOCITY.highest
 def joint_values(
     who: str, command: RobotCommand, kinds: Collection[CommandKind]
 ) -> Sequence[tuple[str, tuple[float, ...], Range]]:
-    """The numbers of a command to joints, each with its name and what any robot can take; of a
-    hold there are none.
+    """The numbers of a command to joints, each with its name and what any robot can take; a hold
+    has none.
 
     Raises CommandError for a kind that is not among `kinds`, and for external axes.
     """

@@ -26,7 +26,7 @@ class SerialPort:
     some devices.
 
     Raises DeviceNotFoundError where there is nothing at `path`, DeviceAccessError where it cannot
-    be had.
+    be opened.
     """
 
     def __init__(self, path: str, baud: int, *, stop_bits: int = 1) -> None:
@@ -43,7 +43,7 @@ class SerialPort:
                 path,
                 baud,
                 stopbits=stop_bits,
-                timeout=WAIT_S,  # set once: pyserial asks the system anew at each change
+                timeout=WAIT_S,  # set once: pyserial configures the port at each change
                 write_timeout=0.5,
                 exclusive=True if os.name == "posix" else None,
             )

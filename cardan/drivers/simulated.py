@@ -71,7 +71,7 @@ def why_not_simulated(
             return name, f"{value!r} is an address that other computers have"
         if _is_host(options, name) and not stays_here(value):
             return name, f"{value!r} is not {LOOPBACK.value}"
-    # A subclass may reach its hardware otherwise: what it inherits does not count.
+    # A subclass may reach its hardware otherwise: an inherited declaration does not count.
     ways: tuple[Way, ...] | None = vars(driver).get("simulated")
     if ways is None:
         return _why_strictly_not(values, own, needs_own)

@@ -303,7 +303,7 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
                         self.send(HoldCommand())
 
     def _turn(self, session: TcpSessionT, now_s: float) -> None:
-        """Do what is asked for, connect, and send what that gives."""
+        """Execute requests, connect, and send the resulting messages."""
         while self._tasks:
             session.ask(self._tasks.popleft(), now_s)
         for channel in self.channels:

@@ -1,4 +1,4 @@
-"""Linux's uevents: what the kernel, and udev after its rules, tell of devices that come and go.
+"""Linux's uevents: the kernel's reports, and udev's after its rules, of devices that come and go.
 
 The kernel's form is ``ACTION@DEVPATH`` and then ``KEY=VALUE`` texts, each ended by a NUL (Linux,
 lib/kobject_uevent.c); udev's is a binary header, "libudev" and a NUL first, that says where the

@@ -18,8 +18,8 @@ MOST_JOINTS = 9
 """Most joints of an arm: seven on a torso of two."""
 
 LEAST_OF_ANOTHER = 3
-"""So many joints in a row that are held beside the arm are taken to be another arm, or a leg; fewer
-are a head or a gripper."""
+"""Fewest held joints in a row beside the arm that count as another arm, or a leg; fewer are a head
+or a gripper."""
 
 
 class Chain(NamedTuple):

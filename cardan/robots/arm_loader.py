@@ -1,6 +1,6 @@
 """Loads arms by name or file.
 
-`cardan/robots` holds ours, and :func:`load_arm` takes the path of anybody's. A table beside each of
+`cardan/robots` holds ours, and :func:`load_arm` takes the path of any other. A table beside each of
 ours has what Pinocchio reads of it, so that drivers and simulated peers need no Pinocchio;
 ``python -m tests.arm_tables`` writes them.
 """
@@ -105,7 +105,7 @@ def parse_urdf(text: str) -> ArmModel:
     """The arm that a URDF describes, from base to tip, with defaults for all it cannot say.
 
     Raises ConfigurationError for text that is not URDF, has several ends, lacks a limit, has
-    numbers that are none, or has meshes where primitives are needed; ExtraMissingError.
+    invalid numbers, or has meshes where primitives are needed; ExtraMissingError.
     """
     return _build(text, ArmFile(urdf=""))
 

@@ -1,5 +1,5 @@
-"""An arm's model as JSON: what a program without Pinocchio reads of our arms, and what is kept of
-anybody's, so that loading it again takes milliseconds."""
+"""An arm's model as JSON: the built-in arms for programs without Pinocchio, and a cache of all
+others, so that loading one again takes milliseconds."""
 
 from __future__ import annotations
 

@@ -45,9 +45,9 @@ _MOST_CORNERS: Final = 400
 _SIMPLER: Final = 5e-4
 """Corners that are nearer to the hull of the others are left out, as a share of its length."""
 _JOGGLE: Final = 1e-8
-"""Corners are shifted by so much of the length: no four are then in one plane by chance."""
+"""Corners are shifted by this share of the length: no four are then in one plane by chance."""
 _SLICES: Final = 8
-"""Half of the hull's length along an axis is divided into so many, where steps may begin."""
+"""Divisions of half of the hull's length along an axis, at which steps may begin."""
 _ON_PLANE_M: Final = 1e-9
 """Points so near to a plane are on both its sides: rounding must not take a corner from a cell."""
 _SAMPLES: Final = 16384
@@ -593,7 +593,7 @@ _CUT_SHARES: Final = (0.2, 0.35, 0.5, 0.65, 0.8)
 
 
 def _corners(hull: Hull, planes: tuple[_Plane, ...]) -> Floats:
-    """Of what up to three planes leave of the hull, all of them, and some points of it more."""
+    """Return all corners of what up to three planes leave of the hull, and some more points."""
     found = [hull.corners, *(_crossings(hull.edges, *plane) for plane in planes)]
     for first, second in itertools.combinations(planes, 2):
         line = _cross(first.normal, second.normal)

@@ -111,7 +111,7 @@ def _corners_of(points: Points, corners: Indices, triangles: Indices) -> Surface
 
 
 def _fans(counts: Indices) -> Indices:
-    """The triangles of polygons of so many corners each, one after the other."""
+    """Return the triangles of polygons with these numbers of corners, one after the other."""
     triangles = np.maximum(counts - 2, 0)
     first = np.repeat(np.cumsum(counts) - counts, triangles)
     turn = np.arange(len(first)) - np.repeat(np.cumsum(triangles) - triangles, triangles)

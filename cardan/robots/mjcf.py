@@ -548,7 +548,7 @@ class _Translation:
         return first <= group <= last and weight > 0.0
 
     def _solid(self, geom: _Item) -> _Solid | None:
-        """None for what is not weighed here."""
+        """None for a geom that is not weighed here."""
         kind, words = self._geom_kind(geom), geom.words()
         if kind in ("mesh", "plane", "hfield", "sdf") or "shellinertia" in geom.attributes:
             return None

@@ -123,7 +123,7 @@ class TreeJoint(NamedTuple):
         return _wrong(f"joint {self.name!r} is {self.kind!r}; allowed: fixed, {', '.join(MOVING)}")
 
     def limits(self) -> tuple[Limits, dict[str, str]]:
-        """As the file has them, and of those that are missing, what it has in their place. Raises
+        """Return the file's limits, and of missing ones the text that it has in their place. Raises
         ConfigurationError."""
         return _limits(self.element)
 
@@ -386,7 +386,7 @@ def _declared_links(robot: ET.Element, joints: Collection[TreeJoint]) -> dict[st
 
 
 def _child(element: ET.Element, tag: str) -> ET.Element:
-    """Raises ValueError that names it where there is none."""
+    """Return the child; raises ValueError that names a missing one."""
     child = element.find(tag)
     if child is None:
         raise ValueError(f"no <{tag}>")
@@ -523,7 +523,7 @@ def normal_form(
     are fixed. Links in `bodiless` have no shapes, and collision elements in `left_out` are none;
     in the place of a mesh is a box of 1 m.
 
-    Raises ConfigurationError for numbers that are none, and for shapes that are none.
+    Raises ConfigurationError for invalid numbers or shapes.
     """
     robot = ET.Element("robot", name="arm", version="1.1")
     numbers = {link: f"link_{number}" for number, link in enumerate(tree.links)}

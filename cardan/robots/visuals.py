@@ -96,7 +96,7 @@ def _keep(uri: str, urdf: Path, folders: Sequence[Path]) -> tuple[str, int]:
     key = content_key((METHOD, path.suffix.lower(), data))
     drawn = kept_bytes(KIND, key)
     if drawn is None:
-        # An extra: who only shows what is kept needs none.
+        # An extra that programs which only show kept meshes do not need.
         from cardan.robots.meshes import surface_in
 
         surface = surface_in(data, path)

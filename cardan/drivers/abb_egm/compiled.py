@@ -391,9 +391,9 @@ def _say(shared: Any, says_speed: bool, delay_s: float) -> None:
 
 
 ReplyFunction = Callable[[RobotCommand, float, RobotState, bytes], bytes | None]
-"""Given the command, the time, the state that it answers and the end of the message: one period of
-the limiters, and the message. None, and nothing is changed, for what is unusual and for a command
-that is none, which others have the words for."""
+"""Of the command, the time, the answered state and the end of the message: one period of the
+limiters, and the message. None, and no change, for the unusual and for an invalid command, which
+Python explains."""
 
 
 def no_answer(*_: object) -> None:

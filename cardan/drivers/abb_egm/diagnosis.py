@@ -79,7 +79,7 @@ class Diagnosed(Protocol):
 
 def diagnose(session: Diagnosed, now_s: float) -> tuple[str, ...]:
     """Return all findings about `session`, worst first."""
-    # While nobody has come, this may still be changed; after that it is no news.
+    # Until a controller has come, this may still be changed; after that it is no news.
     caution = session.options.caution
     words = [caution] if caution and session.state is None else []
     words += _silence(session, now_s)

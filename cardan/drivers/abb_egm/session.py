@@ -88,12 +88,12 @@ NEW_PORT_SILENCE_S = 0.1
 """Shortest silence of the controller after which another port of its address may be its own: a
 program on its computer must not take the robot over in a hiccup of the network."""
 _EARLY_DATAGRAMS = 4
-"""So many more than the silence allows may a new port have sent: the controller's clock and the
-network are not exact."""
+"""Datagrams that a new port may have sent beyond what the silence allows: the controller's clock
+and the network are not exact."""
 
 _LEAP, _LEAP_PER_S = math.tau, 30.0
 """Farthest that an arm goes between two datagrams, rad or m, and by the second: a whole turn, and
-what all joints together may do. A nearer leap is for those to judge who know the arm."""
+what all joints together may do. Smaller jumps are left to code that knows the arm."""
 
 _GAP_PERIODS = 1.5
 """Time since the last answer from which at least one period had none."""

@@ -30,7 +30,7 @@ class SpeedCapDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Start anew, with a session or a state of the controller."""
+        """Restart, with a session or a state of the controller."""
         self._countdown = _LOOK_EVERY
         self._looks = 0
         self._told: tuple[float, ...] | None = None

@@ -25,7 +25,7 @@ MESSAGES_KEPT = 32
 """Messages that wait for the reader; button edges are in each."""
 
 MEET_S = 1.0
-"""Longest wait for the node to be found: a router takes some 0.1 s to tell of it."""
+"""Longest wait for the node to be found: a router takes some 0.1 s to announce it."""
 
 LOOK_S = 0.01
 """Period of looking for it meanwhile."""

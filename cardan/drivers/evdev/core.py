@@ -69,7 +69,7 @@ class EvdevCore(DeviceCore):
         self._stale_after_s = stale_after_s
         self.description = Description("", 0, 0, frozenset(), {}, frozenset())
         self.needs_snapshot = False
-        """True: what is known is void until `on_snapshot`."""
+        """True: the known state is void until `on_snapshot`."""
         self._down: set[int] = set()
         self._values: dict[int, int] = {}
         self._frame: list[InputEvent] = []
@@ -103,7 +103,7 @@ class EvdevCore(DeviceCore):
     # -- what happens to the device ------------------------------------------------------------
 
     def on_opened(self, description: Description, snapshot: Snapshot, now_s: float) -> None:
-        """The device was opened (again) and asked what it holds: what was known of it is void."""
+        """The device was opened (again) and its values were read: the previous state is void."""
         self.description = description
         self._on_description()
         self._event_s = now_s

@@ -1,4 +1,4 @@
-"""The shell that all input devices share: finds the node, reads it, asks it what it holds."""
+"""The shell that all input devices share: finds the node, reads it, requests its values."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ _MODE_D: Final[Mapping[str, tuple[str, str]]] = {
     "046d:c218": ("F510", "RumblePad 2"),
     "046d:c219": ("F710", "Cordless RumblePad 2"),
 }
-"""Logitech's pads whose switch is at D, and older ones that say that they are the same."""
+"""Logitech's pads whose switch is at D, and older ones that report the same."""
 
 
 def pad_in_mode_d(identity: str) -> str:
@@ -169,7 +169,7 @@ def kernel_driver(path: str, root: Path = Path("/")) -> str:
 
 
 def describe(link: Link, driver: str = "") -> Description:
-    """Ask an open device what it is. Raises OSError."""
+    """Read the description of an open device. Raises OSError."""
     device_id = decode_id(link.call(EVIOCGID))
     name = link.call(EVIOCGNAME).split(b"\0", 1)[0].decode(errors="replace")
     types = decode_bits(link.call(eviocgbit(0)))
@@ -184,7 +184,7 @@ def describe(link: Link, driver: str = "") -> Description:
 
 
 def take_snapshot(link: Link, description: Description) -> Snapshot:
-    """Ask an open device what it holds now. Raises OSError."""
+    """Read the current values of an open device. Raises OSError."""
     keys = decode_bits(link.call(EVIOCGKEY)) if description.keys else frozenset[int]()
     values = {code: decode_absinfo(link.call(eviocgabs(code))).value for code in description.axes}
     return Snapshot(keys, values)

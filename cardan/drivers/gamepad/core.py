@@ -4,7 +4,7 @@ Pads differ in where their right stick and triggers are: RX and RY with the trig
 (Xbox by cable, PlayStation), Z and RZ with the triggers on GAS and BRAKE (Xbox by Bluetooth), on RX
 and RY (PlayStation by the kernel's generic driver), or as buttons (Switch, simple pads). The node's
 identity decides; for an unknown pad, where its axes rest: sticks in the middle of their range,
-triggers at its lower end. Until the pad has been at rest that is taken anew from each frame:
+triggers at its lower end. Until the pad has been at rest that is taken from each new frame:
 before the first one the kernel has all axes at zero.
 """
 

@@ -9,8 +9,8 @@ release the device counts again only once the dead-man control was seen released
 - No frame that is young enough: STALE. The page that published has left: LOST.
 - Of two pages on one topic, the first one heard counts, while it sends.
 
-An alignment belongs to one reference: where that is, or may be, another one (the page says so, the
-position jumps, or was lost and is found elsewhere), it is void and has to be made anew.
+An alignment belongs to one reference: where that is, or may be, another one (by the page, after a
+position jump, or after lost tracking), it is void and has to be repeated.
 """
 
 from __future__ import annotations
@@ -215,7 +215,7 @@ class HandheldCore(BusCore):
         if reading.reference != before.reference:
             why = "the page has another reference"
         elif interrupted:
-            # Nobody saw which of the two went there, the hand or its reference.
+            # It is unknown which of the two moved, the device or its reference.
             if elsewhere(before.sample, reading.sample):
                 self._unalign("the hand was lost and is found elsewhere")
             return ""

@@ -65,7 +65,7 @@ class MotionCounters:
     queue_count: int = 0
     """Increments in the controller's queue, when it was last asked."""
     restarts: int = 0
-    """Trajectories begun anew at standstill, for their times had become too large."""
+    """Trajectories restarted at standstill because their times had become too large."""
     replaced: int = 0
     """Feedbacks in velocity mode by which the commanded position was set nearer to the arm's."""
     skipped_instants: int = 0

@@ -77,7 +77,7 @@ class MotorosOptions(Options):
     ipc_s: Annotated[float, IPC_S] = 0.004
     """The controller's interpolation period: whole ms, usually 4."""
     reply_every: Annotated[int, REPLY_EVERY] = 25
-    """Velocity mode: one in so many commands asks what the controller had to limit."""
+    """Velocity mode: one in this many commands requests what the controller had to limit."""
     state_timeout_s: Annotated[float, STATE_TIMEOUT_S] = 3.0 * STATE_PERIOD_S
     """Time without a state after which the link is LOST."""
     request_timeout_s: Annotated[float, REQUEST_TIMEOUT_S] = 0.5

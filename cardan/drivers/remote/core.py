@@ -57,7 +57,7 @@ ECHOES_KEPT = 64
 """Claims that may be echoed still, of two seconds: slower round trips tell nothing."""
 
 SEQUENCES_KEPT = 1000
-"""States of which the share that was lost is told: of 4 to 20 s."""
+"""States over which the loss ratio is computed: 4 to 20 s."""
 
 UNKNOWN = DeviceCapabilities(gives_pose=True, buttons=(), feedback=frozenset(), battery=False)
 """Before the first state: it may give whatever the mapping takes."""
@@ -87,7 +87,7 @@ class RemoteCore(BusCore):
     }
 
     def __init__(self, options: RemoteOptions, lessee: int, name: str) -> None:
-        """`lessee`: a number that nobody else has, not 0; `name`: its name for others."""
+        """`lessee`: a unique number, not 0; `name`: its name for others."""
         super().__init__()
         self._options = options
         self._lessee, self._name = lessee, name
@@ -283,7 +283,7 @@ class RemoteCore(BusCore):
                     self._buttons.mask([edge.button])
             self._buttons.set(sorted(self._down), now_s)
         self._resets = self._clock.resets
-        # Of what was pressed before the lease, or was missed, nobody knows for how long.
+        # For how long a button was down before the lease, or unseen, is unknown.
         self._buttons.mask(sorted(shared.state.buttons - self._down))
         self._down = shared.state.buttons
         self._buttons.set(sorted(self._down), now_s)

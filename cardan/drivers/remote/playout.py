@@ -86,7 +86,7 @@ class Playout:
     def take(self, motion: Motion, now_s: float, *, at_once: bool) -> None:
         """Take a state that was `heard`. `at_once`: show it now, and drop waiting ones.
 
-        Rest is at once: what was let go does not move on.
+        Rest is at once: a released control does not move on.
         """
         at_rest = not any(motion.axes)
         if at_rest and motion.pose is None:

@@ -1,9 +1,9 @@
 """The two messages between the computer that has a device and the one that uses it.
 
-cardan_msgs/SharedDevice has the newest state, and the edges of buttons that nobody has acknowledged
-yet. cardan_msgs/DeviceClaim asks for the device or renews its lease, says by its stamp when it was
-sent, acknowledges edges, and has the feedback and the force. Times are monotonic, s, each by its
-sender's clock.
+cardan_msgs/SharedDevice has the newest state, and the unacknowledged edges of buttons.
+cardan_msgs/DeviceClaim asks for the device or renews its lease, says by its stamp when it was sent,
+acknowledges edges, and has the feedback and the force. Times are monotonic, s, each by its sender's
+clock.
 """
 
 from __future__ import annotations

@@ -48,8 +48,8 @@ a state that the network lost, a process that waited. After a longer time a robo
 positions has stopped; and by a longer step it would overshoot."""
 
 FARTHEST_BEHIND = 0.2
-"""rad or m: a joint that has lost more way than this, stop after stop, is not brought back by way
-of lost time, which would have it move long after the operator let go: a new session begins."""
+"""rad or m: a joint that has lost more way than this, stop after stop, is not brought back as
+missed cycles, which would move it long after the operator's release: a new session begins."""
 
 POINT_AHEAD_S = 0.05
 """A trajectory's point is so far ahead, and at least three periods: nearer ones are reached, and
@@ -382,7 +382,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         return self._commanded and self._limiter is not None and any(self._limiter.velocity)
 
     def command(self, command: RobotCommand, now_s: float) -> bytes | None:
-        """The message that answers the newest state; a second one to the same state is none."""
+        """The message that answers the newest state; none to the same state again."""
         self.check(command)
         message, limiter = self.message, self._limiter
         if message is None or limiter is None:

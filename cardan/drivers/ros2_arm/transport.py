@@ -149,7 +149,7 @@ class DdsTransport(NodeTransport):
             raise
 
     def _found(self) -> bool:
-        # Read all the time, as what is not would be kept.
+        # Read all the time, because unread messages would be kept.
         self._graph.look()
         return self._commands.heard
 

@@ -58,7 +58,7 @@ class Buttons(ButtonEdges):
         self._heard.clear()
 
     def on_report(self, value: ButtonReport, size: int, now_s: float) -> None:
-        """Take a report of `size` bytes; each tells the whole state of what it tells about.
+        """Take a report of `size` bytes; each has the whole state of its buttons.
 
         The size tells how to read the buttons of an unknown model, and is nothing otherwise.
         """
@@ -77,7 +77,7 @@ class Buttons(ButtonEdges):
             told = self._long_bits = self._long_labels([bit + 1 for bit in _bits_of(value.mask)])
         kind = type(value)
         if kind not in self._heard:
-            # Which of several was pressed now is not known. A long press is none that is new.
+            # It is unknown which of several was pressed now. A long press is no new one.
             if len(told) > 1 and (kind in _WHOLE or not self._heard):
                 self.mask(told)
             self._heard.add(kind)

@@ -61,7 +61,7 @@ class Spnav(ReadDevice[SpnavCore]):
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
-        """The daemon's socket, if there is one, and what the daemon tells of its device."""
+        """Return the daemon's socket, if there is one, with the daemon's information."""
         path = socket_path("")
         if not os.path.exists(path):
             return []
@@ -173,7 +173,7 @@ def socket_path(option: str) -> str:
 
 
 def _connected(path: str) -> socket.socket:
-    """A socket connected to the daemon. DriverError says why there is none."""
+    """Connect a socket to the daemon. Raises DriverError that says why not."""
     if not hasattr(socket, "AF_UNIX"):
         raise DeviceAccessError("this system has no Unix sockets, and so no spacenavd")
     try:

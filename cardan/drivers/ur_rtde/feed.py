@@ -70,7 +70,7 @@ _new = tuple.__new__
 """Makes a named tuple in half the time of its constructor."""
 
 IMPLAUSIBLE: Final = "implausible"
-"""The reason of packages whose numbers no robot measures."""
+"""Reason of packages with implausible numbers."""
 
 
 def _implausible(values: Package) -> str:

@@ -29,7 +29,7 @@ class Motion:
         self._answered_s: float | None = None
         """The time of the state that was answered last."""
         self.missed = 0
-        """Cycles that nobody commanded."""
+        """Cycles without a command."""
 
     @property
     def moving(self) -> bool:

@@ -333,7 +333,7 @@ class UrSession(TcpSession[Channel, Task]):
             self._go_on(now_s)
 
     def _watch(self, values: Package, motion: Motion, now_s: float) -> None:
-        """Look whether the program still runs and obeys."""
+        """Check whether the program still runs and obeys."""
         obeyed, sent = values.beat, self._sent
         why = ""
         if values.safety_mode not in _MOVES_IN:

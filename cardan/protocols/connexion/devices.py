@@ -51,7 +51,7 @@ class Model(NamedTuple):
     button_report_bytes: int = 3
     """Length of report 3, its id included; 0: it has none."""
     receiver: bool = False
-    """A receiver for any puck: what is paired decides the buttons and which interface speaks."""
+    """A receiver for any puck: the paired device determines buttons and reporting interface."""
     serial_axes: bool = False
     """Reports its axes as right, up, away (left-handed), not in the usual raw frame."""
 

@@ -203,7 +203,7 @@ class Fault(enum.Enum):
 
 
 class Malformed(NamedTuple):
-    """A datagram that is not what it should be, as a value: decoding never raises."""
+    """An invalid datagram, as a value: decoding never raises."""
 
     fault: Fault
     detail: str

@@ -160,7 +160,7 @@ def pad_layout(vendor: int, product: int, kernel_driver: str, keys: Iterable[int
     """Where the pad that the kernel shows with these `keys` has what.
 
     No pad has a C and a Z button beside the others: where both are, the generic HID driver has
-    counted the buttons from BTN_SOUTH on, and only who knows the pad knows which is where.
+    counted the buttons from BTN_SOUTH on, and which is where must be known for each pad.
     """
     counted = {BTN_C, BTN_Z} <= {*keys}
     if counted and (layout := _COUNTED.get((vendor, product))):

@@ -1,4 +1,4 @@
-"""The interfaces that Cardan speaks, as the files of a ROS 2 installation declare them.
+"""Interfaces that Cardan uses, as the files of a ROS 2 installation declare them.
 
 Each begins with a line ``@PACKAGE/KIND/NAME``; what follows is its ``.msg``, ``.srv`` or
 ``.action`` file without comments. Fields are in wire order.

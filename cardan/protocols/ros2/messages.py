@@ -22,7 +22,7 @@ from cardan.protocols.ros2.interfaces import (
 )
 
 MAX_ELEMENTS = 100_000
-"""Longest array that is taken; no message that Cardan speaks has more than a few hundred."""
+"""Longest array that is taken; no message that Cardan uses has more than a few hundred."""
 
 _BYTES = ("uint8", "char", "byte")
 

@@ -49,7 +49,7 @@ def type_hash(name: str) -> str:
 
 
 def revision_of(name: str, mark: str) -> str:
-    """The type `name` as who has it with the hash `mark` means it: a later revision, or `name`."""
+    """Return the revision of the type `name` with the hash `mark`: a later one, or `name`."""
     later = revised(name)
     return later if later and mark == type_hash(later) != type_hash(name) else name
 

@@ -86,9 +86,9 @@ class Attachment(NamedTuple):
         return cls(sequence, source_ns, gid) if length == _GID_BYTES else None
 
     def follows(self, sequence: int, source_ns: int) -> bool:
-        """Whether it was sent after the message of the same GID that had these: one that was sent
-        later with a lower number comes from a publisher that has begun again, as one does whose
-        Zenoh session has its id from a configuration file."""
+        """Whether it was sent after the message of the same GID that had these: a later one with a
+        lower number comes from a restarted publisher, whose Zenoh session has its id from a
+        configuration file."""
         return self.sequence > sequence or self.source_ns > source_ns
 
 

@@ -15,7 +15,7 @@ from cardan.protocols.simple_message.codes import CommType, MessageType, ReplyCo
 JOINTS = 10
 """ROS_MAX_JOINT: entries of every array of joints."""
 MAX_GROUPS = 4
-"""MOT_MAX_GR: groups a controller can have; JOINT_FEEDBACK_EX always carries so many."""
+"""MOT_MAX_GR: groups a controller can have; JOINT_FEEDBACK_EX always carries this many."""
 DH_LINKS = 8
 
 Unsigned = Annotated[int, "without sign"]

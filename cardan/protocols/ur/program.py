@@ -18,8 +18,8 @@ JOINTS: Final = 6
 FIRST_WAIT_S: Final = 2.0
 """Timeout of the program for the first command."""
 LARGEST_JUMP_RAD: Final = 0.15
-"""A command farther from the one before, or from where the program has gone on to, is none of the
-client's: while the client stands still both go on at a speed that both know."""
+"""Largest plausible step of a command from the one before, or from where the program has gone on
+to: while the client stands still both go on at a speed that both know."""
 
 
 class Order(enum.IntEnum):

@@ -366,7 +366,7 @@ class Recipe:
 
     def __init__(self, number: int | None, names: Sequence[str], types: Sequence[str]) -> None:
         """`number` None: its data packages have none, as a controller's in version 1. ValueError
-        where a type is none of `TYPES`, or one is missing."""
+        where a type is missing, or not in `TYPES`."""
         self.number = number
         self.names = tuple(names)
         self.types = tuple(types)
