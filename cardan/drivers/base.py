@@ -288,7 +288,7 @@ class OperatorDevice(Driver):
 
 
 class _StateReader:
-    """Gives one consumer each new state of a device once. Raises NotOpenError."""
+    """Reader that gives one consumer each new state of a device once. Raises NotOpenError."""
 
     def __init__(self, device: OperatorDevice) -> None:
         if device.state().link is DeviceLink.CLOSED:

@@ -12,7 +12,7 @@ MAX_EVENTS = 4096
 
 
 class ButtonEdges:
-    """Turns the set of buttons that are down into edges.
+    """Edges by the set of buttons that are down.
 
     A button that was down when the device was lost must not act when the device is back:
     after `release_all` it counts as up until the device has reported it up.

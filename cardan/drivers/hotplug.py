@@ -1,4 +1,4 @@
-"""Wait for a device to be plugged in, so that a driver without one need not poll.
+"""Notification of plugged-in devices, so that a driver without one need not poll.
 
 The kernel reports it where it lets us listen; elsewhere (some containers, other systems) a driver
 polls. Any program may send such an event: it only makes a driver look.
@@ -33,7 +33,7 @@ LISTEN_S: Final = 0.1
 
 
 class Arrivals:
-    """Listens for devices that are plugged in, from its making until `close`."""
+    """Listener for devices that are plugged in, from its making until `close`."""
 
     def __init__(self) -> None:
         self._socket: socket.socket | None = None

@@ -1,4 +1,4 @@
-"""Time in which a robot got no commands is lost, and never made up for.
+"""Missed cycles: time in which a robot got no commands is never made up for.
 
 While a process stands still, or datagrams are lost, most controllers continue at the last commanded
 speed. The next command then differs from the robot's position: it is behind, if the application
@@ -98,7 +98,7 @@ def believed_s(
 
 
 class ClockWatch:
-    """Compares a controller's clock with this computer's; `fault` says what is wrong with it.
+    """Comparison of a controller's clock with the local one; `fault` says what is wrong with it.
 
     Delays are no fault: a state may come late, several may come at once, and either computer may
     stand still. So only the state that came quickest in each window counts, and a small difference

@@ -1,4 +1,4 @@
-"""Unix packet sockets that stand for devices: what simulated devices serve."""
+"""Unix packet sockets that stand for devices, served by simulated devices."""
 
 from __future__ import annotations
 

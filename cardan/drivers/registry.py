@@ -1,4 +1,4 @@
-"""Finds drivers by name: the built-in table, then the entry points of installed packages."""
+"""Registry of drivers by name: the built-in table, then entry points of installed packages."""
 
 from __future__ import annotations
 

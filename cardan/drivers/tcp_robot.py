@@ -1,4 +1,4 @@
-"""Drivers of controllers that are spoken to over several TCP connections.
+"""Drivers of controllers with several TCP connections.
 
 A :class:`TcpSession` has the protocol, without sockets, clocks and threads; a :class:`TcpRobot`
 around it has the sockets and the loop.

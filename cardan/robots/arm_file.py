@@ -1,4 +1,4 @@
-"""The TOML beside a URDF: what a URDF cannot say."""
+"""TOML beside a URDF: settings that a URDF cannot have."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class CollisionTable(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class ArmFile(Options):
-    """The whole file."""
+    """Contents of the file."""
 
     urdf: str
     """From the folder of this file, or ``PACKAGE:FILE``; a ``.xacro`` is expanded."""

@@ -1,4 +1,4 @@
-"""Loads arms by name or file.
+"""Loader of arms by name or file.
 
 `cardan/robots` holds ours, and :func:`load_arm` takes the path of any other. A table beside each of
 ours has what Pinocchio reads of it, so that drivers and simulated peers need no Pinocchio;

@@ -1,4 +1,4 @@
-"""Makes an arm's model out of a URDF, by Pinocchio."""
+"""Model of an arm out of a URDF, by Pinocchio."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fits meshes once: what was found is kept by content in the user's cache folder."""
+"""Cache of fits of meshes, by content, in the user's cache folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Finds the meshes and packages that a URDF names, and reads the bytes of meshes."""
+"""Search for the meshes and packages that a URDF names, and reading of meshes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reads meshes: their corners, and the triangles between them.
+"""Reader of meshes: their corners, and the triangles between them.
 
 STL, OBJ and COLLADA (DAE) are read here and not by Assimp, which Coal brings: a damaged COLLADA
 file can end the process there, and units are not applied. Lengths in m.
@@ -189,7 +189,7 @@ _FACES: Final = ("triangles", "polylist", "polygons", "trifans", "tristrips")
 
 
 class _Plain(ET.TreeBuilder):
-    """Without namespaces, and without a document type, whose entities could be anything."""
+    """Parser without namespaces, and without document types, whose entities could be anything."""
 
     def __init__(self) -> None:
         super().__init__()

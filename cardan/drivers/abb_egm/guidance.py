@@ -1,4 +1,4 @@
-"""Turns commands into EGM messages: one guidance class per EGM mode.
+"""Commands to EGM messages: one guidance class per EGM mode.
 
 A guidance owns the limited reference that is sent. It is set to what the robot measures while
 commands do not act, and from there moves only through its limiters.

@@ -1,5 +1,5 @@
-"""The drivers of devices whose messages come on the bus: hands that a page of the console shows,
-and what nodes of a ROS 2 system read. Each driver is a node itself.
+"""Drivers of devices whose messages come on the bus: from a page of the console, and from nodes of
+a ROS 2 system. Each driver is a node itself.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ C = TypeVar("C", bound=BusCore)
 
 
 class Rumbler:
-    """Has another node show a rumble: by sensor_msgs/JoyFeedback, again while it lasts."""
+    """Rumble shown by another node: by sensor_msgs/JoyFeedback, repeated while it lasts."""
 
     def __init__(self, publisher: Publisher) -> None:
         self.level = 0.0

@@ -79,7 +79,7 @@ class Reading(NamedTuple):
 
 
 class HandheldCore(BusCore):
-    """The state of one hand."""
+    """State of a handheld device."""
 
     message_type = FRAME_TYPE
 
@@ -336,7 +336,7 @@ class PhoneCore(HandheldCore):
 
 
 class XrCore(HandheldCore):
-    """A hand or the viewer of a WebXR session."""
+    """A controller or the viewer of a WebXR session."""
 
     kind = "xr"
     no_sensor = "the hand has no place"

@@ -1,4 +1,4 @@
-"""The listening side: what the state port publishes every 25 ms."""
+"""Receiver of the status and feedback that the state port publishes every 25 ms."""
 
 from __future__ import annotations
 

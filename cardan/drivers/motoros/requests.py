@@ -1,4 +1,4 @@
-"""The asking side of the motion connection: one request at a time, every reply checked."""
+"""Requests on the motion connection: one at a time, every reply checked."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class _Asked(NamedTuple):
 
 
 class MotionRequests:
-    """Requests wait in a queue, for MotoROS loses bytes of a second one sent before its reply.
+    """Queue of requests, because MotoROS loses bytes of a second one sent before its reply.
 
     A reply is trusted only if it names the command and the sequence number of its request: MotoROS
     answers a command that it does not know with the reply before it.

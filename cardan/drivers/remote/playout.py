@@ -1,4 +1,4 @@
-"""Playout buffer: motion at the spacing at which the hand made it, whatever the network did to it.
+"""Playout buffer: motion with the spacing of the device's states, despite network jitter.
 
 As for speech over packet networks (Ramjee, Kurose, Towsley, Schulzrinne: Adaptive playout
 mechanisms for packetized audio applications in wide-area networks, INFOCOM 1994): each state is

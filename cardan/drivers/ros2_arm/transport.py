@@ -116,7 +116,7 @@ class NodeTransport(ABC):
 
 
 class ZenohTransport(NodeTransport):
-    """Over Zenoh."""
+    """Transport over Zenoh."""
 
     def __init__(self, options: Ros2ArmOptions) -> None:
         """Raises DriverError, ConfigurationError or ExtraMissingError."""
@@ -136,7 +136,7 @@ class ZenohTransport(NodeTransport):
 
 
 class DdsTransport(NodeTransport):
-    """Over DDS."""
+    """Transport over DDS."""
 
     def __init__(self, options: Ros2ArmOptions) -> None:
         """Raises DriverError, ConfigurationError or ExtraMissingError."""

@@ -1,4 +1,4 @@
-"""Tells what a device sends from what the daemon repeats by itself."""
+"""Detection of motions that the daemon repeats by itself."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ microseconds, so that it repeats each 1.3 ms or faster, if not each second or sl
 
 
 class RepeatDetector:
-    """Finds motions that say nothing new, and come faster than any device sends them.
+    """Detector of motions that say nothing new, and come faster than any device sends them.
 
     Motions that were held up come in a burst. So identical ones may be ahead of the fastest
     device's pace by up to `queued_s`.

@@ -1,4 +1,4 @@
-"""The RTDE connection: it is set up, and tells what the robot does."""
+"""RTDE connection: its setup, and the robot's states."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reference that is sent to the program: inside the limits, whatever is asked for."""
+"""Reference sent to the program: within the limits, whatever is commanded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""uinput: how a program makes an input device of its own. Source: linux/uinput.h."""
+"""uinput: input devices made by a program. Source: linux/uinput.h."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ def boundary_of(content_type: str) -> str | None:
 
 
 class PictureParser:
-    """Takes an answer's body apart. It holds one picture at most."""
+    """Parser of an answer's body into pictures. It holds one picture at most."""
 
     def __init__(self, boundary: str) -> None:
         self._line = b"--" + boundary.encode("latin-1", "replace")

@@ -1,4 +1,4 @@
-"""Messages as people give them: missing fields take their defaults, wrong ones are named."""
+"""Messages as users write them: missing fields take their defaults, wrong ones are named."""
 
 from __future__ import annotations
 

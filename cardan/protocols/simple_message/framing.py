@@ -1,4 +1,4 @@
-"""Cuts a TCP stream of simple message into messages."""
+"""Framing of simple message on a TCP stream."""
 
 from __future__ import annotations
 
