@@ -96,7 +96,7 @@ class DatagramListener:
         """Datagrams that could be used."""
         self.malformed = 0
         self.malformed_reason = ""
-        """What was wrong with the last malformed one."""
+        """Fault of the last malformed datagram."""
         self._take = take
         self._bound: UnixSocket | None = None
         self._socket: socket.socket | None = None
@@ -166,7 +166,7 @@ class DatagramListener:
             self.malformed_reason = wrong.reason
 
     def diagnosis(self, sensor: str) -> tuple[str, ...]:
-        """What is wrong with the datagrams of `sensor`."""
+        """Return the faults of the datagrams of `sensor`."""
         found = []
         if self.is_open and not self.heard:
             found.append(f"nothing was heard from the {sensor} on {shown_place(self.place)} yet")

@@ -111,7 +111,7 @@ class ProximityOptions(ListenerOptions):
     max_age_s: Annotated[float, READING_AGE_S] = 0.3
     """Oldest reading that still counts."""
     when_stale: Literal["stop", "half", "pass"] = "stop"
-    """What happens without a reading that counts; half: half speed."""
+    """Reaction when no reading counts; half: half speed."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -270,7 +270,7 @@ class ProximityFilter(TwistFilter):
         )
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What is wrong with the sensors' datagrams, and who sends them where several do."""
+        """Return the faults of the sensors' datagrams, and their senders if there are several."""
         found = self.listener.diagnosis("proximity sensors")
         if len(self._senders) > 1:
             names = ", ".join(map(str, self._senders))

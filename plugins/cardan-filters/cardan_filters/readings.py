@@ -56,7 +56,7 @@ def _numbers(words: list[bytes]) -> tuple[float, ...] | Malformed:
 
 
 def decode_proximity(data: bytes) -> tuple[float, ...] | Malformed:
-    """One reading of all proximity sensors; the larger a value, the nearer something is.
+    """Decode a reading of all proximity sensors; the larger a value, the nearer an object.
 
     Either the text of the AMOR skin, 48 values: three boards ``I``, ``J``, ``K`` in any order,
     each followed by its axes X, Y and Z, a letter and 16 words of three hexadecimal digits; a

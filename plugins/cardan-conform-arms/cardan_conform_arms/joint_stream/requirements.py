@@ -1,4 +1,4 @@
-"""What an arm must do that speaks the joint stream."""
+"""Requirements for an arm that speaks the joint stream."""
 
 from __future__ import annotations
 
@@ -241,7 +241,7 @@ def an_arm_that_is_held_stands(seen: JointStreamTraffic) -> Verdict:
     _in("junk", nothing="none was sent"),
 )
 def junk_changes_nothing(each: State) -> str:
-    """What is no command changes nothing."""
+    """Datagrams that are no command change nothing."""
     return each.value.reason
 
 

@@ -38,7 +38,7 @@ class JointStreamScenario(Scenario):
         self._heard_s = 0.0
         self._sequence = 0
         self._mode: ControlMode | None = None
-        """What every state is answered with; None: nothing."""
+        """Mode of the command that answers every state; None: no answer."""
         self._at: tuple[float, ...] = ()
         self._speed = 0.0
 
@@ -109,7 +109,7 @@ class JointStreamScenario(Scenario):
             yield Wait(0.3)
 
     def _refused(self) -> Script:
-        """What changes nothing, or is refused."""
+        """Send datagrams that change nothing or are refused."""
         state = self._state
         assert state is not None
         yield mark("junk")

@@ -1,4 +1,4 @@
-"""What a client of the joint stream must do that moves an arm."""
+"""Requirements for a client of the joint stream that moves an arm."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _said(seen: JointStreamTraffic, *phases: str) -> list[Said]:
     commands: list[Command] = seen.sent_during(*phases) if phases else seen.commands
     for each in commands:
         while coming is not None and coming.number < each.number:
-            # What is sent once more is not the newest.
+            # A repeated state is not the newest.
             later = newest is None or _later(coming, newest)
             newest, coming = (coming if later else newest), next(states, None)
         if each.value is not None:

@@ -99,7 +99,7 @@ class JointStreamDriverRig(DriverRig):
                 self._say(command, found)
 
     def _answer_old(self, state: ArmState) -> None:
-        """What a driver does with a state that is not newer than the newest."""
+        """Answer a state that is not newer than the newest, as a driver with a fault does."""
         newest = self._session.message
         if newest is None:
             return

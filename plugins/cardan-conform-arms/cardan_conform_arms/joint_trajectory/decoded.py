@@ -1,4 +1,4 @@
-"""What judges of an action server look at: its goals, and what became of each."""
+"""Decoded traffic of an action server for its judges: goals and their outcomes."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Goal:
 
     @property
     def became(self) -> str:
-        """What became of it, in words."""
+        """Outcome of the goal, in words."""
         if self.accepted is None:
             return "nobody answered"
         if not self.accepted:

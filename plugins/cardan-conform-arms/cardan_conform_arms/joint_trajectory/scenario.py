@@ -59,7 +59,7 @@ def _duration(seconds: float) -> Message:
 
 
 class TrajectoryScenario(Scenario):
-    """One client, which asks for the result of each goal that is accepted."""
+    """A client that asks for the result of each accepted goal."""
 
     def __init__(self, level: Level, seconds: float, joints: tuple[str, ...] = ()) -> None:
         """`joints`: those that the controller moves; empty: all that are described and come."""
