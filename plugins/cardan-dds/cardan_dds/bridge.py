@@ -1,12 +1,12 @@
-"""Joins the bus with a DDS domain: topics of the bus out, commands in, services of the bus.
+"""Bridge between the bus and a DDS domain: topics of the bus out, commands in, services of the bus.
 
-What the bus has decides: a topic that somebody on the bus publishes goes out; one that somebody on
-the bus subscribes to comes in; a service that somebody on the bus offers is offered on DDS. Both
-sides are deaf to what the bridge itself publishes there, so that nothing goes round.
+The graph of the bus decides: topics published on the bus are published on DDS, topics subscribed to
+on the bus are subscribed to on DDS, services offered on the bus are offered on DDS. Both sides
+ignore the bridge's own publications, so that no message loops.
 
-Nothing is queued here: a message is passed on in the thread that brought it, into DDS's and
+The bridge queues nothing: a message is passed on in the thread that received it, into DDS's and
 Zenoh's own bounded queues, in order for each publisher. A topic is subscribed to on the bus only
-while somebody on DDS subscribes to it, a latched one from then on.
+while it has a subscriber on DDS; a latched topic stays subscribed to from its first one on.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ MOST_CLIENTS = 64
 
 NAMED_WITHIN_S = 1.0
 """How long the messages of a writer wait for the name of its node, and are not passed on: ROS 2
-tells it when the writer is made. One that is not of ROS 2 has none."""
+announces it when the writer is made. A writer that is not of ROS 2 has none."""
 
 MOST_BYTES = 10_000_000
 """Largest message that is passed on to the bus, as of rosbridge."""
@@ -57,11 +57,11 @@ class _Out:
         self.type, self.latched = topic.type, topic.latched
         self.publisher = publisher
         self.heard: Handle | None = None
-        """The subscription on the bus, while somebody on DDS wants it; of a latched topic, since
-        somebody did."""
+        """The subscription on the bus, while the topic has a subscriber on DDS; a latched topic
+        keeps it from its first subscriber on."""
 
     def quiet(self) -> None:
-        """Nobody on DDS wants it."""
+        """Unsubscribe on the bus, since no subscriber is left on DDS."""
         heard, self.heard = self.heard, None
         if heard is not None:
             heard.close()
@@ -164,7 +164,7 @@ class Bridge:
                 out = self._outs.get(name) or self._begin_out(name, topic)
                 _, readers = self._dds.others(name)
                 if not readers:
-                    # What is latched would come once more with the next one, beside what is kept.
+                    # A new subscription would repeat the latched message that DDS already keeps.
                     if not out.latched:
                         out.quiet()
                 elif out.heard is None:
@@ -262,8 +262,8 @@ class Bridge:
     def _publisher(
         self, writer: Endpoint, name: str, type_name: str, at_once: bool = False
     ) -> Publisher | None:
-        """What a writer on DDS is on the bus; None where it cannot be, or where it waits for its
-        node's name, unless `at_once`. From any thread."""
+        """Return a DDS writer's publisher on the bus; None where there can be none, or while the
+        writer waits for its node's name, unless `at_once`. From any thread."""
         node = self._dds.node_of(writer)
         with self._lock:
             if not (node or at_once or self._nameless(writer.guid)):
@@ -289,7 +289,7 @@ class Bridge:
     # -- participants ------------------------------------------------------------------------------
 
     def _client(self, participant: bytes, node: str) -> _Client | None:
-        """What a node on DDS is on the bus; None where there are too many. With the lock."""
+        """Return a DDS node's node on the bus; None where there are too many. With the lock."""
         client = self._clients.get((participant, node))
         if client is None:
             if len(self._clients) >= MOST_CLIENTS:

@@ -48,8 +48,8 @@ acknowledgment of its last messages, by default for a second, though its reader 
 CONFIG_VARIABLE = "CYCLONEDDS_URI"
 
 BLOCKED_MS = 10
-"""Longest that a full reliable writer blocks: it holds the interpreter for so long. One that keeps
-the last messages does not block at all."""
+"""Longest that a full reliable writer blocks: it holds the interpreter for so long. A writer that
+keeps the last messages does not block at all."""
 
 TAKEN_AT_ONCE = 64
 """Most samples of a reader that are taken in one turn."""
@@ -143,11 +143,11 @@ class _Library:
 
     @contextlib.contextmanager
     def without_types(self) -> Iterator[None]:
-        """What is made of a topic in here is published without a description of its type. A topic
-        itself cannot be made in here.
+        """Publish readers and writers made in this context without a description of their type.
+        Topics cannot be made in it.
 
-        It is the table of all topics that is changed, as types that differ by their tables alone
-        are mistaken for each other when one of them is freed.
+        This changes the table of all topics, because types that differ by their tables alone are
+        mistaken for each other when one of them is freed.
         """
         table = self._table
         if table is None:
@@ -182,7 +182,7 @@ def _library() -> _Library:
 
 @cache
 def _one_byte_type(name: str) -> Any:
-    """Cyclone's idea of a type: the name, and one byte. What follows it is not looked at."""
+    """Cyclone's type of that name with one byte as content. Bytes after it are ignored."""
     library = _library()
     fields = {"structure_needs_at_least_one_member": library.types.uint8}
     return library.idl.make_idl_struct("Raw", name.replace("::", "."), fields)
@@ -373,7 +373,7 @@ class _Entity:
         with self._library.lock:
             entity, self._entity = self._entity, None
             if entity is not None:
-                # What the package does when nobody has the entity any more, when we choose.
+                # The package deletes an entity with its last reference; here it is deleted now.
                 entity.__del__()
 
 

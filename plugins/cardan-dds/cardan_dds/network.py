@@ -1,6 +1,6 @@
 """The whole ROS graph of a DDS domain for servers: the `Network` of cardan.bus.network over DDS.
 
-One thread waits for all readers and for what DDS discovers, and calls back. Services are those of
+A single thread waits for all readers and for discovery, and calls back. Services are those of
 rmw_cyclonedds: a header before each request and reply.
 """
 
@@ -106,7 +106,7 @@ class DdsNetwork:
         self._deaf = deaf
         self._shared: _Hub | None = None
         self._given: list[_Given] = []
-        """What is on DDS until it is closed."""
+        """Open publishers, subscriptions and services on DDS."""
         self._clients: dict[tuple[str, str], _Client] = {}
         self._making = threading.Lock()
 
@@ -219,7 +219,7 @@ class DdsNetwork:
             return [each for each in hub.graph.having_node(node) if each != self.guid]
 
     def wait_for_service(self, service: str, timeout_s: float) -> bool:
-        """Wait until somebody offers `service`; False where nobody does in time."""
+        """Wait until `service` is offered; False on a time-out."""
         hub = self.hub
         with hub.changed:
             return hub.changed.wait_for(
@@ -481,7 +481,7 @@ class _Hub:
 
 
 class _Given:
-    """What somebody has on DDS until it is closed."""
+    """A handle's entities on DDS until it is closed."""
 
     def __init__(self, hub: _Hub, node: str) -> None:
         self._hub, self._node = hub, node
@@ -535,7 +535,7 @@ class _Sender(_Given):
 
     @property
     def heard(self) -> bool:
-        """Whether somebody subscribes."""
+        """Whether there is a subscriber."""
         return not self.closed and bool(self._writer.matched())
 
     def publish(self, cdr: bytes, sent_ns: int = 0) -> None:
@@ -628,7 +628,7 @@ class _Client(_Given):
         self._lock = threading.Lock()
         self._unsent: dict[int, bytes] = {}
         self._waiting: dict[int, tuple[Answered, float]] = {}
-        """What is called with the reply, and until when it may come."""
+        """By request: the callback for the reply, and the deadline of the reply."""
         self._have(self._reader, self._writer)
         hub.follow(self)
 
@@ -724,7 +724,7 @@ class _Server(_Given):
             if self.closed or client is None or packet is None:
                 continue
             if client.vendor not in HEADER_SENDERS:
-                continue  # What it sent has no header; it was warned of when it came.
+                continue  # Its requests have no header; a warning was logged when it appeared.
             self._ask(packet, client)
 
     def _ask(self, packet: ServicePacket, client: Endpoint) -> None:
@@ -812,7 +812,7 @@ def _checked(name: str) -> str:
 
 @contextlib.contextmanager
 def _told() -> Iterator[None]:
-    """What DDS refuses is a NetworkError."""
+    """Raise NetworkError for errors of DDS."""
     try:
         yield
     except (DriverError, InterfaceError) as error:

@@ -128,7 +128,7 @@ class DdsPublisher:
 
     @property
     def heard(self) -> bool:
-        """Whether somebody subscribes."""
+        """Whether there is a subscriber."""
         return bool(self._writer.matched())
 
     def close(self) -> None:
@@ -154,13 +154,13 @@ class GraphReader:
         """Of a waiter: there is something to be read."""
 
     def take(self) -> Discovered:
-        """What is new; the graph has not got it yet."""
+        """Take new discoveries, which the graph does not have yet."""
         return Discovered(
             list(self._discovery.endpoints()), self._announced.take(), self._discovery.departed()
         )
 
     def learn(self, found: Discovered) -> None:
-        """Have what is new in the graph."""
+        """Add new discoveries to the graph."""
         for each in found.changes:
             if isinstance(each, Endpoint):
                 self.graph.add(each)
@@ -191,7 +191,7 @@ class GraphReader:
 
 
 class Discovered(NamedTuple):
-    """What was new on DDS."""
+    """New discoveries on DDS."""
 
     changes: list[Endpoint | bytes]
     """Endpoints; of one that is gone, its GUID."""
@@ -312,7 +312,7 @@ class DdsNode(OtherNode):
         """A subscription that keeps the newest `depth` messages. It hears publishers of any
         reliability. Raises InterfaceError, RosNameError or DriverError."""
         participant, announcer = self._opened()
-        # One that is latched must be reliable to hear what was published before.
+        # Messages published earlier reach a latched subscription only if it is reliable.
         kept = qos._replace(depth=depth, reliable=qos.transient_local)
         names = self._names(name, type_name)
         reader = participant.reader(*names, kept, topic_user_data(type_name))

@@ -20,7 +20,7 @@ LOOK_S = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class DdsBridgeOptions(Options):
-    """What is joined."""
+    """Topics and services that the bridge joins."""
 
     topics: tuple[str, ...] = ("*",)
     """Patterns of the topics that are on DDS."""

@@ -27,7 +27,7 @@ ENCLAVE = b"enclave=/;"
 """User data of a participant; one without it does not count as ROS 2."""
 
 BARE_NODE = "/_CREATED_BY_BARE_DDS_APP_"
-"""Whose an endpoint is that no node has announced, as ROS 2 calls it."""
+"""ROS 2's node name for an endpoint that no node has announced."""
 
 HEADER = struct.Struct("<Qq")
 """Before each request and reply: the client's id and the request's number."""
@@ -51,15 +51,15 @@ _VENDORS = {
 _LENGTH = struct.Struct("<I")
 
 HEADER_SENDERS = (CYCLONE, RUST_DDS)
-"""Whose clients put the header before requests; what others send would be read from the wrong
-byte."""
+"""Vendors whose clients put the header before requests; requests of others would be read from the
+wrong byte."""
 
 WAYS_OUT = (
     "services do not work between Cyclone DDS and other DDS vendors; commands on topics do, and so "
     "do services with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp for the program that calls, with "
     "rmw_zenoh_cpp, and by rosbridge"
 )
-"""What users of another DDS are told."""
+"""Advice for users of another DDS."""
 
 
 def vendor(guid: bytes) -> str:
@@ -74,7 +74,7 @@ def vendor(guid: bytes) -> str:
 
 
 class DdsName(NamedTuple):
-    """What a DDS topic is to ROS 2."""
+    """ROS 2's meaning of a DDS topic."""
 
     prefix: str
     """TOPIC, REQUEST or REPLY."""
@@ -97,7 +97,7 @@ def dds_type_of(prefix: str, type_name: str) -> str:
 
 
 def ros_name(topic: str, type_name: str) -> DdsName | None:
-    """What a DDS topic with a DDS type is to ROS 2; None: nothing."""
+    """Return ROS 2's meaning of a DDS topic with a DDS type; None: it has none."""
     prefix, slash, rest = topic.partition("/")
     suffix = _SUFFIXES.get(prefix)
     if suffix is None or not slash or not rest.endswith(suffix):
@@ -255,7 +255,7 @@ class Announcement(NamedTuple):
 
 
 class Endpoint(NamedTuple):
-    """A reader or writer that somebody has, as DDS's own discovery tells it."""
+    """A reader or writer, as reported by DDS's own discovery."""
 
     guid: bytes
     participant: bytes
@@ -265,7 +265,7 @@ class Endpoint(NamedTuple):
     type_name: str
     """DDS's."""
     handle: int = 0
-    """What samples of this writer have as `publication_handle`."""
+    """`publication_handle` of this writer's samples."""
     reliable: bool = True
     transient_local: bool = False
     user: bytes = b""
@@ -274,12 +274,12 @@ class Endpoint(NamedTuple):
 
     @property
     def ros(self) -> DdsName | None:
-        """What it is to ROS 2."""
+        """ROS 2's meaning of its topic."""
         return ros_name(self.topic, self.type_name)
 
     @property
     def vendor(self) -> str:
-        """Whose DDS it is."""
+        """Vendor of its DDS."""
         return vendor(self.guid)
 
     def told(self, key: str) -> str:
@@ -371,5 +371,5 @@ class DdsGraph:
         return {each.participant for each in self._endpoints.values()}
 
     def names(self, prefix: str) -> list[str]:
-        """The ROS names that somebody has endpoints of, sorted."""
+        """Return the ROS names that have endpoints, sorted."""
         return sorted(name for kind, name in self._ros if kind == prefix)

@@ -37,9 +37,9 @@ class Logged(NamedTuple):
 
 
 def reader(head: bytes) -> Callable[[BinaryIO], Iterator[Logged]] | None:
-    """What reads the log that begins with these four bytes; None: it is none.
+    """Return the reader of a log that begins with these four bytes; None: it is no log.
 
-    What is read raises ValueError that says what is wrong with it.
+    The reader raises ValueError that says what is wrong with the log.
     """
     if head[:1] == b"(" and head[1:].isdigit():
         return _candump

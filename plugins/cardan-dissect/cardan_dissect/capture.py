@@ -73,7 +73,7 @@ class Direction(enum.Enum):
 
 
 class CapturedPacket(NamedTuple):
-    """One captured packet. `number` counts from 1; `time_ns` is since the Unix epoch."""
+    """A captured packet. `number` counts from 1; `time_ns` is since the Unix epoch."""
 
     number: int
     time_ns: int
@@ -106,7 +106,7 @@ class _Again(io.RawIOBase):
         return True
 
     def readinto(self, buffer: Any) -> int:
-        """What is there, without waiting for as much as there is room for."""
+        """Read the available bytes, without waiting until the buffer is full."""
         data = self._head[: len(buffer)] or self._stream.read1(len(buffer))
         self._head = self._head[len(data) :]
         buffer[: len(data)] = data

@@ -31,7 +31,7 @@ class Intervals:
         self._min_ns = math.inf
 
     def add(self, time_ns: int) -> None:
-        """One more instant."""
+        """Add an instant."""
         last, self._last_ns = self._last_ns, time_ns
         if last is None:
             return
@@ -70,8 +70,8 @@ class Sequence:
         self._recovered = 0
 
     def add(self, seqno: int, datagram: bytes) -> str:
-        """One more datagram: "" (as usual), "gap", "duplicate", "repeated" (the seqno, with other
-        content), "late" or "restart"."""
+        """Add a datagram; return "" (as usual), "gap", "duplicate", "repeated" (the seqno, with
+        other content), "late" or "restart"."""
         content, verdict = hash(datagram), ""
         last = self._last
         if last is None:
@@ -147,7 +147,7 @@ def bounded(counted: Mapping[str, object], text: str) -> str:
 
 
 def count(counter: Counter[str], text: str) -> None:
-    """One more of `text`, or of others."""
+    """Count `text`, under itself or as one of the others."""
     counter[bounded(counter, text)] += 1
 
 
@@ -179,7 +179,7 @@ class Figures:
         """When the newest of them came."""
 
     def add(self, message: Message) -> tuple[str, ...]:
-        """One more; what is to be said of it."""
+        """Add a message; return remarks about it."""
         packet, _, (value, title, fault, seqno, asks, answers, remarks), data, _ = message
         self.messages += 1
         if fault:

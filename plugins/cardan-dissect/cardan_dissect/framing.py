@@ -19,7 +19,7 @@ MOST_ABOUT = 4 * MOST_FLOWS
 
 
 class Measured(NamedTuple):
-    """What the first bytes of a message say of its length."""
+    """Length of a message by its first bytes."""
 
     size: int | None
     """None: they are no message's."""
@@ -28,7 +28,7 @@ class Measured(NamedTuple):
 
 
 class Conversation(ABC):
-    """One port of a device and one client: what the messages of both have in common.
+    """Message format between a port of a device and a client, in both directions.
 
     A protocol's class says how its messages begin, how long they are, and what is in them.
     """
@@ -46,14 +46,14 @@ class Conversation(ABC):
 
     @abstractmethod
     def decode(self, data: bytes, direction: Direction) -> Decoded:
-        """One whole message."""
+        """Decode a whole message."""
 
     def restart(self) -> None:  # noqa: B027 - few remember anything
         """A connection begins."""
 
 
 class _Stream:
-    """One direction: bytes in order, cut into messages."""
+    """One direction of a connection: bytes in order, cut into messages."""
 
     def __init__(self, conversation: Conversation, direction: Direction) -> None:
         self.tcp = tcp.TcpStream()
@@ -68,7 +68,7 @@ class _Stream:
         """Bytes to come of a message of which the capture lacks a part."""
 
     def take(self, event: tcp.Event) -> Iterator[str | tuple[bytes, Decoded]]:
-        """What the stream says next: notes, and messages with their bytes."""
+        """Yield the notes and messages, with their bytes, that an event completes."""
         if isinstance(event, tcp.Bytes):
             yield from self._cut(event.data)
             return
@@ -237,7 +237,7 @@ class StreamDissector(Dissector):
         direction: Direction,
         event: tcp.Event,
     ) -> Found:
-        """What an event of a stream completes, shown with `packet`."""
+        """Yield the messages and notes that an event of a stream completes, with `packet`."""
         where, back = (_where(key, each) for each in (direction, direction.opposite))
         if isinstance(event, tcp.Bytes):
             packet = packet._replace(time_ns=event.time_ns)

@@ -1,9 +1,8 @@
-"""Makes of a capture the timeline that `cardan conform --capture` judges.
+"""Timeline of a capture, as judged by `cardan conform --capture`.
 
-What is judged has the port that the suite's protocol is known for, or its client has. Packets are
-told apart by address and port, reports of devices by what their dissector says. The capture
-says nothing of a connection after the first of its bytes that are missing; where the beginning of
-one is, no failure is judged.
+The judged side, or its client, has the port that the suite's protocol is known for. Packets are
+told apart by address and port, reports of devices by their dissector. A connection is not judged
+after the first of its bytes that are missing; if its beginning is missing, no failure is judged.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ from cardan_dissect.reader import CUT, Dissector, Found, Message
 PATIENCE_S = 15.0
 """A request that the end of the capture left open for a shorter time was perhaps answered."""
 BEGINNING_S = 0.5
-"""What went on before a capture of datagrams shows within this time."""
+"""Traffic that began before a capture of datagrams shows within this time."""
 LACKS_BEGINNING = "the capture lacks the beginning of a connection"
 LACKS_BYTES = "the capture lacks bytes of a connection"
 STRAY_DATAGRAMS = 16
@@ -72,15 +71,15 @@ class ClientTraffic(NamedTuple):
     """Its events', in the timeline of all."""
     timeline: Captured
     seen: Any
-    """What the suite made of its timeline."""
+    """Its timeline as decoded by the suite."""
 
 
 _WORST = (Outcome.FAILED, Outcome.PASSED, Outcome.NOT_SEEN, Outcome.NOT_APPLICABLE)
-"""What is said of several clients is what is said of the one that comes first in this order."""
+"""Outcomes in the order of severity: of several clients, the first of these outcomes counts."""
 
 
 class Captured(Timeline):
-    """A timeline that somebody else recorded. Nothing is judged that it cannot show."""
+    """A timeline from a capture. Requirements are not judged by events that it cannot show."""
 
     lacks = ""
     """Why it may not show what was there: no failure is judged then."""
@@ -132,7 +131,7 @@ class Captured(Timeline):
 
 
 def timeline(suite: Suite[Any], path: str | os.PathLike[str], target: str = "") -> Timeline:
-    """What a capture shows of what `suite` judges; times are the capture's.
+    """Return the timeline of a capture for `suite`; times are the capture's.
 
     `target` is ``[HOST][:PORT]`` of the flow, of a bus as the suite has it, or of a device where
     `cardan dissect` shows it ("USB 1.5"). Raises CaptureError
@@ -177,7 +176,7 @@ class _Packet(NamedTuple):
 
 
 class _Flow(NamedTuple):
-    """What went between an address and port of what is judged, and one of ours."""
+    """Packets between an address and port of the judged side, and one of ours."""
 
     judged: Endpoint
     ours: Endpoint
@@ -276,12 +275,12 @@ class _Reading(ABC):
     def add(
         self, time_ns: int, kind: Kind, sent: bool, channel: str, data: bytes = b"", note: str = ""
     ) -> None:
-        """What happened next."""
+        """Append an event."""
         self.events.append((time_ns, Event(0.0, kind, sent, channel, data, note)))
 
 
 class _Part(NamedTuple):
-    """What one of several clients has of the events."""
+    """Events of one of several clients."""
 
     client: str
     numbers: list[int]
@@ -352,7 +351,7 @@ def _one_after_another(flows: list[_Flow]) -> list[list[_Flow]]:
 
 @dataclass
 class _Connection:
-    """One that is followed from its beginning."""
+    """A connection that is followed from its beginning."""
 
     channel: str
     begun: set[bool] = field(default_factory=set)

@@ -1,11 +1,11 @@
-"""scapy layers of RTDE, version 2: what clients and Universal Robots controllers send each other.
+"""scapy layers of RTDE, version 2: packets between clients and Universal Robots controllers.
 
 Everything is big-endian. Written from the protocol's page (docs/universal-robots.md), independent
 of Cardan's codec, so that each can be checked against the other.
 
 A request and its reply have the same type, so the direction has to be known: `RtdeRequest(data)`
 dissects the packet that `data` begins with as a client's, `RtdeReply(data)` as a controller's, to
-the layer of its type, or to RtdeRequestBroken or RtdeReplyBroken; they never raise. What follows in
+the layer of its type, or to RtdeRequestBroken or RtdeReplyBroken; they never raise. The rest of
 `data` is the payload, dissected likewise: a TCP segment can hold several packets. Building fills in
 sizes.
 
@@ -132,7 +132,7 @@ class RtdeRequestBroken(RtdeRequest):
 
     @property
     def reason(self) -> str:
-        """What is wrong with the header or the length."""
+        """Fault of the header or the length."""
         return _judge(self.data, REQUESTS)[1]
 
 
@@ -146,7 +146,7 @@ class RtdeReplyBroken(RtdeReply):
 
     @property
     def reason(self) -> str:
-        """What is wrong with the header or the length."""
+        """Fault of the header or the length."""
         return _judge(self.data, REPLIES)[1]
 
 

@@ -4,7 +4,7 @@ Positions are rad, speeds rad/s, accelerations rad/s² (m, m/s, m/s² for a line
 Written from the protocol's description, independent of Cardan's codec.
 
 `SimpleMessage(data)` dissects the message `data` begins with to the layer of its type, or to
-SimpleMessageBroken where type or length is none that is known; it never raises. What follows in
+SimpleMessageBroken where type or length is none that is known; it never raises. The rest of
 `data` is its payload, dissected likewise: a TCP segment can hold several messages.
 
 Byte order and size of the reals differ between controllers and are written nowhere. Each layer has
@@ -126,7 +126,7 @@ def byte_order(data: bytes | bytearray) -> str:
 
 
 class GroupPoint(NamedTuple):
-    """One group in 2016, 2017 and 2041."""
+    """A group in 2016, 2017 and 2041."""
 
     group: int = 0
     valid_fields: int = 0
@@ -137,7 +137,7 @@ class GroupPoint(NamedTuple):
 
 
 class GroupState(NamedTuple):
-    """One group in 2030."""
+    """A group in 2030."""
 
     group: int = 0
     positions: tuple[float, ...] = ZEROS
@@ -145,14 +145,14 @@ class GroupState(NamedTuple):
 
 
 class GroupCommand(NamedTuple):
-    """One group in 2031."""
+    """A group in 2031."""
 
     group: int = 0
     velocities: tuple[float, ...] = ZEROS
 
 
 class DhLink(NamedTuple):
-    """One link in the reply to 2020; eight of each group, four groups."""
+    """A link in the reply to 2020; eight of each group, four groups."""
 
     theta: float = 0.0
     d: float = 0.0
@@ -222,7 +222,7 @@ class GroupCountField(WordField):
 
 
 class RealField(Field[Any, Any]):
-    """One real of the packet's size."""
+    """A real of the packet's size."""
 
     words, reals = 0, 1
 
@@ -383,7 +383,7 @@ class SimpleMessageBroken(SimpleMessage):
 
     @property
     def reason(self) -> str:
-        """What is wrong with the prefix, the type or the length."""
+        """Fault of the prefix, the type or the length."""
         return _judge(self.data)[1]
 
 
@@ -756,7 +756,7 @@ TOPICS = (JointPosition, RobotStatus, JointFeedback, JointFeedbackEx, RtJointSta
 
 
 def remarks(layer: SimpleMessage) -> Iterator[str]:
-    """What is unusual in a message that is well-formed."""
+    """Yield unusual values of a well-formed message."""
     if isinstance(layer, REPLIES):
         usual = {REPLY}
     elif isinstance(layer, Ping):

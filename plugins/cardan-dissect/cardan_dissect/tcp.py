@@ -1,7 +1,7 @@
-"""One direction of a TCP connection: segments in any order to bytes in order.
+"""Reassembly of one direction of a TCP connection: segments in any order to bytes in order.
 
 Segments that overlap, come twice, come early or are missing in the capture are dealt with here; a
-protocol's reader cuts messages out of what comes.
+protocol's reader cuts messages out of the bytes.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class TcpStream:
         self._held_since_ns = 0
 
     def feed(self, segment: Segment, time_ns: int) -> Iterator[Event]:
-        """One segment; what can be read now."""
+        """Add a segment; yield the events that can be read now."""
         sequence, payload, missing = segment.sequence, segment.payload, segment.missing
         if segment.flags & TCP_SYN:
             start = (sequence + 1) % SEQUENCE_MODULUS

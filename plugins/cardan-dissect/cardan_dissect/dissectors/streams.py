@@ -49,7 +49,7 @@ TOLD = frozenset(
         MessageType.MOTO_JOINT_FEEDBACK_EX,
     )
 )
-"""What a controller sends unasked."""
+"""Messages that a controller sends unasked."""
 
 
 class _SimpleMessages(Conversation):
