@@ -21,7 +21,7 @@ from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.parameters import ParameterKind, content_of, value_of
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
-"""What clients may ask for; the messages are the same."""
+"""Subprotocols that clients may ask for; their messages are the same."""
 
 CDR, JSON, ROS2MSG = "cdr", "json", "ros2msg"
 """Encodings of messages, and of their definitions."""
@@ -88,7 +88,7 @@ class Given(NamedTuple):
 def parse_operation(
     text: str,
 ) -> Subscribe | Unsubscribe | GetParameters | SetParameters | None:
-    """What a client's text frame asks for; None: something else, or it is malformed."""
+    """Decode the request in a client's text frame; None: another operation, or malformed."""
     try:
         found = json.loads(text)
     except (ValueError, RecursionError):

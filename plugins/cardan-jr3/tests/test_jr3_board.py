@@ -31,7 +31,7 @@ class Host:
         self.board.receive(*frame, self.now_s if now_s is None else now_s)
 
     def run(self, seconds, step_s=0.0005):
-        """What came in this time: (time, message)."""
+        """Return the messages of this time: (time, message)."""
         self.heard = []
         end_s = self.now_s + seconds
         while self.now_s < end_s - 1e-9:

@@ -26,7 +26,7 @@ class Echoing(can.BusABC):
         self.began_s = time.monotonic()
         self.datagrams = deque()
         self.others = []
-        """What other nodes than the driver sent."""
+        """Frames of other nodes than the driver."""
 
     def send(self, msg, timeout=None):
         self._send(msg)

@@ -148,7 +148,7 @@ class ArmActions:
         return (*(each / fast for each in linear), *(each / turning for each in angular))
 
     def _axes(self, tcp: Pose) -> tuple[Quaternion, Quaternion]:
-        """What turns an action's ways, and its turns, into the base's axes."""
+        """Return the rotations of an action's translations and rotations into the base's axes."""
         tool = tcp.orientation
         return (
             tool if self._mapping.frame is Frame.TOOL else IDENTITY,

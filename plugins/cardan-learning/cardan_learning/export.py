@@ -37,7 +37,7 @@ MOST_GAPS = 5
 
 @dataclass
 class ExportReport:
-    """What was exported."""
+    """Contents and problems of an export."""
 
     folder: Path
     frames: Frames
@@ -139,7 +139,7 @@ def _lerobot() -> tuple[Any, str]:
         importlib.import_module("lerobot")
         package = importlib.import_module("lerobot.datasets")
         module = importlib.import_module("lerobot.datasets.lerobot_dataset")
-    except Exception as error:  # What it imports in turn may be broken in any way.
+    except Exception as error:  # Its own imports may be broken in any way.
         if shortage(error):
             raise
         missing = isinstance(error, ModuleNotFoundError) and error.name == "lerobot"

@@ -19,7 +19,7 @@ AXES = ("x", "y", "z", "wx", "wy", "wz")
 
 
 class ActionKind(enum.Enum):
-    """What the numbers of an action mean."""
+    """Meaning of an action's numbers."""
 
     DELTA = "delta"
     """How fast the TCP moves, as shares of full speed."""
@@ -99,10 +99,10 @@ def reference_of(model: ArmModel, tool: Pose) -> Vector3:
 
 
 class Continuous:
-    """Writes rotation vectors so that they do not jump where a turn passes pi.
+    """Writer of rotation vectors that do not jump where a turn passes pi.
 
-    The same orientation is w and w - 2 pi w/|w|: the one nearer to the reference is taken. What is
-    written depends on the orientation and the reference alone, not on what was before.
+    The same orientation is w and w - 2 pi w/|w|: the one nearer to the reference is taken. The
+    result depends on the orientation and the reference alone, not on earlier calls.
     """
 
     def __init__(self, reference: Vector3 | None = None) -> None:

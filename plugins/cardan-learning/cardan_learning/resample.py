@@ -153,7 +153,7 @@ class Changes:
 
 @dataclass
 class ArmTracks:
-    """What a record has of one arm."""
+    """Tracks of an arm in a record."""
 
     joints: Track = field(default_factory=lambda: Track("joints"))
     names: tuple[str, ...] = ()
@@ -178,7 +178,7 @@ class ArmTracks:
 
     @property
     def missing(self) -> str:
-        """What there is too little of for a single frame; empty: nothing."""
+        """Names of the tracks too short for a single frame; empty: none."""
         return ", ".join(each.what for each in self.tracks if len(each.values) < FEWEST_FRAMES)
 
     @property
@@ -290,7 +290,7 @@ def _told(path: Path, track: Track) -> Iterator[str]:
 
 
 def _read(path: Path, arm: str) -> tuple[ArmTracks, list[str]]:
-    """What a record has of an arm, and what is wrong with the file."""
+    """Return an arm's tracks in a record, and the faults of the file."""
     reader = RecordReader(path)
     found: dict[str, ArmTracks] = {}
     joints: list[RecordedMessage] = []
@@ -407,7 +407,7 @@ def _breaks(tracks: ArmTracks, longest_gap_s: float) -> list[Gap]:
 
 
 def _without(breaks: Iterable[Gap], spans: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
-    """What is left of times between the gaps in them."""
+    """Yield the times that the gaps leave of `spans`."""
     for first_ns, last_ns in spans:
         begin_ns = first_ns
         for gap in breaks:

@@ -33,7 +33,7 @@ Table = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class HandConfig(Options):
-    """What an operator device as a source of actions reads of a session's file."""
+    """Tables of a session's file that a source of actions reads."""
 
     device: DriverTable
     mapping: MappingOptions = field(default_factory=MappingOptions)

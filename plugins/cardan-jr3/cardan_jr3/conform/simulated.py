@@ -17,7 +17,7 @@ _OFFSET = (4.2, -3.1, -8.6, 0.21, -0.13, 0.05)
 
 
 class Jr3Rig:
-    """One bus with two nodes."""
+    """A bus with two nodes."""
 
     def __init__(
         self, exchange: Exchange, node_id: int, faults: Mapping[str, float], seed: int

@@ -30,14 +30,14 @@ _COMMAND = re.compile(rb"<([^<>]*)>")
 
 
 class Session:
-    """One client's side of the protocol: bytes in, replies and frames out. No I/O."""
+    """A client's session of the protocol: bytes in, replies and frames out. No I/O."""
 
     def __init__(self) -> None:
         self.opened = False
         self.raw = False
         """It takes and sends frames."""
         self.broken = False
-        """It sent what no client sends; its connection is to be closed."""
+        """It violated the protocol; its connection is to be closed."""
         self._buffer = b""
 
     def feed(self, data: bytes) -> tuple[bytes, list[CanFrame]]:
@@ -141,7 +141,7 @@ class SocketcandHub(CanBackend):
         self._port = int(listener.getsockname()[1])
 
     def close(self) -> None:
-        """Let go of every client and of the port."""
+        """Disconnect every client and close the port."""
         self._server.close()
 
     @property

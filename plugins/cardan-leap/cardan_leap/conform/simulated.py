@@ -17,7 +17,7 @@ RATE_HZ = 50.0
 
 
 class LeapRig:
-    """One client of the service, and a hand that does what is asked."""
+    """A client of the service, and a hand that does what is asked."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         self._exchange = exchange

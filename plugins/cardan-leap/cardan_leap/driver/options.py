@@ -1,4 +1,4 @@
-"""What can be set about the Leap Motion driver."""
+"""Options of the Leap Motion driver."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class LeapOptions(Options):
     hand: Literal["first", "left", "right"] = "first"
     """Which hand counts; first: the one that has been in view longest."""
     clutch: Literal["still", "open", "grab", "pinch"] = "still"
-    """What holds the button "clutch": a hand kept still once, until it leaves; an open hand kept
-    still, until it closes; a fist; a pinch."""
+    """Posture that holds the button "clutch": a hand kept still once, until it leaves; an open hand
+    kept still, until it closes; a fist; a pinch."""
     min_confidence: Annotated[float, bounds.SHARE_OR_NONE] = 0.3
     """Lowest confidence, 0 to 1, of a hand's measurement that is used."""
     min_visible_s: Annotated[float, MIN_VISIBLE_S] = 0.2

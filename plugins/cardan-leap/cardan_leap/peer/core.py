@@ -60,7 +60,7 @@ class SimulatedHand:
 
 
 class Message(NamedTuple):
-    """What the service sends to a client at an instant."""
+    """A message of the service to a client at an instant."""
 
     time_s: float
     client: int
@@ -182,7 +182,7 @@ class SimulatedLeapService:
             client.optimize_hmd = options.optimize_hmd
 
     def outgoing(self) -> list[tuple[int, str]]:
-        """What there is to send now: client and text, in order."""
+        """Return the messages to send now: client and text, in order."""
         messages: list[tuple[int, str]] = []
         burst_s = self.faults.get("burst", 0.0)
         if burst_s and math.floor(self._now_s / burst_s) % 2:
@@ -298,7 +298,7 @@ class SimulatedLeapService:
         self._now_s = max(self._now_s, now_s)
 
     def reports(self, now_s: float) -> list[Message]:
-        """What there is to send to clients from the last call until `now_s`."""
+        """Return the messages to clients from the last call until `now_s`."""
         self.advance(now_s)
         return [Message(now_s, number, text) for number, text in self.outgoing()]
 

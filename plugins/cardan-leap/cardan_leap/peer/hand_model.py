@@ -1,4 +1,4 @@
-"""What the tracking service says of a hand, computed from a few numbers: every field of a frame.
+"""Model of a hand in the tracking service: every field of a frame from a few numbers.
 
 Points are first laid out in the hand's own axes (right, up, back; mm) of a right hand, palm down,
 fingers away; a left hand is its mirror image. The proportions are an adult's, after public
@@ -69,7 +69,7 @@ class HandPosture(NamedTuple):
 
 
 class HandModel:
-    """One hand in view, of the service's id `hand_id`: from postures to JSON."""
+    """A hand in view, of the service's id `hand_id`: from postures to JSON."""
 
     def __init__(self, hand_id: int, side: str, seen_s: float) -> None:
         self.id = hand_id

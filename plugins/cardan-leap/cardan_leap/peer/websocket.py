@@ -31,7 +31,7 @@ _protocol_log.setLevel(logging.WARNING)
 
 
 class _Link(StreamClient):
-    """One client's connection."""
+    """A client's connection."""
 
     def __init__(self, sock: socket.socket, number: int) -> None:
         super().__init__(sock)

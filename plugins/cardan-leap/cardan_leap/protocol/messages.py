@@ -56,7 +56,7 @@ class DeviceEvent(NamedTuple):
 
 
 class Hand(NamedTuple):
-    """One hand of a frame. None: the service does not say."""
+    """A hand of a frame. None: the service does not say."""
 
     id: int
     """A new one when the hand comes back or is classified anew."""
@@ -77,7 +77,7 @@ class Hand(NamedTuple):
 
 
 class TrackingFrame(NamedTuple):
-    """What the service saw at one instant. Without hands in view the frames go on, empty."""
+    """Hands seen by the service at an instant. Without hands in view, empty frames go on."""
 
     id: int | None
     timestamp_us: int | None
@@ -107,7 +107,7 @@ ServiceMessage = Version | DeviceEvent | TrackingFrame | Ignored | Malformed
 
 
 class ClientOptions(NamedTuple):
-    """What a client asks for; None: it does not say."""
+    """Options that a client requests; None: not requested."""
 
     focused: bool | None = None
     """Take (or drop) the focus; taking it takes the frames from clients without `background`."""
