@@ -33,7 +33,7 @@ hdGetSchedulerTimeStamp hdDeploymentLicense
 """,
     )
 )
-"""What HDAPI has."""
+"""Functions of HDAPI."""
 
 FAKE = """
 #include "hdapi.h"

@@ -1,4 +1,4 @@
-"""One program at the server's socket: what it asked for, and what is still to be sent to it."""
+"""Program at the server's socket: its requests and settings, and its send queue."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class SpnavClient:
         self._edges += 1
 
     def outgoing(self, now_s: float) -> bytes:
-        """What to send next, one record or the rest of one; empty when there is nothing yet."""
+        """Return the next bytes to send, a record or the rest of one; empty: nothing yet."""
         if not self._sending:
             if self._replies:
                 self._sending = self._replies.popleft()

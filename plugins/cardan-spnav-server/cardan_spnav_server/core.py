@@ -91,7 +91,7 @@ class SpnavServerCore:
         self._taken: set[int] = set()
         """Numbers that are assigned to buttons."""
         self._button_count = 0
-        """One more than the highest of them."""
+        """The highest of them plus one."""
         self._listed = False
         self._full_scale = full_scale
         self._on_led = on_led
@@ -154,12 +154,12 @@ class SpnavServerCore:
         self._drop_if_unread(number, client)
 
     def outgoing(self, number: int, now_s: float) -> bytes:
-        """What to send to a program next, in one call; empty when there is nothing (yet)."""
+        """Return the bytes to send to a program next, in one call; empty: nothing (yet)."""
         client = self._clients.get(number)
         return b"" if client is None else client.outgoing(now_s)
 
     def sent(self, number: int, size: int) -> None:
-        """`size` bytes of what `outgoing` gave were sent."""
+        """Record that `size` bytes from `outgoing` were sent."""
         client = self._clients.get(number)
         if client is not None:
             client.sent(size)
@@ -251,7 +251,7 @@ class SpnavServerCore:
         return {"clients": len(self._clients), **self._counts}
 
     def diagnosis(self) -> list[str]:
-        """What deserves attention."""
+        """Return the warnings, in words."""
         words = [f"{self._counts[key]} {_COUNTERS[key]}" for key in _TELLING if self._counts[key]]
         if self._last_failure:
             words.append(f"the last program given up: {self._last_failure}")

@@ -1,4 +1,4 @@
-"""What programs get to know of the served device: name, type and USB id of its model."""
+"""Identity of the served device for programs: name, type and USB id of its model."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DEFAULT_NAME = "Cardan"
 
 
 class DeviceIdentity(NamedTuple):
-    """What programs get to know of the device."""
+    """Identity of the device for programs."""
 
     name: str = DEFAULT_NAME
     path: str = ""
@@ -37,7 +37,7 @@ class DeviceIdentity(NamedTuple):
 
 @runtime_checkable
 class KnownModel(Protocol):
-    """What a driver knows of a six-axis device in its attribute `model`."""
+    """Model of a six-axis device in a driver's attribute `model`."""
 
     @property
     def name(self) -> str: ...

@@ -43,7 +43,7 @@ INT_MIN, INT_MAX = -(2**31), 2**31 - 1
 
 
 class ClientRequest(NamedTuple):
-    """What a client asks."""
+    """A client's request."""
 
     word: int
     """The first word as it came; a reply repeats it."""
@@ -51,7 +51,7 @@ class ClientRequest(NamedTuple):
 
     @property
     def code(self) -> int:
-        """What is asked for, one of `Code` where it is known."""
+        """Code of the request, one of `Code` where it is known."""
         return self.word & 0xFFFF
 
 
@@ -120,7 +120,7 @@ def _clamped(value: int) -> int:
 
 
 class Sensitivity(NamedTuple):
-    """What a client of version 0 wants its motion multiplied by; NaN is possible."""
+    """Factor for the motion that a client of version 0 gets; NaN is possible."""
 
     value: float
 

@@ -249,7 +249,7 @@ class SpnavService:
         return self._core.metrics()
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What deserves attention, worst first."""
+        """Return the warnings, worst first."""
         return (*((self._failure,) if self._failure else ()), *self._core.diagnosis())
 
     def _run(self, stop: threading.Event) -> None:

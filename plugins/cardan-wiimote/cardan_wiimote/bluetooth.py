@@ -43,8 +43,8 @@ class Payload(NamedTuple):
 
 
 class _Link:
-    """One connection: its fragments and its channels. Either side numbers the channels it receives
-    on; where directions are not known both share one table."""
+    """A connection: its fragments and its channels. Either side numbers the channels it receives
+    on; where directions are not known both share a table."""
 
     def __init__(self) -> None:
         self.address: str | None = None

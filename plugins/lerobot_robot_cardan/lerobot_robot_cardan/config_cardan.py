@@ -1,4 +1,4 @@
-"""What ``--robot.…`` sets."""
+"""Options of ``--robot.…``."""
 
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,4 +1,4 @@
-"""What ``--teleop.…`` sets."""
+"""Options of ``--teleop.…``."""
 
 from dataclasses import dataclass, field
 from typing import Any

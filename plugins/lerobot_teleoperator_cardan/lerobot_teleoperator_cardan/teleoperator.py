@@ -18,8 +18,8 @@ logger = logging.getLogger(__name__)
 
 
 class CardanTeleop(Teleoperator):
-    """A hand-held device. What is asked for while nothing is held, or the device is lost, is rest:
-    the dead-man's rules are those of Cardan's sessions."""
+    """A hand-held device. The action is rest while no clutch is held or the device is lost: the
+    dead-man's rules are those of Cardan's sessions."""
 
     config_class = CardanTeleopConfig
     name = "cardan"
@@ -49,7 +49,7 @@ class CardanTeleop(Teleoperator):
 
     @property
     def feedback_features(self) -> dict[str, type]:
-        """What the device gives to the hand, of: "rumble" (0 to 1), "led" (0 or 1)."""
+        """Feedback that the device supports, of: "rumble" (0 to 1), "led" (0 or 1)."""
         able = self._device.capabilities.feedback
         return {name: float for name in ("rumble", "led") if name in able}
 
@@ -79,7 +79,7 @@ class CardanTeleop(Teleoperator):
         """Nothing is to be done: the configuration has it all."""
 
     def get_action(self) -> dict[str, float]:
-        """What the hand asks for now."""
+        """Return the operator's present action."""
         self._update()
         return self._actions.action()
 

@@ -57,8 +57,8 @@ def request(call: str, *arguments: object) -> bytes:
 
 
 class HdCalls:
-    """One program of a library. `clock` gives the time of ticks, s; `ticked` is called after each,
-    in the scheduler's thread."""
+    """A program that uses a library. `clock` gives the time of ticks, s; `ticked` is called after
+    each, in the scheduler's thread."""
 
     def __init__(
         self,
@@ -81,7 +81,7 @@ class HdCalls:
 
     @property
     def began(self) -> bytes:
-        """What is known without a call: the functions that there are."""
+        """Data known without a call: the available functions."""
         return json.dumps({"functions": sorted(self._functions)}).encode()
 
     def ticks(self) -> list[bytes]:
@@ -123,7 +123,7 @@ class HdCalls:
         self._errors()
 
     def _call(self, call: str, *arguments: Any) -> tuple[Any, list[float]]:
-        """What the function returns, and the values that it gave."""
+        """Return the function's result, and the values that it gave."""
         function = self._functions[call]
         if call in _VALUES:
             given = arguments[1] if call.startswith("hdSet") else ()
@@ -199,7 +199,7 @@ _READ = (
     ("force", "hdGetDoublev", State.CURRENT_FORCE, 3),
     ("last", "hdGetDoublev", State.LAST_FORCE, 3),
 )
-"""What a frame reads: a name, and how."""
+"""Values that a frame reads: name, function, parameter, count."""
 
 
 def _bounded(force_n: float) -> float:

@@ -1,4 +1,4 @@
-"""What an HDAPI library and the device behind it must do."""
+"""Requirements for an HDAPI library and the device behind it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Is a haptic program: initializes a device, asks it, runs its scheduler, and lets go of it."""
+"""Scenario of a haptic program: initializes a device, queries it, runs its scheduler, closes it."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ class CalibrationWatch:
 
     @property
     def style(self) -> CalibrationStyle:
-        """What to calibrate with."""
+        """The style to calibrate with."""
         return self._style
 
     def on_opened(self, styles: int) -> None:

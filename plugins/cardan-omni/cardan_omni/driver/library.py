@@ -141,7 +141,7 @@ _WORDS: Mapping[int, str] = {
 
 
 class HdError(NamedTuple):
-    """One error of the library's stack."""
+    """An error of the library's stack."""
 
     code: int
     internal: int
@@ -150,12 +150,12 @@ class HdError(NamedTuple):
 
     @property
     def words(self) -> str:
-        """What it means."""
+        """Meaning of the error, in words."""
         return error_words(self.code, self.internal)
 
 
 def error_words(code: int, internal: int = 0) -> str:
-    """What an error of the library means, with its numbers."""
+    """Return the meaning of an error of the library, with its numbers."""
     text = _WORDS.get(code, "an error that HDAPI 3 does not name")
     number = f"0x{code:04x}" + (f", internal {internal}" if internal else "")
     if code == Error.COMM_ERROR and internal == -28:
@@ -228,7 +228,7 @@ class LibHD:
         raise _init_failure(name, serious)
 
     def disable_device(self, handle: int) -> None:
-        """Let go of a device."""
+        """Disable a device, which ends its use."""
         with self._lock:
             if handle in self._open:
                 self._open.discard(handle)
@@ -342,8 +342,8 @@ def _init_failure(name: str, errors: list[HdError]) -> DriverError:
 
 
 def numbers_hint() -> str:
-    """What is wrong with the process's locale for numbers, which the library reads its files by;
-    empty where nothing is."""
+    """Return the fault of the process's locale for numbers, which the library reads its files by;
+    empty: none."""
     point = locale.localeconv()["decimal_point"]
     if point == ".":
         return ""

@@ -60,7 +60,7 @@ class Servo:
         self.callback: int = ctypes.cast(self._library.servo_callback, c_void_p).value or 0
         """Address of the callback, for hdScheduleAsynchronous."""
         self.user: int = self._pointer
-        """What it wants as pUserData."""
+        """The callback's pUserData."""
         _scheduled.add(self)
 
     def stop(self) -> None:

@@ -42,7 +42,7 @@ _NO_MATRIX: Matrix3 = (0.0,) * 9
 class Tick:
     """The law of the force feedback, compiled.
 
-    One thread steps it: libHD's through a :class:`Servo`, or the caller's own through step(). The
+    A single thread steps it: libHD's through a :class:`Servo`, or the caller's through step(). The
     other methods may be called from any thread. Raises NativeMissingError where it was not
     compiled.
     """
@@ -103,7 +103,7 @@ class Tick:
         return result == _TAKEN
 
     def step(self, sample: StylusSample) -> Vector3:
-        """One step of the law, in the caller's time: the force to send, N, hand frame."""
+        """Step the law, in the caller's time; return the force to send, N, hand frame."""
         if sample.joints_rad != self._jacobian_of:
             self._jacobian_of = sample.joints_rad
             self._jacobian = kinematics(sample.joints_rad)[1]

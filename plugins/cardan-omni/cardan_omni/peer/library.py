@@ -61,9 +61,9 @@ class OmniTruth(NamedTuple):
     hand_force_n: Vector3
     """Force of the hand on the stylus."""
     commanded_n: Vector3
-    """What the last frame sent."""
+    """Force sent by the last frame."""
     delivered_n: Vector3
-    """What the motors exert after clamp, ramp, amplifier and converter."""
+    """Force of the motors after clamp, ramp, amplifier and converter."""
     delivered_j: float
     """Work of the motors on the stylus since the start."""
     hand_j: float
@@ -97,7 +97,7 @@ _MADE: list[tuple[int, Callable[[Any], Any]]] = [
     for index, (name, kind) in enumerate(_TRUTH.items())
     if kind in (bool, Vector3)
 ]
-"""What makes a field of OmniTruth, by its place, of C's; others are as they are."""
+"""Conversions of C's fields to OmniTruth's, by place; other fields are unchanged."""
 
 
 class _SimTruth(ctypes.Structure):

@@ -27,9 +27,9 @@ GRACE_S = 5.0
 
 @contextlib.contextmanager
 def environment(settings: OmniSettings) -> Iterator[Mapping[str, str]]:
-    """What a program needs in its environment to find the simulated device when it loads libHD.
+    """Environment of a program that finds the simulated device when it loads libHD.
 
-    Good while the block lasts. Raises DeviceNotFoundError when the library was not compiled.
+    Valid within the block. Raises DeviceNotFoundError when the library was not compiled.
     """
     library = library_path()
     with tempfile.TemporaryDirectory(prefix="cardan-omni-") as name:

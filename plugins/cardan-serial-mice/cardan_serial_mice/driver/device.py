@@ -62,7 +62,7 @@ class SpaceMouseSerial(ReadDevice[SerialMouseCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """What the device has. No buttons listed: unknown, as the model is."""
+        """Capabilities of the device. No buttons listed: unknown, as the model is."""
         with self._lock:
             labels = self._core.labels
         return DeviceCapabilities(

@@ -26,7 +26,7 @@ class SerialLink:
     """An open serial port and the conversation with the device there."""
 
     model: Model
-    """What has answered."""
+    """Model that has answered."""
     period_s: float
     """Period of reports while deflected."""
 

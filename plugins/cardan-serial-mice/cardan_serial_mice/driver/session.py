@@ -1,10 +1,10 @@
-"""Talks to a serial device: finds out what it is, starts it, and watches that it is there.
+"""Session with a serial device: identifies its model, starts it, and watches the connection.
 
-Without any I/O and in the caller's time: bytes in, bytes and reports out. What it reports is what a
-HID device would: `Motion` and `ButtonBits`, in the raw frame of the HID devices.
+Without any I/O and in the caller's time: bytes in, bytes and reports out. Reports are those of a
+HID device: `Motion` and `ButtonBits`, in the raw frame of the HID devices.
 
 Motion is repeated, so the next packet replaces a lost one. A change of the keys is sent once: while
-one is down, and after every packet that cannot be read, the device is asked for them.
+a key is down, and after every unreadable packet, the device is asked for them.
 
 Packets of a Spaceball carry no check: impossible motion is refused, and implausible motion is
 held until the packet after it (`jumps`).
@@ -106,7 +106,7 @@ class _Kind(NamedTuple):
 
     reader: type[MagellanReader | SpaceballReader | OrbReader]
     start: tuple[bytes, ...] = ()
-    """What starts it, one command after the other's answer."""
+    """Commands that start it, each sent after the answer to the one before."""
     query: bytes = b""
     """Asks for the keys; empty: there is no such question."""
     gone_after_s: float = GONE_AFTER_S
@@ -155,14 +155,14 @@ def device_model(model: SerialModel) -> Model:
 
 
 class SerialSession:
-    """One conversation with the device at a port that was just opened.
+    """Conversation with the device at a port that was just opened.
 
-    `model` is what is said to be there; None: whatever answers. Times are monotonic, s.
+    `model` is the configured model; None: any that answers. Times are monotonic, s.
     """
 
     def __init__(self, model: SerialModel | None, now_s: float) -> None:
         self.model: SerialModel | None = None
-        """What has answered."""
+        """Model that has answered."""
         self.running = False
         """True: it was started, and reports."""
         self._wanted = model
@@ -227,7 +227,7 @@ class SerialSession:
         return reports
 
     def notices(self, now_s: float) -> list[Notice]:
-        """What became of the device since the last call."""
+        """Return the notices about the device since the last call."""
         if (
             self.running
             and self._held
@@ -250,9 +250,9 @@ class SerialSession:
         return notices
 
     def send(self, now_s: float) -> bytes:
-        """What to send the device now."""
+        """Return the bytes to send to the device now."""
         if self.model is None:
-            # One that has begun to greet must not be reset in the middle of it.
+            # A device that has begun its banner must not be reset in the middle of it.
             while self._probes and self._probes[0][0] <= now_s and self._banner_s is None:
                 _, words = self._probes.popleft()
                 self._versions_asked += words == _PROBE_MAGELLAN

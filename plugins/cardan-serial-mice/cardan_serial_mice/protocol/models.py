@@ -14,7 +14,7 @@ Counts = tuple[int, int, int, int, int, int]
 
 
 class SerialModel(NamedTuple):
-    """What is known about one serial device."""
+    """Description of a model of serial devices."""
 
     key: str
     """Name for command lines and configuration files."""

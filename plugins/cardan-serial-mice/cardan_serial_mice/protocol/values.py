@@ -1,4 +1,4 @@
-"""What the packets of all three serial protocols share."""
+"""Values common to the packets of all three serial protocols."""
 
 from __future__ import annotations
 

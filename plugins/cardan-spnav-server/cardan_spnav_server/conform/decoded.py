@@ -1,4 +1,4 @@
-"""What judges of a daemon at spacenavd's socket look at: its records, decoded once."""
+"""Decoded records of a daemon at spacenavd's socket for its judges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a daemon at spacenavd's socket must do."""
+"""Requirements for a daemon at spacenavd's socket."""
 
 from __future__ import annotations
 
@@ -389,7 +389,7 @@ def the_type_is_known(seen: SpnavTraffic) -> Verdict:
 
 
 def _implausible(code: int, data: tuple[int, ...]) -> str:
-    """What is wrong with the value of a setting; empty: nothing."""
+    """Return the fault of a setting's value; empty: none."""
     if code in (Code.GCFG_SENS, Code.GCFG_SENS_AXIS):
         factors = [float_of(word) for word in data[: 1 if code == Code.GCFG_SENS else 6]]
         return "" if all(map(math.isfinite, factors)) else "no number"
@@ -519,7 +519,7 @@ def unmasked_events_come(seen: SpnavTraffic) -> Verdict:
 
 @requires(118, f"{PROTOCOL}: several clients at a time")
 def a_program_that_leaves_disturbs_nobody(seen: SpnavTraffic) -> Verdict:
-    """One program gone, the others get motion as before."""
+    """When a program has left, the others get motion as before."""
     if seen.phase("alone-held") is None:
         return not_seen("none has left")
     counts = [len(seen.motions(c, "alone", "alone-held")) for c in (OLD, NEW)]

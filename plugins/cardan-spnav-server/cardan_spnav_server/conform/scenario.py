@@ -90,7 +90,7 @@ class SpnavScenario(HandScenario):
         yield mark("greet")
         yield from self._greet(NEW, NEWEST_VERSION)
         if not self._granted or self._gone:
-            # What follows would be sensitivities to a daemon of version 0.
+            # A daemon of version 0 would take the records below for sensitivities.
             return
         yield mark("ask")
         yield from self._questions()

@@ -74,7 +74,7 @@ class SpnavRig:
         self._asked = False
         """A program sent something, which the server is to be heard on next."""
         self._mask: int | None = None
-        """What the program of version 1 set."""
+        """Event mask set by the program of version 1."""
         self._sensitivity = bits_of(1.0)
         self._shown: dict[str, Motion] = {}
         self._repeat_s = self._offer_s = self._now_s = 0.0
@@ -164,7 +164,7 @@ class SpnavRig:
             self._do(self._exchange.heard(self._now_s, channel, kind=Kind.CLOSED, note=why))
 
     def _take(self, channel: str, data: bytes) -> None:
-        """What a program sent, where no defect keeps it from the server."""
+        """Pass a program's data to the server, unless a defect drops or changes it."""
         self._asked = True
         if len(data) != RECORD_BYTES:
             version = decode_handshake(data)

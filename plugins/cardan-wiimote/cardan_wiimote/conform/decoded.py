@@ -1,4 +1,4 @@
-"""What judges of a remote look at: its reports, decoded once, and what it was asked."""
+"""Decoded reports of a remote for its judges, and the requests to it."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Memory(NamedTuple):
 
     @property
     def data(self) -> bytes:
-        """What was read, as far as it came."""
+        """Data that was read, as far as it came."""
         values = [each.value for each in self.pieces]
         return b"".join(each.data for each in values if isinstance(each, ReadData))
 

@@ -1,4 +1,4 @@
-"""What a Wii Remote must do."""
+"""Requirements for a Wii Remote."""
 
 from __future__ import annotations
 

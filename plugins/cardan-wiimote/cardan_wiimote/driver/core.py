@@ -129,7 +129,7 @@ class WiimoteCore(DeviceCore):
         self._forget(NEVER_S)
 
     def _forget(self, now_s: float) -> None:
-        """What was known of the remote is void."""
+        """Forget the state of the remote."""
         self._opened_s = now_s
         self._battery_counts: int | None = None
         self._heard_s = now_s
@@ -150,7 +150,7 @@ class WiimoteCore(DeviceCore):
         self._forget_port()
 
     def _forget_port(self) -> None:
-        """What was known of Nunchuk and MotionPlus is void."""
+        """Forget the state of Nunchuk and MotionPlus."""
         self._stick_s = self._rate_s = NEVER_S
         self._stick = (0.0, 0.0)
         self._rates_rad_s: Vector = (0.0, 0.0, 0.0)

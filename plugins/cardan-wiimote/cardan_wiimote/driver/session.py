@@ -89,7 +89,7 @@ Script = Generator[WiimoteRequest | Pause, Answer, None]
 
 
 class Session:
-    """One connection to a remote. Times are monotonic, s."""
+    """A connection to a remote. Times are monotonic, s."""
 
     def __init__(self, options: WiimoteOptions) -> None:
         self._options = options
@@ -112,7 +112,7 @@ class Session:
         """Calibration of the Nunchuk that is plugged in."""
         self.nunchuk_calibrated = False
         self.other_extension = ""
-        """What else is plugged in."""
+        """Any other extension that is plugged in, in words."""
         self._unanswered = False
         self.motion_plus: MotionPlusCalibration | None = None
         """Calibration of the MotionPlus that is in use."""
@@ -167,7 +167,7 @@ class Session:
             self._send_mode(now_s)
 
     def suspect_port(self, now_s: float) -> None:
-        """What is plugged in does not send what it should: look at the port again."""
+        """Detect the extension again, because its data are not as expected."""
         if self.started and self._script is None and now_s - self._detected_s > SUSPECT_AGAIN_S:
             self._port_suspected = True
 

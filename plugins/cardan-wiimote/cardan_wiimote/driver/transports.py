@@ -72,7 +72,7 @@ class Link(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Let go of the remote. Never raises; twice is fine."""
+        """Close the connection to the remote. Never raises; twice is fine."""
 
 
 class Transport(ABC):
@@ -82,7 +82,7 @@ class Transport(ABC):
 
     @abstractmethod
     def find(self) -> list[Found]:
-        """What is there now. Raises DriverError when this way does not exist here."""
+        """Find the present remotes. Raises DriverError where this transport does not exist."""
 
     @abstractmethod
     def open(self, remote: Found, given_up: Callable[[], bool]) -> Link:

@@ -87,11 +87,11 @@ class Registers:
         self.memory = bytearray(256)
 
     def read(self, offset: int, size: int) -> bytes:
-        """What the host reads."""
+        """Return the registers that the host reads."""
         return bytes(self.memory[(offset + i) & 255] for i in range(size))
 
     def write(self, offset: int, data: bytes, now_s: float) -> None:
-        """What the host writes."""
+        """Store the registers that the host writes."""
         for i, byte in enumerate(data):
             self.memory[(offset + i) & 255] = byte
 
@@ -109,7 +109,7 @@ class Nunchuk(Registers):
         self.set(NunchukData(128, 128, (510, 514, 720), False, False))
 
     def set(self, measured: NunchukData) -> None:
-        """What it measures from now on."""
+        """Set the measurement from now on."""
         self.measured = measured
         self.memory[:FRAME_BYTES] = encode_nunchuk(measured)
 
@@ -232,7 +232,7 @@ class Camera(Registers):
         self.dots: tuple[IrDot, ...] = ()
 
     def data(self, ir_format: IrFormat) -> bytes:
-        """What goes into a report of that format: all FF unless the camera runs in it."""
+        """Return the camera's bytes in a report of that format: all FF unless it runs in it."""
         running = self.memory[0x30] == 0x08 and self.memory[0x33] == ir_format
         return encode_dots(self.dots if running else (), ir_format)
 
@@ -242,7 +242,7 @@ class Camera(Registers):
 
 
 class ExtensionPort:
-    """What is plugged in: nothing, a Nunchuk, a MotionPlus, or the one behind the other."""
+    """Extension port: empty, or with a Nunchuk, a MotionPlus, or the one behind the other."""
 
     def __init__(
         self,
@@ -280,7 +280,7 @@ class ExtensionPort:
                 self.nunchuk.forget()
 
     def device(self, address: int) -> Registers | None:
-        """What answers at PORT or MOTION_PLUS."""
+        """Return the registers that answer at PORT or MOTION_PLUS; None: none do."""
         plus = self.motion_plus
         if address == MOTION_PLUS:
             return plus if plus is not None and plus.inactive else None

@@ -68,7 +68,7 @@ class Remote(Protocol):
 class ChannelBackend(DeviceBackend[bytes]):
     """Two listening sockets with packets; a host opens the control channel first.
 
-    One host at a time, again and again. What it sends are input reports, id first.
+    Hosts are served one at a time. The reports that it sends are input reports, id first.
     """
 
     def __init__(self, remote: Remote) -> None:

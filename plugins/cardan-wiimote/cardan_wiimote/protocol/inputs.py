@@ -28,7 +28,7 @@ READ_PIECE_BYTES = 16
 BATTERY_LOW = 0x20
 """Below this the remote's battery flag is up."""
 BATTERY_FULL = 0xC8
-"""What new alkaline cells show."""
+"""Battery value of new alkaline cells."""
 
 Triple = tuple[int, int, int]
 
@@ -86,7 +86,7 @@ DATA_LAYOUTS: Mapping[int, DataLayout] = MappingProxyType(
 """The data reports that come whole; 0x3E and 0x3F take turns instead (`Interleaved`)."""
 
 DATA_MODES: frozenset[int] = frozenset({*DATA_LAYOUTS, FIRST_HALF_ID, SECOND_HALF_ID})
-"""What a remote takes as data mode; 0x3E and 0x3F mean the same."""
+"""Data modes that a remote accepts; 0x3E and 0x3F mean the same."""
 
 
 class Status(NamedTuple):

@@ -1,4 +1,4 @@
-"""What judges of a serial six-axis device look at: its packets, decoded once."""
+"""Decoded packets of a serial six-axis device for its judges."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Asked(Generic[V]):
 
 
 class PacketMeaning(ABC, Generic[V]):
-    """What the packets of one protocol mean."""
+    """Meaning of the packets of a protocol."""
 
     @abstractmethod
     def reader(self) -> Reader[V]:

@@ -1,4 +1,4 @@
-"""What a Spaceball on its serial line must do."""
+"""Requirements for a Spaceball on its serial line."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ def keys_can_be_asked_for(seen: BallTraffic) -> Verdict:
 
 @requires(104, f"{HOSTS}: ?")
 def unknown_commands_are_refused(seen: BallTraffic) -> Verdict:
-    """What is no command is answered with ? within 0.25 s, and nothing else is."""
+    """Unknown commands are answered with ? within 0.25 s, and no others are."""
     told = seen.told(UNKNOWN)
     if told is None:
         return not_seen("none was sent")

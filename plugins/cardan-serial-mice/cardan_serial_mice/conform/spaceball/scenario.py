@@ -1,4 +1,4 @@
-"""Has a Spaceball reset and set up, and somebody move it."""
+"""Scenario: has a Spaceball reset and set up, and the user move it."""
 
 from __future__ import annotations
 

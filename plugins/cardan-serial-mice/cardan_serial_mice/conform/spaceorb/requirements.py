@@ -1,4 +1,4 @@
-"""What a SpaceOrb 360 on its serial line must do."""
+"""Requirements for a SpaceOrb 360 on its serial line."""
 
 from __future__ import annotations
 

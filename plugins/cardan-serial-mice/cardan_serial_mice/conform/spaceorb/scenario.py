@@ -1,4 +1,4 @@
-"""Has somebody move a SpaceOrb, and asks it for what it is."""
+"""Scenario: has the user move a SpaceOrb, and asks it for its identity."""
 
 from __future__ import annotations
 
