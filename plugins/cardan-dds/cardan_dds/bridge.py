@@ -44,8 +44,8 @@ MOST_CALLS = 64
 """Calls of one participant that wait for their replies; more are refused."""
 
 HANDED_ON_S = 0.3
-"""How long after it stood still what comes counts as sent before: as long as DDS takes to hand on
-what the system had kept."""
+"""Time after a pause of this process in which messages count as sent before its end: as long as
+DDS takes to deliver those buffered by the system."""
 
 _log = logging.getLogger(__name__)
 
@@ -72,7 +72,7 @@ class _Out:
 
 
 class _Client:
-    """A node on DDS as a node of the same name on the bus: what it asked for without end ends with
+    """A node on DDS as a node of the same name on the bus: its requests without end are ended with
     its participant."""
 
     def __init__(self, network: BusNetwork) -> None:
@@ -97,9 +97,9 @@ class Bridge:
         """Types and subscriptions on DDS."""
         self._services: dict[str, tuple[str, Handle]] = {}
         self._clients: dict[tuple[bytes, str], _Client] = {}
-        """By the GUIDs of their participants and their names; empty: one that has none."""
+        """By the GUIDs of their participants and their names; an unnamed node has an empty one."""
         self._unnamed: dict[bytes, float] = {}
-        """Since when writers are known whose nodes are not, by their GUIDs."""
+        """Time of discovery of writers whose nodes are unknown, by their GUIDs."""
         self._numbers = itertools.count(1)
         self._said: set[str] = set()
         self._seen = (-1, -1)
@@ -108,8 +108,8 @@ class Bridge:
         dds.watch_departures(self._depart)
 
     def follow(self) -> None:
-        """Bridge what the graphs have now; to be called more often than a bridge that goes on may
-        stand still. Raises DriverError where another bridge does so."""
+        """Bridge the present graphs; must be called more often than the longest pause of a bridge
+        that goes on. Raises DriverError where another bridge does so."""
         self._standstill.look()
         seen = self._bus.changes, self._dds.changes
         if seen == self._seen:
@@ -194,8 +194,8 @@ class Bridge:
         )
 
     def _stale(self, name: str) -> bool:
-        """Whether what comes now may have waited while this process stood still, and who sent it
-        may be gone; a stop is never too late. From any thread."""
+        """Whether a message received now may have waited while this process stood still, and its
+        sender may be gone; a stop is never stale. From any thread."""
         if name.endswith("/stop"):
             return False
         return time.monotonic() < self._stale_until_s or self._standstill.standing
@@ -354,7 +354,7 @@ class Bridge:
         wanted: dict[str, str],
         begin: Callable[[str, str], Handle],
     ) -> None:
-        """Have what is wanted, names with types, and nothing else."""
+        """Open what is wanted, names with types, and close everything else."""
         for name, (type_name, handle) in tuple(given.items()):
             if wanted.get(name) != type_name:
                 del given[name]

@@ -1,9 +1,9 @@
 """Cyclone DDS, as far as ROS 2's messages need it: raw CDR in and out, no type information.
 
 The package's own classes encode and describe each message by a Python class. Here a message is
-bytes; what Cyclone knows of its type is the name, and one byte. Messages are checked by our codec
-where they are read: Cyclone would drop a wrong one with a line on standard error. (It also tells
-nobody whether a message came with its high bytes first, which no platform of ROS 2 sends.)
+bytes; Cyclone knows only the name of its type, and one byte. Messages are checked by our codec
+where they are read: Cyclone would drop a malformed one with a line on standard error. (It also does
+not report big-endian messages, which no platform of ROS 2 sends.)
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from cardan.protocols.ros2.zenoh import Qos
 from cardan_dds.wire import ENCLAVE, Endpoint, padded
 
 MOST_PARTICIPANTS = 62
-"""Of one domain on this computer, at least; of the highest domain, more have no ports."""
+"""Of a domain on this computer, at least; in the highest domain, more have no ports."""
 
 LOOPBACK = f"""
 <CycloneDDS xmlns="https://cdds.io/config"><Domain Id="any">
@@ -116,8 +116,8 @@ class _Library:
             getattr(c, name).argtypes = arguments
         self.c = c
         self.domains: dict[int, tuple[str, Any]] = {}
-        """Domains that were configured here, and how; one that is deleted takes its participants
-        along."""
+        """Domains that were configured here, with their configuration; deleting a domain deletes
+        its participants."""
         self.lock = threading.Lock()
         """Of domains, and of making, deleting and discovering endpoints: Cyclone DDS reads the user
         data of one that another thread is making, or deleting, from memory that is not its own."""
@@ -244,7 +244,7 @@ class Participant:
         self._subscriber = library.sub.Subscriber(self._participant)
         self._closing = threading.Lock()
         self.typeless = True
-        """Whether what it has is published without type information."""
+        """Whether its readers and writers are published without type information."""
         self.typeless = _hides_types(self)
 
     def _configure(self, number: int) -> None:
@@ -443,7 +443,7 @@ class Discovery:
         self.conditions: list[int] = [each._ref for each in self._conditions]
 
     def endpoints(self) -> Iterator[Endpoint | bytes]:
-        """The endpoints that are new or have changed; of one that is gone, its GUID."""
+        """Yield endpoints that are new or have changed, and the GUIDs of those that are gone."""
         for reader, writes in self._sides:
             with self._library.lock:
                 found = reader.take(TAKEN_AT_ONCE)
@@ -519,7 +519,7 @@ class Waiter:
                 self._guard.set(True)
 
     def close(self) -> None:
-        """Nobody waits any more; twice is fine."""
+        """Close the waiter; twice is fine."""
         with self._closing:
             if not self._closed:
                 self._closed = True

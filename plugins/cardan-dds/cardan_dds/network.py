@@ -78,7 +78,7 @@ IDLE_S = 1.0
 """Longest sleep of the thread."""
 
 END_TIMEOUT_S = 2.0
-"""Longest wait for the thread's end: a callback may have it."""
+"""Longest wait for the thread's end: it may be in a callback."""
 
 HeardFrom = Callable[[bytes, int, "Endpoint | None"], None]
 """A message, its time, and its writer; None: not known."""
@@ -101,7 +101,7 @@ class DdsNetwork:
     """
 
     def __init__(self, options: DdsOptions, name: str, deaf: bool = False) -> None:
-        """`deaf`: it does not hear what it publishes itself."""
+        """`deaf`: it does not receive its own publications."""
         self.options, self.full_name = options, checked_name(f"/{name}")
         self._deaf = deaf
         self._shared: _Hub | None = None
@@ -117,7 +117,7 @@ class DdsNetwork:
             self._shared.announcer.add(self.full_name)
 
     def close(self) -> None:
-        """Leave DDS, and take from it what was not closed. Never raises; twice is fine."""
+        """Leave DDS, and close everything still open there. Never raises; twice is fine."""
         self._leave()
         hub, self._shared = self._shared, None
         if hub is not None:
@@ -200,7 +200,7 @@ class DdsNetwork:
             return hub.sides(TOPIC, topic, others=True)
 
     def node_of(self, endpoint: Endpoint) -> str:
-        """Full name of the node that has an endpoint; empty while nobody has told it."""
+        """Full name of the node that has an endpoint; empty until it is announced."""
         hub = self.hub
         with hub.lock:
             name = hub.graph.node_of(endpoint)
@@ -227,8 +227,8 @@ class DdsNetwork:
             ) not in ([], False)
 
     def watch_departures(self, departed: Callable[[bytes], None]) -> None:
-        """Have `departed` called with the GUID of each participant that leaves or dies; of one
-        that dies, when its lease ends (10 s by ROS 2's settings)."""
+        """Call `departed` with the GUID of each participant that leaves or dies; a participant
+        that dies is reported when its lease ends (10 s by ROS 2's settings)."""
         self.hub.departures.append(departed)
 
     # -- endpoints -------------------------------------------------------------------------------
@@ -240,7 +240,7 @@ class DdsNetwork:
     def subscribe_from(
         self, topic: str, type_name: str | None, heard: HeardFrom, history: bool = True
     ) -> Handle:
-        """The same, and told whose message it is; without `history` nothing that was published
+        """Subscribe with the sender of each message; without `history` no messages published
         before. Raises NetworkError."""
         given = _Subscription(self.hub, self.full_name, _checked(topic), type_name, heard, history)
         return self._kept(given)
@@ -269,12 +269,12 @@ class DdsNetwork:
         client.call(request, answered, LONGEST_CALL_S if timeout_s is None else timeout_s)
 
     def serve(self, service: str, type_name: str, asked: Asked) -> Handle:
-        """Offer a service. DDS has no word for a failure: who asks gets the refusal of the
+        """Offer a service. DDS has no message for a failure: the client gets the refusal of the
         service's own type, and no reply where Cardan does not know that. Raises NetworkError."""
         return self.serve_to(service, type_name, lambda data, answer, _by: asked(data, answer))
 
     def serve_to(self, service: str, type_name: str, asked: AskedBy) -> Handle:
-        """The same, and told who asks. Raises NetworkError."""
+        """Offer a service, with the client of each request. Raises NetworkError."""
         checked = _checked(service)
         return self._kept(_Server(self.hub, self.full_name, checked, type_name, asked))
 
@@ -294,7 +294,7 @@ class _Part(DdsNetwork):
         self._shared.announcer.add(self.full_name)
 
     def close(self) -> None:
-        """Take the node from DDS, with what it has. Never raises; twice is fine."""
+        """Remove the node and its endpoints from DDS. Never raises; twice is fine."""
         self._leave()
         hub, self._shared = self._shared, None
         if hub is not None:
@@ -356,7 +356,7 @@ class _Hub:
         self._waiter.add(reader.condition, number)
 
     def unlisten(self, number: int, reader: Reader) -> None:
-        """Have them given to nobody."""
+        """Stop the calls for this reader."""
         self._inputs.pop(number, None)
         if not self._closed:
             self._waiter.remove(reader.condition)
@@ -367,12 +367,12 @@ class _Hub:
         self._waiter.wake()
 
     def follow(self, given: _Given) -> None:
-        """Have `given` told of changes of the graph, and of time, until it is closed."""
+        """Notify `given` of changes of the graph, and of time, until it is closed."""
         with self.lock:
             self._followers = (*self._followers, given)
 
     def unfollow(self, given: _Given) -> None:
-        """Have it told of nothing more."""
+        """Stop notifying `given`."""
         with self.lock:
             self._followers = tuple(each for each in self._followers if each is not given)
 
@@ -496,7 +496,7 @@ class _Given:
         """The graph has changed. In the thread."""
 
     def look(self, _now_s: float) -> float:
-        """Do what is due; when to look again, by the monotonic clock. In the thread."""
+        """Do due work; return when to look again, by the monotonic clock. In the thread."""
         return float("inf")
 
     def close(self) -> None:
@@ -545,8 +545,8 @@ class _Sender(_Given):
 
 
 class _Subscription(_Given):
-    """A subscription, whose reader fits the publishers that there are: their type where none was
-    asked for, best effort where one of them is, latched where all are."""
+    """A subscription whose reader fits the present publishers: their type where none was given,
+    best effort where one of them is, latched where all are."""
 
     def __init__(
         self,
@@ -713,7 +713,7 @@ class _Server(_Given):
         self._reader = hub.make_reader(REQUEST, service, type_name, PARAMETERS_QOS, users[0])
         self._lock = threading.Lock()
         self._replies: list[tuple[bytes, Endpoint, float]] = []
-        """Replies whose clients have no reader yet, and until when they wait."""
+        """Replies whose clients have no reader yet, and their deadlines."""
         self._have(self._writer, self._reader)
         hub.follow(self)
 
@@ -763,7 +763,7 @@ class _Server(_Given):
         self._hub.wake()
 
     def _met(self, client: Endpoint) -> bool:
-        """Whether the client's reader is there; one that gives no id cannot be waited for."""
+        """Whether the client's reader is matched; a client without an id cannot be waited for."""
         if not client.told("clientid"):
             return True
         readers = map(self._hub.by_handle, self._writer.matched())

@@ -63,9 +63,9 @@ WAYS_OUT = (
 
 
 def vendor(guid: bytes) -> str:
-    """Vendor of the DDS with a participant or endpoint of this GUID; empty: nobody known.
+    """Vendor of the DDS with a participant or endpoint of this GUID; empty: unknown.
 
-    The first two bytes are the vendor's by the habit of all that are known here.
+    By convention of all vendors known here, the first two bytes are the vendor's.
     """
     return _VENDORS.get(guid[:2], "")
 
@@ -91,8 +91,8 @@ def dds_topic(prefix: str, name: str) -> str:
 
 
 def dds_type_of(prefix: str, type_name: str) -> str:
-    """The DDS type of a message, or of a service's request or reply. Raises InterfaceError for
-    what is no name of a type."""
+    """Return the DDS type of a message, or of a service's request or reply. Raises InterfaceError
+    for a string that is no name of a type."""
     return dds_type(f"{type_name}{_PARTS[prefix]}")
 
 
@@ -117,7 +117,7 @@ def user_data(pairs: Mapping[str, str]) -> bytes:
 
 
 def parsed_user_data(data: bytes) -> dict[str, str]:
-    """Its pairs; what is none is left out."""
+    """Return the pairs of user data; malformed parts are left out."""
     pairs = (each.partition("=") for each in data.decode("ascii", "replace").split(";"))
     return {key: value for key, equals, value in pairs if equals}
 
@@ -137,8 +137,8 @@ def padded(cdr: bytes | bytearray) -> bytes:
 
 
 def exact(type_name: str, data: bytes) -> bytes:
-    """A message of a known type without what pads it, as Zenoh has it; its encapsulation says
-    nothing of padding any more."""
+    """Return a message of a known type without padding, as on Zenoh; its encapsulation header
+    does not announce padding any more."""
     data = ENCAPSULATION + data[4:] if data[:2] == ENCAPSULATION[:2] != data[2:4] else data
     return codec_of(type_name).exact(data)
 
@@ -160,7 +160,7 @@ class ServicePacket(NamedTuple):
 
     @classmethod
     def decode(cls, data: bytes) -> ServicePacket | None:
-        """From what was received; None for what has no header."""
+        """Decode a received packet; None if it has no header."""
         if len(data) < 4 + HEADER.size or data[:2] != ENCAPSULATION[:2]:
             return None
         client, sequence = HEADER.unpack_from(data, 4)
@@ -212,7 +212,7 @@ class Announcement(NamedTuple):
 
     @classmethod
     def decode(cls, data: bytes, gid_bytes: int = GID_BYTES) -> Announcement | None:
-        """From CDR; None for what is none, as with ids of the other length."""
+        """Decode CDR; None for other data, such as ids of the other length."""
         body, position = data[4:], 0
 
         def take(length: int) -> bytes:
@@ -313,7 +313,7 @@ class DdsGraph:
             self._ros.setdefault((ros.prefix, ros.name), {})[endpoint.guid] = endpoint
 
     def remove(self, guid: bytes) -> Endpoint | None:
-        """An endpoint is gone; the one that it was."""
+        """Remove an endpoint that is gone, and return it."""
         endpoint = self._endpoints.pop(guid, None)
         if endpoint is None:
             return None

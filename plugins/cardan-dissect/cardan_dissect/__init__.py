@@ -42,14 +42,14 @@ __all__ = [
 MOST_FIGURES = 4096
 """Most senders and receivers with figures of their own."""
 MOST_OTHERS = 4096
-"""Most kinds of other packets that are told apart."""
+"""Most kinds of other packets that are counted apart."""
 COPY_NS = 20_000_000
 """Within this time a datagram passes from one interface of a computer to another: a bridge, a
 container."""
 MOST_TOLD = 10
 """Files that are not read and that are named."""
 PROGRESS_PACKETS = 4096
-"""After so many packets the progress is told."""
+"""Packets between two reports of the progress."""
 
 
 class Counts(NamedTuple):
@@ -149,7 +149,7 @@ def dissect_file(
 
 
 def _look(paths: Iterable[str | os.PathLike[str]]) -> None:
-    """Raise CaptureError with what is wrong of each file that is not read."""
+    """Raise CaptureError with the fault of each file that is not read."""
     wrong = []
     for path in paths:
         try:
@@ -188,7 +188,7 @@ class CaptureReader:
         self._late: list[str] = []
         """Files that begin before the one before them ends."""
         self._seen: OrderedDict[Segment, tuple[int, Counter[int]]] = OrderedDict()
-        """Of what came shortly before: when, and how often on each interface."""
+        """Of recent packets: their time, and how often each came on each interface."""
 
     def read(
         self,
@@ -213,7 +213,7 @@ class CaptureReader:
             self.lost += file.lost
 
     def is_copy(self, packet: CapturedPacket, parsed: Segment | str) -> bool:
-        """Whether what is in a packet was seen on another interface just before."""
+        """Whether a packet's content was seen on another interface just before."""
         interface = network.interface(packet)
         if interface is None or isinstance(parsed, str):
             return False
@@ -243,7 +243,7 @@ class CaptureReader:
         return self._offered[link_type]
 
     def take(self, found: Message | Note, dissector: Dissector) -> tuple[str, ...]:
-        """Count a message; what is to be said of it besides its values."""
+        """Count a message; return remarks about it besides its values."""
         if isinstance(found, Note):
             return ()
         self.messages += 1

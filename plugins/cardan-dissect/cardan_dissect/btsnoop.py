@@ -15,8 +15,8 @@ RECORD = struct.Struct(">IIIIq")
 """Length on the wire, length here, flags, packets lost until then, time stamp."""
 VERSION = 1
 H1, H4, MONITOR = 1001, 1002, 2001
-"""Datalink types: HCI without and with the byte that says of which type a packet is, and what the
-Linux kernel's monitor says of all adapters."""
+"""Datalink types: HCI without and with the byte of a packet's type, and the Linux kernel's monitor
+of all adapters."""
 EPOCH_US = 0x00DCDDB30F2F8000
 """Time stamps are microseconds; this is the one of 1970. The format's description counts them from
 the year 0, and gives that of 2000, which is 12 days more than the Gregorian calendar makes it."""

@@ -30,7 +30,7 @@ _REQUEST = re.compile(r"\sTxRq\s")
 
 
 class Logged(NamedTuple):
-    """A frame as a capture has it."""
+    """A frame in the format of a capture."""
 
     time_ns: int
     data: bytes
@@ -126,7 +126,7 @@ class _Counted:
         return data
 
     def close(self) -> None:
-        """The stream is whose it was."""
+        """Leave the stream open: its owner closes it."""
 
 
 def _messages(log: Any) -> Iterator[Logged]:

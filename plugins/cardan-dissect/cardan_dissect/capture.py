@@ -115,7 +115,7 @@ class _Again(io.RawIOBase):
 
 class Capture:
     """The packets of a file or a pipe, iterated once; "-" is standard input. They are counted from
-    `first` on. CaptureError names what is wrong with the file."""
+    `first` on. CaptureError names the fault of the file."""
 
     def __init__(self, path: str | os.PathLike[str], first: int = 1) -> None:
         self.path = os.fspath(path)
@@ -135,8 +135,8 @@ class Capture:
         return min(1.0, self._stream.tell() / self._bytes)
 
     def look(self) -> None:
-        """CaptureError where there is no such file, or none that is read; one that is damaged is.
-        Pipes are left alone."""
+        """Raise CaptureError if the file is missing or no capture; a damaged capture passes. Pipes
+        are not checked."""
         if self.path == STANDARD_INPUT:
             return
         try:

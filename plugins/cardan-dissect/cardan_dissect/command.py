@@ -95,7 +95,7 @@ class _Progress:
         self._wide = 0
 
     def tell(self, packets: int, share: float | None) -> None:
-        """So many packets were read, and of so much of the file."""
+        """Show how many packets were read, and the share of the file."""
         if not self._shown or time.monotonic() < self._due_s:
             return
         self._due_s = time.monotonic() + PROGRESS_S

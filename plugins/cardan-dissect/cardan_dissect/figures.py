@@ -18,7 +18,7 @@ REMEMBERED = 1024
 PENDING = 256
 """Messages that an answer is looked for among: one second at 250 Hz."""
 MOST_TEXTS = 64
-"""Different texts that are counted each; what comes after them is counted together."""
+"""Different texts that are counted each; further texts are counted together."""
 OTHERS = "others"
 
 
@@ -161,11 +161,11 @@ class _Kind:
 
 
 class Figures:
-    """How many messages there were, how often, what was lost, and how long answers took."""
+    """Figures of messages: number, intervals, losses, and times to answers."""
 
     def __init__(self, other_way: Figures | None) -> None:
         self._other_way = other_way
-        """Those of the messages that are answered."""
+        """Figures of the messages that are answered."""
         if other_way is not None:
             other_way._other_way = self
         self.messages = 0

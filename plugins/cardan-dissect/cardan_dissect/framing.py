@@ -12,7 +12,7 @@ from cardan_dissect.network import TCP_ACK, TCP_SYN, Segment
 from cardan_dissect.reader import CUT, Decoded, Dissector, Found, Message, Note
 
 MOST_FLOWS = 1024
-"""Flows that are followed at once; for one more the one that was silent the longest is ended."""
+"""Flows that are followed at once; a further flow ends the one that was silent the longest."""
 
 MOST_ABOUT = 4 * MOST_FLOWS
 """Directions of which the figures of the stream are kept."""
@@ -34,7 +34,7 @@ class Conversation(ABC):
     """
 
     head_bytes: ClassVar[int]
-    """Of so many the length of a message is known."""
+    """Bytes of a message that tell its length."""
 
     @abstractmethod
     def begins(self, data: bytes) -> bool:
@@ -58,7 +58,7 @@ class _Stream:
     def __init__(self, conversation: Conversation, direction: Direction) -> None:
         self.tcp = tcp.TcpStream()
         self.skipped_bytes = 0
-        """Bytes of messages whose beginning is missing."""
+        """Number of bytes of messages whose beginning is missing."""
         self._conversation, self._direction = conversation, direction
         self._buffer = bytearray()
         self._synchronized = False
@@ -189,7 +189,7 @@ class StreamDissector(Dissector):
     def __init__(self, numbers: Mapping[str, frozenset[int]]) -> None:
         super().__init__(numbers)
         self._flows: dict[str, _Flow] = {}
-        """By the device's end, then the client's; the one that spoke last is the last."""
+        """By the device's end, then the client's; the latest sender is the last."""
         self._about: dict[str, str] = {}
         self._last: CapturedPacket | None = None
 

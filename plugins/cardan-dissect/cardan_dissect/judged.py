@@ -43,7 +43,7 @@ BEGINNING_S = 0.5
 LACKS_BEGINNING = "the capture lacks the beginning of a connection"
 LACKS_BYTES = "the capture lacks bytes of a connection"
 STRAY_DATAGRAMS = 16
-"""A client that sent fewer, and got no answer, is none beside another one."""
+"""A client that sent fewer, and got no answer, is a stray beside another client."""
 MOST_TOLD = 10
 """Flows that are named where none is the protocol's, and hosts of strays."""
 
@@ -54,7 +54,7 @@ _USB_IDS = re.compile(r"[0-9a-f]{4}:[0-9a-f]{4}(?= )")
 
 
 class _Unasked(dict[str, TimelinePhase]):
-    """Phases of which there is none: a look for one raises UnaskedError."""
+    """Phases of a capture, which has none: looking for a phase raises UnaskedError."""
 
     def _none(self, *_: object) -> NoReturn:
         raise UnaskedError
@@ -82,10 +82,10 @@ class Captured(Timeline):
     """A timeline from a capture. Requirements are not judged by events that it cannot show."""
 
     lacks = ""
-    """Why it may not show what was there: no failure is judged then."""
+    """Why the capture may be incomplete: no failure is judged then."""
     unsure = -2
-    """Of one that may begin in the middle of things: the number of the last event that shows it. A
-    failure is none where its evidence does not go beyond it."""
+    """Last event (number) up to which the capture may begin in the middle of an exchange. A failure
+    does not count if its evidence does not go beyond it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -96,7 +96,7 @@ class Captured(Timeline):
         return _Unasked()
 
     def _of_clients(self, requirement: Requirement[Any]) -> Verdict:
-        """The worst of what is said of each."""
+        """Return the worst verdict of all clients."""
 
         def rank(found: tuple[ClientTraffic, Verdict]) -> tuple[bool, int]:
             outcome, said, *_ = found[1]
@@ -133,10 +133,10 @@ class Captured(Timeline):
 def timeline(suite: Suite[Any], path: str | os.PathLike[str], target: str = "") -> Timeline:
     """Return the timeline of a capture for `suite`; times are the capture's.
 
-    `target` is ``[HOST][:PORT]`` of the flow, of a bus as the suite has it, or of a device where
-    `cardan dissect` shows it ("USB 1.5"). Raises CaptureError
-    for a file that is no capture, is damaged, or has no packets, and ConfigurationError for a
-    target that is none and for a capture without the flow, which names those that there are.
+    `target` is ``[HOST][:PORT]`` of the flow, a bus in the suite's notation, or a device in that of
+    `cardan dissect` ("USB 1.5"). Raises CaptureError for a file that is no capture, is damaged, or
+    has no packets, and ConfigurationError for a malformed target and for a capture without the
+    flow, which names the flows of the capture.
     """
     kind = suite.transport.kind
     if kind == "other" and suite.dissector:
@@ -159,7 +159,7 @@ def timeline(suite: Suite[Any], path: str | os.PathLike[str], target: str = "") 
 
 
 def _ends(segment: Segment, sent: bool) -> tuple[Endpoint, Endpoint]:
-    """That of what is judged, and ours."""
+    """Return the judged endpoint, and ours."""
     return segment.ends(Direction.TO_DEVICE if sent else Direction.FROM_DEVICE)
 
 
@@ -191,7 +191,7 @@ class _Flow(NamedTuple):
 
     @property
     def ways(self) -> set[bool]:
-        """Whether packets were sent to what is judged, came from it, or both."""
+        """Whether packets were sent to the judged side, came from it, or both."""
         return {each.sent for each in self.packets}
 
 
@@ -253,7 +253,7 @@ class _Reading(ABC):
 
     @abstractmethod
     def read(self, flows: list[_Flow]) -> None:
-        """Make the events of what is judged."""
+        """Make the events of the judged side."""
 
     def _set_aside(self) -> None:
         """Take out what other hosts sent to the same ports: port scans, mistaken senders."""
@@ -355,7 +355,7 @@ class _Connection:
 
     channel: str
     begun: set[bool] = field(default_factory=set)
-    """Ways in which its SYN was seen: to what is judged, and from it."""
+    """Directions in which its SYN was seen: to the judged side, and from it."""
     open: bool = False
     over: bool = False
     reached: dict[bool, int] = field(default_factory=dict)
@@ -465,7 +465,7 @@ class _Tcp(_Reading):
         self._tell(known, time_ns, Kind.CLOSED, sent)
 
     def _lost(self, known: _Connection, why: str) -> None:
-        """It is not followed any further."""
+        """Stop following a connection."""
         known.over = True
         if known.channel:
             self.lacks.append(why)
@@ -560,7 +560,7 @@ def _unsure(found: Captured) -> int:
 
 
 def _leave_open(found: Captured, ours: frozenset[str], last_ns: int) -> None:
-    """Take out what was asked of what is judged when the capture ended and is open still."""
+    """Remove requests to the judged side that were still open when the capture ended."""
     assert found.start_ns is not None
     end_s = (last_ns - found.start_ns) * 1e-9
     settled: set[str] = set()

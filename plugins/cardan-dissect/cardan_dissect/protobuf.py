@@ -86,7 +86,7 @@ def _group_end(data: bytes, number: int, offset: int) -> int:
 
 
 def scan(data: bytes) -> Iterator[Item]:
-    """The tagged values of a message in wire order; WireError at the first that is none."""
+    """Yield the tagged values of a message in wire order; WireError at the first invalid one."""
     offset = 0
     while offset < len(data):
         start = offset

@@ -76,7 +76,7 @@ class Numbers(NamedTuple):
     """Noun for such a number ("UDP port")."""
     allowed: range = range(1, 0x10000)
     usual: frozenset[int] = frozenset()
-    """Those that are looked at anyway."""
+    """Numbers that are always looked at."""
 
     def with_usual(self, more: Iterable[int]) -> frozenset[int]:
         """The usual numbers and `more`; ConfigurationError for one out of range."""
@@ -110,7 +110,7 @@ class Dissector(ABC):
 
     def __init__(self, numbers: Mapping[str, frozenset[int]]) -> None:
         self.numbers = numbers
-        """Those of each option by its key."""
+        """Numbers of each option by its key."""
         self.packets = 0
         """Packets that belong to the protocol, those without a message of it included. When it has
         grown, the packet is not offered to the dissectors after this one."""
@@ -131,9 +131,9 @@ class Dissector(ABC):
         return ""
 
     def recognized(self, messages: Sequence[Message], end: Endpoint, other: Endpoint) -> str:
-        """Of a flow between two ends that was read on trial, with the port of `end` as a number of
-        the first option: which side is where ("the robot at ..."), if these first messages of it
-        can be no other protocol's; else empty, as it is where a protocol is found without ports."""
+        """Describe the sides ("the robot at ...") of a flow between two ends that was read on
+        trial, with the port of `end` as a number of the first option, if its first messages can be
+        no other protocol's; else empty, as it is where a protocol is found without ports."""
         return ""
 
 
@@ -175,7 +175,7 @@ def value_of(decoded: Decoded) -> Any:
 
 
 def describe(decoded: Decoded) -> str:
-    """Title and values, one after the other; what is absent is left out."""
+    """Return title and values, one after the other; absent values are left out."""
     value = value_of(decoded)
     title = decoded.title or type(value).__name__
     fields = value if isinstance(value, Mapping) else value._asdict()

@@ -649,7 +649,7 @@ SENT: tuple[tuple[type[Packet], dict[str, int], tuple[type[SimpleMessage], ...]]
     (UDP, {"dport": SIMPLE_MESSAGE_RT_PORT}, (RtJointState,)),
     (UDP, {"sport": SIMPLE_MESSAGE_RT_PORT}, (RtJointCommand,)),
 )  # fmt: skip
-"""Every layer, by what it goes in and the port that it goes to or comes from."""
+"""Every layer, by its transport and the port that it goes to or comes from."""
 
 
 def _catalog() -> dict[int, tuple[type[SimpleMessage], ...]]:
@@ -671,7 +671,7 @@ def _fixed_bytes(layer: type[Packet], real_bytes: int) -> int:
 
 
 def _fit(layer: type[Packet], data: bytes) -> int:
-    """The size of the reals with which `data` has the length of the layer; 0 when with none."""
+    """Return the size of reals with which `data` has the length of the layer; 0: no size fits."""
     order = byte_order(data)
     size = struct.unpack_from(f"{order}i", data)[0] - HEADER_BYTES
     body = layer.fields_desc[HEADER_FIELDS:]
@@ -714,7 +714,7 @@ def frame_bytes(data: bytes, order: str) -> int | None:
 
 
 def _judge(data: bytes) -> tuple[type[SimpleMessage] | None, str]:
-    """The layer of the message `data` begins with, or why there is none."""
+    """Return the layer of the message `data` begins with, or why there is none."""
     if not data:
         return None, "empty"
     if len(data) < PREFIX_BYTES:
@@ -747,7 +747,7 @@ def _is_io_error(data: bytes, msg_type: int, order: str) -> bool:
 
 
 def malformed(layer: Packet) -> str | None:
-    """Why a dissected message is none that is known, None when it is one."""
+    """Return why a dissected message is malformed or unknown; None: it is neither."""
     return layer.reason if isinstance(layer, SimpleMessageBroken) else None
 
 

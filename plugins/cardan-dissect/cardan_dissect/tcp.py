@@ -95,7 +95,7 @@ class TcpStream:
             yield from self._end()
 
     def flush(self) -> Iterator[Event]:
-        """Nothing more comes: give what is held back."""
+        """Yield the held segments at the end of the capture."""
         while self._held:
             yield from self._give_up()
 
@@ -134,7 +134,7 @@ class TcpStream:
         self._next = ((self._next or 0) + size) % SEQUENCE_MODULUS
 
     def _append(self, segment: _Held) -> Iterator[Event]:
-        """A segment that begins at or before what is expected next."""
+        """Append a segment that begins at or before the next expected byte."""
         known = -self._ahead(segment.sequence)
         if known:
             self.retransmitted += 1
@@ -150,8 +150,8 @@ class TcpStream:
             yield Cut(cut)
 
     def _release(self, time_ns: int | None) -> Iterator[Event]:
-        """Held segments that are not ahead any more. They could not be read before `time_ns`, when
-        the hole was filled; None: it is the capture's, and they could as soon as they came."""
+        """Yield held segments that are not ahead any more. They could not be read before `time_ns`,
+        when the hole was filled; None: the capture lacks it, and they could when they came."""
         while ready := next((h for h in self._held if self._ahead(h.sequence) <= 0), None):
             self._held.remove(ready)
             when_ns = ready.time_ns if time_ns is None else time_ns

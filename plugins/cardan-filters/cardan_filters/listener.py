@@ -179,7 +179,7 @@ class DatagramListener:
 
 
 def _sender(ancillary: list[tuple[int, int, bytes]], address: Any) -> Sender:
-    """Sender of what came with this: the kernel tells the process, or address and port."""
+    """Return the sender of a datagram: the process by the kernel, or address and port."""
     if isinstance(address, tuple):
         return Sender(*address[:2])
     for _level, _kind, data in ancillary:

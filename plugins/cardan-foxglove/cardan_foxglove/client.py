@@ -59,7 +59,7 @@ MAX_SUBSCRIPTIONS = 1000
 """Most subscriptions of a client."""
 
 MAX_TOLD = 1000
-"""Most reasons that are kept in mind, so that none is told twice in a row."""
+"""Most refusals that are remembered, so that none is reported twice in a row."""
 
 INTRODUCTION_S = 5.0
 """Longest wait for the SDK's server to know its client."""
@@ -159,8 +159,8 @@ class FoxgloveConnection:
         max_bytes: int,
         service_timeout_s: float,
     ) -> None:
-        """`network`: of this client alone. `max_bytes`: of what is no publication, and that the
-        client does not read."""
+        """`network`: of this client alone. `max_bytes`: of messages other than publications that
+        the client has not read yet."""
         self._connection, self._peer = connection, peer
         self._network, self._caller, self._mailbox = network, caller, mailbox
         self._feeds, self._counts, self._packages = feeds, counts, packages
@@ -373,7 +373,7 @@ class FoxgloveConnection:
         self._sender.send(protocol.status(protocol.ERROR, reason, identity))
 
     def tell_refused(self, command: str, reason: str) -> None:
-        """Tell the client that an arm has refused what it published."""
+        """Tell the client that an arm has refused its command."""
         if not self._gone:
             self._refuse(f"command {command}", reason)
 
@@ -626,7 +626,7 @@ class FoxgloveConnection:
     # -- what the SDK says, in threads of its own ------------------------------------------------
 
     def heard(self, client: Any, act: Callable[..., None], identity: str, *given: Any) -> None:
-        """Have the loop do what a client of the SDK's server asked for, if it is ours."""
+        """Pass a request of the SDK's server to the loop, if its client is ours."""
         if client.id == self._id:
             self._mailbox.put(partial(self._do, act, identity, *given))
         else:
@@ -735,7 +735,7 @@ class _Listener:
 
 
 def _hidden_address() -> str:
-    """An address of this machine that nobody guesses: with the port one of 10^12."""
+    """Return an unguessable loopback address: with the port one of 10^12."""
     return f"127.{'.'.join(str(1 + secrets.randbelow(254)) for _ in range(3))}"
 
 

@@ -16,7 +16,7 @@ from cardan.protocols.joint_stream import (
 )
 
 STEP_RAD = 3.5e-4
-"""Of every joint at once: 0.02 degrees, which no arm makes a millimeter of."""
+"""Step of every joint at once: 0.02 degrees, less than a millimeter at the TCP of any arm."""
 STEP_S = 0.5
 SPEED_RAD_S = 2e-3
 MOVING_S = 0.15

@@ -44,7 +44,7 @@ STOP_TOLERANCE_RAD = 0.02
 SPEED_SHARE = 1.1
 CLOCK_SHARE = 0.02
 UNLIKE_RAD_S, UNLIKE_SHARE = 0.05, 0.3
-"""How far the speed that is told may be from that of the positions."""
+"""Largest difference of a command's speed from that of its positions, and as a share of that."""
 ON_THEIR_WAY_S = 0.05
 GREETS_WITHIN_S = 1.0
 STOPPED_STATES = 10
@@ -70,7 +70,7 @@ class Said(NamedTuple):
 
 
 def _said(seen: JointStreamTraffic, *phases: str) -> list[Said]:
-    """Those of the phases; none: all."""
+    """Return the commands of the phases; without phases: all."""
     found: list[Said] = []
     states = iter(seen.states)
     newest: State | None = None

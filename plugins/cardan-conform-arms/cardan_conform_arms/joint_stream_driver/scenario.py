@@ -1,5 +1,5 @@
-"""Is an arm to a client of the joint stream: is stopped, restarts, falls silent, and lets junk and
-old states in between."""
+"""Scenario of an arm for a client of the joint stream: is stopped, restarts, falls silent, and
+sends junk and old states in between."""
 
 from __future__ import annotations
 

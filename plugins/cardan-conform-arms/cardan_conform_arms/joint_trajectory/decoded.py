@@ -35,7 +35,7 @@ class Goal:
     id: bytes
     trajectory: Message
     accepted: bool | None = None
-    """None: nobody answered."""
+    """None: no answer."""
     status: int | None = None
     """Of its result; None: there is none."""
     code: int = 0
@@ -82,7 +82,7 @@ class TrajectoryTraffic(RosArmTraffic):
         self.canceled: dict[bytes, float] = {}
         """When the cancellation of a goal was sent, by its id."""
         self._asked: list[bytes] = []
-        """Ids of the goals whose results were asked for."""
+        """Ids of the goals whose results were requested."""
         for number, event in enumerate(timeline):
             names = _REQUESTS if event.sent else _HEARD
             if event.kind is Kind.DATA and event.channel in names:
