@@ -28,7 +28,7 @@ OWN_FEATURES: Mapping[str, str] = {
     "index": "int64",
     "task_index": "int64",
 }
-"""Of every frame, beside what is exported; each one number."""
+"""Columns of every frame, beside the exported features; each a single number."""
 
 Rows = Sequence[Sequence[float]]
 
@@ -86,7 +86,7 @@ class _Writer:
 
         described: list[dict[str, Any]] = []
         columns: dict[str, list[list[float]]] = {}
-        """Of all episodes: each number of each feature, for the statistics."""
+        """Columns of all episodes: each number of each feature, for the statistics."""
         index = size = file_index = 0
         parquet: Any = None
         try:

@@ -1,7 +1,7 @@
-"""Goes to goals that come a few dozen times a second, from where the arm is commanded to be.
+"""Motion to goals that come a few dozen times a second, from the arm's commanded position.
 
-The first goal, and one that is far, is approached slowly: however wrong it is, the arm does not
-leap. From there on each goal is handed on as it is; the arm's own limits hold in any case.
+The first goal, and any that is far, is approached slowly: however wrong it is, the arm does not
+jump. After that each goal is passed on unchanged; the arm's own limits hold in any case.
 """
 
 from __future__ import annotations

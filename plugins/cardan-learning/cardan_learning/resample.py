@@ -53,14 +53,14 @@ from cardan_learning.features import (
 )
 
 LONGEST_GAP_NS = NS // 5
-"""Between two states: a longer gap is told, and what was before it holds until its end."""
+"""Between two states: a longer gap is reported, and the state before it holds until its end."""
 
 LONGEST_FILL_S = 10.0
 """Longest gap within an episode, unless another is asked for: at a longer one it ends, and another
 begins after it."""
 
 FEWEST_FRAMES = 2
-"""Of an episode: shorter ones are left out, and told."""
+"""Frames of the shortest episode: shorter ones are left out, and reported."""
 
 JOINTS = "/joint_states"
 """End of its name, after the node's namespace."""
@@ -121,7 +121,7 @@ class Track:
         return self.values[index - 1], self.values[index], share
 
     def gaps(self, first_ns: int, last_ns: int) -> Iterator[Gap]:
-        """Those within a time."""
+        """Yield the gaps within a time."""
         for before_ns, after_ns in itertools.pairwise(self.stamps_ns):
             if (
                 after_ns - before_ns > LONGEST_GAP_NS
@@ -139,7 +139,7 @@ class Changes:
     values: list[str] = field(default_factory=list)
 
     def add(self, stamp_ns: int, value: str) -> None:
-        """Take a value; one that came late holds from the newest one's time on."""
+        """Add a value; a value that came late holds from the newest one's time on."""
         if not self.values or self.values[-1] != value:
             newest_ns = self.stamps_ns[-1] if self.stamps_ns else stamp_ns
             self.stamps_ns.append(max(stamp_ns, newest_ns))
@@ -161,7 +161,7 @@ class ArmTracks:
     poses: Track = field(default_factory=lambda: Track("measured poses"))
     """Of the TCP: position and quaternion, scalar first."""
     targets: Track = field(default_factory=lambda: Track("commanded poses"))
-    """Likewise."""
+    """Of the TCP, in the same form."""
     authority: Changes = field(default_factory=Changes)
     """The source that had it."""
     gripper: Changes = field(default_factory=Changes)

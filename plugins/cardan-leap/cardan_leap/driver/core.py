@@ -112,7 +112,7 @@ class LeapCore(DeviceCore):
     # -- what happens --------------------------------------------------------------------------
 
     def on_opened(self, now_s: float) -> None:
-        """A connection was made (again): what was known of the service is void."""
+        """A connection was made (again): forget the state of the service."""
         self._forget_service()
         if not self._was_late:  # Else the clock may be the same, and its frames late again.
             self._lag.reset()

@@ -1,9 +1,9 @@
-"""How late frames come, by the service's own stamps, whose clock has an epoch of its own.
+"""Latency of frames, by the service's own stamps, whose clock has an epoch of its own.
 
 A network or a reader that cannot keep up delivers every frame, in order and at an even pace, but
-seconds late; only the stamps tell. The smallest difference ever between arrival and stamp is taken
-for that of a frame without delay. It may rise only as slowly as clocks drift apart: a delay of 1 s
-would have to last for a quarter of an hour to look like none.
+seconds late; only the stamps show that. The smallest difference ever between arrival and stamp is
+taken for that of a frame without delay. It may rise only as slowly as clocks drift apart: a delay
+of 1 s would have to last for a quarter of an hour to look like none.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ class LeapOptions(Options):
     version: Annotated[int, VERSION] = 6
     """Protocol version to ask for, 1 to 7; a service that does not know it is asked for less."""
     hand: Literal["first", "left", "right"] = "first"
-    """Which hand counts; first: the one that has been in view longest."""
+    """The hand that counts; first: the hand that has been in view longest."""
     clutch: Literal["still", "open", "grab", "pinch"] = "still"
     """Posture that holds the button "clutch": a hand kept still once, until it leaves; an open hand
     kept still, until it closes; a fist; a pinch."""

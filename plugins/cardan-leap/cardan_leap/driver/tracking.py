@@ -68,7 +68,7 @@ class HandTracker:
 
     def _forget(self) -> None:
         self.id: int | None = None
-        """Id of the hand that is followed; None: there is none."""
+        """Id of the followed hand; None: no hand is followed."""
         self.pose: Pose | None = None
         """Pose of that hand, smoothed: operator's axes, m."""
         self.engaged = False

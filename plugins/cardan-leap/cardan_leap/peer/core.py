@@ -282,7 +282,7 @@ class SimulatedLeapService:
                 self._schedule()
 
     def advance(self, now_s: float) -> None:
-        """Do what is due until `now_s`, with the hands' present postures."""
+        """Run the service until `now_s`, with the hands' present postures."""
         while (due_s := self._next_event_s) <= now_s:
             self._now_s = max(self._now_s, due_s)
             if self._timed and self._timed[0][0] <= due_s:

@@ -58,8 +58,8 @@ _THUMB_ACROSS_RAD = 1.1
 
 
 class HandPosture(NamedTuple):
-    """How a hand is held: tracker's axes, mm, and its attitude as a rotation matrix by rows,
-    whose columns are the hand's right, up and back."""
+    """Pose and posture of a hand: tracker's axes, mm, and its attitude as a rotation matrix by
+    rows, whose columns are the hand's right, up and back."""
 
     palm_mm: Triple
     rows: tuple[Triple, Triple, Triple]

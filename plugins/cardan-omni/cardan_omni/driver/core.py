@@ -329,7 +329,7 @@ class OmniCore(DeviceCore):
     # -- inside --------------------------------------------------------------------------------
 
     def _watch(self, now_s: float) -> None:
-        """Update the link to what is known at `now_s`."""
+        """Update the link by the state at `now_s`."""
         if not self._open:
             return
         link, reason = self._verdict(now_s)

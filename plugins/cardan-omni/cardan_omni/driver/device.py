@@ -242,10 +242,10 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         return FeedbackLimits(limits.clamp_n, limits.torque_limit_n_m, limits.energy_budget_j)
 
     def enable(self, wait_s: float = 0.0) -> None:
-        """Let force out; after a latched fault this tries again.
+        """Enable the force; after a latched fault this tries again.
 
-        Raises CommandError at once while it cannot be. Right after the opening or the inkwell that
-        passes by itself ("not ready yet"): `wait_s` has it wait for that, s at most, unless
+        Raises CommandError at once while that is impossible. Right after the opening or the inkwell
+        that passes by itself ("not ready yet"): `wait_s` is the longest wait for that, s, unless
         disable() is called meanwhile.
         """
         deadline_s, disabled = time.monotonic() + wait_s, self._disabled

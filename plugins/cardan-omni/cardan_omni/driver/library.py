@@ -420,8 +420,8 @@ def _load_named(named: str, by: str) -> tuple[str, ctypes.CDLL]:
 
 
 def _is_cut_off(path: Path) -> bool:
-    """Whether a file ends before its segments do: the loader would map what is not there, and the
-    process would die of it."""
+    """Whether a file ends before its segments do: the loader would map missing pages, and the
+    process would crash."""
     with contextlib.suppress(OSError, struct.error), path.open("rb") as file:
         size, head = path.stat().st_size, file.read(64)
         if head[:4] != b"\x7fELF" or head[4:6] != b"\x02\x01":

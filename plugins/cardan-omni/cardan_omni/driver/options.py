@@ -70,7 +70,7 @@ class OmniOptions(ShapingOptions, TickLimits):
     rotation: bool = False
     """Rate mode: the stylus's orientation deflects the axes of rotation, too."""
     realtime: bool = True
-    """Ask for real-time priority for the force loop; without the permission it goes on without."""
+    """Ask for real-time priority for the force loop; if refused, the loop runs without it."""
     wait_for_device: bool = False
     """open() succeeds without a device or its library, which are picked up once they are there."""
 

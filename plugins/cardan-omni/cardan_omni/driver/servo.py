@@ -64,7 +64,7 @@ class Servo:
         _scheduled.add(self)
 
     def stop(self) -> None:
-        """The next tick sends no force and asks for no more."""
+        """Have the next tick send no force and end the loop."""
         if self._pointer:
             self._library.servo_stop(self._pointer)
 

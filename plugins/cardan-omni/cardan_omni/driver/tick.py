@@ -1,4 +1,4 @@
-"""The compiled law of the force feedback: tick.h says what it is and what it guarantees.
+"""The compiled law of the force feedback: tick.h describes it and its guarantees.
 
 Calls here never wait for a step in progress, and the step never waits for them.
 """
@@ -79,8 +79,8 @@ class Tick:
         """Render `command` from the next step on; False: it was dropped as stale.
 
         `now_s`: the time, where the caller knows it; else the newest step's counts. Raises
-        CommandError for what is not finite, no rotation, negative where that makes no sense, too
-        much, or stamped in the future; the command before it then stays.
+        CommandError for values that are not finite, no rotation, negative where that makes no
+        sense, too large, or stamped in the future; the command before it then stays.
         """
         if len(command.fixtures) > MAX_FIXTURES:
             raise CommandError(f"a haptic command cannot be taken: {_WRONG[4]}")
@@ -151,8 +151,8 @@ class Tick:
         self._library.tick_lose(self.pointer())
 
     def allow(self, allowed: bool) -> None:
-        """Whether the motors are on; they are at first. While they are not it asks for no force,
-        and what comes then engages anew: so they are switched at zero force only."""
+        """Set whether the motors are on; they are at first. While they are off the tick sends no
+        force, and the force after that engages anew: motors are switched at zero force only."""
         self._library.tick_allow(self.pointer(), allowed)
 
     def _request(self, verb: int, name: str) -> None:

@@ -33,7 +33,7 @@ class StylusSample(NamedTuple):
     position: Vector3 = ZERO3
     """Position of the gimbal's center."""
     velocity: Vector3 = ZERO3
-    """As the library has it: only the velocity gate looks at it."""
+    """By the library: only the velocity gate uses it."""
     rotation: Matrix3 = IDENTITY3
     joints_rad: Vector3 = ZERO3
     """Turret, thigh, shin: what joint torques are made with."""

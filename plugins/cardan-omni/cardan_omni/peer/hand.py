@@ -391,7 +391,7 @@ def load_motion(name_or_file: str, stiffness_n_m: float = USUAL_STIFFNESS_N_M) -
 
 
 def _read(words: StepWords, hand: _Hand) -> None:
-    """Plan what the words of one step do."""
+    """Plan the motion of a step by its words."""
     verb, start_s = words.verb, _rounded(words.time_s)
     if verb in hand.tracks:
         goal = _goal(words)

@@ -20,7 +20,7 @@ from cardan_omni.peer.settings import FAULTS, OmniSettings
 from cardan_omni.protocol import rotation_to_device, to_device, to_hand
 
 SETTINGS_VARIABLE = "CARDAN_OMNI"
-"""Names the settings file of a program that loads the library without knowing what it is."""
+"""Names the settings file of a program that loads the library without knowing it is simulated."""
 LIBRARY_VARIABLE = "CARDAN_LIBHD"
 """Where Cardan's own driver looks for libHD first."""
 LIBRARY_NAMES = ("libHD.so", "libHD.so.3.0", "libHD.so.3.4")
@@ -78,7 +78,7 @@ class OmniTruth(NamedTuple):
     docked: bool
     gripped: bool
     amplifier: bool
-    """Force goes out."""
+    """The amplifier outputs force."""
     calibrated: bool
     script_done: bool
 

@@ -48,7 +48,7 @@ def environment(settings: OmniSettings) -> Iterator[Mapping[str, str]]:
 
 
 def prepare_log(settings: OmniSettings) -> None:
-    """Empty the log, so that what is in it afterwards is of this run.
+    """Empty the log, so that its later content is of this run.
 
     Raises ConfigurationError when it cannot be written.
     """
@@ -111,7 +111,7 @@ without that line means that this process has died."""
 def _guard(folder: str) -> Iterator[Callable[[int], None]]:
     """A process that ends the program and removes the folder if this one is killed.
 
-    Yields what is to be called with the program's number.
+    Yields a function that must be called with the program's process id.
     """
     reading, writing = os.pipe()
     try:

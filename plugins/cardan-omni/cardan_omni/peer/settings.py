@@ -95,7 +95,7 @@ class OmniFault(NamedTuple):
 
 
 def parse_omni_faults(words: Iterable[str]) -> tuple[OmniFault, ...]:
-    """Read ``NAME[=VALUE][@SECONDS]``; ScriptError says what is wrong and what there is."""
+    """Read ``NAME[=VALUE][@SECONDS]``; ScriptError says what is wrong and lists the faults."""
     return tuple(parse_omni_fault(word) for word in words)
 
 
@@ -154,7 +154,7 @@ class HandMotion(NamedTuple):
     """A script as the library plays it."""
 
     waypoints: tuple[Waypoint, ...] = ()
-    """In the order of time; none: the hand stays at the origin, as OmniSettings has it."""
+    """In the order of time; none: the hand stays at the origin, as in OmniSettings."""
     loop_s: float | None = None
     """When it starts again; None: it does not."""
 
