@@ -373,7 +373,7 @@ def _orb_checksum(data: bytes) -> int:
 
 
 class SpaceOrbLayer(SerialPacket):
-    """A packet whose bytes but the first have bit 7, and whose low seven bits make the values; the
+    """A packet with bit 7 set in all bytes but the first, and values in their low seven bits; the
     last byte makes the exclusive or of all 0."""
 
     def post_build(self, pkt: bytes, pay: bytes) -> bytes:

@@ -18,8 +18,8 @@ from cardan_spnav_server.protocol import (
 )
 
 QUIET_S = 0.05
-"""How long after its last request a new client gets no events: libspnav throws away what is pending
-before a request, and takes the next record for the answer."""
+"""Time after its last request in which a new client gets no events: libspnav discards pending
+records before a request, and takes the next record for the answer."""
 
 NEW_FOR_S = 2.0
 """How long a client counts as new, however often it asks."""

@@ -67,15 +67,15 @@ _ONE = bits_of(1.0)
 
 
 class SpnavServerCore:
-    """The clients and what each is to be sent. Times are monotonic, s.
+    """The clients and their send queues. Times are monotonic, s.
 
-    Buttons have the numbers that `identity` says. All others of `buttons` are numbered from 0 in
-    their order; a button that is not among them gets the next number when it is first seen. Of a
-    device that lists none, "left" and "right" are 0 and 1, "button-7" is 7 and "7" is 6, whatever
-    is pressed first; all others follow. `on_led` switches the device's LED; None: it has none, or
-    it is not for programs to switch. `full_scale` is in
-    counts; None: what programs take for a full deflection of such a device. Raises OptionError for
-    one that is not in `COUNTS` of :mod:`cardan.common.bounds`.
+    Buttons have the numbers of `identity`. All others of `buttons` are numbered from 0 in their
+    order; a button that is not among them gets the next number when it is first seen. If the
+    device lists none, "left" and "right" are 0 and 1, "button-7" is 7 and "7" is 6, whatever is
+    pressed first; all others follow. `on_led` switches the device's LED; None: it has none, or
+    programs may not switch it. `full_scale` is in counts; None: the counts that programs take for
+    a full deflection of such a device. Raises OptionError for a value that is not in `COUNTS` of
+    :mod:`cardan.common.bounds`.
     """
 
     def __init__(
@@ -461,7 +461,7 @@ class SpnavServerCore:
         """Whether `sensitivity` was accepted.
 
         libspnav's `spnav_sensitivity` sends half of a double in version 1, which is zero or far
-        from what is meant: it would leave the program without motion.
+        from the intended value: it would leave the program without motion.
         """
         low, high = SENSITIVITIES
         if not low <= abs(sensitivity) <= high:

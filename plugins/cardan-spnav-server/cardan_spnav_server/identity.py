@@ -49,7 +49,7 @@ class KnownModel(Protocol):
     def product_id(self) -> int: ...
     @property
     def buttons(self) -> Mapping[int, str]:
-        """Label by bit of HID report 3, or of what a serial device has in its place."""
+        """Label by bit of HID report 3, or of its equivalent in a serial device."""
 
     @property
     def receiver(self) -> bool:
@@ -57,10 +57,10 @@ class KnownModel(Protocol):
 
 
 def identity_of(device: OperatorDevice, name: str = "") -> DeviceIdentity:
-    """The identity of `device`, with `name` where that is not empty.
+    """Return the identity of `device`, with `name` where that is not empty.
 
-    A driver that knows the model of a 3Dconnexion device has it in `model`, from when it is open;
-    of all other devices there is only a name.
+    A driver that knows the model of a 3Dconnexion device has it in `model` once it is open; all
+    other devices have only a name.
     """
     model = getattr(device, "model", None)
     if not isinstance(model, KnownModel):

@@ -25,8 +25,7 @@ class SpnavServerOptions(Options):
     """Counts that programs get for a full deflection; None: as many as spacenavd gives of the
     device's model, 350 where that is not known."""
     name: str = ""
-    """Name of the device that programs are told; empty: its model's, "Cardan" where that is not
-    known."""
+    """Name of the device for programs; empty: its model's, or "Cardan" if that is unknown."""
     model: str = ""
     """Key of the 3Dconnexion model that a session publishes on the bus, which does not tell it, as
     "spacemouse-pro": programs get its identity and spacenavd's numbers of its buttons. Empty: the

@@ -110,7 +110,7 @@ class CardanRobot(Robot):
             time.sleep(LOOK_S)
 
     def _say(self, words: str) -> None:
-        """Log what is new."""
+        """Log a new warning."""
         if words != self._said:
             self._said = words
             if words:
@@ -120,7 +120,7 @@ class CardanRobot(Robot):
         """Nothing is to be done."""
 
     def configure(self) -> None:
-        """Nothing is to be done: the configuration has it all."""
+        """Do nothing: the configuration has all settings."""
 
     def get_observation(self) -> dict[str, Any]:
         """Return the present measurement, and each camera's newest picture. Waits for a silent

@@ -55,8 +55,7 @@ class CardanTeleop(Teleoperator):
 
     @property
     def is_connected(self) -> bool:
-        """Whether the device is open; one that is unplugged meanwhile still is, and asks for
-        rest."""
+        """Whether the device is open; an unplugged device still is, and its action is rest."""
         return self._connected
 
     @property
@@ -76,7 +75,7 @@ class CardanTeleop(Teleoperator):
         """Nothing is to be done."""
 
     def configure(self) -> None:
-        """Nothing is to be done: the configuration has it all."""
+        """Do nothing: the configuration has all settings."""
 
     def get_action(self) -> dict[str, float]:
         """Return the operator's present action."""
@@ -84,7 +83,7 @@ class CardanTeleop(Teleoperator):
         return self._actions.action()
 
     def get_teleop_events(self) -> dict[TeleopEvents, bool]:
-        """Whether the hand intervenes, and what buttons have said of the episode since the last
+        """Return whether the operator intervenes, and the episode's button events since the last
         call."""
         if not self._connected:
             return dict.fromkeys(
@@ -115,8 +114,8 @@ class CardanTeleop(Teleoperator):
                 logger.info("%s: %s", self.name, advice)
 
     def send_feedback(self, feedback: dict[str, Any]) -> None:
-        """Give what `feedback_features` names to the hand. Raises Cardan's CommandError for what
-        the device has not."""
+        """Send the feedback of `feedback_features` to the device. Raises Cardan's CommandError for
+        feedback that the device does not support."""
         self._require_connected()
         rumble, led = feedback.get("rumble"), feedback.get("led")
         self._device.feedback(

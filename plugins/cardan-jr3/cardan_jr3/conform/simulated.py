@@ -11,7 +11,7 @@ from cardan_jr3.peer import SimulatedJr3
 from cardan_jr3.protocol import TEO_SENSORS
 
 LONGEST_S = 300.0
-"""Of a simulated run; a script that waits for what never comes ends before."""
+"""Limit of a simulated run; a script that waits for an event in vain ends before."""
 _LOAD = (5.0, 0.0, -8.0, 0.0, 0.2, 0.0)
 _OFFSET = (4.2, -3.1, -8.6, 0.21, -0.13, 0.05)
 

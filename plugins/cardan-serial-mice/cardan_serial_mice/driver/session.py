@@ -138,7 +138,7 @@ _KINDS = {
 }
 
 _GREETING = "Version"
-"""In what a Magellan says about itself."""
+"""Word in a Magellan's version text."""
 
 
 def device_model(model: SerialModel) -> Model:
@@ -192,7 +192,7 @@ class SerialSession:
         self._compressed = False
         """The device has said that its data are compressed from now on."""
         self._lapsed = False
-        """It is being started again."""
+        """The device is being started again."""
         self._held = False
         """A key is down."""
         self._suspicious = False
@@ -214,7 +214,7 @@ class SerialSession:
     # -- what happens --------------------------------------------------------------------------
 
     def receive(self, data: bytes, now_s: float) -> list[InputReport]:
-        """Take bytes of the device; what it reports. Never raises."""
+        """Take bytes of the device; return its reports. Never raises."""
         reports: list[InputReport] = []
         self._reports = reports
         model = self.model
@@ -335,7 +335,8 @@ class SerialSession:
             self._notices.append(Restart(device_model(self.model), self.model.period_s))
 
     def _lapse(self, model: SerialModel, now_s: float) -> None:
-        """It has started anew, with its own settings, and takes the cap's place then for rest."""
+        """Handle a restart of the device: it has its own settings, and takes the cap's present
+        position for rest."""
         if self.running:
             self._lapsed = True
             self._held = self._suspicious = self._doubted = False
@@ -378,7 +379,7 @@ class SerialSession:
         self._to_send += keys + b"\r"
 
     def _keys(self, mask: int, now_s: float) -> None:
-        """It has said which keys are down."""
+        """Take the device's report of pressed keys."""
         if self._rests_owed and self._unanswered_s is not None:
             assert self.model is not None
             if self._unanswered_s - self._motion_s >= _rest_after_s(self.model):
@@ -399,7 +400,7 @@ class SerialSession:
             self._next_command(now_s)
 
     def _is_answer(self, letter: bytes, now_s: float) -> bool:
-        """Whether a packet of `letter` is what the last command asked for, which is then over."""
+        """Whether a packet of `letter` answers the last command, which is then done."""
         if self._sent[:1] != letter or (self.running and now_s - self._asked_s > QUIET_S):
             # Noise, or keys that became another packet on the way; rarely the device's own will.
             self._suspicious = True

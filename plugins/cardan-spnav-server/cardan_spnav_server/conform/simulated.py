@@ -1,4 +1,4 @@
-"""Our own server, with the defects that it is told to have, and a pilot in virtual time."""
+"""Our own server with selected defects, and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from cardan_spnav_server.protocol import (
 )
 
 LONGEST_S = 300.0
-"""Of a simulated run; a script that waits for what never comes ends before."""
+"""Limit of a simulated run; a script that waits for an event in vain ends before."""
 OFFER_S = 0.008
 COUNTS = 350.0
 IDENTITY = DeviceIdentity("3Dconnexion SpaceNavigator", "/dev/input/event7", 0x206, 0x046D, 0xC626)
@@ -57,7 +57,7 @@ _CONTINUED = 0x10000
 
 
 class SpnavRig:
-    """Programs that are connected to the server, and a hand that does what is asked."""
+    """Programs that are connected to the server, and a user who follows the scenario's requests."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         check_faults(faults, FAULTS)
@@ -68,7 +68,7 @@ class SpnavRig:
         """The server's, by connection, in the order in which they were opened."""
         self._axes, self._there, self._edges = _REST, True, list[ButtonEvent]()
         self._sent: list[tuple[float, int, str, bytes]] = []
-        """A heap of what is under way: due, order, connection, bytes."""
+        """Heap of data under way: due, order, connection, bytes."""
         self._order = itertools.count()
         self._counts: Counter[str] = Counter()
         self._asked = False

@@ -33,7 +33,7 @@ class Asked(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """A read of memory, and what came of it."""
+    """A read of memory, and its result."""
 
     asked: Asked
     pieces: tuple[Report, ...]

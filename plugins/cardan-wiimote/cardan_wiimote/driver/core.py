@@ -175,14 +175,14 @@ class WiimoteCore(DeviceCore):
         self._reason = _STARTING
 
     def on_lost(self, reason: str, now_s: float) -> None:
-        """It was unplugged, cannot be read, or is not there."""
+        """The remote was unplugged, cannot be read, or is missing."""
         if self._open and not self.failure(now_s):
             early = now_s - self._opened_s < EARLY_LOSS_S
             self._early_losses = self._early_losses + 1 if early else 0
         super().on_lost(reason, now_s)
 
     def on_closed(self, now_s: float) -> None:
-        """It was closed on request."""
+        """The remote was closed on request."""
         super().on_closed(now_s)
         self._led = None
 
@@ -498,9 +498,9 @@ class WiimoteCore(DeviceCore):
             self._tilt.capture()
 
     def _seek_neutral(self, missing: str, held: bool, now_s: float) -> None:
-        """Accept the remote once all its parts report and nothing of it is held.
+        """Accept the remote once all its parts report and no button of it is held.
 
-        `held`: a clutch button is down, be it one that does not count until it was up.
+        `held`: a clutch button is down, even if it does not count until it was up.
         """
         let_go = not held and max(map(abs, self._stick)) < CENTERED
         if not missing and let_go and now_s >= self._ignore_rest_until_s:

@@ -67,7 +67,7 @@ MOTION_PLUS_READY_S = 0.5
 """The longest that a MotionPlus takes to move to the extension port."""
 
 SUSPECT_AGAIN_S = 2.0
-"""Time between two detections at a port that does not send what it should."""
+"""Time between two detections at a port whose data are not as expected."""
 
 LOOK_AGAIN_S = 4.0
 """Period of checks for a MotionPlus: a remote does not report that one was plugged in."""
@@ -152,7 +152,7 @@ class Session:
     # -- what comes in -------------------------------------------------------------------------
 
     def on_input(self, value: Status | ReadData | Ack, now_s: float) -> None:
-        """Take what is no data report."""
+        """Take a report that is no data report."""
         if isinstance(value, Status):
             self._on_status(value, now_s)
         answer = self.requests.on_input(value, now_s)
@@ -229,7 +229,7 @@ class Session:
         self._begun = False
 
     def _choose(self, now_s: float, at_rest: bool) -> None:
-        """Begin what is due."""
+        """Begin the script that is due."""
         if self._port_in_use is self._port:
             self._port_changed_s = None
         elif self._port_changed_s is None:
@@ -269,7 +269,7 @@ class Session:
         yield StatusRequest()
 
     def _detect(self) -> Script:
-        """Find out what the port holds, and start it."""
+        """Identify the extension at the port, and start it."""
         self.changes += 1
         self.nunchuk = self.motion_plus = None
         self.nunchuk_calibrated = self.motion_plus_calibrated = self._unanswered = False
@@ -334,7 +334,7 @@ class Session:
             self.motion_plus = calibration or DEFAULT_MOTION_PLUS
 
     def _look(self) -> Script:
-        """Look for what was not there."""
+        """Look for an extension or MotionPlus that was absent."""
         found = self._unanswered
         if not found:
             answer = yield READ_MOTION_PLUS_ID

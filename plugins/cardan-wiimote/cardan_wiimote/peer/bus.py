@@ -81,7 +81,7 @@ def make_eeprom(*, bad_checksum: bool = False, no_calibration: bool = False) -> 
 
 
 class Registers:
-    """256 bytes behind one bus address. An access that runs past the end goes on at the start."""
+    """256 bytes behind a bus address. An access that runs past the end goes on at the start."""
 
     def __init__(self) -> None:
         self.memory = bytearray(256)
@@ -273,7 +273,7 @@ class ExtensionPort:
         return self.device(PORT) is not None
 
     def advance(self, now_s: float) -> None:
-        """Do what is due until `now_s`."""
+        """Advance the extensions until `now_s`."""
         if self.motion_plus is not None and self.motion_plus.ready_s <= now_s:
             self.motion_plus.arrive()
             if self.nunchuk is not None:

@@ -267,7 +267,7 @@ class SimulatedWiimote:
         self._leave()
 
     def come_back(self, now_s: float) -> None:
-        """In range again: a link that was not given up goes on."""
+        """Return into range: a link that was not given up goes on."""
         self._produce(now_s)
         self._come_back()
 

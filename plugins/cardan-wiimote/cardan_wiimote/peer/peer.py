@@ -149,7 +149,7 @@ class WiimotePeer(HandPeer[SimulatedWiimote, bytes]):
         self._logged = 0
 
     def _follow(self, now_s: float) -> None:
-        """Log what the host made the remote do."""
+        """Log changes of the remote that the host caused."""
         super()._follow(now_s)
         remote = self.device
         while self._logged < remote.logged:

@@ -141,7 +141,7 @@ class Data(NamedTuple):
 
 
 class Interleaved(NamedTuple):
-    """Report 0x3E (first) or 0x3F (second): half of what the remote measures."""
+    """Report 0x3E (first) or 0x3F (second): half of the remote's measurement."""
 
     mode: int
     buttons: int

@@ -90,7 +90,7 @@ def motion_plus_activate(passing: int = PASS_NONE) -> WriteMemory:
 
 
 def is_motion_plus_frame(data: bytes) -> bool:
-    """Whether the extension's six bytes are the MotionPlus's own and not what it passes through."""
+    """Whether the extension's six bytes are the MotionPlus's own and not passed through by it."""
     return len(data) >= 6 and data[5] & 3 == 2
 
 

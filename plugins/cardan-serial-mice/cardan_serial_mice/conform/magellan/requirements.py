@@ -34,7 +34,7 @@ SPACENAVD = "FreeSpacenav spacenavd, src/serial"
 RATE = f"{MANUAL}: periods of (n + 1) 20 ms; 58 ms were measured"
 
 FASTEST_S, SLOWEST_S = 0.018, 0.075
-"""Of a Turbo model, and of the default setting p22 with a tolerance."""
+"""Periods of a Turbo model, and of the default setting p22 with a tolerance."""
 SILENT_S = 0.2
 VERSION_WITHIN_S = 0.25
 MOST_COUNTS = 512
@@ -99,7 +99,7 @@ def axes_have_their_signs(seen: MagellanTraffic) -> Verdict:
 
 @requires(10, f"{MANUAL}, k")
 def buttons_are_told(seen: MagellanTraffic) -> Verdict:
-    """A button that is pressed is told, and again when it is let go."""
+    """Every press and release of a button is reported."""
     return judges.buttons(seen)
 
 

@@ -15,7 +15,7 @@ from cardan_serial_mice.protocol.spaceball import (
 )
 
 BOOT_S = 2.0
-"""From power, which the open port gives, until it has said what it is."""
+"""From power, which the open port gives, until the device has reported its identity."""
 RESET_S = 2.5
 
 
