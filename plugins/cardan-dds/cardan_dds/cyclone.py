@@ -297,8 +297,8 @@ class Participant:
             raise DriverError(f"{topic} on DDS: {_words(error)}") from None
 
     def hide_types(self, topic: str, type_name: str) -> None:
-        """Have nothing that is made from now on published with a description of its type, where
-        that can be done; by a topic that is made for it."""
+        """Publish everything made from now on without a description of its type, where that is
+        possible; uses a topic made for this."""
         self._make(topic, type_name, self._library.find_table)
 
     def writer(self, topic: str, type_name: str, qos: Qos, user: bytes = b"") -> Writer:

@@ -185,12 +185,12 @@ class DdsNetwork:
 
     @property
     def guid(self) -> bytes:
-        """Of its participant."""
+        """GUID of its participant."""
         return self.hub.participant.guid
 
     @property
     def changes(self) -> int:
-        """How often the graph has changed."""
+        """Number of changes of the graph."""
         return self.hub.changes
 
     def others(self, topic: str) -> tuple[list[Endpoint], list[Endpoint]]:
@@ -351,7 +351,7 @@ class _Hub:
         return next(self._ids)
 
     def listen(self, number: int, given: _Given, reader: Reader) -> None:
-        """Have a reader's messages given to `given`."""
+        """Pass a reader's messages to `given`."""
         self._inputs[number] = given
         self._waiter.add(reader.condition, number)
 
@@ -362,7 +362,7 @@ class _Hub:
             self._waiter.remove(reader.condition)
 
     def wake(self) -> None:
-        """There is something to look at for the thread."""
+        """Wake the thread to look for due work."""
         self._urgent = True
         self._waiter.wake()
 
@@ -490,7 +490,7 @@ class _Given:
         self.closed = False
 
     def receive(self) -> None:
-        """There is something to be read. In the thread."""
+        """Read available data. In the thread."""
 
     def adapt(self) -> None:
         """The graph has changed. In the thread."""

@@ -55,7 +55,7 @@ def topic_user_data(type_name: str) -> bytes:
 
 
 def gid_bytes(options: DdsOptions) -> int:
-    """How long ids in announcements are."""
+    """Length of ids in announcements, bytes."""
     return HUMBLE_GID_BYTES if options.dds_distribution == "humble" else GID_BYTES
 
 
@@ -98,7 +98,7 @@ class Announcer:
             self._tell()
 
     def close(self) -> None:
-        """There are no nodes any more."""
+        """Forget all nodes."""
         with self._lock:
             self._nodes.clear()
             self._tell()

@@ -154,7 +154,7 @@ class ServicePacket(NamedTuple):
     """The message with its encapsulation."""
 
     def encode(self) -> bytes:
-        """As it is sent: padded, with its header inside the body."""
+        """Encode the packet for sending: padded, with its header inside the body."""
         head, body = self.cdr[:4], self.cdr[4:]
         return padded(head + HEADER.pack(self.client, self.sequence) + body)
 
@@ -188,7 +188,7 @@ class Announcement(NamedTuple):
     nodes: tuple[NodeInfo, ...] = ()
 
     def encode(self, gid_bytes: int = GID_BYTES) -> bytes:
-        """As CDR."""
+        """Encode the announcement as CDR."""
         body = bytearray(self.participant.ljust(gid_bytes, b"\0"))
 
         def count(number: int) -> None:

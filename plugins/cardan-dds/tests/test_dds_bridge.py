@@ -1,4 +1,4 @@
-"""The bridge between the bus and DDS: what goes out, what comes in, and nothing round."""
+"""The bridge between the bus and DDS: messages out, messages in, and no loops."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nodes on DDS meet: topics, services, the graph, and who is refused."""
+"""Discovery of nodes on DDS: topics, services, the graph, and refused clients."""
 
 import logging
 import threading

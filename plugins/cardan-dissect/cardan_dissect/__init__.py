@@ -263,7 +263,7 @@ class CaptureReader:
         self.others = kept
 
     def counts(self) -> Counts:
-        """How much of everything there was."""
+        """Return the counts of packets and messages."""
         messages = {kind.name: 0 for kind in self.dissectors}
         malformed = dict(messages)
         for (dissector, _), figures in self._figures.items():

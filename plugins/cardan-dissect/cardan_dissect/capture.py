@@ -129,7 +129,7 @@ class Capture:
 
     @property
     def share(self) -> float | None:
-        """How much of the file has been read, 0 to 1; None where its length is not known."""
+        """Share of the file that has been read, 0 to 1; None if its length is unknown."""
         if self._stream is None or not self._bytes:
             return None
         return min(1.0, self._stream.tell() / self._bytes)
@@ -348,7 +348,7 @@ def _interface(order: str, body: bytes) -> _Interface:
 
 
 def _dropped(order: str, body: bytes) -> int:
-    """How many packets an interface's statistics say were lost."""
+    """Return the lost packets by an interface's statistics."""
     found = [at for code, at in _options(order, body, 12) if code in OPTIONS_DROPPED]
     return sum(struct.unpack_from(f"{order}Q", body, at)[0] for at in found)
 

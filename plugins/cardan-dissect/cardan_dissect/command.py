@@ -87,7 +87,7 @@ def _function(numbers: list[Numbers]) -> Any:
 
 
 class _Progress:
-    """How far a long capture has been read: a line on a terminal that is written over."""
+    """Progress of reading a long capture: a line on a terminal that is overwritten."""
 
     def __init__(self, shown: bool) -> None:
         self._shown = shown

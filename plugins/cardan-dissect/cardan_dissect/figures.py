@@ -221,7 +221,7 @@ class Figures:
 
     @property
     def malformed(self) -> int:
-        """How many of the messages are."""
+        """Number of malformed messages."""
         return self._malformed.total()
 
     def __iter__(self) -> Iterator[str]:

@@ -65,7 +65,7 @@ class DoubleField(Field[float, float]):
 
 
 class DoublesField(Field[Any, Any]):
-    """As many f64 as `count` says of the packet."""
+    """List of f64; `count` returns their number in a packet."""
 
     __slots__ = ["count"]
     islist = 1

@@ -550,7 +550,7 @@ def _timeline(events: list[tuple[int, Event]], lacks: Iterable[str]) -> Captured
 
 
 def _unsure(found: Captured) -> int:
-    """Of the first events of each way and channel, the last one that the beginning has."""
+    """Return the last of the first events of each direction and channel within the beginning."""
     firsts: dict[tuple[str, bool], int] = {}
     for number, event in enumerate(found):
         if event.time_s > BEGINNING_S:

@@ -256,8 +256,8 @@ class RealsField(Field[Any, Any]):
 
 
 class RecordsField(Field[Any, Any]):
-    """As many records as the message's length leaves room for; `fixed` when there are always so
-    many, and zeros follow those given."""
+    """List of as many records as the message's length has room for; `fixed`: constant number, with
+    zeros after the given ones."""
 
     __slots__ = ["fixed", "record", "record_reals", "record_words"]
     words, reals = 0, 0

@@ -124,7 +124,7 @@ class TcpStream:
             yield from self._give_up()
 
     def _ahead(self, sequence: int) -> int:
-        """How many bytes before it are missing, modulo 2**32; below 0: how many are known."""
+        """Number of missing bytes before it, modulo 2**32; below 0: number of known bytes."""
         if self._next is None:
             self._next = sequence
         half = SEQUENCE_MODULUS // 2

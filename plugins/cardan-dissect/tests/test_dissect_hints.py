@@ -1,4 +1,4 @@
-"""Flows on ports that nobody named: which protocol they look like, and what reads them."""
+"""Flows on unknown ports: the likely protocol, and the options that read them."""
 
 import io
 import random

@@ -46,7 +46,7 @@ SOMEBODY: Final = Sender()
 
 @dataclass(frozen=True, kw_only=True)
 class ListenerOptions(Options):
-    """Where a filter listens for its sensor: at a Unix socket, or at a UDP port."""
+    """Socket at which a filter listens for its sensor: a Unix socket or a UDP port."""
 
     socket: Annotated[str, bounds.SOCKET_PATH, bounds.MEETING] | None = None
     """Path of the Unix socket, which only programs of the same user can write to; without one, and

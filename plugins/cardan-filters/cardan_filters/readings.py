@@ -33,7 +33,7 @@ class Malformed(NamedTuple):
 
 
 class Centroid(NamedTuple):
-    """Where the target is in the camera's image, each -1 to 1 from edge to edge, 0 the middle."""
+    """Position of the target in the image, each -1 to 1 from edge to edge, 0 the middle."""
 
     x: float
     """To the right."""

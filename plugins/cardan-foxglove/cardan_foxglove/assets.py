@@ -25,7 +25,7 @@ _SCHEME = "package://"
 
 
 class AssetError(ValueError):
-    """There is no such file for clients; the text says why."""
+    """No such file for clients; the text says why."""
 
 
 class Packages:

@@ -101,7 +101,7 @@ class AdvertisedGraph(NamedTuple):
 
 
 class Pace(NamedTuple):
-    """How a topic's messages reach a client."""
+    """Pace of a topic's messages to a client."""
 
     throttle_s: float
     queue_length: int
@@ -380,7 +380,7 @@ class FoxgloveConnection:
     # -- what there is on the network ------------------------------------------------------------
 
     def show(self, now: AdvertisedGraph) -> None:
-        """Have the client see these topics and services, and no others."""
+        """Show these topics and services to the client, and no others."""
         if self._gone:
             return
         self._show_topics(now.topics)

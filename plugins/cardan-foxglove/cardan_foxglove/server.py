@@ -99,7 +99,7 @@ class FoxgloveServer:
 
     @property
     def clients(self) -> int:
-        """How many are connected."""
+        """Number of connected clients."""
         return len(self._clients)
 
     async def __aenter__(self) -> FoxgloveServer:

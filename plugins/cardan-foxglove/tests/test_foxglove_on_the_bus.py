@@ -1,4 +1,4 @@
-"""The Foxglove server on the Zenoh bus: what another node does reaches a client, and back."""
+"""The Foxglove server on the Zenoh bus: traffic from other nodes to a client, and back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated JR3 board in virtual time: what the real one does, and its faults."""
+"""The simulated JR3 board in virtual time: behavior of the real one, and faults."""
 
 import itertools
 import math

@@ -1,4 +1,4 @@
-"""A bus that gives a node back what it sends, as python-can's udp_multicast does."""
+"""A bus that returns a node's own frames to it, as python-can's udp_multicast does."""
 
 import time
 from collections import deque

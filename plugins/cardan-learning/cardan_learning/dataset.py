@@ -34,7 +34,7 @@ Rows = Sequence[Sequence[float]]
 
 
 def vector_feature(names: Sequence[str]) -> dict[str, Any]:
-    """How a data set describes a vector of named numbers."""
+    """Return a data set's description of a vector of named numbers."""
     return {"dtype": "float32", "shape": (len(names),), "names": list(names)}
 
 

@@ -175,7 +175,7 @@ class HandActions:
         return told
 
     def advice(self) -> str:
-        """How to go on, where the hand moves nothing; empty: it does."""
+        """Advice if the operator's motion moves nothing; empty: it does."""
         if self._request is not None and self._request.following:
             return ""
         return self._source.advice("", self._arming)

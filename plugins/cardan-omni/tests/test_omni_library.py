@@ -1,4 +1,4 @@
-"""Finding and loading libHD, and what is said when that fails."""
+"""Finding and loading libHD, and the errors when that fails."""
 
 import ctypes
 import ctypes.util

@@ -1,4 +1,4 @@
-"""The simulated serial devices before programs that nobody here wrote."""
+"""The simulated serial devices with independent programs."""
 
 import os
 import shutil

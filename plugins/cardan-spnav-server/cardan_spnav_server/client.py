@@ -132,7 +132,7 @@ class SpnavClient:
 
     @property
     def due_s(self) -> float:
-        """When delayed events are to be sent; inf: there are none."""
+        """Time at which delayed events are to be sent; inf: there are none."""
         if self._sending or not self._events:
             return math.inf
         return self._quiet_until_s

@@ -179,7 +179,7 @@ class SpnavServerCore:
 
     @property
     def clients(self) -> int:
-        """How many programs are connected."""
+        """Number of connected programs."""
         return len(self._clients)
 
     # -- the device ----------------------------------------------------------------------------
@@ -238,7 +238,7 @@ class SpnavServerCore:
         self._move(now_s)
 
     def next_due_s(self) -> float:
-        """When `advance` or `outgoing` has work next, unless something comes before."""
+        """Time at which `advance` or `outgoing` has work next, unless something comes before."""
         due_s = min((client.due_s for client in self._clients.values()), default=math.inf)
         if self._shown != _REST and self._clients:
             due_s = min(due_s, self._motion_s + REPEAT_PERIOD_S)

@@ -117,7 +117,7 @@ class CardanRobot(Robot):
                 logger.warning("%s: %s", self.name, words)
 
     def calibrate(self) -> None:
-        """Nothing is to be done."""
+        """Do nothing: an arm of Cardan needs no calibration."""
 
     def configure(self) -> None:
         """Do nothing: the configuration has all settings."""

@@ -72,7 +72,7 @@ class CardanTeleop(Teleoperator):
         self._said = ""
 
     def calibrate(self) -> None:
-        """Nothing is to be done."""
+        """Do nothing: a device of Cardan needs no calibration."""
 
     def configure(self) -> None:
         """Do nothing: the configuration has all settings."""

@@ -337,7 +337,7 @@ def both_descriptions_agree(seen: JointStreamTraffic) -> Verdict:
 
 
 def _moved(seen: JointStreamTraffic, before: str, after: str) -> tuple[list[float], int] | None:
-    """How far each joint went from the end of one phase to that of another, rad."""
+    """Travel of each joint from the end of one phase to that of another, rad."""
     one, other = seen.during(before), seen.during(after)
     if not one or not other:
         return None

@@ -105,7 +105,7 @@ def _speed(said: Said) -> float:
 
 
 def _away(said: Said) -> float:
-    """How far commanded positions are from the measured ones, rad."""
+    """Distance of commanded positions from the measured ones, rad."""
     if said.value.mode is not ControlMode.POSITION or said.state is None:
         return 0.0
     there = said.state.value.positions

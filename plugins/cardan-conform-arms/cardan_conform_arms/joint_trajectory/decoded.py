@@ -48,13 +48,13 @@ class Goal:
 
     @property
     def target(self) -> dict[str, float]:
-        """Where it ends."""
+        """Final positions."""
         last = self.trajectory["points"][-1]["positions"]
         return dict(zip(self.trajectory["joint_names"], last, strict=False))
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """Duration, s."""
         time = self.trajectory["points"][-1]["time_from_start"]
         return float(time["sec"] + 1e-9 * time["nanosec"])
 
@@ -130,7 +130,7 @@ class TrajectoryTraffic(RosArmTraffic):
         return self.within(self.goals, phase)
 
     def off(self, state: State, positions: dict[str, float]) -> dict[str, float]:
-        """How far joints are from `positions`, of continuous ones by the short way."""
+        """Distance of joints from `positions`; continuous joints by the short way."""
         kinds = self.described or {}
         return {
             name: apart(state.positions[name], at, kinds.get(name, ""))
@@ -139,8 +139,8 @@ class TrajectoryTraffic(RosArmTraffic):
         }
 
     def farthest(self, states: list[State]) -> tuple[float, str, int]:
-        """How far a joint gets from where it is first in `states`, which, and by which event: of
-        those that goals name, where there are goals."""
+        """Return the largest distance of a joint from its first position in `states`, the joint and
+        the event: of joints that goals name, if there are goals."""
         first: dict[str, float] = {}
         for each in reversed(states):
             first.update(each.positions)

@@ -44,7 +44,7 @@ _NS = 10**9
 
 
 def apart(to: float, from_: float, kind: str) -> float:
-    """How far a joint of this kind is from where it was: of a continuous one, by the short way."""
+    """Distance of a joint of this kind from its earlier position; continuous: by the short way."""
     way = to - from_
     return math.remainder(way, TURN) if kind == "continuous" and math.isfinite(way) else way
 

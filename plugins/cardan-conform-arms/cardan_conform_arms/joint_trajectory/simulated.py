@@ -146,7 +146,7 @@ class ActionRig(DriverRig):
         return path, 0
 
     def _reached(self, at: float, begin: float, index: int) -> float:
-        """Where a joint goes for a point of a plan that begins at `begin`."""
+        """Return a joint's position for a point of a plan that begins at `begin`."""
         q = self._q[index]
         if self._endless[index] and "whole-turn" not in self._faults:
             at += TURN * round((q - begin) / TURN)

@@ -279,7 +279,7 @@ class Jr3Core(DeviceCore):
         self._begin(OPENED_REASON, now_s)
 
     def on_closed(self, now_s: float) -> None:
-        """It was closed on request."""
+        """The sensor was closed on request."""
         super().on_closed(now_s)
         self._has_run = self._zero_lost = False
         self._newest_counter = None
@@ -318,7 +318,7 @@ class Jr3Core(DeviceCore):
 
     @property
     def next_due_s(self) -> float:
-        """When `poll` has something to do next; inf when only a frame can bring that about."""
+        """Time at which `poll` has work next; inf if only a frame can cause that."""
         if not self._open:
             return math.inf
         due_s = self._sync_s
@@ -389,7 +389,7 @@ class Jr3Core(DeviceCore):
 
     @property
     def zeros(self) -> int:
-        """How often zero was taken."""
+        """Number of times that zero was taken."""
         return self._zeros
 
     def _figures(self, now_s: float) -> dict[str, float]:

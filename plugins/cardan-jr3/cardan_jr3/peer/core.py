@@ -164,7 +164,7 @@ class SimulatedJr3:
         self.hung = True
 
     def recover(self) -> None:
-        """It goes on where it hung."""
+        """Recover from a hang: the board continues."""
         self.hung = False
 
     # -- the bus -------------------------------------------------------------------------------
@@ -189,7 +189,7 @@ class SimulatedJr3:
 
     @property
     def next_due_s(self) -> float:
-        """When `reports` has something to do next; inf when nothing is planned."""
+        """Time at which `reports` has work next; inf if nothing is planned."""
         return min(self._event_s, self._arrival_s)
 
     def reports(self, now_s: float) -> list[CanFrame]:
@@ -419,7 +419,7 @@ class SimulatedJr3:
 
     @property
     def _arrival_s(self) -> float:
-        """When the next frame has gone over the bus; inf: there is none."""
+        """Time at which the next frame has passed the bus; inf: there is none."""
         if not self._under_way:
             return math.inf
         sent_s, _, frame = self._under_way[0]

@@ -73,7 +73,7 @@ class Session:
 
 
 def frame_line(frame: CanFrame, stamp_s: float) -> bytes:
-    """How a frame reaches a client; `stamp_s` by the wall clock."""
+    """Return the line of a frame for a client; `stamp_s` by the wall clock."""
     width = 3 if frame.arbitration_id <= 0x7FF else 8
     return (
         f"< frame {frame.arbitration_id:0{width}X} {stamp_s:.6f} {frame.data.hex().upper()} >"
@@ -146,7 +146,7 @@ class SocketcandHub(CanBackend):
 
     @property
     def due_s(self) -> float:
-        """When the next client has waited long enough for frames, monotonic s."""
+        """Time at which the next client has waited long enough for frames, monotonic s."""
         return min((client.joins_s for client in self.clients), default=math.inf)
 
     def attend(self, now_s: float) -> None:

@@ -254,8 +254,8 @@ class LeapCore(DeviceCore):
         return False
 
     def _step_s(self, timestamp_us: int, now_s: float) -> float:
-        """How long before this frame the last one was: by the service's clock if that makes
-        sense, else by ours."""
+        """Time since the frame before this one: by the service's clock if that is plausible, else
+        by ours."""
         last_us, self._timestamp_us = self._timestamp_us, timestamp_us
         if last_us is not None:
             step_s = (timestamp_us - last_us) * 1e-6

@@ -37,7 +37,7 @@ class Lag:
         return timestamp_us * 1e-6 < self._stamp_s - BACK_S
 
     def update(self, timestamp_us: int, now_s: float) -> float:
-        """How late a frame of this stamp is that was received at `now_s`, s."""
+        """Return the latency of a frame of this stamp that was received at `now_s`, s."""
         stamp_s = timestamp_us * 1e-6
         passed_s = now_s - self._arrival_s
         if passed_s > 0.0:

@@ -229,7 +229,7 @@ class SimulatedLeapService:
                 client.outbox.append(encode_device_event(self._device(), client.version))
 
     def unplug(self) -> None:
-        """As the service tells it: first no delivery, then no tracker."""
+        """Unplug the tracker, with the service's events: first no delivery, then no tracker."""
         self.set_device(self.attached, False)
         self.set_device(False, False)
 
@@ -269,7 +269,7 @@ class SimulatedLeapService:
 
     @property
     def next_due_s(self) -> float:
-        """When `advance` has something to do next."""
+        """Time at which `advance` has work next."""
         return self._next_event_s
 
     def skip_to(self, now_s: float) -> None:

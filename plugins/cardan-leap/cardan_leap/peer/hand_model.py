@@ -318,7 +318,7 @@ def _rate(new: Triple, old: Triple | None, dt_s: float) -> Triple:
 
 
 def _number(value: float) -> float:
-    """As the service prints it: six digits."""
+    """Round a number as the service prints it: six digits."""
     return float(f"{value:.6g}") + 0.0
 
 

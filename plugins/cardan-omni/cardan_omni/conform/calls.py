@@ -178,7 +178,7 @@ class HdCalls:
         return CallbackCode.CONTINUE
 
     def _force(self, now_s: float) -> float:
-        """Of the course, linear between its points, N; zero beyond it."""
+        """Force of the course, linear between its points, N; zero beyond it."""
         course, since_s = self._course, now_s - self._course_s
         at = bisect_right(course, since_s, key=lambda point: point[0])
         if not 0 < at < len(course):

@@ -373,7 +373,7 @@ def transforms_are_rotations(seen: HdapiTraffic) -> Verdict:
 
 
 def _place(joints: tuple[float, ...]) -> tuple[float, float, float]:
-    """Where the gimbal's center of an Omni is with these angles, mm."""
+    """Position of an Omni's gimbal center with these angles, mm."""
     turret, thigh, shin = joints
     r = L1_MM * (math.cos(thigh) + math.sin(shin))
     y = L1_MM * (math.sin(thigh) - math.cos(shin)) + L3_MM

@@ -199,7 +199,7 @@ class OmniCore(DeviceCore):
     # -- what it says --------------------------------------------------------------------------
 
     def open_for_s(self, now_s: float) -> float:
-        """How long the device has been open."""
+        """Time since the device was opened."""
         return now_s - self._opened_s
 
     def force_obstacle(self, now_s: float) -> str:

@@ -281,7 +281,7 @@ class LibHD:
     # -- the loop ------------------------------------------------------------------------------
 
     def schedule(self, callback: int, user: int, handle: int) -> int:
-        """Have the function at `callback` called in every tick, first of all; start the loop.
+        """Schedule the function at `callback` in every tick, before all others; start the loop.
 
         Returns the scheduler's handle. Raises DeviceAccessError when the loop does not take it.
         """
@@ -396,7 +396,7 @@ def load(library: str = "") -> LibHD:
 
 
 def presence(library: str = "") -> tuple[str, str]:
-    """Where a libHD is, and what stands in its way, without loading it; "" for neither."""
+    """Return libHD's place and the obstacle to loading it, without loading; "" for neither."""
     named = library or os.environ.get(ENVIRONMENT, "")
     if named and "/" in named:
         return (named, "") if Path(named).is_file() else (named, f"there is no file {named}")

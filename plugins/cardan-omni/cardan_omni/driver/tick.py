@@ -147,7 +147,7 @@ class Tick:
         self._request(_RESUME, "resume")
 
     def lose(self) -> None:
-        """Nothing steps it any more: a latched fault, whatever the state was."""
+        """Latch a fault, in any state, because nothing steps the tick any more."""
         self._library.tick_lose(self.pointer())
 
     def allow(self, allowed: bool) -> None:

@@ -28,7 +28,7 @@ LIBRARY_NAMES = ("libHD.so", "libHD.so.3.0", "libHD.so.3.4")
 
 
 def library_path() -> Path:
-    """Where the simulated libHD is. Raises DeviceNotFoundError when it was not compiled."""
+    """Return the path of the simulated libHD. Raises DeviceNotFoundError if it was not compiled."""
     path = Path(__file__).with_name("libHD.so")
     if not path.exists():
         raise DeviceNotFoundError(
@@ -147,7 +147,7 @@ class SimulatedOmni:
         self.configure(settings or OmniSettings(virtual=True))
 
     def configure(self, settings: OmniSettings) -> None:
-        """As just powered on, with these settings; nothing changes when they are refused."""
+        """Restart as powered on, with these settings; nothing changes when they are refused."""
         if self._library.simConfigure(settings.text.encode()):
             problem = self._library.simProblem().decode(errors="replace")
             raise ScriptError(f"the simulated Omni: {problem}")
@@ -200,13 +200,13 @@ class SimulatedOmni:
         self._library.simPush(_Double3(*to_device(force_n)))
 
     def fault(self, name: str, value: float = 1.0) -> None:
-        """Have a fault of FAULTS from now on; value 0 ends it."""
+        """Start a fault of FAULTS; value 0 ends it."""
         check_faults({name: value} if value else {}, FAULTS)
         if self._library.simFault(name.encode(), value):
             raise ScriptError(f"the simulated Omni knows no fault {name!r}")
 
     def address(self, name: str) -> int:
-        """Where a function of the library is ("hdBeginFrame", "simNow")."""
+        """Return the address of a function of the library ("hdBeginFrame", "simNow")."""
         address = ctypes.cast(getattr(self._library, name), ctypes.c_void_p).value
         assert address is not None
         return address

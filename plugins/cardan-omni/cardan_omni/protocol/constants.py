@@ -34,7 +34,7 @@ class CallbackCode(enum.IntEnum):
 
 
 class WaitCode(enum.IntEnum):
-    """How hdWaitForCompletion waits. Prefix HD_WAIT_."""
+    """Modes of hdWaitForCompletion. Prefix HD_WAIT_."""
 
     CHECK_STATUS = 0
     """Not at all: true while the callback is scheduled."""
@@ -259,7 +259,7 @@ class Calibration(enum.IntEnum):
 
 
 class CalibrationStyle(enum.IntFlag):
-    """How a device is calibrated. Prefix HD_CALIBRATION_."""
+    """Ways of calibrating a device. Prefix HD_CALIBRATION_."""
 
     ENCODER_RESET = 1
     AUTO = 2

@@ -102,7 +102,7 @@ _PROBES = (
 
 
 class _Kind(NamedTuple):
-    """How devices of one protocol are talked to."""
+    """Reader and start-up commands of the devices of a protocol."""
 
     reader: type[MagellanReader | SpaceballReader | OrbReader]
     start: tuple[bytes, ...] = ()

@@ -184,7 +184,7 @@ class SimulatedSerialPuck(ABC):
 
     @property
     def next_due_s(self) -> float:
-        """When `reports` has something to do next; inf while at rest."""
+        """Time at which `reports` has work next; inf while at rest."""
         due_s = min(self._line.next_due_s, self._next_fault_s)
         if not self._started:
             return min(due_s, self._ready_s)
@@ -250,7 +250,7 @@ class SimulatedSerialPuck(ABC):
         return True
 
     def _next_spontaneous_s(self) -> float:
-        """When it sends something that is neither motion nor an answer."""
+        """Time of the next packet that is neither motion nor an answer."""
         return math.inf
 
     def _spontaneous(self, at_s: float) -> None:  # noqa: B027

@@ -1,4 +1,4 @@
-"""Is a program at spacenavd's socket: three of them, of both versions of the protocol."""
+"""Scenario of programs at spacenavd's socket: three, of both versions of the protocol."""
 
 from __future__ import annotations
 

@@ -225,7 +225,7 @@ class SpnavRig:
                 self._do(self._exchange.heard(self._now_s, channel, data))
 
     def _send(self, channel: str, data: bytes) -> None:
-        """Have it arrive, late where a defect makes it so."""
+        """Send data to a program, late if a defect delays it."""
         due_s = self._now_s
         burst_s = self._faults.get("burst", 0.0)
         if burst_s and due_s % (2.0 * burst_s) < burst_s:

@@ -40,7 +40,7 @@ class Memory(NamedTuple):
 
     @property
     def error(self) -> int:
-        """Of the last piece; 0 where none came."""
+        """Error of the last piece; 0 where none came."""
         last = self.pieces[-1].value if self.pieces else None
         return last.error if isinstance(last, ReadData) else 0
 

@@ -531,7 +531,7 @@ class WiimoteCore(DeviceCore):
         return self._shaper(self._roles.axes(hand))
 
     def _oldest_s(self) -> float:
-        """When the part of the remote that was heard of last but all others was heard of."""
+        """Time of the last report of that part of the remote whose report is oldest."""
         stamps = [self._stamp_s]
         if self._session.nunchuk is not None:
             stamps.append(self._stick_s)

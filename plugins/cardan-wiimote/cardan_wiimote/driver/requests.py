@@ -36,7 +36,7 @@ WiimoteRequest = ReadMemory | WriteMemory | Switch | StatusRequest
 
 
 class Answer(NamedTuple):
-    """How a request ended."""
+    """Result of a request."""
 
     error: int | None = None
     """An `ErrorCode`; None: there was no answer, however often it was asked."""
@@ -77,7 +77,7 @@ class Requests:
         self._send_s = NEVER_S
 
     def reset(self) -> None:
-        """Nothing is under way."""
+        """Forget requests under way."""
         self._request = None
 
     def poll(self, now_s: float) -> bytes | Answer | None:

@@ -172,7 +172,7 @@ class Session:
             self._port_suspected = True
 
     def show_leds(self, leds: int) -> None:
-        """Have these LEDs lit; bit 0 is LED 1."""
+        """Light these LEDs; bit 0 is LED 1."""
         self._leds = leds
 
     # -- what goes out -------------------------------------------------------------------------

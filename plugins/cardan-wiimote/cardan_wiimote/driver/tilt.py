@@ -45,7 +45,7 @@ class Tilt:
         self.reset()
 
     def reset(self) -> None:
-        """Nothing is known; level is neutral."""
+        """Forget all measurements; level is neutral."""
         self._up: Vector | None = None
         self._neutral = _UP
         self._capturing = False

@@ -264,7 +264,7 @@ class ExtensionPort:
 
     @property
     def next_due_s(self) -> float:
-        """When a MotionPlus has moved; inf when none is on its way."""
+        """Time at which a MotionPlus has moved; inf when none is on its way."""
         return math.inf if self.motion_plus is None else self.motion_plus.ready_s
 
     @property

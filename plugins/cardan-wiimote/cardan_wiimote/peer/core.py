@@ -192,7 +192,7 @@ class SimulatedWiimote:
     def set_attitude(
         self, roll_rad: float, pitch_rad: float, yaw_rad: float = 0.0, rates_rad_s: Vector = ZERO
     ) -> None:
-        """How it is held: roll right side down, pitch nose up, yaw to the left; all 0: flat.
+        """Set the attitude: roll right side down, pitch nose up, yaw to the left; all 0: flat.
 
         Turned by yaw first, then pitch, then roll. `rates_rad_s` are the angles' derivatives.
         """
@@ -379,7 +379,7 @@ class SimulatedWiimote:
 
     @property
     def next_due_s(self) -> float:
-        """When `reports` has something to do next."""
+        """Time at which `reports` has work next."""
         return min(self._next_happening_s, self._link.next_due_s)
 
     def reports(self, now_s: float) -> list[bytes]:

@@ -34,7 +34,7 @@ Triple = tuple[int, int, int]
 
 
 class IrFormat(enum.IntEnum):
-    """How the camera reports dots; the values are those of its mode register."""
+    """Formats of the camera's dots; the values are those of its mode register."""
 
     BASIC = 1
     EXTENDED = 3
@@ -42,7 +42,7 @@ class IrFormat(enum.IntEnum):
 
 
 class DataLayout(NamedTuple):
-    """Where things are in a data report; offsets count from the byte after the id."""
+    """Layout of a data report; offsets count from the byte after the id."""
 
     size: int
     buttons: bool
