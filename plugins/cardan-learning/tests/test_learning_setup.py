@@ -1,4 +1,4 @@
-"""Hands and arms of a session's file or of a driver; what is wrong is said before they open."""
+"""Devices and arms of a session's file or of a driver; errors are raised before they open."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What judges of the joint stream look at: states and commands, decoded once."""
+"""Decoded traffic of the joint stream for its judges: states and commands."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class State(NamedTuple):
 
 
 class Command(NamedTuple):
-    """A command; None where it was none, which is ours on purpose."""
+    """A command; `value` is None for bytes of ours that are no command on purpose."""
 
     number: int
     time_s: float
@@ -38,7 +38,7 @@ class JointStreamTraffic(Traffic):
         self.states: list[State] = []
         self.commands: list[Command] = []
         self.refused: list[tuple[int, str]] = []
-        """What is neither, of the side that is judged."""
+        """Datagrams of the judged side that are neither: number of the event, reason."""
         self.raw: dict[int, bytes] = {}
         for number, event in enumerate(timeline):
             if event.kind is not Kind.DATA:

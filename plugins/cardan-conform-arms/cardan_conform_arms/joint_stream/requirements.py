@@ -1,4 +1,4 @@
-"""What an arm must do that speaks the joint stream."""
+"""Requirements for an arm that speaks the joint stream."""
 
 from __future__ import annotations
 
@@ -241,7 +241,7 @@ def an_arm_that_is_held_stands(seen: JointStreamTraffic) -> Verdict:
     _in("junk", nothing="none was sent"),
 )
 def junk_changes_nothing(each: State) -> str:
-    """What is no command changes nothing."""
+    """Datagrams that are no command change nothing."""
     return each.value.reason
 
 
@@ -337,7 +337,7 @@ def both_descriptions_agree(seen: JointStreamTraffic) -> Verdict:
 
 
 def _moved(seen: JointStreamTraffic, before: str, after: str) -> tuple[list[float], int] | None:
-    """How far each joint went from the end of one phase to that of another, rad."""
+    """Travel of each joint from the end of one phase to that of another, rad."""
     one, other = seen.during(before), seen.during(after)
     if not one or not other:
         return None

@@ -1,4 +1,4 @@
-"""What a client of the joint stream must do that moves an arm."""
+"""Requirements for a client of the joint stream that moves an arm."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ STOP_TOLERANCE_RAD = 0.02
 SPEED_SHARE = 1.1
 CLOCK_SHARE = 0.02
 UNLIKE_RAD_S, UNLIKE_SHARE = 0.05, 0.3
-"""How far the speed that is told may be from that of the positions."""
+"""Largest difference of a command's speed from that of its positions, and as a share of that."""
 ON_THEIR_WAY_S = 0.05
 GREETS_WITHIN_S = 1.0
 STOPPED_STATES = 10
@@ -70,7 +70,7 @@ class Said(NamedTuple):
 
 
 def _said(seen: JointStreamTraffic, *phases: str) -> list[Said]:
-    """Those of the phases; none: all."""
+    """Return the commands of the phases; without phases: all."""
     found: list[Said] = []
     states = iter(seen.states)
     newest: State | None = None
@@ -78,7 +78,7 @@ def _said(seen: JointStreamTraffic, *phases: str) -> list[Said]:
     commands: list[Command] = seen.sent_during(*phases) if phases else seen.commands
     for each in commands:
         while coming is not None and coming.number < each.number:
-            # What is sent once more is not the newest.
+            # A repeated state is not the newest.
             later = newest is None or _later(coming, newest)
             newest, coming = (coming if later else newest), next(states, None)
         if each.value is not None:
@@ -105,7 +105,7 @@ def _speed(said: Said) -> float:
 
 
 def _away(said: Said) -> float:
-    """How far commanded positions are from the measured ones, rad."""
+    """Distance of commanded positions from the measured ones, rad."""
     if said.value.mode is not ControlMode.POSITION or said.state is None:
         return 0.0
     there = said.state.value.positions

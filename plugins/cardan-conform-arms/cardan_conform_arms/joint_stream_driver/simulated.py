@@ -1,4 +1,4 @@
-"""Our own driver, with the defects it is told to have, and a scenario in virtual time."""
+"""Our own driver with selected defects, and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ JOINTS_AT = 7
 
 
 class JointStreamDriverRig(DriverRig):
-    """Gives the driver's core what the scenario sends, and the scenario what it answers."""
+    """Connects the scenario with the driver's core: states one way, commands the other."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int = 0) -> None:
         super().__init__(exchange, faults, FAULTS)
@@ -99,7 +99,7 @@ class JointStreamDriverRig(DriverRig):
                 self._say(command, found)
 
     def _answer_old(self, state: ArmState) -> None:
-        """What a driver does with a state that is not newer than the newest."""
+        """Answer a state that is not newer than the newest, as a driver with a fault does."""
         newest = self._session.message
         if newest is None:
             return

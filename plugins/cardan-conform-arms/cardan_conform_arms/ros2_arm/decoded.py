@@ -1,4 +1,4 @@
-"""What judges of a ROS 2 arm look at: its messages, decoded once."""
+"""Decoded messages of a ROS 2 arm for its judges."""
 
 from __future__ import annotations
 

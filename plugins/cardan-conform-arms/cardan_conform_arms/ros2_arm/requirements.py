@@ -1,4 +1,4 @@
-"""What an arm under ros2_control must do on the network."""
+"""Requirements for the network traffic of an arm under ros2_control."""
 
 from __future__ import annotations
 

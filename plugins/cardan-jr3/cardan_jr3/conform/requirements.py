@@ -1,4 +1,4 @@
-"""What a JR3 sensor behind uc3m's board must do."""
+"""Requirements for a JR3 sensor behind uc3m's board."""
 
 from __future__ import annotations
 

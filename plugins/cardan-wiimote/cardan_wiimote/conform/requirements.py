@@ -1,4 +1,4 @@
-"""What a Wii Remote must do."""
+"""Requirements for a Wii Remote."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def _buttons(found: list[Report]) -> list[int]:
 
 @requires(4, f"{WIIBREW}: mode 0x30 is the default, reports on changes")
 def buttons_are_told(seen: WiimoteTraffic) -> Verdict:
-    """A button that is pressed is told at once, and again when it is let go."""
+    """Every press and release of a button is reported at once."""
     if seen.refused or seen.phase("release") is None:
         return not_seen("none was pressed")
     down, up = _buttons(seen.during("press")), _buttons(seen.during("release"))
@@ -312,7 +312,7 @@ def the_extension_stays(seen: WiimoteTraffic) -> Verdict:
 
 @requires(111, f"{EXTENSIONS}: A4 20 00 00 of a Nunchuk")
 def the_nunchuk_says_what_it_is(seen: WiimoteTraffic) -> Verdict:
-    """An extension that the status tells of says what it is, and a Nunchuk's stick is centered."""
+    """An extension reported by the status has a readable id, and a Nunchuk's stick is centered."""
     told = [e.value for e in seen.during("ask") if isinstance(e.value, Status)]
     if not told:
         return not_seen(_NOT_ASKED)

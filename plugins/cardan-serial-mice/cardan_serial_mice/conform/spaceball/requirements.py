@@ -1,4 +1,4 @@
-"""What a Spaceball on its serial line must do."""
+"""Requirements for a Spaceball on its serial line."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def packets_are_whole(seen: BallTraffic) -> Verdict:
 
 @requires(5, f"{HOSTS}: no ball data without M")
 def it_waits_to_be_told(seen: BallTraffic) -> Verdict:
-    """Before it is told to, it sends no motion."""
+    """It sends no motion before the command to do so."""
     if not seen.packets:
         return not_seen(judges.NOTHING)
     found = [each.number for each in seen.motions("rest", "press", "release", "reset")]
@@ -108,7 +108,7 @@ def it_waits_to_be_told(seen: BallTraffic) -> Verdict:
 
 @requires(6, f"{HOSTS}: K, and . of a 4000 FLX")
 def buttons_are_told(seen: BallTraffic) -> Verdict:
-    """A button that is pressed is told, alone, and again when it is let go."""
+    """Every press and release of a button is reported, alone."""
     return judges.buttons(seen)
 
 
@@ -153,7 +153,7 @@ def bytes_of_keys_are_marked(seen: BallTraffic) -> Verdict:
 
 @requires(101, f"{SPACENAVD}: it waits 2 s for @1")
 def it_can_be_reset(seen: BallTraffic) -> Verdict:
-    """Reset, it says within 2 s what it is."""
+    """After a reset it reports its identity within 2 s."""
     if seen.told(RESET) is None:
         return not_seen("it was not reset")
     said = _banner(_lines(seen, "reset"))
@@ -180,7 +180,7 @@ def keys_can_be_asked_for(seen: BallTraffic) -> Verdict:
 
 @requires(104, f"{HOSTS}: ?")
 def unknown_commands_are_refused(seen: BallTraffic) -> Verdict:
-    """What is no command is answered with ? within 0.25 s, and nothing else is."""
+    """Unknown commands are answered with ? within 0.25 s, and no others are."""
     told = seen.told(UNKNOWN)
     if told is None:
         return not_seen("none was sent")

@@ -1,4 +1,4 @@
-"""What a SpaceOrb 360 on its serial line must do."""
+"""Requirements for a SpaceOrb 360 on its serial line."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def it_can_be_opened(seen: OrbTraffic) -> Verdict:
 
 @requires(2, f"{CAPTURES}: R, a second after power")
 def it_says_what_it_is(seen: OrbTraffic) -> Verdict:
-    """Within 2 s of power it says what it is, and names itself a Spaceball."""
+    """Within 2 s of power it reports its identity, and names itself a Spaceball."""
     if seen.refused:
         return not_seen("it was never opened")
     found = [e for e in seen.during("rest") if isinstance(e.value, OrbReset)]
@@ -54,7 +54,7 @@ def it_says_what_it_is(seen: OrbTraffic) -> Verdict:
 
 @requires(3, f"{CAPTURES}: R, a second after power")
 def it_starts_once(seen: OrbTraffic) -> Verdict:
-    """It starts once, and not anew while it is used."""
+    """It starts once, and does not restart while it is used."""
     found = [each.number for each in seen.packets if isinstance(each.value, OrbReset)]
     if not found:
         return not_seen("it never said that it has started")
@@ -82,7 +82,7 @@ def it_says_that_it_is_there(seen: OrbTraffic) -> Verdict:
 
 @requires(6, KERNEL)
 def it_is_well(seen: OrbTraffic) -> Verdict:
-    """It tells of no error."""
+    """It reports no error."""
     found = [each.number for each in seen.packets if isinstance(each.value, OrbError)]
     if not seen.packets:
         return not_seen(judges.NOTHING)
@@ -134,7 +134,7 @@ def axes_have_their_signs(seen: OrbTraffic) -> Verdict:
 
 @requires(14, f"{CAPTURES}, K")
 def buttons_are_told(seen: OrbTraffic) -> Verdict:
-    """A button that is pressed is told, alone, and again when it is let go."""
+    """Every press and release of a button is reported, alone."""
     return judges.buttons(seen)
 
 
@@ -157,8 +157,8 @@ def both_descriptions_agree(seen: OrbTraffic) -> Verdict:
 
 
 def _pieces(stream: bytes) -> list[bytes]:
-    """Packets of a stream: a letter, and what has bit 7 set; of the last one, which may not be
-    whole, there is none."""
+    """Split a stream into packets: a letter, and bytes with bit 7 set; the last packet, which may
+    be incomplete, is left out."""
     pieces: list[bytearray] = []
     for byte in stream:
         if byte < 0x80 or not pieces:
