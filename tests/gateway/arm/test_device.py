@@ -1,7 +1,7 @@
 """The arm as its users have it, and one suite for it wherever its loop runs.
 
 Tests with `reach` run for CartesianDevice, on a simulated robot that is as fast as it can, and for
-RemoteCartesianDevice, at a session on a Zenoh bus of its own in real time.
+RemoteArm, at a session on a Zenoh bus of its own in real time.
 """
 
 import inspect
@@ -33,8 +33,8 @@ from cardan.gateway.arm import (
     State,
     digital_output_gripper,
 )
+from cardan.gateway.arm.remote_arm import RemoteArm
 from cardan.gateway.arm.verb_table import IN_PACKETS
-from cardan.gateway.bus.remote import RemoteCartesianDevice
 from cardan.types import (
     CommandKind,
     DeviceLink,
@@ -415,7 +415,7 @@ def test_answers_are_of_the_same_types(arm):
 
 def test_every_way_has_the_same_verbs():
     """What an arm has beside `open` and `close` is CartesianArm's, signatures and docs included."""
-    for kind in (CartesianDevice, RemoteCartesianDevice):
+    for kind in (CartesianDevice, RemoteArm):
         for name in ("set_parameter", *IN_PACKETS):
             assert getattr(kind, name) is getattr(CartesianArm, name)
         for name in ("open", "close"):
