@@ -7,6 +7,7 @@ from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.remote_arm import EARLY_NOTES, RemoteArm
 from cardan.gateway.arm.requests import (
     MotionNote,
+    PacketError,
     Reply,
     decode_answer,
     decode_request,
@@ -90,3 +91,58 @@ def test_a_reply_tells_of_the_ends_before_it():
         motion = arm.movl([0.0] * 6)
         assert arm.wait() is True
         assert motion.outcome is Outcome.DONE
+
+
+def test_opened_twice_it_is_connected_once():
+    calls = []
+
+    def connect(arm):
+        calls.append("connected")
+        arm.begin(lambda _request, _packet: None)
+        return lambda: calls.append("disconnected")
+
+    arm = RemoteArm(connect)
+    arm.close()
+    assert calls == []
+    for _ in range(2):
+        arm.open()
+        arm.open()
+        arm.close()
+        arm.close()
+        with pytest.raises(MotionLoopError, match="not open"):
+            arm.stat()
+    assert calls == ["connected", "disconnected"] * 2
+
+
+def test_an_arm_that_cannot_be_connected_is_not_open():
+    def connect(arm):
+        arm.begin(lambda _request, _packet: None)
+        arm.end("its other side is gone", rests=False)
+        arm.stat()
+
+    arm = RemoteArm(connect)
+    for _ in range(2):
+        with pytest.raises(MotionLoopError, match="its other side is gone"):
+            arm.open()
+        with pytest.raises(MotionLoopError, match="not open"):
+            arm.stat()
+        arm.stop()  # Nothing moves by it.
+        arm.close()
+
+
+def test_a_request_that_cannot_be_answered_says_why():
+    def connect(arm):
+        arm.begin(lambda request, _packet: arm.fail(request.id, "no room"))
+        return lambda: None
+
+    with RemoteArm(connect) as arm, pytest.raises(MotionLoopError, match="no room"):
+        arm.movl([0.0] * 6)
+    assert not arm._pending
+
+
+def test_packets_that_are_no_answers_are_somebody_elses():
+    with told(lambda _asked: []) as arm:
+        assert arm.take(encode_reply(7, None)) is True
+        assert arm.take(b'{"elapsed_s": 1.0}') is False
+        with pytest.raises(PacketError, match="no JSON"):
+            arm.take(b'{"reply": ')
