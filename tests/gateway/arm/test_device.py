@@ -206,7 +206,7 @@ def test_torque_verbs_and_tools(reach):
 
 
 def test_closed_and_ended_loops_say_so(reach):
-    with reach.place() as (device, end_loop):
+    with reach.place() as (device, end_loop, *_):
         with pytest.raises(MotionLoopError, match="the arm is not open"):
             device.movj([0.0] * 6)
         device.stop()
@@ -230,7 +230,7 @@ def test_closed_and_ended_loops_say_so(reach):
 
 
 def test_what_waits_for_a_motion_ends_with_the_loop(reach):
-    with reach.place() as (device, end_loop):
+    with reach.place() as (device, end_loop, *_):
         device.open()
         device.set_parameters({"cpts": 0.01})
         start = device.stat().pose
@@ -254,7 +254,7 @@ def test_what_waits_for_a_motion_ends_with_the_loop(reach):
 
 
 def test_it_can_be_opened_again(reach):
-    with reach.place() as (device, _):
+    with reach.place() as (device, *_):
         for _ in range(2):
             with device as arm:
                 arm.set_parameters(QUICK)
@@ -265,7 +265,7 @@ def test_it_can_be_opened_again(reach):
 
 
 def test_it_brakes_when_it_is_closed(reach):
-    with reach.place() as (device, _):
+    with reach.place() as (device, *_):
         with device as arm:
             arm.set_parameters({"cpts": 0.001})
             start = np.array(arm.stat().pose)
