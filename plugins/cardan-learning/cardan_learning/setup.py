@@ -190,15 +190,15 @@ def _given(**tables: Table | None) -> dict[str, Table]:
 
 
 def _session(config: SessionConfig) -> CartesianArm:
-    from cardan.gateway.session.remote import RemoteArm
+    from cardan.gateway.session.remote import session_arm
 
-    return RemoteArm(config, source=SOURCE)
+    return session_arm(config, source=SOURCE)
 
 
 def _remote(address: str) -> CartesianArm:
-    from cardan.gateway.bus.remote import RemoteCartesianDevice
+    from cardan.gateway.bus.remote import network_arm
 
-    return RemoteCartesianDevice(address, source=SOURCE)
+    return network_arm(address, source=SOURCE)
 
 
 SOURCE = "learning"
