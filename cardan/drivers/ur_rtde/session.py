@@ -74,6 +74,7 @@ _MOVES_IN = frozenset(map(int, MOVES_IN))
 _RUNNING, _PLAYING = int(RobotMode.RUNNING), int(RuntimeState.PLAYING)
 _FOLLOWS = int(Report.FOLLOWS)
 """As plain numbers, which are compared in every cycle."""
+_STUCK = "the program at the controller does not answer: another has taken its place"
 _LIVE = RobotLink.LIVE
 _new = tuple.__new__
 """Makes a named tuple in half the time of its constructor."""
@@ -336,7 +337,12 @@ class UrSession(TcpSession[Channel, Task]):
         """Look whether the program still runs and obeys."""
         obeyed, sent = values.beat, self._sent
         why = ""
-        if values.safety_mode not in _MOVES_IN:
+        if self.feed.obeys:
+            if self._stuck(obeyed, motion):
+                why = _STUCK
+            else:
+                self._followed_s = now_s
+        elif values.safety_mode not in _MOVES_IN:
             why = safety_words(values.safety_mode)
         elif values.robot_mode != _RUNNING:
             why = f"{mode_words(values.robot_mode)}: motion has ended"
@@ -350,7 +356,7 @@ class UrSession(TcpSession[Channel, Task]):
             else:
                 why = "the program was stopped at the controller"
         elif self._stuck(obeyed, motion):
-            why = "the program at the controller does not answer: another has taken its place"
+            why = _STUCK
         else:
             why = self._astray(values, now_s)
         while sent and sent[0][0] <= obeyed:
@@ -480,7 +486,8 @@ class UrSession(TcpSession[Channel, Task]):
             return
         self.starts += 1
         self.sessions += 1
-        self._motion = Motion(self.options, self._token, self._beat)
+        self._motion = Motion(self.options, self._token, self._beat, self.feed.command_head)
+        self.feed.follow(self._token)
         self._motion.begin(values.target_q)
         self._answered = (values.beat, self.feed.clock.time_s)
         self._starting = None
@@ -600,8 +607,24 @@ class UrSession(TcpSession[Channel, Task]):
         )
 
     def command(self, command: RobotCommand, now_s: float) -> None:
+        motion, feed = self._motion, self.feed
+        if (
+            motion is not None
+            and self.reply_pending
+            and self._acts
+            and feed.slider == 1.0
+            and feed.streaming
+            and self.phase == "moving"
+            and (package := motion.usual(command, feed.clock.time_s, feed.period_s)) is not None
+        ):
+            self.reply_pending = False
+            self._told_packages, self._said_s = feed.packages, now_s
+            self._beat = beat = motion.beat
+            self.commands += 1
+            self._sent.append((beat, now_s))
+            feed.out.append(package)
+            return
         self.check(command)
-        motion = self._motion
         if not self.reply_pending or motion is None or self.phase != "moving":
             return
         self.reply_pending = False
