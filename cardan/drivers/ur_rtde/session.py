@@ -101,10 +101,10 @@ class UrSession(TcpSession[Channel, Task]):
         self.end_reason = ""
         """What ended or prevented motion last; empty after a start that worked."""
         self.superseded = self.commands = self.starts = self.ends = 0
-        self.jitter = LatencyHistogram()
-        """Deviation of the time between two states from their period."""
-        self.command_latency = LatencyHistogram()
-        """From a command until the state that shows that the program obeyed it."""
+        self._jitter, self._command_latency = LatencyHistogram(), LatencyHistogram()
+        self._unaccounted: tuple[float, float, int] | None = None
+        """When the newest state came, how long after the one before (inf: several came), and the
+        beat that it shows; None: it is in the histograms."""
         self._draw = draw
         self._blind_s, self._astray_rad = options.state_timeout_s, options.following_error_rad
         self._starting: Starting | None = None
@@ -277,12 +277,38 @@ class UrSession(TcpSession[Channel, Task]):
         fresh = feed.packages - before
         if fresh:
             self.superseded += fresh - 1
-            waited_s, period_s = now_s - before_s, feed.period_s
-            if fresh == 1 and waited_s < _JITTERED * period_s:
-                self.jitter.add(abs(waited_s - period_s))
+            self.account()
+            waited_s = now_s - before_s if fresh == 1 else math.inf
+            self._unaccounted = (now_s, waited_s, feed.values.beat)
             self._look(now_s)
         if feed.failure:
             self._drop("rtde", feed.failure, now_s)
+
+    def account(self) -> None:
+        """Count the newest state in the histograms, which its answer need not wait for."""
+        unaccounted, self._unaccounted = self._unaccounted, None
+        if unaccounted is None:
+            return
+        now_s, waited_s, obeyed = unaccounted
+        sent, period_s = self._sent, self.feed.period_s
+        if waited_s < _JITTERED * period_s:
+            self._jitter.add(abs(waited_s - period_s))
+        while sent and sent[0][0] <= obeyed:
+            beat, sent_s = sent.popleft()
+            if beat == obeyed:
+                self._command_latency.add(now_s - sent_s)
+
+    @property
+    def jitter(self) -> LatencyHistogram:
+        """Deviation of the time between two states from their period."""
+        self.account()
+        return self._jitter
+
+    @property
+    def command_latency(self) -> LatencyHistogram:
+        """From a command until the state that shows that the program obeyed it."""
+        self.account()
+        return self._command_latency
 
     def _received_lines(self, data: bytes, now_s: float) -> None:
         self._lines.feed(data)
@@ -335,8 +361,7 @@ class UrSession(TcpSession[Channel, Task]):
 
     def _watch(self, values: Package, motion: Motion, now_s: float) -> None:
         """Look whether the program still runs and obeys."""
-        obeyed, sent = values.beat, self._sent
-        why = ""
+        obeyed, why = values.beat, ""
         if self.feed.obeys:
             if self._stuck(obeyed, motion):
                 why = _STUCK
@@ -359,10 +384,6 @@ class UrSession(TcpSession[Channel, Task]):
             why = _STUCK
         else:
             why = self._astray(values, now_s)
-        while sent and sent[0][0] <= obeyed:
-            beat, sent_s = sent.popleft()
-            if beat == obeyed:
-                self.command_latency.add(now_s - sent_s)
         if why:
             self._end("" if self.phase == "braking" and self._ended else again(why))
         elif self.phase == "braking":
@@ -412,6 +433,7 @@ class UrSession(TcpSession[Channel, Task]):
 
     def _end(self, reason: str) -> None:
         """Motion has ended, or its start."""
+        self.account()
         if self.phase in ("moving", "braking"):
             self.ends += 1
             if self._motion is not None:
