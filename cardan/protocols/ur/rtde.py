@@ -404,8 +404,8 @@ class Recipe:
         return self._parted(self._struct.unpack(data))
 
     def alone(self, data: bytes) -> tuple[Any, ...] | None:
-        """Return the values of one whole data package of this recipe, which has a number; None where
-        `data` is anything else."""
+        """Return the values of one whole data package of this recipe, which has a number; None
+        where `data` is anything else."""
         if len(data) != self._packet.size or not data.startswith(self.head):
             return None
         return self._parted(self._struct.unpack_from(data, _VALUES_FROM))
