@@ -37,8 +37,6 @@ class JointStreamTraffic(Traffic):
         super().__init__(timeline)
         self.states: list[State] = []
         self.commands: list[Command] = []
-        self.refused: list[tuple[int, str]] = []
-        """Datagrams of the judged side that are neither: number of the event, reason."""
         self.raw: dict[int, bytes] = {}
         for number, event in enumerate(timeline):
             if event.kind is not Kind.DATA:
@@ -50,7 +48,7 @@ class JointStreamTraffic(Traffic):
                 if not isinstance(state, Malformed):
                     self.states.append(State(number, event.time_s, state))
                 elif not event.sent:
-                    self.refused.append((number, state.reason))
+                    self.unread.append((number, state.reason))
                 continue
             command = decode_command(event.data)
             if not isinstance(command, Malformed):
@@ -58,7 +56,7 @@ class JointStreamTraffic(Traffic):
             elif event.sent:
                 self.commands.append(Command(number, event.time_s, None))
             else:
-                self.refused.append((number, command.reason))
+                self.unread.append((number, command.reason))
 
     def during(self, *names: str) -> list[State]:
         """The states of these phases."""

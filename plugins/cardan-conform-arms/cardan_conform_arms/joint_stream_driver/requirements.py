@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cardan.conform.controllers import had_ended
 from cardan.conform.requirements import (
@@ -21,7 +21,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.second_reading import read_twice, refused, second_description
+from cardan.conform.second_reading import read_twice, refused
 from cardan.protocols.joint_stream import ArmCommand, ControlMode, is_newer
 from cardan.robots import load_arm
 from cardan_conform_arms.joint_stream.decoded import Command, JointStreamTraffic, State
@@ -128,7 +128,7 @@ def it_greets(seen: JointStreamTraffic) -> Verdict:
 def datagrams_are_commands(seen: JointStreamTraffic) -> Verdict:
     """Every datagram is one whole command: no other length, mode or number of joints, all
     finite."""
-    return none_wrong(seen.refused, len(seen.raw), f"{len(seen.raw)} datagrams", _NOTHING)
+    return none_wrong(seen.unread, len(seen.raw), f"{len(seen.raw)} datagrams", _NOTHING)
 
 
 @requires(103, f"{HEADER}: number of joints of the arm, in a hold too")
@@ -490,15 +490,14 @@ def a_restart_is_followed(seen: JointStreamTraffic) -> Verdict:
 def both_descriptions_agree(seen: JointStreamTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same commands."""
 
-    def differs(each: Said) -> str:
-        layers = second_description("joint_stream")
+    def differs(each: Said, layers: Any) -> str:
         layer = layers.JointStream(seen.raw[each.number])
-        if wrong := refused(layers.malformed(layer)):
+        if wrong := refused(layers, layer):
             return wrong
         same = (layer.session, layer.sequence) == (each.value.session, each.value.sequence)
         return "" if same else "another session or sequence"
 
-    return read_twice(_said(seen), differs, "commands", _NOTHING, 30)
+    return read_twice(_said(seen), "joint_stream", differs, "commands", _NOTHING, 30)
 
 
 @requires(

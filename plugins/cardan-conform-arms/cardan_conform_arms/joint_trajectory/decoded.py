@@ -88,7 +88,7 @@ class TrajectoryTraffic(RosArmTraffic):
             if event.kind is Kind.DATA and event.channel in names:
                 _, message = decoded(names[event.channel], event.data)
                 if isinstance(message, Malformed):
-                    self.malformed.append((number, message.reason))
+                    self.unread.append((number, message.reason))
                 elif event.sent:
                     self._take_request(number, event, message)
                 else:

@@ -8,7 +8,7 @@ import random
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
-from cardan.sim_peers.base import check_faults
+from cardan.sim_peers.base import check_faults, strikes
 from cardan_jr3.peer.faults import FAULTS, POWER_OFF_S, TIMED_FAULTS
 from cardan_jr3.protocol import (
     COUNTER_MODULUS,
@@ -432,4 +432,4 @@ class SimulatedJr3:
             arrived.append(heapq.heappop(self._under_way)[2])
 
     def _strikes(self, fault: str, count: int) -> bool:
-        return fault in self._faults and count % int(self._faults[fault]) == 0
+        return strikes(self._faults, fault, count)

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from cardan.sim_peers.base import check_faults
+from cardan.sim_peers.base import check_faults, strikes
 from cardan_leap.peer.faults import ABSURD_MM, FAULTS, RESTART_S, STALL_EVERY_S
 from cardan_leap.peer.hand_model import HandModel, HandPosture, Triple, as_version, frame_document
 from cardan_leap.protocol import (
@@ -391,7 +391,7 @@ class SimulatedLeapService:
                 client.outbox.append(text)
 
     def _strikes(self, fault: str) -> bool:
-        return fault in self.faults and self._frame_id % int(self.faults[fault]) == 0
+        return strikes(self.faults, fault, self._frame_id)
 
 
 def rotation_rows(

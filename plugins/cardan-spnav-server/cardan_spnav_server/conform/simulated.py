@@ -27,7 +27,7 @@ from cardan.protocols.spnav import (
     encode_handshake,
     encode_reply,
 )
-from cardan.sim_peers.base import check_faults
+from cardan.sim_peers.base import check_faults, strikes
 from cardan.types import Axes, ButtonEvent, DeviceLink, DeviceState
 from cardan_spnav_server.conform.faults import FAULTS
 from cardan_spnav_server.conform.scenario import NEW, OLD, OTHER
@@ -244,7 +244,7 @@ class SpnavRig:
 
     def _every(self, fault: str, count: str) -> bool:
         """Whether a fault of every VALUE-th acts on this one."""
-        return fault in self._faults and self._counts[count] % int(self._faults[fault]) == 0
+        return strikes(self._faults, fault, self._counts[count])
 
     def _spoilt(self, channel: str, record: bytes) -> Iterator[bytes]:
         """`record` as a daemon with these defects would send it."""

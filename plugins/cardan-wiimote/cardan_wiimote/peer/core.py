@@ -14,6 +14,7 @@ from typing import Annotated, Literal, NamedTuple
 from cardan.common.bounds import Range
 from cardan.common.options import check_value
 from cardan.errors import ScriptError
+from cardan.sim_peers.base import strikes
 from cardan_wiimote.peer import bus
 from cardan_wiimote.peer.faults import FaultyLink, check_faults
 from cardan_wiimote.protocol import (
@@ -716,7 +717,7 @@ class SimulatedWiimote:
     # -- what happens --------------------------------------------------------------------------
 
     def _strikes(self, fault: str, count: int) -> bool:
-        return fault in self._faults and count % int(self._faults[fault]) == 0
+        return strikes(self._faults, fault, count)
 
     def _note(self, what: str) -> None:
         self.log.append(LogEntry(self._now_s, what))
