@@ -78,13 +78,13 @@ def use_console(
 
 
 class Person:
-    """Somebody at the page, until `over` is set."""
+    """Simulated user of the page, until `over` is set."""
 
     def __init__(
         self, address: str, folder: Path, say: _Say, over: threading.Event, still_s: float = STILL_S
     ) -> None:
         self.done: list[str] = []
-        """What went as it should."""
+        """Steps that succeeded."""
         self._address, self._folder, self._say, self._over = address, folder, say, over
         self._still_s = still_s
         self._failed = ""
@@ -92,7 +92,7 @@ class Person:
         """The page's own line about why nothing moves, when the time was over."""
 
     def problems(self) -> list[str]:
-        """What was not as it should be."""
+        """List the steps that failed."""
         missing = [each for each in ("jogged", "at rest", "at the goal") if each not in self.done]
         if self._failed:
             return [f"at the page: {self._failed}"]

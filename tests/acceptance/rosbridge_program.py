@@ -56,7 +56,7 @@ class RosbridgeProgram:
         self.targets: dict[int, Vector] = {}
         """Commanded ones."""
         self.results: list[Mapping[str, Any]] = []
-        """What ~/result told."""
+        """Messages of ~/result."""
         self.sent = 0
         """Twists that were published."""
         self._answers: dict[str, Mapping[str, Any]] = {}

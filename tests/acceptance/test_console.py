@@ -14,7 +14,7 @@ SHOWN = "At rest. Enable motion to move it."
 
 
 def person(tmp_path, done=()):
-    """One who has not begun, and who did all that is `done`."""
+    """Return a user who has not begun, and has already completed the steps `done`."""
     made = Person("http://127.0.0.1:9/", tmp_path, lambda _line: None, threading.Event())
     made.done += done
     made._shown = SHOWN

@@ -1,4 +1,4 @@
-"""What happens in a lab: what is found fault with, and the whole of it."""
+"""Acceptance test of a lab: the faults that it reports, and a whole run."""
 
 import os
 import re

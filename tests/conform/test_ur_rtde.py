@@ -99,7 +99,7 @@ def test_in_local_control_no_program_is_sent():
 
 
 class _Busy(UrRig):
-    """Somebody's program runs from the beginning."""
+    """Rig on which another client's program runs from the beginning."""
 
     def run(self):
         self._servers.advance(0.0)

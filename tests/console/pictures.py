@@ -41,7 +41,7 @@ SCREENS = {
 }
 
 MOVING = ".picture, .readout, .why, .link, .authority, output, .number, .mark, .stop, .enable"
-"""What is different each time, or drawn without a graphics card: it is left out of comparisons."""
+"""Elements that differ each time, or need a graphics card: left out of comparisons."""
 
 BLOCK_PX = 40
 """Pictures are compared by the mean colors of squares of this size: fonts differ between systems

@@ -97,8 +97,8 @@ def press_until(page, words, watched, expression):
 
 
 def ask_and_hand_over(one, other):
-    """One person enables motion, the other asks for the arm and gets it. All is done again where it
-    came to nothing: an arm that stood still with its computer is nobody's for a moment."""
+    """Enable motion on page `one`, then request the arm on page `other` and get it. Repeat both if
+    they fail: an arm that stood still with its computer has no owner for a moment."""
     end_s = time.monotonic() + WAIT_S
     has_it = f"{AUTHORITY}.startsWith('Authorityyou')"
     while not other.value(has_it):

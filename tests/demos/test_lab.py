@@ -38,7 +38,7 @@ class Served:
 
 
 class Failed(Served):
-    """One that has ended by itself."""
+    """Process that has ended by itself."""
 
     code, complaints = 3, "another one has the socket"
 
@@ -51,7 +51,7 @@ def seen(**values):
 
 
 class Told:
-    """What a daemon tells of an arm that is there, and has moved."""
+    """Status from a daemon about an arm that is there and has moved."""
 
     def __init__(self, _path):
         pass

@@ -56,7 +56,7 @@ class Bench:
         return self
 
     def held(self, axes=None):
-        """One that holds, and is then deflected."""
+        """Hold the dead-man, then deflect the axes."""
         self.live()
         self.device.press("hold")
         self.run(0.1)

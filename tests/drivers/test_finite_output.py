@@ -1,4 +1,4 @@
-"""Whatever limits are accepted and whatever is asked for, no driver sends what is not finite."""
+"""No driver sends values that are not finite, for all accepted limits and all commands."""
 
 from __future__ import annotations
 

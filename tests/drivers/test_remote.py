@@ -206,7 +206,7 @@ def test_a_link_that_is_cut_in_one_direction_stops_in_time(way, playout_ms):
 
 
 SEEDS_NOW = {"-lan": 0, "-lte": 1, "playout-lan": 2, "playout-lte": 3}
-"""One for each link with every change; in the matrix, all for all."""
+"""Seed of each link that runs with every change; in the matrix, all seeds run for all links."""
 
 
 @pytest.mark.matrix(
@@ -242,7 +242,7 @@ def test_no_clock_that_goes_back_makes_a_press_younger(lie_s):
     bench.device = bench.device._replace(stamp_s=bench.there_s)
     bench.down.cut = False
     bench.run(0.2, lambda: bench.move(0.0))
-    # One whose edges seem to be of the future is not used until they are acknowledged, or past.
+    # A state whose edges seem to be of the future is unused until they are acknowledged or past.
     assert (bench.state.buttons, bench.heard) == (frozenset(), [])
     bench.run(1.0)
     assert (bench.state.buttons, bench.heard) == (frozenset(), [])
@@ -485,7 +485,7 @@ def test_a_process_that_shares_anew_counts_from_rest(lie_s):
     bench.device = bench.device._replace(stamp_s=bench.there_s)
     seen = []
     bench.run(0.5, lambda: seen.append(bench.state))
-    # What came before is as old as max_age_s at most.
+    # States sent before are at most as old as max_age_s.
     assert not any(any(state.axes) or state.buttons for state in seen[80:])
     assert bench.state.link is DeviceLink.NEEDS_NEUTRAL
     assert bench.core.protocol_errors()["malformed"] == 0

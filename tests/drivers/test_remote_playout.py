@@ -49,7 +49,7 @@ NETWORKS = {
 
 
 class Played(NamedTuple):
-    """What came of it, after the first second: s."""
+    """Timing results, without the first second: s."""
 
     arrived_error: list
     """Of the spacing of states on arrival against that of their stamps, absolute."""
@@ -169,7 +169,7 @@ def moved(bench, seconds, each=lambda: None, amplitude=0.5):
 
 
 def waiting(down=LTE.link, **options):
-    """One whose motion waits for tens of ms."""
+    """Bench whose motion waits for tens of ms."""
     bench = Bench(down, max_age_s=MAX_AGE_S, playout_ms=80.0, **options).live()
     bench.press()
     bench.run(0.3)

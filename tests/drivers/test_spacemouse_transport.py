@@ -57,7 +57,7 @@ def frozen_clock(monkeypatch):
 
 
 class FakePuck:
-    """What is plugged in: one interface of a device, as hidapi shows it."""
+    """Plugged-in interface of a device, as hidapi shows it."""
 
     def __init__(
         self, model, path=b"/dev/null", usage=(1, 8), serial="", descriptor=None, interface=0

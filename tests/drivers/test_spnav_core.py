@@ -1,4 +1,4 @@
-"""What the driver makes of a spacenavd socket, in virtual time: trust, faults, handshake."""
+"""Spacenavd driver core in virtual time: plausibility of its data, faults, handshake."""
 
 import struct
 
