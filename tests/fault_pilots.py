@@ -26,7 +26,7 @@ from tests.controllers import controller_for_hand
 from tests.fault_rig import Bench
 
 SPEED_M_S = 0.1
-"""What is asked for."""
+"""Requested speed."""
 LIMIT_M_S = 0.25
 ACCELERATION_M_S2 = 1.0
 RENEWED_S = 0.02
@@ -60,7 +60,7 @@ class Scenario(ABC):
 
     @abstractmethod
     def lose_authority(self) -> None:
-        """Somebody else gets the authority over the arm."""
+        """Give the authority over the arm to another source."""
 
     def start(self) -> None:
         """Ask for SPEED_M_S along the bench's direction from now on."""

@@ -169,7 +169,7 @@ class Rosbridge(_Web):
     def begin(self) -> None:
         self.send(op="advertise", topic=TOPIC, type=TWIST)
         if self.compression != "none":
-            # What clients send is JSON: the others are for what they are sent.
+            # Clients send JSON: the other encodings are for messages to them.
             self.send(op="subscribe", topic="/left/joint_states", compression=self.compression)
         self.constant = self.made_of({"op": "publish", "topic": TOPIC, "msg": _twist(self.way)})
 
@@ -246,7 +246,7 @@ class _PageFrames(_Held):
 
     @abstractmethod
     def body(self, passed_s: float) -> Any:
-        """What a frame has."""
+        """Return the contents of a frame."""
 
     def message(self) -> bytes:
         self.made += 1

@@ -1,4 +1,4 @@
-"""Packages of somebody else's, as if they were installed: what their entry points name is found."""
+"""Third-party packages, as if they were installed: the targets of their entry points are found."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""A node of somebody else's ROS 2 in a process of its own, which does as it is told, line by line,
-and tells what it meets as lines of JSON."""
+"""Third-party ROS 2 node in a process of its own. It executes commands, line by line, and reports
+as lines of JSON."""
 
 from __future__ import annotations
 

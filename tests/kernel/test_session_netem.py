@@ -136,7 +136,7 @@ def fastest(snapshots: list[Snapshot]) -> float:
 
 
 def story(snapshots: list[Snapshot]) -> str:
-    """What changed from snapshot to snapshot."""
+    """Return the changes from snapshot to snapshot."""
     lines = []
     for s in snapshots:
         words = f"{s.phase} ({s.message}), robot {s.robot_link} ({s.hold_reason}), hand "

@@ -1,10 +1,10 @@
 """Every state that the controller of one arm can be in, walked breadth-first.
 
 The controller, the verbs and the servo are the real ones, the robot is an ideal one in virtual
-time. What can be told apart is :class:`Abstract`; from each such state, once, each event of EVENTS
-is played, followed by one tick and by as many as it takes to settle, until no new one appears.
-What must hold in every tick, whatever led to it, is checked by :meth:`World.check`; what must hold
-in every state, by :func:`check_state`.
+time. :class:`Abstract` tells states apart; from each such state, once, each event of EVENTS is
+played, followed by one tick and by as many as it takes to settle, until no new one appears.
+:meth:`World.check` checks the invariants of every tick, whatever led to it; :func:`check_state`
+checks those of every state.
 """
 
 from __future__ import annotations
@@ -96,8 +96,8 @@ def available() -> bool:
 
 
 class Abstract(NamedTuple):
-    """What two states of the world differ in that count as two: first what is given from outside,
-    then what the controller has."""
+    """Features that tell two states of the world apart: first the inputs from outside, then the
+    state of the controller."""
 
     robot: RobotLink
     ready: bool
@@ -112,7 +112,7 @@ class Abstract(NamedTuple):
     held_off: bool
     filter_fault: bool
     states: States
-    """What the controller says of itself."""
+    """States that the controller reports."""
     implausible: str
     """"", "rejected", or "rests": the readings were plausible for long enough."""
     following: bool
@@ -173,7 +173,7 @@ class World:
         self.motion = None
         self.command = HoldCommand()
         self.start: float | None = None
-        # What is known of the operator, from outside of the controller.
+        # State of the operator, as seen from outside of the controller.
         self.rearmed = self.let_go = False
         self.interrupted = False
         self.permitted_s = -1.0
@@ -185,7 +185,7 @@ class World:
         self.tick()
 
     def copy(self) -> World:
-        """One that goes on apart from this, to the same bits."""
+        """Return a copy that goes on apart from this world, to the same bits."""
         verbs, servo = self.verbs, self.verbs.servo
         twin = CompiledServo(
             servo.kinematics, servo.collision, servo.options, verbs.model.task.weights
@@ -368,7 +368,7 @@ class World:
         self._note_act(events)
 
     def _forget(self, armed: bool) -> None:
-        """What the operator did before counts no more."""
+        """Discard earlier actions of the operator."""
         if armed or self.rearmed:
             self.let_go = False
         self.rearmed = self.interrupted = False
@@ -392,7 +392,7 @@ class World:
             self.rearmed = True
 
     def interrupt(self) -> None:
-        """Whatever the operator had armed is to be armed anew."""
+        """Require that the operator arms anew."""
         self.interrupted = True
 
     def check(self) -> None:
@@ -691,7 +691,7 @@ def filter_mended(w):
 
 
 def commanded(w: World) -> tuple[object, ...]:
-    """What a refusal must not change."""
+    """Return the state that a refusal must not change."""
     commanded = w.core.commanded
     placed = (commanded.pose, commanded.twist) if commanded.placed else ()
     return (w.abstract()._replace(streaming=False), placed, w.core.plan_epoch)
@@ -783,8 +783,8 @@ ADVICE: tuple[tuple[str, Callable[[World], bool], Event], ...] = (
     (UNPLUGGED, lambda w: w.device.link is not DeviceLink.LIVE, _device_back),
     (r"resynchronizing", lambda w: True, _wait),
 )
-"""What messages name, in their words, whether it is so, and what a person who reads them does:
-what is wrong outside comes first."""
+"""Conditions by the words of messages, whether each holds, and the reader's reaction: external
+conditions come first."""
 
 ACTS: tuple[tuple[str, Event], ...] = (
     (r"silent for|silent but|is .* s old", _fresh),
@@ -849,7 +849,7 @@ def leads_to_motion(w: World) -> int:
 
 
 class Found(NamedTuple):
-    """What a walk has found."""
+    """Results of a walk."""
 
     states: dict[Abstract, tuple[str, ...]]
     """Each with the shortest way to it."""
@@ -863,7 +863,7 @@ class Found(NamedTuple):
 
 
 class ViolationError(AssertionError):
-    """What does not hold, and the way to it."""
+    """A violated invariant, and the way to it."""
 
 
 def way_to(way: tuple[str, ...], mapping: MappingOptions = BY_DEADMAN) -> World:

@@ -315,7 +315,7 @@ def test_gravity_sag_does_not_creep_into_the_reference():
 
 
 def pushed_away(rig, way_m=0.2):
-    """Somebody pushes the arm sideways at 1 m/s; returns where it stays."""
+    """Push the arm sideways at 1 m/s; return the pose where it stays."""
     here = rig.robot.pose
     for step in range(1, round(way_m / DT_S) + 1):
         away = Pose(subtract(here.position, Vector3(0.0, step * DT_S, 0.0)), IDENTITY)

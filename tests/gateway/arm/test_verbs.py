@@ -626,7 +626,7 @@ def test_a_robot_that_is_lost_ends_the_motion(cause):
     if cause in ("silent", "stall"):
         assert world.command == HoldCommand()
     else:
-        # Whatever still obeys is braked in a ramp.
+        # A robot that still obeys is braked in a ramp.
         speeds = np.abs(world.command.velocities)
         assert (speeds <= np.abs(commanded) + 1e-9).all()
         assert speeds.max() > 0.5 * np.abs(commanded).max()

@@ -69,7 +69,7 @@ class Ring:
 
 
 class FakeNode:
-    """What an arm's server needs of a node."""
+    """Stand-in for a node, with the members that an arm's server needs."""
 
     full_name = NODE
     namespace, name = "/", NODE[1:]

@@ -268,8 +268,8 @@ def test_a_stop_passes_while_the_worker_has_enough_to_do(bench):
 @pytest.mark.parametrize("other", [False, True])
 @pytest.mark.parametrize("verb", ["movl", "movv", "goal"])
 def test_a_motion_and_a_stop_that_come_together(bench, verb, other, known):
-    # What stops is looked at first, and goals are looked at less often. The clock of another
-    # program says nothing of the order.
+    # Stops are read first, and goals less often. The clock of another program says nothing of
+    # the order.
     user = gid_of_token(bench.appear("/left/user"))
     stop = gid_of_token(
         bench.appear("/left/other", number="1") if other else bench.appear("/left/user")

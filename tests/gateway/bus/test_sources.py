@@ -433,7 +433,7 @@ def test_what_its_sender_may_have_kept_until_it_was_connected_moves_nothing(
     told = outcomes(bench)
     assert [outcome for _, outcome, _ in told] == ["refused"] * len(told) != []
     assert "may have waited until it was" in told[0][2]
-    # What is live then moves it.
+    # Live commands then move it.
     assert sum(send(-0.25) or go_on(0.02) for _ in range(25)) < -0.02
 
 

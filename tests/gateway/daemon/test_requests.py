@@ -1,4 +1,4 @@
-"""What the daemon answers, without a process: nothing here is started."""
+"""Answers of the daemon, without a process: nothing here is started."""
 
 import pytest
 

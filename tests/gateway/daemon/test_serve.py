@@ -148,7 +148,7 @@ def test_a_session_that_is_killed_comes_back_disarmed(one):
     def afterwards():
         return happened()[happened().index(("waiting", "session")) :]
 
-    # What a row shows has not always been written down yet.
+    # The event log may lag behind the row.
     until(lambda: {("arm", "disarmed"), ("robot", "live")} <= {*afterwards()}, "the events")
     assert ("authority", "verbs") in happened()[: -len(afterwards())]
     assert [what for event, what in afterwards() if event == "arm"] == ["disarmed"]

@@ -48,7 +48,7 @@ class MemoryNetwork:
         self.publishers: list[tuple[str, str, bool]] = []
         self.servers: dict[str, tuple[str, str, Any]] = {}
         self.published: list[tuple[str, dict]] = []
-        """What the server published, decoded."""
+        """Messages that the server published, decoded."""
         self.called: list[str] = []
         self.refuses = ""
 

@@ -1,4 +1,4 @@
-"""What a viewer may do at each server, and an operator may."""
+"""Permissions of viewers and operators at each server."""
 
 from __future__ import annotations
 

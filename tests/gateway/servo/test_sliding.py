@@ -1,4 +1,4 @@
-"""What is not asked for stays undone: at the ends of joint ranges, near bodies, when singular."""
+"""No motion beyond the request: at the ends of joint ranges, near bodies, when singular."""
 
 import math
 

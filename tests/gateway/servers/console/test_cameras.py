@@ -168,7 +168,7 @@ def test_the_next_picture_goes_out_when_the_one_before_was_shown_and_is_the_newe
         passed = server.pictures + 5
         until(lambda: server.pictures >= passed, "pictures come that nobody has room for")
         assert settled(page)
-        # One that passed over the first has shown both.
+        # A page that skipped the first picture has shown both.
         show(page, ahead[1])
         assert announced(page)[1]["picture"] == ahead[1] + 1
 
