@@ -354,8 +354,7 @@ def _remote_faults() -> str:
 
 
 def _process_faults() -> str:
-    """Table of the arm's reactions when a process dies or stands still, for one pair of device and
-    robot."""
+    """Table of its reactions when a process dies or stands still, for one device and robot."""
     rows = []
     for group, name in (
         ("session", "SIGKILL"),

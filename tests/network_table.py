@@ -40,7 +40,7 @@ class Row(NamedTuple):
 
 
 class Coverage(NamedTuple):
-    """What a test shows on a transport."""
+    """Names that a test covers on a transport."""
 
     transport: str
     by: str
@@ -61,7 +61,7 @@ class Coverage(NamedTuple):
 
 
 class _Channel:
-    """What nobody hears and nothing comes from."""
+    """Channel without listeners and without messages."""
 
     heard = False
 
@@ -135,7 +135,7 @@ def _order(name: str) -> tuple[int, str]:
 
 
 def shown() -> set[Coverage]:
-    """What every mark says, whether its test can run here or not."""
+    """Return the coverage of every mark, whether its test can run here or not."""
     found = set()
     for path in (*TESTS.rglob("*.py"), *PLUGINS.glob("*/tests/*.py")):
         text = path.read_text(encoding="utf-8")

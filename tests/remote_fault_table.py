@@ -83,7 +83,7 @@ class RemoteOperator(Operator):
         self.remote.direction = bench.direction
         self.deflected = self.holds = False
         self.let_go_s = -math.inf
-        """When the device told last that the hand has let go of the cap, or of the dead-man."""
+        """Time of the device's last report that the cap, or the dead-man, was released."""
         self._later: list[tuple[float, Callable[[], None]]] = []
         self._reported_s = -math.inf
         self._stalls_s = bench.now_s + network.stalls_every_s
@@ -114,7 +114,7 @@ class RemoteOperator(Operator):
         self.deflected = deflected
 
     def hold(self, holds: bool = True) -> None:
-        """Press the dead-man, or let go of it."""
+        """Press the dead-man, or release it."""
         if holds is not self.holds:
             self.holds = holds
             self.remote.press(HOLD, holds)
@@ -203,7 +203,7 @@ OVERTAKEN_S = 0.06
 
 
 class Fault(NamedTuple):
-    """What goes wrong."""
+    """A fault and its duration."""
 
     act: Callable[[RemoteOperator, float], None]
     lasts_s: float = 0.0
@@ -256,7 +256,7 @@ FAULTS: dict[str, Fault] = {
 
 
 class Found(NamedTuple):
-    """One cell of the table, and what is to be asserted of it. Times are from the fault on, s."""
+    """A cell of the table, and the values to be asserted. Times are from the fault on, s."""
 
     fault: str
     network: str
@@ -284,14 +284,14 @@ def rest_by_s(pilot: RemoteOperator, fault: Fault, at_s: float) -> float:
         if came_s > max(at_s, fresh_s + max_age_s):
             return fresh_s + max_age_s + braked_s
         if came_s - made_s <= max_age_s:
-            # One that answers an old claim tells only when an answer was to come at the latest.
+            # An answer to an old claim shows only when an answer was due at the latest.
             fresh_s = max(fresh_s, min(came_s, asked_s + CLAIM_PERIOD_S + round_s))
     return math.inf
 
 
 def measured(network: str, faults: Iterable[str]) -> Iterator[Found]:
-    """What the arm did over one network after each of these faults, one run up being that of
-    all."""
+    """Yield the motion of the arm over one network after each of these faults, with one run-up
+    for all."""
     with JointStreamBench() as bench:
         pilot = RemoteOperator(bench, NETWORKS[network])
         bench.answer = pilot.tick

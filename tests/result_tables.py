@@ -17,7 +17,7 @@ FOLDER = Path("tests") / "results"
 
 
 class Results(NamedTuple):
-    """One table, or those of one run."""
+    """A table, or the tables of a run."""
 
     name: str
     page: str

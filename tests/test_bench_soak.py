@@ -118,7 +118,7 @@ def test_two_who_ask_are_both_waited_for(bench):
 def test_a_motion_without_authority_breaks_a_rule(bench):
     bench.arm.asks("hand", bench.now_s)
     bench.lasts(TOLD_S - 0.2, FAST)
-    assert bench.rules == []  # What the session tells may be late.
+    assert bench.rules == []  # The session's reports may be late.
     bench.lasts(TOLD_S, FAST)
     assert bench.rules == ["moves without authority"]
 

@@ -1,4 +1,4 @@
-"""What is wrong is said in one line with exit code 2, and what is broken leaves the rest."""
+"""Errors of commands: one line with exit code 2, and broken parts leave the rest usable."""
 
 import dataclasses
 import sys

@@ -15,7 +15,7 @@ from cardan.gateway.servers.console.site import FOLDER, Site
 
 ROOT = Path(__file__).parents[1]
 LARGEST_BYTES = 250_000
-"""What a browser gets at its first visit, as gzip."""
+"""Most bytes that a browser gets at its first visit, as gzip."""
 
 LIBRARIES = {"three", "uplot", "urdf-loader"}
 

@@ -62,7 +62,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def pyright(folder: Path, *words: str) -> list[dict[str, Any]]:
-    """What pyright finds in `folder`."""
+    """Return the diagnostics of pyright in `folder`."""
     program = installed("pyright", PYRIGHT) / "node_modules/.bin/pyright"
     command = [program, "--outputjson", "--pythonpath", sys.executable, "-p", folder, *words]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

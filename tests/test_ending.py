@@ -206,7 +206,7 @@ def test_a_demo_that_is_told_to_end_leaves_nothing_behind(number):
 
 @contextlib.contextmanager
 def unread(kind):
-    """A file descriptor to write to, and one that nobody reads until it is let go of."""
+    """Yield a file descriptor to read from, which nobody reads, and one to write to."""
     reading, writing = pty.openpty() if kind == "terminal" else os.pipe()
     try:
         yield reading, writing

@@ -1,4 +1,4 @@
-"""Somebody else's package, installed: its driver, simulated peer and demo are in every list, and
+"""Third-party package, installed: its driver, simulated peer and demo are in every list, and
 its demo runs."""
 
 from textwrap import dedent

@@ -110,7 +110,7 @@ def next_speed(axis, position, before, wanted, target, dt_s):
 
 
 def script(seed, longest_s):
-    """Yield the verb, duration, rates and target motion of each period; half of the targets step."""
+    """Yield the verb, duration, rates and target steps of each period; half of the targets move."""
     rng = random.Random(seed)
     for _ in range(8):
         verb = rng.choice(("track", "track", "tracking", "drive", "brake", "reset", "coast"))

@@ -58,7 +58,7 @@ def messages():
 
 
 def read_on(stream):
-    """What mcap's own reader finds in a file without an end."""
+    """Return the messages that mcap's own reader finds in a file without an end."""
     rows = []
     with contextlib.suppress(EndOfFile):
         rows.extend(NonSeekingReader(stream).iter_messages(log_time_order=False))

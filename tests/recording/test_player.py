@@ -63,7 +63,7 @@ def show(path):
 
 
 def values(shown):
-    """What was shown, by topic."""
+    """Return the values shown, by topic."""
     return {name: message["data"] for name, message in map(json.loads, shown)}
 
 

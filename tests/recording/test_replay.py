@@ -346,7 +346,7 @@ def test_messages_in_another_encoding_are_told(tmp_path):
 
 
 def going(path, session, jogs):
-    """A record in which somebody sent an arm 3 cm down, after another had jogged it so often."""
+    """Record in which a client sent an arm 3 cm down, after another had jogged it `jogs` times."""
     x, y, z, *turn = until(lambda: session.snapshot.pose)
     pose = {
         "position": {"x": x, "y": y, "z": z - 0.03},

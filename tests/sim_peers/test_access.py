@@ -1,4 +1,4 @@
-"""Who may open a simulated device: its owner alone, whatever the umask, or everybody when asked."""
+"""Access to a simulated device: its owner alone, whatever the umask, or everybody when asked."""
 
 from __future__ import annotations
 

@@ -330,7 +330,7 @@ def test_a_thread_that_never_lets_time_pass(body):
 
 
 def test_a_long_program_is_compiled_in_portions_and_begins_then():
-    """What comes after it waits, and what runs goes on."""
+    """Later uploads wait, and the running program goes on."""
     world = World(lines("n = 0\nwhile True:\n  n = n + 1\n  sync()\nend"), 5)
     long = lines('textmsg("long")\n' + "x = [1, -2 * (3 + 4)]\n" * 1_000 + "sync()")
     world.controller.upload(long)

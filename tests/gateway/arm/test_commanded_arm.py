@@ -175,7 +175,7 @@ def test_it_is_never_placed_faster_than_commanded_or_in_another_direction(
 
 
 def step(commanded, move):
-    """Move for a period; check that the pose moves by the twist and the twist within acceleration."""
+    """Move a period; check that the pose moves by the twist and the twist within acceleration."""
     before, twist = commanded.pose, commanded.twist
     move()
     way = subtract(commanded.pose.position, before.position)

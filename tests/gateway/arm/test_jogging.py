@@ -198,7 +198,7 @@ def test_a_resting_pose_stream_may_be_silent():
 
 
 def test_a_senders_clock_that_is_set_back_is_believed_again_within_a_minute():
-    """A command that seems to have waited for an hour is refused, as a queue of an hour would be."""
+    """A command that seems to have waited for an hour is refused, as an hour's queue would be."""
     world = streaming("pose")
 
     def asked(stamp_s):

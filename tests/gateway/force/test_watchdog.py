@@ -31,7 +31,7 @@ class Rig:
         self.watchdog.engage(5, self.now_s)
 
     def see(self, state, seconds=0.0, fixtures=True, refusal="", source=""):
-        """Return the watchdog's reason within `seconds`, and the time until it came (None: never)."""
+        """Return the watchdog's reason within `seconds`, and the time until it came (or None)."""
         begun_s = self.now_s
         for _ in range(max(1, round(seconds / PERIOD_S))):
             self.now_s += PERIOD_S
