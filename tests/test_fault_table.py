@@ -78,7 +78,7 @@ def test_a_measured_place_that_jumps_makes_nothing_faster_or_harder(rows):
 
 
 def test_what_stops_stops_soon(rows):
-    """A fault that ends the motion brings the arm to rest within a second; a short stall may not."""
+    """A fault that ends motion brings the arm to rest within a second; a short stall may not."""
     for row in rows:
         if not re.search(r"stalls|jumps|^clock", row.fault):
             assert row.motion.stop_s < 1.0, row
