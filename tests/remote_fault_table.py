@@ -128,7 +128,7 @@ class RemoteOperator(Operator):
             self.deflect(deflected)
             self.bench.run(SETTLED_S)
 
-    # -- what goes wrong -------------------------------------------------------------------------
+    # -- faults ----------------------------------------------------------------------------------
 
     def after(self, seconds: float, act: Callable[[], None]) -> None:
         """Do that so much later."""

@@ -1,4 +1,4 @@
-"""The benchmark of many sessions: who plays their robots, the search, and its place in the docs."""
+"""The benchmark of many sessions: the simulated robots, the search, and its place in the docs."""
 
 import contextlib
 import socket

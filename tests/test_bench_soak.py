@@ -329,7 +329,7 @@ def test_a_device_that_was_stopped_is_not_behind_its_hand():
     assert steps_of(script, 25.0, 1005.0) == in_time
 
 
-# -- what is left ---------------------------------------------------------------------------------
+# -- leftovers ------------------------------------------------------------------------------------
 
 
 def test_what_is_left_is_found(tmp_path):

@@ -420,7 +420,7 @@ def test_closed_streams_are_no_robot_s_sockets():
     assert done.returncode == 0
 
 
-# -- what is logged -------------------------------------------------------------------------------
+# -- logs -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("words", [("run",), ("demo",), ("spnav",), ("force",), ("sim", "arm")])

@@ -1,4 +1,4 @@
-"""Where an optional package is missing, one error says what needs it and what installs it."""
+"""Error about a missing optional package: it names the part that needs it, and the extra."""
 
 import pickle
 import re

@@ -1,4 +1,4 @@
-"""``import cardan``: its names, what it costs, keywords, and one way to open everything."""
+"""``import cardan``: its names, its cost, keywords, and one way to open everything."""
 
 import ast
 import dataclasses

@@ -1,4 +1,4 @@
-"""Waiting for what another thread or process does, with a bound; doing again what was cut short."""
+"""Bounded waits for other threads and processes, and repetition of acts that were cut short."""
 
 from __future__ import annotations
 

@@ -202,7 +202,7 @@ class Lab:
         """Arms that must stand, by session, and where they do."""
         self._done: list[str] = []
 
-    # -- what happens ----------------------------------------------------------------------------
+    # -- events ----------------------------------------------------------------------------------
 
     def perform(self) -> None:
         """All of it."""
@@ -323,7 +323,7 @@ class Lab:
         self._until(f"the hand moves {second}", lambda: "hand" in other.moved_by)
         self._done.append(f"{device} went from {first} to {second}")
 
-    # -- what is seen ----------------------------------------------------------------------------
+    # -- observations ----------------------------------------------------------------------------
 
     def _until(self, what: str, found: Callable[[], bool], within_s: float = STEP_S) -> None:
         give_up_s = time.monotonic() + within_s

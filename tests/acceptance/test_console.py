@@ -1,4 +1,4 @@
-"""A person at the console's page: what is found fault with, and the whole of it by a browser."""
+"""Simulated user of the console's page: the faults that it reports, and a run in a browser."""
 
 import threading
 

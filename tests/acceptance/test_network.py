@@ -1,4 +1,4 @@
-"""A program at rosbridge: what is found fault with, and the whole of it."""
+"""Program at rosbridge: the faults that it reports, and a whole run."""
 
 import itertools
 import re

@@ -1,4 +1,4 @@
-"""How the console's page looks: what is legible, named, colored and in reach, on each screen."""
+"""Look of the console's page: legibility, names, colors and reach of its parts, on each screen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The console's page in a real browser: what is around the arm, goals, and two people."""
+"""The console's page in a real browser: surroundings of the arm, goals, and two users."""
 
 from __future__ import annotations
 

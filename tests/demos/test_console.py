@@ -1,4 +1,4 @@
-"""The console's demo: the page waits for a person, who need not come."""
+"""The console's demo: the page waits for a user, who need not come."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""The demo of a lab: what it refuses, what it finds fault with, and what it leaves behind."""
+"""The demo of a lab: its refusals, the faults that it reports, and its clean-up."""
 
 import os
 import signal

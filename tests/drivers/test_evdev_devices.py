@@ -246,7 +246,7 @@ def test_a_third_partys_pad_by_xone(kernel, tmp_path, monkeypatch):
             wait_for(lambda: not pad.state().buttons, "not released")
 
 
-# -- what is no gamepad, though it looks like one or is sold as one
+# -- devices that are no gamepads, though they look like one or are sold as one
 
 JOYSTICK = BY_KEY["logitech-f310-d"]
 SWITCH = "set the switch on its back to X"

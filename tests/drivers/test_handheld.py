@@ -1,4 +1,4 @@
-"""Phones and headset controllers: what a hand means, and what disarms it."""
+"""Phones and headset controllers: meaning of a hand's motion, and causes of disarming."""
 
 import math
 
@@ -25,7 +25,7 @@ TIPPED = (0.0, 0.0, 0.0, 0.2, -0.3, 0.5)
 PLAIN = {"dead_zone": 0.0}
 
 
-# -- what it means --------------------------------------------------------------------------------
+# -- meaning of its motion ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -159,7 +159,7 @@ def test_another_page_has_to_align_anew():
     assert "Align" in bench.state.reason
 
 
-# -- what disarms ---------------------------------------------------------------------------------
+# -- causes of disarming --------------------------------------------------------------------------
 
 
 def let_go_and_hold(bench):

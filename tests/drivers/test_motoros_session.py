@@ -255,7 +255,7 @@ def test_the_guide_and_the_robot_agree_after_rest(mode):
     assert run.controller.measured_rad(0) == pytest.approx(target, abs=3e-4)
 
 
-# -- what ends it ---------------------------------------------------------------------------------
+# -- causes of its end ----------------------------------------------------------------------------
 
 
 HANDS = {

@@ -1,4 +1,4 @@
-"""A device on another computer: its age, its edges, and who has it."""
+"""A device on another computer: its age, its edges, and its owner."""
 
 import math
 
@@ -306,7 +306,7 @@ def test_echoes_of_what_was_not_asked_are_refused():
     assert any("answer what was not asked" in line for line in bench.core.diagnosis(bench.now_s))
 
 
-# -- what the device there does -------------------------------------------------------------------
+# -- behavior of the remote device ----------------------------------------------------------------
 
 
 def test_a_device_that_is_lost_there_is_lost_here_with_its_reason():
@@ -376,7 +376,7 @@ def test_light_is_given_again_to_a_device_that_was_unplugged():
     assert bench.share.feedback_due(bench.there_s) is None
 
 
-# -- who has it -----------------------------------------------------------------------------------
+# -- owner ----------------------------------------------------------------------------------------
 
 
 def claim(lessee=5, asked_s=1.0, wanted=True, **more):

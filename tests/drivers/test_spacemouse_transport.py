@@ -610,7 +610,7 @@ def test_a_bug_in_the_reader_is_no_silent_death(usb, monkeypatch):
     mouse.close()
 
 
-# -- what stands in the way --------------------------------------------------------------------
+# -- obstacles to opening ----------------------------------------------------------------------
 
 
 def test_what_is_plugged_in_for_everybody(usb, monkeypatch):

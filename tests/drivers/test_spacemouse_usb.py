@@ -1,4 +1,4 @@
-"""Raw USB: pyusb itself over a stand-in of libusb that knows what is plugged in."""
+"""Raw USB: pyusb itself over a stand-in of libusb that knows the plugged devices."""
 
 import errno
 import sys

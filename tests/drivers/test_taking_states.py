@@ -1,4 +1,4 @@
-"""The ways to take a device's states: read(), iteration, callbacks; woken by who reads it."""
+"""The ways to take a device's states: read(), iteration, callbacks; woken by the reader thread."""
 
 import socket
 import threading

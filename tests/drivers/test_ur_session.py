@@ -286,7 +286,7 @@ def test_the_program_is_understood_with_every_option():
         assert isinstance(parse(program(options.servoing, 2**31 - 1, 0.002)), Program)
 
 
-# -- what stops it ---------------------------------------------------------------------------------
+# -- causes of a stop ------------------------------------------------------------------------------
 
 EVENTS = {
     "protective stop": (lambda c: c.protective_stop("a person"), "protective stop: look for"),
@@ -620,7 +620,7 @@ def test_options_that_are_refused(options, words):
         UrRtdeOptions(**options)
 
 
-# -- what is said ----------------------------------------------------------------------------------
+# -- messages --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("stop", ["protective_stop", "safeguard_stop"])

@@ -93,7 +93,7 @@ class HandRig:
         self.velocity = None
         """Linear and angular, from the two newest commands."""
 
-    # -- what the operator does ----------------------------------------------------------------
+    # -- actions of the operator ---------------------------------------------------------------
 
     def press(self, *names):
         for name in names:
@@ -186,7 +186,7 @@ class HandRig:
         assert norm(twist.angular) <= limits.angular_acceleration_rad_s2 * dt_s + ROUNDING
         self.velocity = twist.linear, twist.angular
 
-    # -- what came of it -----------------------------------------------------------------------
+    # -- results -------------------------------------------------------------------------------
 
     @property
     def tcp(self):

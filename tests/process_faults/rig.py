@@ -1,4 +1,4 @@
-"""A robot, a device and a daemon between them, each a process of its own, and what the arm did."""
+"""A robot, a device and a daemon between them, each a process of its own, and the arm's motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Records as files: what others read in them, and what is left of one that was cut off."""
+"""Records as files: as other programs read them, and the rest of one that was cut off."""
 
 import contextlib
 import io

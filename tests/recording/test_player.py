@@ -1,4 +1,4 @@
-"""A record is shown to one who looks, and nothing of it comes onto the bus."""
+"""A record is shown to its viewer, and nothing of it comes onto the bus."""
 
 from __future__ import annotations
 

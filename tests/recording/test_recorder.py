@@ -1,4 +1,4 @@
-"""The recorder on a bus: everything is there, in others' hands too, and what is missing is said."""
+"""The recorder on a bus: records are complete, also to other programs, and gaps are reported."""
 
 import json
 import os

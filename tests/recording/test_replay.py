@@ -156,7 +156,7 @@ def quietly(*_):
     pass
 
 
-# -- what is held back ---------------------------------------------------------------------------
+# -- commands that are held back -----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("shown", [STATE, CONFIGURATION, CAMERA, topic("/tf", publishers=ARM)])

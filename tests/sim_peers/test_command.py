@@ -1,4 +1,4 @@
-"""Every simulated peer has its command, and the command offers what the peer declares."""
+"""Every simulated peer has its command, and the command offers the peer's options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The law of the velocity mode, whatever is commanded."""
+"""The law of the velocity mode, for all commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""URScript in the simulated controller: what programs compute, their threads, and their sockets."""
+"""URScript in the simulated controller: results of programs, their threads, and their sockets."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def failure(body, frames=60):
     return world.events
 
 
-# -- what is computed ------------------------------------------------------------------------------
+# -- computations ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""A robot in virtual time: where it is commanded to be, less what its faults take away."""
+"""A robot in virtual time: it is where it is commanded to be, but for its faults."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ BY_DEADMAN = MappingOptions(deadman=("left",), linear_speed_m_s=SPEED_M_S)
 BY_CLUTCH = MappingOptions(clutch="left", linear_speed_m_s=SPEED_M_S)
 BY_REST = MappingOptions(linear_speed_m_s=SPEED_M_S)
 MAPPINGS = {"dead-man": BY_DEADMAN, "clutch": BY_CLUTCH, "rest": BY_REST}
-"""How the operator's deliberate act is made."""
+"""How the operator re-arms."""
 
 OFF = "the motors are off"
 ALARM = "the port is flooded"
@@ -217,7 +217,7 @@ class World:
             other.verbs._pending = other.verbs._pending[0], rebound
         return other
 
-    # -- what can be told apart ------------------------------------------------------------------
+    # -- distinguishable states ------------------------------------------------------------------
 
     def abstract(self) -> Abstract:
         core, verbs = self.core, self.verbs
@@ -349,7 +349,7 @@ class World:
             if self.abstract() != found:
                 return
 
-    # -- what must hold in every tick ------------------------------------------------------------
+    # -- invariants of every tick ----------------------------------------------------------------
 
     @property
     def driveable(self) -> bool:
@@ -448,7 +448,7 @@ class World:
                 elif activity is not None:
                     assert owner in (VERBS, STREAMER), f"{activity} moves for {owner!r}"
 
-    # -- what people and programs do -------------------------------------------------------------
+    # -- actions of people and programs ----------------------------------------------------------
 
     def hand(self, pressed: bool) -> None:
         if pressed != bool(self.device.buttons):
@@ -687,7 +687,7 @@ def filter_mended(w):
     w.filter.broken = False
 
 
-# -- what must hold in every state ---------------------------------------------------------------
+# -- invariants of every state -------------------------------------------------------------------
 
 
 def commanded(w: World) -> tuple[object, ...]:

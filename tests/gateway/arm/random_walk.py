@@ -188,7 +188,7 @@ class Walk:
         if isinstance(activity, TorqueMotion) and isinstance(command, TorqueCommand):
             assert core.authority.owner != HAND
 
-    # -- what may happen ---------------------------------------------------------------------
+    # -- possible events ---------------------------------------------------------------------
 
     def step(self):
         what = self.random.choice(EVENTS)

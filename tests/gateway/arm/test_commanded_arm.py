@@ -88,7 +88,7 @@ def test_the_reference_knows_how_far_a_free_pose_is_from_its_robot():
     assert error == pytest.approx((0.03, 0.2, 0.0, ""))
 
 
-# -- what is measured ----------------------------------------------------------------------------
+# -- measured states -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

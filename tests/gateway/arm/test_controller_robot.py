@@ -1,4 +1,4 @@
-"""The controller between its robot and those who want to move it, in virtual time."""
+"""The controller between its robot and the sources that request motion, in virtual time."""
 
 import math
 
@@ -241,7 +241,7 @@ def test_a_lost_datagram_while_joints_accelerate_fully_is_no_nonsense():
     assert world.verbs.controller.trips == 0
 
 
-# -- who may move it -----------------------------------------------------------------------------
+# -- authority -----------------------------------------------------------------------------------
 
 
 class Shared(World):

@@ -1,4 +1,4 @@
-"""An arm by packets, with a test in the session's place: whatever order its packets come in."""
+"""An arm by packets, with a test in the session's place: packets in any order."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Packets of requests and replies: what goes out comes back, and no bytes raise."""
+"""Packets of requests and replies: decoding inverts encoding, and no bytes raise."""
 
 import contextlib
 import json

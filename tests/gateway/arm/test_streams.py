@@ -1,4 +1,4 @@
-"""Streaming commands on simulated time: what is taken, refused, limited, and ends in silence."""
+"""Streaming commands on simulated time: taken, refused, limited, and ended by silence."""
 
 import math
 

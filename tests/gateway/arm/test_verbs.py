@@ -720,7 +720,7 @@ def test_a_pose_robot_with_another_tool_is_refused():
         world.verbs.movl(world.moved(0.0, 0.0, -0.05))
 
 
-# -- whatever comes ------------------------------------------------------------------------------
+# -- any requests --------------------------------------------------------------------------------
 
 steps = st.tuples(*[st.floats(-0.25, 0.25)] * 3, *[st.floats(-0.8, 0.8)] * 3)
 actions = st.lists(

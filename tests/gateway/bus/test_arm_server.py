@@ -375,7 +375,7 @@ def test_no_request_to_any_service_waits_for_ever(bench):
     assert still(bench)
 
 
-# -- what an operator needs has a topic ------------------------------------------------------------
+# -- topics for the needs of an operator -----------------------------------------------------------
 
 TWIST_TOPIC = "/command/twist"
 

@@ -294,7 +294,7 @@ def test_it_asks_the_daemon_s_socket(tmp_path, monkeypatch):
         server.close()
 
 
-# -- what the figures are of ----------------------------------------------------------------------
+# -- sources of the figures -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

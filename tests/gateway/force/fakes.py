@@ -1,4 +1,4 @@
-"""A haptic device that remembers what it was told, and a robot that has its states from a test."""
+"""A haptic device that remembers its commands, and a robot that has its states from a test."""
 
 from __future__ import annotations
 

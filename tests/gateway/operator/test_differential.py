@@ -238,7 +238,7 @@ def test_the_devices_axes_mean_nothing():
     assert rig.core.status().trips == 0
 
 
-# -- what takes the hand off, and what does not bring it back --------------------------------------
+# -- causes that take the hand off, and acts that do not bring it back -----------------------------
 
 
 @pytest.mark.parametrize("link", [DeviceLink.LOST, DeviceLink.STALE, DeviceLink.NEEDS_NEUTRAL])

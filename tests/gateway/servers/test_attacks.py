@@ -192,7 +192,7 @@ def test_foreign_pages_and_names_stay_out_even_with_the_token(target, running, h
     assert status(answer(running, request)) == denied
 
 
-# -- what is no request ---------------------------------------------------------------------------
+# -- invalid requests -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -790,7 +790,7 @@ def test_rosapi_reaches_parameters(network, client):
     assert "names no parameter" in ask("set_param", name="x", value="1")["reason"]
 
 
-# -- who may come in, and what they may do --------------------------------------------------------
+# -- access control and permissions ---------------------------------------------------------------
 
 
 def test_patterns_bound_what_clients_may_use(network):

@@ -1,4 +1,4 @@
-"""Requests are carried out beside the loop, and answered, whatever they are."""
+"""All requests are carried out beside the loop, and answered."""
 
 import json
 import queue

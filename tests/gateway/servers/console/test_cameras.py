@@ -1,4 +1,4 @@
-"""Cameras are shown to each client with access, the newest picture, and rest while nobody looks."""
+"""Cameras show each client with access the newest picture, and rest while there is no viewer."""
 
 from __future__ import annotations
 
