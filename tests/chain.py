@@ -34,7 +34,7 @@ PUSH = """
 0.8 press left
 1.0 axes -0.5 0 0 0 0 0 over 0.1
 """
-"""Touch, let go, grip, and pull back for ever: 50 mm/s, away from the singularity in front."""
+"""Touch, release, grip, and pull back for ever: 50 mm/s, away from the singularity in front."""
 
 PUSH_AND_REGRIP = (
     PUSH

@@ -239,7 +239,7 @@ def demos_table() -> str:
 
 
 def connexion_models() -> str:
-    """Each device of 3Dconnexion, and what it sends."""
+    """Each device of 3Dconnexion, and its reports."""
     rows = [
         (
             model.name,

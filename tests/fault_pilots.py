@@ -98,7 +98,7 @@ class Operator(Scenario):
         self.controller.stop("authority was handed over")
 
     def _device(self, now_s: float) -> DeviceState:
-        """The newest report; it goes on coming, whatever this process does."""
+        """The newest report; it goes on coming, independent of this process."""
         before = self._report
         if before is None or not self.silent:
             stamp_s = math.floor(now_s / REPORTED_S) * REPORTED_S

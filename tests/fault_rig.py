@@ -50,7 +50,7 @@ WINDOW_S = 0.02
 periods of most robots. Within fewer, whole pulses and rounding look like acceleration."""
 
 MARGIN = 0.05
-"""Of a speed: what the servos of an arm may overshoot."""
+"""Allowed overshoot of an arm's servos, as a share of the speed."""
 
 REST_M_S = 0.001
 """Slower than this the arm counts as stopped."""
@@ -181,7 +181,7 @@ class Bench(ABC):
     # -- faults ---------------------------------------------------------------------------------
 
     def kill(self) -> None:
-        """SIGKILL: nothing is sent any more, and the kernel closes what was open."""
+        """SIGKILL: nothing is sent any more, and the kernel closes all files."""
         self.alive = False
 
     @abstractmethod
@@ -337,7 +337,7 @@ class _Datagrams(Bench):
 
     @abstractmethod
     def _told(self, data: bytes) -> bytes:
-        """`data` as it arrives, with what is `bad` about it."""
+        """Return `data` as it arrives, with the error `bad`."""
 
     @abstractmethod
     def _timed(self, data: Any, by_s: float) -> Any:

@@ -71,7 +71,7 @@ class Client(ABC):
     constant: bytes = b""
     """The message, where all are the same."""
     has_left = False
-    """Whether a part of what was begun is still to be handed over."""
+    """Whether a part of a begun message is still to be handed over."""
 
     def __init__(self, endpoint: str, way: int) -> None:
         self.endpoint, self.way = endpoint, way
@@ -154,7 +154,7 @@ class _Web(_Stream):
         self.begin()
 
     def begin(self) -> None:
-        """Send what comes first."""
+        """Send the first messages."""
 
     def send(self, **fields: Any) -> None:
         """An operation."""

@@ -57,7 +57,7 @@ MOST_PER_S = 1e6
 """More than any client here hands over: of a message whose cost is too small to be measured."""
 
 RATES = (0.5, 2.0, 10.0)
-"""Times what can be handled."""
+"""Multiples of the rate that can be handled."""
 ENDS = ("silence", "close", "abort", "client stopped for 1 s", "server stopped for 1 s")
 
 WITHOUT = {("joint stream", "server stopped for 1 s")}

@@ -15,7 +15,7 @@ from typing import Any
 
 SEGMENT = re.compile(r"/dev/shm/fastrtps_[0-9a-f]{16}\b")
 WAIT_S = 120.0
-"""Longest wait for what comes at once; participants announce themselves every few seconds."""
+"""Longest wait for prompt messages; participants announce themselves every few seconds."""
 
 
 class JudgeNode:

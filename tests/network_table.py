@@ -73,7 +73,7 @@ class _Channel:
 
 
 class _Node:
-    """Stands in for a session's node, and keeps what is made of it."""
+    """Stand-in for a session's node, which keeps the endpoints made on it."""
 
     zid = name = full_name = "node"
     namespace, options = "/", NetworkOptions()
@@ -153,7 +153,7 @@ def shown() -> set[Coverage]:
 
 
 def checked(marks: Collection[Coverage], among: Collection[Row]) -> None:
-    """Raise ValueError where a mark names what there is not."""
+    """Raise ValueError where a mark names a row that does not exist."""
     names = {row.name for row in among}
     for mark in marks:
         strange = {*mark.names, *mark.but} - names

@@ -122,7 +122,7 @@ class RemoteOperator(Operator):
                 self.let_go_s = self.remote.now_s + STEP_S
 
     def act(self) -> None:
-        """The deliberate act, and motion after it."""
+        """Re-arm, and move after it."""
         for holds, deflected in ((False, False), (True, False), (True, True)):
             self.hold(holds)
             self.deflect(deflected)
@@ -208,9 +208,9 @@ class Fault(NamedTuple):
     act: Callable[[RemoteOperator, float], None]
     lasts_s: float = 0.0
     before: Callable[[RemoteOperator], None] = lambda pilot: None
-    """Of what is wrong from some time before on."""
+    """Begins a fault some time before."""
     by_hand: bool = False
-    """The hand ends the motion: what goes wrong does not."""
+    """The hand ends the motion, not the fault."""
 
 
 def _let_hold_go(pilot: RemoteOperator, _lasts_s: float) -> None:
@@ -262,9 +262,9 @@ class Found(NamedTuple):
     network: str
     motion: Motion
     rest_by_s: float
-    """When the arm has to be at rest; inf: what goes wrong does not end its motion."""
+    """When the arm has to be at rest; inf: the fault does not end its motion."""
     unasked_m: float
-    """How far it was from where it came to rest, until the deliberate act."""
+    """How far it was from where it came to rest, until re-arming."""
     again_m: float
     """How far it went after that; nan: it had never stopped."""
 
@@ -314,7 +314,7 @@ def measured(network: str, faults: Iterable[str]) -> Iterator[Found]:
             bench.run(fault.lasts_s)
             motion, by_s = bench.motion(at_s), rest_by_s(pilot, fault, at_s)
             if pilot.deflected:
-                # To rest and away again without a press is no deliberate act.
+                # To rest and away again without a press does not re-arm.
                 for deflected in (False, True):
                     pilot.deflect(deflected)
                     bench.run(SETTLED_S)

@@ -21,7 +21,7 @@ class Results(NamedTuple):
 
     name: str
     page: str
-    """Where the site has it, and what its columns mean: relative to the repository."""
+    """Page of the site with it and the meaning of its columns: relative to the repository."""
     command: str
     """It writes the file anew."""
 

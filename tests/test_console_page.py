@@ -21,7 +21,7 @@ LIBRARIES = {"three", "uplot", "urdf-loader"}
 
 
 def tools_console(*words, checkout=ROOT, **environment):
-    """Exit code of tools/console in a checkout, and what it says."""
+    """Exit code of tools/console in a checkout, and its output."""
     done = subprocess.run(
         [sys.executable, checkout / "tools/console", *words],
         capture_output=True,

@@ -21,7 +21,7 @@ from tests.test_docs import PAGES, ROOT, blocks
 PYRIGHT = "1.1.414"
 PACKAGES = [str(each) for each in sorted(ROOT.glob("examples/packages/*"))]
 SOURCES = [str(ROOT), *map(str, sorted(ROOT.glob("plugins/cardan-*"))), *PACKAGES]
-"""Where the programs find what they import."""
+"""Where the programs find their imports."""
 EXAMPLES = [
     *(
         str(path)

@@ -351,7 +351,7 @@ def test_a_hand_at_a_terminal_that_is_not_read(tmp_path):
         with selectors.DefaultSelector() as selector:
             selector.register(reading, selectors.EVENT_READ)
             assert selector.select(WITHIN_S)
-        for _ in range(40):  # Each key changes what is shown.
+        for _ in range(40):  # Each key changes the display.
             os.write(reading, b"wsad")
             threading.Event().wait(0.02)
         assert program.end(signal.SIGINT) == 0

@@ -58,7 +58,7 @@ NEEDED = [
         "_RuckigChaser(1.0, 1.0, 1.0, 0.004)",
     ),
 ]
-"""Packages, the extras that install them, and what needs them."""
+"""Packages, the extras that install them, and the features that need them."""
 
 WITHOUT = """
 import sys

@@ -1,5 +1,5 @@
-"""The tables of tests/results/faults.md: they are what is measured, and nothing in them is too
-much."""
+"""The tables of tests/results/faults.md: they equal the measurements, and no value in them is too
+large."""
 
 import itertools
 import math
@@ -14,7 +14,7 @@ from tests.fault_rig import BENCHES
 pytestmark = [pytest.mark.matrix, pytest.mark.timeout(1200)]
 
 NEAR = (12.0, 0.6, 2.0, 0.15)
-"""ms, mm, mm/s, m/s²: what another computer's arithmetic may make of a number."""
+"""ms, mm, mm/s, m/s²: tolerance for another computer's arithmetic."""
 
 
 @pytest.fixture(scope="module")

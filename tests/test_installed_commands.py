@@ -48,7 +48,7 @@ def others(monkeypatch):
 
 @pytest.fixture
 def cardan(monkeypatch, capsys):
-    """The command, in this process; gives what it said."""
+    """The command, in this process; gives its output."""
 
     def run(*words, code=0):
         monkeypatch.setattr(sys, "argv", ["cardan", *words])

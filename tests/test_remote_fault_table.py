@@ -35,7 +35,7 @@ def assert_safe(row):
     assert row.motion.peak_m_s2 <= HARDEST_M_S2, row
     assert row.motion.back_m <= STILL_M, row
     assert row.unasked_m <= STILL_M, row
-    # A stopped arm goes on by the deliberate act, and by nothing else.
+    # A stopped arm goes on by re-arming, and by nothing else.
     assert math.isinf(row.motion.stop_s) or row.again_m >= AGAIN_M, row
 
 

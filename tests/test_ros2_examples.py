@@ -70,7 +70,7 @@ def panels(layout):
 
 
 class Client:
-    """Does by rosbridge what a line of `ros2` does by itself."""
+    """Does a `ros2` line's work by rosbridge."""
 
     def __init__(self, socket) -> None:
         self._socket, self._number = socket, 0

@@ -131,7 +131,7 @@ class WiredRail(Rail):
 
 
 def hand(now_s):
-    """A hand that grips, pushes to the left, and lets go."""
+    """A hand that grips, pushes to the left, and releases."""
     y = 1.0 if PUSHES_S <= now_s < RESTS_S else 0.0
     held = frozenset({"left"} if GRIPS_S <= now_s < RESTS_S else ())
     return DeviceState(now_s, DeviceLink.LIVE, NEUTRAL._replace(y=y), held)

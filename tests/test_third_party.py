@@ -157,7 +157,7 @@ FILES = {
 
 @pytest.fixture
 def cardan(tmp_path):
-    """The command line, with the package installed; gives what it says."""
+    """The command line, with the package installed; gives its output."""
     site = tmp_path / "site"
     for name, text in FILES.items():
         file = site / name

@@ -30,7 +30,7 @@ RAISED_MM = 60.0
 """From where the arm is then to the goal: upwards, where nothing is in the way."""
 
 MISSED_MM = 2.0
-"""How far from its goal an arm may come to rest: the page lets go once it is within 0.5 mm."""
+"""How far from its goal an arm may come to rest: the page releases it once it is within 0.5 mm."""
 
 REST_S = 30.0
 """Longest time from the end of a hold until the page shows that the arm rests."""
@@ -199,7 +199,7 @@ class Person:
                 tab.mouse("mouseReleased", at)
 
     def _enable(self, tab: Tab) -> None:
-        """The deliberate act."""
+        """Re-arm."""
         self._wait(tab, "!document.querySelector('.enable').disabled")
         if tab.value("document.body.dataset.state") == "watching":
             tab.click(".enable")

@@ -60,7 +60,7 @@ SLOWER: Final = 0.8
 
 
 class Roles(NamedTuple):
-    """Which session is to show what."""
+    """Session or device of each role."""
 
     unplugged: str
     """Its device is unplugged, and plugged in again."""

@@ -1,5 +1,5 @@
 """A program at ``cardan net server rosbridge``, as a page in a browser would be one: it streams
-twists, and watches what becomes of them."""
+twists, and watches their results."""
 
 from __future__ import annotations
 

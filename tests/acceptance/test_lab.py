@@ -75,7 +75,7 @@ def test_what_is_seen_of_an_arm():
 
 
 class Told:
-    """A daemon that tells what it is given; no arm, no process."""
+    """A daemon that reports given values; no arm, no process."""
 
     def __init__(self, rows):
         self.rows = rows

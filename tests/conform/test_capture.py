@@ -112,7 +112,7 @@ def packets_of(path):
 
 @pytest.fixture
 def driver_without_a_stop(tmp_path):
-    """A capture of a driver that starts motion without stopping what was before."""
+    """A capture of a driver that starts motion without stopping the one before."""
     return recorded(tmp_path, "motoros-driver", {"no-stop": 1.0})[1]
 
 

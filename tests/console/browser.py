@@ -70,7 +70,7 @@ class Tab:
         self.events: list[dict[str, Any]] = []
 
     def tell(self, method: str, **parameters: Any) -> int:
-        """Give a command, whose answer nobody waits for; its number."""
+        """Send a command without waiting for its answer; return its number."""
         number = next(self._ids)
         self._connection.send(json.dumps({"id": number, "method": method, "params": parameters}))
         return number
@@ -90,7 +90,7 @@ class Tab:
             return result
 
     def value(self, expression: str) -> Any:
-        """The value of an expression in the page. Raises RuntimeError for what it throws."""
+        """The value of an expression in the page. Raises RuntimeError for its exceptions."""
         answer = self.ask(
             "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
         )
@@ -119,7 +119,7 @@ class Tab:
         )
 
     def photograph(self, path: Path) -> None:
-        """Write what the page shows as a PNG file."""
+        """Write a screenshot of the page as a PNG file."""
         path.write_bytes(base64.b64decode(self.ask("Page.captureScreenshot")["data"]))
 
     def center(self, selector: str) -> tuple[float, float]:

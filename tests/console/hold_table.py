@@ -82,9 +82,9 @@ class End(NamedTuple):
     """False: it ends as another one does, and is in the table alone, to keep the tests short."""
     bound_s: float = BOUND_S
     logged: str = ""
-    """Pattern of what the page itself must have been told, in EVENTS' words."""
+    """Pattern of events that the page itself must have received, in EVENTS' words."""
     unheard: str = ""
-    """Pattern of what it must not have been told."""
+    """Pattern of events that it must not have received."""
 
 
 EVENTS = """
@@ -356,7 +356,7 @@ class Pages:
 
 
 def tried(bench: Bench, pages: Pages, end: End, watched_s: float) -> Stop:
-    """Hold, end it, and see what the arm does until `watched_s` after that."""
+    """Hold, end the hold, and measure the arm's motion until `watched_s` after that."""
     page, tcp = pages.get(), bench.rig.tcp
     until(lambda: not tcp.moving, "rest")
     began_s = time.monotonic()

@@ -109,7 +109,7 @@ def shown(browser: Browser, address: str, screen: Screen) -> Iterator[Tab]:
 
 
 def masks(page: Tab) -> list[list[float]]:
-    """Where what moves is: x, y, width and height."""
+    """Places of the elements that move: x, y, width and height."""
     found: list[list[float]] = page.value(
         f"[...document.querySelectorAll({json.dumps(MOVING)})].map(each => {{"
         "const b = each.getBoundingClientRect();"

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.matrix  # A browser that draws by software.
 LATE_S = 1.0
 """Allowance for a busy computer: none of these programs has a core of its own, in a test."""
 WATCHED_S = 0.6
-"""After what went wrong was over."""
+"""Time after the end of a fault."""
 AGAIN_M = 0.003
 """Distance that the controller's position loop still closes after it first stands."""
 
@@ -36,7 +36,7 @@ def test_nothing_moves_before_the_deliberate_act(bench, page):
 
 @pytest.mark.real
 def test_a_script_of_the_page_cannot_hold(bench, page):
-    """Only what a person does counts."""
+    """Only acts of a person count."""
     enable(page)
     at_s = time.monotonic()
     page.value(

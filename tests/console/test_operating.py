@@ -114,7 +114,7 @@ def ask_and_hand_over(one, other):
 
 
 def wanted(page, label, value):
-    """Give a slider's number, and what the page says of the goal then."""
+    """Set a slider's number; return the page's text about the goal."""
     page.value(
         f"(e => {{ e.value = {value}; e.dispatchEvent(new Event('change')) }})"
         f"(document.querySelector('input[type=number][aria-label^=\"{label},\"]'))"
@@ -259,7 +259,7 @@ def test_after_a_stop_of_whomever_the_page_is_enabled_anew_before_the_arm_moves(
 
 
 def presses_in_vain(page, moving):
-    """Press what would move the arm: nothing does."""
+    """Press the buttons that would move the arm: none does."""
     at = page.center(jog("X"))
     page.mouse("mousePressed", at)
     end_s = time.monotonic() + 1.0

@@ -51,7 +51,7 @@ class Bench:
         return self
 
     def live(self):
-        """A hand that is aligned and has let go."""
+        """A hand that is aligned and has released the dead-man."""
         self.run(0.3)
         return self
 

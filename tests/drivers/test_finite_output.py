@@ -95,7 +95,7 @@ def commands(number: st.SearchStrategy[float]) -> st.SearchStrategy[RobotCommand
 
 
 def flat(values: Any) -> list[float]:
-    """Every number in what a decoder gives."""
+    """Every number in the result of a decoder."""
     if isinstance(values, (int, float)):
         return [float(values)]
     if isinstance(values, (tuple, list)):

@@ -260,7 +260,7 @@ def test_a_stick_held_while_it_is_opened_does_not_move():
 
 
 def test_a_button_held_while_it_is_opened_counts_once_it_was_up():
-    """Nobody could tell whether the dead-man was let go meanwhile."""
+    """A release of the dead-man meanwhile could not be seen."""
     bench = Bench()
     bench.press("left-shoulder")
     bench.core.events()

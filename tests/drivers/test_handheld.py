@@ -350,7 +350,7 @@ def test_an_alignment_is_void_after_a_leap_of_its_reference(kind, held, leaps, w
     if held:
         bench.device.release("hold")
         bench.run(0.1)
-    # The hand lets go and holds again: forward would go sideways.
+    # The hand releases and holds again: forward would go sideways.
     state = bench.held(HALF).state
     assert (state.link, state.axes, state.pose) == (DeviceLink.NEEDS_NEUTRAL, NEUTRAL, None)
     assert words in state.reason

@@ -171,7 +171,7 @@ def test_enabling_makes_a_new_session_whose_commands_move_the_robot(mode):
 
 @pytest.mark.parametrize("mode", MODES)
 def test_added_latency_is_small(mode):
-    """From the control instant to the middle of what is commanded for it."""
+    """From the control instant to the middle of the motion commanded for it."""
     run = rig(mode).ready()
     start_s, home = run.now_s, run.states[-1].joints
     run.trace.clear()

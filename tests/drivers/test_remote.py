@@ -153,7 +153,7 @@ def test_a_press_that_is_too_old_arms_nothing_and_a_release_lets_go():
     bench.press("grip")
     bench.run(0.1)
     bench.heard.clear()
-    # Only what has edges is lost, for as long as they are repeated.
+    # Only states with edges are lost, for as long as these are repeated.
     bench.mangle = lambda message: message | {"edges": [], "buttons": ["grip"]}
     bench.press("hold")
     bench.press("grip", False)
@@ -606,7 +606,7 @@ def test_a_stranger_cannot_fill_the_memory_with_words():
 
 
 class Decoding:
-    """A codec that notes what it decodes."""
+    """A codec that records decoded messages."""
 
     def __init__(self, codec, decoded):
         self._codec, self._decoded = codec, decoded

@@ -1,5 +1,5 @@
-"""The driver of ROS 2 arms: what it takes for a state of its arm, and what it sends, in virtual
-time."""
+"""The driver of ROS 2 arms: messages that it accepts as states of its arm, and its commands, in
+virtual time."""
 
 import itertools
 import math

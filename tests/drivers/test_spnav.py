@@ -83,7 +83,7 @@ class Hand(SimulatedPeer):
         self.server.close()
 
     def touch(self, driver):
-        """Deflect, let go, and wait until the driver believes in it."""
+        """Deflect, release, and wait until the driver trusts the device."""
         start_s = time.monotonic()
         self.axes = (0.2, 0.0, 0.0, 0.0, 0.0, 0.0)
         deadline_s = time.monotonic() + TIMEOUT_S

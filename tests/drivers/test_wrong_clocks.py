@@ -19,7 +19,7 @@ from tests.fault_rig import (
 from tests.fault_table import FAULTS, measured
 
 FASTEST = 1.05
-"""Of what is commanded."""
+"""Highest share of the commanded speed."""
 SAID_S = 0.6
 """Until the arm rests; a clock that is too slow is sure after 1 to 1.5 s, and brakes then."""
 

@@ -107,7 +107,7 @@ class FastNode(JudgeNode):
 
 
 def user_data(event: dict[str, Any]) -> dict[str, str]:
-    """The pairs in the user_data of what was seen."""
+    """The pairs in the user_data of the entities seen."""
     pairs = (each.split("=", 1) for each in event["user_data"].split(";") if each)
     return dict(pairs)
 

@@ -115,7 +115,7 @@ def computer(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 
 class Lab:
-    """The service, and who asks it."""
+    """The service, and its client."""
 
     def __init__(self, socket: str, *systemctl: str, **options: Any) -> None:
         self.socket = socket

@@ -52,11 +52,11 @@ ROOM_M = 0.12
 READY_S = 120.0
 """Longest wait for anything to begin, on a machine that has other work."""
 STROKE_S = 1.6
-"""Longest time from the deliberate act to a steady speed; then the hand tries again."""
+"""Longest time from re-arming to a steady speed; then the hand tries again."""
 SWING_S = 1.2
 """From one turn of a hand that moves the arm to and fro to the next."""
 PAUSE_S = 0.3
-"""The hand keeps still for so long before and after it has let go."""
+"""The hand keeps still for so long before and after its release."""
 
 
 class Pair(NamedTuple):
@@ -218,7 +218,7 @@ class Trace:
         self.points.append(point)
 
     def read(self) -> None:
-        """Take what has been noted meanwhile."""
+        """Read the new rows."""
 
     def speeds(self, since_s: float, until_s: float) -> list[tuple[float, float]]:
         """Time and mean speed over WINDOW_S before it, of each sample of the time."""
@@ -536,13 +536,13 @@ class Lab:
             threading.Thread(target=self._follow, daemon=True).start()
 
     def _follow(self) -> None:
-        """Keep what the daemon tells of its events."""
+        """Keep the daemon's messages about its events."""
         with contextlib.suppress(CardanError, OSError), ControlClient(self.socket, None) as client:
             for event in client.events("events", "", True):
                 self.told.append(event)
 
     def revive(self) -> list[str]:
-        """Start what does not run; their names."""
+        """Start the programs that do not run; return their names."""
         found = []
         if self.daemon is not None and self.daemon.alive and self._deaths >= 2:
             self.end_daemon()  # Its pauses have grown.

@@ -37,7 +37,7 @@ HAD_M_S = 0.8 * SPEED_M_S
 TRIES = 4
 """How often a case is tried where other work of the computer has stopped the arm before."""
 SAID = 110
-"""Characters of what was said."""
+"""Most characters of a message in the table."""
 
 NETWORK = "network"
 """The group of the rows that the kernel's tests make."""
@@ -65,7 +65,7 @@ class Row(NamedTuple):
     """Until the session was live again by itself, its arm disarmed; None: it had not ended, or a
     user has to start it."""
     moves_s: float | None
-    """Until the deliberate act moved the arm again, once all that was killed had been started."""
+    """Until re-arming moved the arm again, once all that was killed had been started."""
     started: list[str]
     """Programs that had to be started by hand for it."""
     lost: int

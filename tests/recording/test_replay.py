@@ -360,7 +360,7 @@ def going(path, session, jogs):
 
 @contextlib.contextmanager
 def asked(tmp_path, commands, jogs=20, **tables):
-    """A live session, and what it answered to such a record."""
+    """A live session, and its answers to such a record."""
     endpoint = free_endpoint()
     network = {"router": "", "listen": [endpoint]}
     with (

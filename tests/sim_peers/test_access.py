@@ -26,7 +26,7 @@ def umask(request):
 
 
 def mode(path):
-    """The mode of what programs open at `path`."""
+    """The mode of the file that programs open at `path`."""
     return stat.S_IMODE(os.stat(path).st_mode)
 
 

@@ -150,7 +150,7 @@ class Kernel:
         self._sock.send(data)
 
     def got(self) -> list[tuple[int, bytes]]:
-        """(type, body) of what was written."""
+        """(type, body) of each event written."""
         events = []
         with contextlib.suppress(BlockingIOError):
             while data := self._sock.recv(EVENT_BYTES):

@@ -20,7 +20,7 @@ from cardan.sim_peers.ur_controller.values import Pose
 
 
 class World:
-    """A controller in virtual time, and what its program prints."""
+    """A controller in virtual time, and the output of its program."""
 
     def __init__(self, program, frames=0, **options):
         self.controller = UrController(
@@ -169,7 +169,7 @@ c = changed(a)"""
 
 
 def test_scopes():
-    """The script manual's own examples, by what they give."""
+    """The script manual's own examples, by their results."""
     before = """
 a = 0
 def mine():

@@ -47,7 +47,7 @@ end
 
 
 class World:
-    """A controller with a program, and what it tells."""
+    """A controller with a program, and its reports."""
 
     def __init__(self, program="", **options):
         self.controller = UrController(

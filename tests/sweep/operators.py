@@ -77,7 +77,7 @@ class Operator(JudgeNode):
         self.say(json.dumps({"do": what, **how}, default=list))  # of bytes
 
     def watch(self) -> None:
-        """Hear what the arm tells of itself."""
+        """Subscribe to the arm's reports."""
         self._since_s = time.time()
         for topic, kind in HEARD.items():
             self.do("subscribe", topic=topic, kind=kind)

@@ -30,7 +30,7 @@ ROSLIB = ("node", "--input-type=module", "-e", MODULE, "--")
 
 @pytest.fixture
 def judgment(request, session):
-    """The mark of a test, and what its judge has to do for it."""
+    """The mark of a test, and the task of its judge."""
     mark = Coverage(**request.node.get_closest_marker("shown_on").kwargs)
     return plan(network_table.rows(), mark)
 

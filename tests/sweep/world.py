@@ -176,7 +176,7 @@ class World:
         assert all(each["successful"] for each in answer["results"]), answer
 
     def rest(self) -> None:
-        """Wait until the arm has come to rest, whatever moved it."""
+        """Wait until the arm has come to rest, after any motion."""
         await_rest(self.endpoint)
 
     def _ask(self, number: int, verb: str, **more: Any) -> None:

@@ -116,7 +116,7 @@ class World:
             self.v = (self.q - before) / DT_S
 
     def _watch(self):
-        """Position, speed and acceleration of what is commanded, at every tick."""
+        """Commanded position, speed and acceleration, at every tick."""
         servo = self.verbs.servo
         kinematics = servo.kinematics
         driven = isinstance(self.command, (JointCommand, JointVelocityCommand, PoseCommand))

@@ -71,7 +71,7 @@ BRAKES_S = 0.35
 or stream counts as silent, and the ramp."""
 RECOVERS_M_S = 0.052
 RECOVERED_M = 0.11
-"""Longest way of recoveries without a deliberate act: the maximum lead, and a tenth."""
+"""Longest way of recoveries without re-arming: the maximum lead, and a tenth."""
 
 BY_DEADMAN = MappingOptions(deadman=("left",), linear_speed_m_s=SPEED_M_S)
 BY_CLUTCH = MappingOptions(clutch="left", linear_speed_m_s=SPEED_M_S)
@@ -374,7 +374,7 @@ class World:
         self.rearmed = self.interrupted = False
 
     def _note_act(self, events: list[ButtonEvent]) -> None:
-        """Whether the deliberate act is complete by now."""
+        """Note whether re-arming is complete by now."""
         device = self.device
         seen = device.link is DeviceLink.LIVE
         if self.mapping.clutch:
@@ -396,7 +396,7 @@ class World:
         self.interrupted = True
 
     def check(self) -> None:
-        """(a), (c) and (f), by what is known from outside."""
+        """Check (a), (c) and (f), by the state known from outside."""
         core, commanded, activity = self.core, self.core.commanded, self.core.activity
         assert (activity is None) is (core.state.motion in RESTING), "who moves it?"
         assert core.rejects is bool(core.supervision.implausible), "rejected for no reason"
@@ -801,7 +801,7 @@ ACTS: tuple[tuple[str, Event], ...] = (
 
 
 def follow_advice(w: World) -> None:
-    """Do what the message says: one act."""
+    """Follow the message: one act."""
     message = w.core.status().message
     said = message.removeprefix(f"stopped before: {w.core._trip_reason}; ")
     w.stale = False  # A person who acts has a device that reports it.

@@ -205,7 +205,7 @@ class Walk:
         self.device = self.device._replace(axes=axes or REST, buttons=pressed)
 
     def act(self):
-        """The operator's deliberate act."""
+        """The operator re-arms."""
         self.hand()
         self.tick(2)
         if self.mapping.clutch:

@@ -18,7 +18,7 @@ TIMEOUT_S = 20.0
 
 
 class Place(NamedTuple):
-    """An arm that is not open yet, and what ends its loop."""
+    """An arm that is not open yet, and the function that ends its loop."""
 
     device: CartesianDevice | RemoteCartesianDevice
     end_loop: Callable[[], None]

@@ -121,7 +121,7 @@ def test_a_new_session_while_moving_goes_on_in_a_ramp_from_the_speed_the_robot_h
     assert "new session" in rig.status.message
     assert rig.status.trips == 1
     before = rig.command.pose
-    rig.run(0.5)  # The hand insists: that is no deliberate act.
+    rig.run(0.5)  # The hand insists: that does not re-arm.
     assert rig.command.pose == before
     rig.drive()
 
@@ -262,7 +262,7 @@ class Shared(World):
             self._watch()
 
     def act(self):
-        """The deliberate act of the operator."""
+        """Re-arm as the operator."""
         self.hand()
         self.tick(2)
         self.hand(REST, "left")

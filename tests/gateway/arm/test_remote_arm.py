@@ -15,7 +15,7 @@ from cardan.gateway.arm.requests import (
 
 
 class Told(RemotePacketArm):
-    """Answers each request at once with what `answers` gives of it."""
+    """Answers each request at once with the result of `answers`."""
 
     def __init__(self, answers, source="program"):
         super().__init__(source)

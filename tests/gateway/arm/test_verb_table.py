@@ -50,7 +50,7 @@ def test_what_the_network_has_is_of_the_table():
 
 
 class Arm:
-    """Writes down what it is asked for."""
+    """Records its requests."""
 
     def __getattr__(self, name):
         def asked(*values):

@@ -660,7 +660,7 @@ def test_a_held_arm_trips_and_the_command_comes_back():
     for _ in range(6):
         before = np.array(world.verbs.commanded.pose.position)
         world.tick(1000)
-        # Nobody asked for this motion: the maximum lead, and then only after a deliberate act.
+        # No source requested this motion: the maximum lead, and then only after re-arming.
         assert np.linalg.norm(world.verbs.commanded.pose.position - before) <= max_lead_m
         assert not world.verbs.servo.moving
         if not world.verbs.controller.inhibited:

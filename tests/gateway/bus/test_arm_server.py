@@ -439,7 +439,7 @@ def test_what_waited_on_its_way_does_not_go_on_with_a_stream(bench):
     bench.world.rest()
     bench.poll(1.0)
     bench.world.tick()
-    # A publisher that is known sends what is a second old.
+    # A known publisher sends a message that is a second old.
     streamed(bench, 20, source_ns=10**18 + round(bench.now_s * 1e9) - 10**9)
     assert still(bench)
 

@@ -17,7 +17,7 @@ WITHIN_S = 10.0
 
 
 class Node:
-    """Keeps what is published, decoded, by topic."""
+    """Keeps published messages, decoded, by topic."""
 
     def __init__(self):
         self.sent = {}

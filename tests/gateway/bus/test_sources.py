@@ -18,7 +18,7 @@ TWIST, COMMAND = "//servo_node/delta_twist_cmds", "/command/twist"
 JOG = "//servo_node/delta_joint_cmds"
 SPEED_M_S = 0.1
 FULL_M_S = 0.4
-"""Of MoveIt Servo's commands: what 1 means."""
+"""Of MoveIt Servo's commands: the speed that 1 means."""
 
 
 @pytest.fixture

@@ -32,7 +32,7 @@ model = "ur5"
 
 
 class Asker:
-    """A connection that keeps what it is told."""
+    """A connection that keeps messages to it."""
 
     def __init__(self):
         self.told, self.gone = [], []

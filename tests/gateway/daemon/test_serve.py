@@ -366,7 +366,7 @@ def test_a_reload_says_each_key_and_restarts_the_session_once_nobody_has_its_arm
         assert without_waits(one.cardan("daemon", "reload").splitlines()) == said
         assert one.row("one")["pid"] == pid
         arm.stop()
-        # The lease of who moved it ends.
+        # The lease of its last source ends.
         until(lambda: one.row("one")["pid"] not in (pid, None), "the new process")
         one.until("one", authority="", phase="disarmed", changes_wait=[])
         assert one.cardan("daemon", "reload") == "nothing has changed\n"

@@ -179,7 +179,7 @@ def test_two_arms_that_know_each_other_move_while_they_hear_each_other(lab):
         text.replace(network, f'{network}router = "{endpoint}"\n')
     )
     lab.start(lab.folder / "arms.toml", EXAMPLE / "simulated-mice.toml")
-    # A state that is heard is what takes the words about the neighbor away.
+    # A received state removes the words about the neighbor.
     lab.until_snapshot(
         "left", lambda s: s["message"] and "neighbor" not in s["message"], "the neighbor's states"
     )

@@ -185,7 +185,7 @@ class Exact:
 
 
 def pushing(given_n, of_n, **known):
-    """A device that pushes with so much of what is commanded."""
+    """A device that pushes with this share of the commanded force."""
     return IN._replace(
         force=Vector3(given_n, 0.0, 0.0), force_commanded=Vector3(of_n, 0.0, 0.0), **known
     )

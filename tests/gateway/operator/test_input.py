@@ -363,7 +363,7 @@ AWAY = Pose(Vector3(0.101, 0.2, 0.3), IDENTITY)
 
 
 def clutched(options, *held, pose=None):
-    """A source whose clutch was pressed and let go."""
+    """A source whose clutch was pressed and released."""
     asked = Asked(options)
     asked.tick(pose=pose)
     assert asked.tick(REST, "right", *held, events=[press()], pose=pose).armed

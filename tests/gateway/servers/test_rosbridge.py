@@ -859,7 +859,7 @@ def test_a_token_in_the_address_lets_in_and_is_in_no_log(network, caplog, path):
         client.settle()
         refused = refusal(running, path.replace(TOKEN, f"{TOKEN}x"))
     assert refused == 401
-    # The client's own library logs what it sends.
+    # The client's own library logs its messages.
     said = [each for each in caplog.records if each.name != "websockets.client"]
     assert said
     assert not [each for each in said if "0123456789" in each.getMessage() + str(each.exc_info)]

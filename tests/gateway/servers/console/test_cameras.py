@@ -94,7 +94,7 @@ def camera(path="/stream", image=b""):
 
 
 def announced(page):
-    """The next picture, and what was said of it just before."""
+    """The next picture, and the message about it just before."""
     about = None
     while True:
         frame = page.connection.recv(timeout=WAIT_S)
