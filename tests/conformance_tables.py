@@ -31,7 +31,7 @@ def sound(suite: str) -> Report:
 
 
 class Tried(NamedTuple):
-    """One fault of a simulated peer, and what became of it."""
+    """A fault of a simulated peer, and the requirements that caught it."""
 
     name: str
     value: float

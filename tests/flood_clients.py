@@ -71,7 +71,7 @@ class Client(ABC):
     constant: bytes = b""
     """The message, where all are the same."""
     has_left = False
-    """Whether a part of what was begun is still to be handed over."""
+    """Whether a part of a begun message is still to be handed over."""
 
     def __init__(self, endpoint: str, way: int) -> None:
         self.endpoint, self.way = endpoint, way
@@ -154,7 +154,7 @@ class _Web(_Stream):
         self.begin()
 
     def begin(self) -> None:
-        """Send what comes first."""
+        """Send the first messages."""
 
     def send(self, **fields: Any) -> None:
         """An operation."""
@@ -169,7 +169,7 @@ class Rosbridge(_Web):
     def begin(self) -> None:
         self.send(op="advertise", topic=TOPIC, type=TWIST)
         if self.compression != "none":
-            # What clients send is JSON: the others are for what they are sent.
+            # Clients send JSON: the other encodings are for messages to them.
             self.send(op="subscribe", topic="/left/joint_states", compression=self.compression)
         self.constant = self.made_of({"op": "publish", "topic": TOPIC, "msg": _twist(self.way)})
 
@@ -246,7 +246,7 @@ class _PageFrames(_Held):
 
     @abstractmethod
     def body(self, passed_s: float) -> Any:
-        """What a frame has."""
+        """Return the contents of a frame."""
 
     def message(self) -> bytes:
         self.made += 1

@@ -110,7 +110,7 @@ def make_finest(model):
 
 
 class Distances(NamedTuple):
-    """What was found about distances."""
+    """Results of the comparison of distances."""
 
     checked: int
     farther: float
@@ -164,7 +164,7 @@ class Program(NamedTuple):
     least: np.ndarray
 
     def cost(self, x):
-        """What is minimized, the price of violated rows included."""
+        """Return the cost to be minimized, the price of violated rows included."""
         if len(self.rows):
             slack = np.maximum(0.0, self.least - self.rows @ x)
             size2 = np.einsum("ij,ji->i", self.rows, np.linalg.solve(self.hessian, self.rows.T))
@@ -288,7 +288,7 @@ def random_program(generator, degenerate=False):
 
 
 class Programs(NamedTuple):
-    """What was found about programs."""
+    """Results of the comparison of programs."""
 
     solved: int
     daqp: float
@@ -336,7 +336,7 @@ def programs(count, seed=0, degenerate=False):
 
 
 class Ticks(NamedTuple):
-    """What was found about whole ticks."""
+    """Results of the comparison of whole ticks."""
 
     ticks: int
     velocity: float

@@ -125,7 +125,7 @@ def test_every_verb_with_default_options():
 @pytest.mark.parametrize("stall_s", [0.11, 0.12, 0.129, 0.132, 0.15, 0.19])
 @pytest.mark.parametrize("kind", [EgmBench, EgmJointBench], ids=lambda kind: kind.name)
 def test_a_process_that_stood_still_has_an_arm_go_no_faster(kind, stall_s):
-    """What waited meanwhile comes at once: less time than passed at the robot is agreed on."""
+    """Datagrams that waited come at once: the agreed time is less than passed at the robot."""
     with kind() as bench:
         moving(bench)
         since_s = bench.now_s

@@ -27,10 +27,10 @@ from cardan.gateway.session.supervisor import Outcome, supervise
 from tests.acceptance.rosbridge_program import RosbridgeProgram, Vector
 
 BEFORE_AND_AFTER_S = 3.0
-"""Of the session's time, what the program leaves for the arm to be seen, and to be stopped."""
+"""Part of the session's time that the program leaves for the arm to be seen, and to be stopped."""
 
 MOVED_M = 0.02
-"""What the TCP moves at least."""
+"""Least motion of the TCP."""
 
 REPLAY_RATE = 4.0
 """How much faster than the session its record is shown on the network."""

@@ -1,4 +1,4 @@
-"""A program at rosbridge: what is found fault with, and the whole of it."""
+"""Program at rosbridge: the faults that it reports, and a whole run."""
 
 import itertools
 import re
@@ -34,7 +34,7 @@ def test_a_program_at_rosbridge_moves_the_robot_and_the_record_is_exact(tmp_path
 
 
 class Program:
-    """What a demo's program saw, all of it well."""
+    """Observations of a demo's program, all without a fault."""
 
     results: ClassVar = [
         {"command": "twist", "outcome": "refused", "success": False, "reason": "choose it"},

@@ -1,4 +1,4 @@
-"""Looking around on the bus says who is there, and what to do where nobody is."""
+"""Discovery on the bus lists the nodes, or advises what to do if there are none."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What somebody else recorded, judged offline."""
+"""Offline verdicts on captures from other sources."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.captures import MOTOMAN, require
 
 UNASKED = "nobody asked for it in this capture"
 OF_OUR_OWN = {"ur-rtde": {"UR-003", "UR-007", "UR-015", "UR-027", "UR-103"}}
-"""What only the scenario's second and third client ask for."""
+"""Requirements that only the scenario's second and third client test."""
 
 SOURCE, DESTINATION = 16 + 20, 16 + 22
 """Where the ports are in a packet with its head."""
@@ -112,7 +112,7 @@ def packets_of(path):
 
 @pytest.fixture
 def driver_without_a_stop(tmp_path):
-    """A capture of a driver that starts motion without stopping what was before."""
+    """A capture of a driver that starts motion without stopping the one before."""
     return recorded(tmp_path, "motoros-driver", {"no-stop": 1.0})[1]
 
 
@@ -136,7 +136,7 @@ def test_of_a_connection_that_lacks_bytes_no_failure_is_judged(last, driver_with
     path = driver_without_a_stop
     head, packets = packets_of(path)
     if last:
-        # What was sent before a connection was closed: nothing comes after it.
+        # The last packet before a connection was closed: nothing comes after it.
         end = next(n for n, each in enumerate(packets) if each[16 + 33] & 0x01)
     else:
         end = len(packets) // 2

@@ -1,4 +1,4 @@
-"""What is said of drivers that end, and of references that leap."""
+"""Verdicts on drivers that end, and on references that leap."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cardan.spatial import Quaternion, Vector3
 
 
 def answer(joint_deg=0.0, x_m=0.0):
-    """One that commands this position of the first joint and of the TCP."""
+    """Return an answer that commands this position of the first joint and of the TCP."""
     joints = (math.radians(joint_deg), *(0.0,) * 5)
     pose = EgmPose(Vector3(x_m, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0))
     header = EgmHeader(1, 1, MessageType.CORRECTION)

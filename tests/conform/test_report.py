@@ -1,4 +1,4 @@
-"""Reports in all forms, read back, compared, and without what users keep to themselves."""
+"""Reports in all forms, read back, compared, and without users' private data."""
 
 from __future__ import annotations
 

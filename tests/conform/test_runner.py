@@ -35,7 +35,7 @@ from cardan.conform.requirements import (
 
 
 class Echo(Scenario):
-    """Opens a wire, waits for what comes, at most a second, and answers everything twice."""
+    """Opens a wire, waits for messages, at most a second, and answers everything twice."""
 
     heard = False
 

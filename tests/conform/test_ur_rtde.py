@@ -24,7 +24,7 @@ OTHER = "def other():\n  while True:\n    sync()\n  end\nend\n"
 
 
 def test_it_asks_for_what_our_driver_asks_for():
-    """The suite does not import the driver, and judges what the driver needs."""
+    """The suite does not import the driver, and judges the features that the driver needs."""
     options = UrRtdeOptions()
     assert scenario.STATES == feed.STATES
     assert options.servoing == scenario.SERVOING
@@ -99,7 +99,7 @@ def test_in_local_control_no_program_is_sent():
 
 
 class _Busy(UrRig):
-    """Somebody's program runs from the beginning."""
+    """Rig on which another client's program runs from the beginning."""
 
     def run(self):
         self._servers.advance(0.0)

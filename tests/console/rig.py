@@ -64,15 +64,15 @@ takes up the last tenths of a millimeter for half a second more."""
 
 
 class Stop(NamedTuple):
-    """What an arm did after something had happened."""
+    """Motion of an arm after an event."""
 
     speed_m_s: float
-    """What it had."""
+    """Speed at the event."""
     time_s: float
     """Until it moved for the last time."""
     distance_m: float
     again_m: float
-    """What it moved after it had come to rest."""
+    """Motion after the arm had come to rest."""
 
 
 class TcpWatch(threading.Thread):
@@ -131,7 +131,7 @@ class TcpWatch(threading.Thread):
         return self.speed() > STANDS_M_S
 
     def stop_since(self, at_s: float) -> Stop:
-        """What it did from then until now."""
+        """Return the motion from `at_s` until now."""
         with self._lock:
             began = int(np.searchsorted(self._times, at_s - WINDOW_S))
             # On a busy computer nothing may have been seen for so long.
@@ -173,7 +173,7 @@ def _again(times: list[float], away: list[float], commands: list[int]) -> float:
 
 
 class Rig(NamedTuple):
-    """What runs."""
+    """Running robot and its session."""
 
     peer: EgmControllerPeer
     tcp: TcpWatch

@@ -1,4 +1,4 @@
-"""The demos: what they join, and what they find fault with."""
+"""The demos: the programs that they join, and the faults that they report."""
 
 import contextlib
 import dataclasses

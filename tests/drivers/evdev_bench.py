@@ -38,7 +38,7 @@ class Bench:
             self.core = KeyboardCore(options or KeyboardOptions(ramp_s=0.0))
         self.mangle = mangle or (lambda packet: [packet])
         self.answers = True
-        """Whether the device can be asked what it holds."""
+        """Whether the device answers queries of its state."""
         self.read = True
         """Whether the reader runs."""
         self.now_s = 0.0

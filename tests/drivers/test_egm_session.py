@@ -83,12 +83,12 @@ class Bench:
         self.controller = Controller()
 
     def hear(self, source: tuple[str, int] = PEER) -> RobotState | None:
-        """One period later, one datagram."""
+        """Receive a datagram, a period later."""
         self.now_s += PERIOD_S
         return self.session.receive(self.controller.datagram(), source, self.now_s)
 
     def cycle(self, command: RobotCommand = HOLD) -> bytes:
-        """One datagram and its answer; the robot goes where it is told."""
+        """Receive a datagram and answer it; the robot moves to the commanded place."""
         assert self.hear() is not None
         answer = self.session.reply(command, self.now_s + 1e-4)
         self.session.answered(self.now_s + 1e-4)
@@ -1104,7 +1104,7 @@ class TestBadBytes:
 
     @pytest.mark.parametrize("mode", ["pose", "joint"])
     def test_a_place_that_no_arm_comes_to_in_a_period_is_no_state(self, mode: str) -> None:
-        """One such reading changes nothing."""
+        """A single such reading changes nothing."""
         bench, twin = Bench(mode=mode).started(), Bench(mode=mode).started()
         command = pose_target(0.1) if mode == "pose" else joint_target(0.1)
         for k in range(20):

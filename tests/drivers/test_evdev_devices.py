@@ -246,7 +246,7 @@ def test_a_third_partys_pad_by_xone(kernel, tmp_path, monkeypatch):
             wait_for(lambda: not pad.state().buttons, "not released")
 
 
-# -- what is no gamepad, though it looks like one or is sold as one
+# -- devices that are no gamepads, though they look like one or are sold as one
 
 JOYSTICK = BY_KEY["logitech-f310-d"]
 SWITCH = "set the switch on its back to X"
@@ -409,7 +409,7 @@ def test_another_pad_does_not_take_the_place_of_one_that_was_unplugged(monkeypat
         wait_for(lambda: pad.state().link is DeviceLink.NEEDS_NEUTRAL, "not picked up again")
         assert pad._core.description.name == first.name
     plugs.models = {"/dev/input/event3": second}
-    with pad:  # a new session takes what there is
+    with pad:  # a new session takes the devices that are there
         assert pad._core.description.name == second.name
 
 

@@ -1,4 +1,4 @@
-"""Whatever limits are accepted and whatever is asked for, no driver sends what is not finite."""
+"""No driver sends values that are not finite, for all accepted limits and all commands."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def commands(number: st.SearchStrategy[float]) -> st.SearchStrategy[RobotCommand
 
 
 def flat(values: Any) -> list[float]:
-    """Every number in what a decoder gives."""
+    """Every number in the result of a decoder."""
     if isinstance(values, (int, float)):
         return [float(values)]
     if isinstance(values, (tuple, list)):

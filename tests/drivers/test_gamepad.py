@@ -145,7 +145,7 @@ def test_an_unknown_pads_axes_are_told_by_where_they_rest(right, heard):
     assert core.state(0.0).link is DeviceLink.LIVE
     feed(core, (3, right[1], 0))
     assert core.state(0.0).axes == (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-    # What was told at rest stays, however the axes are later.
+    # The assignment found at rest stays, whatever positions the axes have later.
     feed(core, *((3, code, 128) for code in SIX), (3, right[0], 0), (3, right[1], 0))
     assert core.state(0.0).axes == (0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
 
@@ -166,7 +166,7 @@ def test_a_stick_that_is_held_while_it_is_opened_is_no_trigger(right, held):
 
 @pytest.mark.parametrize("driver", ["playstation", "sony", "xpad", "xone-gip-gamepad"])
 def test_the_kernels_own_drivers_say_what_is_what(driver):
-    """Whatever is held: here the triggers half-way, and the stick in its corner."""
+    """Held controls do not matter: here the triggers half-way, and the stick in its corner."""
     core = GamepadCore(GamepadOptions())
     held = dict.fromkeys(SIX, 128) | {c.ABS_RX: 0, c.ABS_RY: 0}
     core.on_opened(
@@ -260,7 +260,7 @@ def test_a_stick_held_while_it_is_opened_does_not_move():
 
 
 def test_a_button_held_while_it_is_opened_counts_once_it_was_up():
-    """Nobody could tell whether the dead-man was let go meanwhile."""
+    """A release of the dead-man meanwhile could not be seen."""
     bench = Bench()
     bench.press("left-shoulder")
     bench.core.events()

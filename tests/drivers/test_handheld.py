@@ -1,4 +1,4 @@
-"""Phones and headset controllers: what a hand means, and what disarms it."""
+"""Phones and headset controllers: meaning of a hand's motion, and causes of disarming."""
 
 import math
 
@@ -25,7 +25,7 @@ TIPPED = (0.0, 0.0, 0.0, 0.2, -0.3, 0.5)
 PLAIN = {"dead_zone": 0.0}
 
 
-# -- what it means --------------------------------------------------------------------------------
+# -- meaning of its motion ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -159,7 +159,7 @@ def test_another_page_has_to_align_anew():
     assert "Align" in bench.state.reason
 
 
-# -- what disarms ---------------------------------------------------------------------------------
+# -- causes of disarming --------------------------------------------------------------------------
 
 
 def let_go_and_hold(bench):
@@ -350,7 +350,7 @@ def test_an_alignment_is_void_after_a_leap_of_its_reference(kind, held, leaps, w
     if held:
         bench.device.release("hold")
         bench.run(0.1)
-    # The hand lets go and holds again: forward would go sideways.
+    # The hand releases and holds again: forward would go sideways.
     state = bench.held(HALF).state
     assert (state.link, state.axes, state.pose) == (DeviceLink.NEEDS_NEUTRAL, NEUTRAL, None)
     assert words in state.reason

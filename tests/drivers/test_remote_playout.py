@@ -49,20 +49,20 @@ NETWORKS = {
 
 
 class Played(NamedTuple):
-    """What came of it, after the first second: s."""
+    """Timing results, without the first second: s."""
 
     arrived_error: list
     """Of the spacing of states on arrival against that of their stamps, absolute."""
     played_error: list
-    """The same of what was played."""
+    """The same of the states played."""
     added: list
     """From arrival to play."""
     ages: list
-    """Of what was shown, each step."""
+    """Of the states shown, each step."""
 
 
 def played(network, seconds=20.0, seed=1, period_s=PERIOD_S, x=lambda t: 0.5):
-    """Play what a hand that is never at rest sends."""
+    """Play the states of a hand that is never at rest."""
     way = Way(network.link, random.Random(seed))
     playout = Playout(network.playout_s, MAX_AGE_S)
     arrived, shown = {}, {}
@@ -79,7 +79,7 @@ def played(network, seconds=20.0, seed=1, period_s=PERIOD_S, x=lambda t: 0.5):
             way.send(sent, now_s)
         for number in way.arrived(now_s):
             if number <= newest:
-                continue  # As the core does with what comes twice or late.
+                continue  # As the core does with states that come twice or late.
             newest = number
             made_s = number * period_s
             there_s = OFFSET_S + made_s * (1.0 + network.drift)
@@ -148,7 +148,7 @@ def test_motion_is_stretched_and_shortened_by_a_tenth_at_most():
     assert max(spans) <= 1.1 + 1e-9
 
 
-# -- what does not wait ---------------------------------------------------------------------------
+# -- states that do not wait ----------------------------------------------------------------------
 
 
 def moved(bench, seconds, each=lambda: None, amplitude=0.5):
@@ -169,7 +169,7 @@ def moved(bench, seconds, each=lambda: None, amplitude=0.5):
 
 
 def waiting(down=LTE.link, **options):
-    """One whose motion waits for tens of ms."""
+    """Bench whose motion waits for tens of ms."""
     bench = Bench(down, max_age_s=MAX_AGE_S, playout_ms=80.0, **options).live()
     bench.press()
     bench.run(0.3)

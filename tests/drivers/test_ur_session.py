@@ -29,7 +29,7 @@ ACCELERATION = 5.0
 STOP = 5.0
 TURN = JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0))
 SERVO = 0.03
-"""What servoj is behind a ramp by, s."""
+"""Lag of servoj behind a ramp, s."""
 
 
 def turning(**controller):
@@ -286,7 +286,7 @@ def test_the_program_is_understood_with_every_option():
         assert isinstance(parse(program(options.servoing, 2**31 - 1, 0.002)), Program)
 
 
-# -- what stops it ---------------------------------------------------------------------------------
+# -- causes of a stop ------------------------------------------------------------------------------
 
 EVENTS = {
     "protective stop": (lambda c: c.protective_stop("a person"), "protective stop: look for"),
@@ -507,7 +507,7 @@ def test_a_program_that_gets_no_first_command_ends():
 
 def test_a_program_that_answers_no_more_is_noticed():
     rig = turning()
-    # Somebody else's program, which leaves the registers as they are.
+    # Another client's program, which leaves the registers as they are.
     rig.controller._program = None
     rig.run(1.0)
     assert rig.session.phase == "idle"
@@ -620,7 +620,7 @@ def test_options_that_are_refused(options, words):
         UrRtdeOptions(**options)
 
 
-# -- what is said ----------------------------------------------------------------------------------
+# -- messages --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("stop", ["protective_stop", "safeguard_stop"])

@@ -1,4 +1,4 @@
-"""A node of ROS 2's default middleware (eProsima Fast DDS, from Debian), which judges what is told
+"""A node of ROS 2's default middleware (eProsima Fast DDS, from Debian), which judges messages sent
 to it over DDS. It is a program in C++, built when it is first needed.
 """
 
@@ -51,7 +51,7 @@ class FastNode(JudgeNode):
         super().__init__([program(), str(domain), discovery, str(gid_length), name])
         self.name = name
 
-    # -- what it does ----------------------------------------------------------------------------
+    # -- actions ---------------------------------------------------------------------------------
 
     def do(self, *words: object) -> None:
         """Have it carry out a command of node.cpp."""
@@ -96,7 +96,7 @@ class FastNode(JudgeNode):
         """Offer a service that always answers the same."""
         self.do("server", service, type_name, _encoded(f"{type_name}_Response", reply).hex())
 
-    # -- what it has met -------------------------------------------------------------------------
+    # -- observations ----------------------------------------------------------------------------
 
     def heard(self, topic: str, type_name: str, count: int = 1) -> dict[str, Any]:
         """The newest message of a topic, when there are `count` of them."""
@@ -107,7 +107,7 @@ class FastNode(JudgeNode):
 
 
 def user_data(event: dict[str, Any]) -> dict[str, str]:
-    """The pairs in the user_data of what was seen."""
+    """The pairs in the user_data of the entities seen."""
     pairs = (each.split("=", 1) for each in event["user_data"].split(";") if each)
     return dict(pairs)
 

@@ -108,7 +108,7 @@ def one_bit_turned(data):
 
 def test_every_cut():
     accepted = {end for end in range(len(R1) + 1) if agree_on_robot(R1[:end])}
-    # What is left is whole at the end of each top-level field from feedBack on.
+    # The rest is whole if cut at the end of a top-level field from feedBack on.
     assert sorted(accepted) == [179, 348, 352, 356, 358, 362, 420, 429, 431]
     for data in (S4, C1):
         for end in range(len(data) + 1):

@@ -1,4 +1,4 @@
-"""What an answer depends on, read the long way and by likeness, held against the full decoder."""
+"""Fields that an answer depends on, read in full and by likeness, against the full decoder."""
 
 import math
 
@@ -44,7 +44,7 @@ def same(found, expected):
 
 
 def feedback_of(robot):
-    """What `decode_feedback` must make of it; None where it must refuse."""
+    """Return the expected result of `decode_feedback`; None where it must refuse."""
     header, motion = robot.header, robot.feed_back
     if header is None or header.seqno is None or motion is None:
         return None

@@ -1,4 +1,4 @@
-"""What pages send of hands: bytes, orientations, motions."""
+"""Messages of pages about hands: bytes, orientations, motions."""
 
 import itertools
 import json

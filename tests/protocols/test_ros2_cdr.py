@@ -258,7 +258,7 @@ def test_what_follows_a_message_is_told():
 
 
 def test_a_text_with_nul_in_it_is_none():
-    """What has been decoded can be encoded, and so answered with."""
+    """Every decoded message can be encoded, and thus be an answer."""
     codec = codec_of("std_msgs/msg/String")
     head = b"\0\1\0\0\6\0\0\0"
     assert "NUL" in codec.decode(head + b"j\0\0_1\0").reason

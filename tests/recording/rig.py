@@ -48,7 +48,7 @@ HAND = """
 2.4 neutral
 2.6 release left
 """
-"""Touch, let go, grip, move about, let go."""
+"""Touch, release, grip, move about, release."""
 
 
 class Puck:

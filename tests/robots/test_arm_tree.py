@@ -255,7 +255,7 @@ def test_an_arm_may_end_before_the_tree_does(arm_of):
     arm = arm_of('tcp = "l/fore"\nbase = "torso"\nflange = "l/fore"')
     assert arm.joint_names == CHAIN[:2]
     assert_same_places(arm, "torso", "l/fore", AT_REST)
-    # What hangs on its end goes along.
+    # Links that hang on its end go along.
     assert {"l/hand", "l/left_finger"} <= {shape.name for shape in arm.shapes if shape.body == 2}
 
 

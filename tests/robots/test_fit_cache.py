@@ -1,4 +1,4 @@
-"""A mesh is fitted once, whatever is in the cache's folder."""
+"""A mesh is fitted once, for all contents of the cache's folder."""
 
 import os
 

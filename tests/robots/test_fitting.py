@@ -1,4 +1,4 @@
-"""Covers of capsules and boxes contain the hull of what they cover, and not much more."""
+"""Covers of capsules and boxes contain the hull of the covered mesh, and not much more."""
 
 import itertools
 import math

@@ -1,4 +1,4 @@
-"""Arms whose description is an MJCF. What MuJoCo 4.0.0 says of them stands here as numbers."""
+"""Arms whose description is an MJCF. The numbers about them are results of MuJoCo 4.0.0."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ MUJOCO = {
 """Of each posture, where the site is, m, and the rows of its matrix."""
 
 WEIGHTS = (4.3883201856, -1.3309732166, 10.9000179604, -1.5542132231, 0.0383444546)
-"""What gravity does to the joints at home, N·m and N."""
+"""Load of gravity on the joints at home, N·m and N."""
 
 SPEEDS = """
 [velocity_deg_s]

@@ -82,7 +82,7 @@ def test_our_own_file_is_the_published_arm(published, tmp_path):
     for one, other in zip(ours.joints, theirs.joints, strict=True):
         assert (one.lower, one.upper) == (other.lower, other.upper)
         assert (one.velocity, one.effort) == (other.velocity, other.effort)
-    # What hangs on the last link may be more than we have.
+    # Their last link may carry more than ours.
     for one, other in zip(ours.inertias[:-1], theirs.inertias, strict=False):
         assert one.mass_kg == other.mass_kg
         assert one.center_m == pytest.approx(other.center_m, abs=1e-9)

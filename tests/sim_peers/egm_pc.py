@@ -115,7 +115,7 @@ class Pc:
 
 
 def echo(message: EgmRobot) -> EgmSensor:
-    """Answer with what was measured: hold still, as a PC should at first."""
+    """Answer with the measured position: hold still, as a PC should at first."""
     assert message.feed_back is not None
     assert message.header is not None
     return EgmSensor(

@@ -1,4 +1,4 @@
-"""What the tests of the simulated SpaceMouse share: running it in virtual time."""
+"""Simulated SpaceMouse in virtual time, for its tests."""
 
 from __future__ import annotations
 

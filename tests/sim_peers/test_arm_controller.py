@@ -24,7 +24,7 @@ SPEED = (0.2, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Client:
-    """Commands an arm cycle by cycle and keeps what it sends."""
+    """Commands an arm cycle by cycle and keeps its messages."""
 
     def __init__(self, faults=(), drive="dynamic", **options):
         self.arm = SimulatedArm(

@@ -323,7 +323,7 @@ def test_at_rest_on_a_plane_the_force_is_the_weight_and_the_depth_weight_over_st
     plant.command_torques((0.0,))
     z = run(plant, 3.0)[0]
     assert z == pytest.approx(0.02 - 2.0 * 9.81 / 1e4, abs=1e-7)
-    # What the TCP exerts on the world points down.
+    # The force of the TCP on the world points down.
     assert plant.wrench.force == pytest.approx((0.0, 0.0, -2.0 * 9.81), abs=1e-3)
     assert plant.wrench.torque == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
 

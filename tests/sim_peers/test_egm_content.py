@@ -1,4 +1,4 @@
-"""What the simulated controller fills, release by release."""
+"""Fields that the simulated controller fills, release by release."""
 
 from __future__ import annotations
 

@@ -406,7 +406,7 @@ def test_uinput_makes_the_device_and_serves_the_kernel(fake_uinput):
         assert setup[8:].startswith(b"Microsoft X-Box 360 pad\0")
 
         def kernel_says(*events):
-            """What the kernel would put before the maker of the device."""
+            """Send events to the maker of the device, as the kernel would."""
             fd = os.open(root / "dev/uinput", os.O_RDWR | os.O_NONBLOCK)
             os.write(fd, evdev.encode_events(evdev.InputEvent(0, 0, *event) for event in events))
             for key, _ in selector.select(1.0):

@@ -59,7 +59,7 @@ WIRE = Wire(ByteOrder.BIG)
 
 
 class Real(NamedTuple):
-    """What the capture holds. Times in s."""
+    """Contents of the capture. Times in s."""
 
     points: list[bytes]
     """Each once, as sent."""
@@ -186,7 +186,7 @@ class Replay:
             kept.append((self.now_s, WIRE.decode(data)))
 
     def ask(self, data, until_s=1.0):
-        """One request; the time its reply took in the servers, and the reply."""
+        """Send a request; return the time its reply took in the servers, and the reply."""
         sent_s = self.now_s
         self.servers.data(self.motion, data, sent_s)
         self.poll()

@@ -209,7 +209,7 @@ def test_a_client_that_is_reset_while_it_starts_the_velocity_mode_leaves_it_off(
 
 
 def test_a_client_that_closes_while_it_starts_the_velocity_mode_leaves_it_off():
-    """What it sent is served to its end, as a server that is busy sees a FIN only then."""
+    """Its requests are served to their end: a busy server sees a FIN only then."""
     world = World(servo_on=False)
     motion = world.connect("motion")
     world.send(motion, request(MotionCtrl(0, 1, MotionCommand.START_VEL_MODE)))

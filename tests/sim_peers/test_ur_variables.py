@@ -47,7 +47,7 @@ end
 
 
 class World:
-    """A controller with a program, and what it tells."""
+    """A controller with a program, and its reports."""
 
     def __init__(self, program="", **options):
         self.controller = UrController(
@@ -183,7 +183,7 @@ def test_an_arm_that_is_none_of_urs_has_no_such_dynamics():
         Dynamics(load_arm("gofa_crb15000_5"))
 
 
-# -- what follows the motion -----------------------------------------------------------------------
+# -- values that follow the motion -----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", ["actual", "target"])

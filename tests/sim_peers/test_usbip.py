@@ -277,7 +277,7 @@ class Host:
         self.sock.settimeout(0.002)
 
     def get(self, size: int) -> bytes:
-        """What the peer sends, in whole."""
+        """Return the next `size` bytes from the peer; fewer after 5 s."""
         said = b""
         end_s = time.monotonic() + 5.0
         while len(said) < size and time.monotonic() < end_s:

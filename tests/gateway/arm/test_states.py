@@ -1,4 +1,4 @@
-"""The machines of an arm's states: see :mod:`tests.gateway.arm.explorer` for what they lead to."""
+"""Machines of an arm's states: see :mod:`tests.gateway.arm.explorer` for their combinations."""
 
 import ast
 import inspect
@@ -101,7 +101,7 @@ def test_what_inhibits_for_one_tick_keeps_its_first_reason_and_what_is_said_its_
     assert inhibits_after(inhibits, "", Inhibit.WHILE_SAID) == {Inhibit.ONCE: "first"}
 
 
-# -- each machine: what changes, and that nothing else does ----------------------------------------
+# -- each machine: its transitions, and no others --------------------------------------------------
 
 
 def facts_where(**known):
@@ -284,7 +284,7 @@ def test_the_act_without_a_button_is_rest_and_where_it_is_barred_to_let_go(befor
     assert armed_by_rest(before, True, True) == (Arming.DISARMED, before is Arming.DEFLECTED)
 
 
-# -- what people are told --------------------------------------------------------------------------
+# -- messages to people ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("moving", BOTH)

@@ -1,4 +1,4 @@
-"""What a session publishes of its arm."""
+"""Topics that a session publishes about its arm."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What a session publishes for recorders, on a bus without Zenoh."""
+"""Topics that a session publishes for recorders, on a bus without Zenoh."""
 
 import json
 

@@ -97,7 +97,7 @@ class Lab:
         self.look()
 
     def speed(self, name):
-        """What its process runs with."""
+        """Return the speed limit that its process runs with, m/s."""
         return self.session(name).config.limits.linear_speed_m_s
 
     def row(self, name):

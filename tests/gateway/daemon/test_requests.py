@@ -1,4 +1,4 @@
-"""What the daemon answers, without a process: nothing here is started."""
+"""Answers of the daemon, without a process: nothing here is started."""
 
 import pytest
 
@@ -32,7 +32,7 @@ model = "ur5"
 
 
 class Asker:
-    """A connection that keeps what it is told."""
+    """A connection that keeps messages to it."""
 
     def __init__(self):
         self.told, self.gone = [], []

@@ -1,4 +1,4 @@
-"""Requests on their way through the daemon, and what becomes of them when somebody is gone; without
+"""Requests on their way through the daemon, also when a client or session is gone; without
 processes."""
 
 import contextlib
@@ -176,7 +176,7 @@ def test_a_streamed_command_that_may_have_waited_is_not_passed_on(bench):
 
 
 def test_the_session_is_told_since_when_a_request_can_have_waited(bench):
-    """Whatever its client says."""
+    """A time given by the client is ignored."""
     for number, verb in enumerate(("twist", "movl")):
         bench.connection.since_s = time.monotonic() - 0.1 * STALE_S
         bench.ask(verb, number, since=0.0)
@@ -285,7 +285,7 @@ def test_what_a_session_did_last_is_told_though_its_process_has_ended(bench, mon
 def test_nothing_counts_as_empty_that_was_looked_at_before_the_daemon_stood_still(
     flooded, monkeypatch
 ):
-    """What epoll says then: the time is up, and nothing is there."""
+    """epoll then reports that the time is up, and nothing is there."""
     server, connection, flood = flooded
     connection.asked, connection.sock = deque(), flood
     monkeypatch.setattr(server, "_connections", {7: connection})

@@ -148,7 +148,7 @@ def test_a_session_that_is_killed_comes_back_disarmed(one):
     def afterwards():
         return happened()[happened().index(("waiting", "session")) :]
 
-    # What a row shows has not always been written down yet.
+    # The event log may lag behind the row.
     until(lambda: {("arm", "disarmed"), ("robot", "live")} <= {*afterwards()}, "the events")
     assert ("authority", "verbs") in happened()[: -len(afterwards())]
     assert [what for event, what in afterwards() if event == "arm"] == ["disarmed"]
@@ -369,7 +369,7 @@ def test_a_reload_says_each_key_and_restarts_the_session_once_nobody_has_its_arm
         assert without_waits(one.cardan("daemon", "reload").splitlines()) == said
         assert one.row("one")["pid"] == pid
         arm.stop()
-        # The lease of who moved it ends.
+        # The lease of its last source ends.
         until(lambda: one.row("one")["pid"] not in (pid, None), "the new process")
         one.until("one", authority="", phase="disarmed", changes_wait=[])
         assert one.cardan("daemon", "reload") == "nothing has changed\n"

@@ -1,4 +1,4 @@
-"""What a haptic device is told in each cycle, in virtual time."""
+"""Commands to a haptic device in each cycle, in virtual time."""
 
 import itertools
 import math

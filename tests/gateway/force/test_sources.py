@@ -1,4 +1,4 @@
-"""Where forces come from, and what is made of them on the way to the hand."""
+"""Sources of forces, and the processing of forces on the way to the hand."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""[force] and [[fixtures]]: what is allowed, and what the words of an error are."""
+"""[force] and [[fixtures]]: allowed values, and the words of errors."""
 
 import json
 

@@ -179,7 +179,7 @@ def test_a_shape_inside_another_of_its_body_is_left_out_and_no_distance_is_large
     every = made()
     assert 4 * len(fewer.pairs) < len(every.pairs)
     of_wrist = {pair[0] for pair in fewer.pairs if pair[1] == "wrist_1_link"}
-    # What is around it is not kept apart there.
+    # The wrist ignores the shape around this one.
     assert "inner 0" in of_wrist
     assert not of_wrist & {"inner 1", "inner 2", "inner 3"}
 

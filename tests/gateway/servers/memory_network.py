@@ -1,4 +1,4 @@
-"""A network within one process, for tests: what rosbridge has behind it, without a bus."""
+"""A network within one process, for tests: the network behind rosbridge, without a bus."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class MemoryNetwork:
         self.publishers: list[tuple[str, str, bool]] = []
         self.servers: dict[str, tuple[str, str, Any]] = {}
         self.published: list[tuple[str, dict]] = []
-        """What the server published, decoded."""
+        """Messages that the server published, decoded."""
         self.called: list[str] = []
         self.refuses = ""
 
@@ -114,7 +114,7 @@ class MemoryNetwork:
             self.servers[service] = (type_name, node, asked)
         return _Handle(lambda: self.servers.pop(service))
 
-    # -- what a test does ------------------------------------------------------------------------
+    # -- actions of a test -----------------------------------------------------------------------
 
     def publish(self, topic: str, type_name: str, stamp_ns: int = 1_500_000_000, **fields) -> None:
         """Publish as another node."""

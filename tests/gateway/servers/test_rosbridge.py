@@ -790,7 +790,7 @@ def test_rosapi_reaches_parameters(network, client):
     assert "names no parameter" in ask("set_param", name="x", value="1")["reason"]
 
 
-# -- who may come in, and what they may do --------------------------------------------------------
+# -- access control and permissions ---------------------------------------------------------------
 
 
 def test_patterns_bound_what_clients_may_use(network):
@@ -859,7 +859,7 @@ def test_a_token_in_the_address_lets_in_and_is_in_no_log(network, caplog, path):
         client.settle()
         refused = refusal(running, path.replace(TOKEN, f"{TOKEN}x"))
     assert refused == 401
-    # The client's own library logs what it sends.
+    # The client's own library logs its messages.
     said = [each for each in caplog.records if each.name != "websockets.client"]
     assert said
     assert not [each for each in said if "0123456789" in each.getMessage() + str(each.exc_info)]

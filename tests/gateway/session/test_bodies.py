@@ -1,4 +1,4 @@
-"""Arms whose links have no body, beside obstacles: what the session and the doctor say."""
+"""Arms whose links have no body, beside obstacles: messages of the session and the doctor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a page's frames do: who may, what ends a hold, and what the page is told."""
+"""Frames of a page: permissions, ends of a hold, and messages to the page."""
 
 from __future__ import annotations
 
@@ -294,7 +294,7 @@ def test_a_server_that_stood_still_acts_on_nothing_that_waited(arm, running, pag
     until(lambda: arm.verbs()[-1] == "release", "the page was cut off")
     after = [each for each in arm.requests if each.verb == "twist"][1:]
     moving = [each for each in after if numbers(each) != REST]
-    assert len(moving) <= 1  # What was under way before.
+    assert len(moving) <= 1  # A twist that was under way before.
 
 
 def test_what_the_arm_refuses_ends_the_hold_with_its_reason(arm, page):
