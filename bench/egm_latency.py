@@ -1,9 +1,9 @@
 """EGM datagram in to datagram out: our driver, our session, two public clients, and the floor in
 Python and in C.
 
-One process plays the controller and asks all of them in turn, in an order that rotates, so that
-whatever else the machine does hits all alike: once in 4 ms slots as a controller does, when
-everybody wakes up with cold caches, and once without any pause. The session is the real one:
+One process plays the controller and asks all of them in turn, in an order that rotates: other load
+of the machine hits all alike. It asks once in 4 ms slots as a controller does (every peer wakes up
+with cold caches), and once without any pause. The session is the real one:
 ``cardan run`` with a simulated SpaceMouse that moves.
 """
 
@@ -63,7 +63,7 @@ SESSIONS = {
     MOVING: (MODEL, TOUCH + MOVE),
     "session with model, holding": (MODEL, TOUCH),
 }
-"""What is added to the table of the robot, and what the hand does."""
+"""Lines added to the table of the robot, and the motion script of the device."""
 
 AIMS = (
     Aim("cardan-driver", "ABBRobotEGM", 0.5, "median"),

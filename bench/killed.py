@@ -3,8 +3,8 @@
     python -m bench killed
 
 The session is the process of ``cardan run``, driven by a simulated SpaceMouse; the controllers are
-the simulated ones on real sockets. What a controller does by itself when nobody commands it is all
-that stops the arm then. Motion is that of the TCP, by the controller's true joints.
+the simulated ones on real sockets. After the kill only the controller's own reaction to missing
+commands stops the arm. Motion is that of the TCP, by the controller's true joints.
 """
 
 from __future__ import annotations
@@ -195,10 +195,10 @@ class Watch:
 
 
 class RunOn(NamedTuple):
-    """What an arm did after its session was killed."""
+    """Motion of an arm after its session was killed."""
 
     speed_m_s: float
-    """What it had."""
+    """Before the kill."""
     time_s: float
     """Until it rested."""
     distance_m: float
@@ -228,7 +228,7 @@ def kill_while_moving(name: str, speed_m_s: float) -> RunOn:
 
 
 def _run(name: str, speed_m_s: float) -> RunOn:
-    """One run; where a busy machine has stopped the arm before it was killed, another one."""
+    """Run once; again if a busy machine stopped the arm before the session was killed."""
     for _ in range(TIMES):
         with contextlib.suppress(TimeoutError):
             return kill_while_moving(name, speed_m_s)

@@ -78,7 +78,7 @@ class Floor(NamedTuple):
 
 
 class Row(NamedTuple):
-    """What was measured beside something."""
+    """Measurement of a session beside one kind of load."""
 
     beside: str
     late_p50_s: float

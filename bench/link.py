@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 
 class Conditions(NamedTuple):
-    """What a link does to Ethernet frames, one way."""
+    """Effects of a link on Ethernet frames, one way."""
 
     delay_s: float = 0.0
     jitter_s: float = 0.0
@@ -33,7 +33,7 @@ class Conditions(NamedTuple):
 
 
 class Way:
-    """One way of a link. Times are of any clock that does not go back, s."""
+    """A link in one direction. Times are those of any monotonic clock, s."""
 
     def __init__(self, conditions: Conditions, chosen: random.Random) -> None:
         self.conditions = conditions

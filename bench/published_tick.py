@@ -53,7 +53,7 @@ COLUMNS = (
 
 
 class Found(NamedTuple):
-    """What was measured of one arm; each time is a median and a 90th percentile, µs."""
+    """Measurement of one arm; each time is a median and a 90th percentile, µs."""
 
     name: str
     joints: int
@@ -77,7 +77,7 @@ class Found(NamedTuple):
 
 
 class Bench:
-    """One arm, and what is timed of it."""
+    """An arm and its timed steps."""
 
     def __init__(self, published: Published, folder: Path) -> None:
         """Raises NotBuiltError."""
@@ -104,7 +104,7 @@ class Bench:
         return float(np.abs(away * np.array(self.arm.arm.task.weights)).max())
 
     def _require_the_same(self) -> None:
-        """What is timed has to have the distances that Coal has from Python, and to follow."""
+        """Check that the timed peer has the distances of Coal from Python, and follows its goal."""
         peer, goal = self._surrounded(), self.start
         for tick in range(FOLLOWED_TICKS):
             q = peer.q

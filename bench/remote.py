@@ -1,11 +1,11 @@
-"""What it costs that the operator device is at another computer: `python -m bench remote`.
+"""Cost of an operator device at another computer: `python -m bench remote`.
 
     python -m bench remote [--acts=100] [--pages]
 
-This process is the hand and the robot's controller: it writes a SpaceMouse's reports into a socket,
-and asks sessions by EGM, once in 4 ms, as a controller does. From the report that deflects the
-device to the first answer that moves the arm, and from the report that lets go of the dead-man
-button to the last one that does.
+This process plays the device and the robot's controller: it writes a SpaceMouse's reports into a
+socket, and asks sessions by EGM, once in 4 ms, as a controller does. Measured are the times from
+the report that deflects the device to the first answer that moves the arm, and from the report
+that releases the dead-man button to the last answer that moves it.
 
 Speed: one session reads the device itself, one by ``cardan devices share`` and a router, and one
 what ROS 2's spacenav_node would publish, on the same router. All run side by side and are asked in
@@ -111,7 +111,7 @@ class Network(NamedTuple):
 
     @property
     def longest_s(self) -> float:
-        """What it delays at most, but for several losses at once."""
+        """Longest delay, except when several losses coincide."""
         link = self.link
         return link.delay_s + link.jitter_s + link.stall_s + 2 * link.delay_s + 3 * REPORT_S
 
@@ -166,7 +166,7 @@ class Mouse(HandHeld):
 
 
 class Spacenav(HandHeld):
-    """What spacenav_node publishes, on the router."""
+    """Publisher of the messages of spacenav_node, on the router."""
 
     def __init__(self, node: BusNode) -> None:
         self._codec = codec_of("sensor_msgs/msg/Joy")

@@ -1,6 +1,6 @@
-"""What answers datagrams in the latency benchmark, each in a process of its own.
+"""Responders to datagrams in the latency benchmark, each in a process of its own.
 
-``python -m bench.responders KIND PORT`` prints READY and answers until nobody asks any more.
+``python -m bench.responders KIND PORT`` prints READY and answers until no more requests come.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ class _Session:
             self._pose = None  # The model's is taken.
 
     def tick(self) -> float:
-        """One control cycle; returns what the tick took, s."""
+        """Run one control cycle; return the duration of the tick, s."""
         self._ticks += 1
         self._now_s += DT_S
         state = RobotState(

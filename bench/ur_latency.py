@@ -73,12 +73,12 @@ class Played:
 
     @property
     def followed(self) -> bool:
-        """The program runs, and commands come."""
+        """True if the program runs and commands come."""
         registers = self.controller.registers
         return self.controller.has_program and registers.input_int[26] == Order.FOLLOW
 
     def carry(self, timeout_s: float) -> None:
-        """What waits on the sockets, both ways."""
+        """Transfer the bytes that wait on the sockets, both ways."""
         for key, _ in self._selector.select(timeout_s):
             assert isinstance(key.fileobj, socket.socket)
             if isinstance(key.data, str):
@@ -120,14 +120,14 @@ class Played:
         self._selector.close()
 
     def step(self) -> None:
-        """One frame, and what came since the one before."""
+        """Advance by one frame, and read the bytes that came since the one before."""
         self.now_s += PERIOD_S
         self.servers.advance(self.now_s)
         self.carry(0.0)
 
     def asked(self) -> float | None:
-        """One frame: the time from the state that goes out to the command that comes in; None:
-        there was none."""
+        """Advance by one frame; return the time from the state sent to the command received, s;
+        None: no command came."""
         assert self.rtde is not None
         self.now_s += PERIOD_S
         self.servers.advance(self.now_s)

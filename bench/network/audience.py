@@ -37,7 +37,7 @@ class Place(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """What arrived while they listened."""
+    """Messages that arrived while the clients listened."""
 
     messages: float
     """Of one client on average; of those that count, by the average length of a message."""

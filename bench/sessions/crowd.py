@@ -37,7 +37,7 @@ TIME_US = NUMBER * 1_000_000 + 999_999
 
 
 class Played(NamedTuple):
-    """What came of robots that were played for a while."""
+    """Counts of a crowd of robots that was played for a while."""
 
     sent: int
     """Control instants of all robots."""
@@ -63,8 +63,8 @@ class Played(NamedTuple):
 
 
 def template() -> tuple[bytes, tuple[int, int, int, int, int, int]]:
-    """What a robot at its home sends, and where in it the sequence number, the header's clock, the
-    measured and the planned joints, and their clocks stand."""
+    """Return the message of a robot at its home, and the offsets in it of the sequence number, the
+    header's clock, the measured and the planned joints, and their clocks."""
     joints = tuple(load_arm(ARM).home)
     pose = to_pose(kinematics(ARM).forward(np.array(joints)))
     home = EgmMotion(joints, EgmPose(pose.position, pose.orientation), time_us=TIME_US)

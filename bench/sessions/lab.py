@@ -46,14 +46,14 @@ angular_speed_rad_s = 0.3
 
 
 class Row(NamedTuple):
-    """What was measured of a number of sessions. Shares of one processor."""
+    """Measurement of a number of sessions. Shares of one processor."""
 
     sessions: int
     each: tuple[float, ...]
     """Of each session's process."""
     daemon: float
     crowd: float
-    """Of who plays robots and operators."""
+    """Of the process that plays robots and operators."""
     others: float
     """Of everything else on this computer."""
     memory_mb: float

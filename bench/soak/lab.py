@@ -150,11 +150,11 @@ port = {metrics}
 """
 
 SPEEDS_M_S: Final = (0.08, 0.1)
-"""What a reload changes."""
+"""Linear speed limits; a reload changes from one to the other."""
 
 
 def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    """A port of loopback that nobody has now."""
+    """A port of loopback that is not in use now."""
     with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
@@ -175,7 +175,7 @@ def free_ports(count: int) -> list[int]:
 
 
 class Kept:
-    """A process of the soak. What it says goes to a file of bounded size and to `line`."""
+    """A process of the soak. Its output goes to a file of bounded size and to `line`."""
 
     def __init__(
         self,

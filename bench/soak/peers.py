@@ -76,8 +76,8 @@ HANDS: Final = {"spacemouse": _spacemouse, "gamepad": _gamepad, "wiimote": _wiim
 
 
 def steps_of(script: Script, device_s: float, now_s: float) -> list[ScriptStep]:
-    """A script's steps in the device's time, `device_s` at the monotonic time `now_s`. What
-    was due before is done at once: a device that was stopped is not behind its hand."""
+    """A script's steps in the device's time, `device_s` at the monotonic time `now_s`. Steps
+    due before are performed at once: a device that was stopped does not lag behind its script."""
     begin_s = device_s + script["at_s"] - now_s
     return [
         ScriptStep(max(begin_s + float(time_s), 0.0), verb, tuple(map(str, words)))

@@ -31,7 +31,7 @@ ENDS_WITHIN_S: Final = 20.0
 
 
 class Soak:
-    """One run."""
+    """A run of the soak."""
 
     def __init__(self, folder: Path, seed: int, hours: float) -> None:
         self.watch = watch = Watch(folder, seed, hours)
