@@ -1,7 +1,7 @@
 """EGM datagram in to datagram out: our driver, our session, two public clients, and the floor in
 Python and in C.
 
-One process plays the controller and asks all of them in turn, in an order that rotates: other load
+A process plays the controller and asks all of them in turn, in an order that rotates: other load
 of the machine hits all alike. It asks once in 4 ms slots as a controller does (every peer wakes up
 with cold caches), and once without any pause. The session is the real one:
 ``cardan run`` with a simulated SpaceMouse that moves.

@@ -241,7 +241,7 @@ class Job:
         return self._code is not None
 
     def result(self) -> Outcome:
-        """What came out."""
+        """Return the outcome."""
         with self._out:
             self._out.seek(0)
             lines = self._out.read().decode().splitlines()

@@ -106,7 +106,7 @@ TRANSPORTS: dict[str, Callable[[str], AbstractContextManager[Put]]] = {
     "rosbridge": _rosbridge,
     "DDS": _dds,
 }
-"""What joins the bus at an endpoint, by name."""
+"""Functions that join the bus at an endpoint, by the name of the transport."""
 
 
 class Delays(NamedTuple):

@@ -39,8 +39,8 @@ def datagram(
     force: EgmMeasuredForce | None = None,
     time_ms: int | None = None,
 ) -> bytes:
-    """What a RobotWare 7 controller sends in this cycle (joints, pose, clock, states); its ms clock
-    shows `time_ms` where cycles do not come every 4 ms."""
+    """Return the message of a RobotWare 7 controller in this cycle (joints, pose, clock, states).
+    `time_ms`: its ms clock, if cycles do not come every 4 ms."""
     motion = at._replace(time_us=1_700_000_000_000_000 + cycle * 4000)
     tm_ms = 1_000_000 + (cycle * 4 if time_ms is None else time_ms)
     header = EgmHeader(seqno=cycle, tm_ms=tm_ms, mtype=2)

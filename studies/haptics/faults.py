@@ -1,4 +1,4 @@
-"""What the hand feels when something breaks: the same press on a wall, and a fault in the midst.
+"""Forces on the hand when something breaks: the same press on a wall with a fault during it.
 
 A hand holds the stylus on a wall of 300 N/m with about 0.9 N; every 4 ms a command comes, until at
 `FAULT_S` something goes wrong. The tick has its default limits; time is virtual.
@@ -81,7 +81,7 @@ class Scene:
             values[0] = NAN
 
     def command(self, now_s: float) -> None:
-        """What the gateway does in its cycle."""
+        """Send a command as the gateway does in its cycle."""
         if not self.sending:
             return
         self._sequence += 1
@@ -200,7 +200,7 @@ FAULTS = (
 
 
 class FaultResponse(NamedTuple):
-    """What the hand felt from the fault on."""
+    """Force on the hand from the fault on."""
 
     fault: Fault
     before_n: float

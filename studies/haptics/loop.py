@@ -45,7 +45,7 @@ MISPLACED_M = _misplaced_m()
 
 
 class Trace(NamedTuple):
-    """What happened, a row a tick; hand frame, true values."""
+    """Record of a run, a row per tick; hand frame, true values."""
 
     times_s: Array
     position_m: Array
@@ -53,7 +53,7 @@ class Trace(NamedTuple):
     sent_n: Array
     """Force in the frame that ended last."""
     felt_n: Array
-    """What the motors exert."""
+    """Force of the motors."""
     measured_m: Array
     """The position as the tick was told it."""
     given_j: Array
@@ -61,7 +61,7 @@ class Trace(NamedTuple):
     believed_j: Array
     """The same by the tick's own books."""
     surplus_j: Array
-    """What the tick has on its books, for it to give back; below 0: given."""
+    """Energy on the tick's books that it may give back; below 0: given."""
     damping_n_s_m: Array
     """Of the passivity controller."""
     states: list[tuple[OperatingState, str]]

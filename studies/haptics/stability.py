@@ -45,7 +45,7 @@ DROOP_N = 0.2
 
 
 class Hand(NamedTuple):
-    """What holds the stylus, and how it goes to the wall at z = 0."""
+    """Model of the hand that holds the stylus, and its motion to the wall at z = 0."""
 
     name: str
     mass_kg: float
@@ -86,18 +86,18 @@ HANDS = (HELD, LIGHTLY, UNHELD)
 
 
 class Verdict(NamedTuple):
-    """What became of one run. Energies are the simulation's own."""
+    """Result of a run. Energies are the simulation's own."""
 
     given_j: float
     """Most net energy that the motors had given to the hand at any time."""
     bound_j: float
-    """What it may be at that time: the budget, and what the sensors hid by then."""
+    """Bound of `given_j` at that time: the budget, and the energy that the sensors hid by then."""
     margin_j: float
     """Least of bound less energy over all times; below 0: violated."""
     hidden_j: float
     """Most that the sensors hid from the books at any time."""
     harder_j: float
-    """What tick.h allows beside the budget for true accelerations above 100 m/s² in the run."""
+    """Energy that tick.h allows beside the budget for true accelerations > 100 m/s² in the run."""
     restless_m_s: float
     """RMS speed in the last half second."""
     peak_n: float
@@ -226,7 +226,7 @@ def remote(
 
 
 class Push(NamedTuple):
-    """What is pushed: where the plain loop still is well, and where it no longer is."""
+    """A pushed parameter: the plain loop is stable at `calm`, and no longer at `pushed`."""
 
     name: str
     hand: Hand
@@ -265,7 +265,7 @@ def compare(hand: Hand, stiffness_n_m: float, link: Link) -> Compared:
 
 GRID_STIFFNESSES = tuple(float(k) for k in np.geomspace(20.0, 4000.0, 14))
 GRID_DELAYS_S = (0.0, 0.005, 0.01, 0.02, 0.035, 0.05, 0.075, 0.1)
-"""One way."""
+"""Per direction."""
 
 
 def grid(hand: Hand) -> list[Compared]:
@@ -275,9 +275,9 @@ def grid(hand: Hand) -> list[Compared]:
 
 
 JITTERS_S = (0.0, 0.01, 0.02, 0.05, 0.1)
-"""One way."""
+"""Per direction."""
 LOSSES = (0.0, 0.2, 0.4, 0.6, 0.8)
-"""Each way."""
+"""Per direction."""
 CHANNEL_STIFFNESS_N_M = 140.0
 CHANNEL_DELAY_S = 0.01
 PERIODS_S = (0.004, 0.008, 0.012, 0.015, 0.018)
@@ -338,7 +338,7 @@ def table(found: list[tuple[Push, Compared, Compared]]) -> str:
 
 
 def summary(what: str, points: list[Compared]) -> str:
-    """One line on a grid over `what`."""
+    """Return a line of text on a grid over `what`."""
     unstable = [one for one in points if not one.plain.stable]
     kept = sum(one.ours.passive for one in points)
     rest = sum(one.ours.settled for one in points)

@@ -1,8 +1,8 @@
-"""The tick in real time: how even, how dear, and how old the force is that it sends.
+"""The tick in real time: jitter, cost, and age of the force that it sends.
 
 The simulated libHD runs its own thread at 1 kHz. A probe in C stands between the scheduler and the
 callback, and notes when it was called, what it cost and what it sent: the same for the compiled
-tick and for one in Python. Whatever is compared is measured in turns within one run.
+tick and for one in Python. Compared variants are measured in turns within one run.
 """
 
 from __future__ import annotations
@@ -161,7 +161,7 @@ class Live:
 
 
 class PythonTick:
-    """What a callback in Python does at least: read, a wall, send."""
+    """Minimal callback in Python: read, compute a wall, send."""
 
     def __init__(self, functions: dict[str, int], handle: int, fifo: bool) -> None:
         def function(name: str) -> Any:

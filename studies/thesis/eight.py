@@ -44,7 +44,7 @@ RAMP = 0.03
 TRACK_1_S = 4.0
 """Natural frequency of the tracking filter."""
 GATE_M = 0.015
-"""What is farther from the prediction is taken for an outlier, unless the next one agrees."""
+"""A measurement farther from the prediction is taken for an outlier, unless the next one agrees."""
 
 BOXES = tuple(
     box_obstacle(
@@ -77,7 +77,7 @@ def course(times_s: Array, duration_s: float = DURATION_S) -> Array:
 
 
 def camera(times_s: Array) -> Array:
-    """What the camera reports at its times: the course, noise, and now and then an outlier."""
+    """Return the camera's measurements at its times: the course, noise, and rare outliers."""
     generator = np.random.default_rng(SEED)
     seen = course(times_s) + generator.normal(0.0, NOISE_M, (len(times_s), 3))
     wrong = np.flatnonzero(generator.random(len(times_s)) < OUTLIER_SHARE)
@@ -103,7 +103,7 @@ class Tracker:
         self._suspect: Array | None = None
 
     def take(self, seen: Array) -> Array:
-        """What to send after one image."""
+        """Take the position of an image; return the position to send."""
         self.position = self.position + self.velocity * self._period_s
         off = seen - self.position
         if np.linalg.norm(off) > GATE_M and (
@@ -130,7 +130,7 @@ class Course(NamedTuple):
     trace: Trace
     sent_s: Array
     sent_m: Array
-    """What was streamed."""
+    """Streamed positions."""
     delays_s: Array
     """Of each image: until the output is nearest to where the hand was at its time."""
     correlation_s: float

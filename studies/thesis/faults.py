@@ -1,4 +1,4 @@
-"""What may happen to a stream of poses on its way: silence, clocks, NaN, order, bursts (UR5)."""
+"""Transmission faults of a stream of poses: silence, clocks, NaN, order, bursts (UR5)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Packet(NamedTuple):
 
 
 class Fault(NamedTuple):
-    """What became of the line."""
+    """Result of the line under a fault."""
 
     name: str
     reached_m: float

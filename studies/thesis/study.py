@@ -153,7 +153,7 @@ def _indented(words: str) -> str:
 
 
 def figures(found: Measured) -> tuple[Figure, ...]:
-    """What reports are compared by."""
+    """Figures by which reports are compared."""
     made: list[Figure] = []
 
     def both(name: str, unit: str, values: list[float], **more: object) -> None:

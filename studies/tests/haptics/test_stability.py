@@ -41,7 +41,7 @@ pytestmark = pytest.mark.matrix
 
 UP = Vector3(0.0, 0.0, 1.0)
 MOST_J = OURS.energy_budget_j + 0.0005
-"""Whatever the sensors hid."""
+"""However much the sensors hid."""
 
 
 @functools.cache

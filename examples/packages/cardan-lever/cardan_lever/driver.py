@@ -34,7 +34,7 @@ class LeverOptions(ShapingOptions):
 
 
 class LeverCore(DeviceCore):
-    """What the lever's lines mean. It counts once it was seen at rest, until it falls silent."""
+    """Interpretation of the lever's lines. It is live from its first rest until it falls silent."""
 
     def __init__(self, options: LeverOptions) -> None:
         super().__init__()
@@ -42,7 +42,7 @@ class LeverCore(DeviceCore):
         self._reader = LineReader()
         self._deflection = NEUTRAL
         self._last_s = NEVER_S
-        """When it was opened, or the last line came."""
+        """Time of opening or of the last line, s."""
 
     def on_opened(self, now_s: float) -> None:
         """Its port was opened (again)."""
