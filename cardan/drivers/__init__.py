@@ -1,1 +1,1 @@
-"""One module per real device or controller: opens it, speaks its protocol, nothing else."""
+"""Drivers, a module or package per device or controller: connection and protocol, nothing else."""

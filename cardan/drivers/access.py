@@ -1,4 +1,4 @@
-"""Why a device that is plugged in cannot be opened, and what to do about it."""
+"""Reasons why a plugged-in device cannot be opened, with advice."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def is_path(given: str, path: str) -> bool:
 
 
 def obstacle(path: str, *, hint: str = UDEV_HINT, root: Path = Path("/")) -> str:
-    """Why the device at `path` (as the HID back end calls it) cannot be opened; empty if it can.
+    """Return why the device at `path` (of the HID back end) cannot be opened; empty if it can.
 
     Tries its node, since the HID library gives no reasons. `hint` is how to get the permission;
     `root` is where /dev and /sys are.
@@ -43,7 +43,7 @@ def obstacle(path: str, *, hint: str = UDEV_HINT, root: Path = Path("/")) -> str
 
 
 def open_error(node: str, error: OSError, hint: str = UDEV_HINT) -> str:
-    """Why opening `node` failed; `hint` is how to get the permission."""
+    """Explain why opening `node` failed; `hint` says how to get the permission."""
     if error.errno in (errno.EACCES, errno.EPERM):
         return f"no permission for {node}: {hint}"
     if error.errno == errno.EBUSY:
@@ -54,7 +54,7 @@ def open_error(node: str, error: OSError, hint: str = UDEV_HINT) -> str:
 
 
 def refusal(path: str, error: object) -> str:
-    """Why opening the device at `path` failed with `error`."""
+    """Explain why opening the device at `path` failed with `error`."""
     words = obstacle(path)
     if words:
         return words
@@ -78,13 +78,13 @@ class UsbDevice(NamedTuple):
     """Four hexadecimal digits, as the product's."""
     product_id: str
     name: str
-    """What it calls itself; may be empty."""
+    """Product name that it reports; may be empty."""
     folder: Path
-    """In /sys."""
+    """Its folder in /sys."""
 
 
 def usb_devices() -> Iterator[UsbDevice]:
-    """What is plugged into this machine (Linux). Never raises."""
+    """Yield the USB devices plugged into this machine (Linux). Never raises."""
     for vendor in sorted(USB_DEVICES.glob("*/idVendor")):
         vendor_id, product_id, name = (
             _text(vendor.with_name(part)) for part in ("idVendor", "idProduct", "product")

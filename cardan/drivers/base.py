@@ -1,6 +1,6 @@
 """The two interfaces of a driver: all that the gateway knows about hardware.
 
-A driver module opens one kind of device or controller and speaks its protocol, nothing else. It
+A driver module opens one kind of device or controller and handles its protocol, nothing else. It
 never imports the gateway, so that other projects can import drivers alone. Third parties add
 theirs through the entry-point group ``cardan.drivers`` (see :mod:`cardan.drivers.registry`).
 """
@@ -33,7 +33,7 @@ from cardan.types import (
 
 RECHECK_S = 0.1
 """Period at which a waiting reader checks for a new state without being notified: silence that
-makes a state stale notifies nobody, and the thread that reads the device may hang."""
+makes a state stale notifies no reader, and the device's thread may hang."""
 
 
 Tap = Callable[[bytes, bool, str], None]
@@ -54,21 +54,21 @@ class Endpoint(NamedTuple):
     peer: str | None = None
     """The only computer that it listens to; None: any."""
     request: bytes = b""
-    """What a server is asked that answers only then."""
+    """Request to a server that speaks only when asked."""
     speaks: Callable[[bytes], bool | None] | None = None
     """Whether a datagram, or a server's first words, are of the protocol; it says None where more
     is needed. Without it they are not waited for, and not judged."""
 
 
 class Driver(Openable):
-    """What operator devices and robots have in common: options, open, close, diagnosis."""
+    """Base of operator devices and robots: options, open, close, diagnosis."""
 
     Options: ClassVar[type[Any]]
     """A frozen dataclass with a default for every field; the configuration file's table of this
     driver is checked against it. It raises OptionError for a bad value, as
     :class:`cardan.common.options.Options` does by the annotations."""
     summary: ClassVar[str] = ""
-    """What it drives, in a few words; lists and tables begin with it."""
+    """Short name of the hardware that it drives; lists and tables begin with it."""
     page: ClassVar[str] = ""
     """Its documentation: a page as seen from Cardan's docs/, or a URL."""
     peer: ClassVar[str] = ""
@@ -122,14 +122,14 @@ class Driver(Openable):
         """Problems, and what else deserves attention, worst first."""
 
     def cautions(self) -> tuple[str, ...]:
-        """What the options allow and rarely should, in words that name them and say what to do
-        instead: `cardan check` and `cardan run` print it. Open or not."""
+        """Warnings about risky options; each names the option and says what to do instead. `cardan
+        check` and `cardan run` print them. Open or not."""
         return ()
 
     def endpoints(self) -> tuple[Endpoint, ...]:
-        """Where it listens, and what it connects to, as its options have it: `cardan doctor` looks
-        whether these can be had. Only those are named at which one more connection, that is closed
-        again after `request` at most, disturbs nobody. Open or not."""
+        """Addresses on which it listens or to which it connects, by its options; `cardan doctor`
+        checks them. Omits those that one more connection, closed again after `request` at most,
+        would disturb. Open or not."""
         return ()
 
     def metrics(self) -> dict[str, float]:
@@ -150,9 +150,9 @@ class FoundDevice(NamedTuple):
     """USB vendor and product ("256f:c635"), a Bluetooth address, or empty."""
     transport: str
     path: str
-    """What the driver's options call it."""
+    """Value that selects it in the driver's options."""
     obstacle: str = ""
-    """Why it cannot be opened; empty: nothing known."""
+    """Reason why it cannot be opened; empty: none known."""
     driver: str = ""
     """The name of its driver, from :func:`cardan.devices`."""
 
@@ -165,7 +165,7 @@ class OperatorDevice(Driver):
     than the device gets the newest state and misses some; `button_events()` has every edge.
     """
 
-    # What taking states needs does not wait for __init__: a driver with its own may leave ours out.
+    # Set on the class: a driver with an __init__ of its own may not call ours.
     _notified = 0
     """Counts calls of _notify()."""
     _close_count = 0
@@ -181,14 +181,14 @@ class OperatorDevice(Driver):
         return changed
 
     gives: ClassVar[str] = ""
-    """What it measures, in a few words."""
+    """Short description of its measurements."""
     takes_back: ClassVar[str] = ""
     """Its feedback to the operator (light, rumble, force); empty: none."""
     suits: ClassVar[str] = ""
     """The `mapping` of a session that suits it: mode and frame."""
     udev_matches: ClassVar[Sequence[str]] = ()
-    """What udev rules match its device nodes by: ``cardan devices udev`` opens those to the user at
-    the console. A line that begins with # is a comment."""
+    """Match keys of its device nodes in udev rules: ``cardan devices udev`` grants the user at the
+    console access to these. A line that begins with # is a comment."""
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
@@ -198,7 +198,7 @@ class OperatorDevice(Driver):
     @property
     @abstractmethod
     def capabilities(self) -> DeviceCapabilities:
-        """What the device measures, and its feedback; may grow once it is open."""
+        """Measurements and feedback of the device; may grow once it is open."""
 
     @abstractmethod
     def state(self) -> DeviceState:
@@ -210,7 +210,7 @@ class OperatorDevice(Driver):
         Returns None where none came, or the device was closed meanwhile. The loss of a device is a
         state, too: look at `link`. For one consumer; others iterate or have on_state().
 
-        Raises NotOpenError, and OptionError for a time that is none.
+        Raises NotOpenError, and OptionError for an invalid time.
         """
         good = isinstance(timeout_s, (int, float)) and not isinstance(timeout_s, bool)
         require(
@@ -267,7 +267,7 @@ class OperatorDevice(Driver):
 
     @abstractmethod
     def button_events(self) -> Sequence[ButtonEvent]:
-        """Button edges since the last call, oldest first; none is lost. One consumer."""
+        """Button edges since the last call, oldest first; none is lost. For a single consumer."""
 
     def feedback(self, feedback: DeviceFeedback) -> None:
         """Give `feedback` to the operator. Raises CommandError for a channel the device lacks."""
@@ -288,7 +288,7 @@ class OperatorDevice(Driver):
 
 
 class _StateReader:
-    """Gives one consumer each new state of a device once. Raises NotOpenError."""
+    """Reader that gives one consumer each new state of a device once. Raises NotOpenError."""
 
     def __init__(self, device: OperatorDevice) -> None:
         if device.state().link is DeviceLink.CLOSED:
@@ -339,7 +339,7 @@ class RobotDriver(Driver):
     @property
     @abstractmethod
     def capabilities(self) -> RobotCapabilities:
-        """Which commands the robot takes, how often, and its limits where known."""
+        """Commands that the robot takes, their period, and its limits where known."""
 
     @abstractmethod
     def cycles(self) -> Iterator[RobotState]:

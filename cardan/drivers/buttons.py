@@ -1,4 +1,4 @@
-"""Which buttons of a device are down, and all their edges, for one consumer."""
+"""State of a device's buttons, and all their edges, for one consumer."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MAX_EVENTS = 4096
 
 
 class ButtonEdges:
-    """Turns the set of buttons that are down into edges.
+    """Edges by the set of buttons that are down.
 
     A button that was down when the device was lost must not act when the device is back:
     after `release_all` it counts as up until the device has reported it up.

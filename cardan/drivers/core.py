@@ -1,4 +1,4 @@
-"""What the cores of all operator devices share: link, buttons, counts, and their diagnosis."""
+"""Base of all operator device cores: link, buttons, counts, and their diagnosis."""
 
 from __future__ import annotations
 
@@ -21,41 +21,40 @@ from cardan.types import (
 )
 
 MOST_KINDS = 32
-"""Kinds of reports that mean nothing that are told apart: a foreign one chooses its own words."""
+"""Unusable reports are counted in so many kinds at most: a foreign one chooses its own words."""
 
 
 class DeviceCore(ABC):
-    """What a device's reports mean, without any I/O. Times are monotonic, s.
+    """Interpreter of a device's reports, without any I/O. Times are monotonic, s.
 
     A device's own core takes its reports, and has its own rules of rest and of silence. It calls
     `_begin` when the device was opened, `_invalidate_input` or `_fall_silent` when nothing that is
     known counts any more, and sets `_link` to LIVE when the device was seen at rest. After every
-    change it sets `_cached` to None. What it gives beside buttons is in the methods below that a
-    core may override.
+    change it sets `_cached` to None. For values beside buttons a core overrides the methods below.
     """
 
     # CPython keeps up to 29 attributes of an object in a fast place, and the SpaceMouse's core has
     # as many: one more makes each of its reports take an eighth longer.
 
     _shaper: Shaper
-    """Of those with deflections."""
+    """Only of devices with deflections."""
 
     def __init__(self) -> None:
         self._buttons = ButtonEdges()
         self._link = DeviceLink.CLOSED
         self._reason = "not opened"
-        """Why the link is not LIVE."""
+        """Reason why the link is not LIVE."""
         self._open = False
         self._heard = False
         self._stamp_s = NEVER_S
-        """When what is known now was received."""
+        """Time at which the current state was received."""
         self._ignore_rest_until_s = NEVER_S
         """Reports of rest before this do not count."""
         self._battery: float | None = None
         """Charge, 0..1."""
         self._counts: Counter[str] = Counter()
         self._malformed: Counter[str] = Counter()
-        """Reports that mean nothing, by what is wrong with them."""
+        """Unusable reports, by cause."""
         self._cached: DeviceState | None = None
 
     # -- what a core has to say, and may say ---------------------------------------------------
@@ -86,15 +85,15 @@ class DeviceCore(ABC):
         return None
 
     def _inertia(self, now_s: float) -> Inertia | None:
-        """What its inertial sensors measure, while they are heard."""
+        """Measurements of its inertial sensors, while these report."""
         return None
 
     def _why(self) -> str:
-        """Why the link is not LIVE, and what to do."""
+        """Return why the link is not LIVE, with advice."""
         return self._reason
 
     def _notes(self, now_s: float) -> list[str]:
-        """What else deserves attention, worst first."""
+        """Further warnings, worst first."""
         return []
 
     def _figures(self, now_s: float) -> dict[str, float]:
@@ -108,11 +107,11 @@ class DeviceCore(ABC):
     # -- what happens to the device ------------------------------------------------------------
 
     def on_lost(self, reason: str, now_s: float) -> None:
-        """It cannot be read, or is not there: link LOST, axes zero, buttons released."""
+        """Handle a missing or unreadable device: link LOST, axes zero, buttons released."""
         self._end(DeviceLink.LOST, reason, now_s)
 
     def on_closed(self, now_s: float) -> None:
-        """It was closed on request: link CLOSED, axes zero, buttons released."""
+        """Handle a close on request: link CLOSED, axes zero, buttons released."""
         self._end(DeviceLink.CLOSED, "closed", now_s)
 
     # -- what it says --------------------------------------------------------------------------
@@ -189,12 +188,12 @@ class DeviceCore(ABC):
         self._cached = None
 
     def _fall_silent(self, reason: str, now_s: float) -> None:
-        """Nothing came for too long: link STALE; a device that was heard before is counted."""
+        """Handle a silence: link STALE; counted for a device that was heard before."""
         self._counts["silences"] += self._heard
         self._invalidate_input(DeviceLink.STALE, reason, now_s)
 
     def _resume(self, reason: str, settle_s: float, now_s: float) -> None:
-        """It is heard of again after a silence, and counts once it is seen at rest.
+        """Resume after a silence: the device counts once it is seen at rest.
 
         Reports in the next `settle_s` do not show that: they may be old ones that had queued up.
         """

@@ -1,9 +1,9 @@
 """Drivers of controllers that send their state as a datagram in each of their cycles.
 
 A :class:`DatagramSession` has the protocol, without sockets, clocks and threads; a
-:class:`DatagramRobot` around it has the loop, and a :class:`Transport` the socket. What both do
-whatever the protocol numbers its datagrams by is an :class:`AnsweringSession`'s and an
-:class:`AnsweringRobot`'s.
+:class:`DatagramRobot` around it has the loop, and a :class:`Transport` the socket. Their parts that
+do not depend on how a protocol numbers its datagrams are :class:`AnsweringSession` and
+:class:`AnsweringRobot`.
 """
 
 from __future__ import annotations
@@ -71,27 +71,27 @@ def _continues(message: Numbered, before: Numbered) -> bool:
 class AnsweringSession(ABC):
     """A session whose controller is answered, once for each of its states; sans I/O.
 
-    What came is received, and gives a state or nothing; `tick` gives one of silence. Times are
-    local monotonic ones.
+    Each received message gives a state or nothing; `tick` gives the state of a silent link. Times
+    are local monotonic ones.
     """
 
     capabilities: RobotCapabilities
 
     def __init__(self, lost_after_s: float) -> None:
-        """After `lost_after_s` without a valid datagram the link counts as lost."""
+        """`lost_after_s`: time without a valid datagram after which the link counts as lost."""
         self.state: RobotState | None = None
-        """The newest."""
+        """Newest state."""
         self.reply_pending = False
         """The newest state has no answer yet."""
         self.sessions = 0
-        """So many sessions of the controller were heard; the number that states have."""
+        """Number of sessions of the controller heard so far, also in each state."""
         self._lost_after_s = lost_after_s
         self._flood = 0
         """Refused datagrams, less one for each that was accepted."""
 
     @property
     def moving(self) -> bool:
-        """Whether what was sent last moves the robot on, so that it is to be braked by a ramp."""
+        """Whether the last command moves the robot, so that a ramp must brake it."""
         return False
 
     @abstractmethod
@@ -99,7 +99,7 @@ class AnsweringSession(ABC):
         """Raise CommandError for a command that the robot cannot take."""
 
     def keepalive(self, now_s: float) -> bytes | None:
-        """What a silent controller is sent, to make itself heard; None: nothing."""
+        """Message that makes a silent controller report; None: nothing to send."""
         return None
 
     @abstractmethod
@@ -108,7 +108,7 @@ class AnsweringSession(ABC):
 
     @abstractmethod
     def final_command(self, now_s: float) -> bytes | None:
-        """What the controller is left with, at rest; None: nothing is to be said."""
+        """Last message to a controller at rest; None: nothing to send."""
 
     @abstractmethod
     def tick(self, now_s: float) -> RobotState | None:
@@ -147,19 +147,18 @@ class AnsweringSession(ABC):
 
 
 class DatagramSession(AnsweringSession, Generic[MessageT]):
-    """One connection to a controller, sans I/O: datagrams to states, commands to datagrams.
+    """Connection to a controller, sans I/O: datagrams to states, commands to datagrams.
 
     A newer session of the controller voids earlier commands; an older one, or a lower sequence
-    number in the same, is ignored unless the link is lost: then it is a new session, too. A state
-    that the arm cannot have come to since the one before, by any sender, is none: the arm is held
-    with that reason for as long as it is said to be there, and the next state within its reach
-    begins a new session. Times are local monotonic ones.
+    number in the same, is ignored unless the link is lost: then it is a new session, too. A
+    position jump, by any sender, is implausible: the arm is held with that reason while such states
+    come, and the next state within its reach begins a new session. Times are local monotonic ones.
     """
 
     controller: ClassVar[str]
-    """What messages call it, with its article."""
+    """Noun phrase for messages, e.g. "the controller"."""
     advice: str = ""
-    """What to look at when nothing was ever heard of it."""
+    """Advice for a controller that has never been heard."""
 
     def __init__(
         self,
@@ -173,14 +172,14 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         self.ignored: Counter[str] = Counter()
         """Datagrams without effect, by reason."""
         self.last_implausible = ""
-        """What no robot measures in the last state that was ignored for it."""
+        """Implausible value in the last state that was ignored for it."""
         self.accepted = 0
         self.message: MessageT | None = None
-        """Of which `state` was made."""
+        """Message from which `state` was made."""
         self._heard_s = NEVER_S
         self._skipped = 0
         self._leapt_s = NEVER_S
-        """When what came last was out of the arm's reach."""
+        """Time of the last message out of the arm's reach."""
         lower, upper, self._fastest, _ = capabilities.limits or JointLimits((), (), (), ())
         self._continuous = [
             low == -math.inf and high == math.inf for low, high in zip(lower, upper, strict=True)
@@ -192,8 +191,8 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
 
     @abstractmethod
     def _decode(self, data: Any, now_s: float) -> MessageT | str | None:
-        """The controller's message, or why `data` (bytes, or what the transport gives), which came
-        `now_s`, is none; None for what is somebody else's, which is no mistake."""
+        """Return the controller's message, or why `data` (bytes, or the transport's value),
+        received at `now_s`, is not one; None for a foreign message, which is no error."""
 
     @abstractmethod
     def _state_of(self, message: MessageT, before: MessageT | None, now_s: float) -> RobotState:
@@ -202,11 +201,11 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         what it is by the controller's word, and becomes what our clock agrees with."""
 
     def _joint_name(self, index: int) -> str:
-        """What messages call a joint."""
+        """Name of a joint for messages."""
         return f"joint {index + 1}"
 
     def _time_s(self, message: MessageT) -> float | None:
-        """When the controller sent `message`, by its own clock; None: it does not tell."""
+        """Time at which the controller sent `message`, by its clock; None: it does not tell."""
         return None
 
     @abstractmethod
@@ -222,13 +221,13 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         return self.command(HoldCommand(), now_s)
 
     def final_command(self, now_s: float) -> bytes | None:
-        """What brings the robot to rest when nothing comes after it."""
+        """Message that brings the robot to rest when none follows it."""
         return self.hold(now_s)
 
     # -- states ---------------------------------------------------------------------------------
 
     def receive(self, data: Any, now_s: float) -> RobotState | None:
-        """The state in `data`, stamped `now_s`; None when it is none, late or double."""
+        """Return the state in `data`, stamped `now_s`; None if it is invalid, late or double."""
         message = self._decode(data, now_s)
         if message is None:
             return None
@@ -276,10 +275,10 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         return state
 
     def _leap(self, state: RobotState, message: MessageT) -> str:
-        """Why the arm cannot have come here from where it was measured last; empty: it can.
+        """Explain a position jump since the last measurement; empty: the step is possible.
 
-        A place that it cannot have come to becomes no likelier by being told again: time counts
-        from the last time that it was, unless the controller has begun anew since.
+        Repeating an implausible position makes it no likelier: time counts from the last such
+        state, unless the controller has restarted since.
         """
         before = self.state
         if before is None or self.message is None:
@@ -403,16 +402,16 @@ class Transport(Protocol):
         """Never raises."""
 
     def wait(self) -> Sequence[Any]:
-        """What came in by the next control instant, oldest first; empty at least every WAKE_S."""
+        """Messages up to the next control instant, oldest first; empty at least every WAKE_S."""
 
     def waiting(self) -> Sequence[Any]:
-        """What is there already, oldest first."""
+        """Messages received already, oldest first."""
 
     def close(self) -> None: ...
 
 
 class UdpTransport:
-    """A controller that listens; nobody else is heard."""
+    """A controller that listens; no other sender is heard."""
 
     def __init__(self, host: str, port: int, problem: str, largest: int) -> None:
         """Datagrams of up to `largest` bytes mean something. Raises an AddressError that begins
@@ -442,7 +441,7 @@ class UdpTransport:
         return found
 
     def waiting(self) -> list[bytes]:
-        # One byte more, so that a longer one is seen to be longer.
+        # A byte more than the largest, so that an oversized datagram is recognized.
         return [data for data, _ in waiting(self._socket, self._largest + 1)]
 
     def close(self) -> None:
@@ -464,20 +463,20 @@ class AnsweringRobot(LoopingRobot[AnsweringSessionT]):
     brakes_within_s: ClassVar[float] = 0.0
     """The longest that a robot that is left is braked."""
     no_final_command_after_s: ClassVar[float] = LONGEST_BLIND_S
-    """A controller that has been silent for so long is told nothing: it has stopped by itself, and
-    its next run is not ours to command."""
+    """Silence after which a controller gets no final command: it has stopped by itself, and its
+    next run is not ours to command."""
 
     @abstractmethod
     def _connection(self) -> object:
-        """What the driver is connected by; None while it is closed."""
+        """Connection of the driver; None while it is closed."""
 
     @abstractmethod
     def _waiting(self) -> Iterable[Any]:
-        """What came and was not taken, oldest first. Never blocks."""
+        """Messages received and not yet read, oldest first. Never blocks."""
 
     @abstractmethod
     def _take(self, came: Any, now_s: float) -> RobotState | None:
-        """The state in one of these, which came `now_s`; None where it is none."""
+        """Return the state in one of these, received at `now_s`; None if it is invalid."""
 
     @abstractmethod
     def _hear(self) -> RobotState | None:
@@ -562,14 +561,14 @@ class AnsweringRobot(LoopingRobot[AnsweringSessionT]):
 
 
 class DatagramRobot(AnsweringRobot[DatagramSessionT]):
-    """Such a driver by a :class:`Transport`; it gives `_make_session` and `_join`."""
+    """Driver by a :class:`Transport`; a subclass defines `_make_session` and `_join`."""
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
         self._session = self._make_session()
         self._transport: Transport | None = None
         self._parents: Transport | None = None
-        """In a forked child: kept, as a bus that is let go of there would wait for its threads."""
+        """In a forked child: kept, because closing a bus there would wait for its threads."""
 
     @abstractmethod
     def _make_session(self) -> DatagramSessionT:

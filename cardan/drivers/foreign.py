@@ -1,4 +1,4 @@
-"""What other packages' drivers raise against their interface, told by the driver's name."""
+"""Checks of other packages' drivers; an error names the driver."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from cardan.types import ButtonEvent, DeviceLink, DeviceState, Pose, RobotLink, 
 _log = logging.getLogger(__name__)
 
 FAILURES = (Exception, SystemExit)
-"""What a driver may raise: one that calls `sys.exit()` ends no session without a word."""
+"""Exceptions caught from a driver; SystemExit, so that `sys.exit()` ends no session silently."""
 
 
 class RobotCalls:
-    """``with`` it, calls of a robot's driver raise errors of Cardan only: what else one raises is
+    """Context in which calls of a robot's driver raise errors of Cardan only: any other becomes
     a DriverError that names the driver."""
 
     def __init__(self, robot: RobotDriver) -> None:
@@ -49,8 +49,8 @@ class RobotCalls:
 
 
 def close_in_order(opened: Openable) -> None:
-    """Close a driver or a filter. One that raises is named in the log: what else is open is closed
-    after it."""
+    """Close a driver or a filter. If it raises, log its name, so that the caller closes the others
+    too."""
     try:
         opened.close()
     except FAILURES:
@@ -58,12 +58,12 @@ def close_in_order(opened: Openable) -> None:
 
 
 def is_foreign(driver: object) -> bool:
-    """Whether another package has made a driver: what it gives is looked at in each cycle."""
+    """Whether another package has made a driver: its results are checked in each cycle."""
     return type(driver).__module__.partition(".")[0] != "cardan"
 
 
 def device_problem(state: Any, events: Any) -> str:
-    """What a device's driver failed to give by `state()` and `button_events()`; empty: nothing."""
+    """Say how results of a device's `state()` and `button_events()` are invalid; empty: valid."""
     if not isinstance(state, DeviceState):
         return f"state() gave {state!r:.60}"
     if not isinstance(state.link, DeviceLink):
@@ -85,8 +85,8 @@ def device_problem(state: Any, events: Any) -> str:
 
 
 def robot_problem(state: Any) -> str:
-    """What a robot's driver failed to give by `cycles()`; empty: nothing. Joints may be NaN, which
-    the arm's model refuses; a time that is none would make a silent robot seem alive."""
+    """Say how a result of a robot's `cycles()` is invalid; empty: valid. Joints may be NaN, which
+    the arm's model refuses; an invalid time would make a silent robot seem alive."""
     if not isinstance(state, RobotState):
         return f"cycles() gave {state!r:.60}"
     if not isinstance(state.link, RobotLink):
@@ -105,7 +105,7 @@ def robot_problem(state: Any) -> str:
 
 
 def told(lines: Any) -> list[str]:
-    """The lines of a `diagnosis()`. Raises TypeError for what is none."""
+    """Return the lines of a `diagnosis()`. Raises TypeError for any other value."""
     wrong = [lines] if isinstance(lines, str) else [each for each in lines if type(each) is not str]
     if wrong:
         raise TypeError(f"diagnosis() gave {wrong[0]!r:.60}, not lines of text")
@@ -113,7 +113,7 @@ def told(lines: Any) -> list[str]:
 
 
 def counted(metrics: Any) -> Any:
-    """What a driver's `metrics()` gave. Raises TypeError for a value that is no number."""
+    """Return what `metrics()` gave, checked. Raises TypeError for a value that is no number."""
     for name, value in metrics.items():
         if not isinstance(value, Real):
             raise TypeError(f"metrics() gave {value!r:.60} for {name!r}, not a number")

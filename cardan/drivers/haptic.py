@@ -26,7 +26,7 @@ class HapticDevice(OperatorDevice):
 
     @abstractmethod
     def haptics(self) -> HapticState:
-        """The newest snapshot. Never blocks, never raises; one that is too old says so."""
+        """The newest snapshot. Never blocks, never raises; one that is too old is marked so."""
 
     @abstractmethod
     def enable(self) -> None:

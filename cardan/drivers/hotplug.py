@@ -1,7 +1,7 @@
-"""Waits for a device to be plugged in, so that a driver that has none need not look all the time.
+"""Notification of plugged-in devices, so that a driver without one need not poll.
 
-The kernel tells of it where it lets us listen; elsewhere (some containers, other systems) a driver
-looks at times. Anybody may send such an event: it only makes a driver look.
+The kernel reports it where it lets us listen; elsewhere (some containers, other systems) a driver
+polls. Any program may send such an event: it only makes a driver look.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from cardan.protocols.uevent import (
 )
 
 ARRIVED: Final = frozenset({"add", "bind", "change"})
-"""Actions after which a device may be there that was not, or may be opened: udev tells of its
-permissions by the one that the kernel told first."""
+"""Actions after which a device may have appeared, or may be opened: udev reports its permissions by
+repeating the kernel's action."""
 
 SUBSYSTEMS: Final = frozenset({"hidraw", "input", "tty", "usb", "usb_device", "can", "net"})
-"""Where operator devices appear."""
+"""Subsystems of operator devices."""
 
 LISTEN_S: Final = 0.1
-"""How often it looks whether it is to end."""
+"""Period of checking whether to end."""
 
 
 class Arrivals:
-    """Listens for devices that are plugged in, from its making until `close`."""
+    """Listener for devices that are plugged in, from its making until `close`."""
 
     def __init__(self) -> None:
         self._socket: socket.socket | None = None
@@ -51,7 +51,7 @@ class Arrivals:
 
     @property
     def told(self) -> bool:
-        """Whether the system tells of devices."""
+        """Whether the system reports devices."""
         return self._socket is not None
 
     def wait(self, timeout_s: float, stop: threading.Event) -> bool:

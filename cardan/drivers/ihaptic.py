@@ -90,7 +90,7 @@ class IHapticDevice:
         return Vector3(*(most or 0.0,) * 3)
 
     def to_hand(self, force: Vector3) -> Vector3:
-        """A force along the transformation's axes, along those of the hand frame."""
+        """Rotate a force from the transformation's axes to those of the hand frame."""
         return spatial.rotate(spatial.conjugate(self._transformation.orientation), force)
 
     def from_hand(self, force: Vector3) -> Vector3:

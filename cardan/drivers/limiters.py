@@ -102,7 +102,7 @@ class JointLimiter:
     def track(
         self, target: Sequence[float], velocities: Sequence[float] | None, dt_s: float
     ) -> None:
-        """One period towards `target`, which moves at the speed it was seen to move at.
+        """Advance one period towards `target`, which moves at its observed speed.
 
         `velocities` stand in for that speed on the first call after a reset or a brake.
         """
@@ -114,12 +114,12 @@ class JointLimiter:
         self._advance(velocities, target, dt_s)
 
     def drive(self, velocities: Sequence[float], dt_s: float) -> None:
-        """One period at `velocities`."""
+        """Advance one period at `velocities`."""
         self._target = None
         self._advance(velocities, None, dt_s)
 
     def brake(self, dt_s: float) -> None:
-        """One period of slowing down, or of standing still."""
+        """Slow down, or stand still, for one period."""
         self._target = None
         if any(self.velocity):
             self._advance(self._rest, None, dt_s)
@@ -127,7 +127,7 @@ class JointLimiter:
     def _advance(
         self, desired: Sequence[float], target: Sequence[float] | None, dt_s: float
     ) -> None:
-        """One period at `desired`, and towards a target that moves so."""
+        """Advance one period at the velocities `desired`, and towards a `target` that has them."""
         positions, velocities = self.reference, self.velocity
         inner_lower, inner_upper = self._inner_lower, self._inner_upper
         for i, speed, a, position, before, velocity in zip(
@@ -236,20 +236,20 @@ class _SpatialLimiter(ABC):
         return self.velocity != ZERO3
 
     def drive(self, velocity: Sequence[float], dt_s: float) -> None:
-        """One period at `velocity`."""
+        """Advance one period at `velocity`."""
         self._target = None
         vx, vy, vz = limit_norm(Vector3(*velocity), self._speed)
         self._advance((vx * dt_s, vy * dt_s, vz * dt_s), (vx, vy, vz), dt_s)
 
     def brake(self, dt_s: float) -> None:
-        """One period of slowing down, or of standing still."""
+        """Slow down, or stand still, for one period."""
         self._target = None
         if self.velocity != ZERO3:
             self._advance(ZERO3, ZERO3, dt_s)
 
     @abstractmethod
     def _advance(self, error: Sequence[float], forward: Sequence[float], dt_s: float) -> None:
-        """One period of a reference that is `error` away from a target moving at `forward`."""
+        """Advance one period towards a target at distance `error` that moves at `forward`."""
 
 
 class PointLimiter(_SpatialLimiter):
@@ -294,7 +294,7 @@ class PointLimiter(_SpatialLimiter):
         self.reference = position
 
     def track(self, target: Sequence[float], velocity: Sequence[float] | None, dt_s: float) -> None:
-        """One period towards `target`, which moves at the speed it was seen to move at.
+        """Advance one period towards `target`, which moves at its observed speed.
 
         `velocity` stands in for that speed on the first call after a reset or a brake. A target
         outside the box is replaced by the nearest point inside.
@@ -368,7 +368,7 @@ class OrientationLimiter(_SpatialLimiter):
         self.reference = orientation
 
     def track(self, target: Quaternion, velocity: Sequence[float] | None, dt_s: float) -> None:
-        """One period towards `target`, which turns at the rate it was seen to turn at.
+        """Advance one period towards `target`, which turns at its observed rate.
 
         A target's length need not be exactly 1.
         `velocity` stands in for that on the first call after a reset or a brake.

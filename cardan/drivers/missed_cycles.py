@@ -1,14 +1,14 @@
-"""Time in which a robot got no commands is lost, and never made up for.
+"""Missed cycles: time in which a robot got no commands is never made up for.
 
 While a process stands still, or datagrams are lost, most controllers continue at the last commanded
 speed. The next command then differs from the robot's position: it is behind, if the application
 continued from its last command, or ahead, if the robot slowed down. Sent at once it would cause a
 jerk, and a robot that made up for lost time would be faster than commanded.
 
-So the difference is kept, and added to every command. A robot that is ahead of its
-command is slowed a little until it is not; one that is behind stays behind until it rests. When the
-command has come to rest nobody commands, and nothing may move for long: the robot ends its way at
-once, no faster than it was commanded, and what it cannot do within `LONGEST_REST_S` stays.
+So the difference is kept, and added to every command. A robot that is ahead of its command is
+slowed a little until it is not; one that is behind stays behind until it rests. When the command
+has come to rest, nothing may move for long: the robot ends its way at once, no faster than it was
+commanded, and the part that takes longer than `LONGEST_REST_S` stays.
 
 How much time has passed is never the controller's word alone: `AgreedTime` counts what its clock
 and this computer's both say.
@@ -61,16 +61,16 @@ JUMP_S: Final = 0.05
 """Lead of a clock over the quickest arrival of a window that no delay explains."""
 
 SIMULATED_MOST: Final = 10.0
-"""As fast as simulated time may pass; what leaps farther from one state to the next jumps."""
+"""Largest rate of simulated time; a larger step from one state to the next is a jump."""
 
 PAUSE_S: Final = 0.1
-"""Time of this computer's that may pass beyond the controller's and be made up for later, by states
-that were kept back. A clock that loses more between two states was stopped with its controller,
-where states come faster otherwise: clocks are compared anew then. One that shows the same time for
-so long, while states come, stands still."""
+"""Local time that may pass beyond the controller's and be made up for later, by states that were
+kept back. A clock that loses more between two states, where states come faster otherwise, was
+stopped with its controller: clocks are compared anew. A clock that shows the same time for this
+long, while states come, stands still."""
 
 _STILL_STATES = 2
-"""So many more with the same time are needed for that."""
+"""Further states with the same time that are needed for that."""
 
 SIMULATED_TIME: Final = "simulated_time"
 """The option of drivers whose controller may be a simulation."""
@@ -98,7 +98,7 @@ def believed_s(
 
 
 class ClockWatch:
-    """Compares a controller's clock with this computer's; `fault` says what is wrong with it.
+    """Comparison of a controller's clock with the local one; `fault` says what is wrong with it.
 
     Delays are no fault: a state may come late, several may come at once, and either computer may
     stand still. So only the state that came quickest in each window counts, and a small difference
@@ -124,12 +124,12 @@ class ClockWatch:
 
     def __init__(self, *, option: str = "", simulated: bool = False) -> None:
         """`simulated`: the controller's time is a simulation's, and may pass as fast as that
-        computes. `option` is what says so, for who meets such a clock unprepared."""
+        computes. `option` names the setting for that, for messages about an unexpected clock."""
         self._option, self._simulated = option, simulated
         self.begin()
 
     def begin(self, controller_s: float = math.nan, local_s: float = math.nan) -> None:
-        """Compare anew from a first state on; without one, from the next on."""
+        """Restart the comparison from a first state; without one, from the next on."""
         self.fault = ""
         self._controller_s, self._local_s = controller_s, local_s
         self._rose_s, self._still, self._waited_s = local_s, 0, 0.0
@@ -220,9 +220,9 @@ class AgreedTime(ClockWatch):
 
     def __init__(self, period_s: float, *, option: str = "", simulated: bool = False) -> None:
         self.period_s = period_s
-        """Between two states."""
+        """Period between two states."""
         self.time_s = 0.0
-        """What has passed."""
+        """Time that has passed."""
         super().__init__(option=option, simulated=simulated)
 
     def begin(self, controller_s: float = math.nan, local_s: float = math.nan) -> None:
@@ -238,7 +238,7 @@ class AgreedTime(ClockWatch):
         return 0.0 if first else self._agree(step_s, waited_s, states)
 
     def counted(self, local_s: float, states: int = 1) -> float:
-        """The same where the controller tells no time: that of so many states."""
+        """The same for a controller without a clock: the time of `states` periods."""
         waited_s = local_s - self._local_s
         super().begin(math.nan, local_s)
         return self._agree(states * self.period_s, waited_s, states)
@@ -281,9 +281,9 @@ class SlipCompensation:
 
     def _clear(self, axes: int) -> None:
         self.offset = [0.0] * axes
-        """How far the robot is ahead of its commands."""
+        """Distance by which the robot is ahead of its commands."""
         self.rate = [0.0] * axes
-        """How much faster it is than its commands, per s."""
+        """Speed in excess of its commands, per s."""
         self.working = False
         """False: there is no difference, and `step` need not be called."""
         self._interrupted = False
@@ -291,13 +291,13 @@ class SlipCompensation:
         self._went = [0.0] * axes
         """Distance moved in the interruption beyond that of the commanded speed over `_gap_s`."""
         self._slip = [0.0] * axes
-        """How much faster it is than commanded before the interruption."""
+        """Speed in excess of the command before the interruption."""
         self._fastest = 0.0
-        """Highest speed commanded of late, 0 once the robot has come to rest."""
+        """Highest recent commanded speed, 0 once the robot has come to rest."""
         self._rested_s = 0.0
-        """For how long the command rests."""
+        """Time for which the command has rested."""
         self._rest_s = 0.0
-        """When the robot comes to rest then."""
+        """Time after which the robot comes to rest."""
         self._plan: list[tuple[float, float, float]] = []
         """Of each axis what stays of the difference, the rest of it, and the rate, when it came to
         rest."""
@@ -331,7 +331,7 @@ class SlipCompensation:
         dt_s: float,
         seen_s: float = 0.0,
     ) -> tuple[Any, Any]:
-        """What to send for one period, while `working`, with a `target` that moves at `speeds`.
+        """Return target and speeds for one period while `working`; `target` moves at `speeds`.
 
         `asked` is the target before with its speeds, None after anything else than a target.
         Where the speeds of either are not known, the difference is forgotten; `seen_s`, if above
@@ -367,7 +367,7 @@ class SlipCompensation:
         velocity: Sequence[float],
         dt_s: float,
     ) -> None:
-        """One period with a command that moves at `velocity`.
+        """Advance one period with a command that moves at `velocity`.
 
         It is `moved` from the command before it, which moved at `before`, both without what is
         added here.
@@ -422,7 +422,7 @@ class SlipCompensation:
             self.reset()
 
     def _rest(self, before: Sequence[float], dt_s: float) -> None:
-        """One period in which the command rests, which moved at `before`."""
+        """Advance one period in which the command rests, having moved at `before`."""
         offset, rate = self.offset, self.rate
         if self._rested_s == 0.0:
             self._plan_rest(before)

@@ -14,7 +14,7 @@ from cardan.protocols.ros2.names import RosNameError, checked_name
 
 @dataclass(frozen=True, kw_only=True)
 class NodeOptions(BusOptions):
-    """How a driver is on the bus."""
+    """Options of a driver's bus connection."""
 
     port: Annotated[int, bounds.ANY_PORT] = 0
     """TCP port of the other node on this computer, which is then met without a router, as
@@ -22,7 +22,7 @@ class NodeOptions(BusOptions):
 
     @property
     def bus(self) -> BusOptions:
-        """How to be on the bus, the port taken into account."""
+        """Options of the bus connection, with the port."""
         if not self.port:
             return self
         return replace(self, port=0, router=f"tcp/127.0.0.1:{self.port}", mode="peer")
@@ -40,4 +40,4 @@ def require_name(key: str, given: object, name: str) -> None:
 SIMULATED: tuple[Way, ...] = (
     {"port": OWN, "zenoh_config": ("",), "listen": (BusOptions().listen,)},
 )
-"""In a demo nobody else is let in."""
+"""In a demo no other program has access."""

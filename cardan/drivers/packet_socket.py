@@ -1,4 +1,4 @@
-"""Unix packet sockets that stand for devices: what simulated devices serve."""
+"""Unix packet sockets that stand for devices, served by simulated devices."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class PacketSocket:
         self._peer = connected(path, socket.SOCK_SEQPACKET, TIMEOUT_S)
 
     def receive(self, timeout_s: float) -> bytes | None:
-        """One packet; None when none comes in time."""
+        """Receive one packet; None when none comes in time."""
         self._peer.settimeout(timeout_s)
         try:
             packet = self._peer.recv(_ROOM)

@@ -1,4 +1,4 @@
-"""What operator devices share that a thread reads: opening, reading, losing, opening again."""
+"""Operator devices read by a thread: open, read, detect a loss, open again."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from cardan.errors import DeviceAccessError, DriverError, NotOpenError
 from cardan.types import ButtonEvent, DeviceState
 
 RETRY_FIRST_S, RETRY_LAST_S = 0.2, 0.8
-"""Pause between attempts to open a lost device, doubled each time, where the system does not tell
-of one that is plugged in: it is found within a second all the same."""
+"""Pause between attempts to open a lost device, doubled each time, where the system does not report
+plugging in: it is found within a second all the same."""
 
 SETTLE_S = 0.05
-"""Pause before an attempt after the system has told of a device: a plug makes a dozen events."""
+"""Pause before an attempt after the system has reported a device: a plug makes a dozen events."""
 
 JOIN_TIMEOUT_S = 2.0
 """A reader looks at `stop` at least every 50 ms; one that does not is left to die as a daemon."""
@@ -39,7 +39,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
     """
 
     _kind: ClassVar[str]
-    """What people call it; for `_check_open`."""
+    """Name of the device in messages of `_check_open`."""
     _core: C
     """Set by the driver's __init__, from `self.options`."""
 
@@ -54,7 +54,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
         self._closes_itself = False
         """close() was called by the reader, which then ends as soon as it can."""
         self._ending: threading.Thread | None = None
-        """A reader that was told to stop, and did not in time: it still holds the device."""
+        """A reader that did not stop in time: it still holds the device."""
 
     # -- what drivers implement ----------------------------------------------------------------
 
@@ -66,12 +66,12 @@ class ReadDevice(OperatorDevice, Generic[C]):
     def _serve(self, stop: threading.Event) -> None:
         """Read the open device until `stop` is set, or OSError: it is gone.
 
-        Looks at `stop` at least every 50 ms; calls `_notify()` after what it took in.
+        Looks at `stop` at least every 50 ms; calls `_notify()` after input.
         """
 
     @abstractmethod
     def _release(self) -> None:
-        """Let go of what `_connect` opened, or of a part of it. Never raises; twice is fine."""
+        """Close what `_connect` opened, wholly or in part. Never raises; closing twice is fine."""
 
     # -- the interface -------------------------------------------------------------------------
 
@@ -135,7 +135,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
             self._end(thread)
 
     def _end(self, thread: threading.Thread) -> None:
-        """It is closed, if `thread` still was its reader: what waits for a state is told."""
+        """Mark it closed if `thread` still was its reader, and wake waiters for a state."""
         with self._lock:
             if self._thread is not thread:
                 return
@@ -145,7 +145,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
         self._notify()
 
     def after_fork(self) -> None:
-        """In a forked child the device stays the parent's, whose reader is not here: closed."""
+        """Close the device in a forked child: it stays the parent's, whose reader is not here."""
         thread = self._thread
         self._changed = threading.Condition()
         self._opening, self._lock = threading.RLock(), threading.Lock()
@@ -198,8 +198,8 @@ class ReadDevice(OperatorDevice, Generic[C]):
         arrivals: Arrivals | None = None
         try:
             while not stop.is_set():
-                # Whatever a system's library raises, the device is tried again: a reader that dies
-                # would never tell of it.
+                # The device is tried again after any exception of a system's library: a reader
+                # that died would never report it.
                 if not connected:
                     try:
                         self._connect()
@@ -232,7 +232,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
                 self._end(threading.current_thread())
 
     def _lose(self, reason: str) -> None:
-        # Neutral first: letting go of a device may take its time.
+        # Neutral first: releasing a device may take its time.
         with self._lock:
             self._core.on_lost(reason, time.monotonic())
         self._notify()

@@ -1,4 +1,4 @@
-"""Finds drivers by name: the built-in table, then the entry points of installed packages."""
+"""Registry of drivers by name: the built-in table, then entry points of installed packages."""
 
 from __future__ import annotations
 
@@ -55,6 +55,6 @@ names, packages, load_all, using = FINDER.names, FINDER.packages, FINDER.load_al
 
 def load(name: str) -> type[Driver]:
     """The driver class called `name`; ConfigurationError names the ones there are."""
-    if not isinstance(name, str):  # What is installed is read only to say it.
+    if not isinstance(name, str):  # Read the installed drivers for the message only.
         require(False, "driver", name, f"one of {', '.join(names())}")
     return FINDER.load(name)

@@ -1,4 +1,4 @@
-"""What robot drivers have in common: opening, closing and the one loop, and checks of commands.
+"""Base of robot drivers: open, close, the one loop, and checks of commands.
 
 A driver for another controller is a :class:`LoopingRobot` with its transport, around a session
 without sockets, clocks and threads that knows the protocol.
@@ -40,7 +40,7 @@ WAKE_S: Final = 0.1
 
 
 class RobotSession(Protocol):
-    """What a driver asks of the session with its controller."""
+    """Interface of a driver to the session with its controller."""
 
     @property
     def capabilities(self) -> RobotCapabilities: ...
@@ -60,13 +60,13 @@ LEAP_NOISE_RAD: Final = 0.05
 class LoopingRobot(RobotDriver, Generic[SessionT]):
     """A driver with one loop at a time, which leaves the robot safe however it ends.
 
-    A driver gives `_acquire` and `_release`, the loop in `_states`, and in `_leave` what brings the
-    robot to rest. `_leave` is called once for each loop: when its generator ends or is closed, or
-    by `close`, which lets a loop in another thread come to its end first.
+    A driver defines `_acquire` and `_release`, the loop in `_states`, and in `_leave` how the robot
+    is brought to rest. `_leave` is called once for each loop: when its generator ends or is closed,
+    or by `close`, which lets a loop in another thread come to its end first.
     """
 
     title: ClassVar[str]
-    """What messages call the driver."""
+    """Name of the driver in messages."""
 
     _session: SessionT
     """Set by the driver's __init__, from `self.options`."""
@@ -94,7 +94,7 @@ class LoopingRobot(RobotDriver, Generic[SessionT]):
 
     @abstractmethod
     def _states(self, loop: int) -> Generator[RobotState, None, None]:
-        """What `cycles` yields while `_loop` is `loop`, inside of `_looping(loop)`."""
+        """Yield the states of `cycles` while `_loop` is `loop`, inside of `_looping(loop)`."""
 
     @abstractmethod
     def _leave(self) -> None:
@@ -102,14 +102,14 @@ class LoopingRobot(RobotDriver, Generic[SessionT]):
 
     @abstractmethod
     def _leave_within_s(self) -> float:
-        """How long a loop in another thread may take to see that it is over, s."""
+        """Longest time in which a loop in another thread sees that it is over, s."""
 
     @abstractmethod
     def _now_s(self) -> float:
         """The time of the session's stamps."""
 
     def _forget(self) -> None:
-        """Close what `_acquire` opened in a forked child, without a word to the controller."""
+        """Close what `_acquire` opened in a forked child, without a message to the controller."""
 
     @property
     def session(self) -> SessionT:
@@ -193,7 +193,7 @@ def counts(counters: Any) -> dict[str, float]:
 
 
 def wrong_kind(who: str, command: object, kinds: Collection[CommandKind]) -> CommandError:
-    """To raise for a command of a kind that is not among `kinds`."""
+    """Make the error of a command of a kind that is not among `kinds`."""
     kind = getattr(command, "kind", None)
     name = kind.value if isinstance(kind, CommandKind) else shown(command)
     allowed = ", ".join(sorted(kind.value for kind in kinds))
@@ -216,7 +216,7 @@ def _cannot(who: str, command: RobotCommand, error: Exception) -> CommandError:
 
 
 def outside(name: str, values: Sequence[float], allowed: Range) -> str:
-    """Why `values` are neither a reading nor a command, in words; empty: all are in `allowed`.
+    """Explain why `values` are not plausible; empty: all are in `allowed`.
 
     `allowed` reaches as far below zero as above.
     """
@@ -229,7 +229,7 @@ def outside(name: str, values: Sequence[float], allowed: Range) -> str:
 
 
 def no_rotation(name: str, orientation: Sequence[float]) -> str:
-    """Why a quaternion is no rotation, in words; empty where it is one."""
+    """Explain why a quaternion is no rotation; empty: it is one."""
     w, x, y, z = orientation
     squared = w * w + x * x + y * y + z * z
     if _SHORTEST <= squared <= _LONGEST:
@@ -244,7 +244,7 @@ _SHORTEST, _LONGEST = ROTATION_LENGTH.lowest**2, ROTATION_LENGTH.highest**2
 
 
 def implausible(state: RobotState) -> str:
-    """Why no robot measures `state`, in words; empty where one may.
+    """Explain why `state` is implausible; empty: plausible.
 
     Its wrench is judged where forces are used (`cardan.gateway.force.sources`).
     """
@@ -336,8 +336,8 @@ _POSITIONS, _SPEEDS = JOINT_POSITION.highest, JOINT_VELOCITY.highest
 def joint_values(
     who: str, command: RobotCommand, kinds: Collection[CommandKind]
 ) -> Sequence[tuple[str, tuple[float, ...], Range]]:
-    """The numbers of a command to joints, each with its name and what any robot can take; of a
-    hold there are none.
+    """The numbers of a command to joints, each with its name and what any robot can take; a hold
+    has none.
 
     Raises CommandError for a kind that is not among `kinds`, and for external axes.
     """

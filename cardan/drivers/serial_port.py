@@ -1,4 +1,4 @@
-"""A serial port, and in words why it cannot be opened."""
+"""Serial port, with explanations of a failed open."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ except ImportError:  # where there are no terminals
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
 
 WAIT_S = 0.02
-"""At most so long a read waits: who reads has other things to do, and looks whether to stop."""
+"""Longest wait of a read: the reader has other work, and checks whether to stop."""
 
 
 class SerialPort:
@@ -26,7 +26,7 @@ class SerialPort:
     some devices.
 
     Raises DeviceNotFoundError where there is nothing at `path`, DeviceAccessError where it cannot
-    be had.
+    be opened.
     """
 
     def __init__(self, path: str, baud: int, *, stop_bits: int = 1) -> None:
@@ -43,7 +43,7 @@ class SerialPort:
                 path,
                 baud,
                 stopbits=stop_bits,
-                timeout=WAIT_S,  # set once: pyserial asks the system anew at each change
+                timeout=WAIT_S,  # set once: pyserial configures the port at each change
                 write_timeout=0.5,
                 exclusive=True if os.name == "posix" else None,
             )
@@ -53,7 +53,7 @@ class SerialPort:
             raise kind(f"cannot open {path}: {_words(error, number)}") from None
 
     def read(self, *, wait: bool = True) -> bytes:
-        """What has come; if that is nothing, and `wait`, what comes first within `WAIT_S`.
+        """Return the bytes received; if there are none and `wait`, the first within `WAIT_S`.
 
         Raises OSError once the port is gone.
         """
@@ -72,7 +72,7 @@ class SerialPort:
             raise _gone(error) from None
 
     def fileno(self) -> int:
-        """What `select` waits for, where the system has serial ports as files."""
+        """File descriptor for `select`, where the system has serial ports as files."""
         return int(self._port.fileno())
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""From deflections to what the operator means: dead zone, response curve, locks, dominance."""
+"""Shaping of deflections: dead zone, response curve, locks, dominance."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DOMINANCE_MARGIN = 1.1
 
 @dataclass(frozen=True, kw_only=True)
 class ShapingOptions(Options):
-    """Options of every driver with deflections. Raises OptionError for what is not allowed."""
+    """Options of every driver with deflections. Raises OptionError for invalid values."""
 
     dead_zone: Annotated[float, bounds.DEAD_ZONE] = 0.05
     """Share of the full scale that counts as rest, 0 to below 1; the rest is rescaled to 0..1."""

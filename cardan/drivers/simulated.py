@@ -1,12 +1,12 @@
-"""How a driver declares with which options it reaches simulated hardware only.
+"""Declaration of the options with which a driver reaches simulated hardware only.
 
-A demo moves a robot with nobody at hand, so it runs only what is declared here::
+A demo moves a robot unattended, so it runs only drivers that are declared here::
 
     class MyRobot(RobotDriver):
         simulated = ({"transport": ("tcp",), "host": LOOPBACK, "port": OWN},)
 
 Each mapping is one way: options by name, and what each must be. ``({},)`` says that there is no
-hardware at all. What a class inherits does not count. A driver or a filter without the attribute is
+hardware at all. Inherited declarations do not count. A driver or a filter without the attribute is
 held to the strictest rule: every text among its options is empty, a loopback address, or a file of
 the demo's own, and a driver has at least one file or port of the demo's own.
 """
@@ -26,7 +26,7 @@ from cardan.common.sockets import is_loopback
 
 
 class Only(enum.Enum):
-    """What an option of a simulated way must be, where that is not one of several values."""
+    """Requirement on an option of a simulated way that is not a list of values."""
 
     OWN = "a path or a port of the demo's own (`files`, `ports`)"
     LOOPBACK = "an address of this computer only, such as 127.0.0.1"
@@ -71,7 +71,7 @@ def why_not_simulated(
             return name, f"{value!r} is an address that other computers have"
         if _is_host(options, name) and not stays_here(value):
             return name, f"{value!r} is not {LOOPBACK.value}"
-    # A subclass may reach its hardware otherwise: what it inherits does not count.
+    # A subclass may reach its hardware otherwise: an inherited declaration does not count.
     ways: tuple[Way, ...] | None = vars(driver).get("simulated")
     if ways is None:
         return _why_strictly_not(values, own, needs_own)

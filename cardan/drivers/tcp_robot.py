@@ -1,4 +1,4 @@
-"""Drivers of controllers that are spoken to over several TCP connections.
+"""Drivers of controllers with several TCP connections.
 
 A :class:`TcpSession` has the protocol, without sockets, clocks and threads; a :class:`TcpRobot`
 around it has the sockets and the loop.
@@ -51,25 +51,25 @@ TaskT = TypeVar("TaskT", bound=str)
 
 
 class Connection:
-    """Whether one connection is up, since when, and when to try again."""
+    """State of a connection: whether it is up, since when, and when to retry."""
 
     def __init__(self) -> None:
         self.up = False
         self.reason = ""
-        """Why it is down; empty before the first attempt and while it is up."""
+        """Reason why it is down; empty before the first attempt and while it is up."""
         self.retry_s = NEVER_S
         self.since_s = NEVER_S
         self.count = 0
-        """How often it has been up."""
+        """Number of times that it has been up."""
         self._backoff_s = SHORTEST_BACKOFF_S
 
     def opened(self, now_s: float) -> None:
-        """It is up."""
+        """Record a connection."""
         self.up, self.reason, self.since_s = True, "", now_s
         self.count += 1
 
     def lost(self, reason: str, now_s: float) -> None:
-        """It broke, or could not be made."""
+        """Record a broken or failed connection."""
         if self.up and now_s - self.since_s >= STEADY_S:
             self._backoff_s = SHORTEST_BACKOFF_S
         self.up, self.reason = False, reason
@@ -78,7 +78,7 @@ class Connection:
 
 
 class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
-    """One robot on one controller, sans I/O.
+    """Protocol session with one robot on one controller, sans I/O.
 
     The shell connects what `wants` says, passes on what comes and goes (`connected`, `received`,
     `disconnected`, `connect_failed`), calls `advance` when `next_s` has come, sends what
@@ -91,10 +91,10 @@ class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
         """Times that the controller fell silent."""
         self._links: dict[ChannelT, Connection] = {name: Connection() for name in channels}
         self._out: list[tuple[ChannelT, bytes]] = []
-        """What is to be sent, in order."""
+        """Messages to send, in order."""
         self._closing: list[ChannelT] = []
         self._said_s = NEVER_S
-        """When a state was given last, and with which link."""
+        """Time and link of the last state given."""
         self._said_link: RobotLink | None = None
 
     @property
@@ -105,7 +105,7 @@ class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
     @property
     @abstractmethod
     def next_s(self) -> float:
-        """When `advance` and `due_state` are to be called at the latest."""
+        """Latest time of the next call of `advance` and `due_state`."""
 
     @property
     @abstractmethod
@@ -155,7 +155,7 @@ class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
         return found
 
     def outgoing(self) -> list[tuple[ChannelT, bytes]]:
-        """What to send now, in order; each item is one message and needs a send of its own."""
+        """Return the messages to send now, in order; each item needs a send of its own."""
         found = self._out
         if found:
             self._out = []
@@ -214,7 +214,7 @@ def _begin_to_connect(sock: socket.socket, address: Any) -> None:
 
 
 class Link:
-    """One socket, from the attempt to connect on."""
+    """A socket, from the attempt to connect on."""
 
     def __init__(self, sock: socket.socket, now_s: float) -> None:
         self.socket = sock
@@ -226,13 +226,13 @@ class Link:
 class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT]):
     """A driver of a controller with several TCP ports.
 
-    One thread does it all: `cycles` waits on the sockets, `send` answers. A state that the
-    application does not answer is answered with a hold; leaving the loop and `close` brake the
-    robot along a ramp. A driver gives `channels`, `_make_session` and `_port`.
+    A single thread does it all: `cycles` waits on the sockets, `send` answers. If the application
+    does not answer a state, the driver answers with a hold; leaving the loop and `close` brake the
+    robot along a ramp. A driver defines `channels`, `_make_session` and `_port`.
     """
 
     channels: ClassVar[tuple[Any, ...]]
-    """In the order in which they are connected."""
+    """Channels in the order of connecting."""
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
@@ -303,7 +303,7 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
                         self.send(HoldCommand())
 
     def _turn(self, session: TcpSessionT, now_s: float) -> None:
-        """Do what is asked for, connect, and send what that gives."""
+        """Execute requests, connect, and send the resulting messages."""
         while self._tasks:
             session.ask(self._tasks.popleft(), now_s)
         for channel in self.channels:

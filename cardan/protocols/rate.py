@@ -1,14 +1,14 @@
-"""How many in a second: what a client does beyond it is refused."""
+"""Rate limit of a client's actions: excess ones are refused."""
 
 from __future__ import annotations
 
 MAX_PUBLICATIONS_PER_S = 5000
-"""What a client of a server publishes beyond it is refused: 50 topics at 100 Hz are enough for a
-page."""
+"""Rate limit of a client's publications; excess ones are refused. Enough for a page with 50 topics
+at 100 Hz."""
 
 
 class RateLimit:
-    """So many in each second. Time is monotonic, in seconds."""
+    """Rate limit, per second. Time is monotonic, in seconds."""
 
     def __init__(self, per_s: int) -> None:
         self._per_s = per_s

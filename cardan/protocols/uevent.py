@@ -1,4 +1,4 @@
-"""Linux's uevents: what the kernel, and udev after its rules, tell of devices that come and go.
+"""Linux's uevents: the kernel's reports, and udev's after its rules, of devices that come and go.
 
 The kernel's form is ``ACTION@DEVPATH`` and then ``KEY=VALUE`` texts, each ended by a NUL (Linux,
 lib/kobject_uevent.c); udev's is a binary header, "libudev" and a NUL first, that says where the
@@ -38,7 +38,7 @@ class Uevent(NamedTuple):
 
 
 def decode_uevent(data: bytes) -> Uevent | None:
-    """The event in a datagram; None where it is none."""
+    """Decode the event in a datagram; None if it is invalid."""
     if data.startswith(_UDEV_PREFIX):
         if len(data) < _UDEV_HEADER.size or data[8:12] != _UDEV_MAGIC:
             return None

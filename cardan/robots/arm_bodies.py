@@ -18,7 +18,7 @@ CHARACTERISTIC_LENGTH_M = 0.3
 that this is for; half or twice of it changes convergence little."""
 
 WEIGHTS = np.array((1.0, 1.0, 1.0, *(CHARACTERISTIC_LENGTH_M,) * 3))
-"""Of a motion of the TCP, linear part first: all in m."""
+"""Weights of a motion of the TCP, linear part first: all in m."""
 
 
 def to_se3(pose: Pose) -> SE3:
@@ -29,7 +29,7 @@ def to_se3(pose: Pose) -> SE3:
 
 
 def pinocchio_model(arm: ArmModel) -> Any:
-    """Its joints and masses, with the TCP as the frame "tcp"."""
+    """Make Pinocchio's model of its joints and masses, with the TCP as the frame "tcp"."""
     model = pin.Model()
     model.name = arm.name
     parent = 0
@@ -64,7 +64,7 @@ def _revolute(axis: FloatArray) -> Any:
 
 
 def coal_shape(shape: Shape) -> tuple[Any, SE3]:
-    """Its geometry, and the placement of that in the frame that `shape` is in."""
+    """Return coal's geometry, and its placement in the frame of `shape`."""
     if isinstance(shape, Capsule):
         along = subtract(shape.end, shape.start)
         length = norm(along)

@@ -1,4 +1,4 @@
-"""Which joints of a tree are an arm, and where the others are held."""
+"""Selection of the joints of a tree that are an arm, and held positions of the others."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from cardan.robots.telescope import Sweep, is_telescope, telescoped
 from cardan.robots.urdf import LOOSE, MOVING, Tree, TreeJoint
 
 MOST_JOINTS = 9
-"""Of one arm: seven on a torso of two."""
+"""Most joints of an arm: seven on a torso of two."""
 
 LEAST_OF_ANOTHER = 3
-"""So many joints in a row that are held beside the arm are taken to be another arm, or a leg; fewer
-are a head or a gripper."""
+"""Fewest held joints in a row beside the arm that count as another arm, or a leg; fewer are a head
+or a gripper."""
 
 
 class Chain(NamedTuple):
@@ -28,22 +28,22 @@ class Chain(NamedTuple):
     base: str
     tcp: str
     joints: tuple[TreeJoint, ...]
-    """Those that move, in kinematic order."""
+    """Moving joints, in kinematic order."""
     held: dict[str, float]
-    """Where all others of one direction are, rad or m."""
+    """Positions of all others of one direction, rad or m."""
     tree: Tree
     """The one that it is in: its telescopes are one joint each."""
     sweeps: dict[str, Sweep]
     """Links within these."""
 
     def held_rows(self) -> tuple[tuple[str, str], ...]:
-        """Other arms of the tree: the first and the last joint of each."""
+        """Return other arms of the tree: the first and the last joint of each."""
         own = self.tree.path(self.tcp)
         rows: dict[str, list[TreeJoint]] = {}
         for end in self.tree.ends():
             path = self.tree.path(end)
             if self.joints[-1] in path:
-                continue  # What the arm holds.
+                continue  # Held by the arm.
             row = [joint for joint in path if joint.moves and joint not in own]
             if len(row) >= LEAST_OF_ANOTHER and len(row) > len(rows.get(row[0].name, ())):
                 rows[row[0].name] = row
@@ -51,12 +51,12 @@ class Chain(NamedTuple):
 
 
 def unit_of(kind: str) -> float:
-    """What one deg (m for a prismatic joint) of the arm's file is."""
+    """Return rad (m for a prismatic joint) per unit of the arm's file, deg (m)."""
     return 1.0 if kind == JointKind.PRISMATIC.value else math.pi / 180.0
 
 
 def no_link(key: str, name: str, links: Iterable[str]) -> ConfigurationError:
-    """What is raised where the setting `key` names a link that is none of `links`."""
+    """Make the error of a setting `key` that names a link which is none of `links`."""
     there = tuple(links)
     words = f"there is no link {name!r}; allowed: {', '.join(there)}{suggestion(name, there)}"
     return ConfigurationError(key, words)
@@ -166,7 +166,7 @@ def _leader_of_telescope(
 
 
 def _mimicry(joint: TreeJoint, leader: TreeJoint, moving: list[TreeJoint]) -> ConfigurationError:
-    """What is raised where `joint` follows `leader` and both are within the arm."""
+    """Make the error of a `joint` that follows `leader` where both are within the arm."""
     others = json.dumps([each.name for each in moving if each is not leader], ensure_ascii=False)
     if len(moving) == 1:
         return ConfigurationError(

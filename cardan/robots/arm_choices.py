@@ -1,5 +1,5 @@
-"""What is chosen for an arm whose files leave it open: where its home is, and which of its bodies
-are not kept apart because they touch in every posture."""
+"""Defaults for an arm whose files leave them open: its home, and the pairs of bodies that are not
+kept apart because they touch in every posture."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MIDDLE_SHARE = 0.5
 """Part of each range, about its middle, that a home is chosen in."""
 
 FARTHEST_RAD = math.pi / 2.0
-"""From the middle, for joints with a long range or none."""
+"""Largest distance from the middle, for joints with a long range or none."""
 
 HOME_ROOMS_M = (0.02, 0.01, 0.005, 0.0)
 """Between bodies at home: the first that any posture has. Wrists may be a few mm apart always."""
@@ -36,7 +36,7 @@ POSTURES = 10_000
 
 
 def pairs_to_watch(arm: ArmModel) -> list[tuple[int, int]]:
-    """Those of the arm's shapes, by number, that are kept apart."""
+    """Return the pairs of the arm's shapes, by number, that are kept apart."""
     return [
         (first, second)
         for first, second in itertools.combinations(range(len(arm.shapes)), 2)
@@ -58,7 +58,7 @@ def touching_shapes(arm: ArmModel) -> frozenset[tuple[int, int]]:
     for q in np.random.default_rng(0).uniform(lower, upper, (POSTURES, len(arm.joints))):
         if not of_links:
             break
-        # What was apart once is not looked at again: a thousandth of the work remains.
+        # Bodies that were apart once are not checked again: a thousandth of the work remains.
         touching = bodies.touching(q)
         of_links = {links: pairs for links, pairs in of_links.items() if pairs & touching}
         bodies.watch_only(set().union(*of_links.values()))
@@ -142,7 +142,7 @@ class _Bodies:
         self._watched = set(range(len(self.pairs)))
 
     def set_room(self, room_m: float) -> None:
-        """What is nearer counts as touching."""
+        """Set the distance below which bodies count as touching."""
         for number in range(len(self.pairs)):
             self._found.collisionRequests[number].security_margin = room_m
 
@@ -154,7 +154,7 @@ class _Bodies:
         return any_do
 
     def watch_only(self, numbers: set[int]) -> None:
-        """Of `pairs`; those that are not watched touch nothing."""
+        """Check only these of `pairs`; the others never touch."""
         for number in self._watched - numbers:
             self._found.deactivateCollisionPair(number)
         self._watched = set(numbers)

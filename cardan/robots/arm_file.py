@@ -1,4 +1,4 @@
-"""The TOML beside a URDF: what a URDF cannot say."""
+"""TOML beside a URDF: settings that a URDF cannot have."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class CollisionTable(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class ArmFile(Options):
-    """The whole file."""
+    """Contents of the file."""
 
     urdf: str
     """From the folder of this file, or ``PACKAGE:FILE``; a ``.xacro`` is expanded."""
@@ -109,7 +109,7 @@ class ArmFile(Options):
     effort: Mapping[str, _Positive] = field(default_factory=dict)
     """N·m, or N."""
     acceleration_deg_s2: _Positive | tuple[_Positive, ...] | None = None
-    """One for all joints or one each; prismatic ones in m/s²."""
+    """A value for all joints, or one for each; of prismatic joints in m/s²."""
     counterbalance: str = ""
     """Last joint from the base that springs relieve of the arm's weight; empty: there are none."""
     task: Task = field(default_factory=Task)

@@ -1,4 +1,4 @@
-"""Limits of an arm's joints: the URDF's, and those of the arm's file, which count more."""
+"""Limits of an arm's joints: the URDF's, overridden by those of the arm's file."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ _CAREFUL_SPEED = 10.0
 _CAREFUL_SPEED_M_S = 0.05
 _CAREFUL_WAY = 45.0
 _CAREFUL_WAY_M = 0.05
-"""What is proposed where nothing is published: deg/s, m/s; deg, m to each side."""
+"""Proposals for unpublished limits: deg/s, m/s; deg, m to each side."""
 
 
 class Proposal(NamedTuple):
-    """What may stand in the arm's file for a limit that is missing."""
+    """Proposed entry of the arm's file for a missing limit."""
 
     key: str
     joint: str
     value: float
     remark: str
-    """Its unit, and what the URDF has."""
+    """Its unit, and the URDF's value."""
 
 
 def limits_of(joints: Sequence[TreeJoint], file: ArmFile) -> list[Limits]:
@@ -53,7 +53,7 @@ def limits_of(joints: Sequence[TreeJoint], file: ArmFile) -> list[Limits]:
 
 
 def proposals_for(joints: Sequence[TreeJoint], file: ArmFile) -> list[Proposal]:
-    """For all limits that are missing. Raises ConfigurationError for such as are wrong."""
+    """Propose all missing limits. Raises ConfigurationError for wrong ones."""
     found, missing = _found(joints, file)
     return _proposals(missing, found, joints)
 

@@ -1,6 +1,6 @@
-"""Loads arms by name or file.
+"""Loader of arms by name or file.
 
-`cardan/robots` holds ours, and :func:`load_arm` takes the path of anybody's. A table beside each of
+`cardan/robots` holds ours, and :func:`load_arm` takes the path of any other. A table beside each of
 ours has what Pinocchio reads of it, so that drivers and simulated peers need no Pinocchio;
 ``python -m tests.arm_tables`` writes them.
 """
@@ -59,7 +59,7 @@ class ArmTexts:
         self.texts = (*texts, self.urdf)
 
     def parts(self) -> list[str | bytes]:
-        """All that the arm is made of, meshes too. Raises ConfigurationError."""
+        """Return all inputs of the arm, also meshes. Raises ConfigurationError."""
         with self._blamed():
             meshes = meshes_of(read_tree(self.urdf), self.file, self.urdf_path)
             return [
@@ -71,7 +71,7 @@ class ArmTexts:
             ]
 
     def build(self) -> ArmModel:
-        """By Pinocchio. Raises ConfigurationError, ExtraMissingError."""
+        """Build the arm by Pinocchio. Raises ConfigurationError, ExtraMissingError."""
         with self._blamed():
             return _build(self.urdf, self.file, self.urdf_path, self.disabled)
 
@@ -105,7 +105,7 @@ def parse_urdf(text: str) -> ArmModel:
     """The arm that a URDF describes, from base to tip, with defaults for all it cannot say.
 
     Raises ConfigurationError for text that is not URDF, has several ends, lacks a limit, has
-    numbers that are none, or has meshes where primitives are needed; ExtraMissingError.
+    invalid numbers, or has meshes where primitives are needed; ExtraMissingError.
     """
     return _build(text, ArmFile(urdf=""))
 

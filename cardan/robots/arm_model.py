@@ -24,7 +24,7 @@ reach full speed in this time: within what industrial arms of this size do at fu
 
 
 class JointKind(enum.Enum):
-    """How a joint moves, named as in URDF."""
+    """Kind of a joint's motion, named as in URDF."""
 
     REVOLUTE = "revolute"
     CONTINUOUS = "continuous"
@@ -33,12 +33,12 @@ class JointKind(enum.Enum):
 
 
 class ArmJoint(NamedTuple):
-    """One joint: T(placement) and then the motion along or about `axis`."""
+    """Joint: T(placement) and then the motion along or about `axis`."""
 
     name: str
     kind: JointKind
     placement: Pose
-    """Of the joint in the body before it, at zero."""
+    """Placement of the joint in the body before it, at zero."""
     axis: Vector3
     """Unit vector in the joint's frame."""
     lower: float
@@ -77,7 +77,7 @@ class Box(NamedTuple):
 
     @classmethod
     def between(cls, low: Vector3, high: Vector3) -> Box:
-        """From its lowest corner to its highest, m, along the axes. Raises ConfigurationError."""
+        """Make an axis-aligned box by two corners, lowest first, m. Raises ConfigurationError."""
         size = subtract(high, low)
         if min(size) <= 0.0:
             raise ConfigurationError(
@@ -105,7 +105,7 @@ class Task(Options):
     """``[task]``: which of the six directions the arm is to follow, and how much they count."""
 
     axes: Literal["tcp", "base"] = "tcp"
-    """Of the weights."""
+    """Frame of the weights."""
     weights: SixWeights = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     """x y z rx ry rz; 0 leaves a direction free."""
 
@@ -120,29 +120,29 @@ class ArmModel(NamedTuple):
     name: str
     joints: tuple[ArmJoint, ...]
     flange: Pose
-    """In the last body."""
+    """Pose of the flange in the last body."""
     tcp: Pose
     """Tool center point without any further tool, in the last body."""
     inertias: tuple[Inertia, ...]
-    """Of bodies 1 to n; zero where the URDF gives none."""
+    """Inertias of bodies 1 to n; zero where the URDF gives none."""
     shapes: tuple[BodyShape, ...]
-    """Of the arm, and of what is fixed to its base (body 0)."""
+    """Shapes of the arm, and of links fixed to its base (body 0)."""
     ignored_pairs: frozenset[tuple[int, int]]
     """Bodies that always touch besides neighbors, lower index first."""
     home: tuple[float, ...]
     """A configuration to start from, rad or m, inside limits."""
     task: Task
     urdf: str
-    """Of the arm alone: no other joint moves, and its base is the root."""
+    """URDF of the arm alone: no other joint moves, and its base is the root."""
     counterbalanced_joints: int = 0
-    """So many joints from the base are relieved of the arm's weight by springs; 0: none."""
+    """Number of joints from the base that springs relieve of the arm's weight; 0: none."""
     solid_links: tuple[str, ...] = ()
     """Links that the joints move and that ought to have a body: those with a shape to see or to
     touch, and of what one joint moves the first where none has."""
     bare_links: tuple[str, ...] = ()
     """Those of `solid_links` without a body: nothing keeps them away from anything."""
     missing_meshes: tuple[str, ...] = ()
-    """Which of their meshes are not there, and where they were looked for."""
+    """Missing meshes of these, and the places searched for them."""
     disabled_shapes: frozenset[tuple[int, int]] = frozenset()
     """Pairs of `shapes` that an SRDF does not check, by number, lower first."""
     touching_shapes: frozenset[tuple[int, int]] = frozenset()
@@ -168,7 +168,7 @@ class ArmModel(NamedTuple):
         )
 
     def held_words(self) -> str:
-        """That other arms are held, and what of it; empty where there are none."""
+        """Message that other arms are held, with the consequences; empty: there are none."""
         if not self.held_rows:
             return ""
         rows = ", ".join(f"{first} to {last}" for first, last in self.held_rows)
@@ -192,21 +192,21 @@ class ArmModel(NamedTuple):
 
     @property
     def home_deg(self) -> tuple[float, ...]:
-        """As the arm's file has it: deg, m for prismatic joints."""
+        """Home in units of the arm's file: deg, m for prismatic joints."""
         return tuple(
             value if joint.kind is JointKind.PRISMATIC else math.degrees(value)
             for joint, value in zip(self.joints, self.home, strict=True)
         )
 
     def home_words(self) -> str:
-        """Where each joint is at home, with its unit."""
+        """Describe the position of each joint at home, with its unit."""
         return ", ".join(
             f"{round(value, 3):g}{' m' if joint.kind is JointKind.PRISMATIC else '°'}"
             for joint, value in zip(self.joints, self.home_deg, strict=True)
         )
 
     def links_without_body(self) -> str:
-        """How many links have no body, and which, in words; empty: all have one."""
+        """Say how many links have no body, and which; empty: all have one."""
         bare = self.bare_links
         if not bare:
             return ""
@@ -214,7 +214,7 @@ class ArmModel(NamedTuple):
         return "; ".join((words, *self.missing_meshes))
 
     def without(self, other: ArmModel) -> ArmModel:
-        """Without what `other`, an arm of the same robot, moves: links that are held here."""
+        """Return the arm without links that `other`, an arm of the same robot, moves: held here."""
         theirs = {shape.name for shape in other.shapes if shape.body > 0}
         kept = [
             number
@@ -272,7 +272,7 @@ class ArmModel(NamedTuple):
 
     @property
     def limits(self) -> JointLimits:
-        """Of all joints."""
+        """Limits of all joints."""
         return JointLimits(
             self.lower, self.upper, self.velocity, tuple(j.acceleration for j in self.joints)
         )

@@ -1,4 +1,4 @@
-"""Makes an arm's model out of a URDF, by Pinocchio."""
+"""Model of an arm out of a URDF, by Pinocchio."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _HOME_TOLERANCE = 1e-3
 
 
 class _Link(NamedTuple):
-    """Where a link is: the body that it is part of, and its frame in that body's."""
+    """Place of a link: the body that it is part of, and its frame in that body's."""
 
     body: int
     pose: Pose
@@ -49,7 +49,7 @@ class _Links(dict[str, _Link]):
     """The links by name, those before others that hang on them."""
 
     def get_link(self, name: str, key: str) -> _Link:
-        """ConfigurationError of the setting `key` where there is none of that name."""
+        """Return a link; ConfigurationError of the setting `key` if there is none of that name."""
         if name not in self:
             raise no_link(key, name, self)
         return self[name]
@@ -297,7 +297,7 @@ def _shape(geometry: Any, pose: Pose) -> Shape:
 def _by_name(
     tree: Tree, covers: Mapping[ET.Element, tuple[Shape, ...]], left_out: Collection[ET.Element]
 ) -> dict[str, tuple[Shape, ...]]:
-    """What stands for meshes, by what Pinocchio calls the shape in its place: "link_3_0" is the
+    """Return the shapes that replace meshes, by Pinocchio's name of the mesh: "link_3_0" is the
     first of link 3."""
     found = {}
     for number, element in enumerate(tree.links.values()):
@@ -337,7 +337,7 @@ def _swept_shapes(
         if sweep := chain.sweeps.get(owner):
             number = [joint.name for joint in joints].index(sweep.joint)
             joint, direction = joints[number], joints[number].axis
-            if each.body == number:  # What carries the joint.
+            if each.body == number:  # The body that carries the joint.
                 direction = rotate(joint.placement.orientation, direction)
             shape = swept(shape, direction, sweep)
         found.append(each._replace(shape=shape))
@@ -345,7 +345,7 @@ def _swept_shapes(
 
 
 def _solid_links(tree: Tree, links: _Links) -> tuple[str, ...]:
-    """As `ArmModel` has them."""
+    """Return `ArmModel.solid_links`."""
     solid: dict[int, list[str]] = {}
     first: dict[int, str] = {}
     for name, link in links.items():

@@ -1,5 +1,5 @@
-"""An arm's model as JSON: what a program without Pinocchio reads of our arms, and what is kept of
-anybody's, so that loading it again takes milliseconds."""
+"""An arm's model as JSON: the built-in arms for programs without Pinocchio, and a cache of all
+others, so that loading one again takes milliseconds."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ _SOURCES = (
     "telescope.py",
     "urdf.py",
 )
-"""What makes a model out of files: others make others."""
+"""Modules that make a model out of files: a kept model is void when one changes."""
 KIND = "arms"
 _T = TypeVar("_T")
 
 
 def to_table(arm: ArmModel, key: str, urdf: str) -> str:
-    """Of an arm out of the files that have this `content_key`, the text `urdf` among them."""
+    """Serialize an arm made of files with this `content_key`, the text `urdf` among them."""
     table = {name: _plain(value) for name, value in arm._asdict().items() if value != urdf}
     rows = ",\n".join(f"{json.dumps(name)}: {json.dumps(value)}" for name, value in table.items())
     return f'{{"of": {json.dumps(key)},\n{rows}}}\n'
 
 
 def from_table(text: str, key: str, urdf: str) -> ArmModel | None:
-    """The arm; None where the text is of files with another key, or damaged."""
+    """Return the arm; None where the text is of files with another key, or damaged."""
     try:
         table = json.loads(text)
         if table.pop("of") != key:
@@ -55,12 +55,12 @@ def from_table(text: str, key: str, urdf: str) -> ArmModel | None:
 
 
 def plain_text(value: Any) -> str:
-    """A value of named tuples, tables and shapes as JSON."""
+    """Serialize a value of named tuples, tables and shapes as JSON."""
     return json.dumps(_plain(value))
 
 
 def made_from(kind: type[_T], text: str) -> _T | None:
-    """The value of type `kind` that `plain_text` made this of; None where it is none."""
+    """Return the value of type `kind` that `plain_text` serialized; None if it is invalid."""
     try:
         made: _T = _made(kind, json.loads(text))
     except (AttributeError, KeyError, TypeError, ValueError, RecursionError):
@@ -69,14 +69,14 @@ def made_from(kind: type[_T], text: str) -> _T | None:
 
 
 def kept_arm(parts: Sequence[str | bytes], urdf: str) -> ArmModel | None:
-    """What `keep_arm` has kept of these files; None: nothing."""
+    """Return the model that `keep_arm` has kept of these files; None: nothing."""
     key = content_key((*parts, *_sources()))
     text = kept_text(KIND, key)
     return None if text is None else from_table(text, key, urdf)
 
 
 def keep_arm(parts: Sequence[str | bytes], urdf: str, arm: ArmModel) -> None:
-    """Where the user has a folder that can be written to, `kept_arm` has it next time."""
+    """Keep the model for `kept_arm`, if the user has a writable folder for it."""
     key = content_key((*parts, *_sources()))
     keep_text(KIND, key, to_table(arm, key, urdf))
 

@@ -35,7 +35,7 @@ class Counterbalance:
         self._data = carried.createData()
 
     def torques(self, q: Array) -> Array:
-        """What the springs exert at the joint positions `q`, N·m or N; 0 after the last of them.
+        """Return the springs' torques at joint positions `q`, N·m or N; 0 after the last spring.
 
         The array is the same at every call.
         """
@@ -44,6 +44,6 @@ class Counterbalance:
         return self._torques
 
     def energy_j(self, q: Array) -> float:
-        """What they have stored at `q`; its zero is arbitrary."""
+        """Return the energy stored at `q`; its zero is arbitrary."""
         weight_j: float = pin.computePotentialEnergy(self._model, self._data, q[: self._joints])
         return -weight_j

@@ -1,4 +1,4 @@
-"""Fits meshes once: what was found is kept by content in the user's cache folder."""
+"""Cache of fits of meshes, by content, in the user's cache folder."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ KIND = "fits"
 
 
 def fit_mesh(path: Path, how: How, scale: Vector3 = UNSCALED) -> Fit:
-    """What covers the convex hull of the mesh at `path`, as :func:`cardan.robots.fitting.fit` has
-    it; from the cache where these bytes were fitted before. Raises ConfigurationError."""
+    """Fit shapes to the convex hull of the mesh at `path` by :func:`cardan.robots.fitting.fit`, or
+    take them from the cache where these bytes were fitted before. Raises ConfigurationError."""
     data = read_mesh(path)
     key = content_key((data, plain_text((METHOD, how, *scale, path.suffix.lower()))))
     text = kept_text(KIND, key)

@@ -1,9 +1,9 @@
-"""Covers the convex hull of a mesh with few capsules and boxes.
+"""Fit of few capsules and boxes around the convex hull of a mesh.
 
 A control cycle compares an arm's bodies some hundred times a second, which meshes are too slow for.
-What is returned contains the hull for certain, so that no distance of it is larger than the mesh's:
-the hull is cut into convex cells by planes, each piece contains the corners of its cell, and is
-then made larger by what the hull was simplified by. Lengths in m.
+The fit contains the hull for certain, so that no distance of it is larger than the mesh's: the hull
+is cut into convex cells by planes, each piece contains the corners of its cell, and is then made
+larger by the error of simplifying the hull. Lengths in m.
 """
 
 from __future__ import annotations
@@ -35,21 +35,21 @@ OVER_M: Final = 0.010
 """A tight fit is good enough below one of them: of the hull's volume, or beyond its surface."""
 
 FARTHEST_M: Final = 100.0
-"""Nothing of an arm is farther from its frame."""
+"""Largest distance of any part of an arm from its frame."""
 THINNEST_M: Final = 1e-4
-"""What is thinner in some direction, as a plate without thickness, is taken to be so thick."""
+"""Least thickness in any direction, for plates without one."""
 ROUNDING_M: Final = 1e-6
-"""All pieces are larger by it, besides what the hull was simplified by."""
+"""Margin of all pieces, besides the error of simplifying the hull."""
 
 _MOST_CORNERS: Final = 400
 _SIMPLER: Final = 5e-4
 """Corners that are nearer to the hull of the others are left out, as a share of its length."""
 _JOGGLE: Final = 1e-8
-"""Corners are shifted by so much of the length: no four are then in one plane by chance."""
+"""Corners are shifted by this share of the length: no four are then in one plane by chance."""
 _SLICES: Final = 8
-"""Half of the hull's length along an axis is divided into so many, where steps may begin."""
+"""Divisions of half of the hull's length along an axis, at which steps may begin."""
 _ON_PLANE_M: Final = 1e-9
-"""What is so near to a plane is on both its sides: rounding must not take a corner from a cell."""
+"""Points so near to a plane are on both its sides: rounding must not take a corner from a cell."""
 _SAMPLES: Final = 16384
 _SAMPLES_TO_COMPARE: Final = 2048
 _AT_ONCE: Final = 4096
@@ -179,7 +179,7 @@ class Hull:
         self.volume: float = float(np.linalg.det(centered).sum() / 6.0)
 
     def _first_facets(self) -> Indices:
-        """Of a tetrahedron: long, wide and thick."""
+        """Facets of a first tetrahedron: long, wide and thick."""
         points = self._points
         a = int(np.argmin(points[:, int(np.argmax(np.ptp(points, axis=0)))]))
         b = int(np.argmax(np.linalg.norm(points - points[a], axis=1)))
@@ -199,7 +199,7 @@ class Hull:
         return normals, _dots(normals, a)
 
     def _insert(self, indices: Iterable[int]) -> set[int]:
-        """Make these points corners; those of which it cannot be done are given back."""
+        """Make these points corners; return those for which that is impossible."""
         refused = set()
         for index in map(int, indices):
             depths = self.normals @ self._points[index] - self.offsets
@@ -224,7 +224,7 @@ class Hull:
         return refused
 
     def _around(self, start: int, visible: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-        """Of the visible facets, those that hang together with one of them."""
+        """Return the visible facets connected to `start`."""
         of_side: dict[tuple[int, int], int] = {}
         for number in np.flatnonzero(visible).tolist():
             of_side.update(dict.fromkeys(_sides(self.facets[number].tolist()), number))
@@ -240,7 +240,7 @@ class Hull:
         return found
 
     def beyond(self, points: Floats) -> tuple[Floats, Indices]:
-        """How far each is beyond the planes of the facets, at most, and of which."""
+        """Return the largest distance of each beyond the facets' planes, and of which."""
         depths, facets = np.empty(len(points)), np.empty(len(points), dtype=np.int64)
         for first in range(0, len(points), _AT_ONCE):
             part = points[first : first + _AT_ONCE] @ self.normals.T
@@ -251,7 +251,7 @@ class Hull:
         return depths, facets
 
     def distances(self, points: Floats) -> Floats:
-        """From the hull; below 0 inside it, by the depth."""
+        """Distances from the hull; below 0 inside it, by the depth."""
         depth, _ = self.beyond(points)
         outside = depth > 0.0
         depth[outside] = [self.triangles.distances(point).min() for point in points[outside]]
@@ -259,7 +259,7 @@ class Hull:
 
 
 def _once_each(points: Floats) -> Floats:
-    """Without copies, in order: as np.unique has them, which is several times slower."""
+    """Return points without copies, in order, like np.unique, which is several times slower."""
     ordered = points[np.lexsort(points.T[::-1])]
     new = np.ones(len(ordered), dtype=bool)
     new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
@@ -267,7 +267,7 @@ def _once_each(points: Floats) -> Floats:
 
 
 def _thickened(points: Floats) -> Floats:
-    """With a thickness in each direction."""
+    """Return the points with a thickness in each direction."""
     centered = points - points.mean(axis=0)
     axes = _axes_of(centered.T @ centered)
     for axis in axes:
@@ -289,20 +289,20 @@ def _axes_of(moments: Floats) -> Floats:
 
 
 def _cross(first: Floats, second: Floats) -> Floats:
-    """Of two vectors; twenty times faster than numpy's, which is for many."""
+    """Cross product of two vectors; twenty times faster than numpy's, which is for many."""
     (a, b, c), (d, e, f) = first.tolist(), second.tolist()
     return np.array([b * f - c * e, c * d - a * f, a * e - b * d])
 
 
 def _crosses(first: Floats, second: Floats) -> Floats:
-    """Of each row of one with that of the other; several times faster than numpy's."""
+    """Row-wise cross products; several times faster than numpy's."""
     a, b, c = first[..., 0], first[..., 1], first[..., 2]
     d, e, f = second[..., 0], second[..., 1], second[..., 2]
     return np.stack((b * f - c * e, c * d - a * f, a * e - b * d), axis=-1)
 
 
 def _dots(first: Floats, second: Floats) -> Floats:
-    """Of each row of one with that of the other."""
+    """Row-wise dot products."""
     found: Floats = np.einsum("...i,...i->...", first, second)
     return found
 
@@ -333,7 +333,7 @@ class Triangles:
         self._per_side = self._sides / np.where(squared > 0.0, squared, 1.0)[..., None]
 
     def distances(self, points: Floats) -> Floats:
-        """Of a point, or of as many as there are triangles, from each."""
+        """Distances from each triangle, of a point or of as many points."""
         offsets = points[..., None, :] - self.corners
         to_plane = np.abs(_dots(offsets[:, 0], self._normals))
         inside = (_dots(offsets, self._inward) >= 0.0).all(axis=1) & ~self._flat
@@ -429,7 +429,7 @@ def _box(points: Floats, axes: Floats) -> _BoxPiece:
 
 
 def _pieces(points: Floats, frames: Sequence[Floats], steps: int = 0) -> Iterator[_Piece]:
-    """All that contain `points` along one of the axes."""
+    """Yield all pieces that contain `points` along one of the axes."""
     yield from _boxes(points, frames)
     for axes in frames:
         for which in range(3):
@@ -525,7 +525,7 @@ def _covers(hull: Hull, frames: Sequence[Floats]) -> Iterator[list[list[_Piece]]
 
 
 def _crossings(edges: Floats, normal: Floats, offset: float) -> Floats:
-    """Where edges pass through a plane."""
+    """Return the points where edges pass through a plane."""
     start, end = edges[:, 0] @ normal - offset, edges[:, 1] @ normal - offset
     through = start * end < 0.0
     start, end, edges = start[through], end[through], edges[through]
@@ -534,7 +534,7 @@ def _crossings(edges: Floats, normal: Floats, offset: float) -> Floats:
 
 
 class _Plane(NamedTuple):
-    """What is on the lower side of a plane: normal · point <= offset."""
+    """Half-space on the lower side of a plane: normal · point <= offset."""
 
     normal: Floats
     offset: float
@@ -551,7 +551,7 @@ def _cut(hull: Hull, axes: Floats) -> Iterator[list[_Piece]]:
 
 
 class _Cell:
-    """What planes leave of the hull."""
+    """Part of the hull on the lower side of all `planes`."""
 
     def __init__(self, hull: Hull, axes: Floats, planes: tuple[_Plane, ...]) -> None:
         self._hull, self._axes, self._planes = hull, axes, planes
@@ -570,7 +570,7 @@ class _Cell:
 
     @property
     def saved(self) -> float:
-        """By taking its halves instead."""
+        """Volume saved by taking its halves instead."""
         return self.piece.volume - sum(half.piece.volume for half in self.halves)
 
     def _cuts(self) -> Iterator[tuple[_Cell, _Cell]]:
@@ -589,11 +589,11 @@ class _Cell:
 
 
 _CUT_SHARES: Final = (0.2, 0.35, 0.5, 0.65, 0.8)
-"""Of a cell's length along an axis, where it may be cut."""
+"""Shares of a cell's length along an axis at which it may be cut."""
 
 
 def _corners(hull: Hull, planes: tuple[_Plane, ...]) -> Floats:
-    """Of what up to three planes leave of the hull, all of them, and some points of it more."""
+    """Return all corners of what up to three planes leave of the hull, and some more points."""
     found = [hull.corners, *(_crossings(hull.edges, *plane) for plane in planes)]
     for first, second in itertools.combinations(planes, 2):
         line = _cross(first.normal, second.normal)
@@ -613,7 +613,7 @@ def _corners(hull: Hull, planes: tuple[_Plane, ...]) -> Floats:
 
 
 def _along(hull: Hull, point: Floats, direction: Floats) -> Floats:
-    """Where a line enters the hull and where it leaves it; nothing where it misses it."""
+    """Return where a line enters and leaves the hull; nothing where it misses it."""
     slope = hull.normals @ direction
     room = hull.offsets - hull.normals @ point
     into, out = slope < 0.0, slope > 0.0
@@ -711,7 +711,7 @@ def _over_m(hull: Hull, pieces: Iterable[_Piece]) -> float:
 
 
 def _at_least_over_m(hull: Hull, pieces: Iterable[_Piece]) -> float:
-    """As far as they are beyond a facet's plane."""
+    """Return a lower bound of the excess, m: the largest distance beyond a facet's plane."""
     ends = (piece.extremes() for piece in pieces)
     return max(float(hull.beyond(points)[0].max()) + radius for points, radius in ends)
 

@@ -1,4 +1,4 @@
-"""Finds the meshes and packages that a URDF names, and reads the bytes of meshes."""
+"""Search for the meshes and packages that a URDF names, and reading of meshes."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class FoundMesh(NamedTuple):
     link: str
     mesh: Mesh
     path: Path | None = None
-    """None: it is not there, or counts as nothing."""
+    """Path; None: it is missing, or counts as nothing."""
     missing: str = ""
-    """Where it was looked for in vain."""
+    """Places searched in vain."""
 
 
 def meshes_of(tree: Tree, file: ArmFile, urdf: Path | None) -> dict[ET.Element, FoundMesh]:
@@ -70,7 +70,7 @@ def find_mesh(uri: str, urdf: Path, folders: Sequence[Path] = ()) -> tuple[Path 
 
 
 def package_folders(file: ArmFile, urdf: Path) -> list[Path]:
-    """Those that the arm's file names."""
+    """Return the package folders that the arm's file names."""
     return [urdf.parent / folder for folder in file.package_dirs]
 
 
@@ -125,7 +125,7 @@ def _packages(name: str, urdf: Path, folders: Sequence[Path]) -> Iterator[Path]:
 
 
 def _package_name(folder: Path) -> str:
-    """As its package.xml has it; empty without one."""
+    """Return the name in its package.xml; empty without one."""
     try:
         text = read_text(folder / "package.xml")
     except (OSError, ValueError):

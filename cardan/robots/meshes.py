@@ -1,4 +1,4 @@
-"""Reads meshes: their corners, and the triangles between them.
+"""Reader of meshes: their corners, and the triangles between them.
 
 STL, OBJ and COLLADA (DAE) are read here and not by Assimp, which Coal brings: a damaged COLLADA
 file can end the process there, and units are not applied. Lengths in m.
@@ -24,7 +24,7 @@ UNSCALED: Final = Vector3(1.0, 1.0, 1.0)
 FORMATS: Final = (".stl", ".obj", ".dae")
 LARGEST_SCALE: Final = 1e6
 MOST_POINTS: Final = 10_000_000
-"""Of all copies of all parts of a COLLADA file."""
+"""Most points of all copies of all parts of a COLLADA file."""
 MOST_NODES: Final = 10_000
 MOST_ELEMENTS: Final = 500_000
 DEEPEST: Final = 64
@@ -32,16 +32,16 @@ DEEPEST: Final = 64
 
 
 class Surface(NamedTuple):
-    """Of a mesh."""
+    """Surface of a mesh."""
 
     points: Points
     """Corners of its faces, in rows; some may be there more than once."""
     triangles: Indices
-    """Of three corners each, by their rows."""
+    """Triangles of three corners each, by their rows."""
 
     @classmethod
     def of(cls, parts: Sequence[Surface]) -> Surface:
-        """All of them together."""
+        """Join surfaces."""
         firsts = np.cumsum([0, *(len(each.points) for each in parts)])
         shifted = (each.triangles + first for each, first in zip(parts, firsts, strict=False))
         return cls(
@@ -105,13 +105,13 @@ def _refuse(reason: str) -> NoReturn:
 
 
 def _corners_of(points: Points, corners: Indices, triangles: Indices) -> Surface:
-    """Of the faces with these corners, between which are the `triangles`: each corner once."""
+    """Return the surface of faces with these corners and `triangles`: each corner once."""
     used, which = np.unique(corners, return_inverse=True)
     return Surface(points[used], which.reshape(-1)[triangles])
 
 
 def _fans(counts: Indices) -> Indices:
-    """The triangles of polygons of so many corners each, one after the other."""
+    """Return the triangles of polygons with these numbers of corners, one after the other."""
     triangles = np.maximum(counts - 2, 0)
     first = np.repeat(np.cumsum(counts) - counts, triangles)
     turn = np.arange(len(first)) - np.repeat(np.cumsum(triangles) - triangles, triangles)
@@ -189,7 +189,7 @@ _FACES: Final = ("triangles", "polylist", "polygons", "trifans", "tristrips")
 
 
 class _Plain(ET.TreeBuilder):
-    """Without namespaces, and without a document type, whose entities could be anything."""
+    """Parser without namespaces, and without document types, whose entities could be anything."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -276,7 +276,7 @@ class _Collada:
         return self._known[geometry]
 
     def _corners(self, faces: ET.Element) -> Iterator[Surface]:
-        """Of some faces of one geometry, each corner once."""
+        """Yield surfaces of some faces of one geometry, with each corner once."""
         inputs = faces.findall("input")
         offsets = [int(each.get("offset", "0")) for each in inputs]
         step = max(offsets, default=0) + 1
@@ -320,7 +320,7 @@ class _Collada:
 
 
 def _triangles(faces: ET.Element, listed: ET.Element, count: int) -> Indices:
-    """Between `count` corners of some faces."""
+    """Return the triangles between `count` corners of some faces."""
     if listed.tag == "h":  # A hole.
         return np.empty((0, 3), dtype=np.int64)
     if faces.tag == "tristrips":
@@ -338,7 +338,7 @@ def _triangles(faces: ET.Element, listed: ET.Element, count: int) -> Indices:
 
 
 def _transform(element: ET.Element) -> Points:
-    """Of a node, 4 x 4."""
+    """Transform of a node, 4 x 4."""
     numbers = np.array((element.text or "").split(), dtype=np.float64)
     found = np.eye(4)
     match element.tag, len(numbers):

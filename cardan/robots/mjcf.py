@@ -4,7 +4,7 @@ Not by Pinocchio's parser: it takes meters of slide joints for degrees, shifts r
 keeps those that ``limited="false"`` switches off, and says nothing of bodies of several joints.
 
 Joint positions are those of MuJoCo's qpos: a joint's `ref` is part of where the joint is. Sites
-with a name are links. What an equality or a tendon couples is a joint that mimics; a free or ball
+with a name are links. A joint coupled by an equality or a tendon is one that mimics; a free or ball
 joint is a floating one.
 """
 
@@ -54,10 +54,10 @@ _WORLD = "world"
 _X, _Y, _Z = Vector3(1.0, 0.0, 0.0), Vector3(0.0, 1.0, 0.0), Vector3(0.0, 0.0, 1.0)
 _ORIENTATIONS = ("euler", "axisangle", "xyaxes", "zaxis", "quat")
 _FLOOR_M = (20.0, 20.0, 1.0)
-"""A plane, which has no end in MuJoCo, is the upper side of a box."""
+"""Size of the box that replaces a plane, which has no end in MuJoCo."""
 _WATER_KG_M3 = 1000.0
 _ALIKE = "0 1 0 0 0"
-"""Of an equality between joints: one goes as far as the other."""
+"""Coefficients of an equality between joints: one goes as far as the other."""
 
 _Attributes: TypeAlias = ChainMap[str, str]
 
@@ -70,7 +70,7 @@ class _Item(NamedTuple):
     attributes: _Attributes
     element: ET.Element
     frame: Pose
-    """Where the frames around it are in the body."""
+    """Pose of the frames around it in the body."""
     childclass: str
 
     def words(self) -> str:
@@ -78,7 +78,7 @@ class _Item(NamedTuple):
 
 
 class _Solid(NamedTuple):
-    """What a geom weighs."""
+    """Mass properties of a geom."""
 
     mass: float
     pose: Pose
@@ -100,7 +100,7 @@ def _wrong(message: str) -> ConfigurationError:
 
 
 def _numbers(words: str, attributes: Mapping[str, str], name: str, default: str) -> list[float]:
-    """As many as `default` has."""
+    """Return the numbers of an attribute, as many as `default` has."""
     text = attributes.get(name, default)
     count = len(default.split())
     try:
@@ -149,7 +149,7 @@ def _turned_z(direction: Vector3) -> Quaternion:
 
 
 def _rpy(q: Quaternion) -> tuple[float, float, float]:
-    """Of R = Rz·Ry·Rx; exact also where y is ±90° and x and z turn about the same."""
+    """Angles of R = Rz·Ry·Rx; exact also where y is ±90° and x and z turn about the same."""
     x, y, z = (rotate(q, axis) for axis in (_X, _Y, _Z))
     yaw = math.atan2(x.y, x.x)
     sine, cosine = math.sin(yaw), math.cos(yaw)
@@ -202,7 +202,7 @@ class _Translation:
         self._joints: dict[str, ET.Element] = {}
         self._refs: dict[str, float] = {}
         self._above: dict[str, tuple[str, list[str]]] = {}
-        """Of each body: the one that it hangs on, and the joints between."""
+        """Parent of each body, and the joints between."""
         self._body_of_site: dict[str, str] = {}
         self._qpos: list[tuple[str, int]] = []
         ET.SubElement(self.robot, "link", name=_WORLD)
@@ -256,7 +256,7 @@ class _Translation:
         return ChainMap(element.attrib, *self._classes[name].get(tag, []))
 
     def _items(self, element: ET.Element, frame: Pose, childclass: str) -> Iterator[_Item]:
-        """What a body has, its own frames undone."""
+        """Yield the items of a body, with its own frames resolved."""
         for child in element:
             if child.tag in ("frame", "body"):
                 name = child.get("name", "")
@@ -374,7 +374,7 @@ class _Translation:
         return joint
 
     def _put_moving(self, item: _Item, outer: str, inner: str, at: Pose) -> str:
-        """Its name."""
+        """Add a moving joint; return its name."""
         words, attributes = item.words(), item.attributes
         name = item.name or self._free_name(f"{inner}_joint", self._joint_names)
         kind = "free" if item.tag == "freejoint" else attributes.get("type", "hinge")
@@ -418,7 +418,7 @@ class _Translation:
     # Bodies
 
     def _read_meshes(self) -> Iterator[tuple[str, ET.Element]]:
-        """As URDF has them, by name; those without a file are empty."""
+        """Read the meshes as URDF elements, by name; those without a file are empty."""
         compiler = self._compiler
         folder = compiler.get("meshdir", compiler.get("assetdir", ""))
         for asset in self._model.iterfind("asset"):
@@ -441,7 +441,7 @@ class _Translation:
                 yield name, made
 
     def _put_geom(self, link: ET.Element, geom: _Item) -> None:
-        """One that touches nothing is only seen."""
+        """Add a geom to a link; without contacts it is only a visual."""
         attributes = geom.attributes
         seen = attributes.get("contype") == "0" and attributes.get("conaffinity") == "0"
         kind = self._geom_kind(geom)
@@ -489,7 +489,7 @@ class _Translation:
         return [radius] * (counts[kind] - 1) + [half], at
 
     def _between_ends(self, item: _Item) -> tuple[Pose, float]:
-        """Where `fromto` puts it, and half its length."""
+        """Return its pose by `fromto`, and half its length."""
         words = item.words()
         values = _numbers(words, item.attributes, "fromto", "0 0 0 0 0 0")
         start, end = Vector3(*values[:3]), Vector3(*values[3:])
@@ -548,7 +548,7 @@ class _Translation:
         return first <= group <= last and weight > 0.0
 
     def _solid(self, geom: _Item) -> _Solid | None:
-        """None for what is not weighed here."""
+        """None for a geom that is not weighed here."""
         kind, words = self._geom_kind(geom), geom.words()
         if kind in ("mesh", "plane", "hfield", "sdf") or "shellinertia" in geom.attributes:
             return None
@@ -685,7 +685,7 @@ class _Translation:
 
 
 def _lower_effort(limit: ET.Element, effort: float) -> None:
-    """0 and less are none."""
+    """Lower the effort of `limit` to `effort`, of which 0 and less count as none."""
     known = float(limit.get("effort", "inf"))
     if 0.0 < effort < known:
         limit.set("effort", _text(effort))

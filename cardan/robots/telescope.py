@@ -35,7 +35,7 @@ _PARALLEL = 1e-6
 
 
 class Sweep(NamedTuple):
-    """Where a link's bodies are from where they are modeled, along a joint of the arm, m."""
+    """Displacements of a link's bodies from their modeled place, along a joint of the arm, m."""
 
     joint: str
     low: float
@@ -103,7 +103,7 @@ def telescoped(
 
 
 def swept(shape: Shape, direction: Vector3, sweep: Sweep) -> Shape:
-    """What contains a shape wherever it is on its way along a unit vector."""
+    """Return a shape that contains `shape` throughout its sweep along a unit vector."""
     longer = sweep.high - sweep.low
     moved = scale(direction, 0.5 * (sweep.low + sweep.high))
     if isinstance(shape, Box):
@@ -130,7 +130,7 @@ def _row(tree: Tree, path: Sequence[TreeJoint], leader: TreeJoint) -> list[TreeJ
 
 
 def _speeds(row: Sequence[TreeJoint], factors: Sequence[float], way: float) -> dict[str, float]:
-    """Of the end: as fast as the slowest lets it go."""
+    """Return velocity and acceleration of the end: as fast as the slowest joint allows."""
     found = {}
     for name in ("velocity", "acceleration"):
         values = [

@@ -27,10 +27,10 @@ WIDEST = 1000.0
 """rad or m: a joint whose range ends beyond has none."""
 
 MOST_LINKS = 1000
-"""In one file; humanoids have 100. Pinocchio recurses along the tree."""
+"""Most links in one file; humanoids have 100. Pinocchio recurses along the tree."""
 
 MOST_NESTED = 100
-"""Elements in each other; a URDF's own are 5, those of simulators some more."""
+"""Most nested elements; a URDF's own are 5, those of simulators some more."""
 
 MOVING = tuple(kind.value for kind in JointKind)
 LOOSE = ("planar", "floating")
@@ -52,7 +52,7 @@ _ROUNDING_KG_M2 = 1e-12
 
 
 class Limits(NamedTuple):
-    """Of one joint, rad or m; NaN where the file has none that an arm could keep to."""
+    """Limits of a joint, rad or m; NaN where the file has no usable one."""
 
     lower: float
     """-inf for a continuous joint."""
@@ -64,7 +64,7 @@ class Limits(NamedTuple):
 
     @property
     def accelerated(self) -> Limits:
-        """With an acceleration where the file has none."""
+        """Return the limits with an acceleration where the file has none."""
         if math.isnan(self.acceleration):
             return self._replace(acceleration=self.velocity / TIME_TO_FULL_SPEED_S)
         return self
@@ -101,7 +101,7 @@ class TreeJoint(NamedTuple):
         return Vector3(*(each / length for each in numbers))
 
     def orientation(self) -> Quaternion:
-        """Of its frame in its parent's. Raises ConfigurationError."""
+        """Return the orientation of its frame in its parent's. Raises ConfigurationError."""
         origin, of = self.element.find("origin"), f"the origin of joint {self.name!r}"
         if origin is not None and origin.get("quat_xyzw") is not None:
             x, y, z, w = _numbers(origin, "quat_xyzw", of, 4)
@@ -119,22 +119,22 @@ class TreeJoint(NamedTuple):
         return Pose(at, self.orientation())
 
     def refused(self) -> ConfigurationError:
-        """What is raised where it stands and none of its kind may."""
+        """Make the error of a joint of a kind that is not allowed in its place."""
         return _wrong(f"joint {self.name!r} is {self.kind!r}; allowed: fixed, {', '.join(MOVING)}")
 
     def limits(self) -> tuple[Limits, dict[str, str]]:
-        """As the file has them, and of those that are missing, what it has in their place. Raises
+        """Return the file's limits, and of missing ones the text that it has in their place. Raises
         ConfigurationError."""
         return _limits(self.element)
 
     def range(self) -> tuple[float, float]:
-        """As far as the file gives one; a continuous joint has none."""
+        """Return its range, if the file has one; a continuous joint has none."""
         with about(f"limits of joint {self.name!r}"):
             return _range(self.element)
 
 
 class Tree(NamedTuple):
-    """All of a file: links and joints by name, each link after the one that it hangs on."""
+    """Contents of a file: links and joints by name, each link after its parent."""
 
     robot: ET.Element
     text: str
@@ -145,7 +145,7 @@ class Tree(NamedTuple):
     """The joint that a link hangs on; the root has none."""
 
     def path(self, link: str) -> list[TreeJoint]:
-        """The joints from the root to a link."""
+        """Return the joints from the root to a link."""
         found = []
         while link != self.root:
             found.append(self.above[link])
@@ -153,7 +153,7 @@ class Tree(NamedTuple):
         return found[::-1]
 
     def fixed_links(self) -> dict[str, Pose]:
-        """The links that are fixed to the root, and where they are in its frame."""
+        """Return the links that are fixed to the root, with their poses in its frame."""
         found = {self.root: IDENTITY_POSE}
         for link in self.links:
             joint = self.above.get(link)
@@ -172,13 +172,13 @@ class Tree(NamedTuple):
         return found
 
     def ends(self) -> list[str]:
-        """The links that nothing hangs on."""
+        """Return the links without children."""
         parents = {joint.parent for joint in self.joints.values()}
         return [link for link in self.links if link not in parents]
 
     def leader(self, name: str) -> tuple[TreeJoint, float, float]:
-        """The joint that one follows, by what times, plus what; itself where it follows none. One
-        that mimics, too, follows none that is there. Raises ConfigurationError."""
+        """Return the joint that `name` follows in the end (itself if none), factor and offset. If
+        that joint mimics, its leader is missing or circular. Raises ConfigurationError."""
         factor, offset, passed = 1.0, 0.0, {name}
         joint = self.joints[name]
         while (mimic := joint.mimic) is not None:
@@ -386,7 +386,7 @@ def _declared_links(robot: ET.Element, joints: Collection[TreeJoint]) -> dict[st
 
 
 def _child(element: ET.Element, tag: str) -> ET.Element:
-    """Raises ValueError that names it where there is none."""
+    """Return the child; raises ValueError that names a missing one."""
     child = element.find(tag)
     if child is None:
         raise ValueError(f"no <{tag}>")
@@ -445,7 +445,7 @@ def _range(element: ET.Element) -> tuple[float, float]:
 
 
 def fastest(kind: str) -> float:
-    """rad/s or m/s: a joint's published speed above it is none."""
+    """Return the largest plausible speed of a joint, rad/s or m/s."""
     return 10.0 if kind == JointKind.PRISMATIC.value else 30.0
 
 
@@ -523,7 +523,7 @@ def normal_form(
     are fixed. Links in `bodiless` have no shapes, and collision elements in `left_out` are none;
     in the place of a mesh is a box of 1 m.
 
-    Raises ConfigurationError for numbers that are none, and for shapes that are none.
+    Raises ConfigurationError for invalid numbers or shapes.
     """
     robot = ET.Element("robot", name="arm", version="1.1")
     numbers = {link: f"link_{number}" for number, link in enumerate(tree.links)}
@@ -553,7 +553,7 @@ def normal_form(
 
 
 class Place(NamedTuple):
-    """As an <origin> has it, m and rad."""
+    """Place of an <origin>, m and rad."""
 
     xyz: tuple[float, ...]
     rpy: tuple[float, ...]

@@ -1,4 +1,4 @@
-"""What an arm looks like: the visual meshes of its description, for programs that draw it.
+"""Visual meshes of an arm's description, for programs that draw it.
 
 A mesh is read once and kept in the user's cache folder by its content, as `Surface.packed` has it.
 """
@@ -17,23 +17,23 @@ from cardan.robots.urdf import Tree, read_tree
 
 KIND: Final = "visuals"
 METHOD: Final = "1"
-"""Another where the same mesh is written otherwise."""
+"""Version of the form in which a mesh is written."""
 
 MOST_BYTES: Final = 2 * 2**20
-"""Of a mesh: 100,000 triangles, more than a small computer draws well."""
+"""Largest mesh: 100,000 triangles, more than a small computer draws well."""
 MOST_BYTES_OF_ARM: Final = 16 * 2**20
 
 
 class Visuals(NamedTuple):
-    """Of an arm."""
+    """Visual meshes of an arm."""
 
     keys: dict[str, str]
-    """Of each mesh, by what the URDF calls it, the key that it is kept by."""
+    """Cache key of each mesh, by its name in the URDF."""
     left_out: tuple[str, ...] = ()
-    """Which meshes are not shown, and why."""
+    """Meshes that are not shown, with reasons."""
 
     def in_words(self) -> str:
-        """What is not shown; empty: nothing."""
+        """Say which meshes are not shown; empty: all are."""
         if not self.left_out:
             return ""
         count = len(self.keys) + len(self.left_out)
@@ -49,7 +49,7 @@ class Visuals(NamedTuple):
 def keep_visuals(name_or_file: str) -> Visuals:
     """Keep the visual meshes of an arm, as `load_arm` takes it, for `kept_visual`.
 
-    One that is missing, damaged or too large is left out. Raises ConfigurationError as `load_arm`.
+    A missing, damaged or too large mesh is left out. Raises ConfigurationError as `load_arm`.
     """
     if name_or_file in arm_names():  # Ours have none.
         return Visuals({})
@@ -74,7 +74,7 @@ def keep_visuals(name_or_file: str) -> Visuals:
 
 
 def kept_visual(key: str) -> bytes | None:
-    """The mesh that is kept by a key; None: there is none."""
+    """Return the mesh that is kept by a key; None: there is none."""
     return kept_bytes(KIND, key) or None
 
 
@@ -96,7 +96,7 @@ def _keep(uri: str, urdf: Path, folders: Sequence[Path]) -> tuple[str, int]:
     key = content_key((METHOD, path.suffix.lower(), data))
     drawn = kept_bytes(KIND, key)
     if drawn is None:
-        # An extra: who only shows what is kept needs none.
+        # An extra that programs which only show kept meshes do not need.
         from cardan.robots.meshes import surface_in
 
         surface = surface_in(data, path)

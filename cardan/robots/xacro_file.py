@@ -25,7 +25,7 @@ from cardan.robots.mjcf import urdf_of
 
 MJCF = ".xml"
 DESCRIPTIONS = (".urdf", ".xacro", MJCF)
-"""How the names of files end that `read_description` reads."""
+"""Suffixes of the files that `read_description` reads."""
 _ROS_PACKAGES = "ament_index_python.packages"
 """The module of ROS 2 that xacro asks where a package is."""
 
@@ -111,7 +111,7 @@ def _finds_packages(find: Callable[[str], str]) -> Iterator[None]:
 
 
 def _reason(error: Exception) -> str:
-    """In a line. xacro wraps the errors that it meets, as `exc`."""
+    """Return the reason in a line. xacro wraps the errors that it meets, as `exc`."""
     from xacro.substitution_args import ArgException
 
     cause: BaseException = error

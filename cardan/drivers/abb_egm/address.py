@@ -1,4 +1,4 @@
-"""Binds the UDP port that EGM datagrams arrive on; errors say what is wrong and what to do."""
+"""Binding of the UDP port for EGM datagrams, with errors that say what to do."""
 
 from __future__ import annotations
 

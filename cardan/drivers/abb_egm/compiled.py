@@ -1,6 +1,6 @@
-"""What EGM's driver does in every cycle, compiled: one call to take a datagram, one to answer it.
+"""Compiled cycle of the EGM driver: one call receives a datagram, another one answers it.
 
-Taking is :class:`cardan.protocols.egm.reader.FeedbackReader` and what the session does with a
+Receiving is :class:`cardan.protocols.egm.reader.FeedbackReader` and what the session does with a
 usual datagram. Answering is the command's range, the limiter and the message:
 :mod:`cardan.drivers.limiters` and :mod:`cardan.protocols.egm.replies`. These do the same to the
 last bit; what is rare goes their way, and everything does where nothing was compiled. The memory is
@@ -58,7 +58,7 @@ _new = tuple.__new__
 
 
 class CAnswer(ctypes.Structure):
-    """As kernel/answer.h has it."""
+    """Struct of kernel/answer.h."""
 
     _fields_ = (
         ("lower", _SIX),
@@ -85,7 +85,7 @@ class CAnswer(ctypes.Structure):
 
 
 class CPoint(ctypes.Structure):
-    """As kernel/pose.h has it, and the next two."""
+    """Struct of kernel/pose.h, as are the next two."""
 
     _fields_ = (
         ("lower", _THREE),
@@ -139,7 +139,7 @@ _PLACES = c_int32 * (VALUES + FORCES + 1)
 
 
 class CLayout(ctypes.Structure):
-    """As kernel/read.h has it, and the next."""
+    """Struct of kernel/read.h, as is the next."""
 
     _fields_ = (
         ("length", c_int32),
@@ -169,7 +169,7 @@ class CReader(ctypes.Structure):
 
 
 class CCycle(ctypes.Structure):
-    """As kernel/take.h has it."""
+    """Struct of kernel/take.h."""
 
     _fields_ = (
         ("nominal_s", c_double),
@@ -364,7 +364,7 @@ class CompiledReader(FeedbackReader):
 
 
 class CompiledCycle:
-    """What a session keeps from cycle to cycle, in memory that the compiled part goes on with."""
+    """State that a session keeps between cycles, in memory shared with the compiled part."""
 
     def __init__(self, **constants: float) -> None:
         """`constants` are fields of CCycle. Raises NativePartError where nothing was compiled."""
@@ -391,9 +391,9 @@ def _say(shared: Any, says_speed: bool, delay_s: float) -> None:
 
 
 ReplyFunction = Callable[[RobotCommand, float, RobotState, bytes], bytes | None]
-"""Given the command, the time, the state that it answers and the end of the message: one period of
-the limiters, and the message. None, and nothing is changed, for what is unusual and for a command
-that is none, which others have the words for."""
+"""Of the command, the time, the answered state and the end of the message: one period of the
+limiters, and the message. None, and no change, for the unusual and for an invalid command, which
+Python explains."""
 
 
 def no_answer(*_: object) -> None:
@@ -476,7 +476,7 @@ class _Shared:
     __slots__ = ()
     _shared: Any
     _place: ClassVar[type[Any]]
-    """What its reference is."""
+    """Type of the reference."""
 
     @property
     def reference(self) -> Any:

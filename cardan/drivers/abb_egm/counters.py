@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 @dataclass(slots=True)
 class EgmCounters:
-    """What happened since the driver was opened."""
+    """Counts of events since the driver was opened."""
 
     accepted: int = 0
     answers: int = 0
@@ -21,9 +21,9 @@ class EgmCounters:
     duplicates: int = 0
     old: int = 0
     foreign: int = 0
-    """From another address than the controller's."""
+    """Datagrams from another address than the controller's."""
     malformed: Counter[str] = field(default_factory=Counter)
-    """By kind."""
+    """Malformed datagrams, by kind."""
     late_commands: int = 0
     """Pauses between answers above the command timeout."""
     driver_holds: int = 0

@@ -41,7 +41,7 @@ def robotware(message: EgmRobot) -> str:
 
 
 class Diagnosed(Protocol):
-    """What `diagnose` reads of a session."""
+    """Attributes of a session that `diagnose` reads."""
 
     counters: EgmCounters
     slow_motion: SpeedCapDetector
@@ -78,8 +78,8 @@ class Diagnosed(Protocol):
 
 
 def diagnose(session: Diagnosed, now_s: float) -> tuple[str, ...]:
-    """Everything to report about `session`, worst first."""
-    # While nobody has come, this may still be changed; after that it is no news.
+    """Return all findings about `session`, worst first."""
+    # Until a controller has come, this may still be changed; after that it is no news.
     caution = session.options.caution
     words = [caution] if caution and session.state is None else []
     words += _silence(session, now_s)

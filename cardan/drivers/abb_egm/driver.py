@@ -31,7 +31,7 @@ from cardan.protocols.egm import (
 from cardan.types import NEVER_S, RobotCommand, RobotState
 
 _RECEIVE_BYTES = MAX_DATAGRAM_BYTES + 1
-"""One more than the longest datagram, so that a longer one is recognized."""
+"""A byte more than the longest datagram, so that an oversized one is recognized."""
 
 _DRAIN_MAX = 256
 """Most datagrams read in one wake-up: more than the kernel's buffer holds."""
@@ -49,10 +49,10 @@ def _speaks_egm(data: bytes) -> bool:
 class AbbEgm(AnsweringRobot[EgmSession]):
     """An ABB controller in Externally Guided Motion, over UDP.
 
-    One instance serves one motion task on one port; several may live in one process. Each datagram
-    of the controller gets exactly one answer, sent from within `send`. A datagram the application
-    does not answer is answered with a hold. Whatever ends the loop - an exception, leaving it,
-    `close` - the robot is braked within its limits first, and the last message says zero speed.
+    An instance serves one motion task on one port; a process may have several. Each datagram of the
+    controller gets exactly one answer, sent from within `send`. If the application does not answer,
+    the driver answers with a hold. When the loop ends (by an exception, a `break`, or `close`), the
+    driver first brakes the robot within its limits; the last message says zero speed.
 
     An application that cannot keep up with the controller's cycle uses `stream`.
 
@@ -78,11 +78,11 @@ class AbbEgm(AnsweringRobot[EgmSession]):
         self._sendto: Callable[[bytes, Address], object]
         self._poll = select.poll()
         self._drained_s = NEVER_S
-        """When the socket was last seen empty; datagrams read now arrived after it."""
+        """Last time that the socket was seen empty; datagrams read now arrived after it."""
         self._woken_s = NEVER_S
-        """When something came last, or was waited for in vain."""
+        """Last time that a datagram came, or a wait for one timed out."""
         self._patience_ms = 0.0
-        """How long the next datagram is waited for while the robot is braked."""
+        """Longest wait for the next datagram while the robot is braked."""
         self._wake_s = min(WAKE_S, self.options.lost_after_s)
         self._period_s = self.options.period_s
         self._late_after_s = self.options.late_after_s
@@ -248,7 +248,7 @@ class AbbEgm(AnsweringRobot[EgmSession]):
         return True
 
     def _take(self, came: tuple[bytes, Address], now_s: float) -> RobotState | None:
-        """What the session makes of a datagram; a port that the controller has left is told."""
+        """Return the session's state for a datagram; notify the previous port of the controller."""
         data, source = came
         if (tap := self.tap) is not None:
             tap(data, False, "")

@@ -1,4 +1,4 @@
-"""Turns commands into EGM messages: one guidance class per EGM mode.
+"""Commands to EGM messages: one guidance class per EGM mode.
 
 A guidance owns the limited reference that is sent. It is set to what the robot measures while
 commands do not act, and from there moves only through its limiters.
@@ -87,7 +87,7 @@ References = tuple[RobotState, RobotState, RobotState]
 
 
 class Guidance(ABC):
-    """What the session needs to answer datagrams in one mode."""
+    """Reference generator with which a session answers datagrams in one mode."""
 
     kinds: frozenset[CommandKind]
     """Kinds of commands that this mode takes."""
@@ -231,7 +231,7 @@ def _follows(
 
 
 class _Followed(SlipCompensation):
-    """One part of the reference: its limiter, and its correction for lost time."""
+    """A part of the reference: its limiter, and its correction for lost time."""
 
     __slots__ = ("limiter",)
 
@@ -268,7 +268,7 @@ class _Followed(SlipCompensation):
         )
 
     def brake(self, dt_s: float) -> None:
-        """One period of slowing down between two targets."""
+        """Slow down for one period between two targets."""
         limiter = self.limiter
         place, speeds = copy(limiter.reference), tuple(limiter.velocity)
         limiter.brake(dt_s)
@@ -340,7 +340,7 @@ class _ReferenceGuidance(Guidance, Generic[_TargetT, _SpeedT]):
 
     @abstractmethod
     def _track(self, command: _TargetT, asked: _TargetT | None, dt_s: float, seen_s: float) -> None:
-        """One period towards `command`, which comes `seen_s` after `asked`."""
+        """Advance one period towards `command`, which comes `seen_s` after `asked`."""
 
     @abstractmethod
     def _drive(self, command: _SpeedT, dt_s: float) -> None: ...

@@ -1,4 +1,4 @@
-"""What can be set about the EGM driver."""
+"""Options of the EGM driver."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class AbbEgmOptions(Options):
     controller_host: Annotated[str, bounds.HOST_OR_IPV4] | None = None
     """The only address to accept. None: the first that sends a valid datagram, then only that."""
     mode: Literal["pose", "joint", "path-correction"] = "pose"
-    """What the RAPID program runs: EGMRunPose, EGMRunJoint or EGMMoveL/EGMMoveC."""
+    """Mode that the RAPID program runs: EGMRunPose, EGMRunJoint or EGMMoveL/EGMMoveC."""
     speed_reference: Literal["matched", "none", "only"] = "matched"
     """matched: position with its speed; none: position; only: speed (RAPID: PosCorrGain 0)."""
     sample_rate_ms: Annotated[int, SAMPLE_RATE_MS] | None = None
@@ -172,7 +172,7 @@ class AbbEgmOptions(Options):
 
     @property
     def caution(self) -> str:
-        """Why it is not safe who guides the robot; empty where it is."""
+        """Warning that another computer could pose as the controller; empty: none can."""
         if self.controller_host is not None or is_loopback(self.listen_host):
             return ""
         return (
@@ -199,7 +199,7 @@ class AbbEgmOptions(Options):
 
     @property
     def joint_limits(self) -> JointLimits | None:
-        """What joint mode keeps to; None where no joint range is known."""
+        """Limits of joint mode; None where no joint range is known."""
         ends = self._range_deg()
         if ends is None:
             return None

@@ -55,7 +55,7 @@ Address = tuple[str, int]
 
 
 class Measured(NamedTuple):
-    """What a datagram says."""
+    """Contents of a datagram."""
 
     feedback: EgmFeedback
     joints: tuple[float, ...]
@@ -88,12 +88,12 @@ NEW_PORT_SILENCE_S = 0.1
 """Shortest silence of the controller after which another port of its address may be its own: a
 program on its computer must not take the robot over in a hiccup of the network."""
 _EARLY_DATAGRAMS = 4
-"""So many more than the silence allows may a new port have sent: the controller's clock and the
-network are not exact."""
+"""Datagrams that a new port may have sent beyond what the silence allows: the controller's clock
+and the network are not exact."""
 
 _LEAP, _LEAP_PER_S = math.tau, 30.0
 """Farthest that an arm goes between two datagrams, rad or m, and by the second: a whole turn, and
-what all joints together may do. A nearer leap is for those to judge who know the arm."""
+what all joints together may do. Smaller jumps are left to code that knows the arm."""
 
 _GAP_PERIODS = 1.5
 """Time since the last answer from which at least one period had none."""
@@ -103,7 +103,7 @@ _COAST_PERIODS = 4
 
 
 class EgmSession(AnsweringSession):
-    """One controller on one port, seen from the PC.
+    """Protocol session with one controller on one port.
 
     The shell calls `receive` for each datagram and, for the newest state that comes back, `reply`
     once; `tick` when nothing came for a while. All times are local monotonic seconds.
@@ -118,25 +118,25 @@ class EgmSession(AnsweringSession):
         self.opened_s = now_s
         self.counters = EgmCounters()
         self.peer: Address | None = None
-        """Where the controller sends from, and where answers go."""
+        """Address from which the controller sends, and to which answers go."""
         self.last_cause = ""
-        """Why the present session counts as a new one."""
+        """Reason why the present session counts as a new one."""
         self.last_malformed = ""
         self.last_foreign = ""
         self.last_foreign_counts_on = False
         """Whether that was another port of the controller's address whose sequence began before
         the controller fell silent."""
         self.handover: tuple[bytes, Address] | None = None
-        """What the controller's port before is to be left with, and that port; the shell sends it
-        once, and sets None."""
+        """Final message to the controller's previous port, and that port; the shell sends it once
+        and sets None."""
         self.last_send_error = ""
         self.jitter = LatencyHistogram()
         """Deviation of the time between two receptions from the controller's own period."""
         self.reply_latency = LatencyHistogram()
-        """From the reception of a datagram to its answer being sent."""
+        """Time from the reception of a datagram to sending its answer."""
         self.slow_motion = SpeedCapDetector()
         self.clock = ClockWatch()
-        """Of the ms clock in the headers; the wall clock may be set at any time."""
+        """Watch of the ms clock in the headers; the wall clock may be set at any time."""
         self._tm_ms, self._tm_s = UNKNOWN, 0.0
         """That clock when it was looked at last, and time since the first look."""
         self.port = options.listen_port
@@ -167,7 +167,7 @@ class EgmSession(AnsweringSession):
                 self._take = self._reader.compiled_receive(cycle, self._force_frame)
         self._guidance = guidance_for(options, cycle)
         self.capabilities = self._capabilities()
-        """Which commands `reply` takes in the mode of the options."""
+        """Commands that `reply` takes in the mode of the options."""
         self._suffix = b""
         self._outputs = EgmRapidData(None, ())
         if options.digital_output is not None or options.output_values:
@@ -182,7 +182,7 @@ class EgmSession(AnsweringSession):
         self._before: Heard = self._newest
         self._answered: Heard = self._newest
         self._past: Heard | None = None
-        """The one before `_before`: to let go of its parts has time until the answer is out."""
+        """State before `_before`, kept so that its parts are freed after the answer is sent."""
         self._full: tuple[bytes, EgmRobot | None] = (b"", None)
         """A datagram and all that was in it."""
         self._held = False
@@ -248,8 +248,8 @@ class EgmSession(AnsweringSession):
         return False
 
     def _decode(self, data: bytes, source: Address, now_s: float) -> Measured | None:
-        """What a datagram says, if it has all that is needed and a robot can measure it; what has
-        not is counted."""
+        """Return the contents of a datagram that is complete and plausible for a robot; count any
+        other."""
         feedback = self._reader.read(data)
         if isinstance(feedback, Malformed):
             self._refuse(feedback)
@@ -450,7 +450,7 @@ class EgmSession(AnsweringSession):
         self.last_foreign_counts_on = counts_on
 
     def _leap(self, joints: tuple[float, ...], position: Vector3 | None, now_s: float) -> str:
-        """Why the robot cannot have come here from where it was measured last; empty: it can.
+        """Explain a position jump since the last measurement; empty: the step is possible.
 
         It is lost when it stays there, and a new session begins where it then is.
         """
@@ -750,7 +750,7 @@ class EgmSession(AnsweringSession):
 
     def is_over(self, now_s: float) -> bool:
         """Whether the run of the newest datagram is over: none came for the controller's
-        CommTimeout. What is sent then would be the first message to its next run."""
+        CommTimeout. A message sent then would be the first of its next run."""
         return now_s - self._last_s > self._comm_timeout_s
 
     @property
@@ -820,7 +820,7 @@ class EgmSession(AnsweringSession):
 
     @property
     def _last_s(self) -> float:
-        """When the newest datagram was accepted."""
+        """Time at which the newest datagram was accepted."""
         state = self.state
         return NEVER_S if state is None else state.stamp_s
 
@@ -838,7 +838,7 @@ class EgmSession(AnsweringSession):
 
     @property
     def hold_reason(self) -> str:
-        """Why the controller's states keep commands from acting; empty when they act."""
+        """Reason why the controller's states inhibit commands; empty when they act."""
         return self._hold_reason
 
     @property
@@ -891,7 +891,7 @@ class EgmSession(AnsweringSession):
 
 
 _CLOCK_MAX_US = 2**62
-"""A controller's clock beyond this, in 146 000 years, is none."""
+"""Limit of a valid controller's clock, µs: 146 000 years."""
 
 _USUAL = COORDINATE_M.highest
 """No number of a sum up to this is outside of its range."""
@@ -903,7 +903,7 @@ def _implausible(
     position: Vector3 | None,
     orientation: Quaternion | None,
 ) -> str:
-    """Why no robot measures this, in words; empty where one may."""
+    """Explain why values are implausible; empty: plausible."""
     return (
         outside("feedBack.joints", joints, JOINT_POSITION)
         or outside("feedBack.externalJoints", external, JOINT_POSITION)

@@ -1,4 +1,4 @@
-"""Whether the controller follows commands much slower than they ask."""
+"""Detection of a controller that follows commands much slower than they ask."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _CLEARLY_LESS = 0.5
 
 
 class SpeedCapDetector:
-    """Notices that the controller's own reference stays far behind the commanded one.
+    """Detector of a controller's own reference that stays far behind the commanded one.
 
     \\MaxSpeedDeviation does that: its default of 1 deg/s all but stops a robot.
     """
@@ -30,7 +30,7 @@ class SpeedCapDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Start anew, with a session or a state of the controller."""
+        """Restart, with a session or a state of the controller."""
         self._countdown = _LOOK_EVERY
         self._looks = 0
         self._told: tuple[float, ...] | None = None

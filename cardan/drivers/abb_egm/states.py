@@ -1,4 +1,4 @@
-"""When the controller's three states let commands act."""
+"""Conditions of the controller's three states under which commands act."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ ADVICE = {
     EGM_STOPPED: "the RAPID program must reach EGMRunPose, EGMRunJoint or EGMMoveL",
     EGM_UNDEFINED: "the RAPID program must reach EGMRunPose, EGMRunJoint or EGMMoveL",
 }
-"""What to do about each of them."""
+"""Advice for each of these states."""
 
 
 def hold_reason(motors: int | None, mci: int | None, rapid: int | None) -> str:
-    """Why commands would not act now, given the states as they came; empty when they do.
+    """Return why commands would not act in these raw states; empty when they do.
 
     RAPID counts as running when it is UNDEFINED: so it is reported after a controller's restart.
     """

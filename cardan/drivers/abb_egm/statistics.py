@@ -1,4 +1,4 @@
-"""What an EGM session keeps from one cycle to the next."""
+"""State that an EGM session keeps between cycles."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NO_STATES: Final = (-1, -1, -1)
 
 
 class CycleState(Protocol):
-    """In Python, or in memory that the compiled part goes on with."""
+    """State in Python, or in memory shared with the compiled part."""
 
     states: list[int]
     """The controller's: motors, MCI, RAPID execution."""
@@ -27,9 +27,9 @@ class CycleState(Protocol):
     since_reply_s: float
     """Time since the last answer, likewise."""
     credit_s: float
-    """As `believed_s` of lost_time.py has it."""
+    """Credit of time, as in missed_cycles.py."""
     replied_s: float
-    """When that was sent, local time."""
+    """Local time at which the last answer was sent."""
     out_seqno: int
     """The next answer's sequence number."""
     said_speed: bool

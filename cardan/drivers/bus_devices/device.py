@@ -1,5 +1,5 @@
-"""The drivers of devices whose messages come on the bus: hands that a page of the console shows,
-and what nodes of a ROS 2 system read. Each driver is a node itself.
+"""Drivers of devices whose messages come on the bus: from a page of the console, and from nodes of
+a ROS 2 system. Each driver is a node itself.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ MESSAGES_KEPT = 32
 """Messages that wait for the reader; button edges are in each."""
 
 MEET_S = 1.0
-"""Longest wait for the node to be found: a router takes some 0.1 s to tell of it."""
+"""Longest wait for the node to be found: a router takes some 0.1 s to announce it."""
 
 LOOK_S = 0.01
-"""How often it is looked for meanwhile."""
+"""Period of looking for it meanwhile."""
 
 WAIT_S = 0.04
 """The reader looks at the end of its work so often."""
@@ -49,11 +49,11 @@ C = TypeVar("C", bound=BusCore)
 
 
 class Rumbler:
-    """Has another node show a rumble: by sensor_msgs/JoyFeedback, again while it lasts."""
+    """Rumble shown by another node: by sensor_msgs/JoyFeedback, repeated while it lasts."""
 
     def __init__(self, publisher: Publisher) -> None:
         self.level = 0.0
-        """What is to be shown, 0 to 1."""
+        """Rumble level to show, 0 to 1."""
         self._publisher = publisher
         self._shown = self._again_s = 0.0
 
@@ -82,12 +82,12 @@ class BusDevice(ReadDevice[C]):
     _presence: Presence | None = None
     _rumbler: Rumbler | None = None
     _level = 0.0
-    """Of the rumble that was asked for."""
+    """Requested level of the rumble."""
 
     _missing: ClassVar[str] = ""
-    """What to do where nobody publishes `{topic}`, of the `{router}`."""
+    """Advice when `{topic}` has no publisher on the `{router}`."""
     _gone: ClassVar[str] = "the node that published {topic} has ended"
-    """What has happened where nobody publishes it any more."""
+    """Cause when the topic has lost its publisher."""
     _gives_pose = _gives_inertia = False
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
@@ -96,11 +96,11 @@ class BusDevice(ReadDevice[C]):
 
     @abstractmethod
     def _make_core(self) -> C:
-        """What its messages mean, from `self.options`."""
+        """Make the interpreter of its messages, from `self.options`."""
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """What the device has; buttons are those that are known."""
+        """Capabilities of the device; buttons are those known so far."""
         with self._lock:
             labels = self._core.labels
         return DeviceCapabilities(
@@ -113,13 +113,13 @@ class BusDevice(ReadDevice[C]):
 
     @property
     def _on_bus(self) -> NodeOptions:
-        """How it is on the bus."""
+        """Options of its bus connection."""
         options: NodeOptions = self.options
         return options
 
     @property
     def _feedback_topic(self) -> str:
-        """Where its rumble is shown; empty: nowhere."""
+        """Topic of its rumble; empty: none."""
         topic: str = getattr(self.options, "feedback_topic", "")
         return topic
 
@@ -174,7 +174,7 @@ class BusDevice(ReadDevice[C]):
         return WAIT_S
 
     def _attend(self) -> None:
-        """What the reader does besides."""
+        """Do the reader's periodic work."""
         if self._rumbler is not None:
             self._rumbler.level = self._level
             self._rumbler.attend(time.monotonic())

@@ -1,1 +1,1 @@
-"""What the drivers of Linux input devices (gamepad, keyboard) share."""
+"""Base of the drivers of Linux input devices (gamepad, keyboard)."""

@@ -1,12 +1,12 @@
-"""What an input device's events mean as far as all kinds share it, without any I/O.
+"""Base interpreter of a Linux input device's events, without any I/O.
 
-The kernel reports changes only, so silence while deflected is normal. What is known stays true as
+The kernel reports changes only, so silence while deflected is normal. The known state stays true as
 long as the reader keeps finding that nothing waits and that the device is there; that moment, or
 that of the newest event, is the stamp of the state.
 
 Until a device that was plugged in or opened sends its first frame, the kernel reports all zero,
 whatever is deflected. So that frame has to come first, and buttons that it shows pressed, perhaps
-held all the time, count once they have been let go. When events were lost (SYN_DROPPED, garbled
+held all the time, count once they have been released. When events were lost (SYN_DROPPED, garbled
 packets) the device is asked for all it holds, and has to be seen at rest before it counts again.
 """
 
@@ -63,13 +63,13 @@ class EvdevCore(DeviceCore):
     def __init__(self, touch_words: str, release_words: str, stale_after_s: float = 0.0) -> None:
         super().__init__()
         self._touch_words = touch_words
-        """What the operator does to be heard ("press any button once")."""
+        """Instruction that makes an untouched device report ("press any button once")."""
         self._release_words = release_words
-        """What the operator does to bring the device to rest ("let go of the sticks")."""
+        """Instruction that brings the device to rest ("release the sticks")."""
         self._stale_after_s = stale_after_s
         self.description = Description("", 0, 0, frozenset(), {}, frozenset())
         self.needs_snapshot = False
-        """True: what is known is void until `on_snapshot`."""
+        """True: the known state is void until `on_snapshot`."""
         self._down: set[int] = set()
         self._values: dict[int, int] = {}
         self._frame: list[InputEvent] = []
@@ -77,13 +77,13 @@ class EvdevCore(DeviceCore):
         self._skipping = False
         """After SYN_DROPPED, up to the end of the frame."""
         self._unanswered = False
-        """It was asked for a sign of life, and has not answered yet."""
+        """A request for a sign of life is still unanswered."""
         self._event_s = NEVER_S
 
     # -- what a kind of device is --------------------------------------------------------------
 
     _radio_words: ClassVar[str]
-    """What a radio link that is lost while the device is deflected means, and what helps."""
+    """Warning about a radio link that is lost while the device is deflected, and its remedy."""
 
     @abstractmethod
     def _labels(self) -> list[str]:
@@ -91,7 +91,7 @@ class EvdevCore(DeviceCore):
 
     @abstractmethod
     def _away_from_rest(self) -> str:
-        """What is deflected; empty at rest."""
+        """Name of the deflected control; empty at rest."""
 
     @abstractmethod
     def _on_description(self) -> None:
@@ -103,7 +103,7 @@ class EvdevCore(DeviceCore):
     # -- what happens to the device ------------------------------------------------------------
 
     def on_opened(self, description: Description, snapshot: Snapshot, now_s: float) -> None:
-        """The device was opened (again) and asked what it holds: what was known of it is void."""
+        """The device was opened (again) and its values were read: the previous state is void."""
         self.description = description
         self._on_description()
         self._event_s = now_s
@@ -160,7 +160,7 @@ class EvdevCore(DeviceCore):
             self._settle()
 
     def on_unanswered(self, now_s: float) -> None:
-        """It was asked whether it is there, and did not say so in time."""
+        """Handle a request for a sign of life that was not answered in time."""
         self._unanswered = True
 
     @property
@@ -241,7 +241,7 @@ class EvdevCore(DeviceCore):
         self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, reason, now_s)
 
     def _renew(self, snapshot: Snapshot, reason: str, now_s: float) -> None:
-        """Begin anew from what the device holds."""
+        """Restart from the device's current values."""
         self._frame.clear()
         self.needs_snapshot = False
         self._down = {*snapshot.keys}
@@ -260,5 +260,5 @@ class EvdevCore(DeviceCore):
         super()._end(link, reason, now_s)
 
     def _drop_input(self, now_s: float) -> None:
-        # What is down counts again once it has been up.
+        # A button that is down counts again once it has been up.
         self._buttons.mask(self._labels())

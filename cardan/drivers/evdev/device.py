@@ -1,4 +1,4 @@
-"""The shell that all input devices share: finds the node, reads it, asks it what it holds."""
+"""The shell that all input devices share: finds the node, reads it, requests its values."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ READ_TIMEOUT_S = 0.02
 """Longest wait for an event; a device that sends none meanwhile counts as read."""
 
 ANSWER_TIMEOUT_S = 0.03
-"""How long a simulated device may take to say that it is there. This, the wait before it and
+"""Timeout of a simulated device's sign of life. This, the wait before it and
 `FEEDBACK_TIMEOUT_S` together are less than what a deflected device may go unread."""
 
 SNAPSHOT_PERIOD_S = 0.02
@@ -92,7 +92,7 @@ class EvdevDevice(ReadDevice[K]):
 
     @staticmethod
     def _misfit(identity: str, keys: frozenset[int], axes: frozenset[int]) -> str:
-        """What a device that does not fit is instead, where that helps; empty: anything."""
+        """Actual kind of a device that does not fit, where that helps; empty: any."""
         return ""
 
     @abstractmethod

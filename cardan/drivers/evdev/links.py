@@ -31,7 +31,7 @@ READ_BYTES = 64 * EVENT_BYTES
 """Size of every read: at least as many events as the kernel keeps for a slow reader."""
 
 CALL_TIMEOUT_S = 0.5
-"""How long a simulated device may take to say what it is, or what it holds."""
+"""Timeout of a simulated device's answers about its identity or its values."""
 
 FEEDBACK_TIMEOUT_S = 0.03
 """The same for feedback while the device is read: reading must not wait for it."""
@@ -73,7 +73,7 @@ class NodeLink(Link):
         self._poll.register(self._fd, select.POLLIN)
 
     def read(self, timeout_s: float) -> bytes | None:
-        """One read."""
+        """Read the events that are ready, in a single read."""
         ready = self._poll.poll(1000.0 * timeout_s)
         if not ready:
             return None
@@ -85,11 +85,11 @@ class NodeLink(Link):
             return None
 
     def write(self, events: bytes) -> None:
-        """One write."""
+        """Write events in a single write."""
         os.write(self._fd, events)
 
     def call(self, request: int, argument: bytes = b"", timeout_s: float = CALL_TIMEOUT_S) -> bytes:
-        """One ioctl."""
+        """Call one ioctl."""
         if request in BY_VALUE:
             fcntl.ioctl(self._fd, request, decode_int(argument))
             return argument
@@ -116,11 +116,11 @@ class SocketLink(PacketSocket, Link):
         self._owed: deque[int] = deque()
         """Requests whose answers may still come, after their calls have timed out."""
         self._answered = False
-        """Such an answer came since `answers` was asked last."""
+        """An answer came since the last call of `answers`."""
         super().__init__(path)
 
     def read(self, timeout_s: float) -> bytes | None:
-        """One packet."""
+        """Receive one packet."""
         if self._early:
             return self._early.popleft()
         end_s = time.monotonic() + timeout_s
@@ -130,7 +130,7 @@ class SocketLink(PacketSocket, Link):
                 return packet
 
     def write(self, events: bytes) -> None:
-        """One packet."""
+        """Send one packet."""
         self.send(events, FEEDBACK_TIMEOUT_S)
 
     def call(self, request: int, argument: bytes = b"", timeout_s: float = CALL_TIMEOUT_S) -> bytes:
@@ -156,7 +156,7 @@ class SocketLink(PacketSocket, Link):
         """Whether the program behind the socket still serves it: a request shows that."""
         end_s = time.monotonic() + timeout_s
         if not self._answered and EVIOCGID not in self._owed:
-            # One is enough: a program that hangs finds no pile of them when it goes on.
+            # A single request is enough: a program that hangs must not find a pile of them later.
             try:
                 self.send(encode_call(Call(EVIOCGID, 0, bytes(argument_bytes(EVIOCGID)))), 0.0)
             except (TimeoutError, BlockingIOError):

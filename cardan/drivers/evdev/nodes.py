@@ -1,4 +1,4 @@
-"""Which input devices the system has, what an open one is, and why one cannot be opened."""
+"""Input devices of the system: search, description of an open one, reasons of a failed open."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Node(NamedTuple):
 
 
 class Description(NamedTuple):
-    """What an open device is and has."""
+    """Identity and capabilities of an open device."""
 
     name: str
     vendor: int
@@ -78,7 +78,7 @@ class Description(NamedTuple):
     kernel_driver: str = ""
     """Name of the kernel's driver ("xpad"); empty: not known."""
     bustype: int = 0
-    """How it is connected (`BUS_USB`, `BUS_BLUETOOTH` ...); 0: not known."""
+    """Kind of its connection (`BUS_USB`, `BUS_BLUETOOTH` ...); 0: not known."""
 
     @property
     def identity(self) -> str:
@@ -87,7 +87,7 @@ class Description(NamedTuple):
 
 
 class Snapshot(NamedTuple):
-    """What an open device holds now."""
+    """Current values of an open device."""
 
     keys: frozenset[int]
     """Codes of the keys and buttons that are down."""
@@ -105,11 +105,11 @@ _MODE_D: Final[Mapping[str, tuple[str, str]]] = {
     "046d:c218": ("F510", "RumblePad 2"),
     "046d:c219": ("F710", "Cordless RumblePad 2"),
 }
-"""Logitech's pads whose switch is at D, and older ones that say that they are the same."""
+"""Logitech's pads whose switch is at D, and older ones that report the same."""
 
 
 def pad_in_mode_d(identity: str) -> str:
-    """What has to be done that this Logitech pad is a gamepad; empty: it is none of them."""
+    """How to switch this Logitech pad to gamepad mode; empty: it is none of them."""
     if identity not in _MODE_D:
         return ""
     pad, older = _MODE_D[identity]
@@ -120,7 +120,7 @@ def pad_in_mode_d(identity: str) -> str:
 
 
 def joystick(identity: str, keys: frozenset[int], axes: frozenset[int]) -> str:
-    """What a device is whose buttons are a joystick's, and what can be done; empty: it is none."""
+    """Explanation of a device with a joystick's buttons, with advice; empty: it has none."""
     if BTN_SOUTH in keys or not axes or keys.isdisjoint(JOYSTICK_BUTTONS):
         return ""
     if words := pad_in_mode_d(identity):
@@ -169,7 +169,7 @@ def kernel_driver(path: str, root: Path = Path("/")) -> str:
 
 
 def describe(link: Link, driver: str = "") -> Description:
-    """Ask an open device what it is. Raises OSError."""
+    """Read the description of an open device. Raises OSError."""
     device_id = decode_id(link.call(EVIOCGID))
     name = link.call(EVIOCGNAME).split(b"\0", 1)[0].decode(errors="replace")
     types = decode_bits(link.call(eviocgbit(0)))
@@ -184,14 +184,14 @@ def describe(link: Link, driver: str = "") -> Description:
 
 
 def take_snapshot(link: Link, description: Description) -> Snapshot:
-    """Ask an open device what it holds now. Raises OSError."""
+    """Read the current values of an open device. Raises OSError."""
     keys = decode_bits(link.call(EVIOCGKEY)) if description.keys else frozenset[int]()
     values = {code: decode_absinfo(link.call(eviocgabs(code))).value for code in description.axes}
     return Snapshot(keys, values)
 
 
 def _number(path: str) -> str:
-    """What stands for the name of a device that has none ("event7")."""
+    """Substitute for the name of a device without one ("event7")."""
     return os.path.basename(path)
 
 

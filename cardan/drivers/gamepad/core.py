@@ -1,10 +1,10 @@
-"""What a gamepad's events mean, without any I/O and in the caller's time.
+"""Interpreter of a gamepad's events, without any I/O and in the caller's time.
 
 Pads differ in where their right stick and triggers are: RX and RY with the triggers on Z and RZ
 (Xbox by cable, PlayStation), Z and RZ with the triggers on GAS and BRAKE (Xbox by Bluetooth), on RX
-and RY (PlayStation by the kernel's generic driver), or as buttons (Switch, simple pads). What the
-node is decides; of a pad that is not known, where its axes rest: sticks in the middle of their
-range, triggers at its lower end. Until the pad has been at rest that is taken anew from each frame:
+and RY (PlayStation by the kernel's generic driver), or as buttons (Switch, simple pads). The node's
+identity decides; for an unknown pad, where its axes rest: sticks in the middle of their range,
+triggers at its lower end. Until the pad has been at rest that is taken from each new frame:
 before the first one the kernel has all axes at zero.
 """
 
@@ -46,9 +46,9 @@ RESTS_WITHIN = 0.25
 """Share of an axis's range from its middle, or its lower end, that is there."""
 
 _PAIRS: tuple[AxisPair, ...] = ((ABS_RX, ABS_RY), (ABS_Z, ABS_RZ))
-"""What can be the right stick, or the triggers; the usual stick first."""
+"""Axis pairs of the right stick or the triggers; the usual stick first."""
 _PEDALS: AxisPair = (ABS_BRAKE, ABS_GAS)
-"""What can be triggers only."""
+"""Axis pair that can only be the triggers."""
 
 _HATS = ((ABS_HAT0X, "dpad-left", "dpad-right"), (ABS_HAT0Y, "dpad-up", "dpad-down"))
 _NAMES = {
@@ -62,7 +62,7 @@ _NAMES = {
 
 
 class _Stick:
-    """One axis of a stick: -1 to 1 by the range that it declares."""
+    """An axis of a stick, scaled to -1..1 by the range that it declares."""
 
     __slots__ = ("center", "code", "flat", "negative", "positive", "sign")
 
@@ -215,7 +215,7 @@ class GamepadCore(EvdevCore):
         self._assign(right, triggers or self._pedals)
 
     def _share(self, code: int, values: Mapping[int, int]) -> float:
-        """Where an axis is in its range, 0..1."""
+        """Return the position of an axis in its range, 0..1."""
         info = self.description.axes[code]
         return (values[code] - info.minimum) / max(info.maximum - info.minimum, 1)
 

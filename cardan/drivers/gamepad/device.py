@@ -78,7 +78,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """What the pad has; before it is open, the buttons of every pad, and no rumble."""
+        """Capabilities of the pad; before it is open, the buttons of every pad, and no rumble."""
         with self._lock:
             return DeviceCapabilities(
                 gives_pose=False,

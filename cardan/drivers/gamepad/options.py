@@ -1,4 +1,4 @@
-"""What can be set about the gamepad driver."""
+"""Options of the gamepad driver."""
 
 from __future__ import annotations
 

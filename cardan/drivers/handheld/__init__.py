@@ -1,4 +1,4 @@
-"""What hands mean that a page of the console shows: phones, headsets. Their drivers are in
+"""Interpreters of devices on a page of the console: phones, headsets. Their drivers are in
 :mod:`cardan.drivers.bus_devices`."""
 
 from cardan.drivers.handheld.options import (

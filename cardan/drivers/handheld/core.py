@@ -1,16 +1,16 @@
-"""What the frames of a hand mean, without any I/O and in the caller's time.
+"""Interpreter of a handheld device's frames, without any I/O and in the caller's time.
 
-Frames come 30 to 60 times a second, whether or not the hand moves, and each says whether the hand
-holds the dead-man control. So silence is always trouble, and after anything that is no letting go
-the hand counts again only once it was seen letting go:
+Frames come 30 to 60 times a second, whether or not the device moves, and each says whether the
+operator holds the dead-man control. So silence is always a fault, and after any end other than a
+release the device counts again only once the dead-man control was seen released:
 
-- A page that is hidden, tracking that is lost, a sensor that is not there, and a leap: the link is
-  NEEDS_NEUTRAL, deflections are zero, buttons released.
+- A hidden page, lost tracking, a missing sensor, or a position jump: the link is NEEDS_NEUTRAL,
+  deflections are zero, buttons released.
 - No frame that is young enough: STALE. The page that published has left: LOST.
-- Of two pages on one topic, the one that was heard first counts, while it speaks.
+- Of two pages on one topic, the first one heard counts, while it sends.
 
-An alignment is of one reference: where that is, or may be, another one (the page says so, the hand
-leaps, or was lost and is found elsewhere), it is void and has to be made anew.
+An alignment belongs to one reference: where that is, or may be, another one (by the page, after a
+position jump, or after lost tracking), it is void and has to be repeated.
 """
 
 from __future__ import annotations
@@ -62,24 +62,24 @@ ALIGN = "align"
 NOT_ALIGNED = "not aligned"
 
 SETTLE_S = 0.016
-"""A hand that lets go this soon after a silence may be seen in old frames that had queued up."""
+"""A release this soon after a silence may be in old frames that had queued up."""
 
 OLDEST_S = 3600.0
 """No frame is older."""
 
 
 class Reading(NamedTuple):
-    """What a frame says of where the hand is."""
+    """Position and orientation of the device in a frame."""
 
     sample: Sample
     reference: int
-    """Which reference it is in, as the page counts them."""
+    """Number of its reference, as the page counts them."""
     drag: Vector3 = ZERO3
     """Of the second finger, along the reference's axes; 1 is a third of the screen."""
 
 
 class HandheldCore(BusCore):
-    """The state of one hand."""
+    """State of a handheld device."""
 
     message_type = FRAME_TYPE
 
@@ -92,11 +92,11 @@ class HandheldCore(BusCore):
     }
 
     kind: ClassVar[str]
-    """Of the frames that are its own."""
+    """Kind of its frames."""
     no_sensor: ClassVar[str]
-    """Why a hand that is not lost has no place, and what to do."""
+    """Reason why a device that is not lost has no position, with advice."""
     to_align: ClassVar[str]
-    """What the operator does so that the robot's x axis is known, behind why it is not."""
+    """Instruction for aligning with the robot's x axis, printed behind why it is unknown."""
 
     def __init__(self, options: HandheldOptions) -> None:
         super().__init__()
@@ -106,14 +106,14 @@ class HandheldCore(BusCore):
         self._asks = options.heading == "asked"
         self._yaw: Yaw | None = None
         self._unaligned = NOT_ALIGNED
-        """Why there is no alignment."""
+        """Reason why there is no alignment."""
         self._reading: Reading | None = None
         self._placed: Reading | None = None
-        """Where it was when its sensors last knew that."""
+        """Last known position."""
         self._interrupted = False
-        """They did not since then, or nothing was heard."""
+        """Tracking or the link was lost since then."""
         self._held: Held | None = None
-        """While it is held and counts."""
+        """Set while the dead-man control is held and counts."""
         self._began: Reading | None = None
         self._dragged = ZERO3
         """Way of all drags together, along the robot's axes, m."""
@@ -125,11 +125,11 @@ class HandheldCore(BusCore):
 
     @abstractmethod
     def _read(self, frame: OperatorFrame) -> Reading | None:
-        """What a frame of this hand says of its place; None: it has none."""
+        """Return the position in a frame of this device; None: it has none."""
 
     @abstractmethod
     def _heading(self, reading: Reading) -> Yaw:
-        """Where it points."""
+        """Direction in which it points."""
 
     def _is_mine(self, frame: OperatorFrame) -> bool:
         """Whether a frame of the kind is of this hand."""
@@ -194,7 +194,7 @@ class HandheldCore(BusCore):
         self._cached = None
 
     def _why_not(self, frame: OperatorFrame) -> str:
-        """Why the hand does not count; empty: it does."""
+        """Reason why the device does not count; empty: it does."""
         if not frame.visible:
             why = "the page is hidden: show it, and let go of the control once"
         elif not frame.tracking:
@@ -207,7 +207,7 @@ class HandheldCore(BusCore):
         return why
 
     def _moved(self, reading: Reading) -> str:
-        """Why a hand whose place is known cannot have gone there; empty: it can."""
+        """Reason why the device cannot have moved there; empty: it can."""
         before, self._placed = self._placed, reading
         interrupted, self._interrupted = self._interrupted, False
         if before is None:
@@ -215,7 +215,7 @@ class HandheldCore(BusCore):
         if reading.reference != before.reference:
             why = "the page has another reference"
         elif interrupted:
-            # Nobody saw which of the two went there, the hand or its reference.
+            # It is unknown which of the two moved, the device or its reference.
             if elsewhere(before.sample, reading.sample):
                 self._unalign("the hand was lost and is found elsewhere")
             return ""
@@ -272,7 +272,7 @@ class HandheldCore(BusCore):
         self._held = self._began = None
 
     def _translation(self) -> Vector3:
-        """Of the hand since it was held, as deflections along the reference's axes."""
+        """Translation since the hold began, as deflections along the reference's axes."""
         raise NotImplementedError
 
     def _axes(self, now_s: float) -> Axes:
@@ -336,7 +336,7 @@ class PhoneCore(HandheldCore):
 
 
 class XrCore(HandheldCore):
-    """A hand or the viewer of a WebXR session."""
+    """A controller or the viewer of a WebXR session."""
 
     kind = "xr"
     no_sensor = "the hand has no place"
@@ -358,7 +358,7 @@ class XrCore(HandheldCore):
     def _read(self, frame: OperatorFrame) -> Reading | None:
         body = frame.body
         assert isinstance(body, Xr)
-        # What is given is where the grip's axis points; the hand points below it.
+        # The frame gives the direction of the grip's axis; the hand points below it.
         q = pitched(orientation_from_xr(body.orientation), -self._grip_rad)
         sample = Sample(1e-6 * frame.time_us, q, position_from_xr(body.position_m))
         return Reading(sample, body.reference)

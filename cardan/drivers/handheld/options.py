@@ -1,4 +1,4 @@
-"""What can be set about the drivers of hands that a page shows."""
+"""Options of the drivers of phones and headsets."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ GRIP_DEG = Range(-90.0, 90.0, "°", "beyond it a hand points backwards")
 
 @dataclass(frozen=True, kw_only=True)
 class HandheldOptions(NodeOptions, ShapingOptions):
-    """What the drivers of phones and of headsets have."""
+    """Options that the drivers of phones and of headsets share."""
 
     topic: str = "/hand"
     """cardan_msgs/OperatorFrame, as `cardan net server console` publishes what pages send."""

@@ -1,7 +1,7 @@
-"""What a keyboard's events mean, without any I/O and in the caller's time.
+"""Interpreter of a keyboard's events, without any I/O and in the caller's time.
 
-A key held down deflects, a key let go does not. Keys that are down together with Ctrl, Alt or Meta
-are meant for other programs (Ctrl-C), and do not move the robot until they have been let go.
+A key held down deflects, a released key does not. Keys down together with Ctrl, Alt or Meta are
+meant for other programs (Ctrl-C), and do not move the robot until they have been released.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class KeyboardCore(EvdevCore):
         """Motion keys that were down together with Ctrl, Alt or Meta."""
         self._goal = [0.0] * 6
         self._since_s = [0.0] * 6
-        """When each axis was first deflected towards its goal."""
+        """Time at which each axis was first deflected towards its goal."""
 
     @property
     def buttons(self) -> tuple[str, ...]:

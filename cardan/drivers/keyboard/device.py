@@ -48,7 +48,7 @@ class Keyboard(EvdevDevice[KeyboardCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """What the keyboard has: keys that move nothing are buttons."""
+        """Capabilities of the keyboard: keys that move nothing are buttons."""
         with self._lock:
             buttons = self._core.buttons
         return DeviceCapabilities(

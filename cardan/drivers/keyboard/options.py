@@ -1,4 +1,4 @@
-"""What can be set about the keyboard driver."""
+"""Options of the keyboard driver."""
 
 from __future__ import annotations
 

@@ -6,4 +6,4 @@ from typing import Literal
 
 Channel = Literal["motion", "state"]
 CHANNELS: tuple[Channel, ...] = ("state", "motion")
-"""The state port comes first: what it says tells the byte order of the other."""
+"""The state port comes first: its messages reveal the byte order of the other."""

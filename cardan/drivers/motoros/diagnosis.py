@@ -296,7 +296,7 @@ def reply_in_words(command: int, result: int, subcode: int) -> str:
 
 
 def io_result_in_words(result: int) -> str:
-    """What the result of reading or writing an input, output or register says."""
+    """Explain the result of reading or writing an input, output or register."""
     return _IO_RESULTS.get(
         result, f"the controller gives the unknown result {result}; look at the pendant"
     )
@@ -305,8 +305,8 @@ def io_result_in_words(result: int) -> str:
 def status_in_words(status: RobotStatus) -> str:
     """Why the robot would not move, and what to do, worst first; "" when it would.
 
-    What is known to be wrong is said whatever `motion_possible` claims; what the controller does
-    not know, only while motion is not known to be possible.
+    Known faults are reported regardless of `motion_possible`; values unknown to the controller only
+    while motion is not known to be possible.
     """
     words: list[str] = []
     unknown: list[str] = []

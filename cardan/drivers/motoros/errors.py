@@ -1,4 +1,4 @@
-"""What reading and writing a controller's inputs and outputs can raise besides a CommandError."""
+"""Errors of reading and writing a controller's inputs and outputs, besides CommandError."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class IoConnectionError(DriverError):
 class IoRefusedError(DriverError):
     """A controller refused to read or write; the connection stays.
 
-    `result` is what it said: of MotoROS an IoResult, or the subcode of a message it did not know.
+    `result` is its answer: of MotoROS an IoResult, or the subcode of a message it did not know.
     """
 
     def __init__(self, message: str, result: int) -> None:

@@ -1,4 +1,4 @@
-"""The listening side: what the state port publishes every 25 ms."""
+"""Receiver of the status and feedback that the state port publishes every 25 ms."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class StateFeed:
 
     @property
     def stale_s(self) -> float:
-        """When what is known will be too old."""
+        """Time at which the newest feedback will be too old."""
         return min(self.status_s, self.feedback_s) + self._timeout_s
 
     def live(self, now_s: float) -> bool:

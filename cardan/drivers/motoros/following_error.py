@@ -1,4 +1,4 @@
-"""Compares the arm's measured position with where its commanded velocities should have brought it.
+"""Comparison of the arm's measured position with the integral of its commanded velocities.
 
 A controller in velocity mode does not report its commanded position, and the arm lags by design. So
 the measured position is compared with all that was commanded within the lag: an arm that follows is

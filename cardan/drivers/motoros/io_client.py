@@ -71,7 +71,7 @@ _REPLIES: dict[int, tuple[int, type[Body]]] = {
 
 
 class IoRequest(NamedTuple):
-    """One request, checked. The functions below make them."""
+    """A checked request. The functions below make them."""
 
     msg_type: int
     body: ReadIo | WriteIo | ReadRegister | WriteRegister
@@ -123,7 +123,7 @@ def write_register(register: int, value: int) -> IoRequest:
 
 
 def _index(value: int) -> int:
-    """`value` as a whole number; -1 when it is none."""
+    """Return `value` as a whole number; -1 if it is not one."""
     try:
         return operator.index(value)
     except TypeError:
@@ -163,7 +163,7 @@ def _within(what: str, address: int, number: int, divisor: int, writing: bool) -
 
 
 class IoExchange:
-    """One connection's requests and replies, one at a time; sans-I/O.
+    """Requests and replies of a connection, one at a time; sans-I/O.
 
     Make a new one for every connection: after an IoConnectionError nothing that arrives can be
     told apart any more.
@@ -265,7 +265,7 @@ class IoClient:
         self._closed = False
 
     def read_bit(self, address: int) -> bool:
-        """One bit; addresses end in 0 to 7."""
+        """Read one bit; addresses end in 0 to 7."""
         return bool(self._call(read_bit(address)))
 
     def write_bit(self, address: int, value: bool) -> None:

@@ -1,4 +1,4 @@
-"""What the three ways to move a robot by MotoROS have in common."""
+"""Base of the three ways to move a robot by MotoROS."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ START_TRIES = 3
 
 @dataclass(slots=True)
 class MotionCounters:
-    """What happened to commands since the driver was opened."""
+    """Counts of command outcomes since the driver was opened."""
 
     commands: int = 0
     """Points or velocities that were sent."""
@@ -65,7 +65,7 @@ class MotionCounters:
     queue_count: int = 0
     """Increments in the controller's queue, when it was last asked."""
     restarts: int = 0
-    """Trajectories begun anew at standstill, for their times had become too large."""
+    """Trajectories restarted at standstill because their times had become too large."""
     replaced: int = 0
     """Feedbacks in velocity mode by which the commanded position was set nearer to the arm's."""
     skipped_instants: int = 0
@@ -126,7 +126,7 @@ class MotionRecord:
 
 
 class MotionParts(NamedTuple):
-    """What the session lends to a motion."""
+    """Parts of the session that a motion uses."""
 
     options: MotorosOptions
     requests: MotionRequests
@@ -138,7 +138,7 @@ class MotionParts(NamedTuple):
 
 
 class Motion(ABC):
-    """One use of a mode of the controller, from its start to the end of motion.
+    """A use of a mode of the controller, from its start to the end of motion.
 
     The session calls `advance` when `next_s` has come, answers each control instant that `due`
     reports with `command`, and looks at `ended`. Replies come through the requests' callbacks.
@@ -152,17 +152,17 @@ class Motion(ABC):
     def __init__(self, parts: MotionParts) -> None:
         self.options = parts.options
         self.ended = ""
-        """Why motion is over; empty while it is not."""
+        """Reason why motion is over; empty while it is not."""
         self.unexplained = False
         """Whether the controller can tell more about what `ended` says."""
         self.waiting = ""
-        """Why commands do not act yet; empty when they do."""
+        """Reason why commands do not act yet; empty when they do."""
         self.next_s = math.inf
-        """When `advance` is to be called."""
+        """Time of the next call of `advance`."""
         self._acting_s = math.inf
         """A status later than this must say that the drives have power."""
         self.topics: list[Message] = []
-        """To be sent at once, in order."""
+        """Messages to send at once, in order."""
         self._requests, self._feed, self._guide = parts.requests, parts.feed, parts.guide
         self._counters, self._record = parts.counters, parts.record
         self._joints = parts.options.joints
@@ -206,7 +206,7 @@ class Motion(ABC):
 
     @property
     def braking_s(self) -> float:
-        """How long the ramp to rest takes, and what is queued before it."""
+        """Duration of the ramp to rest and of the points queued before it, s."""
         guide = self._guide
         ramp_s = max(
             abs(speed) / acceleration

@@ -1,4 +1,4 @@
-"""When a MotoROS controller may move its robot: starting motion, braking, and why it ended."""
+"""Control of motion by a MotoROS controller: start, braking, and reasons of its end."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ STOP_RETRY_S = 0.05
 
 
 class MotionPhase(enum.Enum):
-    """What the motion connection is doing."""
+    """Phase of the motion connection."""
 
     DOWN = "not connected"
     GREETING = "the motion connection is being set up"
@@ -75,7 +75,7 @@ class MotionControl:
     """
 
     by_points: ClassVar[type[Trajectory]] = PointStream
-    """How the robot is moved without the velocity mode."""
+    """Motion for a controller without the velocity mode."""
 
     def __init__(self, options: MotorosOptions, requests: MotionRequests, feed: StateFeed) -> None:
         self.options = options
@@ -85,21 +85,21 @@ class MotionControl:
         self.record = MotionRecord(options.record, options.joints)
         self.phase = MotionPhase.DOWN
         self.motion: Motion | None = None
-        """From START_*_MODE's reply to the end of motion."""
+        """Current motion, from START_*_MODE's reply to its end."""
         self.sessions = 0
         """Motion connections and starts of motion; earlier targets are void when it changes."""
         self.end_reason = ""
-        """What ended or prevented motion last; empty after a start that worked."""
+        """Reason that last ended or prevented motion; empty after a successful start."""
         self.ends: Counter[str] = Counter()
-        """How often motion was ended, by reason."""
+        """Counts of ends of motion, by reason."""
         self.velocity_info: VelocityInfo | None = None
-        """What the controller says about its velocity mode; None where it has none."""
+        """The controller's description of its velocity mode; None where it has none."""
         self.reply_pending = False
         """True between a state that takes a command and that command."""
         self.failure = ""
-        """Why the motion connection cannot be used; empty while it can."""
+        """Reason why the motion connection cannot be used; empty while it can."""
         self.answer = ""
-        """What the last control request was answered, where it failed."""
+        """Answer to the last control request, where it failed."""
         self._topics: list[Message] = []
         self._velocity: bool | None = None
         """Whether the velocity mode is used; None until the controller was asked."""
@@ -123,7 +123,7 @@ class MotionControl:
 
     @property
     def braking_s(self) -> float:
-        """How long it takes to come to rest from now, at most; 0 while nothing moves."""
+        """Longest time from now until the robot rests; 0 while nothing moves."""
         return 0.0 if self.motion is None else self.motion.braking_s
 
     @property
@@ -133,7 +133,7 @@ class MotionControl:
 
     @property
     def next_s(self) -> float:
-        """When `advance` is to be called at the latest."""
+        """Latest time of the next call of `advance`."""
         found = min(self.requests.deadline_s, self._stop_s)
         motion = self.motion
         if motion is not None:
@@ -160,7 +160,7 @@ class MotionControl:
         self.failure = ""
         self.sessions += 1
         self.phase = MotionPhase.GREETING
-        # What a connection before this one left in the queue must not be played.
+        # Points that a previous connection left in the queue must not be played.
         self.requests.control(MotionCommand.STOP_MOTION, self._stopped)
 
     def disconnected(self, reason: str, now_s: float) -> None:
@@ -203,7 +203,7 @@ class MotionControl:
                 self.enable(now_s)
 
     def _failure(self, answer: Answer) -> str:
-        """Why a request failed; "" when it did not."""
+        """Return why a request failed; "" if it succeeded."""
         if not isinstance(answer, MotionReply):
             return "the controller answered with something else than a motion reply"
         if answer.result == MotionResult.SUCCESS:
@@ -331,7 +331,7 @@ class MotionControl:
                 self.requests.control(MotionCommand.START_TRAJ_MODE, self._started)
 
     def _lacking(self) -> str:
-        """What makes a start pointless; empty when nothing does."""
+        """Reason why a start would fail; empty: none known."""
         if self.options.mode == "velocity" and not self._velocity:
             return "the controller has no velocity mode; set mode to stream or auto"
         if self.feed.other_axis:
@@ -413,7 +413,7 @@ class MotionControl:
 
     @property
     def _stop_commands(self) -> tuple[MotionCommand, ...]:
-        """What leaves the modes; trajectory mode stays behind when velocity mode is left."""
+        """Commands that leave the modes; leaving velocity mode does not leave trajectory mode."""
         trajectory = MotionCommand.STOP_TRAJ_MODE
         if self.uses_velocity:
             return MotionCommand.STOP_VEL_MODE, trajectory
@@ -503,7 +503,7 @@ class MotionControl:
 
     @property
     def hold_reason(self) -> str:
-        """Why commands would not act now; empty when they do."""
+        """Reason why commands would not act now; empty when they do."""
         phase = self.phase
         motion = self.motion
         if phase is MotionPhase.MOVING and motion is not None:
@@ -520,7 +520,7 @@ class MotionControl:
         return str(phase.value)
 
     def _stopped_by(self) -> str:
-        """What has to be changed at the robot before motion can be enabled."""
+        """Changes needed at the robot before motion can be enabled."""
         status = self.feed.status
         if status is None or status.motion_possible == 1:
             return ""
@@ -529,4 +529,4 @@ class MotionControl:
 
 
 def _ignore(answer: Answer, now_s: float) -> None:
-    """Takes a reply that changes nothing."""
+    """Accept a reply that changes nothing."""

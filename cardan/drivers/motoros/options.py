@@ -1,4 +1,4 @@
-"""What can be set about the MotoROS driver."""
+"""Options of the MotoROS driver."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class MotorosOptions(Options):
     ipc_s: Annotated[float, IPC_S] = 0.004
     """The controller's interpolation period: whole ms, usually 4."""
     reply_every: Annotated[int, REPLY_EVERY] = 25
-    """Velocity mode: one in so many commands asks what the controller had to limit."""
+    """Velocity mode: one in this many commands requests what the controller had to limit."""
     state_timeout_s: Annotated[float, STATE_TIMEOUT_S] = 3.0 * STATE_PERIOD_S
     """Time without a state after which the link is LOST."""
     request_timeout_s: Annotated[float, REQUEST_TIMEOUT_S] = 0.5
@@ -133,7 +133,7 @@ class MotorosOptions(Options):
 
     @property
     def limits(self) -> JointLimits:
-        """What every command is kept inside of."""
+        """Limits that every command is kept within."""
         own = load_arm(self.robot).limits
         return own.reduced(self.velocity_rad_s, self.acceleration_rad_s2, self.speed_share)
 

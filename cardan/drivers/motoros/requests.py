@@ -1,4 +1,4 @@
-"""The asking side of the motion connection: one request at a time, every reply checked."""
+"""Requests on the motion connection: one at a time, every reply checked."""
 
 from __future__ import annotations
 
@@ -49,14 +49,14 @@ SLOW = frozenset(
 class _Asked(NamedTuple):
     body: MotorosRequest
     command: int
-    """What a reply must name: a MotionCommand or the type of the message."""
+    """Value that a reply must name: a MotionCommand or the type of the message."""
     sequence: int
     then: Then
     slow: bool
 
 
 class MotionRequests:
-    """Requests wait in a queue, for MotoROS loses bytes of a second one sent before its reply.
+    """Queue of requests, because MotoROS loses bytes of a second one sent before its reply.
 
     A reply is trusted only if it names the command and the sequence number of its request: MotoROS
     answers a command that it does not know with the reply before it.
@@ -81,7 +81,7 @@ class MotionRequests:
 
     @property
     def deadline_s(self) -> float:
-        """When the reply that is awaited is overdue; infinite while none is."""
+        """Time at which the awaited reply is overdue; infinite while none is awaited."""
         asked = self._asked
         if asked is None:
             return math.inf
@@ -166,7 +166,7 @@ class MotionRequests:
         return ""
 
     def overdue(self, now_s: float) -> str:
-        """What was not answered in time; "" while all is well."""
+        """Message about a request that was not answered in time; "" if none."""
         asked = self._asked
         if asked is None or now_s < self.deadline_s:
             return ""
@@ -174,7 +174,7 @@ class MotionRequests:
 
 
 def _ignore(answer: Answer, now_s: float) -> None:
-    """Takes a reply that is not needed any more."""
+    """Accept a reply that is no longer needed."""
 
 
 def _name(command: int) -> str:

@@ -40,7 +40,7 @@ WAKE_S = 0.09
 
 
 class MotorosSession(TcpSession[Channel, Task]):
-    """One robot on one controller."""
+    """Protocol session with one robot on one controller."""
 
     kind_of_control: ClassVar[type[MotionControl]] = MotionControl
 
@@ -53,7 +53,7 @@ class MotorosSession(TcpSession[Channel, Task]):
             options.group, options.request_timeout_s, options.start_timeout_s
         )
         self.control = self.kind_of_control(options, self.requests, self.feed)
-        """When motion may be, and what became of it."""
+        """Control of motion, and its results."""
         self.jitter = LatencyHistogram()
         """Deviation of the time between two control instants from their period."""
         self._wire: Wire | None = None
@@ -68,7 +68,7 @@ class MotorosSession(TcpSession[Channel, Task]):
 
     @property
     def capabilities(self) -> RobotCapabilities:
-        """What can be commanded. Until a controller was asked "auto" counts as a stream."""
+        """Supported commands. Until a controller was asked, "auto" counts as a stream."""
         options = self.options
         if self.control.uses_velocity:
             period_s = options.command_period_s
@@ -96,7 +96,7 @@ class MotorosSession(TcpSession[Channel, Task]):
 
     @property
     def phase(self) -> MotionPhase:
-        """What the motion connection is doing."""
+        """Phase of the motion connection."""
         return self.control.phase
 
     @property
@@ -111,12 +111,12 @@ class MotorosSession(TcpSession[Channel, Task]):
 
     @property
     def end_reason(self) -> str:
-        """What ended or prevented motion last; empty after a start that worked."""
+        """Reason that last ended or prevented motion; empty after a successful start."""
         return self.control.end_reason
 
     @property
     def counters(self) -> MotionCounters:
-        """What happened in motion since the driver was opened."""
+        """Counts of command outcomes since the driver was opened."""
         return self.control.counters
 
     # -- connections ------------------------------------------------------------------------------
@@ -328,7 +328,7 @@ class MotorosSession(TcpSession[Channel, Task]):
 
     @property
     def hold_reason(self) -> str:
-        """Why commands would not act now; empty when they do."""
+        """Reason why commands would not act now; empty when they do."""
         control = self.control
         if control.phase is MotionPhase.DOWN:
             return no_motion_connection(self.options, self._links["motion"], control.end_reason)

@@ -10,14 +10,14 @@ from cardan.drivers.tcp_robot import Connection
 
 
 def no_motion_connection(options: MotorosOptions, link: Connection, end_reason: str) -> str:
-    """Why there is no motion connection, and why motion ended before."""
+    """Explain why there is no motion connection, and why motion ended before."""
     end = f"{end_reason}; " if end_reason else ""
     port = options.motion_port
     return f"{end}no connection to port {port}" + (f": {link.reason}" if link.reason else "")
 
 
 def silence(options: MotorosOptions, feed: StateFeed, link: Connection, now_s: float) -> str:
-    """Why no fresh state is known; `link` is the state port's."""
+    """Explain why no fresh state is known; `link` is the state port's."""
     if link.reason:
         return f"no connection to port {options.state_port}: {link.reason}"
     if not link.up:

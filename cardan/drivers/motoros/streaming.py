@@ -71,14 +71,14 @@ class PointStream(Trajectory):
         self._empty_s = now_s
         """The queue has run empty by then, unless something is added."""
         self._counted_s = now_s
-        """When `queue_count` was told."""
+        """Time at which `queue_count` was reported."""
         self._rtt_s = 0.0
         """The longest round trip of late."""
         self._shorter_s = now_s
-        """When the queue was last seen to have become shorter."""
+        """Last time that the queue was seen to have become shorter."""
         self._ran_empty_s: deque[float] = deque(maxlen=EMPTY_TIMES)
         self._played_s = now_s
-        """When all increments that were accepted will have been played."""
+        """Time at which all accepted increments will have been executed."""
         self._wait_for_rest("waiting for the robot to rest, to begin a trajectory", now_s)
 
     # -- time -------------------------------------------------------------------------------------
@@ -195,7 +195,7 @@ class PointStream(Trajectory):
 
     @property
     def _low(self) -> int:
-        """How much has to be left when the next point is computed: asking and sending take time."""
+        """Remaining queue at which the next point is computed: asking and sending take time."""
         return self.options.queue_low + round(2.0 * self._rtt_s / self._ipc_s)
 
     def _counted(self, answer: Answer, now_s: float) -> None:

@@ -1,4 +1,4 @@
-"""The last limiter before the wire: whatever is commanded, what is sent keeps the joints' limits.
+"""Last limiter before the wire: whatever is commanded, the sent values keep the joints' limits.
 
 The guide owns the commanded positions and velocities and moves them by one control period at a
 time, at constant acceleration within the period: q += dt·(v_old + v_new)/2, which is also what a
@@ -30,7 +30,7 @@ from cardan.types import CommandKind, HoldCommand, JointCommand, JointVelocityCo
 LONGEST_STEP_S: Final = 0.1
 """A longer period counts as this long."""
 SHORTEST_STEP_S: Final = 1e-6
-"""Nothing happens in a shorter one."""
+"""Shorter steps are ignored."""
 
 KINDS: Final = frozenset({CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT_VELOCITY})
 """Commands that it takes."""
@@ -117,8 +117,7 @@ class JointTrajectoryLimiter:
     def place(self, positions: Sequence[float], velocities: Sequence[float] | None = None) -> None:
         """Start from `positions`, rad, at rest, or at `velocities`, rad/s, as far as limits allow.
 
-        Raises CommandError, and changes nothing, for a wrong length or what is not a sensible
-        number.
+        Raises CommandError, and changes nothing, for a wrong length or an implausible number.
         """
         check_numbers("positions", positions, JOINT_POSITION, len(self._axes))
         if velocities is not None:
@@ -156,8 +155,8 @@ class JointTrajectoryLimiter:
         the two periods before. A HoldCommand brakes, and stays.
 
         A period of less than 1 µs, negative or NaN changes nothing; one above 0.1 s counts as
-        0.1 s. Raises CommandError, and changes nothing, for a wrong length, what is not a sensible
-        number, external axes, and commands other than these three.
+        0.1 s. Raises CommandError, and changes nothing, for a wrong length, an implausible number,
+        external axes, and commands other than these three.
         """
         if isinstance(command, JointCommand):
             forward = command.velocities
@@ -270,7 +269,7 @@ class JointTrajectoryLimiter:
         self._advance(dt_s, low, high)
 
     def _advance(self, dt_s: float, lows: Sequence[float], highs: Sequence[float]) -> None:
-        """One period towards the velocities in `_wanted`; `lows` and `highs` bound the next ones.
+        """Advance one period towards the velocities `_wanted`, within `lows` and `highs`.
 
         The bounds contain zero, or the way to it that the acceleration allows.
         """

@@ -31,7 +31,7 @@ AGREES_RAD = 0.004
 """Distance of the arm from the ends of its commanded path that is not corrected: the arm sags, and
 the two clocks differ."""
 FOUND_RAD_S = 0.05
-"""How fast the commanded position is corrected to the measured one, in addition to its speed: so
+"""Speed of correcting the commanded position to the measured one, besides its own speed: so
 one wrong feedback changes next to nothing."""
 CLOSING_RAD_S = 0.2
 """Fastest motion back to the command after a correction: the operator does not command it."""

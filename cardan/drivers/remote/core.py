@@ -1,17 +1,17 @@
-"""What the messages of a shared device mean, without any I/O and in the caller's time.
+"""Interpreter of a shared device's messages, without any I/O and in the caller's time.
 
-A state counts by its age, not by its arrival. Each claim says when it was sent, by the clock here,
-and the first state that echoes it tells the clock there: between claim and echo, the quickest round
-trip of late deciding. So a state's age is known by its own stamp; and whatever that says, it is as
-old as the newest claim that it echoes, but for the time that a claim is on its way.
+A state counts by its age, not by its arrival. Each claim says when it was sent, by the local clock,
+and the first state that echoes it gives the remote clock: between claim and echo, by the quickest
+recent round trip. So a state's age is known by its own stamp; whatever that says, it is as old as
+the newest claim that it echoes, but for the time that a claim is on its way.
 
 - No state that is young enough: STALE. The sharer has left, or another session has the device:
   LOST. Then deflections are zero, buttons released, and the device counts again from rest.
 - States that are too old are dropped. Their edges come again with younger ones, until they are
-  acknowledged; a press that is too old by then does not count until it was let go.
+  acknowledged; a press that is too old by then does not count until it was released.
 - Motion may wait for a bounded time, to be shown at its own spacing (`playout_ms`). Edges of
   buttons, rest, and whatever ends the link do not wait, and what waits then is never shown.
-- Of two computers that share under one name, the one that was heard first counts, while it speaks.
+- Of two computers that share under one name, the first one heard counts, while it sends.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ ECHOES_KEPT = 64
 """Claims that may be echoed still, of two seconds: slower round trips tell nothing."""
 
 SEQUENCES_KEPT = 1000
-"""States of which the share that was lost is told: of 4 to 20 s."""
+"""States over which the loss ratio is computed: 4 to 20 s."""
 
 UNKNOWN = DeviceCapabilities(gives_pose=True, buttons=(), feedback=frozenset(), battery=False)
 """Before the first state: it may give whatever the mapping takes."""
@@ -87,7 +87,7 @@ class RemoteCore(BusCore):
     }
 
     def __init__(self, options: RemoteOptions, lessee: int, name: str) -> None:
-        """`lessee`: a number that nobody else has, not 0; `name`: its name for others."""
+        """`lessee`: a unique number, not 0; `name`: its name for others."""
         super().__init__()
         self._options = options
         self._lessee, self._name = lessee, name
@@ -98,7 +98,7 @@ class RemoteCore(BusCore):
         self._forget_device()
 
     def _forget_device(self) -> None:
-        """What is known of the clock and the device there is void."""
+        """Discard the state of the remote clock and device."""
         self._clock = RemoteClock(ROUNDS_KEPT)
         self._echoed_s = self._sent_s = self._newest_s = NEVER_S
         self._resets = 0
@@ -109,15 +109,15 @@ class RemoteCore(BusCore):
         self._playout.clear()
         self._playout.forget()
         self.haptic_feedback: HapticFeedback | None = None
-        """What the hand felt at the newest state; None: not known, or the device gives no force."""
+        """Haptic feedback at the newest state; None: not known, or the device gives no force."""
         self._sequences: deque[int] = deque(maxlen=SEQUENCES_KEPT)
-        """Those of the newest states."""
+        """Sequence numbers of the newest states."""
         self.capabilities = UNKNOWN
         self.driver = ""
         self.leased = False
         """Whether the device is ours."""
         self.taken_by = ""
-        """Another holder of the lease; empty: none that is known."""
+        """Another holder of the lease; empty: none known."""
 
     # -- what it asks --------------------------------------------------------------------------
 
@@ -209,7 +209,7 @@ class RemoteCore(BusCore):
         self._take(shared, now_s)
 
     def _on_not_ours(self, shared: Shared, now_s: float) -> None:
-        """Nobody has the device, or somebody else."""
+        """Handle a state of a device that is not leased, or leased to another session."""
         self.taken_by = (shared.lessee_name or "another session") if shared.lessee else ""
         if self.leased:
             self.leased = False
@@ -217,13 +217,13 @@ class RemoteCore(BusCore):
 
     @property
     def refusal(self) -> str:
-        """Why the device cannot be had; empty: nothing known."""
+        """Reason why the lease is refused; empty: none known."""
         if not self.taken_by:
             return ""
         return f"{self._options.device} is used by {self.taken_by}: end that session first"
 
     def _take(self, shared: Shared, now_s: float) -> None:
-        """A state that is young enough."""
+        """Take a state that is young enough."""
         state, before = shared.state, (self._link, self._edge, self._down, self._resets)
         there = _LINKS.get(state.link, state.link)
         if there is not DeviceLink.LIVE:
@@ -249,14 +249,14 @@ class RemoteCore(BusCore):
         self._show()
 
     def _show(self) -> None:
-        """What is played now is another motion, or all else is new."""
+        """Publish a newly played motion, or any other change."""
         if (shown := self._playout.shown) is not None:
             self._stamp_s = shown.stamp_s
         self._cached = None
 
     @property
     def due_s(self) -> float:
-        """When motion that waits is played next; inf: none waits."""
+        """Time at which waiting motion is played next; inf: none waits."""
         return self._playout.due_s
 
     def play(self, now_s: float) -> bool:
@@ -283,7 +283,7 @@ class RemoteCore(BusCore):
                     self._buttons.mask([edge.button])
             self._buttons.set(sorted(self._down), now_s)
         self._resets = self._clock.resets
-        # Of what was pressed before the lease, or was missed, nobody knows for how long.
+        # For how long a button was down before the lease, or unseen, is unknown.
         self._buttons.mask(sorted(shared.state.buttons - self._down))
         self._down = shared.state.buttons
         self._buttons.set(sorted(self._down), now_s)
@@ -291,7 +291,7 @@ class RemoteCore(BusCore):
     # -- its age -------------------------------------------------------------------------------
 
     def _age_s(self, now_s: float) -> float:
-        """Of the newest state, at least what its round trip allows."""
+        """Age of the newest state, at least what its round trip allows."""
         echoed_s = self._echoed_s + CLAIM_PERIOD_S + self._clock.quickest_s
         return now_s - min(self._newest_s, echoed_s)
 

@@ -53,7 +53,7 @@ class Remote(BusDevice[RemoteCore]):
         self._claims: Publisher | None = None
         self._given = DeviceFeedback()
         self._command: HapticCommand | None = None
-        """What the hand is to feel."""
+        """Newest haptic command."""
 
     def _make_core(self) -> RemoteCore:
         name = f"{self.options.name} at {socket.gethostname()}"
@@ -61,7 +61,7 @@ class Remote(BusDevice[RemoteCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """What the device has; known once it is open."""
+        """Capabilities of the device; known once it is open."""
         with self._lock:
             return self._core.capabilities
 
@@ -146,8 +146,8 @@ class Remote(BusDevice[RemoteCore]):
 
 
 class RemoteForce(Remote, HapticDevice):
-    """One whose hand feels force. `cardan devices share` has the law that keeps it passive; here
-    are the newest command, and the state that the hand's end has published."""
+    """Remote device with force feedback. `cardan devices share` has the law that keeps it passive;
+    here are the newest command, and the state that the device's computer has published."""
 
     _enabled = False
     _last = HapticState()
@@ -168,8 +168,8 @@ class RemoteForce(Remote, HapticDevice):
             self._command = command if self._enabled else command._replace(engaged=False)
 
     def haptics(self) -> HapticState:
-        """What the hand felt at the newest state. Without one, or while its age does not count,
-        there is no force."""
+        """Haptic feedback at the newest state. Without one, or while it is too old, there is no
+        force."""
         with self._lock:
             now_s, haptic_feedback = time.monotonic(), self._core.haptic_feedback
             told = self._core.state(now_s)

@@ -1,4 +1,4 @@
-"""What can be set about a device on another computer."""
+"""Options of a device on another computer."""
 
 from __future__ import annotations
 

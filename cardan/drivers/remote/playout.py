@@ -1,4 +1,4 @@
-"""Playout buffer: motion at the spacing at which the hand made it, whatever the network did to it.
+"""Playout buffer: motion with the spacing of the device's states, despite network jitter.
 
 As for speech over packet networks (Ramjee, Kurose, Towsley, Schulzrinne: Adaptive playout
 mechanisms for packetized audio applications in wide-area networks, INFOCOM 1994): each state is
@@ -31,52 +31,52 @@ much."""
 
 
 class Motion(NamedTuple):
-    """What one state says of the hand's motion."""
+    """Motion of the device in one state."""
 
     sent_s: float
-    """By the sender's clock."""
+    """Time of sending, by the sender's clock."""
     made_s: float
-    """By the clock here, as it was known on arrival."""
+    """Time of the state, by the local clock, as known on arrival."""
     stamp_s: float
-    """Of the device's report, by the clock here."""
+    """Stamp of the device's report, by the local clock."""
     axes: Axes
     pose: Pose | None = None
 
 
 class Playout:
-    """Which of the states that have arrived is shown now. States come in the order of `sent_s`."""
+    """Playout buffer of received states. States come in the order of `sent_s`."""
 
     def __init__(self, most_s: float, max_age_s: float) -> None:
-        """`most_s`: no state waits longer, 0: each is shown on arrival. What is older than
-        `max_age_s` gives way to what waits."""
+        """`most_s`: no state waits longer, 0: each is shown on arrival. A shown state older than
+        `max_age_s` gives way to a waiting one."""
         self._most_s, self._max_age_s = most_s, max_age_s
         self.shown: Motion | None = None
         self._waiting: deque[tuple[float, Motion]] = deque(maxlen=MOST_KEPT)
-        """When each is to be shown, in order."""
+        """Waiting states with their due times, in order."""
         self._transits: deque[tuple[float, float]] = deque()
-        """Of each state when it came, and its transit time but for the offset of the clocks."""
+        """Arrival of each state, and its transit time except for the offset of the clocks."""
         self._sorted: list[float] = []
         """The transit times alone."""
         self._lag_s = math.nan
-        """From `sent_s` to when it is shown; not known before the first state."""
+        """Delay from `sent_s` to showing it; not known before the first state."""
         self._sent_s = NEVER_S
 
     def forget(self) -> None:
-        """The sender's clock is another: transit times, and what waits, are void."""
+        """Discard transit times and waiting states: the sender's clock has changed."""
         self._waiting.clear()
         self._transits.clear()
         self._sorted.clear()
         self._lag_s = math.nan
 
     def clear(self) -> None:
-        """Nothing that has arrived is shown any more."""
+        """Discard all received states."""
         self._waiting.clear()
         self.shown = None
 
     # -- what arrives --------------------------------------------------------------------------
 
     def heard(self, sent_s: float, now_s: float) -> None:
-        """A state came, whether it is taken or not."""
+        """Record the arrival of a state, whether it is taken or not."""
         transits = self._transits
         while transits and (transits[0][0] < now_s - KEPT_S or len(transits) >= MOST_KEPT):
             del self._sorted[bisect_left(self._sorted, transits.popleft()[1])]
@@ -84,9 +84,9 @@ class Playout:
         insort(self._sorted, now_s - sent_s)
 
     def take(self, motion: Motion, now_s: float, *, at_once: bool) -> None:
-        """A state that was `heard`. `at_once`: it is shown now, and what waits never is.
+        """Take a state that was `heard`. `at_once`: show it now, and drop waiting ones.
 
-        Rest is at once: what was let go does not move on.
+        Rest is at once: a released control does not move on.
         """
         at_rest = not any(motion.axes)
         if at_rest and motion.pose is None:
@@ -110,7 +110,7 @@ class Playout:
 
     def _adapt(self, sent_s: float, *, free: bool) -> None:
         """The delay follows the transit times, slowly unless nothing is in motion (`free`)."""
-        # What no delay within the bound would have helped, as after a stall, does not count.
+        # States that no delay within the bound would have helped, as after a stall, do not count.
         helped = bisect_right(self._sorted, self._sorted[0] + self._most_s)
         wanted_s = _quantile(self._sorted, IN_TIME, helped)
         passed_s = max(0.0, sent_s - self._sent_s)
@@ -136,7 +136,7 @@ class Playout:
 
     @property
     def due_s(self) -> float:
-        """When the next one is shown; inf: none waits."""
+        """Time at which the next one is shown; inf: none waits."""
         return self._waiting[0][0] if self._waiting else math.inf
 
     # -- figures -------------------------------------------------------------------------------
@@ -153,7 +153,7 @@ class Playout:
 
     @property
     def added_s(self) -> float:
-        """How long a state of the median transit time waits; nan: none is known."""
+        """Wait of a state with the median transit time; nan: not known."""
         return min(max(0.0, self._lag_s - self.transit_s), self._most_s)
 
 

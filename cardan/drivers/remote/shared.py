@@ -1,9 +1,9 @@
 """The two messages between the computer that has a device and the one that uses it.
 
-cardan_msgs/SharedDevice has the newest state, and the edges of buttons that nobody has acknowledged
-yet. cardan_msgs/DeviceClaim asks for the device or renews its lease, says by its stamp when it was
-sent, acknowledges edges, and has the feedback and the force. Times are monotonic, s, each by its
-sender's clock.
+cardan_msgs/SharedDevice has the newest state, and the unacknowledged edges of buttons.
+cardan_msgs/DeviceClaim asks for the device or renews its lease, says by its stamp when it was sent,
+acknowledges edges, and has the feedback and the force. Times are monotonic, s, each by its sender's
+clock.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ from cardan.types import (
 STATE_TYPE, CLAIM_TYPE = "cardan_msgs/msg/SharedDevice", "cardan_msgs/msg/DeviceClaim"
 
 VERSION = 2
-"""Of both messages."""
+"""Version of both messages."""
 
 CLAIM_PERIOD_S = 0.03
-"""Between the claims of who has the device; each is answered by a state at once."""
+"""Period of the lessee's claims; each is answered by a state at once."""
 
 FORCE_PERIOD_S = 0.008
 """The same while the hand is to feel something."""
@@ -61,7 +61,7 @@ LARGEST = 1e6
 """No measurement is larger, in SI units."""
 
 FEEDBACK = frozenset({"led", "rumble"})
-"""What is passed back beside force, which has a law of its own at either end."""
+"""Feedback passed back besides force, which has a control law at either end."""
 
 FIXTURES: Mapping[str, type[Any]] = {each.__name__: each for each in get_args(Fixture)}
 _SIZES = {Vector3: 3, Matrix3: 9, float: 1, bool: 1}
@@ -69,35 +69,35 @@ _SIZES = {Vector3: 3, Matrix3: 9, float: 1, bool: 1}
 
 
 def state_topic(name: str) -> str:
-    """Where a shared device is published."""
+    """Return the topic on which a shared device is published."""
     return f"/shared/{name}/state"
 
 
 def claim_topic(name: str) -> str:
-    """Where it is asked for."""
+    """Return the topic of its claims."""
     return f"/shared/{name}/claim"
 
 
 class Order(NamedTuple):
-    """What the hand is to feel."""
+    """Haptic command for the device."""
 
     command: HapticCommand
-    """By the session's count; its stamp counts nowhere else."""
+    """Numbered by the session; its stamp is valid only there."""
     answers_s: float
     """Stamp of the device's state that it was made from, by the clock there."""
 
 
 class HapticFeedback(NamedTuple):
-    """What the hand feels."""
+    """Haptic feedback of the device."""
 
     state: HapticState
-    """Of which a message has a part; `command_sequence` by the session's count."""
+    """A message has a part of it; `command_sequence` is the session's."""
     largest_n: float
     """Largest force that the device lets out."""
 
 
 class Edge(NamedTuple):
-    """One edge of one button, as numbered since the lease began, from 1."""
+    """An edge of a button, numbered since the lease began, from 1."""
 
     number: int
     stamp_s: float
@@ -106,16 +106,16 @@ class Edge(NamedTuple):
 
 
 class Shared(NamedTuple):
-    """What one message says of a device."""
+    """A message with the state of a shared device."""
 
     run: int
-    """Of the process that shares it: another number, another process."""
+    """Number of the sharing process; it changes with the process."""
     sent_s: float
     lessee: int
     """Holder of the lease; 0: none."""
     lessee_name: str
     asked_s: float
-    """Stamp of that one's newest claim, by its clock."""
+    """Stamp of the lessee's newest claim, by its clock."""
     state: DeviceState
     """Its stamp by the sender's clock."""
     edges: tuple[Edge, ...] = ()
@@ -128,7 +128,7 @@ class Shared(NamedTuple):
 
 
 class Claim(NamedTuple):
-    """What one message says of who wants a device."""
+    """A message in which a session claims a device, or gives it back."""
 
     lessee: int
     name: str
@@ -142,11 +142,11 @@ class Claim(NamedTuple):
 
 
 class UnusableError(ValueError):
-    """Why a message is not used: it goes behind "messages"."""
+    """Reason why a message is not used, printed behind "messages"."""
 
 
 def shared_message(shared: Shared) -> Message:
-    """As a cardan_msgs/SharedDevice."""
+    """Return it as a cardan_msgs/SharedDevice."""
     state, able = shared.state, shared.capabilities
     inertia = state.inertia
     measured = [] if inertia is None else [each for each in inertia if each is not None]
@@ -233,7 +233,7 @@ def read_shared(message: Message) -> Shared:
 
 
 def claim_message(claim: Claim) -> Message:
-    """As a cardan_msgs/DeviceClaim."""
+    """Return it as a cardan_msgs/DeviceClaim."""
     led, rumble = claim.feedback.led, claim.feedback.rumble
     return {
         "version": VERSION,
@@ -316,7 +316,7 @@ def _order(value: Message | None) -> Order | None:
 
 
 def flat(value: Any) -> Iterator[float]:
-    """All numbers in nested tuples."""
+    """Yield all numbers in nested tuples."""
     if isinstance(value, tuple):
         for each in value:
             yield from flat(each)

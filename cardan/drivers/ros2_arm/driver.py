@@ -33,7 +33,7 @@ class Ros2Arm(DatagramRobot[Ros2ArmSession]):
     """The publisher of the joint states is not the controller."""
 
     def cautions(self) -> tuple[str, ...]:
-        """What speaks against the kind of command."""
+        """Warning about the kind of command."""
         caution = self.options.caution
         return (caution,) if caution else ()
 

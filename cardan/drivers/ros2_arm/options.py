@@ -1,4 +1,4 @@
-"""What can be set about the driver of ROS 2 arms."""
+"""Options of the driver of ROS 2 arms."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Ros2ArmOptions(NodeOptions):
     """The joints' names on ROS 2 in kinematic order, where they are not those of `robot`, as with
     a prefix ("left_shoulder_pan_joint"); empty: as in `robot`."""
     transport: Literal["zenoh", "dds"] = "zenoh"
-    """What the robot's nodes speak, as their RMW_IMPLEMENTATION says: zenoh: rmw_zenoh_cpp; dds:
+    """Middleware of the robot's nodes, by their RMW_IMPLEMENTATION: zenoh: rmw_zenoh_cpp; dds:
     rmw_cyclonedds_cpp or rmw_fastrtps_cpp, which needs the plug-in cardan-dds."""
     dds_config: Annotated[str, bounds.DDS_CONFIG] = ""
     """For dds: configuration of Cyclone DDS, XML or file://PATH. Empty: CYCLONEDDS_URI where that
@@ -93,7 +93,7 @@ class Ros2ArmOptions(NodeOptions):
 
     @property
     def caution(self) -> str:
-        """What speaks against `command`; empty: nothing."""
+        """Disadvantage of `command`; empty: none."""
         if self.command == "trajectory":
             return (
                 "command = 'trajectory' sends single points, each of which replaces the one "
@@ -109,7 +109,7 @@ class Ros2ArmOptions(NodeOptions):
 
     @property
     def dds(self) -> DdsOptions:
-        """How to be on DDS."""
+        """Options of the DDS connection."""
         return DdsOptions(
             dds_domain=self.domain,
             dds_config=self.dds_config,
@@ -118,12 +118,12 @@ class Ros2ArmOptions(NodeOptions):
 
     @property
     def period_s(self) -> float:
-        """Of the joint states."""
+        """Period of the joint states."""
         return 1.0 / self.rate_hz
 
     @property
     def topic(self) -> str:
-        """Where commands go."""
+        """Topic of the commands."""
         return self.command_topic or COMMAND_TOPICS[self.command]
 
     @property
@@ -133,7 +133,7 @@ class Ros2ArmOptions(NodeOptions):
 
     @property
     def limits(self) -> JointLimits | None:
-        """Those of `robot`; None where it is empty."""
+        """Limits of `robot`; None where it is empty."""
         return load_arm(self.robot).limits if self.robot else None
 
     @property

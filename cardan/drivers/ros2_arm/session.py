@@ -1,9 +1,9 @@
 """A ROS 2 arm without I/O: joint states to states of the robot, commands to messages.
 
 Joint states are ordered by the number that their publisher gives each message, and by nothing else:
-stamps may be of any clock. One publisher of the arm's joints counts. While another one is heard as
-well nothing is commanded: one of them is not the arm. It counts when the one before has fallen
-silent (its node was started anew), and begins a new session, as stamps do that go back.
+stamps may be of any clock. A single publisher of the arm's joints counts. While another is heard,
+nothing is commanded: one of them is not the arm. A new publisher counts when the previous has
+fallen silent (its node was restarted), and begins a new session, as do stamps that go back.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ a state that the network lost, a process that waited. After a longer time a robo
 positions has stopped; and by a longer step it would overshoot."""
 
 FARTHEST_BEHIND = 0.2
-"""rad or m: a joint that has lost more way than this, stop after stop, is not brought back by way
-of lost time, which would have it move long after the operator let go: a new session begins."""
+"""rad or m: a joint that has lost more way than this, stop after stop, is not brought back as
+missed cycles, which would move it long after the operator's release: a new session begins."""
 
 POINT_AHEAD_S = 0.05
 """A trajectory's point is so far ahead, and at least three periods: nearer ones are reached, and
@@ -67,7 +67,7 @@ NO_GAP_S = 0.5 * LIVING_S
 computer that stood still, and the messages of the one that counts come next."""
 
 RIVALS_KEPT = 64
-"""Other publishers of the arm's joints that are told apart."""
+"""Most other publishers of the arm's joints that are tracked."""
 
 NS = 1_000_000_000
 
@@ -81,7 +81,7 @@ ADVICE = {
         "dds_config says otherwise, and is states_topic its topic?"
     ),
 }
-"""What to look for where no joint states come, by transports."""
+"""Advice for missing joint states, by transport."""
 
 
 class JointStates(NamedTuple):
@@ -90,7 +90,7 @@ class JointStates(NamedTuple):
     session: int
     sequence: int
     stamp_ns: int
-    """By the robot's clock; 0: it gives none."""
+    """Stamp by the robot's clock; 0: it gives none."""
     positions: tuple[float, ...]
     velocities: tuple[float, ...]
     """Empty where they are not reported."""
@@ -111,18 +111,18 @@ class _Rival(NamedTuple):
     """Another publisher of the arm's joints."""
 
     since_s: float
-    """It alone was heard from then on, without a gap."""
+    """Time since which it alone was heard, without a gap."""
     heard_s: float
     positions: dict[str, float]
-    """Of its last message, as it names them."""
+    """Positions of its last message, by its joint names."""
 
 
 class Ros2ArmSession(DatagramSession[JointStates]):
-    """What is known of an arm, and what is sent to it.
+    """Protocol session with an arm: its newest state, and the reference sent to it.
 
-    What is sent is a reference that keeps to the joints' ranges, speeds and accelerations, whatever
-    is asked for. Nothing is sent before the first command that moves: an arm that is only looked at
-    gets no messages.
+    The reference keeps to the joints' ranges, speeds and accelerations, whatever is commanded.
+    Nothing is sent before the first command that moves: an arm that is only observed gets no
+    messages.
     """
 
     controller = "the robot's joint state publisher"
@@ -148,11 +148,11 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             AgreedTime(options.period_s, option=SIMULATED_TIME, simulated=options.simulated_time),
         )
         self.taken: Callable[[], bool] = lambda: True
-        """Whether somebody takes the commands."""
+        """Whether the commands have a subscriber."""
         self.named: Callable[[bytes], str] = lambda gid: ""
         """The node whose publisher has this GID; empty where that is not known."""
         self.listens_until_s = NEVER_S
-        """Until then a second publisher may not have been heard yet: nothing is commanded."""
+        """Time until which a second publisher may still be unheard: nothing is commanded."""
         self.others = 0
         """Messages of other joints than the arm's."""
         self._codec = codec_of(STATE_TYPE)
@@ -268,7 +268,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         return sender
 
     def _rivalry(self, message: JointStates, now_s: float) -> str:
-        """Other publishers of our joints than the one that counts, in words; empty: none."""
+        """Describe other publishers of our joints than the one that counts; empty: none."""
         there = {gid: each for gid, each in self._rivals.items() if now_s - each.heard_s < LIVING_S}
         if not there or self._sender is None:
             return ""
@@ -299,7 +299,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         self._commanded = self._commanded and self.options.command == "velocity"
 
     def receive(self, data: Received, now_s: float) -> RobotState | None:
-        """The state in a message, stamped `now_s`; None when it is none, late or double."""
+        """Return the state in a message, stamped `now_s`; None if invalid, late or double."""
         state = super().receive(data, now_s)
         if state is None or self.message is None:
             return None
@@ -382,7 +382,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         return self._commanded and self._limiter is not None and any(self._limiter.velocity)
 
     def command(self, command: RobotCommand, now_s: float) -> bytes | None:
-        """The message that answers the newest state; a second one to the same state is none."""
+        """The message that answers the newest state; none to the same state again."""
         self.check(command)
         message, limiter = self.message, self._limiter
         if message is None or limiter is None:
@@ -460,7 +460,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         return self.final_command(now_s) if self.options.command == "velocity" else None
 
     def final_command(self, now_s: float) -> bytes | None:
-        """What stops the arm when nothing comes after it: its reference, at rest."""
+        """Message that stops the arm when none follows it: its reference, at rest."""
         if not self._commanded or self._limiter is None:
             return None
         return self._messages.message(self._limiter.reference, (0.0,) * self._count)

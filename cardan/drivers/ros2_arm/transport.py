@@ -1,4 +1,4 @@
-"""How the driver of ROS 2 arms reaches the robot's nodes."""
+"""Transports of the driver of ROS 2 arms to the robot's nodes."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ STATES_KEPT = 16
 """Joint states that wait; the newest of them counts."""
 
 DESCRIPTION_TIMEOUT_S = 5.0
-"""Longest wait for the robot's description, which is kept for who comes later."""
+"""Longest wait for the robot's description, which is latched for late subscribers."""
 
 LOOK_PERIOD_S = 0.1
-"""Period of looking at who is on the graph."""
+"""Period of looking up subscribers on the graph."""
 
 
 class Ros2Transport(Transport, Protocol):
     """A transport that also knows the graph."""
 
     def taken(self) -> bool:
-        """Whether somebody takes the commands."""
+        """Whether the commands have a subscriber."""
 
     def publisher(self, gid: bytes) -> str:
         """The node whose publisher of joint states has this GID; empty where that is not known."""
@@ -43,7 +43,7 @@ class Ros2Transport(Transport, Protocol):
 
 
 class NodeTransport(ABC):
-    """By a node of its own."""
+    """Transport by a node of its own."""
 
     def __init__(self, options: Ros2ArmOptions, node: BusNode | OtherNode) -> None:
         """Raises DriverError, ConfigurationError or ExtraMissingError."""
@@ -60,7 +60,7 @@ class NodeTransport(ABC):
 
     @abstractmethod
     def _found(self) -> bool:
-        """Whether somebody is there who takes the commands."""
+        """Whether the graph has a subscriber of the commands."""
 
     @abstractmethod
     def publisher(self, gid: bytes) -> str:
@@ -80,14 +80,14 @@ class NodeTransport(ABC):
         return () if first is None else (first, *self.waiting())
 
     def waiting(self) -> Sequence[Received]:
-        """Those that are there already."""
+        """The joint states received already."""
         found = []
         while (each := self._states.poll()) is not None:
             found.append(each)
         return found
 
     def taken(self) -> bool:
-        """Whether somebody takes the commands."""
+        """Whether the commands have a subscriber."""
         now_s = self.now()
         if now_s >= self._look_s:
             self._look_s = now_s + LOOK_PERIOD_S
@@ -116,7 +116,7 @@ class NodeTransport(ABC):
 
 
 class ZenohTransport(NodeTransport):
-    """Over Zenoh."""
+    """Transport over Zenoh."""
 
     def __init__(self, options: Ros2ArmOptions) -> None:
         """Raises DriverError, ConfigurationError or ExtraMissingError."""
@@ -129,14 +129,14 @@ class ZenohTransport(NodeTransport):
         return bool(self._takers.others())
 
     def publisher(self, gid: bytes) -> str:
-        """By its liveliness token."""
+        """Find the node by its liveliness token."""
         domain = self._options.bus.domain
         found = (e.full_node for e in self._publishers.others() if gid_of(e, domain) == gid)
         return next(found, "")
 
 
 class DdsTransport(NodeTransport):
-    """Over DDS."""
+    """Transport over DDS."""
 
     def __init__(self, options: Ros2ArmOptions) -> None:
         """Raises DriverError, ConfigurationError or ExtraMissingError."""
@@ -149,12 +149,12 @@ class DdsTransport(NodeTransport):
             raise
 
     def _found(self) -> bool:
-        # Read all the time, as what is not would be kept.
+        # Read all the time, because unread messages would be kept.
         self._graph.look()
         return self._commands.heard
 
     def publisher(self, gid: bytes) -> str:
-        """By its announcement."""
+        """Find the node by its announcement."""
         return self._graph.writer(gid)
 
     def close(self) -> None:
@@ -167,4 +167,4 @@ TRANSPORTS: dict[str, Callable[[Ros2ArmOptions], Ros2Transport]] = {
     "zenoh": ZenohTransport,
     "dds": DdsTransport,
 }
-"""By the option `transport`."""
+"""Transports by the option `transport`."""

@@ -1,13 +1,13 @@
-"""What the Joy messages of a node mean, without any I/O and in the caller's time.
+"""Interpreter of a node's Joy messages, without any I/O and in the caller's time.
 
 A node publishes all the time: spacenav_node each 30 ms at rest, joy_node at its autorepeat_rate of
-20 Hz. So silence is always trouble. But spacenav_node publishes zeros without a device, too, and
-joy_node repeats what it heard last, whether or not the device still speaks:
+20 Hz. So silence is always a fault. But spacenav_node publishes zeros without a device, too, and
+joy_node repeats the last values, whether or not the device still reports:
 
 - After opening or a loss the axes are zero (NEEDS_NEUTRAL) until the device was moved, or a button
   pressed, and then was seen at rest: zeros alone are no operator.
 - A node that falls silent is STALE; one whose liveliness token is gone is LOST.
-- Of two nodes that publish the same topic, the one that was heard first counts, while it speaks.
+- Of two nodes that publish the same topic, the first one heard counts, while it sends.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class BusCore(DeviceCore):
         self._sender = b""
         self._sequence, self._source_ns = -1, -1
         self._last_s = NEVER_S
-        """When it was opened, or the last message was new."""
+        """Time of opening, or of the last new message."""
 
     @property
     @abstractmethod
@@ -116,7 +116,7 @@ class BusCore(DeviceCore):
         return True
 
     def _on_other_sender(self) -> None:
-        """What comes from now on is of another sender than before."""
+        """Prepare for messages of another sender than before."""
 
 
 class JoyCore(BusCore):
@@ -125,7 +125,7 @@ class JoyCore(BusCore):
     message_type = JOY_TYPE
 
     def __init__(self, options: JoyOptions, touch: str) -> None:
-        """`touch`: what the operator does to show that there is a device."""
+        """`touch`: instruction that makes the operator show that there is a device."""
         super().__init__()
         self._options = options
         self._touch = touch
@@ -134,7 +134,7 @@ class JoyCore(BusCore):
         self._values: tuple[float, ...] = ()
         """The message's axes, -1..1."""
         self._first: tuple[float, ...] | None = None
-        """Those of the first message since the device was opened."""
+        """Axes of the first message since the device was opened."""
         self._touched = False
         self._button_count = 0
 

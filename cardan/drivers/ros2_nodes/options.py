@@ -1,4 +1,4 @@
-"""What can be set about the drivers of nodes that read operator devices."""
+"""Options of the drivers of nodes that read operator devices."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SHIFTS = {"spacenav": "", "joy_node": "button-5", "game_controller": "button-10"
 
 @dataclass(frozen=True, kw_only=True)
 class JoyOptions(NodeOptions, ShapingOptions):
-    """What the drivers of both nodes have."""
+    """Options that the drivers of both nodes share."""
 
     topic: str = "/joy"
     """sensor_msgs/Joy."""

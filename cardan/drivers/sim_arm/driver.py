@@ -27,8 +27,8 @@ _monotonic = time.monotonic
 
 _YIELD_S = 1e-5
 """Pause in each virtual cycle while the process has other threads. A loop that never waits keeps
-the interpreter for 5 ms at every call of theirs that lets go of it: what takes them 20 ms alone
-would take half a minute."""
+the interpreter for 5 ms at each of their calls that releases the GIL: work of 20 ms would take
+them half a minute."""
 
 
 class _InProcess:
@@ -39,7 +39,7 @@ class _InProcess:
 
         self.arm = SimulatedArm(options.arm_options)
         self.lateness = LatencyHistogram()
-        """How long after its instant each cycle began."""
+        """Lateness of the begin of each cycle."""
         self.missed = 0
         """Instants that were left out: the next one was due when their turn came."""
         self._period_s = options.period_s

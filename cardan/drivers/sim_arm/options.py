@@ -1,4 +1,4 @@
-"""What can be set about the simulated arm's driver."""
+"""Options of the simulated arm's driver."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class SimArmOptions(Options):
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port of `endpoint`; OptionError when it is none."""
+        """Host and port of `endpoint`; OptionError if it is invalid."""
         host, _, port = self.endpoint.rpartition(":")
         good = host and port.isdecimal() and len(port) <= 5 and int(port) in bounds.PORT
         require(good, "endpoint", self.endpoint, "HOST:PORT, as 127.0.0.1:6520")
@@ -101,7 +101,7 @@ class SimArmOptions(Options):
 
     @property
     def arm_options(self) -> SimulatedArmOptions:
-        """Those of the simulated arm in this process. Raises a CardanError for a bad one."""
+        """Options of the simulated arm in this process. Raises a CardanError for a bad one."""
         return SimulatedArmOptions(
             robot=self.robot,
             plant=PlantOptions(

@@ -42,7 +42,7 @@ _SEQUENCES = 1 << 32
 
 
 class SimArmSession(DatagramSession[ArmState]):
-    """One connection to a simulated arm."""
+    """Protocol session with a simulated arm."""
 
     controller = "the simulated arm"
     advice = "is `cardan sim arm` running?"

@@ -1,4 +1,4 @@
-"""Which buttons are down, merged from all the reports that tell of buttons."""
+"""State of the buttons, merged from all reports about buttons."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ class Buttons(ButtonEdges):
 
     Of an unknown model (None) and of a receiver, what is paired shows in the length of report 3:
     three bytes are a two-button device's "left" and "right", more are the vendor's key numbers.
-    A long press that has a meaning of its own is one more button, held until its key goes. What
-    each report named last stays after `release_all`: another does not show those buttons up.
+    A long press that has a meaning of its own is one more button, held until its key goes. The last
+    contents of each report are kept after `release_all`: other reports do not show its buttons.
     """
 
     def __init__(self, model: Model | None) -> None:
@@ -58,7 +58,7 @@ class Buttons(ButtonEdges):
         self._heard.clear()
 
     def on_report(self, value: ButtonReport, size: int, now_s: float) -> None:
-        """Take a report of `size` bytes; each tells the whole state of what it tells about.
+        """Take a report of `size` bytes; each has the whole state of its buttons.
 
         The size tells how to read the buttons of an unknown model, and is nothing otherwise.
         """
@@ -77,7 +77,7 @@ class Buttons(ButtonEdges):
             told = self._long_bits = self._long_labels([bit + 1 for bit in _bits_of(value.mask)])
         kind = type(value)
         if kind not in self._heard:
-            # Which of several was pressed now is not known. A long press is none that is new.
+            # It is unknown which of several was pressed now. A long press is no new one.
             if len(told) > 1 and (kind in _WHOLE or not self._heard):
                 self.mask(told)
             self._heard.add(kind)

@@ -1,11 +1,11 @@
-"""What a SpaceMouse's reports mean, without any I/O and in the caller's time.
+"""Interpreter of a SpaceMouse's reports, without any I/O and in the caller's time.
 
 A device at rest is silent, and a deflected one reports all the time (over HID a pair of halves or
 one whole report each 16 ms). So silence counts as rest only after a report of rest:
 
 - After opening, a loss or a silence, the axes are zero (NEEDS_NEUTRAL) until both translation and
   rotation were reported inside the dead zone. An untouched device sends nothing, so the operator
-  touches the cap and lets go once: every release ends in reports of rest.
+  touches and releases the cap once: every release ends in reports of rest.
 - A deflected device that falls silent for `STALE_AFTER_S`, or one of whose halves does, is STALE:
   the axes are zero, and the buttons count as released, since a release may have been lost.
 """
@@ -142,7 +142,7 @@ class SpaceMouseCore(DeviceCore):
         self.on_value(decode_input(report), now_s, len(report))
 
     def on_value(self, value: InputReport, now_s: float, size: int = 0) -> None:
-        """What a report says was received at `now_s`. Never raises.
+        """Take the contents of a report received at `now_s`. Never raises.
 
         `size` is the report's length, which tells more about some; 0 where there is none.
         """

@@ -144,7 +144,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """What the device has. No buttons listed: unknown, as the model is."""
+        """Capabilities of the device. No buttons listed: the model is unknown."""
         with self._lock:
             labels = self._core.labels
         model = self._model
@@ -372,7 +372,7 @@ def _unlisted(transport: str, error: Exception) -> base.FoundDevice:
 
 
 def _place(device: HidCandidate) -> str:
-    """Where a device is, as its options call it."""
+    """Describe the port and slot of a device, as in its options."""
     words = [f"port {device.port}"] if device.port else []
     if device.model is not None and device.model.receiver and device.interface >= 0:
         words.append(f"slot {device.interface}")

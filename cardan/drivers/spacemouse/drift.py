@@ -1,4 +1,4 @@
-"""Distinguishes a shifted zero from a cap that is held still."""
+"""Detection of a shifted zero, as distinct from a cap that is held still."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ CHECK_PERIOD_S = 0.25
 
 
 class DriftDetector:
-    """Looks at the counts now and then: `update` is due from `due_s` on."""
+    """Detector that checks the counts now and then: `update` is due from `due_s` on."""
 
     def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew."""
+        """Restart the estimate."""
         self.due_s = NEVER_S
         self.drifting = False
         self._reference: Sequence[int] | None = None

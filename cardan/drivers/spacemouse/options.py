@@ -1,4 +1,4 @@
-"""What can be set about the SpaceMouse driver."""
+"""Options of the SpaceMouse driver."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class SpaceMouseOptions(MouseOptions):
     slot: Literal["", "0", "1", "2", "3", "4"] = ""
     """Interface of a receiver on which the device sends. Empty: the first that sends."""
     led: Literal["keep", "on", "off"] = "keep"
-    """What the LED shows from opening until the gateway says otherwise."""
+    """State of the LED from opening until the gateway sets it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -33,7 +33,7 @@ class HidCandidate(NamedTuple):
     transport: str
     path: str
     obstacle: str = ""
-    """Why it cannot be opened; empty: nothing known."""
+    """Reason why it cannot be opened; empty: none known."""
     serial: str = ""
     model: Model | None = None
     certain: bool = True
@@ -74,7 +74,7 @@ class Transport(ABC):
 
     @abstractmethod
     def find(self) -> list[HidCandidate]:
-        """What is there now. Raises DriverError when this way does not exist here."""
+        """Return the devices present now. Raises DriverError if this transport is not available."""
 
     @abstractmethod
     def open(self, device: HidCandidate) -> Link:
@@ -182,7 +182,7 @@ class SocketLink(PacketSocket, Link):
     """A connected packet socket as a device."""
 
     def read(self, timeout_s: float) -> bytes | None:
-        """One packet."""
+        """Receive one packet."""
         return self.receive(timeout_s)
 
     def write(self, report: bytes) -> None:

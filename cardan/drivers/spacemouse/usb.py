@@ -1,4 +1,4 @@
-"""The way to a device by raw USB, where the system's HID interface is not to be had."""
+"""Transport by raw USB, where the system's HID interface is not available."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _INTERRUPT = 3
 _ENDPOINT_IN = 0x80
 
 _TIMEOUTS = (errno.ETIMEDOUT, 110, 60, 10060)
-"""As libusb's back ends number them: Linux, macOS, Windows."""
+"""Numbers of libusb's back ends: Linux, macOS, Windows."""
 
 _SET_REPORT = (0x21, 0x09)
 _OUTPUT_REPORT = 0x0200

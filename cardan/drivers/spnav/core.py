@@ -1,18 +1,18 @@
-"""What a spacenavd socket says, without any I/O and in the caller's time.
+"""Interpreter of a spacenavd socket, without any I/O and in the caller's time.
 
 The daemon passes on what its device reports: motion each 8 to 60 ms while deflected, zeros once on
 release, then nothing. So silence counts as rest only after a motion of zero:
 
 - After opening, a loss or a silence, the axes are zero (NEEDS_NEUTRAL) until a motion inside the
-  dead zone came. An untouched device sends nothing, so the operator touches the cap and lets
-  go once.
+  dead zone came. An untouched device sends nothing, so the operator touches and releases the cap
+  once.
 - A deflected device that falls silent for the option `stale_after_s` is STALE: the axes are zero
   and the buttons count as released. The daemon tells clients of version 0 nothing else when its
   device is unplugged, and drops zeros and releases for a client that was slow.
 - The daemon reports unplugging to a client of version 1: LOST, until a device is there again.
 - A daemon that is set to repeat the last motion (`repeat-interval`) does so for a dead device, too.
-  One that tells of it is LOST, until that is changed. Identical motions that come faster than any
-  device sends them are the daemon's own, and count as silence.
+  If it reports this setting, the link is LOST until that is changed. Identical motions faster than
+  any device sends them are the daemon's own, and count as silence.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceLink
 USUAL_STALE_AFTER_S = SpnavOptions().stale_after_s
 
 REPEAT_CHECK_S = 1.0
-"""How often the daemon is asked whether it repeats: not all tell when their settings change."""
+"""Period of asking the daemon whether it repeats: not all report changed settings."""
 
 SETTLE_S = 0.016
 """Motions of zero this soon after a silence may be old ones that had queued up meanwhile."""
@@ -107,13 +107,13 @@ _FIRST_REQUESTS = (
     Code.GCFG_LED,
     Code.GCFG_REPEAT,
 )
-"""What is asked of a daemon of version 1, one after the other; again when a device came or went."""
+"""Requests to a daemon of version 1, in sequence; repeated when a device came or went."""
 
 
 class SpnavCore(DeviceCore):
     """The state of the device behind one socket. Times are monotonic, s.
 
-    What is to be sent waits in `outgoing()`.
+    Pending messages wait in `outgoing()`.
     """
 
     def __init__(self, options: SpnavOptions) -> None:
@@ -145,13 +145,13 @@ class SpnavCore(DeviceCore):
         """The daemon's LED setting as it was found; None: it has none."""
         self._led_set: int | None = None
         self._repeat_check_s = math.inf
-        """When to ask again whether the daemon repeats."""
+        """Time of the next request whether the daemon repeats."""
         self._refusal = ""
-        """Why no motion of this daemon counts; empty: it does."""
+        """Reason why no motion of this daemon counts; empty: it does."""
         self._motion: Motion | None = None
         self._active = False
         self._motion_s = NEVER_S
-        """When the device was last heard to move."""
+        """Time of the device's last motion."""
         self._repeats = RepeatDetector(self._options.stale_after_s)
 
     # -- what happens to the connection --------------------------------------------------------
@@ -219,7 +219,7 @@ class SpnavCore(DeviceCore):
             self._watch(now_s)
 
     def outgoing(self) -> list[bytes]:
-        """What to send to the daemon since the last call, each piece in one call."""
+        """Return messages for the daemon since the last call; send each in one call."""
         output = self._output
         self._output = []
         return output
@@ -240,7 +240,7 @@ class SpnavCore(DeviceCore):
 
     @property
     def out_of_step(self) -> bool:
-        """Whether only connecting anew can help: no record is meaningful any more."""
+        """Whether only a new connection helps: records have lost their boundaries."""
         return self._malformed_in_a_row >= OUT_OF_STEP
 
     @property
@@ -250,12 +250,12 @@ class SpnavCore(DeviceCore):
 
     @property
     def refusal(self) -> str:
-        """Why no motion of this daemon counts, and what to do; empty: it does."""
+        """Reason why no motion of this daemon counts, with advice; empty: it does."""
         return self._refusal
 
     @property
     def device_name(self) -> str:
-        """What the daemon's device is; empty when it does not tell, or has none."""
+        """Name of the daemon's device; empty when it does not tell, or has none."""
         if not (self._described and self._device_type):
             return ""
         return DEVICE_TYPES.get(self._device_type, "")
@@ -424,7 +424,7 @@ class SpnavCore(DeviceCore):
             self._fall_silent(f"{self._silence()}; let go of the cap", now_s)
 
     def _silence(self) -> str:
-        """What a silence of a deflected device looks like."""
+        """Describe the silence of a deflected device."""
         limit_s = self._options.stale_after_s
         if self._repeats.repeating:
             return (
@@ -508,7 +508,7 @@ class SpnavCore(DeviceCore):
             self._on_repeat_setting(data[0] if ok else None, now_s)
 
     def _on_repeat_setting(self, repeat_ms: int | None, now_s: float) -> None:
-        """What the daemon's `repeat-interval` is, below 0: off; None: it does not tell."""
+        """Take the daemon's `repeat-interval`, ms; below 0: off; None: it does not tell."""
         if repeat_ms is None:
             self._repeat_check_s = math.inf
         elif repeat_ms >= 0:

@@ -61,7 +61,7 @@ class Spnav(ReadDevice[SpnavCore]):
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
-        """The daemon's socket, if there is one, and what the daemon tells of its device."""
+        """Return the daemon's socket, if there is one, with the daemon's information."""
         path = socket_path("")
         if not os.path.exists(path):
             return []
@@ -84,7 +84,7 @@ class Spnav(ReadDevice[SpnavCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """What the device has. No buttons listed: the daemon does not tell (version 0)."""
+        """Capabilities of the device. No buttons listed: the daemon does not tell (version 0)."""
         with self._lock:
             labels, further = self._core.labels, self._core.further_labels
             has_led = self._core.has_led
@@ -168,12 +168,12 @@ class Spnav(ReadDevice[SpnavCore]):
 
 
 def socket_path(option: str) -> str:
-    """Where the socket is when the option says `option`."""
+    """Return the path of the socket for the option `option`."""
     return option or os.environ.get(SOCKET_VARIABLE, "") or DEFAULT_SOCKET
 
 
 def _connected(path: str) -> socket.socket:
-    """A socket connected to the daemon. DriverError says why there is none."""
+    """Connect a socket to the daemon. Raises DriverError that says why not."""
     if not hasattr(socket, "AF_UNIX"):
         raise DeviceAccessError("this system has no Unix sockets, and so no spacenavd")
     try:
@@ -183,7 +183,7 @@ def _connected(path: str) -> socket.socket:
 
 
 def _refusal(path: str, error: OSError) -> DriverError:
-    """What `error` of connecting means, and what to do."""
+    """Explain an `error` of connecting, with advice."""
     start = f"start spacenavd, or `cardan devices spnav --socket {path}`"
     if isinstance(error, FileNotFoundError):
         return DeviceNotFoundError(f"{absence(path)}: {start}")

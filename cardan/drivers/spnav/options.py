@@ -1,4 +1,4 @@
-"""What can be set about the spacenavd driver."""
+"""Options of the spacenavd driver."""
 
 from __future__ import annotations
 

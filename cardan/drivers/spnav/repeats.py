@@ -1,4 +1,4 @@
-"""Tells what a device sends from what the daemon repeats by itself."""
+"""Detection of motions that the daemon repeats by itself."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ microseconds, so that it repeats each 1.3 ms or faster, if not each second or sl
 
 
 class RepeatDetector:
-    """Finds motions that say nothing new, and come faster than any device sends them.
+    """Detector of motions that say nothing new, and come faster than any device sends them.
 
     Motions that were held up come in a burst. So identical ones may be ahead of the fastest
     device's pace by up to `queued_s`.
@@ -27,7 +27,7 @@ class RepeatDetector:
         self._stamp_s = NEVER_S
         self._ahead_s = 0.0
         self.in_pace_s = NEVER_S
-        """When the last motion came that was not ahead: the last that a device has surely sent."""
+        """Time of the last motion that was not ahead: the last that a device has surely sent."""
         self.repeating = False
         """The last motion was the daemon's own, and so are those to come that are like it."""
 

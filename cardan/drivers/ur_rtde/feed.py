@@ -1,4 +1,4 @@
-"""The RTDE connection: it is set up, and tells what the robot does."""
+"""RTDE connection: its setup, and the robot's states."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ _new = tuple.__new__
 """Makes a named tuple in half the time of its constructor."""
 
 IMPLAUSIBLE: Final = "implausible"
-"""The reason of packages whose numbers no robot measures."""
+"""Reason of packages with implausible numbers."""
 
 
 def _implausible(values: Package) -> str:
@@ -99,7 +99,7 @@ _SCALES, _TIMES_S = _SCALE.highest, _TIME_S.highest
 
 
 class RtdeFeed:
-    """One RTDE connection after the other. `out` is what to send; the sender takes it out."""
+    """RTDE connections, one after the other. The sender takes the messages to send out of `out`."""
 
     def __init__(self, options: UrRtdeOptions) -> None:
         self.options = options
@@ -122,7 +122,7 @@ class RtdeFeed:
         self.skipped = 0
         """Packages that the controller left out."""
         self.last_implausible = ""
-        """What no robot measures in the last package that was ignored for it."""
+        """Implausible value in the last package that was ignored for it."""
         self.said = ""
         """The last warning or error that the controller told over RTDE."""
         self._disconnect()
@@ -134,7 +134,7 @@ class RtdeFeed:
         self.answered = False
         """Whether anything of RTDE came over this connection."""
         self.foreign = ""
-        """What says that the server speaks something else, in words."""
+        """Evidence that the server speaks another protocol, for messages."""
         self._reader = PacketReader()
         self._outputs: Recipe | None = None
         self._inputs: Recipe | None = None

@@ -1,4 +1,4 @@
-"""The reference that is sent to the program: inside the limits, whatever is asked for."""
+"""Reference sent to the program: within the limits, whatever is commanded."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ _SAME_CYCLE: Final = 1.5
 
 
 class Motion:
-    """One run of the program, from its first report on. Times are what both clocks agree on."""
+    """A run of the program, from its first report on. Times are agreed by both clocks."""
 
     def __init__(self, options: UrRtdeOptions, token: int, beat: int) -> None:
         self._token = token
         self.beat = beat
-        """Of the command that was sent last."""
+        """Beat of the last command."""
         self._limiter = JointLimiter(*options.limits, longest_period_s=options.watchdog_s)
         self._lost = SlipCompensation(JOINTS)
         self._asked: tuple[Sequence[float], Sequence[float] | None] | None = None
         self._answered_s: float | None = None
         """The time of the state that was answered last."""
         self.missed = 0
-        """Cycles that nobody commanded."""
+        """Cycles without a command."""
 
     @property
     def moving(self) -> bool:
@@ -38,7 +38,7 @@ class Motion:
 
     @property
     def reference(self) -> tuple[float, ...]:
-        """Where the arm is sent, rad."""
+        """Commanded joint positions, rad."""
         return tuple(self._limiter.reference)
 
     def begin(self, place: Sequence[float]) -> None:

@@ -1,4 +1,4 @@
-"""What can be set about the Universal Robots driver."""
+"""Options of the Universal Robots driver."""
 
 from __future__ import annotations
 
@@ -100,18 +100,18 @@ class UrRtdeOptions(Options):
 
     @property
     def limits(self) -> JointLimits:
-        """What every command is kept inside of."""
+        """Limits that every command is kept within."""
         own = load_arm(self.robot).limits
         return own.reduced(self.velocity_rad_s, self.acceleration_rad_s2, self.speed_share)
 
     @property
     def first_register(self) -> int:
-        """Of those that are used."""
+        """First of the registers in use."""
         return UPPER_REGISTERS if self.registers == "upper" else 0
 
     @property
     def servoing(self) -> Servoing:
-        """How the program at the controller follows."""
+        """Parameters of the program at the controller."""
         return Servoing(
             self.first_register, self.watchdog_s, self.lookahead_s, self.gain, self.stop_rad_s2
         )

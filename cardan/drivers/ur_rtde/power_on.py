@@ -1,4 +1,4 @@
-"""How motion is started: remote control, power, brakes, the program."""
+"""Start of motion: remote control, power, brakes, the program."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _MODE_FOR: Final = {
 
 
 class Starting:
-    """One start. `failure` says why it has ended, `wish` what it waits for."""
+    """A start of motion. `failure` says why it has ended, `wish` what it waits for."""
 
     def __init__(self, options: UrRtdeOptions, token: int, now_s: float) -> None:
         self.token = token
@@ -28,7 +28,7 @@ class Starting:
         """The program is to be sent now."""
         self.uploaded = False
         self.model = ""
-        """What the controller calls its arm; empty: not known."""
+        """The controller's name of its arm; empty: not known."""
         self._options = options
         self._began_s = now_s
         self._remote: bool | None = None

@@ -50,8 +50,8 @@ Channel = Literal["rtde", "dashboard", "primary"]
 CHANNELS: tuple[Channel, ...] = ("rtde", "dashboard", "primary")
 Task = Literal["enable", "disable", "unlock"]
 SessionPhase = Literal["down", "idle", "starting", "moving", "braking"]
-"""What the driver does at the controller: no states come; nothing; motion is started; the program
-runs, and commands act; a ramp, and then the program's end."""
+"""State of the driver at the controller: no states come; idle; motion is started; the program runs,
+and commands act; a ramp, and then the program's end."""
 
 KINDS: Final = frozenset({CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT_VELOCITY})
 
@@ -85,7 +85,7 @@ def _drawn_token() -> int:
 
 
 class UrSession(TcpSession[Channel, Task]):
-    """One robot on one controller."""
+    """Protocol session with one robot on one controller."""
 
     reply_pending = False
 
@@ -99,12 +99,12 @@ class UrSession(TcpSession[Channel, Task]):
         self.sessions = 0
         """Starts of motion and connections; earlier targets are void when it changes."""
         self.end_reason = ""
-        """What ended or prevented motion last; empty after a start that worked."""
+        """Reason that last ended or prevented motion; empty after a successful start."""
         self.superseded = self.commands = self.starts = self.ends = 0
         self.jitter = LatencyHistogram()
         """Deviation of the time between two states from their period."""
         self.command_latency = LatencyHistogram()
-        """From a command until the state that shows that the program obeyed it."""
+        """Time from a command to the state that shows that the program obeyed it."""
         self._draw = draw
         self._blind_s, self._astray_rad = options.state_timeout_s, options.following_error_rad
         self._starting: Starting | None = None
@@ -114,7 +114,7 @@ class UrSession(TcpSession[Channel, Task]):
         self._lines = LineReader()
         self._packages = PackageReader()
         self._model = ""
-        """What the controller calls its arm, where a start has asked it."""
+        """The controller's name of its arm, where a start has asked for it."""
         self._unlocks = self._ended = False
         self._at_start = options.enable == "at-start"
         self._told_packages = 0
@@ -127,7 +127,7 @@ class UrSession(TcpSession[Channel, Task]):
         """Commands acted in the state given last."""
         self._braked_by_s = math.inf
         self._followed_s = NEVER_S
-        """When the arm was last near its target."""
+        """Last time that the arm was near its target."""
         self._mute = 0
         """Connections in a row that ended before anything of RTDE came."""
 
@@ -135,7 +135,7 @@ class UrSession(TcpSession[Channel, Task]):
 
     @property
     def capabilities(self) -> RobotCapabilities:
-        """What can be commanded; the period is the controller's once it is known."""
+        """Supported commands; the period is the controller's once it is known."""
         return RobotCapabilities(
             commands=KINDS,
             period_s=self.feed.period_s,
@@ -161,7 +161,7 @@ class UrSession(TcpSession[Channel, Task]):
 
     @property
     def hold_reason(self) -> str:
-        """Why commands would not act now; empty when they do."""
+        """Reason why commands would not act now; empty when they do."""
         if self.phase == "down":
             return self._silence()
         values = self.feed.values
@@ -250,7 +250,7 @@ class UrSession(TcpSession[Channel, Task]):
         )
 
     def outgoing(self) -> list[tuple[Channel, bytes]]:
-        """What to send now, in order; `_out` is to other channels than RTDE's."""
+        """Return the messages to send now, in order; `_out` is to other channels than RTDE's."""
         states = self.feed.out
         if not (states or self._out):
             return []
@@ -324,7 +324,7 @@ class UrSession(TcpSession[Channel, Task]):
         elif self.phase == "down":
             self.phase = "idle"
             self.sessions += 1
-            # What an earlier run has left in the registers is nobody's.
+            # Values that an earlier run has left in the registers are void.
             self._beat += 1
             self.feed.write(nobody(self._beat))
             if self._at_start:
@@ -334,7 +334,7 @@ class UrSession(TcpSession[Channel, Task]):
             self._go_on(now_s)
 
     def _watch(self, values: Package, motion: Motion, now_s: float) -> None:
-        """Look whether the program still runs and obeys."""
+        """Check whether the program still runs and obeys."""
         obeyed, sent = values.beat, self._sent
         why = ""
         if values.safety_mode not in _MOVES_IN:
@@ -397,7 +397,7 @@ class UrSession(TcpSession[Channel, Task]):
         return time_s - at_s > ANSWER_S / min(slider, 1.0)
 
     def _brake(self, motion: Motion, now_s: float) -> None:
-        """One period of the ramp that ends motion; then the program is told to end."""
+        """Brake for one period of the ramp that ends motion; then order the program to end."""
         if motion.moving and now_s < self._braked_by_s:
             self._send(HoldCommand(), motion, now_s)
         else:
@@ -563,7 +563,7 @@ class UrSession(TcpSession[Channel, Task]):
         if self.phase == "moving" and self._motion is not None:
             self.reply_pending = True
             if not self._acts or hold_reason:
-                # Whatever was asked for while nothing could move is void.
+                # Targets given while nothing could move are void.
                 self._motion.begin(feed.values.target_q)
             if not self._acts and not hold_reason:
                 self.sessions += 1
@@ -608,7 +608,7 @@ class UrSession(TcpSession[Channel, Task]):
         self.reply_pending = False
         if not self._acts:
             command = HoldCommand()
-        # What came in since the state was given is what is answered, and known to be heard.
+        # Packages received since the state was given count as answered and heard.
         self._told_packages, self._said_s = self.feed.packages, now_s
         self._send(command, motion, now_s)
 

@@ -1,4 +1,4 @@
-"""What the states of a Universal Robots controller mean for a person, and what to do."""
+"""Explanations of a Universal Robots controller's states, with advice."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ STARTABLE: Final = frozenset(
         RobotMode.RUNNING,
     )
 )
-"""From these the driver gets to RUNNING by itself, or by waiting."""
+"""Modes from which the driver gets to RUNNING by itself, or by waiting."""
 
 ENDS: Final[Mapping[int, str]] = {
     Report.ENDED_BY_ORDER: "motion was ended",
@@ -109,10 +109,10 @@ def other_arm(robot: str, major: int, model: str) -> str:
 
 
 def safety_words(mode: int) -> str:
-    """Why nothing may move in a safety mode."""
+    """Explain why nothing may move in a safety mode."""
     return SAFETY.get(mode, f"safety mode {mode}: look at the pendant")
 
 
 def mode_words(mode: int) -> str:
-    """What a robot mode other than RUNNING is."""
+    """Explain a robot mode other than RUNNING."""
     return MODES.get(mode, f"robot mode {mode}: look at the pendant")

@@ -23,7 +23,7 @@ MULTI_AXIS_CONTROLLER = (0x01, 0x08)
 
 
 class Family(enum.Enum):
-    """How a device reports its motion."""
+    """Form in which a device reports its motion."""
 
     SPLIT = "split"
     """Report 1 holds the translation, report 2 the rotation (wired, 8-byte packets)."""
@@ -32,7 +32,7 @@ class Family(enum.Enum):
 
 
 class Model(NamedTuple):
-    """What is known about one vendor and product id."""
+    """Model of a device, by vendor and product id."""
 
     vendor_id: int
     product_id: int
@@ -40,7 +40,7 @@ class Model(NamedTuple):
     key: str
     """Name for command lines and configuration files."""
     family: Family
-    """What it should send; a driver detects what it does send."""
+    """Reports that it should send; a driver detects those that it does send."""
     buttons: Mapping[int, str]
     """Label by bit of report 3, lowest first. Key-array reports carry the bit number plus 1."""
     key_array: bool = False
@@ -51,7 +51,7 @@ class Model(NamedTuple):
     button_report_bytes: int = 3
     """Length of report 3, its id included; 0: it has none."""
     receiver: bool = False
-    """A receiver for any puck: what is paired decides the buttons and which interface speaks."""
+    """A receiver for any puck: the paired device determines buttons and reporting interface."""
     serial_axes: bool = False
     """Reports its axes as right, up, away (left-handed), not in the usual raw frame."""
 
@@ -188,7 +188,7 @@ def find_model(vendor_id: int, product_id: int) -> Model | None:
 
 
 def model_by_key(key: str) -> Model:
-    """The model called `key`; KeyError when there is none."""
+    """Return the model called `key`; KeyError if there is none."""
     return _BY_KEY[key]
 
 

@@ -4,8 +4,8 @@ protobuf parses a datagram; here its messages become values in SI units, and val
 move a robot or an operator's device are refused.
 
 Numbers that move a robot, a haptic device or a RAPID program (joints, poses, speeds, forces, dnum)
-must be finite and no more than the protocol allows. What only informs (test signals, collision
-quotas, utilization, torque references) is handed on as it came.
+must be finite and no more than the protocol allows. Informative values (test signals, collision
+quotas, utilization, torque references) are passed on unchecked.
 
 Source: ABB Application manual, Externally Guided Motion (3HAC073318-001), "The EGM sensor
 protocol".
@@ -62,7 +62,7 @@ _isfinite = math.isfinite
 
 
 def decode_robot(data: bytes | bytearray | memoryview) -> EgmRobot | Malformed:
-    """What a controller sends. Never raises.
+    """Decode a controller's datagram. Never raises.
 
     Refused as WRONG_TYPE: an mtype that is neither DATA nor UNDEFINED, and a message with neither
     feedBack nor planned. A message without header is legal.
@@ -140,7 +140,7 @@ def decode_feedback(data: bytes) -> EgmFeedback | Malformed:
 def decode_from_pc(
     data: bytes | bytearray | memoryview,
 ) -> EgmSensor | EgmSensorPathCorr | Malformed:
-    """What a PC sends, guidance or path correction. Never raises.
+    """Decode a PC's datagram, guidance or path correction. Never raises.
 
     mtype says which it is; where it is neither CORRECTION nor PATH_CORRECTION (there are clients
     that leave it out), a complete pathCorr makes it a path correction. Refused as WRONG_TYPE: a

@@ -27,7 +27,7 @@ _Fields = dict[str, Any]
 
 
 def encode_robot(message: EgmRobot) -> bytes:
-    """What a controller sends.
+    """Encode a controller's datagram.
 
     A force whose `fc_active` is None is written in RobotWare 6's layout, otherwise in 7's.
     """
@@ -65,7 +65,7 @@ def encode_robot(message: EgmRobot) -> bytes:
 
 
 def encode_sensor(message: EgmSensor) -> bytes:
-    """What a PC sends to guide the robot."""
+    """Encode a PC's datagram that guides the robot."""
     return _serialized(
         schema.Sensor,
         header=_header(message.header),
@@ -76,7 +76,7 @@ def encode_sensor(message: EgmSensor) -> bytes:
 
 
 def encode_path_corr(message: EgmSensorPathCorr) -> bytes:
-    """What a PC sends to correct a programmed path."""
+    """Encode a PC's datagram that corrects a programmed path."""
     return _serialized(
         schema.SensorPathCorr,
         header=_header(message.header),

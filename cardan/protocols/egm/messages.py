@@ -27,11 +27,11 @@ class MessageType(enum.IntEnum):
     UNDEFINED = 0
     COMMAND = 1
     DATA = 2
-    """From the controller."""
+    """Message from the controller."""
     CORRECTION = 3
-    """From the PC: position or speed guidance."""
+    """Message from the PC: position or speed guidance."""
     PATH_CORRECTION = 4
-    """From the PC: path correction."""
+    """Message from the PC: path correction."""
 
 
 class MotorState(enum.IntEnum):
@@ -85,7 +85,7 @@ class EgmMotion(NamedTuple):
     """rad. A 7-axis robot's third axis travels as external_joints[0]."""
     cartesian: EgmPose | None = None
     external_joints: tuple[float, ...] | None = None
-    """As it travels: degrees for a rotary axis, mm for a linear one; only the user knows."""
+    """As on the wire: degrees for a rotary axis, mm for a linear one; only the user knows."""
     time_us: int | None = None
     """The controller's clock, µs since the Unix epoch."""
     time_stamp_ns: int | None = None
@@ -136,7 +136,7 @@ class EgmRobot(NamedTuple):
     collision_info: EgmCollisionInfo | None = None
     rapid_from_robot: EgmRapidData | None = None
     torque_ref: tuple[float, ...] | None = None
-    """As it travels."""
+    """As on the wire."""
 
 
 class EgmFeedback(NamedTuple):
@@ -151,7 +151,7 @@ class EgmFeedback(NamedTuple):
     orient: Quaternion | None
     """Made of the Euler angles where only they came; not normalized here."""
     external_joints: tuple[float, ...]
-    """As they travel; empty where absent."""
+    """As on the wire; empty where absent."""
     time_us: int | None
     states: tuple[int, int, int]
     """Motors, MCI, RAPID execution; UNDEFINED where absent."""
@@ -169,7 +169,7 @@ class EgmSpeedRef(NamedTuple):
     cartesians: tuple[float, ...] | None = None
     """vx vy vz in m/s, wx wy wz in rad/s."""
     external_joints: tuple[float, ...] | None = None
-    """As it travels: deg/s or mm/s."""
+    """As on the wire: deg/s or mm/s."""
 
 
 class EgmSensor(NamedTuple):
@@ -192,7 +192,7 @@ class EgmSensorPathCorr(NamedTuple):
 
 
 class Fault(enum.Enum):
-    """Why a datagram was refused."""
+    """Reason why a datagram was refused."""
 
     EMPTY = "empty"
     OVERSIZED = "oversized"
@@ -203,7 +203,7 @@ class Fault(enum.Enum):
 
 
 class Malformed(NamedTuple):
-    """A datagram that is not what it should be, as a value: decoding never raises."""
+    """An invalid datagram, as a value: decoding never raises."""
 
     fault: Fault
     detail: str

@@ -1,8 +1,8 @@
-"""Tells that a datagram is as sound as one before, which a capture's figures need of most of them.
+"""Fast check that a datagram is as valid as a previous one, for the statistics of a capture.
 
-What a decoder says of a datagram depends on its tags, lengths and widths of numbers, on its type,
-and on whether its doubles are finite. So one that has these from another that was decoded would be
-decoded as well. Whatever differs goes the long way.
+Whether a datagram can be decoded depends on its tags, lengths and widths of numbers, on its type,
+and on whether its doubles are finite. So a datagram that has these from a decoded one would be
+decoded as well. Any other takes the full decoder.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ _from_bytes = int.from_bytes
 
 
 class Outline(NamedTuple):
-    """What datagrams of a certain length have in common, each as a number, little-endian."""
+    """Common bits of datagrams of a certain length, each field a little-endian number."""
 
     looked_at: int
-    """What must be the same, and the exponents of the doubles: ones."""
+    """Mask of the bits that must be the same, and of the exponents of the doubles."""
     lowest: int
     """Added to an exponent of ones, which infinity and NaN have, it carries into the sign."""
     mask: int
-    """What must be the same, and the signs of the doubles."""
+    """Mask of the bits that must be the same, and of the signs of the doubles."""
     fixed: int
     seqno: slice
     tm: slice

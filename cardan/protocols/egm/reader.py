@@ -1,9 +1,9 @@
-"""Reads a controller's feedback in less than half the time, by the equal layout of its datagrams.
+"""Fast reader of a controller's feedback, by the equal layout of its datagrams (half the time).
 
 A datagram with the same tags, lengths and widths of numbers, byte for byte, as one that protobuf
 has read differs from it in its values only. So the layout of a datagram,
 once learned, reads the following ones by one comparison under a mask and one ``struct`` call.
-Whatever differs goes the long way of :func:`cardan.protocols.egm.decode.decode_feedback`.
+Any other is left to :func:`cardan.protocols.egm.decode.decode_feedback`.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ _isfinite = math.isfinite
 
 
 class Layout(NamedTuple):
-    """Where things are in a datagram of a certain length."""
+    """Layout of a datagram of a certain length."""
 
     mask: int
-    """What must be the same: ones; little-endian, like `fixed`."""
+    """Mask of the bits that must be the same; little-endian, like `fixed`."""
     fixed: int
     values: struct.Struct
     states: tuple[int, int, int]
-    """They change so seldom that they are part of the layout."""
+    """Part of the layout, because they change so seldom."""
     forces: int
-    """How many of the last values are forces."""
+    """Number of forces, which are the last values."""
     has_rate: bool
     places: tuple[tuple[int, int], ...]
     """First byte and number of bytes of each value, in order."""
@@ -51,13 +51,13 @@ class FeedbackReader:
 
     def __init__(self) -> None:
         self._layouts: dict[int, Layout | None] = {}
-        """By the length of the datagram; None where it is too unusual to learn."""
+        """Layouts by the length of the datagram; None where it is too unusual to learn."""
         self._unlearned: tuple[bytes, EgmFeedback] | None = None
         self._sec_bytes, self._sec_us = b"", 0
         """The clock's seconds as they came last; they come often."""
 
     def read(self, data: bytes) -> EgmFeedback | Malformed:
-        """What `decode_feedback` makes of `data`."""
+        """Decode `data` like `decode_feedback`."""
         layout = self._layouts.get(len(data))
         if layout is not None:
             mask, fixed, values, states, forces, has_rate, _ = layout
@@ -127,7 +127,7 @@ _REQUIRED = [
     (2, 4, 2),
 ]
 _FORCE = (9, 2)
-"""As RobotWare 7 has it; what RobotWare 6 sends there is unusual."""
+"""Path of RobotWare 7's force; RobotWare 6's layout is left to the full decoder."""
 _RATE = (10,)
 _READ = {*_REQUIRED, _FORCE, _RATE}
 _CONSTANT = {(1, 3), (4, 1), (5, 1), (8, 1)}
@@ -221,7 +221,7 @@ def _walk(data: bytes, at: int, end: int, message: Any, path: tuple[int, ...]) -
 
 
 def _after_varint(data: bytes, at: int) -> int:
-    """Where the varint at `at` ends."""
+    """Return the end of the varint at `at`."""
     end = at
     while data[end] >= 0x80:
         end += 1

@@ -16,7 +16,7 @@ _POSE = struct.Struct("<7sd1sd1sd3sd1sd1sd1sd")
 _POSE_AND_SPEED = struct.Struct("<7sd1sd1sd3sd1sd1sd1sd5sd1sd1sd1sd1sd1sd")
 _SIX = struct.Struct("<5sd1sd1sd1sd1sd1sd")
 
-# What comes before the first double of each part: tags and lengths down to it.
+# Prefix of the first double of each part: tags and lengths down to it.
 _PLANNED_POSE = b"\x12\x45\x12\x43\x0a\x1b\x09"
 _ORIENT = b"\x12\x24\x09"
 _PLANNED_JOINTS = b"\x12\x38\x0a\x36\x09"
@@ -83,7 +83,7 @@ def _six_angles(start: bytes, angles_rad: Sequence[float]) -> bytes:
 
 
 _HEADER_STARTS = tuple(bytes((0x0A, 4 + length, 0x08)) for length in range(11))
-"""By the length of the two numbers in it."""
+"""Beginnings of headers, by the length of the two numbers in it."""
 
 
 def _header(seqno: int, tm_ms: int) -> bytes:

@@ -104,4 +104,4 @@ RobotRW6 = _CLASSES["EgmRobotRW6"]
 Sensor = _CLASSES["EgmSensor"]
 SensorPathCorr = _CLASSES["EgmSensorPathCorr"]
 Envelope = _CLASSES["Envelope"]
-"""What every message begins with: enough to see which one it is."""
+"""Common beginning of all messages: enough to tell them apart."""

@@ -104,7 +104,7 @@ AxisPair = tuple[int, int]
 
 
 class PadLayout(NamedTuple):
-    """Where a gamepad has what."""
+    """Numbers of a gamepad's sticks, triggers and buttons."""
 
     buttons: Mapping[int, str]
     """Labels by code."""
@@ -147,7 +147,7 @@ _COUNTED: Final[Mapping[tuple[int, int], PadLayout]] = {
     # Xbox One S by Bluetooth with its first firmware.
     (MICROSOFT, 0x02E0): _XBOX_COUNTED,
 }
-"""By vendor and product. Source: SDL's table of gamepads, for Linux."""
+"""Layouts by vendor and product. Source: SDL's table of gamepads, for Linux."""
 
 PAD_LABELS: Final = tuple(dict.fromkeys((*PAD_BUTTONS.values(), *_SONY_COUNTED.buttons.values())))
 """Labels of the buttons that any gamepad has."""
@@ -160,7 +160,7 @@ def pad_layout(vendor: int, product: int, kernel_driver: str, keys: Iterable[int
     """Where the pad that the kernel shows with these `keys` has what.
 
     No pad has a C and a Z button beside the others: where both are, the generic HID driver has
-    counted the buttons from BTN_SOUTH on, and only who knows the pad knows which is where.
+    counted the buttons from BTN_SOUTH on, and which is where must be known for each pad.
     """
     counted = {BTN_C, BTN_Z} <= {*keys}
     if counted and (layout := _COUNTED.get((vendor, product))):

@@ -33,7 +33,7 @@ KEY_UP, KEY_DOWN, KEY_REPEAT = 0, 1, 2
 
 
 class InputEvent(NamedTuple):
-    """One event, with the kernel's time of it (s and µs, wall clock unless set otherwise)."""
+    """An event, with the kernel's time of it (s and µs, wall clock unless set otherwise)."""
 
     sec: int
     usec: int

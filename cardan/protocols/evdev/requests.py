@@ -31,7 +31,7 @@ def ioc(direction: int, kind: str, number: int, size: int) -> int:
 
 
 def argument_bytes(request: int) -> int:
-    """How long the argument of `request` is."""
+    """Return the length of the argument of `request`, bytes."""
     return request >> 16 & 0x3FFF
 
 
@@ -41,7 +41,7 @@ EVIOCGNAME = ioc(_READ, "E", 0x06, NAME_BYTES)
 EVIOCGKEY = ioc(_READ, "E", 0x18, KEY_COUNT // 8)
 """The keys that are down, a bit each."""
 EVIOCSFF = ioc(_WRITE, "E", 0x80, EFFECT_BYTES)
-"""Upload an effect; its id is filled in. Takes an effect that is there (id not -1) anew."""
+"""Upload an effect; its id is filled in. Replaces an existing effect (id not -1)."""
 EVIOCRMFF = ioc(_WRITE, "E", 0x81, _INT.size)
 EVIOCGEFFECTS = ioc(_READ, "E", 0x84, _INT.size)
 EVIOCGRAB = ioc(_WRITE, "E", 0x90, _INT.size)

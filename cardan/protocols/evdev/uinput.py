@@ -1,4 +1,4 @@
-"""uinput: how a program makes an input device of its own. Source: linux/uinput.h."""
+"""uinput: input devices made by a program. Source: linux/uinput.h."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Upload(NamedTuple):
 
     request_id: int
     effect: Rumble | None
-    """None: an effect that is no rumble."""
+    """Rumble effect; None: another kind of effect."""
 
 
 def encode_setup(device_id: InputId, name: str, effects: int) -> bytes:
@@ -68,7 +68,7 @@ def begin_upload(request_id: int) -> bytes:
 
 
 def decode_upload(argument: bytes) -> Upload:
-    """What the kernel filled in."""
+    """Decode the effect that the kernel filled in."""
     effect = decode_rumble(argument[_UPLOAD_AT : _UPLOAD_AT + EFFECT_BYTES])
     return Upload(
         _UPLOAD_HEAD.unpack_from(argument)[0], effect if isinstance(effect, Rumble) else None

@@ -1,7 +1,7 @@
-"""What a page sends of a person's hands: jog buttons, a phone, a headset's controllers, a gamepad.
+"""Protocol of operator devices on a web page: jog buttons, phone, headset's controllers, gamepad.
 
-`frames` has the bytes, `orientation` the axes of phones and of WebXR, `motion` what a movement of
-the hand means, `teleop` the message of the public teleop page. docs/phone.md.
+`frames` has the bytes, `orientation` the axes of phones and of WebXR, `motion` the displacement of
+the device, `teleop` the message of the public teleop page. docs/phone.md.
 """
 
 from cardan.protocols.handheld.frames import (

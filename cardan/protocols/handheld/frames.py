@@ -1,9 +1,8 @@
-"""Operator frames: one binary WebSocket message for each state of a hand, little endian.
+"""Operator frames: one binary WebSocket message for each device state, little endian.
 
-A header of 16 bytes, then what the kind has; docs/phone.md has the table. Every frame
-says again whether the hand holds the dead-man control: there is no frame that starts or ends a
-motion. Floats are of 32 bits. What is not there (a phone without sensors) is NaN; nothing else may
-be.
+A header of 16 bytes, then the fields of the kind; docs/phone.md has the table. Every frame
+repeats whether the operator holds the dead-man control: no frame starts or ends a motion. Floats
+are of 32 bits. A missing value (of a phone without sensors) is NaN; no other value may be NaN.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ _FRAMES = (Frame.BASE, Frame.TOOL, Frame.MIXED)
 
 
 class Part(enum.IntEnum):
-    """Which part of the body an XR frame is of; the value is the frame's kind."""
+    """Part of the body to which an XR frame belongs; the value is the frame's kind."""
 
     LEFT = 4
     RIGHT = 5
@@ -49,7 +48,7 @@ class Part(enum.IntEnum):
 
     @property
     def word(self) -> str:
-        """As options have it."""
+        """Name in options."""
         return self.name.lower()
 
 
@@ -97,7 +96,7 @@ class Phone(NamedTuple):
     screen_quarters: int = 0
     """screen.orientation.angle in quarter turns."""
     reference: int = 0
-    """Which reference the angles are in: the page counts those that it has had, modulo 256."""
+    """Reference of the angles: the page counts those that it has had, modulo 256."""
 
 
 class Xr(NamedTuple):
@@ -112,7 +111,7 @@ class Xr(NamedTuple):
     trigger: float = 0.0
     squeeze: float = 0.0
     reference: int = 0
-    """Which reference the pose is in: the page counts sessions and resets of them, modulo 256."""
+    """Reference of the pose: the page counts sessions and resets of them, modulo 256."""
 
 
 class Gamepad(NamedTuple):
@@ -131,17 +130,17 @@ Body = JogTwist | JogJoints | Phone | Xr | Gamepad
 
 
 class OperatorFrame(NamedTuple):
-    """One state of a hand."""
+    """State of a device on a page."""
 
     body: Body
     hold: bool
     """The dead-man control is held."""
     tracking: bool = True
-    """The sensors know where the hand is."""
+    """The sensors know the device's position."""
     visible: bool = True
     """The page is shown."""
     channel: int = 0
-    """What the page has opened it for."""
+    """Purpose for which the page has opened it."""
     sequence: int = 0
     """Counts all frames of a page, modulo 2**32."""
     time_us: int = 0
@@ -183,7 +182,7 @@ _MISSING = (math.nan, math.nan, math.nan)
 
 
 def encode_frame(frame: OperatorFrame) -> bytes:
-    """As bytes. Raises struct.error for numbers that have no place in it."""
+    """Encode a frame as bytes. Raises struct.error for numbers out of range."""
     kind, body = _encoded(frame.body)
     flags = _HOLD * frame.hold | _TRACKING * frame.tracking | _VISIBLE * frame.visible
     head = _HEADER.pack(VERSION, kind, flags, frame.channel, frame.sequence, frame.time_us)

@@ -1,5 +1,4 @@
-"""What a movement of the hand means: how far it went since it was held, and whether it can have
-gone there."""
+"""Displacement of the device since the dead-man control was held, and its plausibility."""
 
 from __future__ import annotations
 
@@ -32,17 +31,17 @@ UPRIGHT: Final = Vector3(0.0, 0.0, 1.0)
 
 
 class Sample(NamedTuple):
-    """Where a hand was."""
+    """Pose of a device at a time."""
 
     time_s: float
-    """By the clock of who measured it."""
+    """Time of the measurement, by the measuring clock."""
     orientation: Quaternion
     position: Vector3 | None = None
     """m; None where it is not measured."""
 
 
 def leap(before: Sample, now: Sample) -> str:
-    """Why a hand cannot have gone from `before` to `now`, in words; empty: it can."""
+    """Explain a position jump from `before` to `now`; empty: the step is possible."""
     dt_s = max(now.time_s - before.time_s, 0.0)
     angle = norm(rotation_between(before.orientation, now.orientation))
     if angle > LEAP_RAD and angle > HAND_RAD_S * dt_s:
@@ -66,7 +65,7 @@ def elsewhere(before: Sample, now: Sample) -> bool:
 
 
 class Held:
-    """How far the hand has gone since it was held. The turn goes on beyond half a turn without a
+    """Displacement of the device since it was held. The turn goes on beyond half a turn without a
     jump."""
 
     def __init__(self, began: Sample) -> None:
@@ -96,18 +95,18 @@ class Yaw:
 
     def __init__(self, yaw_rad: float = 0.0) -> None:
         self.yaw_rad = yaw_rad
-        """Of the robot's x axis in the reference."""
+        """Yaw of the robot's x axis in the reference."""
         half = -0.5 * yaw_rad
         self._back = Quaternion(math.cos(half), 0.0, 0.0, math.sin(half))
 
     @classmethod
     def of_phone(cls, q: Quaternion) -> Yaw:
-        """By a phone that points along the robot's x axis."""
+        """Align by a phone that points along the robot's x axis."""
         return cls(heading_rad(q))
 
     @classmethod
     def of_xr(cls, q: Quaternion) -> Yaw:
-        """By a hand that points along it; `q` along our axes."""
+        """Align by a controller that points along it; `q` along our axes."""
         forward = rotate(q, Vector3(1.0, 0.0, 0.0))
         return cls(math.atan2(forward.y, forward.x))
 

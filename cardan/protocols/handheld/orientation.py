@@ -55,7 +55,7 @@ def to_angles(q: Quaternion) -> tuple[float, float, float]:
 
 
 def heading_rad(q: Quaternion) -> float:
-    """Where the phone points, about the vertical: its top edge, or its back where it is upright."""
+    """Return the phone's heading about the vertical: of its top edge, or its back if upright."""
     top = rotate(q, Vector3(0.0, 1.0, 0.0))
     if math.hypot(top.x, top.y) < FLAT:
         top = rotate(q, Vector3(0.0, 0.0, -1.0))
@@ -73,7 +73,7 @@ def position_to_xr(p: Vector3) -> Vector3:
 
 
 def orientation_from_xr(q: Quaternion) -> Quaternion:
-    """An orientation of WebXR along our axes, those of what is turned too: T·R·Tᵀ."""
+    """Convert an orientation of WebXR to our axes, in world and body: T·R·Tᵀ."""
     return Quaternion(q.w, *position_from_xr(Vector3(q.x, q.y, q.z)))
 
 

@@ -37,7 +37,7 @@ class TeleopPose(NamedTuple):
     a: bool = False
     b: bool = False
     scale: float = 1.0
-    """What the page's slider says of speed; the session's mapping has its own, which counts."""
+    """Speed by the page's slider; the session's mapping has its own, which counts."""
 
     def frame(self, sequence: int, time_us: int, channel: int) -> OperatorFrame:
         """The same as an operator frame."""
@@ -48,11 +48,11 @@ class TeleopPose(NamedTuple):
 
 
 class TeleopLog(NamedTuple):
-    """What the page tells for people; nothing is done with it."""
+    """Information for people from the page; ignored."""
 
 
 def decode_teleop(text: str) -> TeleopPose | TeleopLog | Malformed | None:
-    """The message in a text frame; None: it is none of teleop's. Never raises."""
+    """Decode the message in a text frame; None: it is not teleop's. Never raises."""
     if len(text) > LONGEST_TEXT or '"type"' not in text:
         return None
     try:
@@ -74,7 +74,7 @@ def decode_teleop(text: str) -> TeleopPose | TeleopLog | Malformed | None:
     if not 0.99 < length < 1.01:
         return Malformed(f"of teleop with an orientation of the length {length:.3g}, not 1")
     unit = Quaternion(*(each / length for each in orientation))
-    # Whatever is not plainly true lets go.
+    # Any value but true releases the control.
     move, a, b = (data.get(key) is True for key in ("move", "reservedButtonA", "reservedButtonB"))
     return TeleopPose(Vector3(*position), unit, move, a, b, float(scale))
 

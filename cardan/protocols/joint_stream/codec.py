@@ -24,7 +24,7 @@ _HALF = 1 << 31
 
 
 class ControlMode(enum.IntEnum):
-    """What the drives follow, and what a command asks for."""
+    """Quantity that the drives follow, or that a command requests."""
 
     HOLD = 0
     POSITION = 1
@@ -39,17 +39,17 @@ _VECTORS = {
     ControlMode.VELOCITY: 1,
     ControlMode.TORQUE: 1,
 }
-"""How many values per joint a command carries."""
+"""Number of values per joint in a command."""
 
 
 class Malformed(NamedTuple):
-    """Not a datagram of this protocol, or not a usable one."""
+    """Datagram of another protocol, or an unusable one."""
 
     reason: str
 
 
 class ArmState(NamedTuple):
-    """What the controller measured at one of its cycles."""
+    """State that the controller measured at one of its cycles."""
 
     session: int
     """Changes when the controller restarts."""
@@ -70,9 +70,9 @@ class ArmState(NamedTuple):
     pose: tuple[float, ...]
     """TCP in the base: x y z in m, then the unit quaternion w x y z."""
     wrench: tuple[float, ...]
-    """What the TCP exerts on the world, base axes, about the TCP: N, then N·m."""
+    """Wrench of the TCP on the world, base axes, about the TCP: N, then N·m."""
     reason: str = ""
-    """Why commands do not act; empty when they do."""
+    """Reason why commands do not act; empty when they do."""
 
 
 class ArmCommand(NamedTuple):
@@ -163,7 +163,7 @@ def is_command(data: bytes) -> bool:
 
 
 def decode_state(data: bytes) -> ArmState | Malformed:
-    """A state, or why `data` is none."""
+    """Decode a state, or return why `data` is invalid."""
     head = _header(data, _STATE)
     if isinstance(head, Malformed):
         return head
@@ -202,7 +202,7 @@ def decode_state(data: bytes) -> ArmState | Malformed:
 
 
 def decode_command(data: bytes) -> ArmCommand | Malformed:
-    """A command, or why `data` is none. `feed_forward` is always there in mode POSITION."""
+    """Decode a command, or return why not. `feed_forward` is always there in mode POSITION."""
     head = _header(data, _COMMAND)
     if isinstance(head, Malformed):
         return head

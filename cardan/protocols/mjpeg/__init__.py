@@ -13,21 +13,21 @@ MAX_PICTURE_BYTES: Final = 4 * 2**20
 """Largest picture; those of cameras with 4K have 1 to 2 MB."""
 
 MAX_HEAD_BYTES: Final = 4096
-"""Of the lines before a picture."""
+"""Largest head: the lines before a picture."""
 
 START: Final = b"\xff\xd8"
-"""What every JPEG begins with."""
+"""First bytes of every JPEG."""
 
 _LENGTH = re.compile(rb"^content-length:[ \t]*([0-9]{1,9})[ \t]*\r?$", re.IGNORECASE | re.MULTILINE)
 _BOUNDARY = re.compile(r'boundary="?([^";,]{1,200})"?', re.IGNORECASE)
 
 
 class MjpegError(ValueError):
-    """What came is no stream of pictures."""
+    """The received data is no stream of pictures."""
 
 
 def boundary_of(content_type: str) -> str | None:
-    """What is between the parts, by the header Content-Type; None: it is no stream of parts."""
+    """Return the boundary between the parts from Content-Type; None: not a stream of parts."""
     if not content_type.lower().startswith("multipart/"):
         return None
     found = _BOUNDARY.search(content_type)
@@ -35,13 +35,13 @@ def boundary_of(content_type: str) -> str | None:
 
 
 class PictureParser:
-    """Takes an answer's body apart. It holds one picture at most."""
+    """Parser of an answer's body into pictures. It holds one picture at most."""
 
     def __init__(self, boundary: str) -> None:
         self._line = b"--" + boundary.encode("latin-1", "replace")
         self._held = bytearray()
         self._length: int | None = None
-        """Of the picture that comes, where its head says it."""
+        """Bytes of the current picture, if its head has them."""
         self._within = False
         """The head of a part has been read."""
         self._searched = 0
@@ -63,7 +63,7 @@ class PictureParser:
         held = self._held
         begin = held.find(self._line)
         if begin < 0:
-            # What is before the first boundary means nothing; the boundary may be there in part.
+            # Drop bytes before the first boundary, of which the end may be a part.
             del held[: max(0, len(held) - len(self._line))]
             return False
         ends = [

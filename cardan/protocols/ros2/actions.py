@@ -15,7 +15,7 @@ STATUS_QOS = Qos(transient_local=True, depth=1)
 FEEDBACK_QOS = Qos(depth=10)
 
 KEPT_S = 900.0
-"""How long a result is kept for who asks later: rcl's own 15 minutes."""
+"""Time for which a result is kept for later requests: rcl's own 15 minutes."""
 
 KEPT = 64
 """Most goals that are kept; of more, the ones that ended first are forgotten. As many cancellations
@@ -28,7 +28,7 @@ CANCEL_TYPE = "action_msgs/srv/CancelGoal"
 
 
 class GoalStatus(IntEnum):
-    """Of action_msgs/GoalStatus."""
+    """Status of action_msgs/GoalStatus."""
 
     UNKNOWN = 0
     ACCEPTED = 1
@@ -45,7 +45,7 @@ class GoalStatus(IntEnum):
 
 
 class CancelCode(IntEnum):
-    """Of action_msgs/srv/CancelGoal."""
+    """Return code of action_msgs/srv/CancelGoal."""
 
     NONE = 0
     REJECTED = 1
@@ -59,14 +59,14 @@ class Goal:
     def __init__(self, goal_id: bytes, stamp_ns: int) -> None:
         self.id = goal_id
         self.stamp_ns = stamp_ns
-        """When it was accepted, since the epoch."""
+        """Time of acceptance, since the epoch."""
         self.status = GoalStatus.ACCEPTED
         self.result: Message | None = None
         self.over_s = 0.0
-        """When it ended, by a monotonic clock."""
+        """Time of its end, by a monotonic clock."""
 
     def info(self) -> Message:
-        """As action_msgs/GoalInfo."""
+        """Return it as action_msgs/GoalInfo."""
         return {"goal_id": {"uuid": self.id}, "stamp": _time(self.stamp_ns)}
 
 
@@ -106,12 +106,12 @@ class Goals:
         return self._goals.get(goal_id)
 
     def execute(self, goal: Goal) -> None:
-        """It has begun; one that is being canceled stays so."""
+        """Mark it as executing, unless it is being canceled."""
         if goal.status is GoalStatus.ACCEPTED:
             goal.status = GoalStatus.EXECUTING
 
     def finish(self, goal: Goal, status: GoalStatus, result: Message, now_s: float) -> bool:
-        """It has ended with `result`; False where it had already."""
+        """End it with `result`; return False if it had already ended."""
         if goal.status.over:
             return False
         goal.result, goal.over_s = result, now_s
@@ -156,7 +156,7 @@ class Goals:
         self._canceled_before[goal_id] = None
 
     def status_array(self) -> Message:
-        """All goals that are kept, as action_msgs/GoalStatusArray."""
+        """Return all kept goals as action_msgs/GoalStatusArray."""
         return {"status_list": [_status(goal) for goal in self._goals.values()]}
 
     def _forget(self, now_s: float) -> None:

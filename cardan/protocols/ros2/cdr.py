@@ -2,7 +2,7 @@
 
 A message is a dictionary of its fields, nested messages are dictionaries within; ``uint8[]``,
 ``byte[]`` and ``char[]`` are bytes, other arrays lists. Decoding never raises: it gives a message,
-or a reason. What is published again and again, with texts and lengths that stay, is a
+or a reason. A message that is published repeatedly, with constant texts and lengths, is a
 :class:`Template`: it costs one ``struct.pack_into`` for each group of numbers.
 
 Source: OMG DDS-XTypes 1.3, 7.4.3.4 ("XCDR1, PLAIN_CDR"); alignment counts from behind the four
@@ -22,7 +22,7 @@ Message = dict[str, Any]
 """A message's fields by name, in wire order."""
 
 ENCAPSULATION = b"\x00\x01\x00\x00"
-"""Of plain CDR, little-endian."""
+"""Header of plain CDR, little-endian."""
 
 _CODES = {
     "bool": "?", "int8": "b", "uint8": "B", "char": "B", "byte": "B", "int16": "h", "uint16": "H",
@@ -66,7 +66,7 @@ class _Text(NamedTuple):
 
 _Step = _Numbers | _Array | _Text
 _Shape = tuple[tuple[str, Any], ...]
-"""Of a message: each field's name with its leaf's index, or with the shape of the message in it."""
+"""Shape of a message: each field's name with its leaf's index, or with the nested shape."""
 
 
 def _ends_empty(name: str) -> bool:
@@ -422,8 +422,8 @@ class Template:
 def _find_places(
     codec: Codec, reader: _Reader, path: str, places: dict[str, tuple[int, str]]
 ) -> None:
-    """Where the numbers of a message are, by their paths: position in the body, and codes; a text
-    has none."""
+    """Find the numbers of a message, by their paths: position in the body, and codes; a text has
+    none."""
     names = dict(_leaf_names(codec._shape, path))
     for step in codec._steps:
         if isinstance(step, _Numbers):

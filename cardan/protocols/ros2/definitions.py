@@ -1,4 +1,4 @@
-"""The interfaces that Cardan speaks, as the files of a ROS 2 installation declare them.
+"""Interfaces that Cardan uses, as the files of a ROS 2 installation declare them.
 
 Each begins with a line ``@PACKAGE/KIND/NAME``; what follows is its ``.msg``, ``.srv`` or
 ``.action`` file without comments. Fields are in wire order.
@@ -755,4 +755,4 @@ trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_actual
 trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_error
 int32 multi_dof_index
 """
-"""That of control_msgs/action/FollowJointTrajectory from control_msgs 6.3 on."""
+"""Feedback of control_msgs/action/FollowJointTrajectory from control_msgs 6.3 on."""

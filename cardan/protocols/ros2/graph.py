@@ -1,4 +1,4 @@
-"""The ROS graph as liveliness tokens tell it: nodes, topics, services, and who has them."""
+"""ROS graph by liveliness tokens: nodes, topics, services, and the nodes that have them."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from cardan.protocols.ros2.zenoh import NODE, PUBLISHER, SERVICE, SUBSCRIPTION, 
 
 
 class Graph:
-    """What there is on the bus. Tokens may come twice, and leave without having come."""
+    """Entities on the bus. Tokens may come twice, and leave without having come."""
 
     def __init__(self) -> None:
         self._entities: dict[str, Entity] = {}
         self.strange = 0
-        """Tokens that are none of ROS 2."""
+        """Number of tokens that are not ROS 2's."""
 
     def add(self, token: str) -> Entity | None:
         """A token has appeared; the entity where it is a new one."""
@@ -35,7 +35,7 @@ class Graph:
         self._entities.clear()
 
     def entities(self, *kinds: str) -> list[Entity]:
-        """All of these kinds, all kinds where none is named."""
+        """Return entities of these kinds, of all kinds where none is named."""
         return [each for each in self._entities.values() if not kinds or each.kind in kinds]
 
     def nodes(self) -> list[str]:
@@ -47,11 +47,11 @@ class Graph:
         return {each.zid for each in self._entities.values()}
 
     def topics(self) -> dict[str, str]:
-        """The type of each topic that somebody publishes or subscribes to."""
+        """The type of each topic with a publisher or a subscription."""
         return _types(self.entities(PUBLISHER, SUBSCRIPTION))
 
     def services(self) -> dict[str, str]:
-        """The type of each service that somebody offers."""
+        """The type of each service that a node offers."""
         return _types(self.entities(SERVICE))
 
     def publishers(self, topic: str) -> list[Entity]:
@@ -67,7 +67,7 @@ class Graph:
         return self._having(service, SERVICE)
 
     def by_name(self, kind: str) -> dict[str, list[Entity]]:
-        """All entities of a kind by what they publish, subscribe to or offer, sorted by it."""
+        """Return entities of a kind by the name of their topic or service, sorted by it."""
         found: dict[str, list[Entity]] = {}
         for each in self.entities(kind):
             found.setdefault(each.name, []).append(each)

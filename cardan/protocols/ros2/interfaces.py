@@ -1,8 +1,8 @@
-"""ROS 2 interfaces: what the messages, services and actions that Cardan knows consist of.
+"""ROS 2 interfaces: fields of the messages, services and actions that Cardan knows.
 
-`definitions` has their ``.msg``, ``.srv`` and ``.action`` files (docs.ros.org, "Interfaces"). What
-a service or an action adds to its own fields (``..._Request``, ``..._SendGoal_Response``, ...) is
-made here, as rosidl makes it.
+`definitions` has their ``.msg``, ``.srv`` and ``.action`` files (docs.ros.org, "Interfaces"). The
+types that rosidl derives of a service or an action (``..._Request``, ``..._SendGoal_Response``,
+...) are made here.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Field(NamedTuple):
     most_characters: int = 0
     """Bound of a string; 0: none."""
     default: str = ""
-    """As the file has it; empty: the type's zero."""
+    """Default as in the file; empty: the type's zero."""
 
     @property
     def nested(self) -> bool:
@@ -177,7 +177,7 @@ def name_on_the_wire(name: str) -> str:
 
 @cache
 def revised(name: str) -> str:
-    """The later revision of a type; empty where there is none."""
+    """Return the later revision of a type; empty where there is none."""
     later = (each for each in _REVISED if f"{name}_".startswith(f"{name_on_the_wire(each)}_"))
     return next((each + name.removeprefix(name_on_the_wire(each)) for each in later), "")
 
@@ -189,7 +189,7 @@ def known_types() -> tuple[str, ...]:
 
 @cache
 def message_type(name: str) -> MessageType:
-    """The message called `name`, those of services and actions too. Raises InterfaceError."""
+    """Return the message called `name`, also of services and actions. Raises InterfaceError."""
     name = full_name(name)
     package, kind, last = name.split("/")
     if kind == "msg":
@@ -261,7 +261,7 @@ _LINE = re.compile(
 
 
 def parse_message(name: str, text: str) -> MessageType:
-    """The message that a .msg file's `text` declares. Raises InterfaceError, which has the line."""
+    """Parse a .msg file's `text`. Raises InterfaceError, which has the line."""
     package = name.split("/", 1)[0]
     fields: list[Field] = []
     constants: list[Constant] = []
@@ -330,7 +330,7 @@ def _sections(package: str, kind: str, base: str, count: int) -> list[str]:
 
 
 def _event(service: str) -> MessageType:
-    """What a service's introspection publishes; it is part of the service's type hash."""
+    """Event type of a service's introspection; it is part of the service's type hash."""
     fields = (
         Field("info", "service_msgs/msg/ServiceEventInfo"),
         Field("request", f"{service}_Request", "bounded", 1),

@@ -1,4 +1,4 @@
-"""Messages as people give them: missing fields take their defaults, wrong ones are named."""
+"""Messages as users write them: missing fields take their defaults, wrong ones are named."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from cardan.protocols.ros2.interfaces import (
 )
 
 MAX_ELEMENTS = 100_000
-"""Longest array that is taken; no message that Cardan speaks has more than a few hundred."""
+"""Longest array that is taken; no message that Cardan uses has more than a few hundred."""
 
 _BYTES = ("uint8", "char", "byte")
 
 
 class MessageError(ValueError):
-    """What was given does not fit the type; the text names the field and what it takes."""
+    """A value does not fit the type; the text names the field and what it takes."""
 
 
 class Stamp(NamedTuple):

@@ -39,7 +39,7 @@ def dds_type(name: str) -> str:
 
 
 def type_of_dds(text: str) -> str:
-    """The three-part name of a type in DDS form; empty where it is none."""
+    """Return the three-part name of a type in DDS form; empty if it is invalid."""
     parts = text.split("::")
     if len(parts) != 4 or parts[2] != "dds_" or not parts[3].endswith("_"):
         return ""

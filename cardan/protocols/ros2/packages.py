@@ -6,7 +6,7 @@ from cardan import __version__
 from cardan.protocols.ros2.interfaces import FILES, message_type
 
 PACKAGES = ("cardan_msgs", "rl_cartesian_control_msgs")
-"""Those that an arm's own server needs. Of others that no distribution has, only a part is known
+"""Packages that an arm's own server needs. Of others that no distribution has, only a part is known
 here."""
 
 _PARTS = {

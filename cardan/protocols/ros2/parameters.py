@@ -19,7 +19,7 @@ from cardan.protocols.ros2.cdr import Message
 from cardan.protocols.ros2.messages import MessageError, completed, default_message
 
 Value = bool | int | float | str
-"""Of a parameter."""
+"""Value of a parameter."""
 
 MAX_NAMES = 1000
 """Most names in one request that are answered: no node has as many parameters."""
@@ -45,7 +45,7 @@ class ParameterKind(IntEnum):
 
     @property
     def words(self) -> str:
-        """As people call it."""
+        """Name of the kind for messages."""
         return self.name.lower().replace("_", " ")
 
 
@@ -60,7 +60,7 @@ _FIELDS = {
     ParameterKind.DOUBLE_ARRAY: "double_array_value",
     ParameterKind.STRING_ARRAY: "string_array_value",
 }
-"""Where a message has the value of each kind."""
+"""Field of a message with the value of each kind."""
 
 _ARRAYS = {
     ParameterKind.BOOL: ParameterKind.BOOL_ARRAY,
@@ -73,7 +73,7 @@ _VALUE = "rcl_interfaces/msg/ParameterValue"
 
 
 def content_of(value: Message) -> Any:
-    """What a ``rcl_interfaces/msg/ParameterValue`` holds; None: nothing, or nothing known."""
+    """Value of a ``rcl_interfaces/msg/ParameterValue``; None: not set, or of an unknown type."""
     field = _FIELDS.get(value["type"])
     return value[field] if field else None
 
@@ -127,12 +127,12 @@ class Declared:
     """BOOL, INTEGER, DOUBLE or STRING."""
     description: str
     lowest: float | None = None
-    """Of a number; None: any."""
+    """Limit of a number; None: none."""
     highest: float | None = None
     choices: tuple[str, ...] = ()
-    """Of a text; empty: any."""
+    """Allowed texts; empty: any."""
     constraints: str = ""
-    """What else is to be known of its values, in words."""
+    """Further constraints on its values, in words."""
     read_only: bool = False
 
     def checked(self, value: Value) -> Value:
@@ -152,7 +152,7 @@ class Declared:
         return value
 
     def descriptor(self) -> Message:
-        """As rcl_interfaces/ParameterDescriptor."""
+        """Return it as rcl_interfaces/ParameterDescriptor."""
         message = default_message("rcl_interfaces/msg/ParameterDescriptor")
         words = [f"one of {', '.join(self.choices)}"] if self.choices else []
         words += [self.constraints] if self.constraints else []
@@ -178,7 +178,7 @@ USE_SIM_TIME = Declared(
     "still or jump with a simulation's",
     read_only=True,
 )  # fmt: skip
-"""That every node of ROS 2 has: false here."""
+"""Parameter of every ROS 2 node: false here."""
 
 
 class ParameterServer:
@@ -297,7 +297,7 @@ class ParameterServer:
 
 
 def _below(name: str, prefix: str) -> str | None:
-    """What is behind `prefix` in `name`, "" where it is the same; None where it is not below."""
+    """Return the part of `name` below `prefix`, "" if they are equal; None if it is not below."""
     if name == prefix or not prefix:
         return "" if prefix else name
     return name[len(prefix) + 1 :] if name.startswith(f"{prefix}.") else None

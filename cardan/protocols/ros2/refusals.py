@@ -22,7 +22,7 @@ def refusal(service: str, reason: str) -> Message:
     if service == CANCEL_TYPE:
         response["return_code"] = int(CancelCode.REJECTED)
     elif service == "rcl_interfaces/srv/SetParameters":
-        # As many results as parameters belong here, and nobody knows how many there were.
+        # As many results as parameters belong here, and their number is unknown.
         response["results"] = [set_result(reason)]
     else:
         _tell(response, reason)

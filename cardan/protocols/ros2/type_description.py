@@ -1,4 +1,4 @@
-"""What a node answers to `~/get_type_description`: the types that it uses, by their hashes.
+"""Answers of a node to `~/get_type_description`: the types that it uses, by their hashes.
 
 Source: type_description_interfaces/srv/GetTypeDescription, REP 2011.
 """

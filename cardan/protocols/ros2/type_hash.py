@@ -22,7 +22,7 @@ from cardan.protocols.ros2.interfaces import (
 )
 
 UNSUPPORTED = "TypeHashNotSupported"
-"""What ROS 2 Humble, which has no type hashes, puts in a hash's place."""
+"""Placeholder of ROS 2 Humble, which has no type hashes."""
 
 _NESTED = 1
 _TYPE_IDS = {
@@ -49,7 +49,7 @@ def type_hash(name: str) -> str:
 
 
 def revision_of(name: str, mark: str) -> str:
-    """The type `name` as who has it with the hash `mark` means it: a later revision, or `name`."""
+    """Return the revision of the type `name` with the hash `mark`: a later one, or `name`."""
     later = revised(name)
     return later if later and mark == type_hash(later) != type_hash(name) else name
 

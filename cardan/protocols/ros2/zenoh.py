@@ -49,7 +49,7 @@ class Qos(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> Qos:
-        """From a token. What cannot be read counts as the default."""
+        """Parse the QoS of a token. An unreadable value counts as the default."""
         parts = [*text.split(":"), "", "", ""]
         history, _, depth = parts[2].partition(",")
         readable = depth.isdecimal() and len(depth) <= _DEPTH_DIGITS
@@ -66,7 +66,7 @@ ROSOUT_QOS = Qos(transient_local=True, depth=1000)
 
 
 class Attachment(NamedTuple):
-    """What accompanies each publication, request and reply."""
+    """Attachment of each publication, request and reply."""
 
     sequence: int
     source_ns: int
@@ -74,21 +74,21 @@ class Attachment(NamedTuple):
     gid: bytes
 
     def encode(self) -> bytes:
-        """As bytes."""
+        """Encode it as bytes."""
         return ATTACHMENT.pack(self.sequence, self.source_ns, _GID_BYTES, self.gid)
 
     @classmethod
     def decode(cls, data: bytes) -> Attachment | None:
-        """From bytes; None for what is none."""
+        """Decode bytes; None if they are invalid."""
         if len(data) != ATTACHMENT.size:
             return None
         sequence, source_ns, length, gid = ATTACHMENT.unpack(data)
         return cls(sequence, source_ns, gid) if length == _GID_BYTES else None
 
     def follows(self, sequence: int, source_ns: int) -> bool:
-        """Whether it was sent after the message of the same GID that had these: one that was sent
-        later with a lower number comes from a publisher that has begun again, as one does whose
-        Zenoh session has its id from a configuration file."""
+        """Whether it was sent after the message of the same GID that had these: a later one with a
+        lower number comes from a restarted publisher, whose Zenoh session has its id from a
+        configuration file."""
         return self.sequence > sequence or self.source_ns > source_ns
 
 
@@ -103,10 +103,10 @@ def data_key(domain: int, name: str, type_name: str, hashed: bool = True) -> str
 
 
 class Entity(NamedTuple):
-    """A node, or an endpoint of it, as its liveliness token tells it."""
+    """Node, or an endpoint of it, by its liveliness token."""
 
     zid: str
-    """Of the Zenoh session."""
+    """Id of the Zenoh session."""
     node_id: str
     entity_id: str
     kind: str
@@ -136,7 +136,7 @@ class Entity(NamedTuple):
 
     @classmethod
     def parse(cls, token: str) -> Entity | None:
-        """From the key expression of a token; None for what is none."""
+        """Parse the key expression of a token; None if it is invalid."""
         parts = token.split("/")
         if len(parts) < 9 or parts[0] != LIVELINESS:
             return None

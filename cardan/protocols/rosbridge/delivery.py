@@ -1,4 +1,4 @@
-"""What a client receives: its subscriptions, those to one topic merged."""
+"""Delivery to a client: its subscriptions, those to one topic merged."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ MAX_SUBSCRIPTIONS = 1000
 
 
 class Delivery(NamedTuple):
-    """How a topic's messages reach a client."""
+    """Merged subscription of a client to a topic."""
 
     throttle_s: float
     queue_length: int

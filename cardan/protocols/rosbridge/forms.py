@@ -1,4 +1,4 @@
-"""What a server sends, in the forms that clients ask for: JSON, PNG, CBOR, CBOR with CDR in it.
+"""A server's messages, in the forms that clients ask for: JSON, PNG, CBOR, CBOR with CDR in it.
 
 CBOR is RFC 8949, arrays of numbers RFC 8746 (little-endian typed arrays).
 """
@@ -28,7 +28,7 @@ Frame = str | bytes
 """A text or a binary frame."""
 
 MAX_FRAGMENTS = 1000
-"""Of a message; where a client asks for smaller ones, they are larger."""
+"""Most fragments of a message; where a client asks for smaller ones, they are larger."""
 
 _TYPED_ARRAYS = {
     "uint16": (69, "H"), "uint32": (70, "I"), "uint64": (71, "Q"), "int8": (72, "b"),
@@ -45,7 +45,7 @@ class UnreadableError(ValueError):
 
 
 class Sample:
-    """A message of a topic, encoded once in each form that somebody wants."""
+    """A message of a topic, encoded once in each form that clients request."""
 
     __slots__ = ("_frames", "_message", "cdr", "stamp_ns", "type")
 
@@ -159,7 +159,7 @@ def service_request(
 
 
 def action_feedback(identity: Id, action: str, type_name: str, message: Message) -> str:
-    """What an action's server says of a goal on its way."""
+    """Encode the feedback of an action server about a goal in execution."""
     head = object_text(op="action_feedback", id=identity, action=action)
     return _with_message(head, "values", json_text(type_name, message))
 

@@ -24,7 +24,7 @@ class _Parts(NamedTuple):
 
 
 class Defragmenter:
-    """Puts the operations of one client together. Time is monotonic, in seconds."""
+    """Reassembly of the operations of one client. Time is monotonic, in seconds."""
 
     def __init__(self, max_characters: int) -> None:
         """`max_characters`: of all that is kept."""

@@ -1,4 +1,4 @@
-"""What clients of rosbridge v2 ask for: one JSON object, an "operation", per text frame.
+"""Operations that clients of rosbridge v2 request: one JSON object, an "operation", per text frame.
 
 Source: RobotWebTools/rosbridge_suite, ROSBRIDGE_PROTOCOL.md; what roslibpy 2.1, roslib 1.4 and 2.1
 and Lichtblick send.
@@ -20,7 +20,7 @@ MAX_ID_CHARACTERS = 1000
 """Longest id; clients make theirs of an operation, a name and a UUID."""
 
 MAX_QUEUE_LENGTH = 1000
-"""What a larger queue_length counts as."""
+"""Upper limit of queue_length; a larger one is clipped."""
 
 COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
 """Forms of what a client receives, the one that wins among several last."""
@@ -29,11 +29,11 @@ LEVELS = ("error", "warning", "info")
 """Of status messages, the gravest first; a client that set one gets it and the graver ones."""
 
 Id = str | int | None
-"""What an answer refers to; clients choose it."""
+"""Id of an operation, chosen by the client; answers repeat it."""
 
 
 class Refused(NamedTuple):
-    """What a client sent cannot be done."""
+    """A client's operation that cannot be executed."""
 
     reason: str
     op: str = ""
@@ -159,7 +159,7 @@ class CancelActionGoal(NamedTuple):
 
 
 class SetLevel(NamedTuple):
-    """Which status messages the client wants."""
+    """Request for a level of status messages."""
 
     id: Id
     level: str
@@ -191,7 +191,7 @@ Operation = (
 
 
 def parse_operation(text: str) -> Operation | Refused:
-    """The operation that a text frame asks for, or why it is none."""
+    """Parse the operation of a text frame, or return why it is refused."""
     try:
         given = json.loads(text, parse_constant=_no_constant)
     except (ValueError, RecursionError) as error:
@@ -215,7 +215,7 @@ def parse_operation(text: str) -> Operation | Refused:
 
 
 _LARGEST = 1e12
-"""What larger numbers count as."""
+"""Upper limit of numbers; a larger one is clipped."""
 
 
 class _WrongError(Exception):
@@ -370,4 +370,4 @@ _PARSERS: dict[str, tuple[str, Callable[[_Fields, Id, str], Operation]]] = {
     ),
     "auth": ("", lambda _fields, identity, _name: Authenticate(identity)),
 }
-"""Of each operation the key of the name that it is about, and what makes it."""
+"""Parsers by operation: the key of the name that it is about, and the function."""

@@ -1,4 +1,4 @@
-"""What rosapi says of types and parameters, without a graph.
+"""Answers of rosapi about types and parameters, without a graph.
 
 Source: rosbridge_suite, rosapi/src/rosapi/objectutils.py and params.py.
 """
@@ -20,7 +20,7 @@ from cardan.protocols.ros2.parameters import content_of, value_of
 
 ROS_VERSION = 2
 DISTRIBUTION = "jazzy"
-"""The distribution that Cardan's messages are those of."""
+"""Distribution of Cardan's messages."""
 
 
 def typedefs(name: str) -> list[Message]:

@@ -1,4 +1,4 @@
-"""One client's session: frames to operations, within limits; which status messages it wants."""
+"""Session of a client: frames to operations, within limits; which status messages it wants."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cardan.protocols.rosbridge.operations import (
 
 
 class Session:
-    """What the server knows of a client's protocol. Time is monotonic, in seconds."""
+    """Protocol state of a client at the server. Time is monotonic, in seconds."""
 
     def __init__(self, max_characters: int) -> None:
         """`max_characters`: of an operation that comes in fragments."""
@@ -28,7 +28,7 @@ class Session:
         self._publications = RateLimit(MAX_PUBLICATIONS_PER_S)
 
     def receive(self, frame: Frame, now_s: float) -> Operation | Refused | None:
-        """What a frame asks for; None: it is not complete, or was for this session alone."""
+        """Return the operation of a frame; None: incomplete, or handled by this session."""
         if isinstance(frame, bytes):
             return Refused("binary frames are not read: send operations as JSON text")
         asked = parse_operation(frame)

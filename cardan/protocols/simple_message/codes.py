@@ -13,7 +13,7 @@ MOTION_PORT, STATE_PORT, IO_PORT = 50240, 50241, 50242
 
 
 class CommType(enum.IntEnum):
-    """What a message wants."""
+    """Purpose of a message."""
 
     INVALID = 0
     TOPIC = 1
@@ -42,9 +42,9 @@ class MessageType(enum.IntEnum):
     JOINT_TRAJ_PT_FULL = 14
     JOINT_FEEDBACK = 15
     OLD_JOINT_TRAJ_PT_FULL_EX = 16
-    """What is 2016 now."""
+    """Old number of 2016."""
     OLD_JOINT_FEEDBACK_EX = 17
-    """What is 2017 now."""
+    """Old number of 2017."""
     READ_INPUT = 20
     WRITE_OUTPUT = 21
     MOTO_MOTION_CTRL = 2001
@@ -117,7 +117,7 @@ class MotionResult(enum.IntEnum):
 
 
 class InvalidSubcode(enum.IntEnum):
-    """Why a message was INVALID."""
+    """Reason why a message was INVALID."""
 
     UNSPECIFIED = 3000
     MSGSIZE = 3001
@@ -148,7 +148,7 @@ class InvalidSubcode(enum.IntEnum):
 
 
 class NotReadySubcode(enum.IntEnum):
-    """Why the controller is NOT_READY."""
+    """Reason why the controller is NOT_READY."""
 
     UNSPECIFIED = 5000
     ALARM = 5001
@@ -187,7 +187,7 @@ class IoResult(enum.IntEnum):
 
 
 class ValidFields(enum.IntFlag):
-    """Which fields of a point or of a feedback hold something."""
+    """Flags of the valid fields of a point or of a feedback."""
 
     TIME = 1
     POSITION = 2

@@ -1,4 +1,4 @@
-"""Cuts a TCP stream of simple message into messages."""
+"""Framing of simple message on a TCP stream."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class FrameReader:
             self._buffer += data
 
     def take(self) -> bytes | None:
-        """The next whole message; None while there is none."""
+        """Return the next whole message; None while there is none."""
         buffer = self._buffer
         if len(buffer) < PREFIX_BYTES or self.failure:
             return None

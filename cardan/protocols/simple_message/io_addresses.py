@@ -12,7 +12,7 @@ class AddressRange(NamedTuple):
     first: int
     last: int
     writable: bool = False
-    """By clients."""
+    """Writable by clients."""
 
 
 ADDRESS_RANGES: Final = (

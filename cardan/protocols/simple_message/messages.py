@@ -15,7 +15,7 @@ from cardan.protocols.simple_message.codes import CommType, MessageType, ReplyCo
 JOINTS = 10
 """ROS_MAX_JOINT: entries of every array of joints."""
 MAX_GROUPS = 4
-"""MOT_MAX_GR: groups a controller can have; JOINT_FEEDBACK_EX always carries so many."""
+"""MOT_MAX_GR: groups a controller can have; JOINT_FEEDBACK_EX always carries this many."""
 DH_LINKS = 8
 
 Unsigned = Annotated[int, "without sign"]
@@ -185,14 +185,14 @@ class JointTrajPtFullEx(NamedTuple):
 
     sequence: int
     points: tuple[JointFeedback, ...]
-    """One a group, at most MAX_GROUPS."""
+    """A point for each group, at most MAX_GROUPS."""
 
 
 class JointFeedbackEx(NamedTuple):
     """MOTO_JOINT_FEEDBACK_EX 2017."""
 
     groups: int
-    """How many of `feedback` mean something."""
+    """Number of valid items of `feedback`."""
     feedback: tuple[JointFeedback, ...]
     """Always MAX_GROUPS."""
 
@@ -222,7 +222,7 @@ class DhParameters(NamedTuple):
 
 
 class RtGroupState(NamedTuple):
-    """One group of RtJointState."""
+    """State of a group in RtJointState."""
 
     group: int
     pos: Joints
@@ -239,7 +239,7 @@ class RtJointState(NamedTuple):
 
 
 class RtGroupCommand(NamedTuple):
-    """One group of RtJointCommand."""
+    """Command of a group in RtJointCommand."""
 
     group: int
     command: Joints
@@ -334,7 +334,7 @@ Body = (
 
 
 class Message(NamedTuple):
-    """One message: header and body."""
+    """Message: header and body."""
 
     msg_type: int
     """A MessageType."""
@@ -346,7 +346,7 @@ class Message(NamedTuple):
 
 
 class Malformed(NamedTuple):
-    """What is not a message, and why."""
+    """Reason why bytes are not a message."""
 
     reason: str
     msg_type: int = 0
@@ -385,7 +385,7 @@ BODIES: dict[MessageType, tuple[type[Body], ...]] = {
     MessageType.MOTO_JOINT_VELOCITY_EX: (JointVelocityEx,),
     MessageType.MOTO_VELOCITY_INFO: (VelocityInfoRequest, VelocityInfo),
 }
-"""Where a type has several bodies, their lengths tell them apart."""
+"""Bodies by type; several bodies of a type differ in their lengths."""
 
 
 def _types() -> dict[type[Body], MessageType]:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 DEFAULT_SOCKET = "/var/run/spnav.sock"
-"""Where spacenavd listens and programs look, unless SPNAV_SOCKET names another path."""
+"""Socket of spacenavd and its clients, unless SPNAV_SOCKET names another path."""
 
 NEWEST_VERSION = 1
 """Version 0 has no handshake, motion and buttons only; version 1 adds requests."""
@@ -20,7 +20,7 @@ REQUEST_TAG = 0x7FAA0000
 
 
 class Code(enum.IntEnum):
-    """What a request asks for: the lower half of its first word."""
+    """Code of a request: the lower half of its first word."""
 
     SET_NAME = 0x1000
     SET_SENS = 0x1001
@@ -65,7 +65,7 @@ class Code(enum.IntEnum):
 
 
 class EventMask(enum.IntFlag):
-    """Which events a client of version 1 gets."""
+    """Events that a client of version 1 gets."""
 
     MOTION = 0x01
     BUTTON = 0x02
@@ -85,7 +85,7 @@ class LedMode(enum.IntEnum):
     OFF = 0
     ON = 1
     AUTO = 2
-    """On while a client is connected."""
+    """LED on while a client is connected."""
 
 
 UNKNOWN_DEVICE = 0

@@ -56,7 +56,7 @@ class Motion(NamedTuple):
     ry: int
     rz: int
     period_ms: int
-    """Since the motion before this one."""
+    """Time since the motion before this one."""
 
 
 class Button(NamedTuple):
@@ -99,14 +99,14 @@ class RawButton(NamedTuple):
 
 
 class Reply(NamedTuple):
-    """What a server answers."""
+    """Reply of a server."""
 
     word: int
     data: Data
 
     @property
     def code(self) -> int:
-        """What was asked for."""
+        """Code of the request that it answers."""
         return self.word & 0xFFFF
 
     @property
@@ -121,7 +121,7 @@ class Malformed(NamedTuple):
 
     reason: str
     word: int
-    """The first word; 0 when there is none."""
+    """First word; 0 if there is none."""
 
 
 Event = Motion | Button | DeviceChange | ConfigChange | RawAxis | RawButton
@@ -194,9 +194,9 @@ def decode_handshake(word: bytes) -> int | None:
 
 
 def encode_sensitivity(sensitivity: float) -> bytes:
-    """What a client of version 0 sends to have its motion multiplied.
+    """Encode the request of a version 0 client to multiply its motion.
 
-    Raises ValueError for what is no finite 32-bit float.
+    Raises ValueError for a value that is no finite 32-bit float.
     """
     try:
         return _FLOAT.pack(sensitivity)

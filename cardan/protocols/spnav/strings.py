@@ -1,4 +1,4 @@
-"""Strings of the spacenavd protocol: 24 bytes per record, and how many are left."""
+"""Strings of the spacenavd protocol: 24 bytes per record, and the number left."""
 
 from __future__ import annotations
 

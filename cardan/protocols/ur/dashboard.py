@@ -37,7 +37,7 @@ GRANTED: Final[Mapping[str, str]] = {
     STOP: "Stopped",
     SHUTDOWN: "Shutting down",
 }
-"""How the reply to a request begins that was granted."""
+"""Beginning of the reply to a granted request."""
 
 
 def request(line: str) -> bytes:
@@ -48,7 +48,7 @@ def request(line: str) -> bytes:
 
 
 def refusal(line: str, reply: str) -> str:
-    """What the server said in place of doing what `line` asked for; empty: it does it."""
+    """Return the server's refusal of the request `line`; empty: it was granted."""
     return "" if reply.lower().startswith(GRANTED[line].lower()) else reply
 
 
@@ -65,7 +65,7 @@ class LineReader:
         self._pending = bytearray()
         self._skips = False
         self.failure = ""
-        """Why nothing after this can be read; empty: all is well."""
+        """Reason why nothing after this can be read; empty: none."""
 
     @property
     def pending_bytes(self) -> int:

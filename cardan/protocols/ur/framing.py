@@ -1,4 +1,4 @@
-"""Where a script begins and ends on a connection that carries one after the other.
+"""Framing of the scripts on a connection that carries one after the other.
 
 The interfaces that take scripts have no packets: a program is over with the `end` that closes its
 `def` (or `sec`), and a line outside of a program is a command of its own. Lines of comments before
@@ -21,7 +21,7 @@ _WORD = re.compile(r"""\#.*|"[^"]*"?|'[^']*'|(?<![\w.])[A-Za-z_]\w*""")
 
 
 def depth_of(line: str) -> int:
-    """How many more blocks a line opens than it closes."""
+    """Return the number of blocks that a line opens less those that it closes."""
     depth = 0
     for word in _WORD.findall(line):
         if word in OPENING:
@@ -40,12 +40,12 @@ class ScriptReader:
         self._pending = bytearray()
         """A line that has not all come."""
         self._lines: list[str] = []
-        """Of what has not ended: comments, or a program."""
+        """Lines of the unfinished part: comments, or a program."""
         self._size = 0
-        """Of these."""
+        """Bytes of these."""
         self._depth = 0
         self._too_large = False
-        """What has not ended has more bytes than a program may have, and is not kept."""
+        """The unfinished part has more bytes than a program may have, and is not kept."""
         self._whole: list[str] = []
         self.refused = 0
         """Programs that had too many bytes; the reporter sets it to 0."""
@@ -56,7 +56,7 @@ class ScriptReader:
         return self._depth > 0
 
     def feed(self, data: bytes) -> None:
-        """Add what came."""
+        """Add received bytes."""
         first, *others = data.split(b"\n")
         self._part(first)
         for part in others:
@@ -64,11 +64,11 @@ class ScriptReader:
             self._part(part)
 
     def take(self) -> str | None:
-        """The next program or command; None: it has not all come."""
+        """Return the next program or command; None: it is not complete."""
         return self._whole.pop(0) if self._whole else None
 
     def end(self) -> None:
-        """No more comes: what has come is all of it."""
+        """Handle the end of the stream: the rest is complete."""
         if self._pending:
             self._line()
         if self.open or self._too_large:
@@ -76,7 +76,7 @@ class ScriptReader:
         self._lines, self._size = [], 0
 
     def _part(self, data: bytes) -> None:
-        """Of a line: what a program may have, and a byte more."""
+        """Add a part of a line, up to the bytes of a program and one more."""
         self._pending += data[: self._largest + 1 - len(self._pending)]
 
     def _line(self) -> None:

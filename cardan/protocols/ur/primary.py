@@ -19,7 +19,7 @@ from cardan.protocols.ur.states import RobotMode, SafetyMode
 PRIMARY_PORT: Final = 30001
 SECONDARY_PORT: Final = 30002
 READ_ONLY: Final = 10
-"""So much higher is the port of an interface that takes nothing."""
+"""Offset of the ports of the read-only interfaces."""
 LARGEST: Final = 1 << 20
 """No package of a controller is longer."""
 
@@ -34,7 +34,7 @@ _LABEL = struct.Struct(">i")
 _REQUEST = struct.Struct(">II")
 _MODE = struct.Struct(">iBQ7?BBddd")
 _RESERVED = bytes(1)
-"""After the modes, from 3.5 on."""
+"""Reserved byte after the modes, from 3.5 on."""
 
 ROBOT_STATE: Final = 16
 ROBOT_MESSAGE: Final = 20
@@ -56,7 +56,7 @@ class MessageKind(enum.IntEnum):
 
 
 class ReportLevel(enum.IntEnum):
-    """How bad an error code is."""
+    """Severity of an error code."""
 
     DEBUG = 0
     INFO = 1
@@ -71,11 +71,11 @@ class RobotMessage(NamedTuple):
     kind: int
     text: str
     line: int = 0
-    """Where in the program a runtime exception is, counted from 1."""
+    """Line of a runtime exception in the program, counted from 1."""
     title: str = ""
-    """Of a key message, or of a popup."""
+    """Title of a key message, or of a popup."""
     code: int = 0
-    """Of an error or of a safety mode message, the number of a label or of a popup."""
+    """Code of an error or of a safety mode message, number of a label or of a popup."""
 
 
 class Package(NamedTuple):
@@ -96,7 +96,7 @@ class PackageReader:
     def __init__(self) -> None:
         self._pending = bytearray()
         self.failure = ""
-        """Why nothing after this can be read; empty: all is well."""
+        """Reason why nothing after this can be read; empty: none."""
 
     @property
     def pending_bytes(self) -> int:
@@ -129,7 +129,7 @@ _CODED = {
     MessageKind.ERROR_CODE: _COMM,
     MessageKind.REQUEST_VALUE: _REQUEST,
 }
-"""They begin with their code."""
+"""Forms of messages that begin with their code."""
 
 
 def read_message(found: Package) -> RobotMessage | None:
@@ -169,7 +169,7 @@ def _message(time_s: float, kind: MessageKind, content: bytes) -> bytes:
 def version_message(
     time_s: float, version: tuple[int, int, int, int], built: str = "01-01-2022, 00:00:00"
 ) -> bytes:
-    """What a controller says first. `time_s` since it was switched on."""
+    """Encode the first message of a controller. `time_s` since it was switched on."""
     name = b"URControl"
     numbers = _VERSION.pack(version[0], version[1], version[2], version[3])
     content = bytes([len(name)]) + name + numbers + built.encode()
@@ -177,7 +177,7 @@ def version_message(
 
 
 def text_message(time_s: float, text: str) -> bytes:
-    """What a program said by `textmsg`."""
+    """Encode the text of a program's `textmsg`."""
     return _message(time_s, MessageKind.TEXT, text.encode())
 
 
@@ -189,13 +189,13 @@ def key_message(time_s: float, title: str, text: str) -> bytes:
 
 
 def exception_message(time_s: float, line: int, text: str) -> bytes:
-    """Why a program ended, or was not begun."""
+    """Encode the reason why a program ended, or was not begun."""
     content = _PLACE.pack(line, 1) + text.encode()
     return _message(time_s, MessageKind.RUNTIME_EXCEPTION, content)
 
 
 def label_message(time_s: float, number: int, text: str) -> bytes:
-    """Where in its program a controller is: the label `$ number "text"`."""
+    """Encode the current label of a program, `$ number "text"`."""
     return _message(time_s, MessageKind.LABEL, _LABEL.pack(number) + text.encode())
 
 
@@ -208,7 +208,7 @@ def popup_message(
     error: bool = False,
     blocking: bool = False,
 ) -> bytes:
-    """What the pendant shows over all else."""
+    """Encode a popup of the pendant."""
     titled = title.encode()[:255]
     head = _POPUP.pack(number, 0, warning, error, blocking, len(titled))
     return _message(time_s, MessageKind.POPUP, head + titled + text.encode())
@@ -228,7 +228,7 @@ def error_message(
 
 
 class ModeData(NamedTuple):
-    """What the robot state says of modes."""
+    """Modes in the robot state."""
 
     power_on: bool
     emergency_stopped: bool

@@ -16,14 +16,14 @@ from cardan.protocols.ur.variables import UPPER_REGISTERS
 JOINTS: Final = 6
 
 FIRST_WAIT_S: Final = 2.0
-"""For the first command the program waits so long."""
+"""Timeout of the program for the first command."""
 LARGEST_JUMP_RAD: Final = 0.15
-"""A command farther from the one before, or from where the program has gone on to, is none of the
-client's: while the client stands still both go on at a speed that both know."""
+"""Largest plausible step of a command from the one before, or from where the program has gone on
+to: while the client stands still both go on at a speed that both know."""
 
 
 class Order(enum.IntEnum):
-    """What the client wants, in an input register."""
+    """Order of the client, in an input register."""
 
     FOLLOW = 1
     END = 2
@@ -31,7 +31,7 @@ class Order(enum.IntEnum):
 
 
 class Report(enum.IntEnum):
-    """What the program does, in an output register."""
+    """Status of the program, in an output register."""
 
     NOTHING = 0
     FOLLOWS = 1
@@ -63,10 +63,10 @@ def nobody(beat: int) -> list[Any]:
 
 
 class Servoing(NamedTuple):
-    """How a program follows, and what ends it."""
+    """Parameters of a program: how it follows, and its watchdog."""
 
     first_register: int = UPPER_REGISTERS
-    """Of those between the client and the program."""
+    """First of the registers between the client and the program."""
     watchdog_s: float = 0.1
     """Time without a command after which it stops the arm and ends."""
     lookahead_s: float = 0.03

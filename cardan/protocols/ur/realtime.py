@@ -23,7 +23,7 @@ class Field(NamedTuple):
     """Doubles of a packet."""
 
     variable: str
-    """Of RTDE; empty: nothing that is published."""
+    """Variable of RTDE; empty: unpublished."""
     width: int
     since: tuple[tuple[int, int], ...] = ((3, 2), (5, 0))
     """The first version of each major one that has it."""
@@ -123,7 +123,7 @@ class RealtimeReader:
     def __init__(self) -> None:
         self._pending = bytearray()
         self.failure = ""
-        """Why nothing after this can be read; empty: all is well."""
+        """Reason why nothing after this can be read; empty: none."""
 
     @property
     def pending_bytes(self) -> int:

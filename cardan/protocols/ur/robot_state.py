@@ -1,4 +1,4 @@
-"""The sub-packages of a robot state, after the modes: what a controller tells ten times a second.
+"""Sub-packages of a robot state, after the modes, which a controller sends ten times a second.
 
 Each is a table of fields: how a field is packed (big-endian, as `struct` writes it), and what is in
 it: a variable of RTDE (``name.3`` is its bit 3), a name that only clients of these interfaces know,
@@ -43,7 +43,7 @@ class Part(NamedTuple):
 
     @property
     def form(self) -> str:
-        """Of the whole sub-package, as `struct` has it."""
+        """Format of the whole sub-package for `struct`."""
         once = "".join(field.code for field in self.fields)
         return ">iB" + once * (JOINTS if self.each_joint else 1)
 
@@ -218,17 +218,17 @@ PARTS: Final[tuple[Part, ...]] = (
     TOOL_MODE_INFO,
     SINGULARITY_INFO,
 )
-"""In the order in which a controller sends them, after the modes."""
+"""Sub-packages in the order of sending, after the modes."""
 
 
 def parts(values: Values, e_series: bool) -> bytes:
-    """All sub-packages after the modes."""
+    """Encode all sub-packages after the modes."""
     return b"".join(part.pack(values) for part in PARTS if e_series or not part.e_series)
 
 
 def sub_packages(found: Package) -> Mapping[int, bytes] | None:
-    """What a robot state has in it, by kind, without sizes and kinds; None where it is another
-    package, or cut."""
+    """Return the contents of a robot state by kind, without sizes and kinds; None for another
+    package, or a truncated one."""
     if found.kind != ROBOT_STATE:
         return None
     content, at, read = found.content, 0, {}

@@ -20,7 +20,7 @@ from typing import Any, Final, NamedTuple
 RTDE_PORT: Final = 30004
 VERSION: Final = 2
 VERSIONS: Final = (1, 2)
-"""Of the protocol."""
+"""Versions of the protocol."""
 LARGEST: Final = 0xFFFF
 """Bytes of a packet; its size has 16 bits."""
 
@@ -52,7 +52,7 @@ _DATA: Final = int(PacketType.DATA)
 
 
 class TextLevel(enum.IntEnum):
-    """How serious a text message is."""
+    """Severity of a text message."""
 
     EXCEPTION = 0
     ERROR = 1
@@ -89,12 +89,12 @@ CB3_MAJOR: Final = 3
 
 
 def control_rate_hz(version: ControllerVersion | None) -> float:
-    """Of the control loop of a controller; before its version is known an e-Series' is taken."""
+    """Return the rate of a controller's control loop; an e-Series' if the version is unknown."""
     return CB3_RATE_HZ if version is not None and version.major <= CB3_MAJOR else E_SERIES_RATE_HZ
 
 
 class Text(NamedTuple):
-    """A message in words."""
+    """Text message."""
 
     text: str
     source: str
@@ -108,7 +108,7 @@ class Setup(NamedTuple):
     """OUTPUTS or INPUTS."""
     names: tuple[str, ...]
     frequency_hz: float = 0.0
-    """Of outputs."""
+    """Rate of outputs."""
 
 
 class SetupReply(NamedTuple):
@@ -204,7 +204,7 @@ class PacketReader:
     def __init__(self) -> None:
         self._pending = bytearray()
         self.failure = ""
-        """Why nothing after this can be read; empty: all is well."""
+        """Reason why nothing after this can be read; empty: none."""
 
     @property
     def pending_bytes(self) -> int:
@@ -264,7 +264,7 @@ Asked = ControlRequest | Text | Setup | Data
 
 
 def read_reply(kind: int, payload: bytes, version: int = VERSION) -> Reply | Malformed:
-    """What a controller sent that speaks that version."""
+    """Decode a controller's package of that protocol version."""
     if version == 1 and kind == PacketType.DATA:
         return Data(0, payload)
     if version == 1 and kind == PacketType.OUTPUTS:
@@ -290,7 +290,7 @@ def read_reply(kind: int, payload: bytes, version: int = VERSION) -> Reply | Mal
 
 
 def read_request(kind: int, payload: bytes, version: int = VERSION) -> Asked | Malformed:
-    """What a client sent that speaks that version."""
+    """Decode a client's package of that protocol version."""
     if kind == PacketType.DATA:
         return Data(payload[0], payload[1:]) if payload else Malformed("a data package of 0 bytes")
     if kind == PacketType.PROTOCOL_VERSION:
@@ -358,7 +358,7 @@ _CODES: Mapping[str, tuple[str, int]] = {
 
 TYPES: Final = frozenset(_CODES)
 _VALUES_FROM: Final = _HEADER.size + 1
-"""Where the values of a data package begin."""
+"""Offset of the values in a data package."""
 
 
 class Recipe:
@@ -366,7 +366,7 @@ class Recipe:
 
     def __init__(self, number: int | None, names: Sequence[str], types: Sequence[str]) -> None:
         """`number` None: its data packages have none, as a controller's in version 1. ValueError
-        where a type is none of `TYPES`, or one is missing."""
+        where a type is missing, or not in `TYPES`."""
         self.number = number
         self.names = tuple(names)
         self.types = tuple(types)
@@ -403,8 +403,8 @@ class Recipe:
         return self._parted(self._struct.unpack(data))
 
     def alone(self, data: bytes) -> tuple[Any, ...] | None:
-        """The values of one whole data package of this recipe, which has a number; None where
-        `data` is anything else."""
+        """Return the values of one whole data package of this recipe, which has a number; None
+        where `data` is anything else."""
         if len(data) != self._packet.size or not data.startswith(self._head):
             return None
         return self._parted(self._struct.unpack_from(data, _VALUES_FROM))

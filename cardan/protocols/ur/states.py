@@ -1,4 +1,4 @@
-"""What a Universal Robots controller says of itself, by number and by the dashboard's names.
+"""States of a Universal Robots controller, by number and by the dashboard's names.
 
 Source: UR's RTDE guide and dashboard server pages; the words are ours.
 """
@@ -80,4 +80,4 @@ class SafetyBit(enum.IntFlag):
 
 
 MOVES_IN = frozenset({SafetyMode.NORMAL, SafetyMode.REDUCED})
-"""In these a program may move the arm."""
+"""Safety modes in which a program may move the arm."""

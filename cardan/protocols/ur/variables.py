@@ -1,4 +1,4 @@
-"""Variables that an RTDE recipe may name, with their types, and since when a controller has them.
+"""Variables that an RTDE recipe may name, with their types and the first versions that have them.
 
 Source: UR's RTDE guide, and what UR's public client library says of names that the guide had later.
 """
@@ -18,13 +18,13 @@ UPPER_BIT_REGISTERS: Final = 64
 
 
 class Variable(NamedTuple):
-    """What is known of a variable."""
+    """Type of a variable, and the software versions that have it."""
 
     type: str
     cb3: tuple[int, int] | None = (3, 2)
-    """Since which version of a CB3's software, where the guide says it; None: no CB3 has it."""
+    """First version of a CB3's software, where the guide says it; None: no CB3 has it."""
     e_series: tuple[int, int] = (5, 0)
-    """Since which of an e-Series' software, likewise."""
+    """First version of an e-Series' software, likewise."""
 
     def since(self, major: int) -> tuple[int, int] | None:
         """The version of that series that has it first: 3 is a CB3, all others have what an
@@ -67,8 +67,8 @@ _ADDED: Final[Sequence[tuple[str, Variable]]] = (
     ("target_base_acceleration target_base_wrench", Variable("VECTOR6D", None, (5, 26))),
     ("control_step", Variable("UINT64", None, (5, 26))),
 )
-"""What was not always there. Of some the guide does not say since when: those are here with the
-version of the first public list that has them."""
+"""Variables that later versions added. Where the guide does not give the version, it is that of the
+first public list that has them."""
 
 LATER: Final = frozenset(name for names, _ in _ADDED for name in names.split())
 """The names of these."""
@@ -90,7 +90,7 @@ _FIRST: Final[Mapping[str, str]] = {
         euromap67_input_bits euromap67_output_bits tool_mode tool_analog_input_types""",
     "UINT64": "actual_digital_input_bits actual_digital_output_bits",
 }
-"""What every controller with RTDE has, by type."""
+"""Variables of every controller with RTDE, by type."""
 
 
 def _registers(way: str) -> Iterator[tuple[str, Variable]]:
@@ -111,7 +111,7 @@ OUTPUT_VARIABLES: Final[Mapping[str, Variable]] = {
     **dict(_registers("output")),
     **dict(_registers("input")),
 }
-"""What a controller sends, by name."""
+"""Variables that a controller sends, by name."""
 
 INPUT_VARIABLES: Final[Mapping[str, Variable]] = {
     "speed_slider_mask": Variable("UINT32"),
@@ -129,7 +129,7 @@ INPUT_VARIABLES: Final[Mapping[str, Variable]] = {
     "external_force_torque": Variable("VECTOR6D"),
     **dict(_registers("input")),
 }
-"""What a client may write, by name."""
+"""Variables that a client may write, by name."""
 
 OUTPUTS: Final[Mapping[str, str]] = {name: found.type for name, found in OUTPUT_VARIABLES.items()}
 """The types of what a controller sends; a controller's own version may lack some."""

@@ -11,7 +11,7 @@ from cardan.protocols.ur.script.portions import pause
 LARGEST: Final = 128 * 1024
 """Bytes of a program."""
 LARGEST_WHOLE: Final = 2**31 - 1
-"""Of whole numbers; they have 32 bits."""
+"""Largest whole number; they have 32 bits."""
 
 WORDS: Final = frozenset(
     [
@@ -73,7 +73,7 @@ class Token(NamedTuple):
 
 
 class WrongError(Exception):
-    """What of a program is not understood."""
+    """A part of a program is not understood."""
 
     def __init__(self, line: int, reason: str) -> None:
         super().__init__(reason)
@@ -81,7 +81,7 @@ class WrongError(Exception):
 
 
 class Words:
-    """All of a program: three lists, as one token each would keep the garbage collector busy."""
+    """Tokens of a program, in three lists: an object each would keep the garbage collector busy."""
 
     def __init__(self) -> None:
         self.kinds: list[str] = []

@@ -1,4 +1,4 @@
-"""From the words of a URScript program to its tree."""
+"""Parser of the words of a URScript program to its tree."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from cardan.protocols.ur.script.tree import (
 DEEPEST: Final = 50
 """Levels of brackets and blocks."""
 MOST_PARAMETERS: Final = 100
-"""Of a function."""
+"""Most parameters of a function."""
 LONGEST_CHAIN: Final = 100
 """Operators one after the other, without brackets."""
 _UNNAMED: Final = "unnamed"
@@ -65,10 +65,10 @@ _LEVELS: Final = {
     **dict.fromkeys(("+", "-"), 6),
     **dict.fromkeys(("*", "/", "%"), 7),
 }
-"""How closely operators bind; `not`: 4."""
+"""Precedence of operators; `not`: 4."""
 _SIMPLE: Final = frozenset(("number", "text", "name"))
 _GOES_ON: Final = frozenset((*_LEVELS, "[", ".", "("))
-"""What belongs to the value before it."""
+"""Tokens that continue the value before them."""
 
 
 def parse(text: str) -> Program | Refused:
@@ -77,7 +77,7 @@ def parse(text: str) -> Program | Refused:
 
 
 async def parsed(text: str) -> Program | Refused:
-    """As `parse`, in portions."""
+    """Parse like `parse`, in portions."""
     if len(text) > LARGEST:
         return Refused(1, f"the program has {len(text)} characters; {LARGEST} are the most")
     try:
@@ -193,7 +193,7 @@ class _Parser:
         return block
 
     async def _statement(self) -> tuple[Statement, ...]:
-        """One; none for `pass`."""
+        """Parse a statement; empty for `pass`."""
         word, line = self._kinds[self._at], self._line
         if word not in WORDS:
             return (await self._assignment(""),)

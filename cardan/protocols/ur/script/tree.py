@@ -1,4 +1,4 @@
-"""What a URScript program consists of. Lines are counted from 1."""
+"""Syntax tree of a URScript program. Lines are counted from 1."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Literal as OneOf, NamedTuple
 
 
 class Refused(NamedTuple):
-    """What of a program is not understood."""
+    """A part of a program that is not understood."""
 
     line: int
     reason: str
@@ -145,7 +145,7 @@ class Leave(NamedTuple):
 
     how: str
     value: Expression | None
-    """What `return` gives."""
+    """Value that `return` gives."""
     line: int
 
 
@@ -169,7 +169,7 @@ class Define(NamedTuple):
 
     name: str
     parameters: tuple[tuple[str, Expression | None], ...]
-    """With their defaults."""
+    """Parameters with their defaults."""
     block: tuple[Statement, ...]
     thread: bool
     line: int
@@ -184,4 +184,4 @@ class Program(NamedTuple):
     name: str
     block: tuple[Statement, ...]
     secondary: bool = False
-    """It runs beside another one and takes no time (`sec`)."""
+    """Secondary program: runs beside another one and takes no time (`sec`)."""
