@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 robots = typer.Typer(
     name="robots",
     cls=CommandGroup,
-    help="List and show arms, and make the file of one's own.",
+    help="List and show arms, and make the file of your own.",
     no_args_is_help=True,
     rich_markup_mode="rich",
 )
