@@ -15,7 +15,7 @@ from cardan.robots import Capsule, load_arm
 from cardan.types import Vector3
 
 DEBIAN_PACKAGES = "/usr/lib/python3/dist-packages"
-"""Where python3-pykdl is, for a Python of Debian's own version."""
+"""Folder of python3-pykdl, for a Python of Debian's own version."""
 
 ACCELERATION_RAD_S2 = 15.0
 """Of every joint, as in the published prototype's lines."""

@@ -1,4 +1,4 @@
-"""Where a session's cycle spends its time at the robot's own pace: `python -m bench cycle-profile`.
+"""Time of a session's cycle by part, at the robot's own pace: `python -m bench cycle-profile`.
 
 A session runs in a process of its own and is asked once every 4 ms, so that every part of its cycle
 is as cold as in service. Each part is timed by a wrapper around the method that does it, which adds

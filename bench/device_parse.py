@@ -188,7 +188,7 @@ def leap() -> Recorded:
 
 
 def _renumbered(frame: bytes) -> Iterator[bytes]:
-    """The same frame again and again, with numbers and times that rise, as they have to."""
+    """Repeat a frame with increasing numbers and times, as the core requires."""
     fields = json.loads(frame)
     first, timestamp_us = fields.pop("id"), fields.pop("timestamp")
     rest = json.dumps(fields, separators=(",", ":")).encode()[1:]

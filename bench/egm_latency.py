@@ -95,7 +95,7 @@ def responder(kind: str, port: int) -> Iterator[None]:
 
 
 def _kinds() -> list[str]:
-    """Those that can run here; says why another one cannot."""
+    """Return the responders that can run here; print why another one cannot."""
     try:
         native.built(native.ECHO)
     except native.NotBuiltError as error:
@@ -105,7 +105,7 @@ def _kinds() -> list[str]:
 
 
 def measure(cycles: int = CYCLES, period_s: float = PERIOD_S) -> Figures:
-    """Ask everybody `cycles` times, every `period_s`; returns the latencies by name."""
+    """Ask every peer `cycles` times, every `period_s`; return the latencies by name."""
     pace = f"every {period_s * 1e3:g} ms" if period_s else "without a pause"
     figures = Figures(f"EGM datagram in to datagram out, as the controller sees it, {pace}")
     kinds = _kinds()

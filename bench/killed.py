@@ -1,4 +1,4 @@
-"""How far each robot runs on when the session that drives it is killed (SIGKILL) while it moves.
+"""Stopping distance of each robot when its session is killed (SIGKILL) while it moves.
 
     python -m bench killed
 
@@ -169,7 +169,7 @@ class Watch:
         self.points: list[Any] = []
 
     def sample(self) -> float:
-        """Take a sample; the TCP's speed, m/s."""
+        """Take a sample; return the TCP's speed, m/s."""
         threading.Event().wait(SAMPLE_S)
         now_s = time.monotonic()
         self.times.append(now_s)
@@ -184,7 +184,7 @@ class Watch:
         return float(way) / (now_s - self.times[first])
 
     def until(self, speed_ok: Callable[[float], bool], lasting_s: float) -> float:
-        """Sample until the speed has been right for so long; since when it was."""
+        """Sample until the speed was right for `lasting_s`; return the time since when it was."""
         give_up_s = time.monotonic() + WITHIN_S
         since_s = give_up_s
         while (now_s := time.monotonic()) < since_s + lasting_s:

@@ -71,11 +71,11 @@ class Way:
 
     @property
     def next_s(self) -> float:
-        """When the next frame arrives; inf: none is on its way."""
+        """Time of the next arrival; inf: no frame is on its way."""
         return self._coming[0][0] if self._coming else float("inf")
 
     def arrived(self, now_s: float) -> list[bytes]:
-        """The frames that have arrived until now and were not given yet, in their order."""
+        """Return the frames that arrived until now and were not returned before, in order."""
         frames = []
         while self.next_s <= now_s:
             frames.append(heapq.heappop(self._coming)[2])

@@ -195,7 +195,7 @@ class Robot:
         self.socket.setblocking(False)
         self.place = START
         self.moved_s = 0.0
-        """When an answer moved the arm last."""
+        """Time of the last answer that moved the arm."""
 
     def ask(self, cycle: int) -> None:
         """Send one datagram."""
@@ -203,7 +203,7 @@ class Robot:
             self.socket.send(datagram(cycle, self.place))
 
     def take(self, now_s: float) -> None:
-        """Take the answers that are there."""
+        """Read the answers that have arrived."""
         with contextlib.suppress(OSError):
             while True:
                 place = obeyed(self.socket.recv(2048), self.place)
@@ -213,7 +213,7 @@ class Robot:
 
 
 class Cell:
-    """All robots, asked at their pace; and the hand, which acts at any instant."""
+    """All robots, asked at their pace, and the operator's hand, which acts at any instant."""
 
     def __init__(self, robots: Mapping[str, Robot]) -> None:
         self.robots = robots
@@ -225,7 +225,7 @@ class Cell:
         self._random = random.Random(0)
 
     def play(self, till_s: float) -> float:
-        """Go on until then; returns the time."""
+        """Go on until `till_s`; return the time."""
         while (now_s := time.monotonic()) < till_s:
             if now_s >= self._slot_s:
                 self._cycle += 1
@@ -246,7 +246,7 @@ class Cell:
         return self.play(time.monotonic() + seconds + self._random.uniform(0.0, PERIOD_S))
 
     def moved_after(self, robot: Robot, since_s: float) -> float | None:
-        """When the arm was moved first after then; None: it was not."""
+        """Return the time of the first motion after `since_s`; None: there was none."""
         now_s = since_s
         while robot.moved_s <= since_s:
             if now_s > since_s + ACT_WITHIN_S:
@@ -255,7 +255,7 @@ class Cell:
         return robot.moved_s
 
     def rested_after(self, robot: Robot, since_s: float, rest_s: float) -> float:
-        """When the arm was moved last."""
+        """Return the time of the last motion."""
         self.wait(rest_s)
         while (now_s := time.monotonic()) < max(since_s, robot.moved_s) + rest_s:
             self.play(now_s + REST_S)
@@ -285,8 +285,8 @@ class Cell:
         raise RuntimeError("a session does not follow its device")
 
     def stroke(self, robot: Robot, rest_s: float) -> tuple[float, float] | None:
-        """How long until the arm moves, and until it rests after the button was let go; None: it
-        did not move."""
+        """Return the times until the arm moves, and from the button's release until it rests, s;
+        None: it did not move."""
         self.act(robot, buttons=True)
         self.wait(PAUSE_S + rest_s)
         begun_s = self.act(robot, axis=True)

@@ -32,7 +32,7 @@ def echo(port: int) -> None:
 
 
 def c_echo(port: int) -> None:
-    """The same in C: below what ABB's own library, which is C++, can do."""
+    """Echo in C: a lower bound of the latency of ABB's own library, which is C++."""
     from bench import native
 
     program = str(native.built(native.ECHO))

@@ -108,7 +108,7 @@ def _lines(arm: ArmKinematics) -> tuple[Line, ...]:
 
 
 class Run(NamedTuple):
-    """How a line went."""
+    """Result of a line."""
 
     progress: float
     seconds: float

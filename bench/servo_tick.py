@@ -1,4 +1,4 @@
-"""Cost of one servo tick and of one inverse: Cardan, and what others do in Python and in C++.
+"""Cost of one servo tick and of one inverse: Cardan and other libraries in Python and in C++.
 
     python -m bench servo-tick [--pages]
 
@@ -13,7 +13,7 @@ and KDL. The first run builds them; it names the parts that cannot be built.
 
 Each is measured twice: call upon call, and once every 4 ms as a session calls it, when the rest of
 the machine has had the caches; that with real-time scheduling where the user may have it, so that
-it is the tick which is measured and not who else waits for the processor.
+the tick is measured, and not other processes that wait for the processor.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ Step = Callable[[Any, Pose], object]
 """Takes one tick towards a goal, given as a placement and as a pose."""
 
 Timed = Callable[[Any, Pose], float]
-"""The same; how long it took, s."""
+"""Takes one such tick; returns its duration, s."""
 
 ARMS = {"ur5": "UR5", "pr2_right_arm": "PR2 arm"}
 
@@ -256,7 +256,7 @@ def _ticks(arm: str, joints: int) -> Figures:
 
 
 def _verdicts(joints: int, found: Figures) -> list[str]:
-    """Whether the aims are met on an arm of so many joints."""
+    """Compare the results with the aims on an arm of so many joints."""
     many, closing = found[f"{COMPILED}, 35 pairs"], found[f"{COMPILED}, 10 closing pairs"]
     return [
         f"{what} at most {most:g} µs: {'met' if value <= most else f'missed, {value:.0f}'}"

@@ -234,7 +234,7 @@ def slots(period_s: float) -> Iterator[None]:
 
 
 def measure(cycles: int = CYCLES, period_s: float = PERIOD_S, warm_up: int = WARM_UP) -> Figures:
-    """Ask everybody `cycles` times, every `period_s`; returns the latencies by name."""
+    """Ask every peer `cycles` times, every `period_s`; return the latencies by name."""
     pace = f"every {period_s * 1e3:g} ms" if period_s else "without a pause"
     figures = Figures(f"RTDE state out to command in, as a UR's controller sees it, {pace}")
     echoed, alone, moving = Echoed(), Played(), Played()

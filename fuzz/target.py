@@ -147,7 +147,7 @@ def kind_of(result: object, deep: bool = True) -> object:
 
 
 def packets_of(target: Target) -> bool:
-    """Whether its input is a tuple of packets."""
+    """Return True if its input is a tuple of packets."""
     return target.form in (Form.PACKETS, Form.JSON_PACKETS)
 
 

@@ -132,7 +132,7 @@ def as_blocks(old: Report, new: Report, compared: list[Compared]) -> list[Block]
 
 
 def count(compared: list[Compared]) -> str:
-    """How many of each verdict, in words."""
+    """Number of each verdict, in words."""
     counts = {verdict: sum(each.verdict is verdict for each in compared) for verdict in Verdict}
     worse, better = counts[Verdict.WORSE], counts[Verdict.BETTER]
     others = sum(counts.values()) - worse - better - counts[Verdict.SAME]

@@ -1,4 +1,4 @@
-"""Where something was measured: the machine, versions, and how busy it was."""
+"""Conditions of a measurement: machine, versions, and load."""
 
 from __future__ import annotations
 

@@ -51,16 +51,16 @@ class Part:
 
 @dataclass
 class Report:
-    """All of it."""
+    """A whole report."""
 
     quick: bool
     made: str
-    """When, UTC."""
+    """Time of the measurement, UTC."""
     machine: dict[str, str]
     versions: dict[str, str]
     parts: list[Part] = field(default_factory=list)
     pictures_missing: str = ""
-    """Why there are no pictures."""
+    """Reason why there are no pictures."""
 
     @property
     def failed(self) -> list[Part]:

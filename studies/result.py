@@ -46,7 +46,7 @@ class Result(NamedTuple):
     """Of one study."""
 
     how: str
-    """How it was measured: clock, drives, processes."""
+    """Method of the measurement: clock, drives, processes."""
     tables: tuple[Table, ...]
     figures: tuple[Figure, ...]
     draw: Callable[[], Iterable[Drawn]] | None = None
@@ -67,7 +67,7 @@ def table_of(title: str, markdown: str, note: str = "") -> Table:
 
 
 def spread_of(values: Iterable[float], least: float = 0.0) -> float:
-    """How far apart repetitions are; at least `least`."""
+    """Spread of repetitions; at least `least`."""
     known = [value for value in values if value == value]
     return max(least, max(known) - min(known)) if known else least
 

@@ -21,7 +21,7 @@ from studies.cartesian.rig import (
 VIEWERS = 20
 RATE_HZ = 30.0
 AIM = 1.1
-"""Times the p99 of the session that nobody watches."""
+"""Times the p99 of a session without viewers."""
 
 TOPICS = (
     *(

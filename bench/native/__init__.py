@@ -253,7 +253,7 @@ class Peer:
 
     @property
     def rows(self) -> int:
-        """How many pairs were in the program of the last step."""
+        """Number of pairs in the program of the last step."""
         count: int = self._library.peer_rows(self._peer)
         return count
 
@@ -278,8 +278,8 @@ class Peer:
 
 
 def kernel_step() -> Callable[[int, int, float], float]:
-    """Calls the tick at an address, of the kernel at another, and says how long it took, s: our own
-    kernel, as who writes C would call it. Raises NotBuiltError."""
+    """Return a function that calls the tick at an address, of the kernel at another, and returns its
+    duration, s: our own kernel, as a caller in C would see it. Raises NotBuiltError."""
     function = ctypes.CDLL(str(built(KERNEL))).kernel_step
     function.restype = ctypes.c_double
     function.argtypes = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_double)

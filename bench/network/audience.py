@@ -30,7 +30,7 @@ ANSWER_WITHIN_S = 20.0
 
 
 class Place(NamedTuple):
-    """Where clients connect, on this computer."""
+    """Address on this computer to which clients connect."""
 
     port: int
     path: str = "/"

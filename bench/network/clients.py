@@ -57,9 +57,9 @@ class Load(NamedTuple):
     received_share: float
     ages_s: list[float]
     quiet_s: list[float]
-    """The session's answers while nobody listens, ..."""
+    """The session's answers without clients, ..."""
     loud_s: list[float]
-    """... and while they do."""
+    """... and with them."""
     grown_bytes: int
     """The server's memory, from before its clients came to their last turn."""
 

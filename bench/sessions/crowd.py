@@ -42,13 +42,13 @@ class Played(NamedTuple):
     sent: int
     """Control instants of all robots."""
     missed: int
-    """Those without an answer before the next one."""
+    """Instants without an answer before the next one."""
     worst: int
     """Most that one robot missed."""
     moved: int
     """Answers that moved their robot."""
     skipped: int
-    """Instants that the player was too late for; nobody is charged with them."""
+    """Instants that the player was too late for; they count for no session."""
     p50_s: float
     """From the datagram's leaving to the answer's arriving, by the kernel's stamp."""
     p99_s: float
@@ -127,7 +127,7 @@ class Crowd:
 
     @staticmethod
     def mouse(folder: Path, number: int) -> Path:
-        """Where the mouse of that number is."""
+        """Path of the mouse of that number."""
         return folder / f"{number}.mouse"
 
     @property

@@ -107,7 +107,7 @@ class Lab:
         )
 
     def scheduling(self, name: str = "s00") -> str:
-        """How the system runs a session's loop."""
+        """Return the scheduling of a session's loop."""
         found: str = self._client.ask("snapshot", name)["scheduling"]
         return found
 

@@ -40,7 +40,7 @@ STREAM_S: Final = 0.02
 
 
 class Clients:
-    """All of them."""
+    """All programs."""
 
     def __init__(self, watch: Watch) -> None:
         self._watch, self._stop = watch, watch.stop

@@ -48,7 +48,7 @@ are enabled anew by a new session, and a GoFa's RAPID program is started anew.""
 
 
 class Faults:
-    """All of them."""
+    """All faults."""
 
     def __init__(self, watch: Watch) -> None:
         self._watch, self._lab, self._stop = watch, watch.lab, watch.stop

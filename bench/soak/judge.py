@@ -68,10 +68,10 @@ class ArmJudge:
         self._nobody_s = -math.inf
         """Since when no source requests motion."""
         self._act_s = -math.inf
-        """When a source last began to request motion."""
+        """Time when a source last began to request motion."""
         self._told: deque[Told] = deque(maxlen=400)
         self._began_s: dict[int, float] = {}
-        """When each process of the session was first heard of."""
+        """Time of the first report of each process of the session."""
         self._broken: set[str] = set()
         """Rules that are broken now."""
         self.moving_s = 0.0
@@ -190,17 +190,17 @@ class ArmJudge:
 
 
 class RecoveryJudge:
-    """Whether all that runs is well again within RECOVERED_S after what was done to it."""
+    """Checks that every session and server recovers within RECOVERED_S after a fault."""
 
     def __init__(self, found: Found) -> None:
         self._found = found
         self._unwell_s: dict[str, float] = {}
         self._told: set[str] = set()
         self.took_s: list[tuple[str, float]] = []
-        """Every recovery: of whom, and how long it took."""
+        """Every recovery: name and duration."""
 
     def seen(self, who: str, problem: str, excused: bool, now_s: float) -> None:
-        """How it is: `problem` is empty while it is well; `excused`: it cannot be."""
+        """Take its state: `problem` is empty while it is well; `excused`: it cannot be well."""
         if not problem:
             since_s = self._unwell_s.pop(who, None)
             self._told.discard(who)
@@ -235,14 +235,14 @@ def problem_of(row: Mapping[str, Any], device_there: bool) -> str:
 
 
 class Limit(NamedTuple):
-    """How much a figure may grow from the first quarter of a process's life to the last."""
+    """Largest growth of a figure from the first quarter of a process's life to the last."""
 
     share: float
     more: float
     why: str
 
     def exceeded(self, first: float, last: float) -> bool:
-        """Whether it grew by more."""
+        """Return True if it grew by more."""
         return last > first * (1.0 + self.share) + self.more
 
 
@@ -276,7 +276,7 @@ class Drift(NamedTuple):
 def drifts(
     who: str, pid: int, samples: Sequence[tuple[float, Mapping[str, float]]], long_s: float = LONG_S
 ) -> list[Drift]:
-    """How the figures of a process have changed; `samples` are its own, by time."""
+    """Return the changes of a process's figures; `samples`: its own, by time."""
     if not samples or samples[-1][0] - samples[0][0] < long_s:
         return []
     begin_s = samples[0][0] + min(WARM_UP_S, long_s / 4)

@@ -33,7 +33,7 @@ from cardan_wiimote.peer.hand import ScriptedHand as RemoteHand
 from cardan_wiimote.peer.peer import WiimotePeer, WiimotePeerOptions
 
 TOLD_S: Final = 0.05
-"""How often a robot tells its joints, and a device looks for what its hand is to do."""
+"""Period at which a robot reports its joints, and a device looks for its next motion script."""
 
 IDEAL: Final = PlantOptions(drive="ideal")
 """The controllers are looked at here, not the dynamics of an arm."""

@@ -47,7 +47,7 @@ class Report:
     def __init__(self, folder: Path, seed: int, hours: float) -> None:
         self.folder, self.seed, self.hours = folder, seed, hours
         self.over = False
-        """Whether the run has ended, and all of it was taken down."""
+        """True once the run has ended and is recorded completely."""
         self.cut = ""
         """Reason why the run ended early."""
         self.violations: list[Violation] = []
@@ -151,7 +151,7 @@ class Report:
     def table(
         self, moves: dict[str, tuple[int, float]], took: list[tuple[str, float]]
     ) -> dict[str, Any]:
-        """All of it."""
+        """Return the whole report."""
         rules = Counter(each.rule for each in self.violations)
         recoveries: dict[str, list[float]] = defaultdict(list)
         for who, took_s in took:

@@ -40,7 +40,7 @@ def use_of(pid: int) -> Use | None:
 
 
 def is_marked(pid: int, mark: str) -> bool:
-    """Whether the environment of a process has ``MARK=TOKEN``."""
+    """Return True if the environment of a process has ``MARK=TOKEN``."""
     with contextlib.suppress(OSError):
         return mark.encode() in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
     return False

@@ -104,7 +104,7 @@ class Watch:
                 self.arms[arm].asks(who, time.monotonic())
 
     def hand_gone(self, hand: str, who: str = "hand") -> None:
-        """It does not any more."""
+        """A hand does not hold its dead-man any more."""
         with self.lock:
             for arm in HANDS_OF[hand]:
                 self.arms[arm].lets_go(who, time.monotonic())
@@ -119,7 +119,7 @@ class Watch:
 
     @contextlib.contextmanager
     def away(self, hand: str) -> Iterator[None]:
-        """A device is not there."""
+        """A device is absent until the context ends."""
         with self.lock:
             self._away[hand] += 1
             self.hand_gone(hand)
@@ -141,7 +141,7 @@ class Watch:
                 self._excused.subtract(names)
 
     def is_excused(self, name: str) -> bool:
-        """Whether it cannot be well now."""
+        """Return True if it cannot be well now."""
         return bool(self._excused[name])
 
     @contextlib.contextmanager

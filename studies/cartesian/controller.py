@@ -65,7 +65,7 @@ def _gofa() -> ArmKinematics:
 
 
 def obeyed(answer: bytes, before: EgmMotion) -> EgmMotion:
-    """Where a robot is that does at once what it is told; the TCP of joints is that of the GoFa."""
+    """Return the position of a robot that obeys at once; the TCP of joints is that of the GoFa."""
     told = decode_from_pc(answer)
     if not isinstance(told, EgmSensor) or told.planned is None:
         return before

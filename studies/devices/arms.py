@@ -33,7 +33,7 @@ class Moved(NamedTuple):
     reached_m: float
     """On ideal drives."""
     drop_m: float
-    """How far the arm with its dynamics came down while nothing moved it, after the motion."""
+    """Descent of the arm with its dynamics while nothing moved it, after the motion."""
     refusals: int
 
 

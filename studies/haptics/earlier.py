@@ -1,4 +1,4 @@
-"""Whether what went before a contact lets the tick give more in it.
+"""Effect of events before a contact on the energy that the tick gives in it.
 
 A loop that keeps books of energy may be fed in advance: what it took in while nothing was touched
 would hide an unstable contact for as long. Here a hand stirs in free air, or leans on a wall that
@@ -38,7 +38,7 @@ STIR_M = 0.05
 FREE_M = 0.06
 """Height over the wall meanwhile."""
 CONTACT_S = 4.0
-"""How long the contact is watched."""
+"""Duration of the observed contact."""
 PASSIVE = (100.0, Link())
 """Stiffness, N/m, and link of a wall that returns what it is given."""
 LEAN_N = 1.9
@@ -96,8 +96,8 @@ class Found(NamedTuple):
 
 
 def _motion(before: Before, hand: Hand) -> tuple[list[tuple[float, Vector3]], float]:
-    """Where the hand wants the stylus by time, in HDAPI's frame: y is up; and when the contact
-    begins."""
+    """Return the hand's desired positions of the stylus by time, in HDAPI's frame (y is up), and
+    the time when the contact begins."""
     points = [(0.0, Vector3(0.0, FREE_M, 0.0))]
     turn_s = 2.0 * math.pi * STIR_M / (math.sqrt(2.0) * STIR_M_S)
     turns = round(before.stir_s / turn_s)

@@ -75,7 +75,7 @@ class Point(NamedTuple):
     alone_n_m: float
     """Force over depth where the hand rests, with our tick and without the law."""
     felt_n_m: float
-    """The same with ours."""
+    """The same ratio with the law."""
 
 
 def run(limits: TickLimits, hand: Hand, link: Link, law: bool) -> Trace:

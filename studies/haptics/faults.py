@@ -116,7 +116,7 @@ class Fault(NamedTuple):
     name: str
     begin: Callable[[Scene], None]
     dead_s: float = math.inf
-    """How long after its beginning the force has to be zero at the latest."""
+    """Longest time after its beginning until the force has to be zero."""
     device_cuts: bool = False
     """The device itself takes its force away at once, whatever is sent."""
     forbidden: str = ""
@@ -212,7 +212,7 @@ class FaultResponse(NamedTuple):
     fall_n_ms: float
     """Fastest decline, where the motors were still on."""
     zero_s: float
-    """When what is felt was first zero, after the fault; infinite: never."""
+    """Time after the fault when the force felt was first zero; infinite: never."""
     forbidden_s: float
     """From the first tick that gave the fault's `forbidden` to the first after which no force was
     sent any more; infinite: no tick gave it, or force was sent to the end."""

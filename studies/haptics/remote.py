@@ -113,7 +113,7 @@ class RemoteWall:
 
     @property
     def robot_position(self) -> Vector3:
-        """Where the robot is."""
+        """Position of the robot."""
         return self._robot.position
 
     def cycle(self, stylus: Vector3, now_s: float) -> MeasuredForce | None:

@@ -52,7 +52,7 @@ class Hand(NamedTuple):
     damping_n_s_m: float
     stiffness_n_m: float
     depth_m: float
-    """How far into the wall it wants."""
+    """Desired depth in the wall."""
     gripped: bool = True
     push_n: float = 0.0
     """Beside it, on the stylus: a weight."""
@@ -104,17 +104,17 @@ class Verdict(NamedTuple):
 
     @property
     def passive(self) -> bool:
-        """The bound was kept at all times."""
+        """True if the bound was kept at all times."""
         return self.margin_j >= 0.0
 
     @property
     def settled(self) -> bool:
-        """It came to rest."""
+        """True if the stylus came to rest."""
         return self.restless_m_s <= RESTLESS_M_S
 
     @property
     def stable(self) -> bool:
-        """Both."""
+        """True if it is passive and settled."""
         return self.passive and self.settled
 
 
@@ -129,8 +129,8 @@ def harder_j(trace: Trace, limits: TickLimits) -> Array:
 
 
 def hidden_j(trace: Trace) -> Array:
-    """How much more than its books say the tick gave until each tick, for what its sensors and
-    motors are; exact, and of either sign.
+    """Return the energy that the tick gave until each tick beyond its books, because of its sensors
+    and motors; exact, and of either sign.
 
     The tick is told y(k) = x(k-1) + q(k): a tick old, and quantized. It books at least
     F(k-2) . (y(k) - y(k-1)). That is the true work but for F(k-2) . (q(k) - q(k-1)), and but for

@@ -46,7 +46,7 @@ def pushes() -> list[tuple[Push, Compared, Compared]]:
 
 
 def grids() -> Grids:
-    """All of them."""
+    """Measure all grids."""
     return Grids(
         [stability.grid(hand) for hand in (HELD, LIGHTLY)],
         stability.channel_grid(),

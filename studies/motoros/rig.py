@@ -73,9 +73,9 @@ class Recording(NamedTuple):
     goal: Array
     """Goal that the session gave the driver."""
     command: Array
-    """Where the controller commanded its drives."""
+    """Position that the controller commanded its drives."""
     measured: Array
-    """Where the joint was."""
+    """Position of the joint."""
     pushes: Array
     """Beginning of each push as it arrived from the mouse, s."""
     snapshot: Snapshot

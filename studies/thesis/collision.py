@@ -29,7 +29,7 @@ RATE_HZ = 20.0
 GAP_M = 0.1
 """From the arm to the wall at the start."""
 INTO_M = 0.1
-"""How far past contact the commands go."""
+"""Distance past contact to which the commands go."""
 SAFETY_M = 0.01
 OWN_M = 0.005
 """Distances that the servo keeps to obstacles, and between the arm's own bodies."""
@@ -61,7 +61,7 @@ class Stop(NamedTuple):
 
     trace: Trace
     back_s: float
-    """When the way back began."""
+    """Time when the way back began."""
     final_m: float
     """Clearance at the end of the stay."""
     smallest_m: float

@@ -57,7 +57,7 @@ BOXES = tuple(
 
 
 def course(times_s: Array, duration_s: float = DURATION_S) -> Array:
-    """Where the hand really is (time × 3): it starts and ends at rest in the middle."""
+    """True position of the hand (time × 3): it starts and ends at rest in the middle."""
     share = np.clip(times_s / duration_s, 0.0, 1.0)
     ramp = RAMP
     # Constant pace between two smooth ends.
@@ -118,13 +118,13 @@ class Tracker:
 
     @property
     def ahead(self) -> Array:
-        """Where the hand will be when the next image comes."""
+        """Predicted position of the hand when the next image comes."""
         predicted: Array = self.position + self.velocity * self._period_s
         return predicted
 
 
 class Course(NamedTuple):
-    """How one run of the course went."""
+    """Result of one run of the course."""
 
     name: str
     trace: Trace

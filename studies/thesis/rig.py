@@ -265,7 +265,7 @@ class Rig:
             self.driver.send(driving.tick(next(self._cycles)))
 
     def placement(self, driving: Driving) -> SE3:
-        """Where the TCP is told to be."""
+        """Return the commanded placement of the TCP."""
         return driving.servo.placement
 
     def run(self, driving: Driving, seconds: float, operator: Callable[[float], None]) -> Trace:
@@ -397,7 +397,7 @@ def quantiles_ms(delays_s: Array) -> str:
 
 
 def both(text: Callable[[Found], str], ideal: Found, dynamic: Found) -> tuple[str, str]:
-    """The same figure of both drives."""
+    """A figure of both drives."""
     return text(ideal), text(dynamic)
 
 

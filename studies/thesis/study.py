@@ -73,7 +73,7 @@ def _eight_s(quick: bool) -> float:
 
 
 def measure(quick: bool = False) -> Measured:
-    """All of it; `quick`: shorter ways, one axis, no disturbed stream, no shaper alone."""
+    """Measure everything; `quick`: shorter ways, one axis, no disturbed stream, no shaper alone."""
     found = side_by_side(_one, [(drive, quick) for drive in DRIVES])
     return Measured(
         [each.straight for each in found],

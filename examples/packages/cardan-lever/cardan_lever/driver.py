@@ -45,13 +45,13 @@ class LeverCore(DeviceCore):
         """Time of opening or of the last line, s."""
 
     def on_opened(self, now_s: float) -> None:
-        """Its port was opened (again)."""
+        """Begin anew: its port was opened (again)."""
         self._reader = LineReader()
         self._last_s = now_s
         self._begin("not seen at rest yet: let go of the lever once", now_s)
 
     def on_bytes(self, data: bytes, now_s: float) -> None:
-        """It has sent `data`."""
+        """Take `data` from the lever."""
         for report in self._reader.feed(data):
             if report is None:
                 self._counts["malformed_lines"] += 1

@@ -55,7 +55,7 @@ class RailCommand(NamedTuple):
     """Of the state; 0 in the greeting, which asks for states and moves nothing."""
     sequence: int
     positions: Positions | None
-    """Where the axes have to be at the next cycle, m; None: brake, and rest."""
+    """Positions of the axes at the next cycle, m; None: brake, and rest."""
 
 
 def encode_state(state: RailState) -> bytes:

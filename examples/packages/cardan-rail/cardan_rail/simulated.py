@@ -152,7 +152,7 @@ class RailController:
 
 @dataclass(frozen=True, kw_only=True)
 class RailPeerOptions:
-    """Where the controller listens, and what goes wrong."""
+    """Address of the controller, and its faults."""
 
     host: Annotated[str, bounds.LISTEN_HOST] = option(
         "127.0.0.1",
