@@ -278,8 +278,8 @@ class Peer:
 
 
 def kernel_step() -> Callable[[int, int, float], float]:
-    """Return a function that calls the tick at an address, of the kernel at another, and returns its
-    duration, s: our own kernel, as a caller in C would see it. Raises NotBuiltError."""
+    """Return a function that calls the tick at an address, of the kernel at another: our own kernel
+    as a caller in C would see it. The function returns its duration, s. Raises NotBuiltError."""
     function = ctypes.CDLL(str(built(KERNEL))).kernel_step
     function.restype = ctypes.c_double
     function.argtypes = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_double)
