@@ -21,6 +21,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 LIBRARIES = (
     "cardan/drivers/abb_egm/libcardan_egm.so",
+    "cardan/drivers/ur_rtde/libcardan_ur.so",
     "cardan/gateway/servo/libcardan_servo.so",
 )
 PAGE = "cardan/gateway/servers/console/page/*"

@@ -80,7 +80,7 @@ if TYPE_CHECKING:
     from cardan.drivers.spnav import Spnav as Spnav
     from cardan.drivers.ur_rtde import UrRtde as UrRtde
     from cardan.gateway.arm import CartesianDevice as CartesianDevice
-    from cardan.gateway.bus.remote import RemoteCartesianDevice as RemoteCartesianDevice
+    from cardan.gateway.bus.remote import network_arm as network_arm
 
 
 @overload
@@ -174,7 +174,7 @@ _HOMES = {
     "CartesianDevice": "cardan.gateway.arm",
     "from_json": "cardan.common.value_json",
     "to_json": "cardan.common.value_json",
-    "RemoteCartesianDevice": "cardan.gateway.bus.remote",
+    "network_arm": "cardan.gateway.bus.remote",
     **{name: module for module, _, name in (each.partition(":") for each in BUILT_IN.values())},
 }
 _INNER = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 
-from cardan.gateway.session.remote import RemoteArm
+from cardan.gateway.session.remote import session_arm
 
 STREAM_PERIOD_S = 0.02
 """A stream that is silent for 0.1 s (parameter streamTimeout) brakes."""
@@ -13,7 +13,7 @@ STREAM_PERIOD_S = 0.02
 
 def main(path: str) -> None:
     """Move down and back, then stream a twist for half a second."""
-    with RemoteArm(path) as arm:
+    with session_arm(path) as arm:
         arm.set_parameters({"trajectoryRefSpeed": 0.1, "trajectoryRefAccel": 0.5})
         x, y, z, *turn = arm.stat().pose
         arm.movj([x, y, z - 0.1, *turn])

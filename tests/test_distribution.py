@@ -129,6 +129,7 @@ def test_neither_knows_the_machine_it_was_made_on(wheel: Path, sdist: Path) -> N
         contents = {name: archive.read(name) for name in archive.namelist()}
     assert {
         "cardan/gateway/servo/libcardan_servo.so",
+        "cardan/drivers/ur_rtde/libcardan_ur.so",
         "cardan/examples/verbs.py",
     } <= contents.keys()
     with tarfile.open(sdist) as archive_:

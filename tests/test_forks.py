@@ -77,6 +77,32 @@ with cardan.CartesianDevice(cardan.SimArm(robot="ur5"), arm="ur5") as arm:
     assert own == [True]
 
 
+def test_a_remote_arm_and_its_connection_are_the_parents():
+    child, own = forked("""
+from cardan.gateway.arm.remote_arm import RemoteArm
+asked, disconnected = [], []
+
+def connect(arm):
+    def answer(request, packet):
+        asked.append(request.verb)
+        arm.fail(request.id, "answered")
+    arm.begin(answer)
+    return lambda: disconnected.append(os.getpid())
+
+arm = RemoteArm(connect)
+arm.open()
+told, child = in_child(arm.stat, arm.stop, arm.close, lambda: (asked, disconnected))
+os.waitpid(child, 0)
+own = outcome(arm.stat)
+arm.close()
+print(json.dumps([told, [own, asked, disconnected == [os.getpid()]]]))
+""")
+    for each in child[:2]:
+        assert each.startswith("MotionLoopError: the arm is not open in this process: it was")
+    assert child[2:] == ["None", "([], [])"]
+    assert own == ["MotionLoopError: answered", ["stat"], True]
+
+
 def test_a_device_is_the_parents(tmp_path):
     path = str(tmp_path / "hid")
     with served("sim", "spacemouse", "--hid", path, "--script", "circle"):

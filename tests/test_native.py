@@ -4,6 +4,7 @@ import os
 import shutil
 
 from cardan.drivers.abb_egm import compiled
+from cardan.drivers.ur_rtde.compiled import ur_library
 from cardan.gateway.servo import native
 
 
@@ -12,3 +13,4 @@ def test_the_c_parts_were_compiled():
         return  # Then the package is built without, and says so; the other tests skip aloud.
     assert native.kernel_library(), "run tools/native"
     assert compiled.egm_library(), "run tools/native"
+    assert ur_library(), "run tools/native"

@@ -14,7 +14,7 @@ SECONDS = 5
 
 
 @pytest.mark.matrix
-@pytest.mark.parametrize("part", ["servo", "egm"])
+@pytest.mark.parametrize("part", ["servo", "egm", "ur"])
 def test_no_nonsense_leaves_the_memory_or_the_bounds_of(part, tmp_path):
     compiler = os.environ.get("CC", "cc")
     if shutil.which(compiler) is None:

@@ -19,7 +19,7 @@ from websockets.sync.client import connect
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.errors import DriverError, MotionLoopError
-from cardan.gateway.bus.remote import RemoteCartesianDevice
+from cardan.gateway.bus.remote import network_arm
 from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.force_assembly import load_haptic
 from cardan.gateway.session.subprocesses import launched
@@ -431,7 +431,7 @@ def test_two_computers_by_tls_and_who_may_do_what(made):
     ):
         # The operator commands, through a router of its own or by itself.
         for options in (BusOptions(router=endpoint(operator_port)), client):
-            with RemoteCartesianDevice(options=options, source="far") as arm:
+            with network_arm(options=options, source="far") as arm:
                 x, y, z, *turn = arm.stat().pose
                 arm.movl([x, y + 0.02, z, *turn])
                 assert arm.wait(timeout_s=10.0), arm.status()
@@ -461,7 +461,7 @@ def test_two_computers_by_tls_and_who_may_do_what(made):
             until(lambda: results)
             assert len(results) == 1
         with pytest.raises((MotionLoopError, DriverError)):
-            RemoteCartesianDevice(options=options).open()
+            network_arm(options=options).open()
 
         # Another certificate of the same authority: no message passes.
         with BusNetwork(BusOptions(zenoh_config=stranger), "stranger") as looks:

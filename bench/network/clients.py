@@ -15,7 +15,7 @@ from cardan.bus.options import BusOptions
 from cardan.demos.examples import free_ports
 from cardan.gateway.arm.vocab import Parameter, Stream
 from cardan.gateway.bus.options import DEFAULT_NAME
-from cardan.gateway.bus.remote import RemoteCartesianDevice
+from cardan.gateway.bus.remote import network_arm
 from studies.cartesian.controller import session
 from studies.cartesian.rig import (
     MODEL,
@@ -118,7 +118,7 @@ def load(
         for _ in range(TURNS):
             quiet_s += _answers(robot)
             with kept_alive([robot]):
-                with RemoteCartesianDevice(options=BusOptions(router=endpoint)) as arm:
+                with network_arm(options=BusOptions(router=endpoint)) as arm:
                     # So that the arm has a target, whatever has disengaged it before.
                     arm.set_parameter(Parameter.STREAM, Stream.TWIST)
                 listening.listen(True)

@@ -20,7 +20,8 @@ from websockets.sync.client import ClientConnection, connect
 from bench.soak.lab import ARMS
 from bench.soak.watch import Watch
 from cardan.errors import CardanError
-from cardan.gateway.daemon.client import DaemonArm
+from cardan.gateway.arm.remote_arm import RemoteArm
+from cardan.gateway.daemon.client import daemon_arm
 
 BETWEEN_S: Final = (0.5, 5.0)
 
@@ -71,8 +72,8 @@ class Clients:
                 outcome = f"failed: {error!r}"
             self._watch.report.did("client", name, arm, outcome)
 
-    def _arm(self, name: str, source: str) -> DaemonArm:
-        return DaemonArm(name, path=self._watch.lab.socket, source=source)
+    def _arm(self, name: str, source: str) -> RemoteArm:
+        return daemon_arm(name, path=self._watch.lab.socket, source=source)
 
     def _go_home(self, name: str, _rng: random.Random) -> str:
         """A program moves the arm to where it began."""
@@ -109,7 +110,7 @@ class Clients:
         motions: dict[str, Any] = {}
         said: dict[str, str] = {}
 
-        def ask(source: str, arm: DaemonArm) -> None:
+        def ask(source: str, arm: RemoteArm) -> None:
             try:
                 motions[source] = arm.movv(self._twist(rng))
             except CardanError as error:

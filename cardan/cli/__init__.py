@@ -418,4 +418,4 @@ def _moved_by_verbs(config: SessionConfig) -> str:
         return f"NOTHING: {why}"
     authority = config.authority
     who = f"{authority.named!r} alone" if authority.named else "any source that has authority"
-    return f"verbs and streams of a program (RemoteArm), {who}; `cardan run` shows it at rest"
+    return f"verbs and streams of a program (session_arm), {who}; `cardan run` shows it at rest"

@@ -321,10 +321,10 @@ def arm(
     0.4 0 0.4 3.14 0 0 --wait` (m, then a rotation vector in rad), `get_parameters`,
     `set_parameter gain 0.1`. A motion that does not end by itself ends with this command."""
     from cardan.cli.verbs import as_plain, carry_out, in_words
-    from cardan.gateway.daemon.client import DaemonArm
+    from cardan.gateway.daemon.client import daemon_arm
 
     try:
-        with DaemonArm(name, path=socket, source=source) as device:
+        with daemon_arm(name, path=socket, source=source) as device:
             found, good = carry_out(device, verb, numbers or [], wait)
     except MotionRefusedError as error:
         print_problem(str(error))

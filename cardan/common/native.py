@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
-from ctypes import POINTER, c_size_t
+from collections.abc import Callable, Sequence
+from ctypes import POINTER, c_size_t, c_void_p, py_object
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from cardan.errors import CardanError
 
@@ -48,3 +48,25 @@ def load_library(
     if values[:count] != list(expected):
         raise NativePartError(f"{what} is of other sources: {todo}")
     return loaded
+
+
+def native_call(library: Any, symbol: str, *held: object) -> Callable[..., Any]:
+    """The function whose PyMethodDef is `symbol`, with what it works on as its `self`.
+
+    It is one like Python's own: a call costs a tenth of what ctypes takes.
+    """
+    make = ctypes.PYFUNCTYPE(py_object, c_void_p, py_object, py_object)(
+        ("PyCFunction_NewEx", ctypes.pythonapi)
+    )
+    definition = ctypes.addressof(ctypes.c_char.in_dll(library, symbol))
+    made: Callable[..., Any] = make(definition, held, __name__)
+    return made
+
+
+_StructureT = TypeVar("_StructureT", bound=ctypes.Structure)
+
+
+def allotted(kind: type[_StructureT]) -> tuple[_StructureT, bytearray]:
+    """A structure of zeros, and its memory, whose size is fixed by that."""
+    memory = bytearray(ctypes.sizeof(kind))
+    return kind.from_buffer(memory), memory

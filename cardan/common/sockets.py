@@ -80,6 +80,15 @@ def has_room(sock: socket.socket) -> bool:
     return bool(held < size // 4)
 
 
+def address_towards(host: str, port: int) -> str:
+    """The address of this computer on the way to that one. No packet is sent. Raises OSError where
+    there is no way."""
+    family, _, _, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+    with socket.socket(family, socket.SOCK_DGRAM) as way:
+        way.connect(place)
+        return str(way.getsockname()[0])
+
+
 def is_loopback(host: str) -> bool:
     """Whether a name or an address, in brackets or not, is this computer for itself alone (names:
     RFC 6761, 6.3)."""

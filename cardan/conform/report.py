@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 from xml.etree import ElementTree
 
+from cardan import __version__
 from cardan.conform.redaction import Redaction
 from cardan.conform.requirements import Level, Outcome, T, V, Verdict, not_seen
 from cardan.conform.suite import Suite
@@ -166,7 +167,7 @@ def judged(
     *,
     target: str = "",
     faults: Mapping[str, float] | None = None,
-    version: str = "",
+    version: str = __version__,
     redaction: Redaction | None = None,
 ) -> Report:
     """The report on `timeline`, which was made on `level` at `target` (empty: simulated, with

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import enum
 import math
-import re
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -297,7 +296,3 @@ class Requirements(Generic[V]):
     def all(self) -> tuple[Requirement[V], ...]:
         """In the order of their numbers."""
         return tuple(self._found[number] for number in sorted(self._found))
-
-
-ID = re.compile(r"[A-Z0-9]+-[0-3]\d\d")
-"""What every requirement's id looks like."""

@@ -18,7 +18,7 @@ LONGEST_S = 300.0
 LOOK_S = 0.01
 """How often a driver's core is looked at, at least."""
 NETWORK_S = 1e-4
-"""How long a piece is on its way to servers."""
+"""How long a piece is on its way."""
 
 SentT = TypeVar("SentT")
 
@@ -113,13 +113,6 @@ class DriverRig(Rig):
 
     def _next_s(self) -> float:
         return self._now_s + LOOK_S
-
-    def _every(self, fault: str, count: int, most: bool = False) -> bool:
-        """Whether a fault of every VALUE-th acts; `most`: on all but those."""
-        if fault not in self._faults:
-            return False
-        strikes = count % int(self._faults[fault]) == 0
-        return not strikes if most else strikes
 
 
 class CyclicRig(Rig, Generic[SentT]):

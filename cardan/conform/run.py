@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from cardan import __version__
 from cardan.common.extras import missing_extra
 from cardan.common.plugins import entry_points
 from cardan.conform.attachments import pcap, write_mcap
@@ -40,7 +39,7 @@ def simulated(
     """Judge the suite's simulated peer, in virtual time."""
     exchange = Exchange(suite.scenario(level, suite.seconds if seconds is None else seconds))
     suite.simulate(exchange, faults or {}, seed)
-    report = judged(suite, exchange.timeline, level, faults=faults, version=__version__)
+    report = judged(suite, exchange.timeline, level, faults=faults)
     return report, exchange.timeline
 
 
@@ -62,14 +61,7 @@ def at(
         redaction.hide(host_and_port(target, "--target", 0)[0])
     exchange = Exchange(suite.scenario(level, seconds))
     Live(exchange, wires, told).run()
-    report = judged(
-        suite,
-        exchange.timeline,
-        level,
-        target=target,
-        version=__version__,
-        redaction=redaction,
-    )
+    report = judged(suite, exchange.timeline, level, target=target, redaction=redaction)
     return report, exchange.timeline
 
 
@@ -85,14 +77,7 @@ def captured(suite: Suite[Any], path: Path, target: str = "") -> tuple[Report, T
         absent = ModuleNotFoundError("nothing installed reads captures")
         raise missing_extra("judging a capture", "cardan-dissect", "dissect", absent)
     timeline: Timeline = point.load()(suite, path, target)
-    report = judged(
-        suite,
-        timeline,
-        suite.levels,
-        target=path.name,
-        version=__version__,
-        redaction=Redaction(),
-    )
+    report = judged(suite, timeline, suite.levels, target=path.name, redaction=Redaction())
     return report, timeline
 
 

@@ -8,9 +8,16 @@ from typing import Any
 
 from cardan.common.extras import missing_extra
 from cardan.common.plugins import entry_points
-from cardan.conform.requirements import NOTHING, Verdict, failed, not_applicable, not_seen, passed
+from cardan.conform.requirements import (
+    NOTHING,
+    SettledError,
+    Verdict,
+    failed,
+    not_applicable,
+    passed,
+    some,
+)
 from cardan.conform.timeline import N
-from cardan.errors import ExtraMissingError
 
 ENTRY_POINT_GROUP = "cardan.second_descriptions"
 
@@ -19,40 +26,40 @@ COMPARED = 60
 
 
 def second_description(name: str) -> Any:
-    """The module of layers that the entry point `name` gives. Raises ExtraMissingError where there
-    is none, or where it cannot be imported for want of a package."""
+    """The module of layers that the entry point `name` gives, in a judge; where there is none, or
+    where it cannot be imported for want of a package, the verdict is not applicable."""
     try:
         for point in entry_points(ENTRY_POINT_GROUP):
             if point.name == name:
                 return point.load()
         raise ModuleNotFoundError(f"nothing installed describes {name} a second time")
     except ModuleNotFoundError as error:
-        raise missing_extra(
+        missing = missing_extra(
             "a second description of the protocol", "cardan-dissect", "dissect", error
-        ) from None
+        )
+        raise SettledError(not_applicable(str(missing))) from None
 
 
 def read_twice(
     found: Sequence[N],
-    differs: Callable[[N], str],
+    name: str,
+    differs: Callable[[N, Any], str],
     what: str,
     nothing: str = NOTHING,
     compared: int = COMPARED,
 ) -> Verdict:
-    """Whether layers and codec read some of `found`, which are called `what`, alike. `differs`
-    asks for the layers, and says what they read otherwise; empty: nothing."""
-    if not found:
-        return not_seen(nothing)
+    """Whether the layers `name` and the codec read some of `found`, which are called `what`, alike.
+    `differs` says what the layers read otherwise; empty: nothing."""
+    some(found, nothing)
+    layers = second_description(name)
     chosen = found[:: max(1, len(found) // compared)]
-    try:
-        for each in chosen:
-            if why := differs(each):
-                return failed(why, [each.number])
-    except ExtraMissingError as missing:
-        return not_applicable(str(missing))
+    for each in chosen:
+        if why := differs(each, layers):
+            return failed(why, [each.number])
     return passed(f"{len(chosen)} {what} read twice")
 
 
-def refused(wrong: str | None) -> str:
-    """That the layers refuse a message, where they find something `wrong` with it."""
+def refused(layers: Any, layer: Any) -> str:
+    """That the layers refuse a message, where they find something wrong with it."""
+    wrong = layers.malformed(layer)
     return f"the layers refuse it: {wrong}" if wrong is not None else ""

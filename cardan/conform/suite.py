@@ -9,7 +9,7 @@ from typing import ClassVar, Generic, Literal, NamedTuple
 from cardan.conform.requirements import Level, Requirement, V
 from cardan.conform.runner import Exchange, Scenario
 from cardan.conform.timeline import Event, Timeline
-from cardan.conform.transports import Listen, ListenTcp, SendTo, TcpPorts, Wires, host_and_port
+from cardan.conform.transports import TcpPorts, UdpPort, Wires, host_and_port
 from cardan.sim_peers import registry
 from cardan.sim_peers.base import FaultSwitch, parse_faults
 
@@ -89,10 +89,11 @@ class Suite(Generic[V]):
         kind, known, ours, _ = self.transport
         first = next(iter(known.values()))
         host, port = host_and_port(target, "--target", first)
+        home = host or "0.0.0.0"
         if kind == "udp":
-            return Listen(host or "0.0.0.0", port) if ours else SendTo(host, port)
+            return UdpPort(home if ours else host, port, bool(ours))
         ports = {name: port + each - first for name, each in known.items()}
-        return ListenTcp(host or "0.0.0.0", ports) if ours else TcpPorts(host, ports)
+        return TcpPorts(host, ports, ours, home)
 
     def switches(self) -> tuple[FaultSwitch, ...]:
         """The fault switches of what is judged without a target."""

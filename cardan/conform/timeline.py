@@ -127,8 +127,27 @@ class Traffic:
     of what has the decoded messages."""
 
     def __init__(self, timeline: Timeline) -> None:
+        self.events = timeline.events
         self.phases = timeline.phases()
         self.end_s = timeline.end_s
+        self.gone = [
+            (number, each)
+            for number, each in enumerate(timeline)
+            if each.kind in (Kind.CLOSED, Kind.REFUSED) and not each.sent
+        ]
+        """Wires that what is judged closed or refused, by the numbers of events."""
+        self.unread: list[tuple[int, str]] = []
+        """Numbers of events with what cannot be read of what is judged, and why."""
+
+    @property
+    def lost(self) -> list[int]:
+        """Numbers of events by which wires were closed."""
+        return [number for number, each in self.gone if each.kind is Kind.CLOSED]
+
+    @property
+    def refused(self) -> list[int]:
+        """Numbers of events by which wires were refused."""
+        return [number for number, each in self.gone if each.kind is Kind.REFUSED]
 
     def phase(self, name: str) -> TimelinePhase | None:
         """The phase of that name, if the scenario came to it."""

@@ -8,7 +8,7 @@ import os
 import re
 import socket
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -166,40 +166,14 @@ class FileWire(_Ending):
             os.close(self._descriptor)
 
 
-class Listen(Wires):
-    """One UDP port of ours, for a client that sends to it."""
+class UdpPort(Wires):
+    """One UDP address of the target's, or a port of ours, which `listens` to a client."""
 
-    def __init__(self, host: str, port: int) -> None:
-        self._address = host, port
-
-    def open(self, channel: str) -> Wire:
-        return _Udp(*self._address, listens=True)
-
-
-class SendTo(Wires):
-    """One UDP address of the target's."""
-
-    def __init__(self, host: str, port: int) -> None:
-        self._address = host, port
+    def __init__(self, host: str, port: int, listens: bool) -> None:
+        self._place = host, port, listens
 
     def open(self, channel: str) -> Wire:
-        return _Udp(*self._address, listens=False)
-
-
-class TcpPorts(Wires):
-    """Ports of a host, each a channel by name."""
-
-    def __init__(self, host: str, ports: dict[str, int]) -> None:
-        self._host, self._ports = host, ports
-
-    def open(self, channel: str) -> Wire:
-        host, port = self._host, self._ports[channel]
-        try:
-            found = socket.create_connection((host, port), CONNECT_S)
-            found.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        except (OSError, UnicodeError) as error:
-            raise AddressError(f"cannot connect to {host}:{port}: {error}") from None
-        return StreamWire(found)
+        return _Udp(*self._place)
 
 
 class _TcpListener(Wire):
@@ -239,15 +213,26 @@ def _listen(sock: socket.socket, address: Any) -> None:
     sock.listen(WAITING_CLIENTS)
 
 
-class ListenTcp(Wires):
-    """TCP ports of ours, each a channel by name, for a client that connects to them."""
+class TcpPorts(Wires):
+    """Ports of a host, each a channel by name; those that are `ours` are at `home`, for a client
+    that connects to them."""
 
-    def __init__(self, host: str, ports: dict[str, int]) -> None:
-        self._host, self._ports = host, ports
+    def __init__(
+        self, host: str, ports: dict[str, int], ours: Container[str] = (), home: str = ""
+    ) -> None:
+        self._host, self._ports, self._ours, self._home = host, ports, ours, home
         self._numbers = itertools.count(1)
 
     def open(self, channel: str) -> Wire:
-        return _TcpListener(self._host, self._ports[channel], channel, self._numbers)
+        host, port = self._host, self._ports[channel]
+        if channel in self._ours:
+            return _TcpListener(self._home, port, channel, self._numbers)
+        try:
+            found = socket.create_connection((host, port), CONNECT_S)
+            found.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        except (OSError, UnicodeError) as error:
+            raise AddressError(f"cannot connect to {host}:{port}: {error}") from None
+        return StreamWire(found)
 
 
 class DeviceFile(Wires):

@@ -65,6 +65,19 @@ class JointLimiter:
         self.velocity: list[float] = [0.0] * len(speed)
 
     @property
+    def limits(self) -> tuple[tuple[float, ...], ...]:
+        """Lower and upper ends, both where the full speed can still be stopped, speeds and
+        accelerations, of each axis."""
+        return (
+            self._lower,
+            self._upper,
+            self._inner_lower,
+            self._inner_upper,
+            self._speed,
+            self._acceleration,
+        )
+
+    @property
     def moving(self) -> bool:
         """True while the reference has a speed."""
         return any(self.velocity)

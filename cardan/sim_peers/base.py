@@ -84,6 +84,11 @@ def parse_faults(words: Iterable[str], switches: Iterable[FaultSwitch]) -> dict[
     return faults
 
 
+def strikes(faults: Mapping[str, float], name: str, count: int) -> bool:
+    """Whether a fault of every VALUE-th something acts on the `count`-th."""
+    return name in faults and count % int(faults[name]) == 0
+
+
 ActT = TypeVar("ActT", bound=Callable[..., None])
 
 

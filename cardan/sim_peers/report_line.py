@@ -7,6 +7,8 @@ import math
 import random
 from collections.abc import Mapping
 
+from cardan.sim_peers.base import strikes
+
 
 class DelayLine:
     """Carries reports in virtual time; subclasses lose and mangle them first.
@@ -50,4 +52,4 @@ class DelayLine:
 
     def _strikes(self, fault: str, count: int) -> bool:
         """Whether a fault of every VALUE-th report acts on the `count`-th."""
-        return fault in self._faults and count % int(self._faults[fault]) == 0
+        return strikes(self._faults, fault, count)

@@ -23,7 +23,12 @@ PARTS = {
     "Open and find": ("cardan.api",),
     "Values: states, commands, poses": ("cardan.types", "cardan.common.value_json"),
     "Errors": ("cardan.errors",),
-    "The Cartesian device": ("cardan.gateway.arm.device", "cardan.gateway.bus.remote"),
+    "The Cartesian device": (
+        "cardan.gateway.arm.device",
+        "cardan.gateway.arm.remote_arm",
+        "cardan.gateway.session.remote",
+        "cardan.gateway.bus.remote",
+    ),
     "Rotations and transforms": ("cardan.spatial",),
     "Arms": ("cardan.robots",),
     "Write a driver": (

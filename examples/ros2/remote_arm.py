@@ -25,7 +25,7 @@ def main() -> None:
     options = parser.parse_args()
 
     bus = BusOptions(zenoh_config=options.zenoh_config) if options.zenoh_config else None
-    with cardan.RemoteCartesianDevice(options.address, bus) as arm:
+    with cardan.network_arm(options.address, bus) as arm:
         arm.set_parameters({"trajectoryRefSpeed": 0.1, "trajectoryRefAccel": 0.5})
         x, y, z, *turn = arm.stat().pose
         for height in (z - 0.05, z):

@@ -18,9 +18,10 @@ from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
 from cardan.demos.examples import free_ports
 from cardan.errors import install_command
+from cardan.gateway.arm.remote_arm import RemoteArm
 from cardan.gateway.arm.vocab import Parameter, Stream
 from cardan.gateway.bus.options import DEFAULT_NAME
-from cardan.gateway.bus.remote import RemoteCartesianDevice
+from cardan.gateway.bus.remote import network_arm
 from cardan.gateway.session.subprocesses import launched
 from cardan.protocols.ros2.cdr import codec_of
 from studies.cartesian.controller import session
@@ -193,7 +194,7 @@ def measure(trials: int = TRIALS) -> dict[str, Delays]:
     with ExitStack() as sockets, ExitStack() as stack:
         there: dict[str, Trial] = {}
         robots: list[Robot] = []
-        arms: list[RemoteCartesianDevice] = []
+        arms: list[RemoteArm] = []
         with kept_alive(robots):
             for name, transport in TRANSPORTS.items():
                 if name == "DDS" and left_out():
@@ -205,7 +206,7 @@ def measure(trials: int = TRIALS) -> dict[str, Delays]:
                 there[name] = Trial(robot)
                 robots.append(robot)
                 there[name].put = stack.enter_context(transport(endpoint))
-                arm = RemoteCartesianDevice(options=BusOptions(router=endpoint))
+                arm = network_arm(options=BusOptions(router=endpoint))
                 arms.append(stack.enter_context(arm))
         while any(each.trials < trials for each in there.values()):
             with kept_alive(robots):

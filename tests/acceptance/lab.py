@@ -28,7 +28,7 @@ from cardan.errors import ConfigurationError, MotionLoopError, MotionRefusedErro
 from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.daemon import view
 from cardan.gateway.daemon.changes import Change
-from cardan.gateway.daemon.client import RELOAD_S, ControlClient, DaemonArm
+from cardan.gateway.daemon.client import RELOAD_S, ControlClient, daemon_arm
 from cardan.gateway.daemon.config import Layout, sharers
 from cardan.gateway.daemon.services import ENGAGED
 from cardan.gateway.session.session import EXIT_OK
@@ -236,7 +236,7 @@ class Lab:
         self._done.append(f"{roles.first} was restarted with what was changed")
 
     def _move_by_verb(self, name: str) -> None:
-        with DaemonArm(name, path=self._socket) as arm:
+        with daemon_arm(name, path=self._socket) as arm:
             pose = list(arm.stat().pose)
             pose[2] += LIFT_M
             motions: list[Motion] = []

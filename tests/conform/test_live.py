@@ -48,9 +48,9 @@ def test_a_target_without_a_port_after_its_colon_is_refused(target):
 @pytest.mark.skipif(sys.platform != "linux", reason="the kernel's stamps are Linux's")
 def test_a_datagram_is_stamped_when_it_comes_not_when_it_is_read():
     """The judge that is late takes its own lateness for nobody's pause."""
-    from cardan.conform.transports import Listen
+    from cardan.conform.transports import UdpPort
 
-    wire = Listen("127.0.0.1", 0).open("")
+    wire = UdpPort("127.0.0.1", 0, listens=True).open("")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         port = wire._socket.getsockname()[1]
         # The kernel begins a little after it is asked to; until then it stamps what is read.

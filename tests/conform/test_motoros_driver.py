@@ -12,7 +12,7 @@ from cardan.conform.motoros_driver import scenario
 from cardan.conform.motoros_driver.simulated import MotorosDriverRig
 from cardan.conform.report import judged
 from cardan.conform.runner import Exchange
-from cardan.conform.transports import ListenTcp
+from cardan.conform.transports import TcpPorts
 from cardan.demos.examples import free_ports
 from cardan.drivers.motoros import Motoros, MotorosOptions
 from cardan.errors import AddressError
@@ -80,4 +80,4 @@ def test_a_port_that_is_taken_is_an_error():
         other.listen()
         port = other.getsockname()[1]
         with pytest.raises(AddressError, match=rf"cannot listen on 127\.0\.0\.1:{port}"):
-            ListenTcp("127.0.0.1", {"motion": port}).open("motion")
+            TcpPorts("", {"motion": port}, {"motion"}, "127.0.0.1").open("motion")

@@ -151,7 +151,8 @@ def test_a_controller_is_judged_over_tcp():
 
 
 def test_the_other_ports_lie_below_that_of_rtde():
-    assert SUITE.wires("127.0.0.1")._theirs._ports == {
+    wires = SUITE.wires("127.0.0.1")
+    assert wires._ports == {
         "rtde": 30004,
         "rtde-1": 30004,
         "rtde-2": 30004,
@@ -159,8 +160,11 @@ def test_the_other_ports_lie_below_that_of_rtde():
         "secondary": 30002,
         "realtime": 30003,
         "dashboard": 29999,
+        "reverse": 50010,
     }
-    assert SUITE.wires("127.0.0.1:40004")._theirs._ports["dashboard"] == 39999
+    assert [*wires._ours] == ["reverse"]
+    ports = SUITE.wires("127.0.0.1:40004")._ports
+    assert (ports["dashboard"], ports["reverse"]) == (39999, 50010)
     with pytest.raises(ConfigurationError, match="no port lies 5 below 5"):
         SUITE.wires("host:5")
 

@@ -133,12 +133,12 @@ static int answer_some(uint64_t seed)
     EgmAnswer answer;
     memset(&answer, 0, sizeof answer);
     for (int i = 0; i < EGM_JOINTS; i++) {
-        answer.lower[i] = below(3) ? number(-3.0, 0.0) : -INFINITY;
-        answer.upper[i] = below(3) ? number(0.0, 3.0) : INFINITY;
-        answer.inner_lower[i] = answer.lower[i] + number(0.0, 0.5);
-        answer.inner_upper[i] = answer.upper[i] - number(0.0, 0.5);
-        answer.speed[i] = number(0.01, 5.0);
-        answer.acceleration[i] = number(0.1, 50.0);
+        answer.limits.lower[i] = below(3) ? number(-3.0, 0.0) : -INFINITY;
+        answer.limits.upper[i] = below(3) ? number(0.0, 3.0) : INFINITY;
+        answer.limits.inner_lower[i] = answer.limits.lower[i] + number(0.0, 0.5);
+        answer.limits.inner_upper[i] = answer.limits.upper[i] - number(0.0, 0.5);
+        answer.limits.speed[i] = number(0.01, 5.0);
+        answer.limits.acceleration[i] = number(0.1, 50.0);
     }
     answer.largest_position = 2000.0;
     answer.largest_velocity = 1000.0;

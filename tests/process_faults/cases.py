@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from cardan.common.signals import ENDING_SIGNALS, signal_name
 from cardan.errors import CardanError
-from cardan.gateway.daemon.client import DaemonArm
+from cardan.gateway.daemon.client import daemon_arm
 from cardan.gateway.daemon.control import Ask, encode_ask
 from tests.process_faults.rig import (
     GOFA,
@@ -203,7 +203,7 @@ def no_descriptors(pid: Pid, then: Act | None = None) -> Act:
 
 def refused(lab: Lab) -> None:
     """A program asks the arm for a motion while the hand has it: an event."""
-    with contextlib.suppress(CardanError), DaemonArm("arm", path=lab.socket) as arm:
+    with contextlib.suppress(CardanError), daemon_arm("arm", path=lab.socket) as arm:
         arm.movl([0.4, 0.1, 0.4, 3.14, 0.0, 0.0])
 
 

@@ -37,19 +37,12 @@ class ConnexionTraffic(Traffic):
     def __init__(self, timeline: Timeline) -> None:
         super().__init__(timeline)
         self.reports: list[Report] = []
-        self.lost: list[int] = []
-        """Events by which the device went."""
-        self.refused: list[int] = []
         self.model: connexion.Model | None = None
         """As its vendor and product id say; None where they are not known."""
         for index, event in enumerate(timeline):
             if event.kind is Kind.OPENED and ":" in event.note:
                 vendor, _, product = event.note.partition(":")
                 self.model = connexion.find_model(int(vendor, 16), int(product, 16))
-            elif event.kind is Kind.CLOSED and not event.sent:
-                self.lost.append(index)
-            elif event.kind is Kind.REFUSED:
-                self.refused.append(index)
             elif event.kind is Kind.DATA and not event.sent:
                 value = connexion.decode_input(event.data)
                 self.reports.append(Report(index, event.time_s, event.data, value))

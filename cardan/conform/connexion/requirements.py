@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise, takewhile
+from typing import Any
 
 from cardan.conform.connexion.decoded import ConnexionTraffic, Report
 from cardan.conform.requirements import (
@@ -19,7 +20,7 @@ from cardan.conform.requirements import (
     passed,
     some,
 )
-from cardan.conform.second_reading import read_twice, second_description
+from cardan.conform.second_reading import read_twice
 from cardan.conform.timing import never_silent
 from cardan.protocols import connexion
 from cardan.protocols.connexion.reports import (
@@ -247,8 +248,7 @@ def it_stays(seen: ConnexionTraffic) -> Verdict:
 def both_descriptions_agree(seen: ConnexionTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same axes and buttons."""
 
-    def differs(each: Report) -> str:
-        layers = second_description("connexion")
+    def differs(each: Report, layers: Any) -> str:
         layer = layers.ConnexionInput(each.raw)
         if layer.id != each.raw[0]:
             return "another id"
@@ -259,7 +259,7 @@ def both_descriptions_agree(seen: ConnexionTraffic) -> Verdict:
         return ""
 
     found = [each for each in seen.reports if not isinstance(each.value, MalformedReport)]
-    return read_twice(found, differs, "reports", _NOTHING)
+    return read_twice(found, "connexion", differs, "reports", _NOTHING)
 
 
 @requires(101, f"{SPACENAVD}: output report 4")

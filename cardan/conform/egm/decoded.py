@@ -83,14 +83,6 @@ class Answer(NamedTuple):
     message: egm.EgmSensor | egm.EgmSensorPathCorr
 
 
-class Refused(NamedTuple):
-    """A datagram that is not EGM."""
-
-    number: int
-    time_s: float
-    malformed: egm.Malformed
-
-
 class EgmTraffic(Traffic):
     """The datagrams of a timeline; `robot_sends` says whether we are the controller."""
 
@@ -98,25 +90,18 @@ class EgmTraffic(Traffic):
         super().__init__(timeline)
         self.robots: list[Robot] = []
         self.answers: list[Answer] = []
-        self.refused: list[Refused] = []
-        """Of who is judged."""
-        self.raw: dict[int, bytes] = {}
-        """Of who is judged."""
         self.junk: list[tuple[int, float]] = []
         """What we sent that is not EGM, with its times."""
         for index, event in enumerate(timeline):
             if event.kind is not Kind.DATA:
                 continue
-            judged = not event.sent
-            if judged:
-                self.raw[index] = event.data
             decode: Callable[[bytes], Any] = egm.decode_from_pc
             if event.sent == robot_sends:
                 decode = egm.decode_robot
             message = decode(event.data)
             if isinstance(message, egm.Malformed):
-                if judged:
-                    self.refused.append(Refused(index, event.time_s, message))
+                if not event.sent:
+                    self.unread.append((index, message.detail))
                 else:
                     self.junk.append((index, event.time_s))
             elif isinstance(message, egm.EgmRobot):

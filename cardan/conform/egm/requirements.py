@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import dropwhile, pairwise
+from typing import Any
 
 from cardan.conform.egm.decoded import EgmTraffic, Robot, joints_of, not_normal, place_of, step
 from cardan.conform.egm.scenario import STEP_M, STEP_RAD
@@ -26,7 +27,7 @@ from cardan.conform.requirements import (
     passed,
     some,
 )
-from cardan.conform.second_reading import read_twice, refused, second_description
+from cardan.conform.second_reading import read_twice, refused
 from cardan.conform.timing import steady
 from cardan.protocols.egm import MessageType, RapidState
 from cardan.protocols.egm.messages import EgmMotion
@@ -76,9 +77,8 @@ def datagrams_come(seen: EgmTraffic) -> Verdict:
 @requires(2, SCHEMA)
 def datagrams_are_messages(seen: EgmTraffic) -> Verdict:
     """Every datagram is one whole EgmRobot, with nothing before, after or between."""
-    wrong = ((each.number, each.malformed.detail) for each in seen.refused)
-    count = len(seen.robots) + len(seen.refused)
-    return none_wrong(wrong, count, f"{count} datagrams", _NOTHING, "datagrams are none")
+    count = len(seen.robots) + len(seen.unread)
+    return none_wrong(seen.unread, count, f"{count} datagrams", _NOTHING, "datagrams are none")
 
 
 ROBOTS: Over[EgmTraffic, Robot] = Over(lambda seen: seen.robots, "{} datagrams", "datagrams")
@@ -323,8 +323,8 @@ def fields_are_of_one_release(seen: EgmTraffic) -> Findings:
 @requires(19, f"{SCHEMA}: the longest message with every field")
 def datagrams_are_short(seen: EgmTraffic) -> Verdict:
     """No datagram is longer than 1113 bytes."""
-    lengths = some([(len(seen.raw[each.number]), each.number) for each in seen.robots], _NOTHING)
-    longest, index = max(lengths)
+    lengths = [(len(seen.events[each.number].data), each.number) for each in seen.robots]
+    longest, index = max(some(lengths, _NOTHING))
     return met(longest <= LARGEST_BYTES, f"{longest} B", [index])
 
 
@@ -332,10 +332,9 @@ def datagrams_are_short(seen: EgmTraffic) -> Verdict:
 def both_descriptions_agree(seen: EgmTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same sequence numbers, clocks and joints."""
 
-    def differs(each: Robot) -> str:
-        layers = second_description("egm")
-        layer = layers.EgmRobot(seen.raw[each.number])
-        if wrong := refused(layers.malformed(layer)):
+    def differs(each: Robot, layers: Any) -> str:
+        layer = layers.EgmRobot(seen.events[each.number].data)
+        if wrong := refused(layers, layer):
             return wrong
         header = each.message.header
         if header is not None and (layer.header.seqno, layer.header.tm) != header[:2]:
@@ -346,7 +345,7 @@ def both_descriptions_agree(seen: EgmTraffic) -> Verdict:
         )
         return "" if same else "other joints"
 
-    return read_twice(seen.robots, differs, "datagrams", _NOTHING, 40)
+    return read_twice(seen.robots, "egm", differs, "datagrams", _NOTHING, 40)
 
 
 def _hold(seen: EgmTraffic) -> list[Robot]:

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import dropwhile, pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cardan.conform.controllers import had_ended
 from cardan.conform.egm.decoded import (
@@ -37,7 +37,7 @@ from cardan.conform.requirements import (
     number_of,
     some,
 )
-from cardan.conform.second_reading import read_twice, refused, second_description
+from cardan.conform.second_reading import read_twice, refused
 from cardan.protocols.egm import EgmSensor, EgmSensorPathCorr, MessageType
 from cardan.protocols.egm.messages import EgmMotion
 
@@ -122,9 +122,8 @@ def the_run_is_answered(seen: EgmTraffic) -> Verdict:
 @requires(102, SCHEMA)
 def answers_are_messages(seen: EgmTraffic) -> Verdict:
     """Every answer is one whole EgmSensor or EgmSensorPathCorr, all of whose numbers are finite."""
-    count = len(seen.answers) + len(seen.refused)
-    wrong = ((each.number, each.malformed.detail) for each in seen.refused)
-    return none_wrong(wrong, count, f"{count} answers", _NOTHING)
+    count = len(seen.answers) + len(seen.unread)
+    return none_wrong(seen.unread, count, f"{count} answers", _NOTHING)
 
 
 @requires.each(103, f"{SCHEMA}, EgmHeader.mtype", ANSWERS)
@@ -342,11 +341,10 @@ def a_new_port_is_followed(seen: EgmTraffic) -> Verdict:
 def both_descriptions_agree(seen: EgmTraffic) -> Verdict:
     """A second reader, the scapy layers, finds nothing wrong in the answers either."""
 
-    def differs(each: Answer) -> str:
-        layers = second_description("egm")
-        return refused(layers.malformed(layers.EgmFromPc(seen.raw[each.number])))
+    def differs(each: Answer, layers: Any) -> str:
+        return refused(layers, layers.EgmFromPc(seen.events[each.number].data))
 
-    return read_twice(seen.answers, differs, "answers", _NOTHING, 30)
+    return read_twice(seen.answers, "egm", differs, "answers", _NOTHING, 30)
 
 
 @requires(

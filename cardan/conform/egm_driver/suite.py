@@ -8,11 +8,11 @@ from typing import ClassVar
 
 from cardan.conform.egm.decoded import EgmTraffic
 from cardan.conform.egm.suite import PORT
-from cardan.conform.egm_driver.faults import FAULTS
 from cardan.conform.egm_driver.requirements import requires
 from cardan.conform.egm_driver.scenario import FIRST, SECOND, ControllerScenario
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
+from cardan.sim_peers.egm_client import FAULTS
 
 
 class EgmDriver(Suite[EgmTraffic]):

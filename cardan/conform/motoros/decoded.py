@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple, TypeVar
 
+from cardan.conform.streams import Streams
 from cardan.conform.timeline import Event, Kind, Timeline, Traffic
 from cardan.protocols import simple_message as sm
 
@@ -23,14 +24,6 @@ class Heard(NamedTuple):
 B = TypeVar("B")
 Status = tuple[Heard, sm.RobotStatus]
 """What was told, and what told it."""
-
-
-class Unread(NamedTuple):
-    """Bytes of the controller that are no message."""
-
-    number: int
-    channel: str
-    reason: str
 
 
 class Exchange(NamedTuple):
@@ -62,66 +55,51 @@ class MotorosTraffic(Traffic):
     def __init__(self, timeline: Timeline) -> None:
         super().__init__(timeline)
         self.heard: list[Heard] = []
-        self.unread: list[Unread] = []
         self.asked: list[Exchange] = []
-        self.ended: list[tuple[int, Event]] = []
-        """Connections that the controller closed or refused."""
         self.order: sm.ByteOrder | None = None
-        readers: dict[str, sm.FrameReader] = {}
-        begun: dict[str, float] = {}
+        streams = Streams(lambda _: sm.FrameReader(), self._failed)
         open_requests: dict[str, tuple[int, Event]] = {}
         for index, event in enumerate(timeline):
             channel = event.channel
-            if event.kind in (Kind.CLOSED, Kind.REFUSED) and not event.sent:
-                self.ended.append((index, event))
             if event.kind is Kind.OPENED:
-                readers.pop(channel, None)
+                streams.begin(channel)
             if event.kind is not Kind.DATA:
                 continue
             if event.sent:
-                self._unanswered(open_requests.pop(channel, None))
+                self._exchange(open_requests.pop(channel, None), None)
                 open_requests[channel] = index, event
                 continue
-            reader = readers.setdefault(channel, sm.FrameReader())
-            if not reader.pending_bytes:
-                begun[channel] = event.time_s
-            reader.feed(event.data)
-            while (frame := reader.take()) is not None:
-                self._take(index, event, begun[channel], reader, frame, open_requests)
-                begun[channel] = event.time_s
-            if reader.failure:
-                self.unread.append(Unread(index, channel, reader.failure))
-                del readers[channel]
+            for begun_s, frame in streams.whole(index, event):
+                order = streams.reader(channel).byte_order or sm.ByteOrder.LITTLE
+                self._take(index, event, begun_s, order, frame, open_requests)
         for left in open_requests.values():
-            self._unanswered(left)
+            self._exchange(left, None)
         self.asked.sort()
+
+    def _failed(self, index: int, channel: str, reason: str) -> None:
+        self.unread.append((index, f"{channel}: {reason}"))
 
     def _take(
         self,
         index: int,
         event: Event,
         begun_s: float,
-        reader: sm.FrameReader,
+        order: sm.ByteOrder,
         frame: bytes,
         open_requests: dict[str, tuple[int, Event]],
     ) -> None:
-        order = reader.byte_order or sm.ByteOrder.LITTLE
         self.order = self.order or order
         message = sm.wire(order).decode(frame)
         if isinstance(message, sm.Malformed):
-            self.unread.append(Unread(index, event.channel, message.reason))
+            self._failed(index, event.channel, message.reason)
             return
         heard = Heard(index, begun_s, event.time_s, event.channel, message, frame)
         self.heard.append(heard)
-        asked = open_requests.pop(event.channel, None)
-        if asked is not None:
-            self._exchange(asked, heard)
+        self._exchange(open_requests.pop(event.channel, None), heard)
 
-    def _unanswered(self, asked: tuple[int, Event] | None) -> None:
-        if asked is not None:
-            self._exchange(asked, None)
-
-    def _exchange(self, asked: tuple[int, Event], reply: Heard | None) -> None:
+    def _exchange(self, asked: tuple[int, Event] | None, reply: Heard | None) -> None:
+        if asked is None:
+            return
         number, sent = asked
         request = sm.wire(self.order or sm.ByteOrder.LITTLE).decode(sent.data)
         known = None if isinstance(request, sm.Malformed) else request

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Any
 
 from cardan.conform.motoros.decoded import Exchange, Heard, MotorosTraffic
 from cardan.conform.motoros.scenario import STEP_RAD, STEP_S, UNKNOWN_TYPE
@@ -24,7 +25,7 @@ from cardan.conform.requirements import (
     passed,
     some,
 )
-from cardan.conform.second_reading import read_twice, refused, second_description
+from cardan.conform.second_reading import read_twice, refused
 from cardan.conform.timing import not_torn
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import (
@@ -72,9 +73,8 @@ def states_come_unasked(seen: MotorosTraffic) -> Verdict:
 @requires(2, f"{MESSAGES}: prefix, header, body")
 def bytes_are_messages(seen: MotorosTraffic) -> Verdict:
     """All that comes on any port is whole messages with the right prefix, one after the other."""
-    wrong = ((each.number, f"{each.channel}: {each.reason}") for each in seen.unread)
     count = len(seen.heard) + len(seen.unread)
-    return none_wrong(wrong, count, f"{count} messages")
+    return none_wrong(seen.unread, count, f"{count} messages")
 
 
 @requires(3, f"{STATES}: a cycle every 25 ms")
@@ -171,10 +171,9 @@ def messages_are_not_torn(seen: MotorosTraffic) -> Findings:
 def both_descriptions_agree(seen: MotorosTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same types, groups and positions."""
 
-    def differs(each: Heard) -> str:
-        layers = second_description("simple_message")
+    def differs(each: Heard, layers: Any) -> str:
         layer = layers.SimpleMessage(each.raw)
-        if wrong := refused(layers.malformed(layer)):
+        if wrong := refused(layers, layer):
             return wrong
         head = (layer.msg_type, layer.comm_type, layer.reply_code)
         if head != each.message[:3]:
@@ -187,7 +186,7 @@ def both_descriptions_agree(seen: MotorosTraffic) -> Verdict:
                     return f"another {name}"
         return ""
 
-    return read_twice(seen.heard, differs, "messages")
+    return read_twice(seen.heard, "simple_message", differs, "messages")
 
 
 _LAYERS_HAVE = {
@@ -214,7 +213,7 @@ def _control(seen: MotorosTraffic, command: C, phase: str = "") -> list[Exchange
 @requires(101, f"{SERVER}: every request is answered, one at a time")
 def every_request_is_answered(seen: MotorosTraffic) -> Findings:
     """Each request is answered on its connection before a client's time is out."""
-    ends = [event.time_s for _, event in seen.ended]
+    ends = [event.time_s for _, event in seen.gone]
     for each in seen.asked:
         if each.request and each.request.comm_type == sm.CommType.SERVICE_REQUEST:
             ended = any(each.time_s - 1.0 < end < each.time_s for end in ends)
@@ -380,8 +379,8 @@ def holding_is_undisturbed(seen: MotorosTraffic) -> Findings:
 def connections_last(seen: MotorosTraffic) -> Verdict:
     """No connection is closed or refused by the controller while it is used."""
     count = sum(1 for each in seen.phases if each != "listen")
-    wrong = ((n, f"{event.channel} {event.kind.value}") for n, event in seen.ended)
-    return none_wrong(wrong, max(count, len(seen.ended)), "none was", "")
+    wrong = ((n, f"{event.channel} {event.kind.value}") for n, event in seen.gone)
+    return none_wrong(wrong, max(count, len(seen.gone)), "none was", "")
 
 
 @requires(115, f"{GROUP}: 30 pulses around the command")

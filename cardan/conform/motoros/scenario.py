@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_, send
+from cardan.conform.streams import Streams
 from cardan.conform.timeline import Event, Kind
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import MessageType as T, MotionCommand as C
@@ -35,7 +36,7 @@ class MotorosScenario(Scenario):
         self._level = level
         self._seconds = seconds
         self._order = sm.ByteOrder.LITTLE
-        self._readers: dict[str, sm.FrameReader] = {}
+        self._streams = Streams(lambda _: sm.FrameReader(), lambda *_: None)
         self._reply: sm.Message | None = None
         self._status: sm.RobotStatus | None = None
         self._feedback: sm.JointFeedback | None = None
@@ -48,20 +49,16 @@ class MotorosScenario(Scenario):
     def answer(self, event: Event) -> Iterator[Act]:
         channel = event.channel
         if event.kind is Kind.OPENED:
-            self._readers.pop(channel, None)
+            self._streams.begin(channel)
             self._lost.discard(channel)
         elif event.kind in (Kind.CLOSED, Kind.REFUSED):
             self._lost.add(channel)
         elif event.kind is Kind.DATA:
-            reader = self._readers.setdefault(channel, sm.FrameReader())
-            reader.feed(event.data)
-            while (frame := reader.take()) is not None:
-                self._order = reader.byte_order or self._order
+            for _, frame in self._streams.whole(0, event):
+                self._order = self._streams.reader(channel).byte_order or self._order
                 message = sm.wire(self._order).decode(frame)
                 if isinstance(message, sm.Message):
                     self._take(channel, message)
-            if reader.failure:
-                del self._readers[channel]
         return iter(())
 
     def _take(self, channel: str, message: sm.Message) -> None:

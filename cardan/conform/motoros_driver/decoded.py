@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import NamedTuple, TypeVar
 
 from cardan.conform.motoros_driver.scenario import port_of
+from cardan.conform.streams import Streams
 from cardan.conform.timeline import Event, Kind, Timeline, TimelinePhase, Traffic
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import MessageType as T
@@ -115,7 +116,6 @@ class DriverTraffic(Traffic):
     def __init__(self, timeline: Timeline) -> None:
         super().__init__(timeline)
         self.said: list[Said] = []
-        self.malformed: list[tuple[int, str]] = []
         self.disordered: list[tuple[int, str]] = []
         """Messages in the other byte order."""
         self.pieces: list[tuple[int, str]] = []
@@ -128,7 +128,7 @@ class DriverTraffic(Traffic):
         self.statuses: list[tuple[int, sm.RobotStatus]] = []
         """What was told, by the number of the event."""
         self._readers: dict[str, sm.FrameReader] = {}
-        self._ours: dict[str, sm.FrameReader] = {}
+        self._ours = Streams(lambda _: sm.FrameReader(), lambda *_: None)
         self._waiting: dict[str, deque[int]] = {}
         self._orders = [
             (number, order)
@@ -185,7 +185,7 @@ class DriverTraffic(Traffic):
         for frame in frames:
             message = sm.wire(order).decode(frame)
             if isinstance(message, sm.Malformed):
-                self.malformed.append((number, message.reason))
+                self.unread.append((number, message.reason))
                 topics = False
                 continue
             waiting = self._waiting.setdefault(channel, deque())
@@ -199,15 +199,14 @@ class DriverTraffic(Traffic):
         if pieces and not (topics and frames):
             self.pieces.append((number, f"{len(frames)} messages in a piece of {len(data)} bytes"))
         if reader.failure:
-            self.malformed.append((number, reader.failure))
+            self.unread.append((number, reader.failure))
             del self._readers[channel]
 
     def _told(self, number: int, event: Event) -> None:
         channel = event.channel
-        reader = self._ours.setdefault(channel, sm.FrameReader())
-        reader.feed(event.data)
-        while (frame := reader.take()) is not None:
-            message = sm.wire(reader.byte_order or sm.ByteOrder.LITTLE).decode(frame)
+        for _, frame in self._ours.whole(number, event):
+            order = self._ours.reader(channel).byte_order or sm.ByteOrder.LITTLE
+            message = sm.wire(order).decode(frame)
             if isinstance(message, sm.Malformed):
                 continue
             if port_of(channel) == "state":
@@ -222,8 +221,6 @@ class DriverTraffic(Traffic):
                 index = waiting.popleft()
                 said = self.said[index]
                 self.said[index] = said._replace(answered=Answered(number, event.time_s, message))
-        if reader.failure:
-            del self._ours[channel]
 
     # -- where ------------------------------------------------------------------------------------
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Iterator
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 from cardan.conform.motoros.requirements import CONTROLLER, MESSAGES, SERVER, STATES, VELOCITY
 from cardan.conform.motoros_driver.decoded import VELOCITY_TYPES, DriverTraffic, Link, Said
@@ -27,7 +28,7 @@ from cardan.conform.requirements import (
     passed,
     some,
 )
-from cardan.conform.second_reading import read_twice, refused, second_description
+from cardan.conform.second_reading import read_twice, refused
 from cardan.conform.timeline import TimelinePhase
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import (
@@ -108,8 +109,8 @@ def it_connects(seen: DriverTraffic) -> Verdict:
 @requires(102, f"{MESSAGES}: prefix, header, body")
 def bytes_are_messages(seen: DriverTraffic) -> Verdict:
     """All that it sends is whole messages: right prefixes, each of the length of its type."""
-    count = len(seen.said) + len(seen.malformed)
-    return none_wrong(seen.malformed, count, f"{len(seen.said)} messages")
+    count = len(seen.said) + len(seen.unread)
+    return none_wrong(seen.unread, count, f"{len(seen.said)} messages")
 
 
 @requires(103, f"{SERVER}: the bytes of one recv are taken for one message")
@@ -706,14 +707,13 @@ def a_restart_is_followed(seen: DriverTraffic) -> Findings:
 def both_descriptions_agree(seen: DriverTraffic) -> Verdict:
     """A second reader, the scapy layers, finds nothing wrong in the messages either."""
 
-    def differs(each: Said) -> str:
-        layers = second_description("simple_message")
+    def differs(each: Said, layers: Any) -> str:
         layer = layers.SimpleMessage(each.raw)
-        if wrong := refused(layers.malformed(layer)):
+        if wrong := refused(layers, layer):
             return wrong
         return "" if layer.msg_type == each.message.msg_type else "another type"
 
-    return read_twice(seen.said, differs, "messages", compared=40)
+    return read_twice(seen.said, "simple_message", differs, "messages", compared=40)
 
 
 # -- its end ---------------------------------------------------------------------------------------

@@ -37,6 +37,10 @@ JUNK = b"HTTP/1.1 400 Bad Request\r\n\r\n"
 LEFT_S = 4.0
 
 
+def _never() -> bool:
+    return False
+
+
 def port_of(channel: str) -> str:
     """Of "motion 3", the third connection that came to any port: "motion"."""
     return channel.partition(" ")[0]
@@ -243,7 +247,7 @@ class ControllerScenario(Scenario):
         yield ask("enable", "Have the driver start motion, and move slowly.")
 
     def _befall(self, what: str, phase: str) -> Script:
-        controller, servers = self._controller, self._servers
+        controller = self._controller
         if what == "run":
             yield from self._serve(self._seconds)
         elif what in STOPS:
@@ -254,9 +258,7 @@ class ControllerScenario(Scenario):
             yield from self._serve(STOPPED_S)
         elif what == "pieces":
             for fault in ("split", "merge"):
-                servers.behave({fault: 1.0})
-                yield from self._serve(self._seconds)
-            servers.behave({})
+                yield from self._behaves({fault: 1.0}, self._seconds)
         elif what == "busy":
             controller.busy_answers = BUSY
             yield from self._serve(self._seconds)
@@ -264,22 +266,17 @@ class ControllerScenario(Scenario):
         elif what == "refused-start":
             yield from self._refused_start()
         elif what == "late":
-            servers.behave({"late": LATE_MS})
-            yield from self._serve(self._seconds)
-            servers.behave({})
+            yield from self._behaves({"late": LATE_MS}, self._seconds)
         elif what == "silence":
             self._mute = True
             yield from self._serve(SILENT_S)
             self._mute = False
         elif what == "unanswered":
-            servers.behave({"drop-reply": 1.0})
-            yield from self._serve(ANSWERED_WITHIN_S + 0.5, lambda: not self._connected())
-            servers.behave({})
+            left_s = ANSWERED_WITHIN_S + 0.5
+            yield from self._behaves({"drop-reply": 1.0}, left_s, lambda: not self._connected())
             yield from self._hang_up("motion")
         elif what == "stale":
-            servers.behave({"stale-reply": 1.0})
-            yield from self._serve(WRONG_REPLIES_S)
-            servers.behave({})
+            yield from self._behaves({"stale-reply": 1.0}, WRONG_REPLIES_S)
         else:
             if what == "cut":
                 yield from self._hang_up("motion")
@@ -292,6 +289,14 @@ class ControllerScenario(Scenario):
             yield from self._serve(COME * self._seconds, lambda: self._connected("state"))
             yield from self._serve(COME * self._seconds, self._connected)
             yield from self._serve(STOPPED_S)
+
+    def _behaves(
+        self, faults: dict[str, float], seconds: float, until: Callable[[], bool] = _never
+    ) -> Script:
+        """Serve with these faults for so long, or until `until`."""
+        self._servers.behave(faults)
+        yield from self._serve(seconds, until)
+        self._servers.behave({})
 
     def _refused_start(self) -> Script:
         """A first point is refused as of an arm that sags: motion is begun once more."""
@@ -322,7 +327,7 @@ class ControllerScenario(Scenario):
             yield mark(f"{firmware.name} begin")
             yield ask("begin", "Start the driver's program again.")
 
-    def _serve(self, seconds: float, until: Callable[[], bool] = lambda: False) -> Script:
+    def _serve(self, seconds: float, until: Callable[[], bool] = _never) -> Script:
         """Serve for so long, or until `until`."""
         end_s = self.now_s + seconds
         while not until():

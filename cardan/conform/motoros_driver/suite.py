@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from cardan.conform.motoros_driver.decoded import DriverTraffic
-from cardan.conform.motoros_driver.faults import FAULTS
 from cardan.conform.motoros_driver.requirements import requires
 from cardan.conform.motoros_driver.scenario import ControllerScenario
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.protocols.simple_message import IO_PORT, MOTION_PORT, STATE_PORT
+from cardan.sim_peers.motoros_client import FAULTS
 
 
 class MotorosDriver(Suite[DriverTraffic]):

@@ -4,9 +4,10 @@ decoded once."""
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, NoReturn
 
+from cardan.conform.streams import Streams
 from cardan.conform.timeline import Event, Kind, Timeline, Traffic, UnaskedError
 from cardan.protocols.ur import rtde
 from cardan.protocols.ur.dashboard import LineReader
@@ -149,8 +150,6 @@ class UrTraffic(Traffic):
     def __init__(self, timeline: Timeline) -> None:
         super().__init__(timeline)
         self.heard: list[Heard] = []
-        self.unread: list[tuple[int, str]] = []
-        """Numbers of events with what cannot be read, and why."""
         self.asked: list[Exchange] = []
         self.states: list[State] = []
         """Of the connection that is judged."""
@@ -168,16 +167,15 @@ class UrTraffic(Traffic):
         self.lines: list[Line] = []
         self.uploads: list[Upload] = []
         self.opened: list[str] = []
-        self.ended: list[tuple[int, Event]] = []
-        """Connections of ours that the controller closed or refused."""
         self.old: set[str] = set()
         """Channels on which an older version of RTDE is spoken."""
         self.called: list[tuple[int, Event]] = []
         """Programs of ours that came to our port, and what they sent."""
         self._connections: dict[str, _Connection] = {}
-        self._readers: dict[str, Any] = {}
-        self._begun_s: dict[str, float] = {}
-        """When the first bytes came of what is not whole yet, by channels."""
+        self._streams = Streams(
+            lambda channel: _READERS.get(channel, rtde.PacketReader)(),
+            lambda number, _, reason: self.unread.append((number, reason)),
+        )
         self._asked_line = (0, 0.0, "")
         self._answered = False
         for number, event in enumerate(timeline):
@@ -196,7 +194,7 @@ class UrTraffic(Traffic):
                 self.called.append((number, event))
         elif event.kind is Kind.OPENED:
             self.opened.append(channel)
-            self._begin(channel)
+            self._streams.begin(channel)
             if channel.startswith(RTDE):
                 # A controller speaks the oldest until another is agreed on. What was before the
                 # beginning of a capture is not known.
@@ -204,8 +202,6 @@ class UrTraffic(Traffic):
                     rtde.VERSION if event.note else rtde.VERSIONS[0]
                 )
         elif event.kind in (Kind.CLOSED, Kind.REFUSED):
-            if not event.sent:
-                self.ended.append((number, event))
             self._over(channel, event.time_s)
         elif event.kind is Kind.DATA:
             if channel == "dashboard":
@@ -214,10 +210,10 @@ class UrTraffic(Traffic):
                 self._uploaded(number, event)
             elif channel in (PRIMARY, SECONDARY):
                 into = self.told if channel == PRIMARY else self.secondary
-                for begun_s, found in self._whole(number, event):
+                for begun_s, found in self._streams.whole(number, event):
                     into.append(Told(number, begun_s, event.time_s, found, read_message(found)))
             elif channel == REALTIME:
-                for _, found in self._whole(number, event):
+                for _, found in self._streams.whole(number, event):
                     self.samples.append(Sample(number, event.time_s, found))
             elif channel in self._connections:
                 connection = self._connections[channel]
@@ -225,27 +221,6 @@ class UrTraffic(Traffic):
                     self._sent(number, event, connection)
                 else:
                     self._received(number, event, connection)
-
-    def _begin(self, channel: str) -> None:
-        self._readers[channel] = _READERS.get(channel, rtde.PacketReader)()
-        self._begun_s.pop(channel, None)
-
-    def _whole(self, number: int, event: Event) -> Iterator[tuple[float, Any]]:
-        """What is whole now of what comes on a channel, and when the first bytes of each came."""
-        channel = event.channel
-        if channel not in self._readers:
-            self._begin(channel)
-        reader = self._readers[channel]
-        begun_s = self._begun_s.pop(channel, event.time_s)
-        reader.feed(event.data)
-        while (found := reader.take()) is not None:
-            yield begun_s, found
-            begun_s = event.time_s
-        if reader.pending_bytes:
-            self._begun_s[channel] = begun_s
-        if reader.failure:
-            self.unread.append((number, reader.failure))
-            self._begin(channel)
 
     def _over(self, channel: str, now_s: float) -> None:
         connection = self._connections.pop(channel, None)
@@ -275,7 +250,7 @@ class UrTraffic(Traffic):
                     self.commands.append(State(number, event.time_s, Values(values)))
 
     def _received(self, number: int, event: Event, connection: _Connection) -> None:
-        for begun_s, (kind, payload) in self._whole(number, event):
+        for begun_s, (kind, payload) in self._streams.whole(number, event):
             reply = rtde.read_reply(kind, payload, connection.version)
             if isinstance(reply, rtde.Malformed):
                 self.unread.append((number, reply.reason))
@@ -354,7 +329,7 @@ class UrTraffic(Traffic):
             words = event.data.decode("utf-8", "replace").strip()
             self._asked_line, self._answered = (number, event.time_s, words), False
             return
-        for _, line in self._whole(number, event):
+        for _, line in self._streams.whole(number, event):
             request, _, words = self._asked_line
             self.lines.append(Line(number, event.time_s, request, words, line))
             self._answered = True

@@ -26,12 +26,13 @@ from cardan.conform.requirements import (
     passed,
     some,
 )
-from cardan.conform.second_reading import COMPARED, read_twice, second_description
+from cardan.conform.second_reading import COMPARED, read_twice
 from cardan.conform.timing import not_torn
 from cardan.conform.ur_rtde import scenario
 from cardan.conform.ur_rtde.decoded import (
     OLD,
     PRIMARY,
+    REVERSE,
     RTDE,
     SECOND,
     Exchange,
@@ -356,7 +357,8 @@ def _contradictions(each: State) -> Wrongs:
 @requires(18, "a client's connection is its own to end")
 def connections_last(seen: UrTraffic) -> Verdict:
     """No connection is refused, or closed by the controller while it is used."""
-    wrong = [(number, f"{event.channel} {event.kind.value}") for number, event in seen.ended]
+    gone = [each for each in seen.gone if not each[1].channel.startswith(REVERSE)]
+    wrong = [(number, f"{event.channel} {event.kind.value}") for number, event in gone]
     count = len(seen.opened) + len(wrong)
     return none_wrong(wrong, count, f"{len(seen.opened)} connections", "none was")
 
@@ -597,8 +599,7 @@ def the_dashboard_answers_in_its_words(seen: UrTraffic) -> Findings:
 def readings_differ(seen: UrTraffic) -> Verdict:
     """Whether the layers and the codec read the controller's packets alike."""
 
-    def differs(each: Heard) -> str:
-        layers = second_description("rtde")
+    def differs(each: Heard, layers: Any) -> str:
         layer = layers.RtdeReply(each.raw)
         return layers.malformed(layer) or _difference(seen, each, layer, layers)
 
@@ -607,7 +608,7 @@ def readings_differ(seen: UrTraffic) -> Verdict:
     data = [each for each in heard if isinstance(each.reply, Data)]
     chosen = [each for each in heard if not isinstance(each.reply, Data)]
     chosen += data[:: max(1, len(data) // COMPARED)]
-    return read_twice(chosen, differs, "packets", compared=max(1, len(chosen)))
+    return read_twice(chosen, "rtde", differs, "packets", compared=max(1, len(chosen)))
 
 
 def _difference(seen: UrTraffic, heard: Heard, layer: object, layers: Any) -> str:

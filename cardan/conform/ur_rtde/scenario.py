@@ -11,6 +11,7 @@ from typing import Any
 
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Act, Scenario, Script, Wait, ask, close, mark, open_, send
+from cardan.conform.streams import Streams
 from cardan.conform.timeline import Event, Kind
 from cardan.conform.ur_rtde.decoded import (
     OLD,
@@ -174,7 +175,7 @@ class UrScenario(Scenario):
         self._level = level
         self._seconds = seconds
         self._home = home
-        self._readers: dict[str, rtde.PacketReader] = {}
+        self._streams = Streams(lambda _: rtde.PacketReader(), lambda *_: None)
         self._reply: rtde.Reply | None = None
         self._said = dashboard.LineReader()
         self._lines = 0
@@ -196,7 +197,7 @@ class UrScenario(Scenario):
     def answer(self, event: Event) -> Iterator[Act]:
         channel = event.channel
         if event.kind is Kind.OPENED:
-            self._readers[channel] = rtde.PacketReader()
+            self._streams.begin(channel)
             self._lost.discard(channel)
         elif event.kind in (Kind.CLOSED, Kind.REFUSED):
             self._lost.add(channel)
@@ -205,23 +206,19 @@ class UrScenario(Scenario):
             while (line := self._said.take()) is not None:
                 self._lines, self._line = self._lines + 1, line.strip()
         elif event.kind is Kind.DATA and channel.startswith(RTDE):
-            return self._packets(channel, event.data)
+            return self._packets(event)
         elif event.kind is Kind.DATA and channel.startswith(REVERSE):
             return iter((send(f"{ANSWER}\n".encode(), channel),))
         return iter(())
 
-    def _packets(self, channel: str, data: bytes) -> Iterator[Act]:
-        reader = self._readers[channel]
-        reader.feed(data)
-        fresh = False
-        while (found := reader.take()) is not None:
-            reply = rtde.read_reply(*found, 1 if channel == OLD else rtde.VERSION)
+    def _packets(self, event: Event) -> Iterator[Act]:
+        channel, fresh = event.channel, False
+        for _, (kind, payload) in self._streams.whole(0, event):
+            reply = rtde.read_reply(kind, payload, 1 if channel == OLD else rtde.VERSION)
             if isinstance(reply, rtde.Data):
                 fresh = self._state(channel, reply) or fresh
             elif not isinstance(reply, (rtde.Malformed, rtde.Text)):
                 self._reply = reply
-        if reader.failure:
-            self._readers[channel] = rtde.PacketReader()
         if fresh and self._path is not None:
             yield from self._follow(*self._path(self.now_s - self._path_s))
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import socket
+import contextlib
 from collections.abc import Mapping
 from typing import ClassVar
 
+from cardan.common.sockets import address_towards
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Event
-from cardan.conform.transports import ListenTcp, TcpPorts, Wire, Wires, host_and_port
+from cardan.conform.transports import TcpPorts, Wires, host_and_port
 from cardan.conform.ur_rtde import (
     decoded,
     programs,  # noqa: F401 - enters what it requires
@@ -44,28 +45,6 @@ _PORTS = {
     decoded.REALTIME: REALTIME_PORT,
     "dashboard": DASHBOARD_PORT,
 }
-
-
-class _Ports(Wires):
-    """The controller's ports, and one of ours."""
-
-    def __init__(self, host: str, ports: dict[str, int], home: str) -> None:
-        self._theirs = TcpPorts(host, ports)
-        self._ours = ListenTcp(home, {decoded.REVERSE: REVERSE_PORT})
-
-    def open(self, channel: str) -> Wire:
-        return (self._ours if channel == decoded.REVERSE else self._theirs).open(channel)
-
-
-def _home(host: str, port: int) -> str:
-    """Our address on the way to that one. No packet is sent."""
-    try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-        with socket.socket(found[0], socket.SOCK_DGRAM) as way:
-            way.connect(found[4])
-            return str(way.getsockname()[0])
-    except OSError:
-        return LOOPBACK  # The first wire says what is wrong.
 
 
 class UrRtde(Suite[decoded.UrTraffic]):
@@ -117,9 +96,11 @@ class UrRtde(Suite[decoded.UrTraffic]):
         host, port = host_and_port(target, "--target", RTDE_PORT)
         if port <= RTDE_PORT - DASHBOARD_PORT:
             raise ConfigurationError("--target", f"{target!r}: no port lies 5 below {port}")
-        self.home = _home(host, port)
+        with contextlib.suppress(OSError):  # The first wire says what is wrong.
+            self.home = address_towards(host, port)
         ports = {name: port + each - RTDE_PORT for name, each in _PORTS.items()}
-        return _Ports(host, ports, self.home)
+        ours = {decoded.REVERSE: REVERSE_PORT}
+        return TcpPorts(host, ports | ours, ours, self.home)
 
     def only_asks(self, event: Event) -> bool:
         if event.channel == "dashboard":

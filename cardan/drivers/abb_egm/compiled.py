@@ -15,9 +15,9 @@ import functools
 import socket
 import struct
 from collections.abc import Callable, Sequence
-from ctypes import c_char_p, c_double, c_int32, c_int64, c_uint8, c_uint32, c_void_p, py_object
+from ctypes import c_char_p, c_double, c_int32, c_int64, c_uint8, c_uint32, c_void_p
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import cardan
 from cardan.common.bounds import (
@@ -28,7 +28,13 @@ from cardan.common.bounds import (
     LINEAR_VELOCITY_M_S,
     ROTATION_LENGTH,
 )
-from cardan.common.native import ADVICE, NativePartError, load_library
+from cardan.common.native import (
+    ADVICE,
+    NativePartError,
+    allotted,
+    load_library,
+    native_call,
+)
 from cardan.drivers.limiters import JointLimiter, OrientationLimiter, PointLimiter
 from cardan.protocols.egm import EgmFeedback, FeedbackReader, Malformed
 from cardan.protocols.egm.reader import Layout
@@ -243,17 +249,8 @@ def egm_library() -> Any:
 
 
 def _called(name: str, *held: object) -> Callable[..., Any]:
-    """The function `name` of kernel/python/calls.c, with what it works on.
-
-    It is one like Python's own: a call costs a tenth of what ctypes takes.
-    """
-    library = egm_library()
-    make = ctypes.PYFUNCTYPE(py_object, c_void_p, py_object, py_object)(
-        ("PyCFunction_NewEx", ctypes.pythonapi)
-    )
-    definition = ctypes.addressof(ctypes.c_char.in_dll(library, f"egm_call_{name}"))
-    made: Callable[..., Any] = make(definition, held, __name__)
-    return made
+    """The function `name` of kernel/python, with what it works on."""
+    return native_call(egm_library(), f"egm_call_{name}", *held)
 
 
 def datagrams(sock: socket.socket) -> tuple[Callable[..., Any], Callable[..., Any]]:
@@ -269,15 +266,6 @@ def datagrams(sock: socket.socket) -> tuple[Callable[..., Any], Callable[..., An
     return sock.recvfrom, sock.sendto
 
 
-_StructureT = TypeVar("_StructureT", bound=ctypes.Structure)
-
-
-def _allotted(kind: type[_StructureT]) -> tuple[_StructureT, bytearray]:
-    """A structure of zeros, and its memory, whose size is fixed by that."""
-    memory = bytearray(ctypes.sizeof(kind))
-    return kind.from_buffer(memory), memory
-
-
 class CompiledReader(FeedbackReader):
     """A reader of feedback whose learned layouts are compiled, too. Raises NativePartError where
     nothing was compiled."""
@@ -285,7 +273,7 @@ class CompiledReader(FeedbackReader):
     def __init__(self) -> None:
         super().__init__()
         self._call = egm_library().egm_read
-        self._shared, self._memory = _allotted(CReader)
+        self._shared, self._memory = allotted(CReader)
         self._address = ctypes.addressof(self._shared)
         self._known: list[Layout | None] = [None] * LAYOUTS
         self._next = 0
@@ -369,7 +357,7 @@ class CompiledCycle:
     def __init__(self, **constants: float) -> None:
         """`constants` are fields of CCycle. Raises NativePartError where nothing was compiled."""
         egm_library()
-        self.cycle_state, self.memory = _allotted(CCycle)
+        self.cycle_state, self.memory = allotted(CCycle)
         for name, value in constants.items():
             setattr(self.cycle_state, name, value)
         self.cycle_state.shortest_squared = ROTATION_LENGTH.lowest**2
@@ -418,7 +406,7 @@ class AnsweringLimiter(JointLimiter):
         `delay_s` (speed control) they have the velocity alone, and the reference begins where the
         arm is after it."""
         egm_library()
-        self._shared, self._memory = _allotted(CAnswer)
+        self._shared, self._memory = allotted(CAnswer)
         shared = self._shared
         super().__init__(lower, upper, speed, acceleration, longest_period_s)
         shared.lower[:], shared.upper[:] = self._lower, self._upper
@@ -541,7 +529,7 @@ class AnsweringPose:
     ) -> None:
         """Arguments of PointLimiter and OrientationLimiter; the rest as for AnsweringLimiter."""
         egm_library()
-        shared, self._memory = _allotted(CPoseAnswer)
+        shared, self._memory = allotted(CPoseAnswer)
         shared.largest_position = COORDINATE_M.highest
         shared.largest_linear = LINEAR_VELOCITY_M_S.highest
         shared.largest_angular = ANGULAR_VELOCITY_RAD_S.highest

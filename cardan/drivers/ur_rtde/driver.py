@@ -50,6 +50,7 @@ class UrRtde(TcpRobot[UrSession, Channel, Task]):
             now_s = self._now_s()
         session.command(command, now_s)
         self._flush(session)
+        session.account()
 
     def enable(self) -> None:
         """Switch power on, release the brakes and start the program. Done by the loop; the states'

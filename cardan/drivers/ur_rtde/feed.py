@@ -8,11 +8,13 @@ from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 from cardan.common.bounds import JOINT_POSITION, JOINT_VELOCITY, Range
+from cardan.common.native import NativePartError
 from cardan.drivers.missed_cycles import SIMULATED_TIME, AgreedTime
 from cardan.drivers.robot_core import outside
+from cardan.drivers.ur_rtde.compiled import CompiledStates
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.errors import shown
-from cardan.protocols.ur.program import input_names, report_names
+from cardan.protocols.ur.program import JOINTS, input_names, report_names
 from cardan.protocols.ur.rtde import (
     IN_USE,
     NOT_FOUND,
@@ -60,6 +62,8 @@ class Package(NamedTuple):
 
 
 STATES: Final = Package._fields[:-3]
+INPUT_TYPES: Final = ("INT32",) * 3 + ("DOUBLE",) * (2 * JOINTS)
+"""Of `input_names`."""
 
 NOTHING: Final = Package(
     math.nan, (), (), (), (), RobotMode.NO_CONTROLLER, 0, RuntimeState.STOPPED, 0.0, 0.0, 0, 0, 0
@@ -115,6 +119,9 @@ class RtdeFeed:
         """Of the newest package."""
         self.slider = 0.0
         """How fast the controller's time passes then: its speed slider, and its own scaling."""
+        self.obeys = False
+        """With the newest package nothing ends motion but a program that does not answer, which is
+        for the session to see; False: the session has to look at all of it."""
         self.clock = AgreedTime(
             self.period_s, option=SIMULATED_TIME, simulated=options.simulated_time
         )
@@ -138,6 +145,7 @@ class RtdeFeed:
         self._reader = PacketReader()
         self._outputs: Recipe | None = None
         self._inputs: Recipe | None = None
+        self._compiled: CompiledStates | None = None
         self.next_s = math.inf
         """When `advance` is to be called."""
         self._timestamp = math.nan
@@ -171,8 +179,13 @@ class RtdeFeed:
 
     def received(self, data: bytes, now_s: float) -> None:
         """Take what TCP delivered."""
-        reader, recipe = self._reader, self._outputs
+        reader, recipe, compiled = self._reader, self._outputs, self._compiled
         if recipe is not None and not (reader.pending_bytes or self.failure):
+            if compiled is not None and (usual := compiled.take(data, now_s)) is not None:
+                self.values, self.slider, self.obeys, self._timestamp = usual
+                self.packages += 1
+                self.heard_s = now_s
+                return
             found = recipe.alone(data)
             if found is not None:
                 self._take_values(found, now_s)
@@ -191,6 +204,18 @@ class RtdeFeed:
         """Write the registers of `input_names`."""
         if self._inputs is not None and self.streaming:
             self.out.append(self._inputs.pack(values))
+
+    @property
+    def command_head(self) -> bytes:
+        """What each package of commands begins with where the controller has the registers as
+        documented; else empty."""
+        inputs = self._inputs
+        return inputs.head if inputs is not None and inputs.types == INPUT_TYPES else b""
+
+    def follow(self, token: int) -> None:
+        """The program of this token is the one to be obeyed."""
+        if self._compiled is not None:
+            self._compiled.follow(token)
 
     # -- setting up -------------------------------------------------------------------------------
 
@@ -231,6 +256,7 @@ class RtdeFeed:
             self.next_s = math.inf
             self.streaming = reply.accepted
             self.clock.period_s = self.period_s
+            self._compiled = self._states_compiled()
             if not reply.accepted:
                 self.failure = f"it does not begin to send states{self._told}"
 
@@ -256,6 +282,18 @@ class RtdeFeed:
         else:
             self._inputs = recipe
             self._ask(packet(PacketType.START), now_s)
+
+    def _states_compiled(self) -> CompiledStates | None:
+        if self._outputs is None:
+            return None
+        astray_rad = self.options.following_error_rad
+        bounds = _TIME_S.highest, _SCALE.highest
+        try:
+            return CompiledStates(
+                self._outputs.head, Package, self.clock, self.rate_hz, astray_rad, *bounds
+            )
+        except NativePartError:
+            return None
 
     def _refused(self, names: Sequence[str], types: Sequence[str]) -> str:
         pairs = tuple(zip(names, types, strict=False))
@@ -296,6 +334,7 @@ class RtdeFeed:
             self.ignored[IMPLAUSIBLE] += 1
             self.last_implausible = wrong
             return
+        self.obeys = False
         periods = (timestamp - self._timestamp) * self.rate_hz
         if periods >= 1.5:
             self.skipped += round(periods) - 1

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from cardan.drivers.limiters import JointLimiter
 from cardan.drivers.missed_cycles import SlipCompensation
+from cardan.drivers.ur_rtde.compiled import compiled_answer
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.protocols.ur.program import JOINTS, Order
 from cardan.types import JointCommand, JointVelocityCommand, RobotCommand
@@ -19,11 +20,13 @@ _SAME_CYCLE: Final = 1.5
 class Motion:
     """A run of the program, from its first report on. Times are agreed by both clocks."""
 
-    def __init__(self, options: UrRtdeOptions, token: int, beat: int) -> None:
+    def __init__(self, options: UrRtdeOptions, token: int, beat: int, head: bytes = b"") -> None:
+        """`head` is what packages of commands begin with; empty: none can be made here."""
         self._token = token
         self.beat = beat
         """Beat of the last command."""
         self._limiter = JointLimiter(*options.limits, longest_period_s=options.watchdog_s)
+        self._answer = compiled_answer(self._limiter, head, token) if head else None
         self._lost = SlipCompensation(JOINTS)
         self._asked: tuple[Sequence[float], Sequence[float] | None] | None = None
         self._answered_s: float | None = None
@@ -46,6 +49,24 @@ class Motion:
         self._limiter.reset(place)
         self._lost.reset()
         self._asked = self._answered_s = None
+
+    def usual(self, command: RobotCommand, time_s: float, period_s: float) -> bytes | None:
+        """The whole data package that answers the state of `time_s`, while the controller's time
+        passes as real time does; None, and nothing is changed, where `command` has to be asked."""
+        before_s = self._answered_s
+        if (
+            self._answer is None
+            or before_s is None
+            or self._lost.working
+            or not 0.0 < time_s - before_s <= _SAME_CYCLE * period_s
+        ):
+            return None
+        beat = (self.beat + 1) % _BEATS
+        package = self._answer(command, period_s, beat)
+        if package is not None:
+            self.beat, self._answered_s = beat, time_s
+            self._asked = command[:2]  # type: ignore[assignment]
+        return package
 
     def command(
         self, command: RobotCommand, time_s: float, period_s: float, scale: float

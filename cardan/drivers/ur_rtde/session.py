@@ -75,6 +75,7 @@ _MOVES_IN = frozenset(map(int, MOVES_IN))
 _RUNNING, _PLAYING = int(RobotMode.RUNNING), int(RuntimeState.PLAYING)
 _FOLLOWS = int(Report.FOLLOWS)
 """As plain numbers, which are compared in every cycle."""
+_STUCK = "the program at the controller does not answer: another has taken its place"
 _LIVE = RobotLink.LIVE
 _new = tuple.__new__
 """Makes a named tuple in half the time of its constructor."""
@@ -101,10 +102,10 @@ class UrSession(TcpSession[Channel, Task]):
         self.end_reason = ""
         """Reason that last ended or prevented motion; empty after a successful start."""
         self.superseded = self.commands = self.starts = self.ends = 0
-        self.jitter = LatencyHistogram()
-        """Deviation of the time between two states from their period."""
-        self.command_latency = LatencyHistogram()
-        """Time from a command to the state that shows that the program obeyed it."""
+        self._jitter, self._command_latency = LatencyHistogram(), LatencyHistogram()
+        self._unaccounted: tuple[float, float, int] | None = None
+        """When the newest state came, how long after the one before (inf: several came), and the
+        beat that it shows; None: it is in the histograms."""
         self._draw = draw
         self._blind_s, self._astray_rad = options.state_timeout_s, options.following_error_rad
         self._starting: Starting | None = None
@@ -277,12 +278,38 @@ class UrSession(TcpSession[Channel, Task]):
         fresh = feed.packages - before
         if fresh:
             self.superseded += fresh - 1
-            waited_s, period_s = now_s - before_s, feed.period_s
-            if fresh == 1 and waited_s < _JITTERED * period_s:
-                self.jitter.add(abs(waited_s - period_s))
+            self.account()
+            waited_s = now_s - before_s if fresh == 1 else math.inf
+            self._unaccounted = (now_s, waited_s, feed.values.beat)
             self._look(now_s)
         if feed.failure:
             self._drop("rtde", feed.failure, now_s)
+
+    def account(self) -> None:
+        """Count the newest state in the histograms, which its answer need not wait for."""
+        unaccounted, self._unaccounted = self._unaccounted, None
+        if unaccounted is None:
+            return
+        now_s, waited_s, obeyed = unaccounted
+        sent, period_s = self._sent, self.feed.period_s
+        if waited_s < _JITTERED * period_s:
+            self._jitter.add(abs(waited_s - period_s))
+        while sent and sent[0][0] <= obeyed:
+            beat, sent_s = sent.popleft()
+            if beat == obeyed:
+                self._command_latency.add(now_s - sent_s)
+
+    @property
+    def jitter(self) -> LatencyHistogram:
+        """Deviation of the time between two states from their period."""
+        self.account()
+        return self._jitter
+
+    @property
+    def command_latency(self) -> LatencyHistogram:
+        """From a command until the state that shows that the program obeyed it."""
+        self.account()
+        return self._command_latency
 
     def _received_lines(self, data: bytes, now_s: float) -> None:
         self._lines.feed(data)
@@ -335,9 +362,13 @@ class UrSession(TcpSession[Channel, Task]):
 
     def _watch(self, values: Package, motion: Motion, now_s: float) -> None:
         """Check whether the program still runs and obeys."""
-        obeyed, sent = values.beat, self._sent
-        why = ""
-        if values.safety_mode not in _MOVES_IN:
+        obeyed, why = values.beat, ""
+        if self.feed.obeys:
+            if self._stuck(obeyed, motion):
+                why = _STUCK
+            else:
+                self._followed_s = now_s
+        elif values.safety_mode not in _MOVES_IN:
             why = safety_words(values.safety_mode)
         elif values.robot_mode != _RUNNING:
             why = f"{mode_words(values.robot_mode)}: motion has ended"
@@ -351,13 +382,9 @@ class UrSession(TcpSession[Channel, Task]):
             else:
                 why = "the program was stopped at the controller"
         elif self._stuck(obeyed, motion):
-            why = "the program at the controller does not answer: another has taken its place"
+            why = _STUCK
         else:
             why = self._astray(values, now_s)
-        while sent and sent[0][0] <= obeyed:
-            beat, sent_s = sent.popleft()
-            if beat == obeyed:
-                self.command_latency.add(now_s - sent_s)
         if why:
             self._end("" if self.phase == "braking" and self._ended else again(why))
         elif self.phase == "braking":
@@ -407,6 +434,7 @@ class UrSession(TcpSession[Channel, Task]):
 
     def _end(self, reason: str) -> None:
         """Motion has ended, or its start."""
+        self.account()
         if self.phase in ("moving", "braking"):
             self.ends += 1
             if self._motion is not None:
@@ -481,7 +509,8 @@ class UrSession(TcpSession[Channel, Task]):
             return
         self.starts += 1
         self.sessions += 1
-        self._motion = Motion(self.options, self._token, self._beat)
+        self._motion = Motion(self.options, self._token, self._beat, self.feed.command_head)
+        self.feed.follow(self._token)
         self._motion.begin(values.target_q)
         self._answered = (values.beat, self.feed.clock.time_s)
         self._starting = None
@@ -601,8 +630,24 @@ class UrSession(TcpSession[Channel, Task]):
         )
 
     def command(self, command: RobotCommand, now_s: float) -> None:
+        motion, feed = self._motion, self.feed
+        if (
+            motion is not None
+            and self.reply_pending
+            and self._acts
+            and feed.slider == 1.0
+            and feed.streaming
+            and self.phase == "moving"
+            and (package := motion.usual(command, feed.clock.time_s, feed.period_s)) is not None
+        ):
+            self.reply_pending = False
+            self._told_packages, self._said_s = feed.packages, now_s
+            self._beat = beat = motion.beat
+            self.commands += 1
+            self._sent.append((beat, now_s))
+            feed.out.append(package)
+            return
         self.check(command)
-        motion = self._motion
         if not self.reply_pending or motion is None or self.phase != "moving":
             return
         self.reply_pending = False

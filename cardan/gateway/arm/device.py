@@ -51,9 +51,7 @@ class CartesianDevice(CartesianArm):
             arm.movj([0.4, 0.1, 0.4, 3.14, 0.0, 0.0])
             arm.wait()
 
-    The same for a loop in a process of its own is
-    :class:`cardan.gateway.session.remote.RemoteArm`, and for one on the network
-    :class:`cardan.gateway.bus.remote.RemoteCartesianDevice`.
+    The same for a loop in another process is :class:`cardan.gateway.arm.remote_arm.RemoteArm`.
     """
 
     def __init__(

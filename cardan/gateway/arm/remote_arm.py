@@ -1,7 +1,7 @@
 """The Cartesian interface of an arm whose loop runs in another process: verbs as packets.
 
-A subclass carries the packets: over the channel of a session that this process has started, or over
-the network.
+A connection carries the packets: the channel of a session that this process has started, the
+daemon's socket, or the network.
 """
 
 from __future__ import annotations
@@ -9,9 +9,10 @@ from __future__ import annotations
 import contextlib
 import itertools
 import threading
-from abc import abstractmethod
+from collections.abc import Callable
 from typing import Any
 
+from cardan.common.forks import IN_CHILD, give_up_in_children
 from cardan.errors import CardanError, MotionLoopError, OptionError
 from cardan.gateway.arm.authority import HAND, VERBS
 from cardan.gateway.arm.interface import CartesianArm
@@ -22,6 +23,7 @@ from cardan.gateway.arm.requests import (
     PacketError,
     Reply,
     Request,
+    decode_answer,
     encode_request,
     result_of,
 )
@@ -37,6 +39,9 @@ EARLY_NOTES = 64
 """Notes of ended motions that are kept while replies are due: on a network a motion's end may be
 told before the reply that says that it has begun."""
 
+Send = Callable[[Request, bytes], None]
+"""Sends a request, encoded as the packet. Raises OSError where it cannot be sent."""
+
 _TIMEOUTS_S = {"wait": None, "stop": STOP_TIMEOUT_S, "release": STOP_TIMEOUT_S}
 
 
@@ -50,16 +55,28 @@ class _Pending:
         self.error: CardanError | None = None
 
 
-class RemotePacketArm(CartesianArm):
-    """Asks by packets (:mod:`cardan.gateway.arm.requests`). A Motion is updated without being
-    asked."""
+class RemoteArm(CartesianArm):
+    """An arm that is asked by packets (:mod:`cardan.gateway.arm.requests`). A Motion is updated
+    without being asked.
 
-    def __init__(self, source: str = VERBS) -> None:
-        """`source`: name of this source, which gets the authority. Raises ConfigurationError."""
+    :func:`cardan.gateway.session.remote.session_arm` makes one of a session in a process of its
+    own, :func:`cardan.gateway.daemon.client.daemon_arm` of one that the daemon runs, and
+    :func:`cardan.gateway.bus.remote.network_arm` of one on the network.
+    """
+
+    def __init__(
+        self, connect: Callable[[RemoteArm], Callable[[], None]], source: str = VERBS
+    ) -> None:
+        """`connect` connects the arm: it calls `begin`, then in any thread `take`, `fail` and
+        `end`, and returns what disconnects it again. `source`: name of this source, which gets the
+        authority. Raises ConfigurationError."""
         if source == HAND or not 0 < len(source) <= LONGEST_NAME:
             allowed = f"a name of 1 to {LONGEST_NAME} characters other than {HAND!r}, the device"
             raise OptionError("source", source, allowed)
         self.source = source
+        self._connect = connect
+        self._disconnect: Callable[[], None] | None = None
+        self._send: Send
         self._lock = threading.Lock()
         self._ids = itertools.count(1)
         self._pending: dict[int, _Pending] = {}
@@ -69,19 +86,51 @@ class RemotePacketArm(CartesianArm):
         self._rests = True
         """Whether the arm is at rest once it has ended."""
 
-    # -- for subclasses --------------------------------------------------------------------------
+    def open(self) -> None:
+        """Connect; opening twice is fine. Raises what connecting raises."""
+        if self._disconnect is not None:
+            return
+        give_up_in_children(self)
+        try:
+            self._disconnect = self._connect(self)
+        finally:
+            if self._disconnect is None:
+                self._ended, self._rests = NOT_OPEN, True
 
-    @abstractmethod
-    def _send(self, request: Request, packet: bytes) -> None:
-        """Send a request, encoded as `packet`. Raises OSError where it cannot be sent."""
+    def close(self) -> None:
+        """Disconnect. Never raises; twice is fine."""
+        disconnect, self._disconnect = self._disconnect, None
+        if disconnect is not None:
+            disconnect()
+            self._ended, self._rests = NOT_OPEN, True
 
-    def _begin(self) -> None:
-        """Packets can be sent from now on."""
+    def after_fork(self) -> None:
+        """In a forked child the connection stays the parent's: `close` leaves it alone there, and
+        all verbs are errors."""
+        self._disconnect, self._lock = None, threading.Lock()
+        self.end(f"the arm is not open in this process: {IN_CHILD}", rests=False)
+
+    # -- for the connection ----------------------------------------------------------------------
+
+    def begin(self, send: Send) -> None:
+        """Packets can be sent from now on, by `send`."""
+        self._send = send
         self._ended, self._rests = "", True
         self._early.clear()
 
+    def take(self, packet: bytes) -> bool:
+        """Handle a packet that has come; False: it is no answer. Raises PacketError for one that is
+        broken."""
+        answer = decode_answer(packet)
+        if answer is not None:
+            self._take_answer(answer)
+        return answer is not None
+
+    def fail(self, number: int | None, reason: str) -> None:
+        """The request with the id `number` gets no reply."""
+        self._take_answer(Reply(number, None, MotionLoopError(reason)))
+
     def _take_answer(self, answer: Reply | MotionNote) -> None:
-        """Handle an arrived packet, in any thread."""
         with self._lock:
             if isinstance(answer, MotionNote):
                 self._note(answer)
@@ -90,7 +139,7 @@ class RemotePacketArm(CartesianArm):
                     self._note(note)
                 self._answer(self._pending.pop(answer.id), answer)
 
-    def _end(self, reason: str, *, rests: bool = True) -> None:
+    def end(self, reason: str, *, rests: bool = True) -> None:
         """End all requests and motions: nothing more comes. `rests`: whether the arm does; else
         `stop` is an error from now on."""
         with self._lock:
@@ -104,10 +153,6 @@ class RemotePacketArm(CartesianArm):
                 motion.outcome, motion.reason = Outcome.ABORTED, reason
             self._pending.clear()
             self._motions.clear()
-
-    def _close(self) -> None:
-        """It is not open any more."""
-        self._ended, self._rests = NOT_OPEN, True
 
     # -- requests --------------------------------------------------------------------------------
 

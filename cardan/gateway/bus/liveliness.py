@@ -16,7 +16,7 @@ from cardan.protocols.ros2.zenoh import LIVELINESS, Entity
 UNKNOWN = (
     "this motion has no end, and who asked for it is not known, so nobody would notice when that "
     "one is gone: ask from a node of ROS 2 over rmw_zenoh, from a Zenoh session that has "
-    "timestamping and a liveliness token, or by a RemoteCartesianDevice; or set "
+    "timestamping and a liveliness token, or by cardan.network_arm; or set "
     "endless_without_watch in [network]"
 )
 """Why a motion without end is refused."""

@@ -5,15 +5,17 @@ from __future__ import annotations
 import contextlib
 import re
 import time
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
-from cardan.bus.network import Failure, Handle, NetworkError
+from cardan.bus.network import Failure, NetworkError
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.common.sockets import is_loopback
-from cardan.errors import CardanError, DriverError, MotionLoopError, OptionError
-from cardan.gateway.arm.remote_arm import ANSWER_TIMEOUT_S, RemotePacketArm
-from cardan.gateway.arm.requests import PacketError, Reply, Request, decode_answer
+from cardan.errors import CardanError, DriverError, OptionError
+from cardan.gateway.arm.remote_arm import ANSWER_TIMEOUT_S, RemoteArm, Send
+from cardan.gateway.arm.requests import PacketError, Request
 from cardan.gateway.bus.commands import ASK_SERVICE, ASK_TYPE, MOTIONS_TOPIC, MOTIONS_TYPE
 from cardan.gateway.bus.options import DEFAULT_NAME
 from cardan.protocols.ros2.cdr import Malformed, codec_of
@@ -63,136 +65,112 @@ def options_for(endpoint: str, options: BusOptions | None) -> BusOptions:
     return BusOptions(router=endpoint, mode="peer" if here else "client")
 
 
-class RemoteCartesianDevice(RemotePacketArm):
+def network_arm(
+    address: str = f"/{DEFAULT_NAME}", options: BusOptions | None = None, *, source: str = ""
+) -> RemoteArm:
     """An arm that a session shows on the network (``[network]``), with the verbs and the semantics
     of CartesianDevice.
 
     ::
 
-        with RemoteCartesianDevice("tcp/192.168.1.10:7447") as arm:
+        with network_arm("tcp/192.168.1.10:7447") as arm:
             arm.movj([0.4, 0.1, 0.4, 3.14, 0.0, 0.0])
             arm.wait()
 
     The arm is moved by its own session, with that session's limits, beside other sources. When the
     connection is lost, verbs raise MotionLoopError, `stop` too: motions that end by themselves go
-    on then, those without end are braked.
+    on then, those without end are braked. `close` gives up the authority, which brakes what moves
+    by it to rest.
+
+    `address`: endpoint to meet the arm by ("tcp/192.168.1.10:7447"), full name of the arm's node
+    ("/cell/arm"), or both ("tcp/192.168.1.10:7447/cell/arm"). `source`: name under which this asks,
+    which gets the authority; empty: one that no other program has. Raises ConfigurationError.
+
+    `open` returns when the arm has answered, after its first state. It raises ExtraMissingError,
+    ConfigurationError, DriverError where the bus cannot be joined or there is no such arm on it,
+    and MotionLoopError where the arm does not answer.
     """
+    number = time.time_ns() % 10**9
+    source = source or f"remote_{number}"
+    endpoint, name = parse_address(address)
+    node = re.sub(r"[^A-Za-z0-9]+", "_", source)
+    network = BusNetwork(options_for(endpoint, options), f"cardan_{node}_{number}")
+    return RemoteArm(partial(_connect, network, name), source)
 
-    def __init__(
-        self,
-        address: str = f"/{DEFAULT_NAME}",
-        options: BusOptions | None = None,
-        *,
-        source: str = "",
-    ) -> None:
-        """`address`: endpoint to meet the arm by ("tcp/192.168.1.10:7447"), full name of the arm's
-        node ("/cell/arm"), or both ("tcp/192.168.1.10:7447/cell/arm"). `source`: name under which
-        this asks, which gets the authority; empty: one that no other program has. Raises
-        ConfigurationError."""
-        number = time.time_ns() % 10**9
-        super().__init__(source or f"remote_{number}")
-        self.address = address
-        endpoint, self._arm = parse_address(address)
-        node = re.sub(r"[^A-Za-z0-9]+", "_", self.source)
-        self._network = BusNetwork(options_for(endpoint, options), f"cardan_{node}_{number}")
-        self._service = f"{self._arm}/{ASK_SERVICE}"
-        self._request = codec_of(f"{ASK_TYPE}_Request")
-        self._response = codec_of(f"{ASK_TYPE}_Response")
-        self._notes = codec_of(MOTIONS_TYPE)
-        self._handles: tuple[Handle, ...] = ()
-        """Its subscriptions to the arm, while it is open."""
 
-    def open(self) -> None:
-        """Join the bus and find the arm; returns when it has answered, after its first state.
+def _connect(network: BusNetwork, name: str, arm: RemoteArm) -> Callable[[], None]:
+    """Join the bus and find the arm with the node `name`; returns what lets it rest and leaves."""
+    service = f"{name}/{ASK_SERVICE}"
+    notes = codec_of(MOTIONS_TYPE)
 
-        Raises ExtraMissingError, ConfigurationError, DriverError where the bus cannot be joined or
-        there is no such arm on it, and MotionLoopError where the arm does not answer.
-        """
-        if self._handles:
-            return
-        self._network.open()
-        try:
-            if not self._network.wait_for_service(self._service, MEET_TIMEOUT_S):
-                raise DriverError(self._why_missing())
-            topic = f"{self._arm}/{MOTIONS_TOPIC}"
-            heard = self._network.subscribe(topic, MOTIONS_TYPE, self._hear)
-            self._begin()
-            watched = self._network.watch_service(self._service, self._gone)
-            self.status()
-            self._handles = heard, watched
-        except NetworkError as error:
-            self._leave()
-            raise DriverError(str(error)) from None
-        except BaseException:
-            self._leave()
-            raise
-
-    def _why_missing(self) -> str:
-        if self._network.lonely():
-            router = self._network.node.options.router
-            return (
-                f"no other node is on the network at {router or 'no router'}: start a router "
-                "(`cardan net server router`, or rmw_zenohd), or name the session's own endpoint "
-                "as router"
-            )
-        there = [name for name in self._network.services() if name.endswith(f"/{ASK_SERVICE}")]
-        arms = ", ".join(name.removesuffix(f"/{ASK_SERVICE}") for name in there) or "none"
-        return f"there is no arm {self._arm} on the bus that takes commands; there are: {arms}"
-
-    def close(self) -> None:
-        """Give up the authority, which brakes its motion to rest, and leave the bus. Never
-        raises; twice is fine."""
-        if not self._handles:
-            return
-        with contextlib.suppress(CardanError):
-            self.release()
-            end_s = time.monotonic() + REST_TIMEOUT_S
-            while self.status().braking and time.monotonic() < end_s:
-                time.sleep(LOOK_PERIOD_S)
-        self._leave()
-
-    def _leave(self) -> None:
-        self._handles = ()
-        self._end("the arm was closed")
-        self._network.close()
-        self._close()
-
-    def _gone(self) -> None:
-        self._end(GONE, rests=False)
-
-    def _hear(self, data: bytes, _stamp_ns: int) -> None:
-        """Handle the notes of motions."""
-        message = self._notes.decode(data)
+    def hear(data: bytes, _stamp_ns: int) -> None:
+        message = notes.decode(data)
         if not isinstance(message, Malformed):
-            self._take(message["data"].encode())
+            _take(arm, message["data"])
 
-    def _send(self, request: Request, packet: bytes) -> None:
-        data = self._request.encode({"request": packet.decode()})
+    network.open()
+    try:
+        with contextlib.ExitStack() as undone:
+            undone.callback(network.close)
+            undone.callback(arm.end, "the arm was closed")
+            if not network.wait_for_service(service, MEET_TIMEOUT_S):
+                raise DriverError(_why_missing(network, name))
+            heard = network.subscribe(f"{name}/{MOTIONS_TOPIC}", MOTIONS_TYPE, hear)
+            undone.callback(heard.close)
+            arm.begin(_sender(network, service, arm))
+            watched = network.watch_service(service, lambda: arm.end(GONE, rests=False))
+            undone.callback(watched.close)
+            arm.status()
+            undone.callback(_rest, arm)
+            return undone.pop_all().close
+    except NetworkError as error:
+        raise DriverError(str(error)) from None
 
+
+def _rest(arm: RemoteArm) -> None:
+    """Give up the authority, and wait until what moved by it is braked to rest."""
+    with contextlib.suppress(CardanError):
+        arm.release()
+        end_s = time.monotonic() + REST_TIMEOUT_S
+        while arm.status().braking and time.monotonic() < end_s:
+            time.sleep(LOOK_PERIOD_S)
+
+
+def _why_missing(network: BusNetwork, name: str) -> str:
+    if network.lonely():
+        router = network.node.options.router
+        return (
+            f"no other node is on the network at {router or 'no router'}: start a router "
+            "(`cardan net server router`, or rmw_zenohd), or name the session's own endpoint "
+            "as router"
+        )
+    there = [each for each in network.services() if each.endswith(f"/{ASK_SERVICE}")]
+    arms = ", ".join(each.removesuffix(f"/{ASK_SERVICE}") for each in there) or "none"
+    return f"there is no arm {name} on the bus that takes commands; there are: {arms}"
+
+
+def _sender(network: BusNetwork, service: str, arm: RemoteArm) -> Send:
+    """Sends requests to the arm's service, and hands it the replies."""
+    requests, responses = codec_of(f"{ASK_TYPE}_Request"), codec_of(f"{ASK_TYPE}_Response")
+
+    def send(request: Request, packet: bytes) -> None:
         def answered(reply: bytes | Failure) -> None:
-            if isinstance(reply, Failure):
-                self._fail(request, reply.reason)
-                return
-            message = self._response.decode(reply)
-            if isinstance(message, Malformed):
-                self._fail(request, message.reason)
+            message = reply if isinstance(reply, Failure) else responses.decode(reply)
+            if isinstance(message, (Failure, Malformed)):
+                arm.fail(request.id, message.reason)
             else:
-                self._take(message["reply"].encode())
+                _take(arm, message["reply"])
 
+        data = requests.encode({"request": packet.decode()})
         timeout_s = WAIT_TIMEOUT_S if request.verb == "wait" else ANSWER_TIMEOUT_S
         try:
-            self._network.call(self._service, ASK_TYPE, data, answered, timeout_s)
+            network.call(service, ASK_TYPE, data, answered, timeout_s)
         except NetworkError as error:
-            self._fail(request, str(error))
+            arm.fail(request.id, str(error))
 
-    def _take(self, packet: bytes) -> None:
-        try:
-            answer = decode_answer(packet)
-        except PacketError:
-            return
-        if answer is not None:
-            self._take_answer(answer)
+    return send
 
-    def _fail(self, request: Request, reason: str) -> None:
-        """A request has no reply."""
-        self._take_answer(Reply(request.id, None, MotionLoopError(reason)))
+
+def _take(arm: RemoteArm, packet: str) -> None:
+    with contextlib.suppress(PacketError):
+        arm.take(packet.encode())

@@ -8,14 +8,15 @@ import json
 import os
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, Final
 
 from cardan.common.sockets import UntrustedServerError, absence, connected, hang_up, runtime_path
-from cardan.errors import AddressError, CardanError, DriverError, MotionLoopError
+from cardan.errors import AddressError, CardanError, DriverError
 from cardan.gateway.arm.authority import VERBS
-from cardan.gateway.arm.remote_arm import RemotePacketArm
-from cardan.gateway.arm.requests import Request, decode_answer, encode_error
+from cardan.gateway.arm.remote_arm import RemoteArm
+from cardan.gateway.arm.requests import Request
 from cardan.gateway.daemon.control import (
     Ask,
     ControlError,
@@ -125,74 +126,58 @@ class ControlClient:
             yield told
 
 
-class DaemonArm(RemotePacketArm):
-    """An arm that the daemon runs, and its verbs.
+def daemon_arm(name: str, *, path: str = "", source: str = VERBS) -> RemoteArm:
+    """The arm of the session `name`, which the daemon runs.
 
     ::
 
-        with DaemonArm("gofa") as arm:
+        with daemon_arm("gofa") as arm:
             arm.movj([0.4, 0.1, 0.4, 3.14, 0.0, 0.0])
             arm.wait()
 
-    When this program ends, a motion without an end that it asked for ends, too, and streams do.
+    When this program ends, a motion without an end that it asked for ends, too, and streams do;
+    `close` leaves the arm to the daemon. `path`: of the daemon's socket. `source`: name of this
+    source, which gets the authority. Raises ConfigurationError; `open` raises AddressError, or
+    DriverError where the session cannot be asked.
     """
+    return RemoteArm(partial(_connect, name, path), source)
 
-    def __init__(self, name: str, *, path: str = "", source: str = VERBS) -> None:
-        """`name`: of the session; `path`: of the daemon's socket. Raises ConfigurationError."""
-        super().__init__(source)
-        self.name, self._path = name, path
-        self._client: ControlClient | None = None
-        self._reader: threading.Thread | None = None
-        self._sending = threading.Lock()
 
-    def open(self) -> None:
-        """Connect to the daemon. Raises AddressError, or DriverError where its session cannot be
-        asked."""
-        if self._client is not None:
-            return
-        with ControlClient(self._path) as asked:
-            row = asked.ask("units", self.name)[0]
-        if row["kind"] != "session" or row["state"] != "running":
-            reason = f": {row['reason']}" if row["reason"] else ""
-            raise DriverError(f"the {row['kind']} {self.name} is {row['state']}{reason}")
-        self._client = client = ControlClient(self._path, timeout_s=None)
-        self._begin()
-        self._reader = threading.Thread(
-            target=self._read, args=(client,), name="cardan-daemon", daemon=True
-        )
-        self._reader.start()
+def _connect(name: str, path: str, arm: RemoteArm) -> Callable[[], None]:
+    with ControlClient(path) as asked:
+        row = asked.ask("units", name)[0]
+    if row["kind"] != "session" or row["state"] != "running":
+        reason = f": {row['reason']}" if row["reason"] else ""
+        raise DriverError(f"the {row['kind']} {name} is {row['state']}{reason}")
+    client = ControlClient(path, timeout_s=None)
+    sending = threading.Lock()
 
-    def close(self) -> None:
-        """Leave the arm to the daemon. Never raises; twice is fine."""
-        client, self._client = self._client, None
-        if client is None or self._reader is None:
-            return
-        with contextlib.suppress(OSError):
-            client._sock.shutdown(socket.SHUT_RDWR)
-        self._reader.join()
-        client.close()
-        self._close()
-
-    def _send(self, _request: Request, packet: bytes) -> None:
-        client = self._client
-        if client is None:
-            raise OSError(0, "it is closed")
+    def send(_request: Request, packet: bytes) -> None:
         request = json.loads(packet)
-        with self._sending:
-            client.send(Ask(request["id"], "ask", self.name, request))
+        with sending:
+            client.send(Ask(request["id"], "ask", name, request))
 
-    def _read(self, client: ControlClient) -> None:
+    def read() -> None:
         why = "the daemon has ended"
         try:
             while (told := client.receive()) is not None:
                 if told.kind == "error":
-                    packet = encode_error(told.id, MotionLoopError(told.value))
+                    arm.fail(told.id, told.value)
                 else:
-                    packet = json.dumps(told.value, separators=(",", ":")).encode()
-                answer = decode_answer(packet)
-                if answer is not None:
-                    self._take_answer(answer)
+                    arm.take(json.dumps(told.value, separators=(",", ":")).encode())
         except CardanError as error:
             why = str(error)
         finally:
-            self._end(why)
+            arm.end(why)
+
+    arm.begin(send)
+    reader = threading.Thread(target=read, name="cardan-daemon", daemon=True)
+    reader.start()
+
+    def disconnect() -> None:
+        with contextlib.suppress(OSError):
+            client._sock.shutdown(socket.SHUT_RDWR)
+        reader.join()
+        client.close()
+
+    return disconnect

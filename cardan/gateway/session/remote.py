@@ -5,7 +5,10 @@ The session's loop has its own interpreter: the user's program does not delay it
 
 from __future__ import annotations
 
+import contextlib
 import threading
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from cardan.errors import (
@@ -15,8 +18,7 @@ from cardan.errors import (
     MotionLoopError,
 )
 from cardan.gateway.arm.authority import VERBS
-from cardan.gateway.arm.remote_arm import RemotePacketArm
-from cardan.gateway.arm.requests import Request, decode_answer
+from cardan.gateway.arm.remote_arm import RemoteArm
 from cardan.gateway.session.arm_assembly import why_no_verbs
 from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.config import SessionConfig
@@ -25,92 +27,72 @@ from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import Outcome, SessionProcess
 
 
-class RemoteArm(RemotePacketArm):
-    """A session as configured, in a process of its own that begins with `open`, and its verbs.
+def session_arm(
+    config: SessionConfig | Path | str,
+    *,
+    source: str = VERBS,
+    show: Callable[[Snapshot], None] = lambda _snapshot: None,
+) -> RemoteArm:
+    """The arm of a session as configured, in a process of its own that begins with `open`.
 
     ::
 
-        with RemoteArm("verbs-ur5-simulated.toml") as arm:
+        with session_arm("verbs-ur5-simulated.toml") as arm:
             arm.movj([0.4, 0.1, 0.4, 3.14, 0.0, 0.0])
             arm.wait()
 
     While this process is stopped or gone, the arm brakes and holds, and verbs have to be asked for
     anew. An operator device in the configuration moves the arm beside the verbs, and takes it from
-    them as [authority] says. A Motion is updated without being asked.
+    them as [authority] says. `close` brakes to rest and ends the session.
+
+    `source`: name of this source, which gets the authority. `show` gets each snapshot of the
+    session, ten a second, in a thread of its own; an exception in it ends the session. Raises
+    ConfigurationError; `open` raises it, or DriverError, where the session cannot open what it
+    needs.
     """
+    chosen = config if isinstance(config, SessionConfig) else load_config(Path(config))
+    if why := why_no_verbs(chosen):
+        raise ConfigurationError("arm", why)
+    return RemoteArm(partial(_connect, chosen, show), source)
 
-    def __init__(self, config: SessionConfig | Path | str, *, source: str = VERBS) -> None:
-        """`source`: name of this source, which gets the authority. Raises ConfigurationError."""
-        self.config = config if isinstance(config, SessionConfig) else load_config(Path(config))
-        if why := why_no_verbs(self.config):
-            raise ConfigurationError("arm", why)
-        super().__init__(source)
-        self._process: SessionProcess | None = None
-        self._reader: threading.Thread | None = None
-        self._snapshot = Snapshot()
-        self._outcome: Outcome | None = None
 
-    @property
-    def snapshot(self) -> Snapshot:
-        """The newest snapshot of the session, a tenth of a second old at most while it runs."""
-        return self._snapshot
+def _connect(
+    config: SessionConfig, show: Callable[[Snapshot], None], arm: RemoteArm
+) -> Callable[[], None]:
+    """Start the session; returns, when the robot's first state is there, what ends it."""
+    process = SessionProcess(config)
+    outcomes: list[Outcome] = []
 
-    # -- open and close --------------------------------------------------------------------------
+    def take(packet: bytes) -> Snapshot | None:
+        if arm.take(packet):
+            return None
+        snapshot = Snapshot.from_bytes(packet)
+        show(snapshot)
+        return snapshot
 
-    def open(self) -> None:
-        """Start the session; returns when the robot's first state is there.
-
-        Raises ConfigurationError or DriverError if the session cannot open a part.
-        """
-        if self._process is not None:
-            return
-        self._snapshot, self._outcome = Snapshot(), None
-        self._process = process = SessionProcess(self.config)
-        self._begin()
-        self._reader = threading.Thread(
-            target=self._read, args=(process,), name="session", daemon=True
-        )
-        self._reader.start()
-        try:
-            self.status()
-        except BaseException as error:
-            self.close()
-            outcome = self._outcome
-            if not isinstance(error, MotionLoopError) or outcome is None or not outcome.exit_code:
-                raise
-            raise _why_it_ended(outcome) from None
-
-    def close(self) -> None:
-        """Brake to rest and end the session. Never raises; twice is fine."""
-        process, reader = self._process, self._reader
-        if process is None or reader is None:
-            return
-        process.stop()
-        reader.join()
-        self._process = self._reader = None
-        self._close()
-
-    def _read(self, process: SessionProcess) -> None:
+    def read() -> None:
         """Send beats, and handle the session's packets, until it ends."""
         why = ""
         try:
-            self._outcome = outcome = process.follow(self._take)
+            outcome = process.follow(take)
+            outcomes.append(outcome)
             why = outcome.last.error or outcome.last.message
         finally:
-            self._end(f"the session has ended: {why}" if why else "the session has ended")
+            arm.end(f"the session has ended: {why}" if why else "the session has ended")
 
-    def _take(self, packet: bytes) -> Snapshot | None:
-        answer = decode_answer(packet)
-        if answer is None:
-            self._snapshot = Snapshot.from_bytes(packet)
-            return self._snapshot
-        self._take_answer(answer)
-        return None
-
-    def _send(self, _request: Request, packet: bytes) -> None:
-        process = self._process
-        if process is not None:
-            process.send(packet)
+    arm.begin(lambda _request, packet: process.send(packet))
+    reader = threading.Thread(target=read, name="session", daemon=True)
+    reader.start()
+    try:
+        with contextlib.ExitStack() as undone:
+            undone.callback(reader.join)
+            undone.callback(process.stop)
+            arm.status()
+            return undone.pop_all().close
+    except MotionLoopError:
+        if not outcomes or not outcomes[0].exit_code:
+            raise
+        raise _why_it_ended(outcomes[0]) from None
 
 
 def _why_it_ended(outcome: Outcome) -> CardanError:

@@ -384,7 +384,8 @@ class Recipe:
         )
         head = (self._packet.size, _DATA, *(() if number is None else (number,)))
         self._pack = partial(self._packet.pack, *head)
-        self._head = (_HEADER if number is None else _DATA_HEAD).pack(*head)
+        self.head = (_HEADER if number is None else _DATA_HEAD).pack(*head)
+        """What every data package of it begins with."""
 
     @property
     def size(self) -> int:
@@ -405,7 +406,7 @@ class Recipe:
     def alone(self, data: bytes) -> tuple[Any, ...] | None:
         """Return the values of one whole data package of this recipe, which has a number; None
         where `data` is anything else."""
-        if len(data) != self._packet.size or not data.startswith(self._head):
+        if len(data) != self._packet.size or not data.startswith(self.head):
             return None
         return self._parted(self._struct.unpack_from(data, _VALUES_FROM))
 

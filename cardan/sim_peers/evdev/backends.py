@@ -63,6 +63,7 @@ from cardan.protocols.evdev.uinput import (
 from cardan.sim_peers.backends.base import DeviceBackend
 from cardan.sim_peers.backends.server import PacketClient
 from cardan.sim_peers.backends.unix_socket import PacketBackend
+from cardan.sim_peers.base import strikes
 from cardan.sim_peers.evdev.core import EFFECTS, InputEvents, SimulatedInput
 
 if sys.platform != "win32":
@@ -134,7 +135,7 @@ class EventSocket(PacketBackend[InputEvents, _Client]):
         self._flush()
 
     def _strikes(self, fault: str) -> bool:
-        return fault in self._faults and self._frames % int(self._faults[fault]) == 0
+        return strikes(self._faults, fault, self._frames)
 
     def _meet(self, sock: socket.socket) -> _Client:
         return _Client(sock)

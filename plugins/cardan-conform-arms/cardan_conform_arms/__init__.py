@@ -1,1 +1,1 @@
-"""What arms on ROS 2 and on the joint stream are judged by, and a driver of the latter."""
+"""Conformance suites for arms on ROS 2 and the joint stream, and for drivers of the latter."""

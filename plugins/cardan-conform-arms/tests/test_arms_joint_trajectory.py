@@ -245,7 +245,7 @@ def test_nothing_that_comes_ends_the_pilot_or_a_judge():
         exchange.over = False
         exchange.heard(1e3, channel, b"\0\1\0\0junk", note="1")
     seen = SUITE.decode(exchange.timeline)
-    assert len(seen.malformed) == len(CHANNELS) - 1
+    assert len(seen.unread) == len(CHANNELS) - 1
     assert worse_than(Outcome.PASSED, {r.id: r.judge(seen) for r in requires.all()}) == {}
 
 
@@ -277,7 +277,7 @@ def test_feedback_of_every_distribution_is_read(names, index):
         name, feedback["index"] = revised(name), index
     _hear(timeline, FEEDBACK, {"feedback": feedback}, name)
     seen = SUITE.decode(timeline)
-    assert not seen.malformed
+    assert not seen.unread
     ((_, message),) = seen.feedback
     assert message["feedback"]["joint_names"] == names
     assert message["feedback"]["actual"]["positions"] == [0.5] * len(names)

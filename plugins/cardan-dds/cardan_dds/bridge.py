@@ -1,12 +1,12 @@
-"""Joins the bus with a DDS domain: topics of the bus out, commands in, services of the bus.
+"""Bridge between the bus and a DDS domain: topics of the bus out, commands in, services of the bus.
 
-What the bus has decides: a topic that somebody on the bus publishes goes out; one that somebody on
-the bus subscribes to comes in; a service that somebody on the bus offers is offered on DDS. Both
-sides are deaf to what the bridge itself publishes there, so that nothing goes round.
+The graph of the bus decides: topics published on the bus are published on DDS, topics subscribed to
+on the bus are subscribed to on DDS, services offered on the bus are offered on DDS. Both sides
+ignore the bridge's own publications, so that no message loops.
 
-Nothing is queued here: a message is passed on in the thread that brought it, into DDS's and
+The bridge queues nothing: a message is passed on in the thread that received it, into DDS's and
 Zenoh's own bounded queues, in order for each publisher. A topic is subscribed to on the bus only
-while somebody on DDS subscribes to it, a latched one from then on.
+while it has a subscriber on DDS; a latched topic stays subscribed to from its first one on.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ MOST_CLIENTS = 64
 
 NAMED_WITHIN_S = 1.0
 """How long the messages of a writer wait for the name of its node, and are not passed on: ROS 2
-tells it when the writer is made. One that is not of ROS 2 has none."""
+announces it when the writer is made. A writer that is not of ROS 2 has none."""
 
 MOST_BYTES = 10_000_000
 """Largest message that is passed on to the bus, as of rosbridge."""
@@ -44,8 +44,8 @@ MOST_CALLS = 64
 """Calls of one participant that wait for their replies; more are refused."""
 
 HANDED_ON_S = 0.3
-"""How long after it stood still what comes counts as sent before: as long as DDS takes to hand on
-what the system had kept."""
+"""Time after a pause of this process in which messages count as sent before its end: as long as
+DDS takes to deliver those buffered by the system."""
 
 _log = logging.getLogger(__name__)
 
@@ -57,11 +57,11 @@ class _Out:
         self.type, self.latched = topic.type, topic.latched
         self.publisher = publisher
         self.heard: Handle | None = None
-        """The subscription on the bus, while somebody on DDS wants it; of a latched topic, since
-        somebody did."""
+        """The subscription on the bus, while the topic has a subscriber on DDS; a latched topic
+        keeps it from its first subscriber on."""
 
     def quiet(self) -> None:
-        """Nobody on DDS wants it."""
+        """Unsubscribe on the bus, since no subscriber is left on DDS."""
         heard, self.heard = self.heard, None
         if heard is not None:
             heard.close()
@@ -72,7 +72,7 @@ class _Out:
 
 
 class _Client:
-    """A node on DDS as a node of the same name on the bus: what it asked for without end ends with
+    """A node on DDS as a node of the same name on the bus: its requests without end are ended with
     its participant."""
 
     def __init__(self, network: BusNetwork) -> None:
@@ -97,9 +97,9 @@ class Bridge:
         """Types and subscriptions on DDS."""
         self._services: dict[str, tuple[str, Handle]] = {}
         self._clients: dict[tuple[bytes, str], _Client] = {}
-        """By the GUIDs of their participants and their names; empty: one that has none."""
+        """By the GUIDs of their participants and their names; an unnamed node has an empty one."""
         self._unnamed: dict[bytes, float] = {}
-        """Since when writers are known whose nodes are not, by their GUIDs."""
+        """Time of discovery of writers whose nodes are unknown, by their GUIDs."""
         self._numbers = itertools.count(1)
         self._said: set[str] = set()
         self._seen = (-1, -1)
@@ -108,8 +108,8 @@ class Bridge:
         dds.watch_departures(self._depart)
 
     def follow(self) -> None:
-        """Bridge what the graphs have now; to be called more often than a bridge that goes on may
-        stand still. Raises DriverError where another bridge does so."""
+        """Bridge the present graphs; must be called more often than the longest pause of a bridge
+        that goes on. Raises DriverError where another bridge does so."""
         self._standstill.look()
         seen = self._bus.changes, self._dds.changes
         if seen == self._seen:
@@ -164,7 +164,7 @@ class Bridge:
                 out = self._outs.get(name) or self._begin_out(name, topic)
                 _, readers = self._dds.others(name)
                 if not readers:
-                    # What is latched would come once more with the next one, beside what is kept.
+                    # A new subscription would repeat the latched message that DDS already keeps.
                     if not out.latched:
                         out.quiet()
                 elif out.heard is None:
@@ -194,8 +194,8 @@ class Bridge:
         )
 
     def _stale(self, name: str) -> bool:
-        """Whether what comes now may have waited while this process stood still, and who sent it
-        may be gone; a stop is never too late. From any thread."""
+        """Whether a message received now may have waited while this process stood still, and its
+        sender may be gone; a stop is never stale. From any thread."""
         if name.endswith("/stop"):
             return False
         return time.monotonic() < self._stale_until_s or self._standstill.standing
@@ -262,8 +262,8 @@ class Bridge:
     def _publisher(
         self, writer: Endpoint, name: str, type_name: str, at_once: bool = False
     ) -> Publisher | None:
-        """What a writer on DDS is on the bus; None where it cannot be, or where it waits for its
-        node's name, unless `at_once`. From any thread."""
+        """Return a DDS writer's publisher on the bus; None where there can be none, or while the
+        writer waits for its node's name, unless `at_once`. From any thread."""
         node = self._dds.node_of(writer)
         with self._lock:
             if not (node or at_once or self._nameless(writer.guid)):
@@ -289,7 +289,7 @@ class Bridge:
     # -- participants ------------------------------------------------------------------------------
 
     def _client(self, participant: bytes, node: str) -> _Client | None:
-        """What a node on DDS is on the bus; None where there are too many. With the lock."""
+        """Return a DDS node's node on the bus; None where there are too many. With the lock."""
         client = self._clients.get((participant, node))
         if client is None:
             if len(self._clients) >= MOST_CLIENTS:
@@ -354,7 +354,7 @@ class Bridge:
         wanted: dict[str, str],
         begin: Callable[[str, str], Handle],
     ) -> None:
-        """Have what is wanted, names with types, and nothing else."""
+        """Open what is wanted, names with types, and close everything else."""
         for name, (type_name, handle) in tuple(given.items()):
             if wanted.get(name) != type_name:
                 del given[name]

@@ -1,9 +1,9 @@
 """Cyclone DDS, as far as ROS 2's messages need it: raw CDR in and out, no type information.
 
 The package's own classes encode and describe each message by a Python class. Here a message is
-bytes; what Cyclone knows of its type is the name, and one byte. Messages are checked by our codec
-where they are read: Cyclone would drop a wrong one with a line on standard error. (It also tells
-nobody whether a message came with its high bytes first, which no platform of ROS 2 sends.)
+bytes; Cyclone knows only the name of its type, and one byte. Messages are checked by our codec
+where they are read: Cyclone would drop a malformed one with a line on standard error. (It also does
+not report big-endian messages, which no platform of ROS 2 sends.)
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from cardan.protocols.ros2.zenoh import Qos
 from cardan_dds.wire import ENCLAVE, Endpoint, padded
 
 MOST_PARTICIPANTS = 62
-"""Of one domain on this computer, at least; of the highest domain, more have no ports."""
+"""Of a domain on this computer, at least; in the highest domain, more have no ports."""
 
 LOOPBACK = f"""
 <CycloneDDS xmlns="https://cdds.io/config"><Domain Id="any">
@@ -48,8 +48,8 @@ acknowledgment of its last messages, by default for a second, though its reader 
 CONFIG_VARIABLE = "CYCLONEDDS_URI"
 
 BLOCKED_MS = 10
-"""Longest that a full reliable writer blocks: it holds the interpreter for so long. One that keeps
-the last messages does not block at all."""
+"""Longest that a full reliable writer blocks: it holds the interpreter for so long. A writer that
+keeps the last messages does not block at all."""
 
 TAKEN_AT_ONCE = 64
 """Most samples of a reader that are taken in one turn."""
@@ -116,8 +116,8 @@ class _Library:
             getattr(c, name).argtypes = arguments
         self.c = c
         self.domains: dict[int, tuple[str, Any]] = {}
-        """Domains that were configured here, and how; one that is deleted takes its participants
-        along."""
+        """Domains that were configured here, with their configuration; deleting a domain deletes
+        its participants."""
         self.lock = threading.Lock()
         """Of domains, and of making, deleting and discovering endpoints: Cyclone DDS reads the user
         data of one that another thread is making, or deleting, from memory that is not its own."""
@@ -143,11 +143,11 @@ class _Library:
 
     @contextlib.contextmanager
     def without_types(self) -> Iterator[None]:
-        """What is made of a topic in here is published without a description of its type. A topic
-        itself cannot be made in here.
+        """Publish readers and writers made in this context without a description of their type.
+        Topics cannot be made in it.
 
-        It is the table of all topics that is changed, as types that differ by their tables alone
-        are mistaken for each other when one of them is freed.
+        This changes the table of all topics, because types that differ by their tables alone are
+        mistaken for each other when one of them is freed.
         """
         table = self._table
         if table is None:
@@ -182,7 +182,7 @@ def _library() -> _Library:
 
 @cache
 def _one_byte_type(name: str) -> Any:
-    """Cyclone's idea of a type: the name, and one byte. What follows it is not looked at."""
+    """Cyclone's type of that name with one byte as content. Bytes after it are ignored."""
     library = _library()
     fields = {"structure_needs_at_least_one_member": library.types.uint8}
     return library.idl.make_idl_struct("Raw", name.replace("::", "."), fields)
@@ -244,7 +244,7 @@ class Participant:
         self._subscriber = library.sub.Subscriber(self._participant)
         self._closing = threading.Lock()
         self.typeless = True
-        """Whether what it has is published without type information."""
+        """Whether its readers and writers are published without type information."""
         self.typeless = _hides_types(self)
 
     def _configure(self, number: int) -> None:
@@ -297,8 +297,8 @@ class Participant:
             raise DriverError(f"{topic} on DDS: {_words(error)}") from None
 
     def hide_types(self, topic: str, type_name: str) -> None:
-        """Have nothing that is made from now on published with a description of its type, where
-        that can be done; by a topic that is made for it."""
+        """Publish everything made from now on without a description of its type, where that is
+        possible; uses a topic made for this."""
         self._make(topic, type_name, self._library.find_table)
 
     def writer(self, topic: str, type_name: str, qos: Qos, user: bytes = b"") -> Writer:
@@ -373,7 +373,7 @@ class _Entity:
         with self._library.lock:
             entity, self._entity = self._entity, None
             if entity is not None:
-                # What the package does when nobody has the entity any more, when we choose.
+                # The package deletes an entity with its last reference; here it is deleted now.
                 entity.__del__()
 
 
@@ -443,7 +443,7 @@ class Discovery:
         self.conditions: list[int] = [each._ref for each in self._conditions]
 
     def endpoints(self) -> Iterator[Endpoint | bytes]:
-        """The endpoints that are new or have changed; of one that is gone, its GUID."""
+        """Yield endpoints that are new or have changed, and the GUIDs of those that are gone."""
         for reader, writes in self._sides:
             with self._library.lock:
                 found = reader.take(TAKEN_AT_ONCE)
@@ -519,7 +519,7 @@ class Waiter:
                 self._guard.set(True)
 
     def close(self) -> None:
-        """Nobody waits any more; twice is fine."""
+        """Close the waiter; twice is fine."""
         with self._closing:
             if not self._closed:
                 self._closed = True

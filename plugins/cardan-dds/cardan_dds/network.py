@@ -1,6 +1,6 @@
 """The whole ROS graph of a DDS domain for servers: the `Network` of cardan.bus.network over DDS.
 
-One thread waits for all readers and for what DDS discovers, and calls back. Services are those of
+A single thread waits for all readers and for discovery, and calls back. Services are those of
 rmw_cyclonedds: a header before each request and reply.
 """
 
@@ -78,7 +78,7 @@ IDLE_S = 1.0
 """Longest sleep of the thread."""
 
 END_TIMEOUT_S = 2.0
-"""Longest wait for the thread's end: a callback may have it."""
+"""Longest wait for the thread's end: it may be in a callback."""
 
 HeardFrom = Callable[[bytes, int, "Endpoint | None"], None]
 """A message, its time, and its writer; None: not known."""
@@ -101,12 +101,12 @@ class DdsNetwork:
     """
 
     def __init__(self, options: DdsOptions, name: str, deaf: bool = False) -> None:
-        """`deaf`: it does not hear what it publishes itself."""
+        """`deaf`: it does not receive its own publications."""
         self.options, self.full_name = options, checked_name(f"/{name}")
         self._deaf = deaf
         self._shared: _Hub | None = None
         self._given: list[_Given] = []
-        """What is on DDS until it is closed."""
+        """Open publishers, subscriptions and services on DDS."""
         self._clients: dict[tuple[str, str], _Client] = {}
         self._making = threading.Lock()
 
@@ -117,7 +117,7 @@ class DdsNetwork:
             self._shared.announcer.add(self.full_name)
 
     def close(self) -> None:
-        """Leave DDS, and take from it what was not closed. Never raises; twice is fine."""
+        """Leave DDS, and close everything still open there. Never raises; twice is fine."""
         self._leave()
         hub, self._shared = self._shared, None
         if hub is not None:
@@ -185,12 +185,12 @@ class DdsNetwork:
 
     @property
     def guid(self) -> bytes:
-        """Of its participant."""
+        """GUID of its participant."""
         return self.hub.participant.guid
 
     @property
     def changes(self) -> int:
-        """How often the graph has changed."""
+        """Number of changes of the graph."""
         return self.hub.changes
 
     def others(self, topic: str) -> tuple[list[Endpoint], list[Endpoint]]:
@@ -200,7 +200,7 @@ class DdsNetwork:
             return hub.sides(TOPIC, topic, others=True)
 
     def node_of(self, endpoint: Endpoint) -> str:
-        """Full name of the node that has an endpoint; empty while nobody has told it."""
+        """Full name of the node that has an endpoint; empty until it is announced."""
         hub = self.hub
         with hub.lock:
             name = hub.graph.node_of(endpoint)
@@ -219,7 +219,7 @@ class DdsNetwork:
             return [each for each in hub.graph.having_node(node) if each != self.guid]
 
     def wait_for_service(self, service: str, timeout_s: float) -> bool:
-        """Wait until somebody offers `service`; False where nobody does in time."""
+        """Wait until `service` is offered; False on a time-out."""
         hub = self.hub
         with hub.changed:
             return hub.changed.wait_for(
@@ -227,8 +227,8 @@ class DdsNetwork:
             ) not in ([], False)
 
     def watch_departures(self, departed: Callable[[bytes], None]) -> None:
-        """Have `departed` called with the GUID of each participant that leaves or dies; of one
-        that dies, when its lease ends (10 s by ROS 2's settings)."""
+        """Call `departed` with the GUID of each participant that leaves or dies; a participant
+        that dies is reported when its lease ends (10 s by ROS 2's settings)."""
         self.hub.departures.append(departed)
 
     # -- endpoints -------------------------------------------------------------------------------
@@ -240,7 +240,7 @@ class DdsNetwork:
     def subscribe_from(
         self, topic: str, type_name: str | None, heard: HeardFrom, history: bool = True
     ) -> Handle:
-        """The same, and told whose message it is; without `history` nothing that was published
+        """Subscribe with the sender of each message; without `history` no messages published
         before. Raises NetworkError."""
         given = _Subscription(self.hub, self.full_name, _checked(topic), type_name, heard, history)
         return self._kept(given)
@@ -269,12 +269,12 @@ class DdsNetwork:
         client.call(request, answered, LONGEST_CALL_S if timeout_s is None else timeout_s)
 
     def serve(self, service: str, type_name: str, asked: Asked) -> Handle:
-        """Offer a service. DDS has no word for a failure: who asks gets the refusal of the
+        """Offer a service. DDS has no message for a failure: the client gets the refusal of the
         service's own type, and no reply where Cardan does not know that. Raises NetworkError."""
         return self.serve_to(service, type_name, lambda data, answer, _by: asked(data, answer))
 
     def serve_to(self, service: str, type_name: str, asked: AskedBy) -> Handle:
-        """The same, and told who asks. Raises NetworkError."""
+        """Offer a service, with the client of each request. Raises NetworkError."""
         checked = _checked(service)
         return self._kept(_Server(self.hub, self.full_name, checked, type_name, asked))
 
@@ -294,7 +294,7 @@ class _Part(DdsNetwork):
         self._shared.announcer.add(self.full_name)
 
     def close(self) -> None:
-        """Take the node from DDS, with what it has. Never raises; twice is fine."""
+        """Remove the node and its endpoints from DDS. Never raises; twice is fine."""
         self._leave()
         hub, self._shared = self._shared, None
         if hub is not None:
@@ -351,28 +351,28 @@ class _Hub:
         return next(self._ids)
 
     def listen(self, number: int, given: _Given, reader: Reader) -> None:
-        """Have a reader's messages given to `given`."""
+        """Pass a reader's messages to `given`."""
         self._inputs[number] = given
         self._waiter.add(reader.condition, number)
 
     def unlisten(self, number: int, reader: Reader) -> None:
-        """Have them given to nobody."""
+        """Stop the calls for this reader."""
         self._inputs.pop(number, None)
         if not self._closed:
             self._waiter.remove(reader.condition)
 
     def wake(self) -> None:
-        """There is something to look at for the thread."""
+        """Wake the thread to look for due work."""
         self._urgent = True
         self._waiter.wake()
 
     def follow(self, given: _Given) -> None:
-        """Have `given` told of changes of the graph, and of time, until it is closed."""
+        """Notify `given` of changes of the graph, and of time, until it is closed."""
         with self.lock:
             self._followers = (*self._followers, given)
 
     def unfollow(self, given: _Given) -> None:
-        """Have it told of nothing more."""
+        """Stop notifying `given`."""
         with self.lock:
             self._followers = tuple(each for each in self._followers if each is not given)
 
@@ -481,7 +481,7 @@ class _Hub:
 
 
 class _Given:
-    """What somebody has on DDS until it is closed."""
+    """A handle's entities on DDS until it is closed."""
 
     def __init__(self, hub: _Hub, node: str) -> None:
         self._hub, self._node = hub, node
@@ -490,13 +490,13 @@ class _Given:
         self.closed = False
 
     def receive(self) -> None:
-        """There is something to be read. In the thread."""
+        """Read available data. In the thread."""
 
     def adapt(self) -> None:
         """The graph has changed. In the thread."""
 
     def look(self, _now_s: float) -> float:
-        """Do what is due; when to look again, by the monotonic clock. In the thread."""
+        """Do due work; return when to look again, by the monotonic clock. In the thread."""
         return float("inf")
 
     def close(self) -> None:
@@ -535,7 +535,7 @@ class _Sender(_Given):
 
     @property
     def heard(self) -> bool:
-        """Whether somebody subscribes."""
+        """Whether there is a subscriber."""
         return not self.closed and bool(self._writer.matched())
 
     def publish(self, cdr: bytes, sent_ns: int = 0) -> None:
@@ -545,8 +545,8 @@ class _Sender(_Given):
 
 
 class _Subscription(_Given):
-    """A subscription, whose reader fits the publishers that there are: their type where none was
-    asked for, best effort where one of them is, latched where all are."""
+    """A subscription whose reader fits the present publishers: their type where none was given,
+    best effort where one of them is, latched where all are."""
 
     def __init__(
         self,
@@ -628,7 +628,7 @@ class _Client(_Given):
         self._lock = threading.Lock()
         self._unsent: dict[int, bytes] = {}
         self._waiting: dict[int, tuple[Answered, float]] = {}
-        """What is called with the reply, and until when it may come."""
+        """By request: the callback for the reply, and the deadline of the reply."""
         self._have(self._reader, self._writer)
         hub.follow(self)
 
@@ -713,7 +713,7 @@ class _Server(_Given):
         self._reader = hub.make_reader(REQUEST, service, type_name, PARAMETERS_QOS, users[0])
         self._lock = threading.Lock()
         self._replies: list[tuple[bytes, Endpoint, float]] = []
-        """Replies whose clients have no reader yet, and until when they wait."""
+        """Replies whose clients have no reader yet, and their deadlines."""
         self._have(self._writer, self._reader)
         hub.follow(self)
 
@@ -724,7 +724,7 @@ class _Server(_Given):
             if self.closed or client is None or packet is None:
                 continue
             if client.vendor not in HEADER_SENDERS:
-                continue  # What it sent has no header; it was warned of when it came.
+                continue  # Its requests have no header; a warning was logged when it appeared.
             self._ask(packet, client)
 
     def _ask(self, packet: ServicePacket, client: Endpoint) -> None:
@@ -763,7 +763,7 @@ class _Server(_Given):
         self._hub.wake()
 
     def _met(self, client: Endpoint) -> bool:
-        """Whether the client's reader is there; one that gives no id cannot be waited for."""
+        """Whether the client's reader is matched; a client without an id cannot be waited for."""
         if not client.told("clientid"):
             return True
         readers = map(self._hub.by_handle, self._writer.matched())
@@ -812,7 +812,7 @@ def _checked(name: str) -> str:
 
 @contextlib.contextmanager
 def _told() -> Iterator[None]:
-    """What DDS refuses is a NetworkError."""
+    """Raise NetworkError for errors of DDS."""
     try:
         yield
     except (DriverError, InterfaceError) as error:

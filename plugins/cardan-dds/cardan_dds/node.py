@@ -55,7 +55,7 @@ def topic_user_data(type_name: str) -> bytes:
 
 
 def gid_bytes(options: DdsOptions) -> int:
-    """How long ids in announcements are."""
+    """Length of ids in announcements, bytes."""
     return HUMBLE_GID_BYTES if options.dds_distribution == "humble" else GID_BYTES
 
 
@@ -98,7 +98,7 @@ class Announcer:
             self._tell()
 
     def close(self) -> None:
-        """There are no nodes any more."""
+        """Forget all nodes."""
         with self._lock:
             self._nodes.clear()
             self._tell()
@@ -123,12 +123,12 @@ class DdsPublisher:
         self._writer.write(data)
 
     def put_as(self, _sequence: int, data: bytes | bytearray, now_ns: int) -> None:
-        """The same: on DDS nobody numbers messages but DDS."""
+        """Publish without `_sequence`: DDS numbers messages itself."""
         self.put(data, now_ns)
 
     @property
     def heard(self) -> bool:
-        """Whether somebody subscribes."""
+        """Whether there is a subscriber."""
         return bool(self._writer.matched())
 
     def close(self) -> None:
@@ -137,7 +137,7 @@ class DdsPublisher:
 
 
 class GraphReader:
-    """Reads who is on DDS, and which nodes are announced, into a graph. Not a thread of its own."""
+    """Reader of discovered endpoints and announced nodes into a graph. Not a thread of its own."""
 
     def __init__(self, participant: Participant) -> None:
         """Raises DriverError."""
@@ -151,16 +151,16 @@ class GraphReader:
             topic_user_data(DISCOVERY_TYPE),
         )
         self.conditions = (*self._discovery.conditions, self._announced.condition)
-        """Of a waiter: there is something to be read."""
+        """Conditions for a waiter: data can be read."""
 
     def take(self) -> Discovered:
-        """What is new; the graph has not got it yet."""
+        """Take new discoveries, which the graph does not have yet."""
         return Discovered(
             list(self._discovery.endpoints()), self._announced.take(), self._discovery.departed()
         )
 
     def learn(self, found: Discovered) -> None:
-        """Have what is new in the graph."""
+        """Add new discoveries to the graph."""
         for each in found.changes:
             if isinstance(each, Endpoint):
                 self.graph.add(each)
@@ -174,7 +174,7 @@ class GraphReader:
             self.graph.forget(guid)
 
     def look(self) -> None:
-        """Have what is new in the graph, by one step."""
+        """Take new discoveries and add them to the graph."""
         self.learn(self.take())
 
     def writer(self, gid: bytes) -> str:
@@ -191,10 +191,10 @@ class GraphReader:
 
 
 class Discovered(NamedTuple):
-    """What was new on DDS."""
+    """New discoveries on DDS."""
 
     changes: list[Endpoint | bytes]
-    """Endpoints; of one that is gone, its GUID."""
+    """Endpoints, and the GUIDs of those that are gone."""
     announced: list[Sample]
     departed: list[bytes]
     """GUIDs of participants."""
@@ -220,7 +220,7 @@ class DdsSubscription:
         waiter.add(reader.condition, 1)
 
     def wait(self, timeout_s: float) -> Received | None:
-        """The oldest message that is kept, or the next one; None where none comes in time."""
+        """Return the oldest kept message, or the next one; None on a time-out."""
         end_s = time.monotonic() + timeout_s
         while not self._kept:
             self._take()
@@ -232,7 +232,7 @@ class DdsSubscription:
         return self._kept.popleft() if self._kept else None
 
     def poll(self) -> Received | None:
-        """The oldest message that is kept, None where there is none."""
+        """Return the oldest kept message; None where there is none."""
         return self.wait(0.0)
 
     def wake(self) -> None:
@@ -309,10 +309,10 @@ class DdsNode(OtherNode):
     def waiting_subscription(
         self, name: str, type_name: str, depth: int, qos: Qos = DEFAULT_QOS
     ) -> DdsSubscription:
-        """A subscription that keeps the newest `depth` messages. It hears publishers of any
+        """Make a subscription that keeps the newest `depth` messages of publishers of any
         reliability. Raises InterfaceError, RosNameError or DriverError."""
         participant, announcer = self._opened()
-        # One that is latched must be reliable to hear what was published before.
+        # Messages published earlier reach a latched subscription only if it is reliable.
         kept = qos._replace(depth=depth, reliable=qos.transient_local)
         names = self._names(name, type_name)
         reader = participant.reader(*names, kept, topic_user_data(type_name))

@@ -15,12 +15,12 @@ from cardan_dds.bridge import Bridge
 from cardan_dds.network import DdsNetwork
 
 LOOK_S = 0.05
-"""How often it looks who has come and gone, and whether it is to end."""
+"""Period of the checks for graph changes and for the end."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DdsBridgeOptions(Options):
-    """What is joined."""
+    """Topics and services that the bridge joins."""
 
     topics: tuple[str, ...] = ("*",)
     """Patterns of the topics that are on DDS."""
@@ -31,7 +31,7 @@ class DdsBridgeOptions(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class DdsServerOptions(Options):
-    """The bus, the DDS domain, and what is joined."""
+    """The bus, the DDS domain, and the joined topics and services."""
 
     bus: BusOptions = field(default_factory=BusOptions)
     dds: DdsOptions = field(default_factory=DdsOptions)

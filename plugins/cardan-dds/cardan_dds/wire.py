@@ -27,7 +27,7 @@ ENCLAVE = b"enclave=/;"
 """User data of a participant; one without it does not count as ROS 2."""
 
 BARE_NODE = "/_CREATED_BY_BARE_DDS_APP_"
-"""Whose an endpoint is that no node has announced, as ROS 2 calls it."""
+"""ROS 2's node name for an endpoint that no node has announced."""
 
 HEADER = struct.Struct("<Qq")
 """Before each request and reply: the client's id and the request's number."""
@@ -51,21 +51,21 @@ _VENDORS = {
 _LENGTH = struct.Struct("<I")
 
 HEADER_SENDERS = (CYCLONE, RUST_DDS)
-"""Whose clients put the header before requests; what others send would be read from the wrong
-byte."""
+"""Vendors whose clients put the header before requests; requests of others would be read from the
+wrong byte."""
 
 WAYS_OUT = (
     "services do not work between Cyclone DDS and other DDS vendors; commands on topics do, and so "
     "do services with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp for the program that calls, with "
     "rmw_zenoh_cpp, and by rosbridge"
 )
-"""What users of another DDS are told."""
+"""Advice for users of another DDS."""
 
 
 def vendor(guid: bytes) -> str:
-    """Vendor of the DDS with a participant or endpoint of this GUID; empty: nobody known.
+    """Vendor of the DDS with a participant or endpoint of this GUID; empty: unknown.
 
-    The first two bytes are the vendor's by the habit of all that are known here.
+    By convention of all vendors known here, the first two bytes are the vendor's.
     """
     return _VENDORS.get(guid[:2], "")
 
@@ -74,7 +74,7 @@ def vendor(guid: bytes) -> str:
 
 
 class DdsName(NamedTuple):
-    """What a DDS topic is to ROS 2."""
+    """ROS 2's meaning of a DDS topic."""
 
     prefix: str
     """TOPIC, REQUEST or REPLY."""
@@ -91,13 +91,13 @@ def dds_topic(prefix: str, name: str) -> str:
 
 
 def dds_type_of(prefix: str, type_name: str) -> str:
-    """The DDS type of a message, or of a service's request or reply. Raises InterfaceError for
-    what is no name of a type."""
+    """Return the DDS type of a message, or of a service's request or reply. Raises InterfaceError
+    for a string that is no name of a type."""
     return dds_type(f"{type_name}{_PARTS[prefix]}")
 
 
 def ros_name(topic: str, type_name: str) -> DdsName | None:
-    """What a DDS topic with a DDS type is to ROS 2; None: nothing."""
+    """Return ROS 2's meaning of a DDS topic with a DDS type; None: it has none."""
     prefix, slash, rest = topic.partition("/")
     suffix = _SUFFIXES.get(prefix)
     if suffix is None or not slash or not rest.endswith(suffix):
@@ -117,7 +117,7 @@ def user_data(pairs: Mapping[str, str]) -> bytes:
 
 
 def parsed_user_data(data: bytes) -> dict[str, str]:
-    """Its pairs; what is none is left out."""
+    """Return the pairs of user data; malformed parts are left out."""
     pairs = (each.partition("=") for each in data.decode("ascii", "replace").split(";"))
     return {key: value for key, equals, value in pairs if equals}
 
@@ -137,8 +137,8 @@ def padded(cdr: bytes | bytearray) -> bytes:
 
 
 def exact(type_name: str, data: bytes) -> bytes:
-    """A message of a known type without what pads it, as Zenoh has it; its encapsulation says
-    nothing of padding any more."""
+    """Return a message of a known type without padding, as on Zenoh; its encapsulation header
+    does not announce padding any more."""
     data = ENCAPSULATION + data[4:] if data[:2] == ENCAPSULATION[:2] != data[2:4] else data
     return codec_of(type_name).exact(data)
 
@@ -154,13 +154,13 @@ class ServicePacket(NamedTuple):
     """The message with its encapsulation."""
 
     def encode(self) -> bytes:
-        """As it is sent: padded, with its header inside the body."""
+        """Encode the packet for sending: padded, with its header inside the body."""
         head, body = self.cdr[:4], self.cdr[4:]
         return padded(head + HEADER.pack(self.client, self.sequence) + body)
 
     @classmethod
     def decode(cls, data: bytes) -> ServicePacket | None:
-        """From what was received; None for what has no header."""
+        """Decode a received packet; None if it has no header."""
         if len(data) < 4 + HEADER.size or data[:2] != ENCAPSULATION[:2]:
             return None
         client, sequence = HEADER.unpack_from(data, 4)
@@ -188,7 +188,7 @@ class Announcement(NamedTuple):
     nodes: tuple[NodeInfo, ...] = ()
 
     def encode(self, gid_bytes: int = GID_BYTES) -> bytes:
-        """As CDR."""
+        """Encode the announcement as CDR."""
         body = bytearray(self.participant.ljust(gid_bytes, b"\0"))
 
         def count(number: int) -> None:
@@ -212,7 +212,7 @@ class Announcement(NamedTuple):
 
     @classmethod
     def decode(cls, data: bytes, gid_bytes: int = GID_BYTES) -> Announcement | None:
-        """From CDR; None for what is none, as with ids of the other length."""
+        """Decode CDR; None for other data, such as ids of the other length."""
         body, position = data[4:], 0
 
         def take(length: int) -> bytes:
@@ -255,7 +255,7 @@ class Announcement(NamedTuple):
 
 
 class Endpoint(NamedTuple):
-    """A reader or writer that somebody has, as DDS's own discovery tells it."""
+    """A reader or writer, as reported by DDS's own discovery."""
 
     guid: bytes
     participant: bytes
@@ -265,7 +265,7 @@ class Endpoint(NamedTuple):
     type_name: str
     """DDS's."""
     handle: int = 0
-    """What samples of this writer have as `publication_handle`."""
+    """`publication_handle` of this writer's samples."""
     reliable: bool = True
     transient_local: bool = False
     user: bytes = b""
@@ -274,12 +274,12 @@ class Endpoint(NamedTuple):
 
     @property
     def ros(self) -> DdsName | None:
-        """What it is to ROS 2."""
+        """ROS 2's meaning of its topic."""
         return ros_name(self.topic, self.type_name)
 
     @property
     def vendor(self) -> str:
-        """Whose DDS it is."""
+        """Vendor of its DDS."""
         return vendor(self.guid)
 
     def told(self, key: str) -> str:
@@ -313,7 +313,7 @@ class DdsGraph:
             self._ros.setdefault((ros.prefix, ros.name), {})[endpoint.guid] = endpoint
 
     def remove(self, guid: bytes) -> Endpoint | None:
-        """An endpoint is gone; the one that it was."""
+        """Remove an endpoint that is gone, and return it."""
         endpoint = self._endpoints.pop(guid, None)
         if endpoint is None:
             return None
@@ -371,5 +371,5 @@ class DdsGraph:
         return {each.participant for each in self._endpoints.values()}
 
     def names(self, prefix: str) -> list[str]:
-        """The ROS names that somebody has endpoints of, sorted."""
+        """Return the ROS names that have endpoints, sorted."""
         return sorted(name for kind, name in self._ros if kind == prefix)

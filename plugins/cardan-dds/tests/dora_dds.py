@@ -50,8 +50,8 @@ def main(arm):
     told["pose"] = heard(poses)
     pose = told["pose"]["pose"]
     pose["position"]["z"] -= 0.02
-    # dora-rs does not tell when it has met somebody: it asks again until its own subscription is
-    # there, too. While the arm moves, more is refused.
+    # dora-rs does not report matched peers: it asks again until its own subscription is there,
+    # too. While the arm moves, further commands are refused.
     told["accepted"] = heard(
         results,
         lambda each: (each["command"], each["outcome"]) == ("movl", "accepted"),

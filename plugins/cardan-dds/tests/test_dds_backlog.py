@@ -1,4 +1,4 @@
-"""What waited on its way from DDS is not acted on; in virtual time, without DDS."""
+"""Messages that waited on their way from DDS are dropped; in virtual time, without DDS."""
 
 from types import SimpleNamespace
 

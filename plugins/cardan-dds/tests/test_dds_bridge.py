@@ -1,4 +1,4 @@
-"""The bridge between the bus and DDS: what goes out, what comes in, and nothing round."""
+"""The bridge between the bus and DDS: messages out, messages in, and no loops."""
 
 from __future__ import annotations
 
@@ -223,7 +223,7 @@ def test_nothing_goes_round_where_both_sides_publish_and_subscribe(sides):
     publishers[user].publish(text("only"))
     for each in heard.values():
         until(lambda each=each: {text("once"), text("only")} <= set(each))
-    # What goes round would have come again by the time of a further message.
+    # A looping message would have come again by the time of a further one.
     publishers[robot].publish(text("end"))
     publishers[user].publish(text("end too"))
     for each in heard.values():

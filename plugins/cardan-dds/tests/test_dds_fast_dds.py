@@ -1,4 +1,4 @@
-"""What is on DDS is judged by the engine of ROS 2's default middleware."""
+"""Traffic on DDS, judged by the engine of ROS 2's default middleware."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_topics_both_ways_however_it_looks_for_others(discovery, first):
         ours.subscribe("/arm/name", STRING, lambda cdr, _ns: heard.append(cdr))
 
         def told():
-            # What is published before both sides have met is lost.
+            # Messages published before discovery are lost.
             publisher.publish(encoded(JOINTS, **message))
             return theirs.found("sample", topic="/arm/joints")
 
@@ -192,7 +192,7 @@ def test_a_client_of_a_service_is_told_what_to_do_and_gets_no_answer(ours, caplo
         until(lambda: "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp" in caplog.text)
         theirs.request("/arm/stop", TRIGGER, {})
         theirs.wait("requested", 2, written=1)
-        # What is published after it has come after it.
+        # Messages published after the request arrive after it.
         heard = []
         ours.subscribe("/arm/name", STRING, lambda cdr, _ns: heard.append(cdr))
         theirs.advertise("/arm/name", STRING)

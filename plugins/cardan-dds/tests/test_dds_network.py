@@ -1,4 +1,4 @@
-"""Nodes on DDS meet: topics, services, the graph, and who is refused."""
+"""Discovery of nodes on DDS: topics, services, the graph, and refused clients."""
 
 import logging
 import threading
@@ -101,7 +101,7 @@ def test_a_service_answers(pair):
         listener.call("/ready", TRIGGER, REQUEST, replies.append, TIMEOUT_S)
         until(lambda count=count: len(replies) == count)
     assert replies == [REPLY] * 3
-    # Whose a server is comes by a topic of its own.
+    # The name of a server's node comes by a topic of its own.
     found = until(
         lambda: (found := listener.services()["/ready"]).servers == ("/talker",) and found
     )

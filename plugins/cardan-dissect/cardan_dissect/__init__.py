@@ -1,7 +1,7 @@
 """Reads captures line by line: EGM and the joint stream on UDP, simple message (MotoROS) and RTDE
 (Universal Robots) on TCP, 3Dconnexion reports on USB.
 
-What is printed of a message are the values of its codec in :mod:`cardan.protocols`. The protocols
+The values printed of a message are those of its codec in :mod:`cardan.protocols`. The protocols
 are declared in :mod:`cardan_dissect.dissectors`; other packages add theirs by an entry point, see
 :class:`cardan_dissect.reader.Dissector`.
 
@@ -42,18 +42,18 @@ __all__ = [
 MOST_FIGURES = 4096
 """Most senders and receivers with figures of their own."""
 MOST_OTHERS = 4096
-"""Most kinds of other packets that are told apart."""
+"""Most kinds of other packets that are counted apart."""
 COPY_NS = 20_000_000
 """Within this time a datagram passes from one interface of a computer to another: a bridge, a
 container."""
 MOST_TOLD = 10
 """Files that are not read and that are named."""
 PROGRESS_PACKETS = 4096
-"""After so many packets the progress is told."""
+"""Packets between two reports of the progress."""
 
 
 class Counts(NamedTuple):
-    """What a capture held. `messages` and `malformed` are by protocol: "EGM", "3Dconnexion",
+    """Contents of a capture. `messages` and `malformed` are by protocol: "EGM", "3Dconnexion",
     "joint stream", "simple message", "RTDE"; and by those of plug-ins."""
 
     packets: int
@@ -71,16 +71,16 @@ def dissect_file(
     progress: Callable[[int, float | None], None] = lambda packets, share: None,
     **numbers: Iterable[int],
 ) -> Counts:
-    """Writes a line per datagram, report and message of the protocols in a capture, then a summary.
+    """Write a line per datagram, report and message of the protocols in a capture, then a summary.
 
     `path` is a pcap or pcapng file, gzipped or not, of Ethernet, Linux cooked, loopback, raw IP,
     Linux usbmon, or of a link that a plug-in reads; a btsnoop log of Bluetooth; a log of a CAN bus,
     of candump or (with python-can) .asc or .blf; a pipe of such, "-" for standard input; or
     several of them, which are read one after the other as one capture: none is, where one of them
-    is missing. What passed two interfaces is counted once. Of flows that are not read the summary
-    says which protocol they look like. `progress` is told now and then how many packets were read,
-    and of how much of the file (None: not known). Reading stops at the packet with which `limit`
-    datagrams, reports, frames and messages are reached. With `summary` the lines are left out.
+    is missing. Packets that passed two interfaces are counted once. The summary says which protocol
+    the flows look like that were not read. `progress` is called now and then with the number of
+    packets read and the share of the file (None: not known). Reading stops at the packet that
+    reaches `limit` datagrams, reports, frames and messages. `summary` leaves the lines out.
     `numbers` are where protocols are looked for besides the usual places, by the keys of their
     dissectors' options: `egm_ports` are UDP ports a PC listens at besides EGM_PORTS,
     `simple_message_ports` TCP ports of a controller besides SIMPLE_MESSAGE_PORTS, `rtde_ports` such
@@ -149,7 +149,7 @@ def dissect_file(
 
 
 def _look(paths: Iterable[str | os.PathLike[str]]) -> None:
-    """Raise CaptureError with what is wrong of each file that is not read."""
+    """Raise CaptureError with the fault of each file that is not read."""
     wrong = []
     for path in paths:
         try:
@@ -162,7 +162,7 @@ def _look(paths: Iterable[str | os.PathLike[str]]) -> None:
 
 
 class CaptureReader:
-    """What was found in a capture, with a dissector of each protocol that it needs."""
+    """Reader of a capture's messages, with a dissector of each protocol that it needs."""
 
     def __init__(
         self, kinds: Iterable[type[Dissector]], numbers: Mapping[str, Iterable[int]]
@@ -188,7 +188,7 @@ class CaptureReader:
         self._late: list[str] = []
         """Files that begin before the one before them ends."""
         self._seen: OrderedDict[Segment, tuple[int, Counter[int]]] = OrderedDict()
-        """Of what came shortly before: when, and how often on each interface."""
+        """Of recent packets: their time, and how often each came on each interface."""
 
     def read(
         self,
@@ -213,7 +213,7 @@ class CaptureReader:
             self.lost += file.lost
 
     def is_copy(self, packet: CapturedPacket, parsed: Segment | str) -> bool:
-        """Whether what is in a packet was seen on another interface just before."""
+        """Whether a packet's content was seen on another interface just before."""
         interface = network.interface(packet)
         if interface is None or isinstance(parsed, str):
             return False
@@ -243,7 +243,7 @@ class CaptureReader:
         return self._offered[link_type]
 
     def take(self, found: Message | Note, dissector: Dissector) -> tuple[str, ...]:
-        """Count a message; what is to be said of it besides its values."""
+        """Count a message; return remarks about it besides its values."""
         if isinstance(found, Note):
             return ()
         self.messages += 1
@@ -263,7 +263,7 @@ class CaptureReader:
         self.others = kept
 
     def counts(self) -> Counts:
-        """How much of everything there was."""
+        """Return the counts of packets and messages."""
         messages = {kind.name: 0 for kind in self.dissectors}
         malformed = dict(messages)
         for (dissector, _), figures in self._figures.items():

@@ -15,8 +15,8 @@ RECORD = struct.Struct(">IIIIq")
 """Length on the wire, length here, flags, packets lost until then, time stamp."""
 VERSION = 1
 H1, H4, MONITOR = 1001, 1002, 2001
-"""Datalink types: HCI without and with the byte that says of which type a packet is, and what the
-Linux kernel's monitor says of all adapters."""
+"""Datalink types: HCI without and with the byte of a packet's type, and the Linux kernel's monitor
+of all adapters."""
 EPOCH_US = 0x00DCDDB30F2F8000
 """Time stamps are microseconds; this is the one of 1970. The format's description counts them from
 the year 0, and gives that of 2000, which is 12 days more than the Gregorian calendar makes it."""
@@ -34,13 +34,13 @@ MONITORED = {
     18: (ISO, False),
     19: (ISO, True),
 }
-"""What a packet of the monitor is by the lower half of its flags, and whether the host got it; the
-upper half is the adapter's number."""
+"""HCI type of a packet of the monitor, and whether the host received it, by the lower half of its
+flags; the upper half is the adapter's number."""
 
 
 def link_packet(datalink: int, flags: int, data: bytes) -> tuple[int, bytes, int]:
-    """Of a packet: the link type (LINKTYPE_ of libpcap), its bytes with that, and the adapter. What
-    is no HCI ("adapter 0 was opened") is of the monitor's link type."""
+    """Return a packet's link type (LINKTYPE_ of libpcap), its bytes in that, and the adapter.
+    Events of the monitor ("adapter 0 was opened") have the monitor's link type."""
     if datalink == MONITOR:
         kind, received = MONITORED.get(flags & 0xFFFF, (0, False))
         if not kind:

@@ -30,16 +30,16 @@ _REQUEST = re.compile(r"\sTxRq\s")
 
 
 class Logged(NamedTuple):
-    """A frame as a capture has it."""
+    """A frame in the format of a capture."""
 
     time_ns: int
     data: bytes
 
 
 def reader(head: bytes) -> Callable[[BinaryIO], Iterator[Logged]] | None:
-    """What reads the log that begins with these four bytes; None: it is none.
+    """Return the reader of a log that begins with these four bytes; None: it is no log.
 
-    What is read raises ValueError that says what is wrong with it.
+    The reader raises ValueError that says what is wrong with the log.
     """
     if head[:1] == b"(" and head[1:].isdigit():
         return _candump
@@ -126,7 +126,7 @@ class _Counted:
         return data
 
     def close(self) -> None:
-        """The stream is whose it was."""
+        """Leave the stream open: its owner closes it."""
 
 
 def _messages(log: Any) -> Iterator[Logged]:

@@ -73,7 +73,7 @@ class Direction(enum.Enum):
 
 
 class CapturedPacket(NamedTuple):
-    """One captured packet. `number` counts from 1; `time_ns` is since the Unix epoch."""
+    """A captured packet. `number` counts from 1; `time_ns` is since the Unix epoch."""
 
     number: int
     time_ns: int
@@ -106,7 +106,7 @@ class _Again(io.RawIOBase):
         return True
 
     def readinto(self, buffer: Any) -> int:
-        """What is there, without waiting for as much as there is room for."""
+        """Read the available bytes, without waiting until the buffer is full."""
         data = self._head[: len(buffer)] or self._stream.read1(len(buffer))
         self._head = self._head[len(data) :]
         buffer[: len(data)] = data
@@ -115,7 +115,7 @@ class _Again(io.RawIOBase):
 
 class Capture:
     """The packets of a file or a pipe, iterated once; "-" is standard input. They are counted from
-    `first` on. CaptureError names what is wrong with the file."""
+    `first` on. CaptureError names the fault of the file."""
 
     def __init__(self, path: str | os.PathLike[str], first: int = 1) -> None:
         self.path = os.fspath(path)
@@ -129,14 +129,14 @@ class Capture:
 
     @property
     def share(self) -> float | None:
-        """How much of the file has been read, 0 to 1; None where its length is not known."""
+        """Share of the file that has been read, 0 to 1; None if its length is unknown."""
         if self._stream is None or not self._bytes:
             return None
         return min(1.0, self._stream.tell() / self._bytes)
 
     def look(self) -> None:
-        """CaptureError where there is no such file, or none that is read; one that is damaged is.
-        Pipes are left alone."""
+        """Raise CaptureError if the file is missing or no capture; a damaged capture passes. Pipes
+        are not checked."""
         if self.path == STANDARD_INPUT:
             return
         try:
@@ -348,7 +348,7 @@ def _interface(order: str, body: bytes) -> _Interface:
 
 
 def _dropped(order: str, body: bytes) -> int:
-    """How many packets an interface's statistics say were lost."""
+    """Return the lost packets by an interface's statistics."""
     found = [at for code, at in _options(order, body, 12) if code in OPTIONS_DROPPED]
     return sum(struct.unpack_from(f"{order}Q", body, at)[0] for at in found)
 

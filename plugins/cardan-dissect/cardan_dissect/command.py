@@ -87,7 +87,7 @@ def _function(numbers: list[Numbers]) -> Any:
 
 
 class _Progress:
-    """How far a long capture has been read: a line on a terminal that is written over."""
+    """Progress of reading a long capture: a line on a terminal that is overwritten."""
 
     def __init__(self, shown: bool) -> None:
         self._shown = shown
@@ -95,7 +95,7 @@ class _Progress:
         self._wide = 0
 
     def tell(self, packets: int, share: float | None) -> None:
-        """So many packets were read, and of so much of the file."""
+        """Show how many packets were read, and the share of the file."""
         if not self._shown or time.monotonic() < self._due_s:
             return
         self._due_s = time.monotonic() + PROGRESS_S

@@ -285,7 +285,7 @@ def malformed(message: ProtoMessage) -> str | None:
 
 
 def remarks(message: ProtoMessage) -> Iterator[str]:
-    """What is readable but outside what the protocol allows or a controller will like."""
+    """Yield readable values that the protocol does not allow or a controller may refuse."""
     if len(message.original) > MAX_DATAGRAM_BYTES:
         yield f"larger than {MAX_DATAGRAM_BYTES} bytes"
     if message.header is None:

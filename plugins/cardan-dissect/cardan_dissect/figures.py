@@ -18,7 +18,7 @@ REMEMBERED = 1024
 PENDING = 256
 """Messages that an answer is looked for among: one second at 250 Hz."""
 MOST_TEXTS = 64
-"""Different texts that are counted each; what comes after them is counted together."""
+"""Different texts that are counted each; further texts are counted together."""
 OTHERS = "others"
 
 
@@ -31,7 +31,7 @@ class Intervals:
         self._min_ns = math.inf
 
     def add(self, time_ns: int) -> None:
-        """One more instant."""
+        """Add an instant."""
         last, self._last_ns = self._last_ns, time_ns
         if last is None:
             return
@@ -70,8 +70,8 @@ class Sequence:
         self._recovered = 0
 
     def add(self, seqno: int, datagram: bytes) -> str:
-        """One more datagram: "" (as usual), "gap", "duplicate", "repeated" (the seqno, with other
-        content), "late" or "restart"."""
+        """Add a datagram; return "" (as usual), "gap", "duplicate", "repeated" (the seqno, with
+        other content), "late" or "restart"."""
         content, verdict = hash(datagram), ""
         last = self._last
         if last is None:
@@ -147,7 +147,7 @@ def bounded(counted: Mapping[str, object], text: str) -> str:
 
 
 def count(counter: Counter[str], text: str) -> None:
-    """One more of `text`, or of others."""
+    """Count `text`, under itself or as one of the others."""
     counter[bounded(counter, text)] += 1
 
 
@@ -161,11 +161,11 @@ class _Kind:
 
 
 class Figures:
-    """How many messages there were, how often, what was lost, and how long answers took."""
+    """Figures of messages: number, intervals, losses, and times to answers."""
 
     def __init__(self, other_way: Figures | None) -> None:
         self._other_way = other_way
-        """Those of the messages that are answered."""
+        """Figures of the messages that are answered."""
         if other_way is not None:
             other_way._other_way = self
         self.messages = 0
@@ -179,7 +179,7 @@ class Figures:
         """When the newest of them came."""
 
     def add(self, message: Message) -> tuple[str, ...]:
-        """One more; what is to be said of it."""
+        """Add a message; return remarks about it."""
         packet, _, (value, title, fault, seqno, asks, answers, remarks), data, _ = message
         self.messages += 1
         if fault:
@@ -221,7 +221,7 @@ class Figures:
 
     @property
     def malformed(self) -> int:
-        """How many of the messages are."""
+        """Number of malformed messages."""
         return self._malformed.total()
 
     def __iter__(self) -> Iterator[str]:

@@ -12,14 +12,14 @@ from cardan_dissect.network import TCP_ACK, TCP_SYN, Segment
 from cardan_dissect.reader import CUT, Decoded, Dissector, Found, Message, Note
 
 MOST_FLOWS = 1024
-"""Flows that are followed at once; for one more the one that was silent the longest is ended."""
+"""Flows that are followed at once; a further flow ends the one that was silent the longest."""
 
 MOST_ABOUT = 4 * MOST_FLOWS
 """Directions of which the figures of the stream are kept."""
 
 
 class Measured(NamedTuple):
-    """What the first bytes of a message say of its length."""
+    """Length of a message by its first bytes."""
 
     size: int | None
     """None: they are no message's."""
@@ -28,13 +28,13 @@ class Measured(NamedTuple):
 
 
 class Conversation(ABC):
-    """One port of a device and one client: what the messages of both have in common.
+    """Message format between a port of a device and a client, in both directions.
 
     A protocol's class says how its messages begin, how long they are, and what is in them.
     """
 
     head_bytes: ClassVar[int]
-    """Of so many the length of a message is known."""
+    """Bytes of a message that tell its length."""
 
     @abstractmethod
     def begins(self, data: bytes) -> bool:
@@ -46,19 +46,19 @@ class Conversation(ABC):
 
     @abstractmethod
     def decode(self, data: bytes, direction: Direction) -> Decoded:
-        """One whole message."""
+        """Decode a whole message."""
 
     def restart(self) -> None:  # noqa: B027 - few remember anything
         """A connection begins."""
 
 
 class _Stream:
-    """One direction: bytes in order, cut into messages."""
+    """One direction of a connection: bytes in order, cut into messages."""
 
     def __init__(self, conversation: Conversation, direction: Direction) -> None:
         self.tcp = tcp.TcpStream()
         self.skipped_bytes = 0
-        """Bytes of messages whose beginning is missing."""
+        """Number of bytes of messages whose beginning is missing."""
         self._conversation, self._direction = conversation, direction
         self._buffer = bytearray()
         self._synchronized = False
@@ -68,7 +68,7 @@ class _Stream:
         """Bytes to come of a message of which the capture lacks a part."""
 
     def take(self, event: tcp.Event) -> Iterator[str | tuple[bytes, Decoded]]:
-        """What the stream says next: notes, and messages with their bytes."""
+        """Yield the notes and messages, with their bytes, that an event completes."""
         if isinstance(event, tcp.Bytes):
             yield from self._cut(event.data)
             return
@@ -189,7 +189,7 @@ class StreamDissector(Dissector):
     def __init__(self, numbers: Mapping[str, frozenset[int]]) -> None:
         super().__init__(numbers)
         self._flows: dict[str, _Flow] = {}
-        """By the device's end, then the client's; the one that spoke last is the last."""
+        """By the device's end, then the client's; the latest sender is the last."""
         self._about: dict[str, str] = {}
         self._last: CapturedPacket | None = None
 
@@ -237,7 +237,7 @@ class StreamDissector(Dissector):
         direction: Direction,
         event: tcp.Event,
     ) -> Found:
-        """What an event of a stream completes, shown with `packet`."""
+        """Yield the messages and notes that an event of a stream completes, with `packet`."""
         where, back = (_where(key, each) for each in (direction, direction.opposite))
         if isinstance(event, tcp.Bytes):
             packet = packet._replace(time_ns=event.time_ns)

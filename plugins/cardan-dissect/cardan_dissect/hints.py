@@ -15,7 +15,7 @@ MOST_FLOWS = 256
 FLOW_PACKETS, FLOW_BYTES = 24, 16_384
 """So much of the beginning of a flow is looked at."""
 LEAST_MESSAGES = 2
-"""What is read once can be read by chance."""
+"""A single message may be readable by chance."""
 
 
 class _FlowHints(NamedTuple):
@@ -53,8 +53,8 @@ class Hints:
             yield f"{protocol} {first.source} > {first.destination}"
 
     def lines(self, kinds: Iterable[type[Dissector]], option: str = "") -> Iterator[str]:
-        """What to do to have the flows read: a line for each port that an option is wanted for;
-        `option`, where it is another one's, has the port behind it."""
+        """Yield advice for reading the flows: a line for each port that needs an option. `option`
+        replaces the dissector's own, and has the port behind it."""
         kinds = [kind for kind in kinds if kind.recognized is not Dissector.recognized]
         more: dict[str, list[str]] = {}
         for (_, *ends), seen in self._flows.items():
@@ -77,7 +77,8 @@ class Hints:
 def _likeness(
     kind: type[Dissector], seen: _FlowHints, end: Endpoint, ends: list[Endpoint]
 ) -> tuple[str, int] | None:
-    """What the dissector says of the flow when it is given the port of `end`, and that port."""
+    """Return the dissector's description of the flow, read with the port of `end`, and that
+    port."""
     option = kind.options[0]
     if end.port not in option.allowed:
         return None

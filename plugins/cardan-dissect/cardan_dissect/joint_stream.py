@@ -52,9 +52,9 @@ COMMAND_LISTS: dict[int, tuple[str, ...]] = {
     VELOCITY: ("speeds",),
     TORQUE: ("torques",),
 }
-"""What a command's body holds a value per joint of, by mode."""
+"""Lists of a command's body, with a value per joint, by mode."""
 QUATERNION_NORM_TOLERANCE = 1e-3
-"""What differs more from norm 1 is no unit quaternion."""
+"""Largest difference of a unit quaternion's norm from 1."""
 
 
 class DoubleField(Field[float, float]):
@@ -65,7 +65,7 @@ class DoubleField(Field[float, float]):
 
 
 class DoublesField(Field[Any, Any]):
-    """As many f64 as `count` says of the packet."""
+    """List of f64; `count` returns their number in a packet."""
 
     __slots__ = ["count"]
     islist = 1
@@ -169,7 +169,7 @@ class JointStreamBroken(JointStream):
 
     @property
     def reason(self) -> str:
-        """What is wrong with the header or the length."""
+        """Fault of the header or the length."""
         return _broken(self.data) or ""
 
 

@@ -1,9 +1,8 @@
-"""Makes of a capture the timeline that `cardan conform --capture` judges.
+"""Timeline of a capture, as judged by `cardan conform --capture`.
 
-What is judged has the port that the suite's protocol is known for, or its client has. Packets are
-told apart by address and port, reports of devices by what their dissector says. The capture
-says nothing of a connection after the first of its bytes that are missing; where the beginning of
-one is, no failure is judged.
+The judged side, or its client, has the port that the suite's protocol is known for. Packets are
+told apart by address and port, reports of devices by their dissector. A connection is not judged
+after the first of its bytes that are missing; if its beginning is missing, no failure is judged.
 """
 
 from __future__ import annotations
@@ -40,11 +39,11 @@ from cardan_dissect.reader import CUT, Dissector, Found, Message
 PATIENCE_S = 15.0
 """A request that the end of the capture left open for a shorter time was perhaps answered."""
 BEGINNING_S = 0.5
-"""What went on before a capture of datagrams shows within this time."""
+"""Traffic that began before a capture of datagrams shows within this time."""
 LACKS_BEGINNING = "the capture lacks the beginning of a connection"
 LACKS_BYTES = "the capture lacks bytes of a connection"
 STRAY_DATAGRAMS = 16
-"""A client that sent fewer, and got no answer, is none beside another one."""
+"""A client that sent fewer, and got no answer, is a stray beside another client."""
 MOST_TOLD = 10
 """Flows that are named where none is the protocol's, and hosts of strays."""
 
@@ -55,7 +54,7 @@ _USB_IDS = re.compile(r"[0-9a-f]{4}:[0-9a-f]{4}(?= )")
 
 
 class _Unasked(dict[str, TimelinePhase]):
-    """Phases of which there is none: a look for one raises UnaskedError."""
+    """Phases of a capture, which has none: looking for a phase raises UnaskedError."""
 
     def _none(self, *_: object) -> NoReturn:
         raise UnaskedError
@@ -72,21 +71,21 @@ class ClientTraffic(NamedTuple):
     """Its events', in the timeline of all."""
     timeline: Captured
     seen: Any
-    """What the suite made of its timeline."""
+    """Its timeline as decoded by the suite."""
 
 
 _WORST = (Outcome.FAILED, Outcome.PASSED, Outcome.NOT_SEEN, Outcome.NOT_APPLICABLE)
-"""What is said of several clients is what is said of the one that comes first in this order."""
+"""Outcomes in the order of severity: of several clients, the first of these outcomes counts."""
 
 
 class Captured(Timeline):
-    """A timeline that somebody else recorded. Nothing is judged that it cannot show."""
+    """A timeline from a capture. Requirements are not judged by events that it cannot show."""
 
     lacks = ""
-    """Why it may not show what was there: no failure is judged then."""
+    """Why the capture may be incomplete: no failure is judged then."""
     unsure = -2
-    """Of one that may begin in the middle of things: the number of the last event that shows it. A
-    failure is none where its evidence does not go beyond it."""
+    """Last event (number) up to which the capture may begin in the middle of an exchange. A failure
+    does not count if its evidence does not go beyond it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -97,7 +96,7 @@ class Captured(Timeline):
         return _Unasked()
 
     def _of_clients(self, requirement: Requirement[Any]) -> Verdict:
-        """The worst of what is said of each."""
+        """Return the worst verdict of all clients."""
 
         def rank(found: tuple[ClientTraffic, Verdict]) -> tuple[bool, int]:
             outcome, said, *_ = found[1]
@@ -132,12 +131,12 @@ class Captured(Timeline):
 
 
 def timeline(suite: Suite[Any], path: str | os.PathLike[str], target: str = "") -> Timeline:
-    """What a capture shows of what `suite` judges; times are the capture's.
+    """Return the timeline of a capture for `suite`; times are the capture's.
 
-    `target` is ``[HOST][:PORT]`` of the flow, of a bus as the suite has it, or of a device where
-    `cardan dissect` shows it ("USB 1.5"). Raises CaptureError
-    for a file that is no capture, is damaged, or has no packets, and ConfigurationError for a
-    target that is none and for a capture without the flow, which names those that there are.
+    `target` is ``[HOST][:PORT]`` of the flow, a bus in the suite's notation, or a device in that of
+    `cardan dissect` ("USB 1.5"). Raises CaptureError for a file that is no capture, is damaged, or
+    has no packets, and ConfigurationError for a malformed target and for a capture without the
+    flow, which names the flows of the capture.
     """
     kind = suite.transport.kind
     if kind == "other" and suite.dissector:
@@ -160,7 +159,7 @@ def timeline(suite: Suite[Any], path: str | os.PathLike[str], target: str = "") 
 
 
 def _ends(segment: Segment, sent: bool) -> tuple[Endpoint, Endpoint]:
-    """That of what is judged, and ours."""
+    """Return the judged endpoint, and ours."""
     return segment.ends(Direction.TO_DEVICE if sent else Direction.FROM_DEVICE)
 
 
@@ -177,7 +176,7 @@ class _Packet(NamedTuple):
 
 
 class _Flow(NamedTuple):
-    """What went between an address and port of what is judged, and one of ours."""
+    """Packets between an address and port of the judged side, and one of ours."""
 
     judged: Endpoint
     ours: Endpoint
@@ -192,7 +191,7 @@ class _Flow(NamedTuple):
 
     @property
     def ways(self) -> set[bool]:
-        """Whether packets were sent to what is judged, came from it, or both."""
+        """Whether packets were sent to the judged side, came from it, or both."""
         return {each.sent for each in self.packets}
 
 
@@ -254,7 +253,7 @@ class _Reading(ABC):
 
     @abstractmethod
     def read(self, flows: list[_Flow]) -> None:
-        """Make the events of what is judged."""
+        """Make the events of the judged side."""
 
     def _set_aside(self) -> None:
         """Take out what other hosts sent to the same ports: port scans, mistaken senders."""
@@ -276,12 +275,12 @@ class _Reading(ABC):
     def add(
         self, time_ns: int, kind: Kind, sent: bool, channel: str, data: bytes = b"", note: str = ""
     ) -> None:
-        """What happened next."""
+        """Append an event."""
         self.events.append((time_ns, Event(0.0, kind, sent, channel, data, note)))
 
 
 class _Part(NamedTuple):
-    """What one of several clients has of the events."""
+    """Events of one of several clients."""
 
     client: str
     numbers: list[int]
@@ -352,11 +351,11 @@ def _one_after_another(flows: list[_Flow]) -> list[list[_Flow]]:
 
 @dataclass
 class _Connection:
-    """One that is followed from its beginning."""
+    """A connection that is followed from its beginning."""
 
     channel: str
     begun: set[bool] = field(default_factory=set)
-    """Ways in which its SYN was seen: to what is judged, and from it."""
+    """Directions in which its SYN was seen: to the judged side, and from it."""
     open: bool = False
     over: bool = False
     reached: dict[bool, int] = field(default_factory=dict)
@@ -466,7 +465,7 @@ class _Tcp(_Reading):
         self._tell(known, time_ns, Kind.CLOSED, sent)
 
     def _lost(self, known: _Connection, why: str) -> None:
-        """It is not followed any further."""
+        """Stop following a connection."""
         known.over = True
         if known.channel:
             self.lacks.append(why)
@@ -551,7 +550,7 @@ def _timeline(events: list[tuple[int, Event]], lacks: Iterable[str]) -> Captured
 
 
 def _unsure(found: Captured) -> int:
-    """Of the first events of each way and channel, the last one that the beginning has."""
+    """Return the last of the first events of each direction and channel within the beginning."""
     firsts: dict[tuple[str, bool], int] = {}
     for number, event in enumerate(found):
         if event.time_s > BEGINNING_S:
@@ -561,7 +560,7 @@ def _unsure(found: Captured) -> int:
 
 
 def _leave_open(found: Captured, ours: frozenset[str], last_ns: int) -> None:
-    """Take out what was asked of what is judged when the capture ended and is open still."""
+    """Remove requests to the judged side that were still open when the capture ended."""
     assert found.start_ns is not None
     end_s = (last_ns - found.start_ns) * 1e-9
     settled: set[str] = set()

@@ -1,4 +1,4 @@
-"""What scapy layers of several protocols share."""
+"""Fields and base classes for scapy layers of several protocols."""
 
 from __future__ import annotations
 

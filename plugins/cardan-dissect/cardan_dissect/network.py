@@ -20,7 +20,7 @@ TCP, UDP, ICMP, IGMP, ICMP6 = 6, 17, 1, 2, 58
 TCP_FIN, TCP_SYN, TCP_RST, TCP_ACK = 1, 2, 4, 16
 LINUX_CAN = 0x000C
 LINUX_NAMES = {0x0001: "IEEE 802.3", 0x0004: "IEEE 802.2", LINUX_CAN: "CAN", 0x000D: "CAN FD"}
-"""What Linux has in place of an Ethernet type in captures of any interface."""
+"""Linux's values in place of an Ethernet type in captures of any interface."""
 SLL_BYTES, SLL2_BYTES = 16, 20
 COOKED_BYTES = {LINUX_SLL: SLL_BYTES, LINUX_SLL2: SLL2_BYTES}
 PROTOCOL_NAMES = {ICMP: "ICMP", IGMP: "IGMP", ICMP6: "ICMPv6"}

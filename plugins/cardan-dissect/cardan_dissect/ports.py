@@ -1,4 +1,4 @@
-"""Where each protocol is looked for when nothing else is said."""
+"""Default ports of each protocol."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ class WireError(ValueError):
 
 
 class Item(NamedTuple):
-    """One tagged value, found at data[start:end]."""
+    """A tagged value, found at data[start:end]."""
 
     number: int
     wire_type: int
@@ -86,7 +86,7 @@ def _group_end(data: bytes, number: int, offset: int) -> int:
 
 
 def scan(data: bytes) -> Iterator[Item]:
-    """The tagged values of a message in wire order; WireError at the first that is none."""
+    """Yield the tagged values of a message in wire order; WireError at the first invalid one."""
     offset = 0
     while offset < len(data):
         start = offset
@@ -119,7 +119,7 @@ def tagged(number: int, wire_type: int, body: bytes) -> bytes:
 
 
 class ProtoField(Field[Any, Any]):
-    """One field of a message; `number` as in the schema, None when absent."""
+    """A field of a message; `number` as in the schema, None when absent."""
 
     __slots__ = ["number", "required"]
     wire_types: tuple[int, ...] = (VARINT,)

@@ -20,23 +20,23 @@ SHOWN_BYTES = 24
 
 
 class Decoded(NamedTuple):
-    """What a codec made of the bytes of a message."""
+    """Bytes of a message as decoded by a codec."""
 
     value: Any
     """A named tuple, or names and values; None where the bytes are malformed. A function that gives
     it is called when it is shown; then there must be a title."""
     title: str = ""
-    """What the message is called; empty: as the value's class."""
+    """Title of the message; empty: that of the value's class."""
     fault: str = ""
     """Why it is malformed; what stands before a colon is counted."""
     sequence: int | None = None
     """The sender's count of its messages, where it has one, modulo 2**32."""
     asks: int | None = None
-    """What an answer to it repeats, where the protocol has that."""
+    """Value that the answer to it repeats, where the protocol has that."""
     answers: int | None = None
-    """What it repeats of the message that it answers; None: it answers the newest one."""
+    """Value repeated from the message that it answers; None: it answers the newest one."""
     remarks: tuple[str, ...] = ()
-    """What is to be said of it besides its values."""
+    """Remarks about it besides its values."""
 
 
 class Message(NamedTuple):
@@ -44,7 +44,7 @@ class Message(NamedTuple):
 
     packet: CapturedPacket
     where: str
-    """Whose it is, from where to where; its figures are kept by this."""
+    """Sender and receiver; figures are kept by this."""
     decoded: Decoded
     data: bytes
     other_way: str = ""
@@ -52,7 +52,7 @@ class Message(NamedTuple):
 
 
 class Note(NamedTuple):
-    """Something to be said that is no message."""
+    """A remark about a capture besides its messages."""
 
     packet: CapturedPacket
     where: str
@@ -73,10 +73,10 @@ class Numbers(NamedTuple):
     help: str
     """In a few words without a full stop; that the option is repeatable is added."""
     what: str
-    """What one of the numbers is ("UDP port")."""
+    """Noun for such a number ("UDP port")."""
     allowed: range = range(1, 0x10000)
     usual: frozenset[int] = frozenset()
-    """Those that are looked at anyway."""
+    """Numbers that are always looked at."""
 
     def with_usual(self, more: Iterable[int]) -> frozenset[int]:
         """The usual numbers and `more`; ConfigurationError for one out of range."""
@@ -93,8 +93,8 @@ class Numbers(NamedTuple):
 class Dissector(ABC):
     """A protocol as ``cardan dissect`` has it: where it is looked for, its options, its codec.
 
-    The class's docstring says in a line what it reads. One is made for each capture that has one of
-    its link types; it sees their packets in order and takes those of its protocol.
+    The class's docstring says in a line what it reads. A dissector is made for each capture that
+    has one of its link types; it sees their packets in order and takes those of its protocol.
     """
 
     name: ClassVar[str]
@@ -110,30 +110,30 @@ class Dissector(ABC):
 
     def __init__(self, numbers: Mapping[str, frozenset[int]]) -> None:
         self.numbers = numbers
-        """Those of each option by its key."""
+        """Numbers of each option by its key."""
         self.packets = 0
         """Packets that belong to the protocol, those without a message of it included. When it has
         grown, the packet is not offered to the dissectors after this one."""
 
     @abstractmethod
     def feed(self, packet: CapturedPacket, network: Segment | str) -> Found:
-        """What is in a packet. `network` is what :func:`cardan_dissect.network.parse` says of it.
+        """Return messages of a packet. `network` is :func:`cardan_dissect.network.parse`'s result.
 
         Messages can be those of earlier packets, which were held back.
         """
 
     def finish(self) -> Found:
-        """What was held back when the capture ended."""
+        """Return messages held back when the capture ends."""
         return ()
 
     def about(self, where: str) -> str:
-        """What the figures say of those that are here besides their messages."""
+        """Return text for the figures about the ends at `where`, besides their messages."""
         return ""
 
     def recognized(self, messages: Sequence[Message], end: Endpoint, other: Endpoint) -> str:
-        """Of a flow between two ends that was read on trial, with the port of `end` as a number of
-        the first option: which side is where ("the robot at ..."), if these first messages of it
-        can be no other protocol's; else empty, as it is where a protocol is found without ports."""
+        """Describe the sides ("the robot at ...") of a flow between two ends that was read on
+        trial, with the port of `end` as a number of the first option, if its first messages can be
+        no other protocol's; else empty, as it is where a protocol is found without ports."""
         return ""
 
 
@@ -159,7 +159,7 @@ class DatagramDissector(Dissector):
 
 
 def message_in(packet: CapturedPacket, segment: Segment, decoded: Decoded) -> Message:
-    """What a datagram holds."""
+    """Return the message of a datagram."""
     where, other_way = _ways(segment.source, segment.destination)
     return tuple.__new__(Message, (packet, where, decoded, segment.payload, other_way))
 
@@ -175,7 +175,7 @@ def value_of(decoded: Decoded) -> Any:
 
 
 def describe(decoded: Decoded) -> str:
-    """Title and values, one after the other; what is absent is left out."""
+    """Return title and values, one after the other; absent values are left out."""
     value = value_of(decoded)
     title = decoded.title or type(value).__name__
     fields = value if isinstance(value, Mapping) else value._asdict()
@@ -188,7 +188,7 @@ def _named(fields: Iterable[tuple[str, Any]]) -> list[str]:
 
 @functools.lru_cache(maxsize=1024)
 def _text(kind: type) -> Callable[[Any], str]:
-    """What makes text of a value of this type."""
+    """Return the formatter for values of this type."""
     if issubclass(kind, float):
         return "{:.8g}".format
     if issubclass(kind, enum.Enum):

@@ -29,8 +29,8 @@ FINDER: Finder[Dissector] = Finder(
 
 
 def dissectors() -> list[type[Dissector]]:
-    """Every dissector there is, in the order in which they are offered packets. One that cannot be
-    loaded is left out, and a warning is logged."""
+    """Return all dissectors, in the order in which they are offered packets. A dissector that
+    cannot be loaded is left out, and a warning is logged."""
     found = FINDER.load_all()
     for name, why in found.refused.items():
         logging.getLogger(__name__).warning("dissector %r %s", name, why)

@@ -1,11 +1,11 @@
-"""scapy layers of RTDE, version 2: what clients and Universal Robots controllers send each other.
+"""scapy layers of RTDE, version 2: packets between clients and Universal Robots controllers.
 
 Everything is big-endian. Written from the protocol's page (docs/universal-robots.md), independent
 of Cardan's codec, so that each can be checked against the other.
 
 A request and its reply have the same type, so the direction has to be known: `RtdeRequest(data)`
 dissects the packet that `data` begins with as a client's, `RtdeReply(data)` as a controller's, to
-the layer of its type, or to RtdeRequestBroken or RtdeReplyBroken; they never raise. What follows in
+the layer of its type, or to RtdeRequestBroken or RtdeReplyBroken; they never raise. The rest of
 `data` is the payload, dissected likewise: a TCP segment can hold several packets. Building fills in
 sizes.
 
@@ -70,7 +70,7 @@ class WordField(Field[int, int]):
 
 
 def _rest(fixed: int) -> Any:
-    """How long a field is that takes what is left of a packet after `fixed` bytes of its body."""
+    """Return the length of a field that takes the rest of a packet after `fixed` body bytes."""
     return lambda pkt: max((pkt.size or 0) - HEADER_BYTES - fixed, 0)
 
 
@@ -114,7 +114,7 @@ class RtdeReply(Rtde):
 
 
 class _PacketField(StrField):
-    """The bytes of one packet, as its size has it; all that is left where it has none."""
+    """The bytes of a packet by its size; all that are left where it has none."""
 
     def getfield(self, pkt: Any, s: bytes) -> tuple[bytes, bytes]:
         size = struct.unpack_from(">H", s)[0] if len(s) >= 2 else 0
@@ -132,7 +132,7 @@ class RtdeRequestBroken(RtdeRequest):
 
     @property
     def reason(self) -> str:
-        """What is wrong with the header or the length."""
+        """Fault of the header or the length."""
         return _judge(self.data, REQUESTS)[1]
 
 
@@ -146,7 +146,7 @@ class RtdeReplyBroken(RtdeReply):
 
     @property
     def reason(self) -> str:
-        """What is wrong with the header or the length."""
+        """Fault of the header or the length."""
         return _judge(self.data, REPLIES)[1]
 
 
@@ -338,7 +338,7 @@ def packet_bytes(data: bytes | bytearray) -> int | None:
 
 
 def _judge(data: bytes, layers: Any) -> tuple[type[Packet] | None, str]:
-    """The layer of the packet that `data` begins with, or why there is none."""
+    """Return the layer of the packet that `data` begins with, or why there is none."""
     if not data:
         return None, "empty"
     if len(data) < HEADER_BYTES:
@@ -363,14 +363,14 @@ def _fits(layer: type[Packet], body: bytes) -> bool:
 
 
 def _counted(body: bytes) -> int:
-    """Bytes of a text message as its two lengths have it; -1 where they are not there."""
+    """Return the bytes of a text message by its two lengths; -1 where they are missing."""
     if not body or len(body) < 2 + body[0]:
         return -1
     return 3 + body[0] + body[1 + body[0]]
 
 
 def malformed(layer: Packet) -> str | None:
-    """Why a dissected packet is none that is known, None when it is one."""
+    """Return why a dissected packet is malformed or unknown; None: it is neither."""
     if isinstance(layer, (RtdeRequestBroken, RtdeReplyBroken)):
         return layer.reason
     return next(_wrong_values(layer), None)
@@ -396,8 +396,8 @@ def listed(text: bytes) -> tuple[str, ...]:
 
 
 def values_of(types: Sequence[str], values: bytes) -> list[Any] | None:
-    """The values of a data packet whose recipe has these types, several as tuples; None where they
-    are not of these types."""
+    """Return the values of a data packet whose recipe has these types, several as tuples; None if
+    they are not of these types."""
     found: list[Any] = []
     at = 0
     for kind in types:

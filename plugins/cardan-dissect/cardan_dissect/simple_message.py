@@ -4,7 +4,7 @@ Positions are rad, speeds rad/s, accelerations rad/s² (m, m/s, m/s² for a line
 Written from the protocol's description, independent of Cardan's codec.
 
 `SimpleMessage(data)` dissects the message `data` begins with to the layer of its type, or to
-SimpleMessageBroken where type or length is none that is known; it never raises. What follows in
+SimpleMessageBroken where type or length is none that is known; it never raises. The rest of
 `data` is its payload, dissected likewise: a TCP segment can hold several messages.
 
 Byte order and size of the reals differ between controllers and are written nowhere. Each layer has
@@ -126,7 +126,7 @@ def byte_order(data: bytes | bytearray) -> str:
 
 
 class GroupPoint(NamedTuple):
-    """One group in 2016, 2017 and 2041."""
+    """A group in 2016, 2017 and 2041."""
 
     group: int = 0
     valid_fields: int = 0
@@ -137,7 +137,7 @@ class GroupPoint(NamedTuple):
 
 
 class GroupState(NamedTuple):
-    """One group in 2030."""
+    """A group in 2030."""
 
     group: int = 0
     positions: tuple[float, ...] = ZEROS
@@ -145,14 +145,14 @@ class GroupState(NamedTuple):
 
 
 class GroupCommand(NamedTuple):
-    """One group in 2031."""
+    """A group in 2031."""
 
     group: int = 0
     velocities: tuple[float, ...] = ZEROS
 
 
 class DhLink(NamedTuple):
-    """One link in the reply to 2020; eight of each group, four groups."""
+    """A link in the reply to 2020; eight of each group, four groups."""
 
     theta: float = 0.0
     d: float = 0.0
@@ -222,7 +222,7 @@ class GroupCountField(WordField):
 
 
 class RealField(Field[Any, Any]):
-    """One real of the packet's size."""
+    """A real of the packet's size."""
 
     words, reals = 0, 1
 
@@ -256,8 +256,8 @@ class RealsField(Field[Any, Any]):
 
 
 class RecordsField(Field[Any, Any]):
-    """As many records as the message's length leaves room for; `fixed` when there are always so
-    many, and zeros follow those given."""
+    """List of as many records as the message's length has room for; `fixed`: constant number, with
+    zeros after the given ones."""
 
     __slots__ = ["fixed", "record", "record_reals", "record_words"]
     words, reals = 0, 0
@@ -383,7 +383,7 @@ class SimpleMessageBroken(SimpleMessage):
 
     @property
     def reason(self) -> str:
-        """What is wrong with the prefix, the type or the length."""
+        """Fault of the prefix, the type or the length."""
         return _judge(self.data)[1]
 
 
@@ -649,7 +649,7 @@ SENT: tuple[tuple[type[Packet], dict[str, int], tuple[type[SimpleMessage], ...]]
     (UDP, {"dport": SIMPLE_MESSAGE_RT_PORT}, (RtJointState,)),
     (UDP, {"sport": SIMPLE_MESSAGE_RT_PORT}, (RtJointCommand,)),
 )  # fmt: skip
-"""Every layer, by what it goes in and the port that it goes to or comes from."""
+"""Every layer, by its transport and the port that it goes to or comes from."""
 
 
 def _catalog() -> dict[int, tuple[type[SimpleMessage], ...]]:
@@ -671,7 +671,7 @@ def _fixed_bytes(layer: type[Packet], real_bytes: int) -> int:
 
 
 def _fit(layer: type[Packet], data: bytes) -> int:
-    """The size of the reals with which `data` has the length of the layer; 0 when with none."""
+    """Return the size of reals with which `data` has the length of the layer; 0: no size fits."""
     order = byte_order(data)
     size = struct.unpack_from(f"{order}i", data)[0] - HEADER_BYTES
     body = layer.fields_desc[HEADER_FIELDS:]
@@ -714,7 +714,7 @@ def frame_bytes(data: bytes, order: str) -> int | None:
 
 
 def _judge(data: bytes) -> tuple[type[SimpleMessage] | None, str]:
-    """The layer of the message `data` begins with, or why there is none."""
+    """Return the layer of the message `data` begins with, or why there is none."""
     if not data:
         return None, "empty"
     if len(data) < PREFIX_BYTES:
@@ -747,7 +747,7 @@ def _is_io_error(data: bytes, msg_type: int, order: str) -> bool:
 
 
 def malformed(layer: Packet) -> str | None:
-    """Why a dissected message is none that is known, None when it is one."""
+    """Return why a dissected message is malformed or unknown; None: it is neither."""
     return layer.reason if isinstance(layer, SimpleMessageBroken) else None
 
 
@@ -756,7 +756,7 @@ TOPICS = (JointPosition, RobotStatus, JointFeedback, JointFeedbackEx, RtJointSta
 
 
 def remarks(layer: SimpleMessage) -> Iterator[str]:
-    """What is unusual in a message that is well-formed."""
+    """Yield unusual values of a well-formed message."""
     if isinstance(layer, REPLIES):
         usual = {REPLY}
     elif isinstance(layer, Ping):

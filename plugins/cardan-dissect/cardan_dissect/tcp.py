@@ -1,7 +1,7 @@
-"""One direction of a TCP connection: segments in any order to bytes in order.
+"""Reassembly of one direction of a TCP connection: segments in any order to bytes in order.
 
 Segments that overlap, come twice, come early or are missing in the capture are dealt with here; a
-protocol's reader cuts messages out of what comes.
+protocol's reader cuts messages out of the bytes.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class TcpStream:
         self._held_since_ns = 0
 
     def feed(self, segment: Segment, time_ns: int) -> Iterator[Event]:
-        """One segment; what can be read now."""
+        """Add a segment; yield the events that can be read now."""
         sequence, payload, missing = segment.sequence, segment.payload, segment.missing
         if segment.flags & TCP_SYN:
             start = (sequence + 1) % SEQUENCE_MODULUS
@@ -95,7 +95,7 @@ class TcpStream:
             yield from self._end()
 
     def flush(self) -> Iterator[Event]:
-        """Nothing more comes: give what is held back."""
+        """Yield the held segments at the end of the capture."""
         while self._held:
             yield from self._give_up()
 
@@ -124,7 +124,7 @@ class TcpStream:
             yield from self._give_up()
 
     def _ahead(self, sequence: int) -> int:
-        """How many bytes before it are missing, modulo 2**32; below 0: how many are known."""
+        """Number of missing bytes before it, modulo 2**32; below 0: number of known bytes."""
         if self._next is None:
             self._next = sequence
         half = SEQUENCE_MODULUS // 2
@@ -134,7 +134,7 @@ class TcpStream:
         self._next = ((self._next or 0) + size) % SEQUENCE_MODULUS
 
     def _append(self, segment: _Held) -> Iterator[Event]:
-        """A segment that begins at or before what is expected next."""
+        """Append a segment that begins at or before the next expected byte."""
         known = -self._ahead(segment.sequence)
         if known:
             self.retransmitted += 1
@@ -150,8 +150,8 @@ class TcpStream:
             yield Cut(cut)
 
     def _release(self, time_ns: int | None) -> Iterator[Event]:
-        """Held segments that are not ahead any more. They could not be read before `time_ns`, when
-        the hole was filled; None: it is the capture's, and they could as soon as they came."""
+        """Yield held segments that are not ahead any more. They could not be read before `time_ns`,
+        when the hole was filled; None: the capture lacks it, and they could when they came."""
         while ready := next((h for h in self._held if self._ahead(h.sequence) <= 0), None):
             self._held.remove(ready)
             when_ns = ready.time_ns if time_ns is None else time_ns

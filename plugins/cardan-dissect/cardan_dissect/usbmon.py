@@ -18,7 +18,7 @@ ISO, INTERRUPT, CONTROL, BULK = range(4)
 
 
 class Urb(NamedTuple):
-    """One event of a USB request block: "S" submitted, "C" completed, "E" submission failed."""
+    """An event of a USB request block: "S" submitted, "C" completed, "E" submission failed."""
 
     id: int
     event: str

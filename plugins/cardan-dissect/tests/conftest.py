@@ -1,4 +1,4 @@
-"""What holds for every test of dissectors."""
+"""Fixtures for every test of dissectors."""
 
 import functools
 

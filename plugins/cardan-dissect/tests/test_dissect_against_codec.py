@@ -357,7 +357,7 @@ code = st.integers(1, 2**16 - 1)
 
 
 def report_value(layer):
-    """What a report stands for, as the codec has it; None where only the codec can say."""
+    """Return a report's value in the codec's types; None where only the codec can tell it."""
     convert = {
         hid_layers.TranslationReport: lambda r: connexion.Translation(r.x, r.y, r.z),
         hid_layers.RotationReport: lambda r: connexion.Rotation(r.rx, r.ry, r.rz),

@@ -1,4 +1,4 @@
-"""Whole captures: what is shown, what is counted, and what is said of files that are none."""
+"""Whole captures: output, counts, and errors for files that are no captures."""
 
 import gzip
 import io

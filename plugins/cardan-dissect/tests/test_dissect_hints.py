@@ -1,4 +1,4 @@
-"""Flows on ports that nobody named: which protocol they look like, and what reads them."""
+"""Flows on unknown ports: the likely protocol, and the options that read them."""
 
 import io
 import random
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.matrix
 
 KNOWN = (*EGM_PORTS, JOINT_STREAM_PORT, *SIMPLE_MESSAGE_PORTS, *RTDE_PORTS)
 MOVED = 10_000
-"""What is added to ports, so that none is a known one."""
+"""Offset of the ports, so that none is a known one."""
 HEAD = struct.Struct("<IIII")
 CLIENT, SERVER = bytes((10, 0, 0, 1)), bytes((10, 0, 0, 2))
 
@@ -72,7 +72,7 @@ def session(tmp_path, name):
 
 
 def reads_as_it_says(path, lines, name):
-    """What the hints say is given to the command: every flow is read, and nothing is left."""
+    """Give the command the options of the hints: every flow is read, and no hint is left."""
     given = {}
     for line in lines:
         assert f"looks like {name}, " in line

@@ -122,5 +122,5 @@ class CameraFilter(TwistFilter):
         )
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What is wrong with the camera's datagrams."""
+        """Return the faults of the camera's datagrams."""
         return self.listener.diagnosis("camera")

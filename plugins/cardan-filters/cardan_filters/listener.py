@@ -46,7 +46,7 @@ SOMEBODY: Final = Sender()
 
 @dataclass(frozen=True, kw_only=True)
 class ListenerOptions(Options):
-    """Where a filter listens for its sensor: at a Unix socket, or at a UDP port."""
+    """Socket at which a filter listens for its sensor: a Unix socket or a UDP port."""
 
     socket: Annotated[str, bounds.SOCKET_PATH, bounds.MEETING] | None = None
     """Path of the Unix socket, which only programs of the same user can write to; without one, and
@@ -96,7 +96,7 @@ class DatagramListener:
         """Datagrams that could be used."""
         self.malformed = 0
         self.malformed_reason = ""
-        """What was wrong with the last malformed one."""
+        """Fault of the last malformed datagram."""
         self._take = take
         self._bound: UnixSocket | None = None
         self._socket: socket.socket | None = None
@@ -166,7 +166,7 @@ class DatagramListener:
             self.malformed_reason = wrong.reason
 
     def diagnosis(self, sensor: str) -> tuple[str, ...]:
-        """What is wrong with the datagrams of `sensor`."""
+        """Return the faults of the datagrams of `sensor`."""
         found = []
         if self.is_open and not self.heard:
             found.append(f"nothing was heard from the {sensor} on {shown_place(self.place)} yet")
@@ -179,7 +179,7 @@ class DatagramListener:
 
 
 def _sender(ancillary: list[tuple[int, int, bytes]], address: Any) -> Sender:
-    """Sender of what came with this: the kernel tells the process, or address and port."""
+    """Return the sender of a datagram: the process by the kernel, or address and port."""
     if isinstance(address, tuple):
         return Sender(*address[:2])
     for _level, _kind, data in ancillary:

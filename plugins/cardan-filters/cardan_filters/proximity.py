@@ -48,7 +48,7 @@ class PeakFilter:
     A value of more than five times the oldest of the last five readings is replaced by that
     oldest one, unless the four readings between are that large too. The published filter keeps
     its own output as the history, so that a rise it has held back once is held back for ever;
-    this one keeps what the sensors said.
+    this filter keeps the sensors' readings.
     """
 
     def __init__(self) -> None:
@@ -74,15 +74,15 @@ class PeakFilter:
 
 
 MAX_SENDERS = 8
-"""Programs whose readings are told apart; readings of one more stop the motion."""
+"""Senders whose readings are told apart; readings of a further sender stop the motion."""
 
 FORGET_AFTER_S = 2.0
 """How long a sender is silent before it may be forgotten: a sensor's program starts anew sooner or
 says nothing for longer."""
 
 REST_S = 1.0
-"""How long the operator asks for nothing before a silent sender is forgotten: longer than a hand
-pauses on its way."""
+"""Time without requested motion before a silent sender is forgotten: longer than a hand pauses
+during a motion."""
 
 
 class _Sender:
@@ -111,7 +111,7 @@ class ProximityOptions(ListenerOptions):
     max_age_s: Annotated[float, READING_AGE_S] = 0.3
     """Oldest reading that still counts."""
     when_stale: Literal["stop", "half", "pass"] = "stop"
-    """What happens without a reading that counts; half: half speed."""
+    """Reaction when no reading counts; half: half speed."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -131,7 +131,7 @@ class ProximityFilter(TwistFilter):
         self._crowded_s = NEVER_S
         """When a reading of one sender too many came."""
         self._rest_s = math.nan
-        """Since when the operator asks for nothing; NaN: something is asked for."""
+        """Time since which the operator requests no motion; NaN: motion is requested."""
         self._forget()
         self._now_s = NEVER_S
 
@@ -154,7 +154,7 @@ class ProximityFilter(TwistFilter):
         self._silent = True
         """A sender is silent, or nothing was heard."""
         self._silent_s = NEVER_S
-        """When the one that is silent longest was heard last."""
+        """Time of the last reading of the sender that is silent longest."""
 
     def _take(self, data: bytes, received_s: float, sender: Sender) -> Malformed | None:
         values = decode_proximity(data)
@@ -270,7 +270,7 @@ class ProximityFilter(TwistFilter):
         )
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What is wrong with the sensors' datagrams, and who sends them where several do."""
+        """Return the faults of the sensors' datagrams, and their senders if there are several."""
         found = self.listener.diagnosis("proximity sensors")
         if len(self._senders) > 1:
             names = ", ".join(map(str, self._senders))

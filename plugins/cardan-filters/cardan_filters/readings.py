@@ -33,7 +33,7 @@ class Malformed(NamedTuple):
 
 
 class Centroid(NamedTuple):
-    """Where the target is in the camera's image, each -1 to 1 from edge to edge, 0 the middle."""
+    """Position of the target in the image, each -1 to 1 from edge to edge, 0 the middle."""
 
     x: float
     """To the right."""
@@ -56,7 +56,7 @@ def _numbers(words: list[bytes]) -> tuple[float, ...] | Malformed:
 
 
 def decode_proximity(data: bytes) -> tuple[float, ...] | Malformed:
-    """One reading of all proximity sensors; the larger a value, the nearer something is.
+    """Decode a reading of all proximity sensors; the larger a value, the nearer an object.
 
     Either the text of the AMOR skin, 48 values: three boards ``I``, ``J``, ``K`` in any order,
     each followed by its axes X, Y and Z, a letter and 16 words of three hexadecimal digits; a

@@ -134,7 +134,7 @@ class TestUnixSocket:
 
     @pytest.fixture
     def heard(self, path):
-        """What a listener at the path hears: datagrams and senders, when drained."""
+        """Datagrams and senders that a listener at the path has received, when drained."""
         taken = []
         listener = DatagramListener(path, lambda *datagram: taken.append(datagram))
         before = os.umask(0)

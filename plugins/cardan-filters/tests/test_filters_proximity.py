@@ -312,7 +312,7 @@ def test_a_reading_of_unknown_age_makes_no_sender():
     )
 )
 def test_a_second_sender_never_makes_a_motion_faster(readings):
-    """Whatever the other one says, the motion is no faster than by the skin alone."""
+    """Readings of a second sender never make the motion faster than with the skin alone."""
     alone, both = guard(), guard()
     now_s = 10.0
     for sender, level, wait_s in readings:

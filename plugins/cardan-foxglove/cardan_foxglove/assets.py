@@ -19,21 +19,21 @@ KINDS = frozenset(
         *(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp"),
     )
 )
-"""Of files that are served: what a robot looks like, and nothing else that a package has."""
+"""Extensions of served files: those of a robot's appearance, and no others of a package."""
 
 _SCHEME = "package://"
 
 
 class AssetError(ValueError):
-    """There is no such file for clients; the text says why."""
+    """No such file for clients; the text says why."""
 
 
 class Packages:
     """The files below some packages' folders, by ``package://NAME/PATH``."""
 
     def __init__(self, folders: Sequence[str]) -> None:
-        """Of each package its folder, with its ``package.xml``; without one it has the folder's
-        name. Raises ConfigurationError."""
+        """`folders` are those of packages with their ``package.xml``; without it a package has the
+        folder's name. Raises ConfigurationError."""
         self._roots: dict[str, Path] = {}
         for each in folders:
             root = Path(each).resolve()
@@ -46,8 +46,8 @@ class Packages:
                 )
 
     def read(self, uri: str) -> bytes:
-        """The content of a file. Raises AssetError for one that is not within the package's folder,
-        links followed, and for what is no file that a robot is shown with."""
+        """Return the content of a file. Raises AssetError for a file outside the package's folder,
+        links followed, and for a file of another kind."""
         if not uri.startswith(_SCHEME):
             raise AssetError(f"{shown(uri)} cannot be had here: only {_SCHEME}NAME/PATH can")
         name, _, rest = unquote(uri.removeprefix(_SCHEME)).partition("/")

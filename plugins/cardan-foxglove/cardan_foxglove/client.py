@@ -1,8 +1,8 @@
-"""One client of a Foxglove server: a server of foxglove-sdk for it alone, and what passes between.
+"""A client's connection to the Foxglove server: a foxglove-sdk server for it alone, and a relay.
 
-The SDK has topics, services, assets and the graph. Its callbacks must not wait, and it has nobody
-told apart, so parameters are answered here, and so is why something was refused. What the client
-is slow to read is bounded as in every server: the newest of each topic wins.
+The SDK has topics, services, assets and the graph. Its callbacks must not wait, and it does not
+tell clients apart, so parameters and the reasons of refusals are answered here. The queue for a
+slow client is bounded as in every server: the newest message of each topic wins.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ MAX_SUBSCRIPTIONS = 1000
 """Most subscriptions of a client."""
 
 MAX_TOLD = 1000
-"""Most reasons that are kept in mind, so that none is told twice in a row."""
+"""Most refusals that are remembered, so that none is reported twice in a row."""
 
 INTRODUCTION_S = 5.0
 """Longest wait for the SDK's server to know its client."""
@@ -94,14 +94,14 @@ def sdk() -> Any:
 
 
 class AdvertisedGraph(NamedTuple):
-    """What clients see."""
+    """Topics and services that clients see."""
 
     topics: Mapping[str, Topic]
     services: Mapping[str, Service]
 
 
 class Pace(NamedTuple):
-    """How a topic's messages reach a client."""
+    """Pace of a topic's messages to a client."""
 
     throttle_s: float
     queue_length: int
@@ -159,8 +159,8 @@ class FoxgloveConnection:
         max_bytes: int,
         service_timeout_s: float,
     ) -> None:
-        """`network`: of this client alone. `max_bytes`: of what is no publication, and that the
-        client does not read."""
+        """`network`: of this client alone. `max_bytes`: of messages other than publications that
+        the client has not read yet."""
         self._connection, self._peer = connection, peer
         self._network, self._caller, self._mailbox = network, caller, mailbox
         self._feeds, self._counts, self._packages = feeds, counts, packages
@@ -193,7 +193,7 @@ class FoxgloveConnection:
         self._gone = False
         self._introduced = asyncio.Event()
         self._name = secrets.token_hex(16)
-        """What the SDK's server knows us by: nobody else has seen it."""
+        """Secret that proves to the SDK's server which of its clients we are."""
         self._id: int | None = None
         """Of the SDK, for our connection to its server."""
 
@@ -245,8 +245,8 @@ class FoxgloveConnection:
         await self._inner.wait_closed()
 
     async def _introduce(self) -> None:
-        """Have the SDK's server know which of its clients we are: another one would be somebody who
-        did not come in by the front."""
+        """Prove to the SDK's server which of its clients we are: any other client has bypassed the
+        access control of the listener."""
         await self._inner.send(protocol.advertise(_CHANNEL, self._name))
         try:
             await asyncio.wait_for(self._introduced.wait(), INTRODUCTION_S)
@@ -257,7 +257,7 @@ class FoxgloveConnection:
     # -- what passes -----------------------------------------------------------------------------
 
     async def relay(self) -> None:
-        """Hand on what the client sends, until it leaves."""
+        """Relay the client's messages until it disconnects."""
         async for frame in self._connection:
             await self._receive(frame)
 
@@ -328,8 +328,8 @@ class FoxgloveConnection:
         return True
 
     async def _pump(self) -> None:
-        """Hand on what the SDK sends. What must not be dropped waits for the client; of messages,
-        those wait that are the newest."""
+        """Relay the SDK's frames. Frames that must not be dropped wait for the client; of messages,
+        only the newest wait."""
         try:
             async for frame in self._inner:
                 if isinstance(frame, bytes):
@@ -373,14 +373,14 @@ class FoxgloveConnection:
         self._sender.send(protocol.status(protocol.ERROR, reason, identity))
 
     def tell_refused(self, command: str, reason: str) -> None:
-        """Tell the client that an arm has refused what it published."""
+        """Tell the client that an arm has refused its command."""
         if not self._gone:
             self._refuse(f"command {command}", reason)
 
     # -- what there is on the network ------------------------------------------------------------
 
     def show(self, now: AdvertisedGraph) -> None:
-        """Have the client see these topics and services, and no others."""
+        """Show these topics and services to the client, and no others."""
         if self._gone:
             return
         self._show_topics(now.topics)
@@ -517,7 +517,7 @@ class FoxgloveConnection:
     # -- services --------------------------------------------------------------------------------
 
     def _called(self, name: str, type_name: str, request: Any) -> bytes:
-        """Call a service; in a thread of the SDK that may wait. What is raised is told."""
+        """Call a service; in a thread of the SDK that may wait. The SDK reports exceptions."""
         if request.client_id != self._id:
             self._mailbox.put(self._intruded)
             raise CallError("come in by the front")
@@ -557,7 +557,7 @@ class FoxgloveConnection:
         self._start(self._next(answering))
 
     async def _next(self, answering: Coroutine[Any, Any, None]) -> None:
-        """One request after the other: two changes of one parameter keep their order."""
+        """Answer requests one after the other: two changes of a parameter keep their order."""
         try:
             async with self._in_order:
                 await answering
@@ -588,7 +588,7 @@ class FoxgloveConnection:
         self._sender.send(protocol.parameter_values(_entries(values), asked.id))
 
     async def _values(self, names: Sequence[str]) -> dict[str, Message]:
-        """What there is of these parameters; what cannot be had is told."""
+        """Return the values of these parameters; tell the client which are unavailable."""
         of_node: dict[str, list[str]] = {}
         for name in names:
             try:
@@ -626,7 +626,7 @@ class FoxgloveConnection:
     # -- what the SDK says, in threads of its own ------------------------------------------------
 
     def heard(self, client: Any, act: Callable[..., None], identity: str, *given: Any) -> None:
-        """Have the loop do what a client of the SDK's server asked for, if it is ours."""
+        """Pass a request of the SDK's server to the loop, if its client is ours."""
         if client.id == self._id:
             self._mailbox.put(partial(self._do, act, identity, *given))
         else:
@@ -688,7 +688,7 @@ class FoxgloveConnection:
 
 
 class _Listener:
-    """What the SDK calls, in threads of its own: nothing here waits."""
+    """Callbacks of the SDK, called in its own threads: nothing here waits."""
 
     def __init__(self, client: FoxgloveConnection) -> None:
         self._client = client
@@ -735,7 +735,7 @@ class _Listener:
 
 
 def _hidden_address() -> str:
-    """An address of this machine that nobody guesses: with the port one of 10^12."""
+    """Return an unguessable loopback address: with the port one of 10^12."""
     return f"127.{'.'.join(str(1 + secrets.randbelow(254)) for _ in range(3))}"
 
 

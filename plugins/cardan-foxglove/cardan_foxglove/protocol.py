@@ -1,5 +1,5 @@
-"""The Foxglove WebSocket protocol, v1, as far as its server is not foxglove-sdk's: parameters, and
-what is to be known of frames that pass.
+"""Foxglove WebSocket protocol, v1, as far as foxglove-sdk's server does not do it: parameters, and
+headers of frames that are relayed.
 
 Source: foxglove/ws-protocol, docs/spec.md; the messages of foxglove-sdk 0.30 are the same under
 another name of the sub-protocol.
@@ -21,7 +21,7 @@ from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.parameters import ParameterKind, content_of, value_of
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
-"""What clients may ask for; the messages are the same."""
+"""Subprotocols that clients may ask for; their messages are the same."""
 
 CDR, JSON, ROS2MSG = "cdr", "json", "ros2msg"
 """Encodings of messages, and of their definitions."""
@@ -37,7 +37,7 @@ _DATA_HEADER = struct.Struct("<BIQ")
 _CHANNEL = struct.Struct("<BI")
 _SERVICE_CALL = 2
 _CALL = struct.Struct("<BII")
-"""Of a client's call: opcode, service, the number of the call."""
+"""Header of a client's call: opcode, service, number of the call."""
 _MAX_ID = 2**32 - 1
 _FLOAT64, _FLOAT64_ARRAY, _BYTE_ARRAY = "float64", "float64_array", "byte_array"
 
@@ -88,7 +88,7 @@ class Given(NamedTuple):
 def parse_operation(
     text: str,
 ) -> Subscribe | Unsubscribe | GetParameters | SetParameters | None:
-    """What a client's text frame asks for; None: something else, or it is malformed."""
+    """Decode the request in a client's text frame; None: another operation, or malformed."""
     try:
         found = json.loads(text)
     except (ValueError, RecursionError):
@@ -165,8 +165,8 @@ def published_channel(frame: bytes) -> int | None:
 
 
 def call_number(frame: bytes) -> int | None:
-    """The number that the client gave the call of a service which its binary frame asks for; None:
-    it asks for none."""
+    """Return the client's number of the service call in its binary frame; None: the frame is no
+    call."""
     if len(frame) < _CALL.size or frame[0] != _SERVICE_CALL:
         return None
     number: int = _CALL.unpack_from(frame)[2]
@@ -203,13 +203,13 @@ def _object(**fields: Any) -> str:
 
 
 def network_name(name: str) -> str:
-    """ "/node:parameter", of a name as Foxglove's bridges have it: "/node.parameter"."""
+    """Return "/node:parameter" for a name in the form of Foxglove's bridges: "/node.parameter"."""
     node, _, parameter = name.partition(".")
     return f"{node}:{parameter}"
 
 
 def client_name(node: str, parameter: str) -> str:
-    """The name as Foxglove's bridges have it."""
+    """Return the name in the form of Foxglove's bridges."""
     return f"{node}.{parameter}"
 
 

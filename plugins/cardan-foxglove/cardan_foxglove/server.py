@@ -1,9 +1,9 @@
 """The Foxglove server: live view and commands for Foxglove and Lichtblick, by foxglove-sdk.
 
-`serve` runs it; the plug-in's README.md says what is spoken, and what bounds a client.
+`serve` runs it; the plug-in's README.md describes the protocol and the bounds of a client.
 
-The SDK asks nobody who comes in. So clients come in by a front of ours, and behind it each has a
-server of the SDK of its own, at an address of this machine that only this process knows.
+The SDK has no access control. Therefore clients connect to a listener of ours, and behind it each
+has an SDK server of its own, at an address of this machine that only this process knows.
 """
 
 from __future__ import annotations
@@ -69,11 +69,11 @@ class FoxgloveServer:
         logging.getLogger("foxglove").setLevel(logging.CRITICAL)
         self.options = options or FoxgloveOptions()
         self.counts: Counter[str] = Counter()
-        """"denied": connections that were not let in; "refused": what clients asked for in vain;
-        "superseded": publications that newer ones took the place of; "too slow": clients that were
-        closed for not reading; "cut off": those whose frames waited while this process stood
-        still; "stale": publications that waited for too long to be passed on; "backlogged": clients
-        that were disconnected as they send more than can be handled."""
+        """"denied": connections without access; "refused": refused requests of clients;
+        "superseded": publications replaced by newer ones; "too slow": clients that were closed for
+        not reading; "cut off": clients whose frames waited while this process stood still;
+        "stale": publications that waited for too long to be passed on; "backlogged": clients
+        that were disconnected because they send more than can be handled."""
         self._network = network
         self._allowed = self.options.allowed
         self._packages = Packages(self.options.packages)
@@ -99,7 +99,7 @@ class FoxgloveServer:
 
     @property
     def clients(self) -> int:
-        """How many are connected."""
+        """Number of connected clients."""
         return len(self._clients)
 
     async def __aenter__(self) -> FoxgloveServer:
@@ -158,7 +158,7 @@ class FoxgloveServer:
         return AdvertisedGraph(self._graph.topics(), self._graph.callable_services())
 
     async def _look(self) -> None:
-        """Show clients what comes to the network and what leaves it."""
+        """Update the clients' topics and services by changes of the network."""
         before: AdvertisedGraph | None = None
         while True:
             await asyncio.sleep(LOOK_S)

@@ -20,7 +20,7 @@ def foxglove_server(network, **options):
 
 
 class FoxgloveClient:
-    """What the protocol's text has a client do: numbers of its own, JSON and opcodes.
+    """Client written from the protocol's text: numbers of its own, JSON and opcodes.
 
     `channels` and `services` are those that the server advertises, by name.
     """
@@ -95,7 +95,7 @@ class FoxgloveClient:
         return found
 
     def channel(self, topic):
-        """What the server advertises of a topic, as soon as it does."""
+        """Return the server's advertisement of a topic, as soon as there is one."""
         self._keep_until(lambda: topic in self.channels)
         return self.channels[topic]
 

@@ -1,4 +1,4 @@
-"""What somebody without a right tries at the Foxglove server; docs/safety-and-access.md.
+"""Attempts of unauthorized clients at the Foxglove server; docs/safety-and-access.md.
 
 The tests are those of the other servers; which of them are ``real`` there are in the matrix here.
 """

@@ -1,4 +1,4 @@
-"""What a client sends faster than the Foxglove server handles it is dropped, not acted on late."""
+"""Messages that a client sends faster than the Foxglove server handles them are dropped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The Foxglove server on the Zenoh bus: what another node does reaches a client, and back."""
+"""The Foxglove server on the Zenoh bus: traffic from other nodes to a client, and back."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def test_a_client_meets_a_node_on_the_bus(robot_and_server):
         client.set(name="/arm.speed", value=0.25)
         assert parameters.values["speed"]["double_value"] == 0.25
         assert client.get()[0]["value"] == 0.25
-    # What counts for a motion without end that the client asked for: its node has left the bus.
+    # A motion without end that the client asked for ends because its node has left the bus.
     until(lambda: "/foxglove_client_1" not in robot.nodes())
     until(lambda: "/foxglove_client_1" not in robot.topics()["/cmd"].publishers)
     for each in (stop, listening, moving, description, *offered):

@@ -1,4 +1,4 @@
-"""The Foxglove protocol's frames: what is read of them, and parameters both ways."""
+"""The Foxglove protocol's frames: decoding, and parameters both ways."""
 
 from __future__ import annotations
 

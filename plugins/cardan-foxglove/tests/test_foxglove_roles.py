@@ -1,4 +1,4 @@
-"""What a viewer may do at the Foxglove server, and an operator may."""
+"""Rights of viewers and operators at the Foxglove server."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A session, ``cardan net server foxglove`` and a client, each for itself: what its user meets."""
+"""A session, ``cardan net server foxglove`` and a client in processes of their own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What driver and simulated sensor allow of a CAN bus."""
+"""Bounds of a CAN bus's options, for driver and simulated sensor."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ class Jr3Can(Dissector):
 
 
 def _value(frame: CapturedCanFrame) -> Any:
-    """What a board or a host says; a text: why it is malformed; None: neither says it."""
+    """Decode a board's or host's message; a text: why it is malformed; None: it is of neither."""
     value = jr3_can.decode_from_board(frame.identifier, frame.data)
     if isinstance(value, jr3_can.Malformed):
         return f"{jr3_can.Opcode(value.opcode).name} {value.reason}"

@@ -150,7 +150,7 @@ class UnknownFrame(Jr3Frame):
 
 
 class BrokenFrame(Jr3Frame):
-    """Not as many bytes as the opcode has; what a command lacks the board reads as 0."""
+    """A frame whose length is not its opcode's; the board reads a command's missing bytes as 0."""
 
     fields_desc = [StrField("data", b"")]
     title = "broken"

@@ -25,11 +25,11 @@ class Rig:
         self.core = Jr3Core(options or Jr3Options())
         self.now_s = 0.0
         self.sent: list[CanFrame] = []
-        """What the driver sent."""
+        """Frames that the driver sent."""
         self.states: list[DeviceState] = []
         self.each: Callable[[], None] = lambda: None
         self.mangle: Callable[[CanFrame], CanFrame | None] = lambda frame: frame
-        """What the bus makes of the board's frames; None: it loses them."""
+        """Change of the board's frames by the bus; None: it loses them."""
         self.master_period_s = 0.0
         """Of a bus master's SYNC; 0: there is none."""
 

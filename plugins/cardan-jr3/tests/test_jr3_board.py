@@ -1,4 +1,4 @@
-"""The simulated JR3 board in virtual time: what the real one does, and its faults."""
+"""The simulated JR3 board in virtual time: behavior of the real one, and faults."""
 
 import itertools
 import math
@@ -31,7 +31,7 @@ class Host:
         self.board.receive(*frame, self.now_s if now_s is None else now_s)
 
     def run(self, seconds, step_s=0.0005):
-        """What came in this time: (time, message)."""
+        """Return the messages of this time: (time, message)."""
         self.heard = []
         end_s = self.now_s + seconds
         while self.now_s < end_s - 1e-9:

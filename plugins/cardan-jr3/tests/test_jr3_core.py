@@ -394,7 +394,7 @@ def test_a_closed_core_sends_nothing():
 
 
 def test_it_never_asks_to_be_polled_in_vain():
-    """What is due at once is done at once: a shell that sleeps until then never spins."""
+    """Work that is due at once is done at once: a shell that sleeps until then never spins."""
     rig = Rig()
     rig.open()
 

@@ -91,7 +91,7 @@ from_host = st.one_of(
 
 
 def value_of(frame):
-    """What a frame stands for, as the codec has it."""
+    """Return a frame's value in the codec's types."""
     match frame:
         case layers.ForcesFrame():
             return codec.Forces(frame.x, frame.y, frame.z, frame.counter)

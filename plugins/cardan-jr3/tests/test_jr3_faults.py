@@ -1,4 +1,4 @@
-"""Whatever happens to the sensor: neutral within 100 ms, and no motion before it was at rest."""
+"""Faults of the sensor: neutral within 100 ms, and no motion before it was at rest."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""A bus that gives a node back what it sends, as python-can's udp_multicast does."""
+"""A bus that returns a node's own frames to it, as python-can's udp_multicast does."""
 
 import time
 from collections import deque
@@ -26,7 +26,7 @@ class Echoing(can.BusABC):
         self.began_s = time.monotonic()
         self.datagrams = deque()
         self.others = []
-        """What other nodes than the driver sent."""
+        """Frames of other nodes than the driver."""
 
     def send(self, msg, timeout=None):
         self._send(msg)

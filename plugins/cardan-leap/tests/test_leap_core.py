@@ -1,4 +1,4 @@
-"""What the driver makes of the service's messages, in virtual time."""
+"""Device states of the driver from the service's messages, in virtual time."""
 
 from __future__ import annotations
 

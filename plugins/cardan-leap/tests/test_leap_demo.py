@@ -1,4 +1,4 @@
-"""What a user has once the plug-in is installed; and its examples run, by their own commands."""
+"""Registrations of the installed plug-in; and its examples run, by their own commands."""
 
 import contextlib
 import re

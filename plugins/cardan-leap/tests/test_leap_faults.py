@@ -226,7 +226,7 @@ def test_no_fault_makes_a_pose_jump_or_go_on(fault):
 
 
 def test_the_script_of_troubles_holds_and_lets_go():
-    """Every trouble lets go of the clutch; each new entry of the hand takes it again."""
+    """Every trouble releases the clutch; each new entry of the hand engages it again."""
     presses = []
     links = set()
     for _, core, state in drive("trouble", 31.0):

@@ -101,7 +101,7 @@ def test_built_in_scripts_begin_without_a_hand(name):
 
 
 def test_the_demo_returns_to_where_it_began():
-    """What a robot is moved by, the sum over both times of the clutch, is nothing."""
+    """The robot's total motion, over both times of the clutch, is zero."""
     told, _ = frames(SCRIPTS["demo"], 24.0)
     by_hand: dict[int, list] = {}
     for _, frame in told:

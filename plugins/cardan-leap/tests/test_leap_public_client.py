@@ -69,7 +69,7 @@ def leapjs():
 
 
 def heard(folder, script, frames, *, background=True, **options):
-    """What leapjs says of a service, by kind; and the service."""
+    """Return leapjs's output about a service, by kind; and the service."""
     peer = LeapPeer(LeapPeerOptions(port=0, script=script, **options))
     with in_a_thread(peer):
         result = subprocess.run(

@@ -44,7 +44,7 @@ from cardan_learning.goal import Approach
 from cardan_learning.hand import turns_with_tool
 
 SILENCE_S = 0.3
-"""A stream that is silent for so long while the arm moves is braked: ten frames of 30 a second."""
+"""Silence of a stream after which a moving arm is braked: ten frames of 30 a second."""
 
 STREAMS: Mapping[ActionKind, Stream] = {
     ActionKind.DELTA: Stream.TWIST,
@@ -66,7 +66,7 @@ class ArmActions:
         reference: Vector3 | None = None,
     ) -> None:
         """`joints`: their names; `mapping`: the frame of deltas and targets, full speeds, and the
-        approach; `reference`: of rotation vectors, as :class:`Continuous` has it."""
+        approach; `reference`: that of rotation vectors, for :class:`Continuous`."""
         self._arm, self.kind, self._mapping = arm, kind, mapping
         self._gripper = gripper
         self.action_names = action_names(kind, gripper)
@@ -84,7 +84,7 @@ class ArmActions:
     # -- observations ----------------------------------------------------------------------------
 
     def observe(self) -> dict[str, float]:
-        """Joints, TCP and gripper of now: what is measured, and what the gripper was told last.
+        """Return the measured joints and TCP, and the gripper's last command.
 
         Raises MotionRefusedError while the robot is silent, MotionLoopError once its session ended.
         """
@@ -102,11 +102,11 @@ class ArmActions:
     # -- actions ---------------------------------------------------------------------------------
 
     def act(self, action: Mapping[str, float], now_s: float) -> dict[str, float]:
-        """Do what an action asks for, within the arm's limits, and give back what was really sent,
-        by the same names.
+        """Send an action within the arm's limits, and return the action really sent, by the same
+        names.
 
-        Where nothing can be sent, `why_not` says so, and what is given back is an arm that holds.
-        Raises CommandError for numbers that are missing or none, and what `observe` raises.
+        If nothing can be sent, `why_not` says why, and the returned action is an arm that holds.
+        Raises CommandError for numbers that are missing or none, and the errors of `observe`.
         """
         numbers = self._checked(action)
         dt_s = 0.0 if self._before_s is None else now_s - self._before_s
@@ -148,7 +148,7 @@ class ArmActions:
         return (*(each / fast for each in linear), *(each / turning for each in angular))
 
     def _axes(self, tcp: Pose) -> tuple[Quaternion, Quaternion]:
-        """What turns an action's ways, and its turns, into the base's axes."""
+        """Return the rotations of an action's translations and rotations into the base's axes."""
         tool = tcp.orientation
         return (
             tool if self._mapping.frame is Frame.TOOL else IDENTITY,
@@ -213,8 +213,8 @@ class ArmActions:
     # -- streams ---------------------------------------------------------------------------------
 
     def _stream(self, send: Callable[[], str], begins: bool = True) -> None:
-        """Send a streamed command. Where no stream goes on, one is chosen before, or, not `begins`,
-        nothing is sent."""
+        """Send a streamed command. If no stream is running, it is selected before; without
+        `begins`, nothing is sent then."""
         if self._streaming:
             refusal = send()
             if not refusal or self._goes_on():
@@ -241,7 +241,7 @@ class ArmActions:
     # -- the gripper -----------------------------------------------------------------------------
 
     def _act_gripper(self, numbers: Mapping[str, float]) -> dict[str, float]:
-        """Close or open it where that is asked for and news; what was really told."""
+        """Close or open the gripper if that is a new request; return the command really sent."""
         if not self._gripper:
             return {}
         name = GRIPPERS[self.kind]

@@ -28,13 +28,13 @@ OWN_FEATURES: Mapping[str, str] = {
     "index": "int64",
     "task_index": "int64",
 }
-"""Of every frame, beside what is exported; each one number."""
+"""Columns of every frame, beside the exported features; each a single number."""
 
 Rows = Sequence[Sequence[float]]
 
 
 def vector_feature(names: Sequence[str]) -> dict[str, Any]:
-    """How a data set describes a vector of named numbers."""
+    """Return a data set's description of a vector of named numbers."""
     return {"dtype": "float32", "shape": (len(names),), "names": list(names)}
 
 
@@ -86,7 +86,7 @@ class _Writer:
 
         described: list[dict[str, Any]] = []
         columns: dict[str, list[list[float]]] = {}
-        """Of all episodes: each number of each feature, for the statistics."""
+        """Columns of all episodes: each number of each feature, for the statistics."""
         index = size = file_index = 0
         parquet: Any = None
         try:

@@ -37,7 +37,7 @@ MOST_GAPS = 5
 
 @dataclass
 class ExportReport:
-    """What was exported."""
+    """Contents and problems of an export."""
 
     folder: Path
     frames: Frames
@@ -89,11 +89,11 @@ def export_lerobot(
 ) -> ExportReport:
     """Write records as a LeRobotDataset into a new folder.
 
-    Observed are joints, TCP and gripper; the action is the pose that the TCP was commanded to have
-    and what the gripper was told. `longest_gap_s`: longest time without a state that is filled; at
-    a longer one an episode ends. `repo_id`: what LeRobot calls it; empty: by the folder's name.
-    `by_lerobot`: by LeRobot's own program, where it is there and writes that version. Raises
-    CaptureError, OptionError, ExtraMissingError.
+    Observed are joints, TCP and gripper; the action is the commanded pose of the TCP and the
+    gripper's command. `longest_gap_s`: longest time without a state that is filled; a longer one
+    ends an episode. `repo_id`: LeRobot's name for it; empty: by the folder's name. `by_lerobot`:
+    by LeRobot's own program, where it is installed and writes that version. Raises CaptureError,
+    OptionError, ExtraMissingError.
     """
     if not 0 < fps <= MOST_FPS:
         raise OptionError("--fps", fps, f"1 to {MOST_FPS} frames a second")
@@ -139,7 +139,7 @@ def _lerobot() -> tuple[Any, str]:
         importlib.import_module("lerobot")
         package = importlib.import_module("lerobot.datasets")
         module = importlib.import_module("lerobot.datasets.lerobot_dataset")
-    except Exception as error:  # What it imports in turn may be broken in any way.
+    except Exception as error:  # Its own imports may be broken in any way.
         if shortage(error):
             raise
         missing = isinstance(error, ModuleNotFoundError) and error.name == "lerobot"

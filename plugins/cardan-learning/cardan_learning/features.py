@@ -1,4 +1,4 @@
-"""Names of what is observed and what is asked for, and how orientations are written.
+"""Names of observations and actions, and the representation of orientations.
 
 Names are LeRobot's where it has some: those of its gamepad (``delta_*``), of its phone
 (``target_*``), of its kinematics (``ee.*``), and of joints (``*.pos``).
@@ -19,7 +19,7 @@ AXES = ("x", "y", "z", "wx", "wy", "wz")
 
 
 class ActionKind(enum.Enum):
-    """What the numbers of an action mean."""
+    """Meaning of an action's numbers."""
 
     DELTA = "delta"
     """How fast the TCP moves, as shares of full speed."""
@@ -30,7 +30,7 @@ class ActionKind(enum.Enum):
 
 
 CLOSE, STAY, OPEN = 0.0, 1.0, 2.0
-"""Of "gripper": what it does now."""
+"""Values of "gripper": its present motion."""
 
 CLOSING, OPENING = -1.0, 1.0
 """Of "gripper_vel"; 0: it stays."""
@@ -53,7 +53,7 @@ GRIPPERS: Mapping[ActionKind, str] = {
 """Name of what an action says of the gripper."""
 
 GRIPPER = "gripper.pos"
-"""Of an observation."""
+"""The gripper in an observation."""
 
 
 def action_kind(name: str, allowed: Sequence[ActionKind]) -> ActionKind:
@@ -87,8 +87,8 @@ def six_of(pose: Pose) -> tuple[float, ...]:
 
 
 LONG_RAD = 2.6
-"""Of a rotation vector that is longer, the sign says little: a tool that points down turns by about
-pi, where both mean nearly the same."""
+"""Length of a rotation vector above which its sign says little: a tool that points down turns by
+about pi, where both signs mean nearly the same."""
 
 
 def reference_of(model: ArmModel, tool: Pose) -> Vector3:
@@ -99,10 +99,10 @@ def reference_of(model: ArmModel, tool: Pose) -> Vector3:
 
 
 class Continuous:
-    """Writes rotation vectors so that they do not jump where a turn passes pi.
+    """Writer of rotation vectors that do not jump where a turn passes pi.
 
-    The same orientation is w and w - 2 pi w/|w|: the one nearer to the reference is taken. What is
-    written depends on the orientation and the reference alone, not on what was before.
+    The same orientation is w and w - 2 pi w/|w|: the one nearer to the reference is taken. The
+    result depends on the orientation and the reference alone, not on earlier calls.
     """
 
     def __init__(self, reference: Vector3 | None = None) -> None:

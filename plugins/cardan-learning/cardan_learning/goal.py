@@ -1,7 +1,7 @@
-"""Goes to goals that come a few dozen times a second, from where the arm is commanded to be.
+"""Motion to goals that come a few dozen times a second, from the arm's commanded position.
 
-The first goal, and one that is far, is approached slowly: however wrong it is, the arm does not
-leap. From there on each goal is handed on as it is; the arm's own limits hold in any case.
+The first goal, and any that is far, is approached slowly: however wrong it is, the arm does not
+jump. After that each goal is passed on unchanged; the arm's own limits hold in any case.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ LONGEST_STEP_S = 0.1
 
 
 class Approach:
-    """Where the arm is sent, on its way to a goal. Knows no clock."""
+    """The arm's reference on its way to a goal. Has no clock."""
 
     def __init__(self, options: MappingOptions) -> None:
         """`options`: their approach speeds, and how far a goal may be before it is approached."""
@@ -50,7 +50,7 @@ class Approach:
         self._at, self.arrived = None, False
 
     def step(self, goal: Pose, tcp: Pose, dt_s: float) -> Pose:
-        """Where to send the arm now; `tcp`: where it is commanded to be."""
+        """Return the next pose to command; `tcp`: the pose commanded at present."""
         assert self._at is not None
         options, dt_s = self._options, min(max(dt_s, 0.0), LONGEST_STEP_S)
         if apart(tcp, goal, options.slip_m, options.slip_rad):

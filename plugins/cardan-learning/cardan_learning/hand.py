@@ -60,17 +60,17 @@ class EventButtons:
 
 
 class HandEvents(NamedTuple):
-    """What the operator has told since the last time."""
+    """The operator's button events since the last call."""
 
     intervenes: bool
-    """Whether the hand holds the arm, or would: now."""
+    """Whether the operator holds the arm now, or would."""
     ends: bool
     succeeded: bool
     again: bool
 
 
 class HandActions:
-    """One operator device with its mapping and its gripper's buttons. For one thread; knows no
+    """Actions from an operator device with its mapping and gripper buttons. For one thread; has no
     clock."""
 
     def __init__(
@@ -143,7 +143,7 @@ class HandActions:
         self._ends = self._ends or not ends.isdisjoint(pressed)
 
     def action(self) -> dict[str, float]:
-        """What the hand asks for now, with what became of the gripper since the last call."""
+        """Return the operator's present action, with the gripper's change since the last call."""
         request = self._request
         following = request is not None and request.following
         gripped, self._gripped = self._gripped, None
@@ -163,7 +163,7 @@ class HandActions:
         return [speed / most for speed, most in zip((*twist[0], *twist[1]), full, strict=True)]
 
     def events(self) -> HandEvents:
-        """What the operator has told by buttons since the last call, and whether it intervenes."""
+        """Return the button events since the last call, and whether the operator intervenes."""
         request = self._request
         told = HandEvents(
             request is not None and (self._arming is Arming.CLAIMING or request.following),
@@ -175,7 +175,7 @@ class HandActions:
         return told
 
     def advice(self) -> str:
-        """How to go on, where the hand moves nothing; empty: it does."""
+        """Advice if the operator's motion moves nothing; empty: it does."""
         if self._request is not None and self._request.following:
             return ""
         return self._source.advice("", self._arming)

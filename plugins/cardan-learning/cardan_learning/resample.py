@@ -53,14 +53,14 @@ from cardan_learning.features import (
 )
 
 LONGEST_GAP_NS = NS // 5
-"""Between two states: a longer gap is told, and what was before it holds until its end."""
+"""Between two states: a longer gap is reported, and the state before it holds until its end."""
 
 LONGEST_FILL_S = 10.0
 """Longest gap within an episode, unless another is asked for: at a longer one it ends, and another
 begins after it."""
 
 FEWEST_FRAMES = 2
-"""Of an episode: shorter ones are left out, and told."""
+"""Frames of the shortest episode: shorter ones are left out, and reported."""
 
 JOINTS = "/joint_states"
 """End of its name, after the node's namespace."""
@@ -121,7 +121,7 @@ class Track:
         return self.values[index - 1], self.values[index], share
 
     def gaps(self, first_ns: int, last_ns: int) -> Iterator[Gap]:
-        """Those within a time."""
+        """Yield the gaps within a time."""
         for before_ns, after_ns in itertools.pairwise(self.stamps_ns):
             if (
                 after_ns - before_ns > LONGEST_GAP_NS
@@ -139,7 +139,7 @@ class Changes:
     values: list[str] = field(default_factory=list)
 
     def add(self, stamp_ns: int, value: str) -> None:
-        """Take a value; one that came late holds from the newest one's time on."""
+        """Add a value; a value that came late holds from the newest one's time on."""
         if not self.values or self.values[-1] != value:
             newest_ns = self.stamps_ns[-1] if self.stamps_ns else stamp_ns
             self.stamps_ns.append(max(stamp_ns, newest_ns))
@@ -153,7 +153,7 @@ class Changes:
 
 @dataclass
 class ArmTracks:
-    """What a record has of one arm."""
+    """Tracks of an arm in a record."""
 
     joints: Track = field(default_factory=lambda: Track("joints"))
     names: tuple[str, ...] = ()
@@ -161,7 +161,7 @@ class ArmTracks:
     poses: Track = field(default_factory=lambda: Track("measured poses"))
     """Of the TCP: position and quaternion, scalar first."""
     targets: Track = field(default_factory=lambda: Track("commanded poses"))
-    """Likewise."""
+    """Of the TCP, in the same form."""
     authority: Changes = field(default_factory=Changes)
     """The source that had it."""
     gripper: Changes = field(default_factory=Changes)
@@ -178,7 +178,7 @@ class ArmTracks:
 
     @property
     def missing(self) -> str:
-        """What there is too little of for a single frame; empty: nothing."""
+        """Names of the tracks too short for a single frame; empty: none."""
         return ", ".join(each.what for each in self.tracks if len(each.values) < FEWEST_FRAMES)
 
     @property
@@ -290,7 +290,7 @@ def _told(path: Path, track: Track) -> Iterator[str]:
 
 
 def _read(path: Path, arm: str) -> tuple[ArmTracks, list[str]]:
-    """What a record has of an arm, and what is wrong with the file."""
+    """Return an arm's tracks in a record, and the faults of the file."""
     reader = RecordReader(path)
     found: dict[str, ArmTracks] = {}
     joints: list[RecordedMessage] = []
@@ -407,7 +407,7 @@ def _breaks(tracks: ArmTracks, longest_gap_s: float) -> list[Gap]:
 
 
 def _without(breaks: Iterable[Gap], spans: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
-    """What is left of times between the gaps in them."""
+    """Yield the times that the gaps leave of `spans`."""
     for first_ns, last_ns in spans:
         begin_ns = first_ns
         for gap in breaks:

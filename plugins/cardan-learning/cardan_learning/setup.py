@@ -33,7 +33,7 @@ Table = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class HandConfig(Options):
-    """What an operator device as a source of actions reads of a session's file."""
+    """Tables of a session's file that a source of actions reads."""
 
     device: DriverTable
     mapping: MappingOptions = field(default_factory=MappingOptions)
@@ -103,11 +103,11 @@ def make_arm(
     network_gripper: bool = False,
     action: str = "delta",
 ) -> Arm:
-    """The arm of `session`, a session's file, or of `driver` with its `options` and the `model` of
-    its arm; or the one that a session shows on the network at `address`, whose `model` is named.
+    """Return the arm of `session`, a session's file, or of `driver` with its `options` and the
+    `model` of its arm; or the arm of a running session at `address`, with its `model`.
 
-    `mapping`, `gripper` and `limits` are tables as a session's file has them, in place of its own;
-    the file's operator device, and what it feels, are left out. Raises ConfigurationError.
+    `mapping`, `gripper` and `limits` are tables in the form of a session's file, in place of its
+    own; the file's operator device and its feedback are left out. Raises ConfigurationError.
     """
     kind = action_kind(action, tuple(ActionKind))
     if address:
@@ -190,15 +190,15 @@ def _given(**tables: Table | None) -> dict[str, Table]:
 
 
 def _session(config: SessionConfig) -> CartesianArm:
-    from cardan.gateway.session.remote import RemoteArm
+    from cardan.gateway.session.remote import session_arm
 
-    return RemoteArm(config, source=SOURCE)
+    return session_arm(config, source=SOURCE)
 
 
 def _remote(address: str) -> CartesianArm:
-    from cardan.gateway.bus.remote import RemoteCartesianDevice
+    from cardan.gateway.bus.remote import network_arm
 
-    return RemoteCartesianDevice(address, source=SOURCE)
+    return network_arm(address, source=SOURCE)
 
 
 SOURCE = "learning"

@@ -36,7 +36,7 @@ class Driven:
             self.told["gripper"] = 1.0
 
     def frame(self, **numbers):
-        """One frame; what was really sent."""
+        """Act for a frame; return the action that was really sent."""
         sent = self.actions.act({**self.told, **numbers}, self.world.now_s)
         self.world.tick(FRAME)
         return sent

@@ -1,4 +1,4 @@
-"""`cardan net export`: what is written and told, by LeRobot's own program where it is there."""
+"""`cardan net export`: data sets and reports, by LeRobot's own program where it is installed."""
 
 import json
 import subprocess

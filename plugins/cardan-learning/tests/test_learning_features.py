@@ -80,7 +80,7 @@ def test_sessions_of_an_arm_write_alike_wherever_they_begin(name, tool):
         written.append(Continuous(reference).of(six)[3:])
         assert same((0.0, 0.0, 0.0, *written[-1]), six)
         assert math.dist(written[-1], reference) < 0.03
-        # What else such a session writes first makes no difference.
+        # Other vectors that such a session writes first make no difference.
         late = Continuous(reference)
         late.of((0.0, 0.0, 0.0, 0.1 * seed - 2.0, 0.3, -1.0))
         assert late.of(six)[3:] == written[-1]

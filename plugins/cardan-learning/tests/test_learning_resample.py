@@ -29,7 +29,7 @@ def stamp(stamp_s):
 def instant(
     at_s, *, node=NODE, authority="hand", closed=False, log_s=None, ahead=0.1, joints=JOINTS
 ):
-    """What a session publishes of one instant: x is the time, and so are the joints."""
+    """A session's messages of an instant: x is the time, and so are the joints."""
     log_s = at_s if log_s is None else log_s
     turn = {"w": math.cos(0.5 * at_s), "x": 0.0, "y": 0.0, "z": math.sin(0.5 * at_s)}
     namespace = node.rpartition("/")[0]

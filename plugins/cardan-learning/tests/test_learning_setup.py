@@ -1,9 +1,11 @@
-"""Hands and arms of a session's file or of a driver; what is wrong is said before they open."""
+"""Devices and arms of a session's file or of a driver; errors are raised before they open."""
 
 import pytest
 
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.errors import ConfigurationError
+from cardan.gateway.bus import remote as on_the_network
+from cardan.gateway.session import remote as in_a_session
 from cardan_learning.features import ActionKind
 from cardan_learning.setup import make_arm, make_hand
 
@@ -35,7 +37,16 @@ def session(tmp_path):
     return str(path)
 
 
-def test_both_of_a_sessions_file(session):
+@pytest.fixture
+def asked(monkeypatch):
+    """What arms are made of: a session's configuration, or an address."""
+    made = []
+    for module, name in ((in_a_session, "session_arm"), (on_the_network, "network_arm")):
+        monkeypatch.setattr(module, name, lambda of, source: made.append(of))
+    return made
+
+
+def test_both_of_a_sessions_file(session, asked):
     hand = make_hand(session=session)
     assert isinstance(hand.device, SpaceMouse)
     assert hand.actions.kind is ActionKind.DELTA
@@ -44,7 +55,8 @@ def test_both_of_a_sessions_file(session):
     assert (len(arm.joints), arm.kind) == (6, ActionKind.TARGET)
     assert arm.mapping.linear_speed_m_s == 0.05
     assert not arm.gripper  # a simulated arm has no outputs
-    assert arm.make().config.device is None
+    arm.make()
+    assert asked[0].device is None
 
 
 def test_the_hand_reads_no_more_of_the_file_than_its_own(session, tmp_path):
@@ -53,7 +65,7 @@ def test_the_hand_reads_no_more_of_the_file_than_its_own(session, tmp_path):
     assert isinstance(make_hand(session=str(path)).device, SpaceMouse)
 
 
-def test_both_of_drivers():
+def test_both_of_drivers(asked):
     hand = make_hand(
         driver="spacemouse",
         options={"curve": 0.5},
@@ -71,14 +83,15 @@ def test_both_of_drivers():
     )
     assert arm.gripper
     assert arm.mapping.linear_speed_m_s == 0.2
-    assert arm.make().config.limits.linear_speed_m_s == 0.2
+    arm.make()
+    assert asked[0].limits.linear_speed_m_s == 0.2
 
 
-def test_an_arm_on_the_network(monkeypatch):
+def test_an_arm_on_the_network(asked):
     arm = make_arm(address="tcp/127.0.0.1:7447/cell/arm", model="ur5", network_gripper=True)
     assert (len(arm.joints), arm.gripper) == (6, True)
-    made = arm.make()
-    assert made.address == "tcp/127.0.0.1:7447/cell/arm"
+    arm.make()
+    assert asked == ["tcp/127.0.0.1:7447/cell/arm"]
 
 
 HAND, ARM = make_hand, make_arm

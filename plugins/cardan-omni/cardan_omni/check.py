@@ -1,4 +1,4 @@
-"""What `cardan doctor` looks at beside all that Cardan does."""
+"""Checks of `cardan doctor` for haptic devices."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class Rig:
         self.answer = Calibration.OK
         self.ticking = True
         self.every = 1
-        """One tick in so many ms."""
+        """Ms from tick to tick."""
         self.updates = 0
         self.core.on_opened(identity, self.now_s)
 

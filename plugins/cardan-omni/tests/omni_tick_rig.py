@@ -122,7 +122,7 @@ def distance(a: Vector3, b: Vector3) -> float:
 
 
 def commanded(fixture: Fixture, *points: Vector3, world: WorldMap | None = None) -> Vector3:
-    """What a fixture asks for at the last of these points, having been at the others before."""
+    """Return the force of a fixture at the last of these points, after the others."""
     rig = Rig(**BARE)
     rig.tick.enable()
     rig.send(fixtures=(fixture,), world=world or WorldMap())

@@ -222,7 +222,7 @@ def test_a_program_makes_a_wall_over_the_bus(simulated, tmp_path):
         largest = user.call("get_max_feedback", "yarp_control_msgs/srv/GetMaxFeedback")
         assert largest["max_feedback"]["x"] == 2.0
         assert max(abs(force["x"]) for force in user.forces) <= 2.0
-        # What is no force is refused in words, and the wall stays where it is.
+        # An invalid force is refused with a reason, and the wall stays where it is.
         user.publish(y=float("nan"))
         refused = user.until(
             lambda: [each for each in user.results if each["outcome"] == "refused"], "a refusal"

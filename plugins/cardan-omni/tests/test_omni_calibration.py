@@ -1,4 +1,4 @@
-"""When force is allowed and what the operator is told, by what the library's check answers."""
+"""Permission of force and the operator's messages, by the answers of the library's check."""
 
 import pytest
 from hypothesis import given, strategies as st

@@ -37,7 +37,7 @@ def test_a_library_is_judged_in_real_time():
 
 @needs_library
 def test_the_force_never_exceeds_what_is_harmless():
-    """Whatever a course asks for, and whatever becomes of the program that asked."""
+    """For every course of requests, and after every end of the requesting program."""
     from cardan_omni.conform.calls import FORCE, GREATEST_N, HdCalls, request
     from cardan_omni.driver.library import load
 

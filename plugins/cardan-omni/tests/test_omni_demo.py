@@ -1,4 +1,4 @@
-"""What a user has once the plug-in is installed; and its examples run, by their own commands."""
+"""Registrations of the installed plug-in; and its examples run, by their own commands."""
 
 import contextlib
 import dataclasses
@@ -73,7 +73,7 @@ def test_the_drawing_runs_and_is_felt():
 @pytest.mark.matrix
 @pytest.mark.parametrize("name", sorted(each.name for each in EXAMPLES.glob("*-simulated.toml")))
 def test_the_haptic_example_runs_and_is_felt(name, tmp_path, monkeypatch):
-    for path in EXAMPLES.iterdir():  # One names another.
+    for path in EXAMPLES.iterdir():  # An example may name another.
         (tmp_path / path.name).write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
     text = port_of_its_own((EXAMPLES / name).read_text(encoding="utf-8"))
     monkeypatch.chdir(tmp_path)

@@ -724,7 +724,7 @@ def test_a_wrench_along_a_stylus_that_nobody_sees_is_none(bench):
 
 
 def test_a_force_lasts_one_frame_whatever_becomes_of_the_program(bench):
-    """What kill -9 leaves behind: nobody sets the next frame's force, and so there is none."""
+    """After kill -9 no program sets the next frame's force, and so there is none."""
     sim = bench.power(virtual=True)
     hd = library.load(str(library_path()))
     handle = hd.init_device("")

@@ -1,4 +1,4 @@
-"""What the simulated Omni's habits do to those who follow it: the tick, the mapping, the TCP."""
+"""Effects of the simulated Omni's habits on its followers: the tick, the mapping, the TCP."""
 
 from __future__ import annotations
 

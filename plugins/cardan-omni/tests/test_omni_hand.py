@@ -1,4 +1,4 @@
-"""Scripts of the hand that holds the simulated stylus: what waypoints they become."""
+"""Scripts of the hand that holds the simulated stylus, and their waypoints."""
 
 from __future__ import annotations
 

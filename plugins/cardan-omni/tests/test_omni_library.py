@@ -1,4 +1,4 @@
-"""Finding and loading libHD, and what is said when that fails."""
+"""Finding and loading libHD, and the errors when that fails."""
 
 import ctypes
 import ctypes.util
@@ -33,7 +33,7 @@ hdGetSchedulerTimeStamp hdDeploymentLicense
 """,
     )
 )
-"""What HDAPI has."""
+"""Functions of HDAPI."""
 
 FAKE = """
 #include "hdapi.h"

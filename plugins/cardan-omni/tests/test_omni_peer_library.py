@@ -233,8 +233,8 @@ def test_a_handle_may_be_zero_and_a_second_init_fails(hd: LibHD) -> None:
 def test_before_any_init_the_current_device_is_the_handle_that_the_first_one_gets(
     hd: LibHD,
 ) -> None:
-    """pyOpenHaptics asks before it initializes and takes another handle for a device that
-    somebody else has opened already."""
+    """pyOpenHaptics asks before it initializes and takes another handle for a device that another
+    program has opened already."""
     hd.configure("")
     current = hd.hdGetCurrentDevice()
     assert hd.errors() == [Error.INVALID_OPERATION]

@@ -200,7 +200,7 @@ class Bench:
 
     @property
     def force(self) -> Vector3:
-        """What libHD was last told, in the hand frame."""
+        """Force last sent to libHD, in the hand frame."""
         name, values = self.library.sent[-1]
         assert name == State.CURRENT_FORCE
         return Vector3(*(HAND_FROM_DEVICE @ values))
@@ -428,7 +428,7 @@ def test_errors_of_before_the_frame_are_no_failed_reading(bench: Bench) -> None:
 
 
 def test_a_loop_that_begins_anew_has_sent_nothing_yet(bench: Bench) -> None:
-    """What the tick sent before a loss is gone, and the hand is elsewhere."""
+    """Forces sent before a loss are gone, and the hand is elsewhere."""
     bench.engage(force=Vector3(1.0, 0.0, 0.0))
     bench.servo.close()
     bench.tick.lose()

@@ -1,4 +1,4 @@
-"""What keeps the force within its limits, whatever the tick is told, in virtual time."""
+"""Bounds of the force for any input of the tick, in virtual time."""
 
 from __future__ import annotations
 
@@ -360,7 +360,7 @@ def test_after_an_interruption_the_force_comes_back_by_the_ramp(what: str) -> No
 
 
 def test_a_source_that_stutters_is_paused_and_begins_small_once_it_is_steady() -> None:
-    """One command each 71 ms would be a sawtooth of 14 Hz for ever."""
+    """A command each 71 ms would be a sawtooth of 14 Hz for ever."""
     rig = Rig()
     rig.press()
     before = rig.state.energy_j
@@ -482,7 +482,7 @@ def test_what_was_lost_is_a_fault_until_enabled() -> None:
     rig.glide(ABOVE, 0.1)
     rig.run(1.2)
     assert rig.glide(BELOW, 0.2) == ZERO3
-    # What nothing steps has no clock: commands go on, by their own order.
+    # A tick that is not stepped has no clock: commands are accepted, by their own order.
     rig.tick.lose()
     assert rig.tick.command(rig.command._replace(sequence=10**6, stamp_s=rig.now_s + 3600.0))
 
@@ -526,7 +526,7 @@ def test_after_a_short_stall_the_force_is_back_within_a_tenth_of_a_second() -> N
 
 
 def stall_and_then(rig: Rig, what: str) -> str:
-    """What follows a stall of 25 ms, or is more than one; the reason that was shown in it."""
+    """Stall for 25 ms and go on by `what`, or stall by `what`; return the reason shown then."""
     if what == "gap of 10 s":
         rig.step(gap_s=10.0)
         return rig.state.reason

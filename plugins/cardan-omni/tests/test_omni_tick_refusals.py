@@ -1,4 +1,4 @@
-"""What is no number or no command is refused and changes nothing; limits are checked twice."""
+"""Invalid numbers and commands are refused and change nothing; limits are checked twice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the tick renders: fixtures, measured forces, torques."""
+"""Rendering by the tick: fixtures, measured forces, torques."""
 
 from __future__ import annotations
 

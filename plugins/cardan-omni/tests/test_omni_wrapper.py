@@ -322,7 +322,7 @@ def test_the_program_in_c_feels_its_floor(tmp_path):
     log = tmp_path / "truth.csv"
 
     def touched():
-        # What the program prints goes to the test's own standard output, past Python.
+        # The program's output goes to the test's own standard output, past Python.
         with (tmp_path / "out").open("w+") as out, _standard_output(out.fileno()):
             code = run_program([str(tmp_path / "touch")], OmniSettings(motion=motion, log=str(log)))
         assert code == 0

@@ -32,7 +32,7 @@ CR = b"\r"
 
 
 class SerialPacket(Block):
-    """One packet; what follows is the next one's."""
+    """A packet; bytes after it belong to the next one."""
 
 
 class Broken(SerialPacket):
@@ -45,7 +45,7 @@ class Broken(SerialPacket):
 
     @property
     def reason(self) -> str:
-        """What is wrong."""
+        """Fault of the bytes."""
         return self.fault(self.data) or ""
 
 
@@ -54,7 +54,7 @@ class TextPacket(SerialPacket):
 
     @property
     def text(self) -> bytes:
-        """What stands between the letter and the CR."""
+        """Text between the letter and the CR."""
         return bytes(self.rest).removesuffix(CR)
 
 
@@ -362,7 +362,7 @@ class SpaceballPacket(Packet):
 # SpaceOrb
 
 ORB_LETTERS = b"SpaceWare"
-"""What each byte of motion is mixed with."""
+"""Bytes that the bytes of motion are combined with by exclusive or."""
 ORB_BYTES = {b"D": 12, b"K": 5, b"E": 4, b"N": 3}
 ORB_BUTTONS = ("a", "b", "c", "d", "e", "f", "rezero")
 TEN_MS = 10
@@ -373,7 +373,7 @@ def _orb_checksum(data: bytes) -> int:
 
 
 class SpaceOrbLayer(SerialPacket):
-    """A packet whose bytes but the first have bit 7, and whose low seven bits make the values; the
+    """A packet with bit 7 set in all bytes but the first, and values in their low seven bits; the
     last byte makes the exclusive or of all 0."""
 
     def post_build(self, pkt: bytes, pay: bytes) -> bytes:

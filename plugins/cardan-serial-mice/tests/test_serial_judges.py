@@ -1,4 +1,4 @@
-"""The simulated serial devices before programs that nobody here wrote."""
+"""The simulated serial devices with independent programs."""
 
 import os
 import shutil
@@ -26,7 +26,7 @@ MODELS = {
     "spaceball-4000": "12 buttons",
     "spaceball-5000": "12 buttons",
 }
-"""What spacenavd says of those it knows; a SpaceOrb it does not."""
+"""spacenavd's log text for the models that it knows; it does not know a SpaceOrb."""
 ATTEMPTS = 3
 """It takes a pause of 0.13 s for the end of what a device says, and a busy machine makes such."""
 
@@ -40,7 +40,7 @@ SCRIPT = """
 EVENT = struct.Struct("8i")
 FULL_SCALES = (8000, 8000, 8000, 1600, 1600, 1600)
 SHARES = (0.25, 1.0, 0.5, 0.2, 0.3, 0.1)
-"""What SCRIPT does, in spacenavd's axes: right, up, away, and the rotations about them."""
+"""Motion of SCRIPT, in spacenavd's axes: right, up, away, and the rotations about them."""
 
 
 @pytest.fixture
@@ -70,7 +70,7 @@ def log_of(folder):
 
 
 def judge(model, script, root):
-    """What spacenavd hears of a device of `model`, and what it says about it."""
+    """Return spacenavd's events of a device of `model`, and its log."""
     for attempt in range(ATTEMPTS):
         folder = root / f"{model}-{attempt}"
         events, log = judge_once(model, script, folder)

@@ -36,7 +36,7 @@ def along(count):
 
 
 def judged(*counts, step=4000):
-    """What counts after each packet, None for nothing new, and how many were found wrong."""
+    """Return the accepted count after each packet, None for nothing new, and the garbled ones."""
     guard = JumpGuard(step)
     verdicts = [guard.judge(along(count)) for count in counts]
     taken = [verdict.counts and verdict.counts[0] for verdict in verdicts]
@@ -136,7 +136,7 @@ class Followed:
         assert self.state.link is DeviceLink.LIVE
 
     def packet(self, axes):
-        """What the device says of a cap at `axes`, robot frame."""
+        """Return the device's packet for a cap at `axes`, robot frame."""
         model = self.model
         translation = from_robot_axes(axes, model.full_scale)
         rotation = from_robot_axes(axes, model.rotation_full_scale)

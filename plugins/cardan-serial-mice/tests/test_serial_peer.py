@@ -407,7 +407,7 @@ def test_silence_unplug_and_nonsense(key):
     assert not port.puck.plugged
     assert port.run(1.0) == b""
     port.puck.replug()
-    assert port.run(1.0) == b""  # until somebody opens the port
+    assert port.run(1.0) == b""  # until a program opens the port
     with pytest.raises(ValueError, match="six finite"):
         port.puck.set_axes((1.0,))
     with pytest.raises(ScriptError, match="has no button 'x'"):
@@ -438,7 +438,7 @@ def test_a_bad_line(key, fault):
 @pytest.mark.parametrize("key", MODELS)
 def test_a_line_that_is_bad_for_keys(key, fault):
     def packets(faults):
-        """What each press and each release is told with."""
+        """Return the packets of each press and each release."""
         port = Port(key, faults=faults)
         port.run(1.5)
         label = next(iter(port.puck.model.buttons.values()))
@@ -655,7 +655,7 @@ def test_a_link_that_a_killed_peer_left_is_taken_over(tmp_path):
     assert left[0] == left[1]
     dead.close()
     assert list(tmp_path.iterdir()) == [tmp_path / "script"]
-    master, slave = os.openpty()  # the number is somebody else's now
+    master, slave = os.openpty()  # another program has the number now
     os.symlink(os.ttyname(slave), tmp_path / "port")
     with pytest.raises(AddressError, match="no simulated device made it"):
         SerialPuckPeer(options(tmp_path)).open()

@@ -66,7 +66,7 @@ REST = (0, 0, 0, 0, 0, 0)
 
 
 def in_pieces(reader, stream, cuts):
-    """What `reader` gives for `stream`, cut at `cuts`."""
+    """Return `reader`'s values for `stream`, cut at `cuts`."""
     values = []
     edges = sorted({0, len(stream), *(cut % (len(stream) + 1) for cut in cuts)})
     for begin, end in itertools.pairwise(edges):
@@ -231,7 +231,7 @@ def test_what_else_a_spaceorb_says():
     text = " Spaceball (R) V4.34 19-Oct-96 Copyright (C) 1996"
     stream = b"\r" + encode_orb_reset(text) + encode_orb_error(5) + encode_orb_text("N", b"\x08")
     assert OrbReader().feed(stream) == [OrbReset(text.strip()), OrbError(5), OrbText(78, b"\x08")]
-    # What has no length of its own ends where the next begins, or at a carriage return.
+    # A packet without a length of its own ends at the next one, or at a carriage return.
     reader = OrbReader()
     assert reader.feed(encode_orb_reset(text)) == []
     assert reader.feed(b"\r") == [OrbReset(text.strip())]

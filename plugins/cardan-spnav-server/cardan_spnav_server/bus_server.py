@@ -17,7 +17,7 @@ from cardan_spnav_server.server import serve_until
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceTopic(Options):
-    """Where the session publishes its device."""
+    """Topic on which a session publishes its device."""
 
     topic: str = "/spacenav/joy"
     """The device's, of a session with device = true in [network]: with its namespace before it."""

@@ -1,4 +1,4 @@
-"""One program at the server's socket: what it asked for, and what is still to be sent to it."""
+"""Program at the server's socket: its requests and settings, and its send queue."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from cardan_spnav_server.protocol import (
 )
 
 QUIET_S = 0.05
-"""How long after its last request a new client gets no events: libspnav throws away what is pending
-before a request, and takes the next record for the answer."""
+"""Time after its last request in which a new client gets no events: libspnav discards pending
+records before a request, and takes the next record for the answer."""
 
 NEW_FOR_S = 2.0
 """How long a client counts as new, however often it asks."""
@@ -113,7 +113,7 @@ class SpnavClient:
         self._edges += 1
 
     def outgoing(self, now_s: float) -> bytes:
-        """What to send next, one record or the rest of one; empty when there is nothing yet."""
+        """Return the next bytes to send, a record or the rest of one; empty: nothing yet."""
         if not self._sending:
             if self._replies:
                 self._sending = self._replies.popleft()
@@ -132,7 +132,7 @@ class SpnavClient:
 
     @property
     def due_s(self) -> float:
-        """When delayed events are to be sent; inf: there are none."""
+        """Time at which delayed events are to be sent; inf: there are none."""
         if self._sending or not self._events:
             return math.inf
         return self._quiet_until_s

@@ -1,4 +1,4 @@
-"""What ``cardan devices spnav`` reads of a file."""
+"""Tables that ``cardan devices spnav`` reads from a file."""
 
 from __future__ import annotations
 

@@ -67,15 +67,15 @@ _ONE = bits_of(1.0)
 
 
 class SpnavServerCore:
-    """The clients and what each is to be sent. Times are monotonic, s.
+    """The clients and their send queues. Times are monotonic, s.
 
-    Buttons have the numbers that `identity` says. All others of `buttons` are numbered from 0 in
-    their order; a button that is not among them gets the next number when it is first seen. Of a
-    device that lists none, "left" and "right" are 0 and 1, "button-7" is 7 and "7" is 6, whatever
-    is pressed first; all others follow. `on_led` switches the device's LED; None: it has none, or
-    it is not for programs to switch. `full_scale` is in
-    counts; None: what programs take for a full deflection of such a device. Raises OptionError for
-    one that is not in `COUNTS` of :mod:`cardan.common.bounds`.
+    Buttons have the numbers of `identity`. All others of `buttons` are numbered from 0 in their
+    order; a button that is not among them gets the next number when it is first seen. If the
+    device lists none, "left" and "right" are 0 and 1, "button-7" is 7 and "7" is 6, whatever is
+    pressed first; all others follow. `on_led` switches the device's LED; None: it has none, or
+    programs may not switch it. `full_scale` is in counts; None: the counts that programs take for
+    a full deflection of such a device. Raises OptionError for a value that is not in `COUNTS` of
+    :mod:`cardan.common.bounds`.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class SpnavServerCore:
         self._taken: set[int] = set()
         """Numbers that are assigned to buttons."""
         self._button_count = 0
-        """One more than the highest of them."""
+        """The highest of them plus one."""
         self._listed = False
         self._full_scale = full_scale
         self._on_led = on_led
@@ -154,12 +154,12 @@ class SpnavServerCore:
         self._drop_if_unread(number, client)
 
     def outgoing(self, number: int, now_s: float) -> bytes:
-        """What to send to a program next, in one call; empty when there is nothing (yet)."""
+        """Return the bytes to send to a program next, in one call; empty: nothing (yet)."""
         client = self._clients.get(number)
         return b"" if client is None else client.outgoing(now_s)
 
     def sent(self, number: int, size: int) -> None:
-        """`size` bytes of what `outgoing` gave were sent."""
+        """Record that `size` bytes from `outgoing` were sent."""
         client = self._clients.get(number)
         if client is not None:
             client.sent(size)
@@ -179,7 +179,7 @@ class SpnavServerCore:
 
     @property
     def clients(self) -> int:
-        """How many programs are connected."""
+        """Number of connected programs."""
         return len(self._clients)
 
     # -- the device ----------------------------------------------------------------------------
@@ -238,7 +238,7 @@ class SpnavServerCore:
         self._move(now_s)
 
     def next_due_s(self) -> float:
-        """When `advance` or `outgoing` has work next, unless something comes before."""
+        """Time at which `advance` or `outgoing` has work next, unless something comes before."""
         due_s = min((client.due_s for client in self._clients.values()), default=math.inf)
         if self._shown != _REST and self._clients:
             due_s = min(due_s, self._motion_s + REPEAT_PERIOD_S)
@@ -251,7 +251,7 @@ class SpnavServerCore:
         return {"clients": len(self._clients), **self._counts}
 
     def diagnosis(self) -> list[str]:
-        """What deserves attention."""
+        """Return the warnings, in words."""
         words = [f"{self._counts[key]} {_COUNTERS[key]}" for key in _TELLING if self._counts[key]]
         if self._last_failure:
             words.append(f"the last program given up: {self._last_failure}")
@@ -461,7 +461,7 @@ class SpnavServerCore:
         """Whether `sensitivity` was accepted.
 
         libspnav's `spnav_sensitivity` sends half of a double in version 1, which is zero or far
-        from what is meant: it would leave the program without motion.
+        from the intended value: it would leave the program without motion.
         """
         low, high = SENSITIVITIES
         if not low <= abs(sensitivity) <= high:

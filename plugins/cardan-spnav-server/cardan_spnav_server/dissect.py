@@ -48,7 +48,7 @@ NO_WORDS: Any = [0] * 6
 FAILED = -1
 
 SET_NAME = 0x1000
-# What the requests SCFG_... (even numbers from 0x3000 on) and GCFG_... (odd) are about.
+# Settings of the requests SCFG_... (even numbers from 0x3000 on) and GCFG_... (odd).
 _SETTINGS = {
     "SENS": "f",
     "SENS_AXIS": "ffffff",
@@ -105,7 +105,7 @@ DEVICE_TYPES = {
 
 
 class Record(Block):
-    """What follows belongs to the next record."""
+    """A record; bytes after it belong to the next one."""
 
 
 def _event(kind: int, *names: str) -> list[Any]:

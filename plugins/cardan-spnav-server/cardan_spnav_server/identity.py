@@ -1,4 +1,4 @@
-"""What programs get to know of the served device: name, type and USB id of its model."""
+"""Identity of the served device for programs: name, type and USB id of its model."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DEFAULT_NAME = "Cardan"
 
 
 class DeviceIdentity(NamedTuple):
-    """What programs get to know of the device."""
+    """Identity of the device for programs."""
 
     name: str = DEFAULT_NAME
     path: str = ""
@@ -37,7 +37,7 @@ class DeviceIdentity(NamedTuple):
 
 @runtime_checkable
 class KnownModel(Protocol):
-    """What a driver knows of a six-axis device in its attribute `model`."""
+    """Model of a six-axis device in a driver's attribute `model`."""
 
     @property
     def name(self) -> str: ...
@@ -49,7 +49,7 @@ class KnownModel(Protocol):
     def product_id(self) -> int: ...
     @property
     def buttons(self) -> Mapping[int, str]:
-        """Label by bit of HID report 3, or of what a serial device has in its place."""
+        """Label by bit of HID report 3, or of its equivalent in a serial device."""
 
     @property
     def receiver(self) -> bool:
@@ -57,10 +57,10 @@ class KnownModel(Protocol):
 
 
 def identity_of(device: OperatorDevice, name: str = "") -> DeviceIdentity:
-    """The identity of `device`, with `name` where that is not empty.
+    """Return the identity of `device`, with `name` where that is not empty.
 
-    A driver that knows the model of a 3Dconnexion device has it in `model`, from when it is open;
-    of all other devices there is only a name.
+    A driver that knows the model of a 3Dconnexion device has it in `model` once it is open; all
+    other devices have only a name.
     """
     model = getattr(device, "model", None)
     if not isinstance(model, KnownModel):

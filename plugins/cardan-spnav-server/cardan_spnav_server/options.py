@@ -25,12 +25,11 @@ class SpnavServerOptions(Options):
     """Counts that programs get for a full deflection; None: as many as spacenavd gives of the
     device's model, 350 where that is not known."""
     name: str = ""
-    """Name of the device that programs are told; empty: its model's, "Cardan" where that is not
-    known."""
+    """Name of the device for programs; empty: its model's, or "Cardan" if that is unknown."""
     model: str = ""
     """Key of the 3Dconnexion model that a session publishes on the bus, which does not tell it, as
-    "spacemouse-pro": programs get its identity and spacenavd's numbers of its buttons. Empty: what
-    the driver knows."""
+    "spacemouse-pro": programs get its identity and spacenavd's numbers of its buttons. Empty: the
+    driver's model."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -41,5 +40,5 @@ class SpnavServerOptions(Options):
 
     @property
     def identity(self) -> DeviceIdentity | None:
-        """What programs get to know by `model`; None: there is none."""
+        """Identity for programs by `model`; None: there is no model."""
         return identity_behind_bus(self.model, self.name) if self.model else None

@@ -1,4 +1,4 @@
-"""The server's side of the spacenavd protocol: what programs send, and what they are told.
+"""The server's side of the spacenavd protocol: requests of programs, and answers and events.
 
 Records, axes and sources are those of :mod:`cardan.protocols.spnav`, the client's side.
 """
@@ -43,7 +43,7 @@ INT_MIN, INT_MAX = -(2**31), 2**31 - 1
 
 
 class ClientRequest(NamedTuple):
-    """What a client asks."""
+    """A client's request."""
 
     word: int
     """The first word as it came; a reply repeats it."""
@@ -51,7 +51,7 @@ class ClientRequest(NamedTuple):
 
     @property
     def code(self) -> int:
-        """What is asked for, one of `Code` where it is known."""
+        """Code of the request, one of `Code` where it is known."""
         return self.word & 0xFFFF
 
 
@@ -98,13 +98,13 @@ def decode_sensitivity(word: bytes) -> float:
 
 
 def float_of(word: int) -> float:
-    """The float whose bits are the data word `word`."""
+    """Return the float whose bits are the data word `word`."""
     (value,) = struct.unpack("=f", struct.pack("=i", word))
     return float(value)
 
 
 def bits_of(value: float) -> int:
-    """The data word that carries a float. Raises ValueError for what is no 32-bit float."""
+    """Return the data word of a float. Raises ValueError for a value that is no 32-bit float."""
     (word,) = struct.unpack("=i", encode_sensitivity(value))
     return int(word)
 
@@ -120,13 +120,13 @@ def _clamped(value: int) -> int:
 
 
 class Sensitivity(NamedTuple):
-    """What a client of version 0 wants its motion multiplied by; NaN is possible."""
+    """Factor for the motion that a client of version 0 gets; NaN is possible."""
 
     value: float
 
 
 class ClientReader:
-    """Reads what a client sends, whatever pieces it comes in; at most 31 bytes are kept.
+    """Reader of a client's bytes, in pieces of any size; at most 31 bytes are kept.
 
     `newest` is the newest version to speak: 0 takes every handshake for a sensitivity, NaN.
     """

@@ -157,7 +157,7 @@ class SpnavServer(Openable):
             self._core.give_up(number, f"what it asked for failed: {error!r}")
 
     def _flush(self, now_s: float) -> None:
-        """Send what the clients' buffers have room for."""
+        """Send as much as the clients' buffers have room for."""
         core = self._core
         for number, _ in core.given_up():
             if number in self._sockets:
@@ -193,8 +193,8 @@ class SpnavServer(Openable):
 class SpnavService:
     """The server in a thread of its own beside a control loop that offers it states.
 
-    `buttons` are the device's, in the order of their numbers, and `identity` is what programs are
-    told of it; either may tell it once it is plugged in (called from the thread). The loop has the
+    `buttons` are the device's, in the order of their numbers, and `identity` is that for programs;
+    either may be a function, called from the thread once the device is plugged in. The loop has the
     device and its LED; programs here only watch.
     """
 
@@ -249,7 +249,7 @@ class SpnavService:
         return self._core.metrics()
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What deserves attention, worst first."""
+        """Return the warnings, worst first."""
         return (*((self._failure,) if self._failure else ()), *self._core.diagnosis())
 
     def _run(self, stop: threading.Event) -> None:
@@ -287,8 +287,8 @@ def serve_device(
     """Serve `device` to spacenavd's programs until `seconds` are over or a signal ends it.
 
     Opens it, prints READY and the socket's path, and closes it in the end. Programs may switch its
-    LED, and are told `identity`; None: what is known of its model. Raises DriverError when
-    the device cannot be opened or the socket not be served.
+    LED, and get `identity`; None: that of its model. Raises DriverError when the device cannot be
+    opened or the socket not be served.
     """
     end_s = math.inf if seconds is None else time.monotonic() + seconds
     with interruptible() as stop:
@@ -345,7 +345,7 @@ def _offer(
     buttons: Callable[[], Sequence[str]],
     identify: Callable[[], DeviceIdentity],
 ) -> None:
-    """Offer `state`; what the device is and has may show only when it is plugged in."""
+    """Offer `state`; model and buttons of the device may be known only once it is plugged in."""
     if not core.present and state.link not in (DeviceLink.CLOSED, DeviceLink.LOST):
         core.identify(identify())
         core.name_buttons(buttons())

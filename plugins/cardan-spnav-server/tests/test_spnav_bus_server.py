@@ -1,4 +1,4 @@
-"""The device of a session, served by way of the bus, and what is known of its model."""
+"""The device of a session, served by way of the bus, and its model."""
 
 import socket
 import threading

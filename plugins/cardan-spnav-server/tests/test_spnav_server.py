@@ -1,4 +1,4 @@
-"""The spacenavd-compatible socket itself: who may connect, who is served, what it costs."""
+"""The spacenavd-compatible socket itself: access, service and its cost."""
 
 import contextlib
 import ctypes

@@ -1,4 +1,4 @@
-"""What spacenavd's programs get from a device, in virtual time."""
+"""Records that spacenavd's programs get from a device, in virtual time."""
 
 import struct
 from itertools import pairwise
@@ -37,7 +37,7 @@ from cardan_spnav_server.protocol import MASK_V0, StringAssembler, bits_of, floa
 REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PUSH = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
 AWAY = (0, 0, 175, 0, 0, 0)
-"""What PUSH is in spacenavd's axes."""
+"""PUSH in spacenavd's axes."""
 TICK_S = 0.004
 
 

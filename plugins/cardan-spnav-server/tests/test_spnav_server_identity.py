@@ -1,4 +1,4 @@
-"""What programs learn of the device behind the server, and what counts they then get."""
+"""Identity of the device behind the server for programs, and the counts that they then get."""
 
 import pytest
 
@@ -44,7 +44,7 @@ def serial_mouse(model):
 
 
 def counts_of(axes, identity, full_scale=None):
-    """What a program gets of a deflection."""
+    """Return the counts that a program gets of a deflection."""
     core = SpnavServerCore(full_scale=full_scale)
     core.identify(identity)
     number = core.connect(0.0)
@@ -111,7 +111,7 @@ SPACENAVD = {
 
 
 def numbers_of(mouse):
-    """What a program gets for each button of `mouse`, and how many there are."""
+    """Return a program's number for each button of `mouse`, and how many there are."""
     core = SpnavServerCore()
     core.identify(identity_of(mouse))
     core.name_buttons(mouse.capabilities.buttons)

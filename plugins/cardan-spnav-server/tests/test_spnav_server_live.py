@@ -14,7 +14,7 @@ from tests.spacenavd import spacenavd
 from tests.told_hand import ToldHand
 
 UNMET = {"SPNAV-112"}
-"""What spacenavd 1.1 does not meet: it tells nobody of a setting that was changed."""
+"""Requirements that spacenavd 1.1 does not meet: it does not announce a changed setting."""
 
 
 @pytest.mark.matrix

@@ -43,8 +43,8 @@ class Payload(NamedTuple):
 
 
 class _Link:
-    """One connection: its fragments and its channels. Either side numbers the channels it receives
-    on; where directions are not known both share one table."""
+    """A connection: its fragments and its channels. Either side numbers the channels it receives
+    on; where directions are not known both share a table."""
 
     def __init__(self) -> None:
         self.address: str | None = None
@@ -67,16 +67,16 @@ class Links:
         self._names: dict[str, str] = {}
 
     def name(self, handle: int) -> str:
-        """The remote device's address where the capture has it, else the handle."""
+        """Return the remote device's address if the capture has it, else the handle."""
         link = self._links.get(handle)
         return f"handle 0x{handle:04x}" if link is None or not link.address else link.address
 
     def device_name(self, handle: int) -> str | None:
-        """The remote device's name where the capture has it."""
+        """Return the remote device's name if the capture has it."""
         return self.device_name_of(self.name(handle))
 
     def device_name_of(self, address: str) -> str | None:
-        """The name of the device of an address, where the capture has it."""
+        """Return the name of the device of an address, if the capture has it."""
         return self._names.get(address)
 
     def feed(self, packet: CapturedPacket) -> Iterator[Payload | int]:

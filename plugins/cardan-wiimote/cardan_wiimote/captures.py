@@ -87,6 +87,6 @@ class Wiimote(Dissector):
 
 
 def _way(payload: Payload) -> Direction | None:
-    """Whose report is behind the transaction byte, None where there is none."""
+    """Return the direction of the report behind the transaction byte; None: no report."""
     way = WAYS.get(payload.data[0])
     return None if payload.direction not in (None, way) else way

@@ -167,7 +167,7 @@ _IR_EXTENDED = (
 
 
 class IrExtended(Block):
-    """One object in three bytes."""
+    """An object in three bytes."""
 
     fields_desc = list(_IR_EXTENDED)
 
@@ -178,7 +178,7 @@ class IrExtended(Block):
 
 
 class IrFull(Block):
-    """One object in nine bytes."""
+    """An object in nine bytes."""
 
     fields_desc = [
         *_IR_EXTENDED,

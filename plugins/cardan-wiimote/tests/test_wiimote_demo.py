@@ -1,4 +1,4 @@
-"""What a user has once the plug-in is installed."""
+"""Registrations of the installed plug-in."""
 
 import time
 

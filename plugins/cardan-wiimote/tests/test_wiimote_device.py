@@ -131,7 +131,7 @@ def next_fault(peer):
 @pytest.mark.judged(device="Wiimote", transport="seqpacket sockets", by="simulated peer")
 @pytest.mark.parametrize("name", [switch.name for switch in FAULTS])
 def test_faults_end_to_end(tmp_path, idle, name):
-    """What happens at a time happens when the driver is ready for it, whenever that is."""
+    """Timed faults happen when the driver is ready for them, whenever that is."""
     faults = {name: EARLY.get(name, fault_default(name))}
     if name in BEFORE:
         faults[BEFORE[name]], faults[name] = NOT_YET_S, 2.0 * NOT_YET_S
@@ -247,7 +247,7 @@ class Silent(Link):
 
 
 class Absent(Silent):
-    """What an adapter shows of a remote that is not there."""
+    """A remote that is not there, as seen through an adapter."""
 
     def write(self, report):
         raise OSError(32, "Broken pipe")

@@ -118,7 +118,7 @@ def test_silence_ends_in_stale_then_lost():
 
 
 def test_reports_that_are_late_do_not_count_as_rest():
-    """What had queued up while the link was down says nothing about now."""
+    """Reports queued while the link was down say nothing about the present."""
     bench = Bench(OPTIONS)
     bench.ready()
     bench.press("a")

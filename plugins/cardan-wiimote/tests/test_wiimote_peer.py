@@ -522,7 +522,7 @@ thousand runs: threads of libcwiid for each other, as it seems."""
 
 
 def use_cwiid(place: Path, what: str, script: str, **settings: object) -> tuple[dict, WiimotePeer]:
-    """What libcwiid saw, and the remote as it was when libcwiid was done with it."""
+    """Return libcwiid's readings, and the remote as it was when libcwiid was done with it."""
     library = ctypes.util.find_library("cwiid")
     if library is None:
         pytest.skip("libcwiid is not installed (Debian package libcwiid1)")
@@ -561,7 +561,7 @@ def cwiid_client(command: list[str]) -> Iterator[subprocess.Popen[str]]:
 
 
 def seen_by(process: subprocess.Popen[str], peer: WiimotePeer) -> dict | None:
-    """What the client printed, and how the remote is; None where it prints nothing in time."""
+    """Return the client's output and the remote's state; None if it prints nothing in time."""
     assert process.stdout is not None
     if not select.select([process.stdout], (), (), CWIID_PATIENCE_S)[0]:
         return None

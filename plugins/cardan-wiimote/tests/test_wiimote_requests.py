@@ -1,4 +1,4 @@
-"""One request at a time: matching, retries, time-outs."""
+"""Requests, one at a time: matching, retries, time-outs."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What a hand means, whatever it does."""
+"""Meaning of any motion of the operator's hand."""
 
 import pytest
 from hypothesis import given, strategies as st

@@ -54,7 +54,7 @@ def test_neutral_is_how_it_was_held(right_deg, down_deg, more_right_deg, more_do
     assert tilt.rolled_and_dipped(now_s) == pytest.approx((0.0, 0.0), abs=1e-4)
     now_s = settled(tilt, held(right_deg + more_right_deg, down_deg + more_down_deg), now_s)
     rolled, dipped = tilt.rolled_and_dipped(now_s)
-    # Whatever the axes: the angle from neutral is that of the two forces.
+    # For any axes, the angle from neutral is that of the two forces.
     cosine = sum(
         a * b
         for a, b in zip(

@@ -19,7 +19,7 @@ def fault_default(name):
 
 
 class Bench:
-    """What the driver's shell does, without threads: opens, serves, loses, opens again."""
+    """The driver's shell without threads: opens, serves, loses, opens again."""
 
     def __init__(self, options=None, *, identity=None, **remote):
         self.options = options or WiimoteOptions(dead_zone=0.0)

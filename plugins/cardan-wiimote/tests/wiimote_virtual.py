@@ -1,4 +1,4 @@
-"""What the tests of the simulated remote share: a host in virtual time."""
+"""Host in virtual time for the tests of the simulated remote."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``--robot.…`` sets."""
+"""Options of ``--robot.…``."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,7 +10,7 @@ from lerobot.robots import RobotConfig
 @RobotConfig.register_subclass("cardan")
 @dataclass
 class CardanRobotConfig(RobotConfig):
-    """An arm of Cardan: of a session's file, of a driver, or one that a session shows on the
+    """An arm of Cardan: of a session's file, of a driver, or of a running session on the
     network."""
 
     session: str = ""
@@ -22,7 +22,7 @@ class CardanRobotConfig(RobotConfig):
     address: str = ""
     """Or the arm that a running session shows on the network: tcp/192.168.1.10:7447/NODE."""
     model: str = ""
-    """The arm's model; a session's file has it."""
+    """The arm's model; a session's file names it."""
     mapping: dict[str, Any] = field(default_factory=dict)
     """As a session's [mapping], and in place of the file's: the frame and the full speeds of
     actions, and the approach. The teleoperator's has to be the same."""

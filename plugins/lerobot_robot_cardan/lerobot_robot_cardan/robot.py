@@ -110,21 +110,21 @@ class CardanRobot(Robot):
             time.sleep(LOOK_S)
 
     def _say(self, words: str) -> None:
-        """Log what is new."""
+        """Log a new warning."""
         if words != self._said:
             self._said = words
             if words:
                 logger.warning("%s: %s", self.name, words)
 
     def calibrate(self) -> None:
-        """Nothing is to be done."""
+        """Do nothing: an arm of Cardan needs no calibration."""
 
     def configure(self) -> None:
-        """Nothing is to be done: the configuration has it all."""
+        """Do nothing: the configuration has all settings."""
 
     def get_observation(self) -> dict[str, Any]:
-        """What is measured now, and each camera's newest picture. A robot that is silent is waited
-        for; DeviceNotConnectedError where it stays so."""
+        """Return the present measurement, and each camera's newest picture. Waits for a silent
+        robot; DeviceNotConnectedError where it stays silent."""
         actions = self._opened()
         observed: dict[str, Any] = dict(self._observed(actions, self.config.silence_timeout_s))
         for name, camera in self.cameras.items():
@@ -132,11 +132,11 @@ class CardanRobot(Robot):
         return observed
 
     def send_action(self, action: dict[str, Any]) -> dict[str, float]:
-        """Do what is asked for, within the arm's limits; what was really sent. The first action
-        begins where the arm is; what is far is approached slowly.
+        """Send an action within the arm's limits; return the action really sent. The first action
+        begins where the arm is; a far target is approached slowly.
 
-        Where nothing can be sent now, the log says why, and what is given back is an arm that
-        holds. Raises Cardan's CommandError for numbers that are missing or none.
+        If nothing can be sent now, the log says why, and the returned action is that of an arm
+        that holds. Raises Cardan's CommandError for numbers that are missing or none.
         """
         actions = self._opened()
         try:

@@ -1,4 +1,4 @@
-"""What ``--teleop.…`` sets."""
+"""Options of ``--teleop.…``."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -27,6 +27,6 @@ class CardanTeleopConfig(TeleoperatorConfig):
     success_button: str = ""
     """Ends an episode that succeeded; empty: none."""
     failure_button: str = ""
-    """Ends one that did not."""
+    """Ends an episode that failed."""
     rerecord_button: str = ""
-    """Ends one that is to be recorded anew."""
+    """Ends an episode that is to be recorded anew."""

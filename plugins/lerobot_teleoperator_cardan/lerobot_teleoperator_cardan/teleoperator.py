@@ -18,8 +18,8 @@ logger = logging.getLogger(__name__)
 
 
 class CardanTeleop(Teleoperator):
-    """A hand-held device. What is asked for while nothing is held, or the device is lost, is rest:
-    the dead-man's rules are those of Cardan's sessions."""
+    """A hand-held device. The action is rest while no clutch is held or the device is lost: the
+    dead-man's rules are those of Cardan's sessions."""
 
     config_class = CardanTeleopConfig
     name = "cardan"
@@ -49,14 +49,13 @@ class CardanTeleop(Teleoperator):
 
     @property
     def feedback_features(self) -> dict[str, type]:
-        """What the device gives to the hand, of: "rumble" (0 to 1), "led" (0 or 1)."""
+        """Feedback that the device supports, of: "rumble" (0 to 1), "led" (0 or 1)."""
         able = self._device.capabilities.feedback
         return {name: float for name in ("rumble", "led") if name in able}
 
     @property
     def is_connected(self) -> bool:
-        """Whether the device is open; one that is unplugged meanwhile still is, and asks for
-        rest."""
+        """Whether the device is open; an unplugged device still is, and its action is rest."""
         return self._connected
 
     @property
@@ -73,18 +72,18 @@ class CardanTeleop(Teleoperator):
         self._said = ""
 
     def calibrate(self) -> None:
-        """Nothing is to be done."""
+        """Do nothing: a device of Cardan needs no calibration."""
 
     def configure(self) -> None:
-        """Nothing is to be done: the configuration has it all."""
+        """Do nothing: the configuration has all settings."""
 
     def get_action(self) -> dict[str, float]:
-        """What the hand asks for now."""
+        """Return the operator's present action."""
         self._update()
         return self._actions.action()
 
     def get_teleop_events(self) -> dict[TeleopEvents, bool]:
-        """Whether the hand intervenes, and what buttons have said of the episode since the last
+        """Return whether the operator intervenes, and the episode's button events since the last
         call."""
         if not self._connected:
             return dict.fromkeys(
@@ -115,8 +114,8 @@ class CardanTeleop(Teleoperator):
                 logger.info("%s: %s", self.name, advice)
 
     def send_feedback(self, feedback: dict[str, Any]) -> None:
-        """Give what `feedback_features` names to the hand. Raises Cardan's CommandError for what
-        the device has not."""
+        """Send the feedback of `feedback_features` to the device. Raises Cardan's CommandError for
+        feedback that the device does not support."""
         self._require_connected()
         rumble, led = feedback.get("rumble"), feedback.get("led")
         self._device.feedback(

@@ -1,4 +1,4 @@
-"""The two ways to an arm: CartesianDevice here, RemoteCartesianDevice at a session on a bus."""
+"""The two ways to an arm: CartesianDevice here, RemoteArm at a session on a bus."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from cardan.gateway.arm import CartesianArm, CartesianDevice, ControllerOptions
-from cardan.gateway.bus.remote import RemoteCartesianDevice
+from cardan.gateway.arm.remote_arm import RemoteArm
+from cardan.gateway.bus.remote import network_arm
 from cardan.gateway.session.config import SessionConfig, parse_config
 from cardan.gateway.session.driver_assembly import make_driver
 from cardan.gateway.session.session import make_session
@@ -20,8 +21,10 @@ TIMEOUT_S = 20.0
 class Place(NamedTuple):
     """An arm that is not open yet, and what ends its loop."""
 
-    device: CartesianDevice | RemoteCartesianDevice
+    device: CartesianDevice | RemoteArm
     end_loop: Callable[[], None]
+    address: str = ""
+    """Where the arm is on a bus."""
 
 
 def config_of(robot: dict[str, Any], tables: dict[str, Any]) -> SessionConfig:
@@ -63,7 +66,7 @@ class Here:
 
 
 class OnTheBus(Here):
-    """RemoteCartesianDevice, at a session in a thread of this process."""
+    """RemoteArm, at a session in a thread of this process."""
 
     @contextmanager
     def place(self, **tables: Any) -> Iterator[Place]:
@@ -72,7 +75,7 @@ class OnTheBus(Here):
         tables["network"] = {"router": "", "listen": [endpoint]}
         session = make_session(config_of({"period_s": 0.004}, tables))
         running = threading.Thread(target=session.run)
-        device = RemoteCartesianDevice(endpoint)
+        device = network_arm(endpoint)
 
         def end_loop() -> None:
             session.stop("the test ends it")
@@ -80,7 +83,7 @@ class OnTheBus(Here):
 
         running.start()
         try:
-            yield Place(device, end_loop)
+            yield Place(device, end_loop, endpoint)
         finally:
             device.close()
             end_loop()

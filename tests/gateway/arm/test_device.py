@@ -1,7 +1,7 @@
 """The arm as its users have it, and one suite for it wherever its loop runs.
 
 Tests with `reach` run for CartesianDevice, on a simulated robot that is as fast as it can, and for
-RemoteCartesianDevice, at a session on a Zenoh bus of its own in real time.
+RemoteArm, at a session on a Zenoh bus of its own in real time.
 """
 
 import inspect
@@ -33,8 +33,8 @@ from cardan.gateway.arm import (
     State,
     digital_output_gripper,
 )
+from cardan.gateway.arm.remote_arm import RemoteArm
 from cardan.gateway.arm.verb_table import IN_PACKETS
-from cardan.gateway.bus.remote import RemoteCartesianDevice
 from cardan.types import (
     CommandKind,
     DeviceLink,
@@ -206,7 +206,7 @@ def test_torque_verbs_and_tools(reach):
 
 
 def test_closed_and_ended_loops_say_so(reach):
-    with reach.place() as (device, end_loop):
+    with reach.place() as (device, end_loop, *_):
         with pytest.raises(MotionLoopError, match="the arm is not open"):
             device.movj([0.0] * 6)
         device.stop()
@@ -230,7 +230,7 @@ def test_closed_and_ended_loops_say_so(reach):
 
 
 def test_what_waits_for_a_motion_ends_with_the_loop(reach):
-    with reach.place() as (device, end_loop):
+    with reach.place() as (device, end_loop, *_):
         device.open()
         device.set_parameters({"cpts": 0.01})
         start = device.stat().pose
@@ -254,7 +254,7 @@ def test_what_waits_for_a_motion_ends_with_the_loop(reach):
 
 
 def test_it_can_be_opened_again(reach):
-    with reach.place() as (device, _):
+    with reach.place() as (device, *_):
         for _ in range(2):
             with device as arm:
                 arm.set_parameters(QUICK)
@@ -265,7 +265,7 @@ def test_it_can_be_opened_again(reach):
 
 
 def test_it_brakes_when_it_is_closed(reach):
-    with reach.place() as (device, _):
+    with reach.place() as (device, *_):
         with device as arm:
             arm.set_parameters({"cpts": 0.001})
             start = np.array(arm.stat().pose)
@@ -415,7 +415,7 @@ def test_answers_are_of_the_same_types(arm):
 
 def test_every_way_has_the_same_verbs():
     """What an arm has beside `open` and `close` is CartesianArm's, signatures and docs included."""
-    for kind in (CartesianDevice, RemoteCartesianDevice):
+    for kind in (CartesianDevice, RemoteArm):
         for name in ("set_parameter", *IN_PACKETS):
             assert getattr(kind, name) is getattr(CartesianArm, name)
         for name in ("open", "close"):

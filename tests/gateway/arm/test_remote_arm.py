@@ -4,9 +4,10 @@ import pytest
 
 from cardan.errors import MotionLoopError, OptionError
 from cardan.gateway.arm.motion import Outcome
-from cardan.gateway.arm.remote_arm import EARLY_NOTES, RemotePacketArm
+from cardan.gateway.arm.remote_arm import EARLY_NOTES, RemoteArm
 from cardan.gateway.arm.requests import (
     MotionNote,
+    PacketError,
     Reply,
     decode_answer,
     decode_request,
@@ -14,28 +15,19 @@ from cardan.gateway.arm.requests import (
 )
 
 
-class Told(RemotePacketArm):
-    """Answers each request at once with what `answers` gives of it."""
+def told(answers, source="program"):
+    """An arm of which each request is answered at once with what `answers` gives of it."""
 
-    def __init__(self, answers, source="program"):
-        super().__init__(source)
-        self.answers = answers
-        self.asked = []
+    def connect(arm):
+        def send(request, packet):
+            assert decode_request(packet).id == request.id
+            for answer in answers(request):
+                arm._take_answer(answer)
 
-    def open(self):
-        self._begin()
+        arm.begin(send)
+        return lambda: None
 
-    def close(self):
-        self._close()
-
-    def _send(self, request, packet):
-        assert decode_request(packet).id == request.id
-        self.asked.append(request)
-        for answer in self.answers(request):
-            self._take_answer(answer)
-
-    def end(self, **how):
-        self._end("the session has ended", **how)
+    return RemoteArm(connect, source)
 
 
 def note(number, outcome=Outcome.RUNNING, reason=""):
@@ -48,14 +40,14 @@ def begun(number):
 
 def test_an_end_that_is_told_before_the_beginning_is_not_lost():
     ended = note(5, Outcome.ABORTED, "a limit")
-    with Told(lambda asked: [ended, Reply(asked.id, begun(5), None)]) as arm:
+    with told(lambda asked: [ended, Reply(asked.id, begun(5), None)]) as arm:
         motion = arm.movl([0.0] * 6)
     assert (motion.outcome, motion.reason) == (Outcome.ABORTED, "a limit")
 
 
 def test_ends_of_other_programs_motions_are_not_kept():
     others = [note(number, Outcome.DONE) for number in range(10, 10 + 2 * EARLY_NOTES)]
-    with Told(lambda asked: [*others, Reply(asked.id, begun(5), None)]) as arm:
+    with told(lambda asked: [*others, Reply(asked.id, begun(5), None)]) as arm:
         for each in others:
             arm._take_answer(each)
         assert not arm._early
@@ -67,13 +59,13 @@ def test_ends_of_other_programs_motions_are_not_kept():
 
 
 def test_stop_after_the_end_is_done_only_where_the_arm_is_known_to_rest():
-    with Told(lambda _asked: []) as arm:
-        arm.end()
+    with told(lambda _asked: []) as arm:
+        arm.end("the session has ended")
         arm.stop()
         with pytest.raises(MotionLoopError, match="the session has ended"):
             arm.stat()
-    with Told(lambda _asked: []) as arm:
-        arm.end(rests=False)
+    with told(lambda _asked: []) as arm:
+        arm.end("the session has ended", rests=False)
         with pytest.raises(MotionLoopError, match="the session has ended"):
             arm.stop()
     arm.stop()  # It is closed.
@@ -82,7 +74,7 @@ def test_stop_after_the_end_is_done_only_where_the_arm_is_known_to_rest():
 @pytest.mark.parametrize("source", ["", "hand", "x" * 65])
 def test_a_source_has_a_name_of_its_own(source):
     with pytest.raises(OptionError, match=r"source: .* other than 'hand'"):
-        Told(lambda _asked: [], source)
+        told(lambda _asked: [], source)
 
 
 def test_a_reply_tells_of_the_ends_before_it():
@@ -95,7 +87,62 @@ def test_a_reply_tells_of_the_ends_before_it():
         assert decode_answer(packet).ended == (ended,)
         return [decode_answer(packet)]
 
-    with Told(answers) as arm:
+    with told(answers) as arm:
         motion = arm.movl([0.0] * 6)
         assert arm.wait() is True
         assert motion.outcome is Outcome.DONE
+
+
+def test_opened_twice_it_is_connected_once():
+    calls = []
+
+    def connect(arm):
+        calls.append("connected")
+        arm.begin(lambda _request, _packet: None)
+        return lambda: calls.append("disconnected")
+
+    arm = RemoteArm(connect)
+    arm.close()
+    assert calls == []
+    for _ in range(2):
+        arm.open()
+        arm.open()
+        arm.close()
+        arm.close()
+        with pytest.raises(MotionLoopError, match="not open"):
+            arm.stat()
+    assert calls == ["connected", "disconnected"] * 2
+
+
+def test_an_arm_that_cannot_be_connected_is_not_open():
+    def connect(arm):
+        arm.begin(lambda _request, _packet: None)
+        arm.end("its other side is gone", rests=False)
+        arm.stat()
+
+    arm = RemoteArm(connect)
+    for _ in range(2):
+        with pytest.raises(MotionLoopError, match="its other side is gone"):
+            arm.open()
+        with pytest.raises(MotionLoopError, match="not open"):
+            arm.stat()
+        arm.stop()  # Nothing moves by it.
+        arm.close()
+
+
+def test_a_request_that_cannot_be_answered_says_why():
+    def connect(arm):
+        arm.begin(lambda request, _packet: arm.fail(request.id, "no room"))
+        return lambda: None
+
+    with RemoteArm(connect) as arm, pytest.raises(MotionLoopError, match="no room"):
+        arm.movl([0.0] * 6)
+    assert not arm._pending
+
+
+def test_packets_that_are_no_answers_are_somebody_elses():
+    with told(lambda _asked: []) as arm:
+        assert arm.take(encode_reply(7, None)) is True
+        assert arm.take(b'{"elapsed_s": 1.0}') is False
+        with pytest.raises(PacketError, match="no JSON"):
+            arm.take(b'{"reply": ')

@@ -13,7 +13,7 @@ from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.bus.options import DEFAULT_NAME
-from cardan.gateway.bus.remote import RemoteCartesianDevice
+from cardan.gateway.bus.remote import network_arm
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
 from tests.waiting import until
@@ -67,7 +67,7 @@ def main(endpoint, way, mode="peer"):
         return
     options = BusOptions(router=endpoint, mode=mode)
     if way == "remote":
-        arm = RemoteCartesianDevice(options=options)
+        arm = network_arm(options=options)
         arm.open()
         arm.movv([0.0, 0.0, -0.02, 0.0, 0.0, 0.0])
         print("asked", flush=True)

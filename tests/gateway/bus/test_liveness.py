@@ -14,7 +14,7 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.bus.options import DEFAULT_NAME
-from cardan.gateway.bus.remote import RemoteCartesianDevice
+from cardan.gateway.bus.remote import network_arm
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import make_session
 from cardan.protocols.ros2.cdr import codec_of
@@ -131,7 +131,7 @@ def test_the_arm_brakes_when_who_asked_for_movv_is_killed(way):
         here.until(lambda: here.phase is Phase.MOVING)
         process.send_signal(signal.SIGKILL)
         here.until(lambda: here.rests)
-        with RemoteCartesianDevice(options=BusOptions(router=here.endpoint)) as arm:
+        with network_arm(options=BusOptions(router=here.endpoint)) as arm:
             assert arm.status().message == GONE
         if way == "topic":
             assert here.told("aborted")["reason"] == GONE

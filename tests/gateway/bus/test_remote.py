@@ -13,7 +13,7 @@ from cardan.errors import DriverError, MotionLoopError, MotionRefusedError, Opti
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.bus.options import DEFAULT_NAME
 from cardan.gateway.bus.remote import (
-    RemoteCartesianDevice,
+    network_arm,
     options_for,
     parse_address,
 )
@@ -46,7 +46,7 @@ def test_an_address_is_an_endpoint_a_name_or_both(address, endpoint, name):
 @pytest.mark.parametrize("address", ["/two words", "tcp/127.0.0.1:7447/1st", "/a__b"])
 def test_an_address_that_is_none_is_refused(address):
     with pytest.raises(OptionError, match=f"address: {re.escape(repr(address))}") as error:
-        RemoteCartesianDevice(address)
+        network_arm(address)
     assert "no ROS name" in str(error.value)
 
 
@@ -68,9 +68,9 @@ def test_who_is_on_another_computer_is_met_as_its_client(endpoint, mode):
 
 
 def test_each_device_is_a_source_of_its_own():
-    first, second = RemoteCartesianDevice(), RemoteCartesianDevice()
+    first, second = network_arm(), network_arm()
     assert first.source != second.source
-    assert RemoteCartesianDevice(source="a program, 2").source == "a program, 2"
+    assert network_arm(source="a program, 2").source == "a program, 2"
 
 
 WITHOUT_THE_ARMS_LIBRARIES = """
@@ -79,7 +79,7 @@ sys.modules.update(dict.fromkeys({without!r}))
 import cardan
 from cardan.gateway.arm.requests import decode_answer, result_of
 reply = decode_answer(sys.stdin.buffer.read())
-print(result_of("status", reply.result).servo.path_speed, cardan.RemoteCartesianDevice.__name__)
+print(result_of("status", reply.result).servo.path_speed, cardan.network_arm.__name__)
 """
 
 
@@ -93,13 +93,13 @@ def test_it_needs_no_libraries_of_an_arms_model():
         capture_output=True,
         check=False,
     )
-    assert done.stdout.split() == [b"1.0", b"RemoteCartesianDevice"], done.stderr.decode()
+    assert done.stdout.split() == [b"1.0", b"network_arm"], done.stderr.decode()
 
 
 @pytest.mark.matrix
 def test_two_programs_are_two_sources_and_one_that_leaves_stops_no_other():
-    with OnTheBus().place() as (first, _), first:
-        with RemoteCartesianDevice(first.address) as second:
+    with OnTheBus().place() as (first, _, address), first:
+        with network_arm(address) as second:
             motion = first.movv([0.0, 0.0, -0.005, 0.0, 0.0, 0.0])
             with pytest.raises(MotionRefusedError, match=f"'{first.source}' has authority"):
                 second.movj(second.stat().pose)
@@ -109,7 +109,7 @@ def test_two_programs_are_two_sources_and_one_that_leaves_stops_no_other():
 
 @pytest.mark.real
 def test_a_connection_that_is_lost_is_no_rest():
-    with OnTheBus().place() as (arm, end_loop), arm:
+    with OnTheBus().place() as (arm, end_loop, _), arm:
         start = arm.stat().pose
         arm.set_parameters({"cpts": 0.01})
         motion = arm.movl([*(start[:3] + DOWN), *start[3:]])
@@ -125,17 +125,17 @@ def test_a_connection_that_is_lost_is_no_rest():
 def test_an_arm_that_is_not_there_is_named(monkeypatch):
     monkeypatch.setattr("cardan.gateway.bus.remote.MEET_TIMEOUT_S", 1.0)
     with pytest.raises(DriverError, match="no other node is on the network at tcp"):
-        RemoteCartesianDevice(free_endpoint()).open()
-    with OnTheBus().place() as (arm, _), arm:
-        absent = RemoteCartesianDevice(f"{arm.address}/absent")
+        network_arm(free_endpoint()).open()
+    with OnTheBus().place() as (arm, _, address), arm:
+        absent = network_arm(f"{address}/absent")
         with pytest.raises(DriverError, match=rf"no arm /absent .* there are: {HERE}"):
             absent.open()
 
 
 @pytest.mark.matrix
 def test_the_example_runs(capsys, monkeypatch):
-    with OnTheBus().place() as (arm, _):
+    with OnTheBus().place() as (_, _, address):
         path = EXAMPLES / "ros2" / "remote_arm.py"
-        monkeypatch.setattr(sys, "argv", [path.name, arm.address])
+        monkeypatch.setattr(sys, "argv", [path.name, address])
         runpy.run_path(str(path), run_name="__main__")
     assert "movl arrived: True" in capsys.readouterr().out

@@ -16,7 +16,7 @@ import pytest
 
 from cardan.errors import AddressError, MotionLoopError, MotionRefusedError
 from cardan.gateway.arm.requests import LATE_S
-from cardan.gateway.daemon.client import ControlClient, DaemonArm
+from cardan.gateway.daemon.client import ControlClient, daemon_arm
 from cardan.gateway.daemon.control import Ask, ControlError
 from tests.gateway.daemon.event_files import read_events
 from tests.programs import Program
@@ -127,7 +127,7 @@ def test_a_session_that_is_killed_comes_back_disarmed(one):
     def happened():
         return [(each["event"], each["what"]) for each in read_events(one.folder / "events")]
 
-    with DaemonArm("one", path=one.socket) as arm:
+    with daemon_arm("one", path=one.socket) as arm:
 
         def moves():
             if one.row("one")["phase"] == "moving":
@@ -184,7 +184,7 @@ def test_verbs_of_an_arm(one):
 
 def test_a_motion_without_an_end_ends_with_who_asked_for_it(one):
     one.until("one", phase="disarmed")
-    with DaemonArm("one", path=one.socket) as arm:
+    with daemon_arm("one", path=one.socket) as arm:
         arm.movj(HERE)
         arm.wait()
         motion = arm.movv([0.0, 0.0, 0.01, 0.0, 0.0, 0.0])
@@ -195,7 +195,7 @@ def test_a_motion_without_an_end_ends_with_who_asked_for_it(one):
 
 def test_what_is_asked_of_a_session_ends_with_its_process(one):
     one.until("one", phase="disarmed")
-    with DaemonArm("one", path=one.socket) as arm:
+    with daemon_arm("one", path=one.socket) as arm:
         arm.movj(HERE)
         arm.wait()
         motion = arm.movv([0.0, 0.0, 0.01, 0.0, 0.0, 0.0])
@@ -220,7 +220,7 @@ def test_what_is_asked_of_a_session_ends_with_its_process(one):
 
 def test_who_waits_for_a_session_that_is_killed_is_told_at_once(one):
     one.until("one", phase="disarmed")
-    with DaemonArm("one", path=one.socket) as arm:
+    with daemon_arm("one", path=one.socket) as arm:
         motion = arm.movv([0.0, 0.0, 0.01, 0.0, 0.0, 0.0])
         os.kill(one.row("one")["pid"], signal.SIGSTOP)
         failed = []
@@ -245,7 +245,7 @@ def test_who_waits_for_a_session_that_is_killed_is_told_at_once(one):
 @pytest.mark.real
 def test_a_motion_that_waited_while_its_session_stood_still_is_not_begun(one):
     one.until("one", phase="disarmed")
-    with DaemonArm("one", path=one.socket) as arm:
+    with daemon_arm("one", path=one.socket) as arm:
         done_again(lambda: gone(one, arm, HERE))
     one.until("one", authority="")
     pid = one.row("one")["pid"]
@@ -264,13 +264,16 @@ def test_a_session_that_starts_takes_no_requests(one):
     one.until("one", phase="disarmed")
     one.ask("restart", "one")
     one.until("one", state="running", phase="")
-    with DaemonArm("one", path=one.socket) as arm, pytest.raises(MotionLoopError, match="starting"):
+    with (
+        daemon_arm("one", path=one.socket) as arm,
+        pytest.raises(MotionLoopError, match="starting"),
+    ):
         arm.stat()
 
 
 def test_what_a_session_refuses_is_refused_with_its_reason(one):
     one.until("one", phase="disarmed")
-    with DaemonArm("one", path=one.socket) as arm:
+    with daemon_arm("one", path=one.socket) as arm:
         with pytest.raises(MotionRefusedError, match="out of reach"):
             arm.movl([9.0, 0.0, 0.0, 0.0, 0.0, 0.0])
         one.ask("stop", "one")
@@ -343,7 +346,7 @@ def test_a_reload_says_each_key_and_restarts_the_session_once_nobody_has_its_arm
     one.until("one", phase="disarmed")
     text = one.file.read_text()
     pid = one.row("one")["pid"]
-    with DaemonArm("one", path=one.socket) as arm:
+    with daemon_arm("one", path=one.socket) as arm:
         arm.movj(HERE)
         arm.wait()
         arm.movv([0.0, 0.0, 0.001, 0.0, 0.0, 0.0])

@@ -10,7 +10,7 @@ import pytest
 
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.motion import Outcome
-from cardan.gateway.daemon.client import DaemonArm
+from cardan.gateway.daemon.client import daemon_arm
 from cardan.gateway.daemon.config import read_layout
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from tests.gateway.daemon.event_files import read_events
@@ -258,7 +258,7 @@ def test_two_operators_share_one_arm(lab):
     (lab.folder / "arm.toml").write_text(first + "[[sessions]]\n" + left)
     lab.start(lab.folder / "arm.toml", lab.folder / "devices.toml")
     lab.until("left", robot_link="live")
-    with DaemonArm("left", path=lab.socket) as arm:
+    with daemon_arm("left", path=lab.socket) as arm:
         # The program moves the arm until the hand acts.
         motion = arm.movv([0.0, 0.0, 0.005, 0.0, 0.0, 0.0])
         lab.until("left", authority="verbs", phase="moving")

@@ -33,7 +33,7 @@ from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.session import remote
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.heartbeat import BEAT_PERIOD_S
-from cardan.gateway.session.remote import RemoteArm
+from cardan.gateway.session.remote import session_arm
 from cardan.gateway.session.session import make_session
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import Outcome as SessionOutcome, SessionProcess
@@ -104,6 +104,11 @@ class ThreadProcess(SessionProcess):
     """A session in a thread, where a test sees its parts."""
 
     newest = None
+    shown = Snapshot()
+
+    @staticmethod
+    def show(snapshot):
+        ThreadProcess.shown = snapshot
 
     def __init__(self, config):
         self._config, self._stopping, self._give_up_s = config, False, math.inf
@@ -132,12 +137,13 @@ class ThreadProcess(SessionProcess):
 def in_thread(monkeypatch):
     monkeypatch.setattr(remote, "SessionProcess", ThreadProcess)
     monkeypatch.setitem(registry.BUILT_IN, "hand", f"{__name__}:Hand")
+    monkeypatch.setattr(ThreadProcess, "shown", Snapshot())
     monkeypatch.setattr(Hand, "axes", (0.0,) * 6)
     monkeypatch.setattr(Hand, "buttons", frozenset())
 
     def make(source="verbs", **tables):
         config = parse_config({**TABLE, "watchdogs": PATIENT, **tables}, from_file=False)
-        return RemoteArm(config, source=source)
+        return session_arm(config, source=source, show=ThreadProcess.show)
 
     return make
 
@@ -170,7 +176,7 @@ def test_the_hand_takes_the_arm_from_a_verb_and_gives_it_back(in_thread):
         assert arm.movl(start).source == "program"
         assert arm.wait() is True
         until_at(arm, start)
-        until(lambda: arm.snapshot.authority == "program")
+        until(lambda: ThreadProcess.shown.authority == "program")
 
 
 def test_two_sources_share_an_arm_by_authority(in_thread):
@@ -235,7 +241,7 @@ def test_the_sessions_tool_is_the_verbs(in_thread):
         arm.tool([0.0] * 6)
         flange = np.array(arm.stat().pose[:3])
         assert np.linalg.norm(flange - by(pose, 0.0, 0.0, 0.05)[:3]) == pytest.approx(0.1, abs=1e-3)
-        until(lambda: np.allclose(arm.snapshot.pose[:3], flange, atol=1e-3), "the new tool")
+        until(lambda: np.allclose(ThreadProcess.shown.pose[:3], flange, atol=1e-3), "the new tool")
 
 
 def test_a_gripper_on_the_robots_output_is_everybodys(in_thread, monkeypatch):
@@ -252,13 +258,13 @@ def test_a_gripper_on_the_robots_output_is_everybodys(in_thread, monkeypatch):
     with in_thread(**WITH_HAND) as arm:
         arm.act("accg")
         assert done == [{"digital": True}]
-        until(lambda: arm.snapshot.gripper_closed, "the news of it")
+        until(lambda: ThreadProcess.shown.gripper_closed, "the news of it")
         assert ThreadProcess.newest.session.controller.hand.mapping.gripper_closed
         with pytest.raises(MotionRefusedError, match="half way"):
             arm.act("acsg")
         arm.release()
         Hand.buttons = frozenset({"go"})
-        until(lambda: arm.snapshot.authority == "hand")
+        until(lambda: ThreadProcess.shown.authority == "hand")
         with pytest.raises(MotionRefusedError, match="'hand' has authority"):
             arm.act("acog")
     assert done == [{"digital": True}]
@@ -298,20 +304,20 @@ def test_a_stop_during_planning_leaves_the_arm_at_rest(in_thread, monkeypatch):
 
 def test_a_session_that_verbs_cannot_move_is_refused_at_once():
     with pytest.raises(ConfigurationError, match=r"need an \[arm\]"):
-        RemoteArm(parse_config({"robot": {"driver": "abb_egm"}}))
+        session_arm(parse_config({"robot": {"driver": "abb_egm"}}))
     neck = {"robot": {"driver": "sim_arm", "robot": "ur5"}, "arm": {"model": "teo_soft_neck"}}
     with pytest.raises(ConfigurationError, match="rigid links"):
-        RemoteArm(parse_config(neck))
+        session_arm(parse_config(neck))
     with pytest.raises(ConfigurationError, match="'hand'"):
-        RemoteArm(parse_config(TABLE), source="hand")
+        session_arm(parse_config(TABLE), source="hand")
 
 
 # -- in a process of its own ----------------------------------------------------------------------
 
 
 def test_verbs_streams_and_stop_on_the_simulated_arm():
-    with RemoteArm(EXAMPLE) as arm:
-        assert arm.snapshot is not None
+    shown = []
+    with session_arm(EXAMPLE, show=shown.append) as arm:
         arm.set_parameters(QUICK)
         start = arm.stat().pose
         motion = arm.movj(by(start, 0.0, 0.0, -0.05))
@@ -341,8 +347,8 @@ def test_verbs_streams_and_stop_on_the_simulated_arm():
 
         arm.movv([0.0, 0.0, -0.02, 0.0, 0.0, 0.0])
         assert arm.get_parameter("streamingCommand") == arm.get_parameters()["streamingCommand"]
-        until(lambda: arm.snapshot.phase == "moving")
-    assert arm.snapshot.finished
+        until(lambda: shown[-1].phase == "moving")
+    assert shown[-1].finished
     with pytest.raises(MotionLoopError, match="not open"):
         arm.stat()
     arm.stop()
@@ -362,14 +368,18 @@ def test_what_the_session_cannot_open_comes_as_its_own_error():
     table = {**TABLE, "robot": {"driver": "sim_arm", "robot": "ur5", "transport": "udp"}}
     table["device"] = {"driver": "spacemouse", "transport": "socket", "path": "/nowhere/hid"}
     with pytest.raises(DriverError, match="/nowhere/hid"):
-        RemoteArm(parse_config(table)).open()
+        session_arm(parse_config(table)).open()
 
 
 @pytest.mark.real
-def test_a_session_that_dies_ends_motions_and_requests():
-    with RemoteArm(EXAMPLE) as arm:
+def test_a_session_that_dies_ends_motions_and_requests(monkeypatch):
+    made = []
+    monkeypatch.setattr(
+        remote, "SessionProcess", lambda config: made.append(SessionProcess(config)) or made[-1]
+    )
+    with session_arm(EXAMPLE) as arm:
         motion = arm.movv([0.0, 0.0, -0.01, 0.0, 0.0, 0.0])
-        arm._process._process.kill()
+        made[0]._process.kill()
         until(lambda: motion.over)
         assert motion.outcome is Outcome.ABORTED
         assert "ended with status -9" in motion.reason
@@ -382,20 +392,14 @@ def test_a_session_that_dies_ends_motions_and_requests():
 
 PROGRAM = """
 import sys
-from cardan.gateway.session.remote import RemoteArm
+from cardan.gateway.session.remote import session_arm
 
 def say(*words):
     # In one piece: print() of two threads is mixed.
     sys.stdout.write(" ".join(map(str, words)) + "\\n")
     sys.stdout.flush()
 
-class Told(RemoteArm):
-    def _take(self, packet):
-        if packet.startswith(b'{"elapsed_s"'):
-            say(packet.decode())
-        return super()._take(packet)
-
-with Told(sys.argv[1]) as arm:
+with session_arm(sys.argv[1], show=lambda shown: say(shown.to_bytes().decode())) as arm:
     line = arm.movv([0.0, 0.0, -0.02, 0.0, 0.0, 0.0])
     sys.stdin.readline()
     say("MOTION", line.outcome.value, line.reason)
@@ -536,9 +540,9 @@ def test_an_arm_moved_by_verbs_rests_while_its_program_is_stopped():
 
 STREAMING = """
 import sys
-from cardan.gateway.session.remote import RemoteArm
+from cardan.gateway.session.remote import session_arm
 
-with RemoteArm(sys.argv[1]) as arm:
+with session_arm(sys.argv[1]) as arm:
     arm.set_parameter("streamingCommand", "twst")
     while True:
         arm.twist([0.0, 0.0, -0.02, 0.0, 0.0, 0.0])

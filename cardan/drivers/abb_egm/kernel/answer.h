@@ -8,14 +8,13 @@
 #ifndef CARDAN_EGM_ANSWER_H
 #define CARDAN_EGM_ANSWER_H
 
+#include "joint_limiter.h"
 #include "message.h"
 
-#define EGM_JOINTS 6
+#define EGM_JOINTS LIMITED_JOINTS
 
 typedef struct {
-    double lower[EGM_JOINTS], upper[EGM_JOINTS]; /* rad */
-    double inner_lower[EGM_JOINTS], inner_upper[EGM_JOINTS];
-    double speed[EGM_JOINTS], acceleration[EGM_JOINTS];
+    JointLimits limits;
     double largest_position, largest_velocity; /* of a command */
     double delay_s;                            /* from a reference to where it is measured */
 

@@ -16,8 +16,9 @@ const char *egm_version(void)
 /* Every field, in the order of cardan/drivers/abb_egm/compiled.py. */
 static const size_t LAYOUT[] = {
     sizeof(EgmAnswer),
-    AT(EgmAnswer, lower), AT(EgmAnswer, upper), AT(EgmAnswer, inner_lower),
-    AT(EgmAnswer, inner_upper), AT(EgmAnswer, speed), AT(EgmAnswer, acceleration),
+    AT(EgmAnswer, limits.lower), AT(EgmAnswer, limits.upper),
+    AT(EgmAnswer, limits.inner_lower), AT(EgmAnswer, limits.inner_upper),
+    AT(EgmAnswer, limits.speed), AT(EgmAnswer, limits.acceleration),
     AT(EgmAnswer, largest_position), AT(EgmAnswer, largest_velocity), AT(EgmAnswer, delay_s),
     AT(EgmAnswer, target), AT(EgmAnswer, reference), AT(EgmAnswer, velocity),
     AT(EgmAnswer, positions), AT(EgmAnswer, velocities), AT(EgmAnswer, measured),

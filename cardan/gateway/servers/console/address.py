@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from cardan.common.extras import missing_extra
+from cardan.common.sockets import address_towards
 
 _SIOCGIFADDR: Final = 0x8915
 """Of Linux (netdevice(7)): the address of an interface."""
@@ -42,9 +43,8 @@ def _is_of_use(address: str) -> bool:
 
 
 def _way_out() -> Iterator[str]:
-    with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.connect(_ELSEWHERE)
-        yield probe.getsockname()[0]
+    with contextlib.suppress(OSError):
+        yield address_towards(*_ELSEWHERE)
 
 
 def _of_interfaces() -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""What judges of the joint stream look at: states and commands, decoded once."""
+"""Decoded traffic of the joint stream for its judges: states and commands."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class State(NamedTuple):
 
 
 class Command(NamedTuple):
-    """A command; None where it was none, which is ours on purpose."""
+    """A command; `value` is None for bytes of ours that are no command on purpose."""
 
     number: int
     time_s: float
@@ -37,8 +37,6 @@ class JointStreamTraffic(Traffic):
         super().__init__(timeline)
         self.states: list[State] = []
         self.commands: list[Command] = []
-        self.refused: list[tuple[int, str]] = []
-        """What is neither, of the side that is judged."""
         self.raw: dict[int, bytes] = {}
         for number, event in enumerate(timeline):
             if event.kind is not Kind.DATA:
@@ -50,7 +48,7 @@ class JointStreamTraffic(Traffic):
                 if not isinstance(state, Malformed):
                     self.states.append(State(number, event.time_s, state))
                 elif not event.sent:
-                    self.refused.append((number, state.reason))
+                    self.unread.append((number, state.reason))
                 continue
             command = decode_command(event.data)
             if not isinstance(command, Malformed):
@@ -58,7 +56,7 @@ class JointStreamTraffic(Traffic):
             elif event.sent:
                 self.commands.append(Command(number, event.time_s, None))
             else:
-                self.refused.append((number, command.reason))
+                self.unread.append((number, command.reason))
 
     def during(self, *names: str) -> list[State]:
         """The states of these phases."""

@@ -1,10 +1,11 @@
-"""What an arm must do that speaks the joint stream."""
+"""Requirements for an arm that speaks the joint stream."""
 
 from __future__ import annotations
 
 import math
 import statistics
 from itertools import pairwise
+from typing import Any
 
 from cardan.conform.requirements import (
     Over,
@@ -17,7 +18,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.second_reading import read_twice, refused, second_description
+from cardan.conform.second_reading import read_twice, refused
 from cardan.conform.timing import steady
 from cardan.protocols.joint_stream import ControlMode
 from cardan_conform_arms.joint_stream.decoded import JointStreamTraffic, State
@@ -79,7 +80,7 @@ def a_greeting_is_answered(seen: JointStreamTraffic) -> Verdict:
 def datagrams_are_states(seen: JointStreamTraffic) -> Verdict:
     """Every datagram is one whole state: no other length, mode or number of joints, all finite."""
     return none_wrong(
-        seen.refused, len(seen.states) + len(seen.refused), f"{len(seen.states)} states", _NOTHING
+        seen.unread, len(seen.states) + len(seen.unread), f"{len(seen.states)} states", _NOTHING
     )
 
 
@@ -241,7 +242,7 @@ def an_arm_that_is_held_stands(seen: JointStreamTraffic) -> Verdict:
     _in("junk", nothing="none was sent"),
 )
 def junk_changes_nothing(each: State) -> str:
-    """What is no command changes nothing."""
+    """Datagrams that are no command change nothing."""
     return each.value.reason
 
 
@@ -324,20 +325,19 @@ def figures_are_plausible(each: tuple[State, State]) -> str | None:
 def both_descriptions_agree(seen: JointStreamTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same states."""
 
-    def differs(each: State) -> str:
-        layers = second_description("joint_stream")
+    def differs(each: State, layers: Any) -> str:
         layer = layers.JointStream(seen.raw[each.number])
-        if wrong := refused(layers.malformed(layer)):
+        if wrong := refused(layers, layer):
             return wrong
         if (layer.session, layer.sequence) != (each.value.session, each.value.sequence):
             return "another session or sequence"
         return "" if tuple(layer.positions) == each.value.positions else "other positions"
 
-    return read_twice(seen.states, differs, "states", _NOTHING, 30)
+    return read_twice(seen.states, "joint_stream", differs, "states", _NOTHING, 30)
 
 
 def _moved(seen: JointStreamTraffic, before: str, after: str) -> tuple[list[float], int] | None:
-    """How far each joint went from the end of one phase to that of another, rad."""
+    """Travel of each joint from the end of one phase to that of another, rad."""
     one, other = seen.during(before), seen.during(after)
     if not one or not other:
         return None

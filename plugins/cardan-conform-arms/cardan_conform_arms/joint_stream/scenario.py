@@ -16,7 +16,7 @@ from cardan.protocols.joint_stream import (
 )
 
 STEP_RAD = 3.5e-4
-"""Of every joint at once: 0.02 degrees, which no arm makes a millimeter of."""
+"""Step of every joint at once: 0.02 degrees, less than a millimeter at the TCP of any arm."""
 STEP_S = 0.5
 SPEED_RAD_S = 2e-3
 MOVING_S = 0.15
@@ -38,7 +38,7 @@ class JointStreamScenario(Scenario):
         self._heard_s = 0.0
         self._sequence = 0
         self._mode: ControlMode | None = None
-        """What every state is answered with; None: nothing."""
+        """Mode of the command that answers every state; None: no answer."""
         self._at: tuple[float, ...] = ()
         self._speed = 0.0
 
@@ -109,7 +109,7 @@ class JointStreamScenario(Scenario):
             yield Wait(0.3)
 
     def _refused(self) -> Script:
-        """What changes nothing, or is refused."""
+        """Send datagrams that change nothing or are refused."""
         state = self._state
         assert state is not None
         yield mark("junk")

@@ -10,11 +10,11 @@ from cardan.sim_peers.arm.controller import SimulatedArm
 from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
 
 PERIOD_S, STEP_S = 0.008, 0.002
-"""Slower than the arm's own, for the sake of what it costs to compute."""
+"""Slower than the arm's own, to save computing time."""
 
 
 class JointStreamRig(CyclicRig[bytes]):
-    """An arm, whose faults have the network's among them."""
+    """A simulated arm, with faults of its own and of the network."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         options = SimulatedArmOptions(

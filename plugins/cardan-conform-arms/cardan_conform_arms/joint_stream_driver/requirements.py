@@ -1,4 +1,4 @@
-"""What a client of the joint stream must do that moves an arm."""
+"""Requirements for a client of the joint stream that moves an arm."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cardan.conform.controllers import had_ended
 from cardan.conform.requirements import (
@@ -21,7 +21,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.second_reading import read_twice, refused, second_description
+from cardan.conform.second_reading import read_twice, refused
 from cardan.protocols.joint_stream import ArmCommand, ControlMode, is_newer
 from cardan.robots import load_arm
 from cardan_conform_arms.joint_stream.decoded import Command, JointStreamTraffic, State
@@ -44,7 +44,7 @@ STOP_TOLERANCE_RAD = 0.02
 SPEED_SHARE = 1.1
 CLOCK_SHARE = 0.02
 UNLIKE_RAD_S, UNLIKE_SHARE = 0.05, 0.3
-"""How far the speed that is told may be from that of the positions."""
+"""Largest difference of a command's speed from that of its positions, and as a share of that."""
 ON_THEIR_WAY_S = 0.05
 GREETS_WITHIN_S = 1.0
 STOPPED_STATES = 10
@@ -70,7 +70,7 @@ class Said(NamedTuple):
 
 
 def _said(seen: JointStreamTraffic, *phases: str) -> list[Said]:
-    """Those of the phases; none: all."""
+    """Return the commands of the phases; without phases: all."""
     found: list[Said] = []
     states = iter(seen.states)
     newest: State | None = None
@@ -78,7 +78,7 @@ def _said(seen: JointStreamTraffic, *phases: str) -> list[Said]:
     commands: list[Command] = seen.sent_during(*phases) if phases else seen.commands
     for each in commands:
         while coming is not None and coming.number < each.number:
-            # What is sent once more is not the newest.
+            # A repeated state is not the newest.
             later = newest is None or _later(coming, newest)
             newest, coming = (coming if later else newest), next(states, None)
         if each.value is not None:
@@ -105,7 +105,7 @@ def _speed(said: Said) -> float:
 
 
 def _away(said: Said) -> float:
-    """How far commanded positions are from the measured ones, rad."""
+    """Distance of commanded positions from the measured ones, rad."""
     if said.value.mode is not ControlMode.POSITION or said.state is None:
         return 0.0
     there = said.state.value.positions
@@ -128,7 +128,7 @@ def it_greets(seen: JointStreamTraffic) -> Verdict:
 def datagrams_are_commands(seen: JointStreamTraffic) -> Verdict:
     """Every datagram is one whole command: no other length, mode or number of joints, all
     finite."""
-    return none_wrong(seen.refused, len(seen.raw), f"{len(seen.raw)} datagrams", _NOTHING)
+    return none_wrong(seen.unread, len(seen.raw), f"{len(seen.raw)} datagrams", _NOTHING)
 
 
 @requires(103, f"{HEADER}: number of joints of the arm, in a hold too")
@@ -490,15 +490,14 @@ def a_restart_is_followed(seen: JointStreamTraffic) -> Verdict:
 def both_descriptions_agree(seen: JointStreamTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same commands."""
 
-    def differs(each: Said) -> str:
-        layers = second_description("joint_stream")
+    def differs(each: Said, layers: Any) -> str:
         layer = layers.JointStream(seen.raw[each.number])
-        if wrong := refused(layers.malformed(layer)):
+        if wrong := refused(layers, layer):
             return wrong
         same = (layer.session, layer.sequence) == (each.value.session, each.value.sequence)
         return "" if same else "another session or sequence"
 
-    return read_twice(_said(seen), differs, "commands", _NOTHING, 30)
+    return read_twice(_said(seen), "joint_stream", differs, "commands", _NOTHING, 30)
 
 
 @requires(

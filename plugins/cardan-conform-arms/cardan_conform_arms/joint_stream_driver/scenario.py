@@ -1,5 +1,5 @@
-"""Is an arm to a client of the joint stream: is stopped, restarts, falls silent, and lets junk and
-old states in between."""
+"""Scenario of an arm for a client of the joint stream: is stopped, restarts, falls silent, and
+sends junk and old states in between."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ArmScenario(CyclicController):
         self._level = level
         self._seconds = seconds
         self._silent = False
-        """What it sends is lost; it goes on as ever."""
+        """The arm runs as usual, but its states are lost."""
         self._core = SimulatedArm(
             SimulatedArmOptions(
                 robot=ROBOT,
@@ -104,7 +104,7 @@ class ArmScenario(CyclicController):
             yield from self._cycles(min(10.0, max(STOPPED_S, self._seconds)))
 
     def _old(self, phase: str, data: bytes) -> Script:
-        """What the arm sent before comes once more, and the newest state with it."""
+        """Repeat an earlier datagram of the arm, each time followed by the newest state."""
         yield mark(phase)
         for _ in range(TIMES):
             yield from self._cycles(BETWEEN_S)

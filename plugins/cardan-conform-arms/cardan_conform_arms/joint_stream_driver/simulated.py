@@ -1,4 +1,4 @@
-"""Our own driver, with the defects it is told to have, and a scenario in virtual time."""
+"""Our own driver with selected defects, and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from cardan.protocols.joint_stream import (
     decode_state,
     encode_command,
 )
+from cardan.sim_peers.base import strikes
 from cardan.types import HoldCommand, JointCommand, RobotCommand, RobotState
 from cardan_conform_arms.joint_stream_driver.faults import FAULTS
 from cardan_conform_arms.joint_stream_driver.requirements import PERIOD_S, ROBOT
@@ -31,7 +32,7 @@ JOINTS_AT = 7
 
 
 class JointStreamDriverRig(DriverRig):
-    """Gives the driver's core what the scenario sends, and the scenario what it answers."""
+    """Connects the scenario with the driver's core: states one way, commands the other."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int = 0) -> None:
         super().__init__(exchange, faults, FAULTS)
@@ -90,16 +91,16 @@ class JointStreamDriverRig(DriverRig):
             return
         self._said_s = now_s
         self._asked += 1
-        if self._every("lazy", self._asked, most=True):
+        if "lazy" in faults and not strikes(faults, "lazy", self._asked):
             return
         command = session.command(self._wanted(state), now_s)
         if command is not None:
             self._say(command, found)
-            if self._every("twice", self._asked):
+            if strikes(faults, "twice", self._asked):
                 self._say(command, found)
 
     def _answer_old(self, state: ArmState) -> None:
-        """What a driver does with a state that is not newer than the newest."""
+        """Answer a state that is not newer than the newest, as a driver with a fault does."""
         newest = self._session.message
         if newest is None:
             return
@@ -140,7 +141,7 @@ class JointStreamDriverRig(DriverRig):
         # Only a greeting lets a client count anew.
         told = ArmCommand(session, self._sequence, stamp_s, mode, values, forward)
         data = encode_command(told, joints)
-        return data[:-5] if self._every("truncated", self._told) else data
+        return data[:-5] if strikes(faults, "truncated", self._told) else data
 
     def _spoilt_positions(
         self, values: tuple[float, ...], forward: tuple[float, ...], state: ArmState | None

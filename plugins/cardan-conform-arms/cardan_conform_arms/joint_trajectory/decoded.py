@@ -1,4 +1,4 @@
-"""What judges of an action server look at: its goals, and what became of each."""
+"""Decoded traffic of an action server for its judges: goals and their outcomes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Goal:
     id: bytes
     trajectory: Message
     accepted: bool | None = None
-    """None: nobody answered."""
+    """None: no answer."""
     status: int | None = None
     """Of its result; None: there is none."""
     code: int = 0
@@ -48,19 +48,19 @@ class Goal:
 
     @property
     def target(self) -> dict[str, float]:
-        """Where it ends."""
+        """Final positions."""
         last = self.trajectory["points"][-1]["positions"]
         return dict(zip(self.trajectory["joint_names"], last, strict=False))
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """Duration, s."""
         time = self.trajectory["points"][-1]["time_from_start"]
         return float(time["sec"] + 1e-9 * time["nanosec"])
 
     @property
     def became(self) -> str:
-        """What became of it, in words."""
+        """Outcome of the goal, in words."""
         if self.accepted is None:
             return "nobody answered"
         if not self.accepted:
@@ -82,13 +82,13 @@ class TrajectoryTraffic(RosArmTraffic):
         self.canceled: dict[bytes, float] = {}
         """When the cancellation of a goal was sent, by its id."""
         self._asked: list[bytes] = []
-        """Ids of the goals whose results were asked for."""
+        """Ids of the goals whose results were requested."""
         for number, event in enumerate(timeline):
             names = _REQUESTS if event.sent else _HEARD
             if event.kind is Kind.DATA and event.channel in names:
                 _, message = decoded(names[event.channel], event.data)
                 if isinstance(message, Malformed):
-                    self.malformed.append((number, message.reason))
+                    self.unread.append((number, message.reason))
                 elif event.sent:
                     self._take_request(number, event, message)
                 else:
@@ -130,7 +130,7 @@ class TrajectoryTraffic(RosArmTraffic):
         return self.within(self.goals, phase)
 
     def off(self, state: State, positions: dict[str, float]) -> dict[str, float]:
-        """How far joints are from `positions`, of continuous ones by the short way."""
+        """Distance of joints from `positions`; continuous joints by the short way."""
         kinds = self.described or {}
         return {
             name: apart(state.positions[name], at, kinds.get(name, ""))
@@ -139,8 +139,8 @@ class TrajectoryTraffic(RosArmTraffic):
         }
 
     def farthest(self, states: list[State]) -> tuple[float, str, int]:
-        """How far a joint gets from where it is first in `states`, which, and by which event: of
-        those that goals name, where there are goals."""
+        """Return the largest distance of a joint from its first position in `states`, the joint and
+        the event: of joints that goals name, if there are goals."""
         first: dict[str, float] = {}
         for each in reversed(states):
             first.update(each.positions)

@@ -1,4 +1,4 @@
-"""What the action server of an arm must do about goals."""
+"""Requirements for an arm's action server: how it treats goals."""
 
 from __future__ import annotations
 

@@ -16,16 +16,16 @@ from cardan_conform_arms.joint_trajectory.names import CANCEL, FEEDBACK, GOAL, R
 from cardan_conform_arms.ros2_arm.names import DESCRIPTION, STATES, TOPICS, joints_of
 
 STEP = 3e-3
-"""Of a joint, rad: 0.17 degrees."""
+"""Step of a joint, rad: 0.17 degrees."""
 STEP_M = 1e-3
 NEAR = 0.3
-"""Of a step: as near as a joint has to come to a goal, and to stay where it is."""
+"""Tolerance at a goal and at rest, as a share of a step."""
 FAR = 0.05
 """All goals are canceled, and no more is asked, when a joint is so far from where it was."""
 TURN = 2.0 * math.pi
 
 SHORT_S, LONG_S = 1.0, 3.0
-"""How long a goal takes, and one that is to be interrupted."""
+"""Duration of a goal, and of a goal that is to be interrupted."""
 AFTER_S = 0.6
 """When that is done to it."""
 TOLERANCE_S = 1.0
@@ -44,7 +44,7 @@ _NS = 10**9
 
 
 def apart(to: float, from_: float, kind: str) -> float:
-    """How far a joint of this kind is from where it was: of a continuous one, by the short way."""
+    """Distance of a joint of this kind from its earlier position; continuous: by the short way."""
     way = to - from_
     return math.remainder(way, TURN) if kind == "continuous" and math.isfinite(way) else way
 
@@ -59,7 +59,7 @@ def _duration(seconds: float) -> Message:
 
 
 class TrajectoryScenario(Scenario):
-    """One client, which asks for the result of each goal that is accepted."""
+    """A client that asks for the result of each accepted goal."""
 
     def __init__(self, level: Level, seconds: float, joints: tuple[str, ...] = ()) -> None:
         """`joints`: those that the controller moves; empty: all that are described and come."""
@@ -67,13 +67,13 @@ class TrajectoryScenario(Scenario):
         self._kinds: dict[str, str] = {}
         self._at: dict[str, float] = {}
         self._home: dict[str, float] = {}
-        """Where each joint of the goals was in the beginning; empty: they are not known."""
+        """Position of each joint of the goals in the beginning; empty: not known."""
         self._seed = b""
         """Ids of goals are made of it: no two runs have the same."""
         self._ids: list[bytes] = []
         """Of the goals that were sent."""
         self._asked: list[int] = []
-        """Numbers of the goals whose results were asked for."""
+        """Numbers of the goals whose results were requested."""
         self._settled: set[int] = set()
         """Numbers of the goals that were rejected or have a result."""
         self._away = False
@@ -171,7 +171,7 @@ class TrajectoryScenario(Scenario):
         return self._away or len(self._settled) == len(self._ids)
 
     def _ending(self, seconds: float) -> Script:
-        """Until all goals have ended, the longest of which takes so long; and for a while."""
+        """Wait until all goals have ended, the longest of which takes `seconds`, and a while."""
         yield Wait(seconds + TOLERANCE_S + LATE_S, self._is_settled)
         yield Wait(2.0 * REST_S)
 

@@ -1,5 +1,4 @@
-"""An action server of a PR2's arm, with the defects it is told to have, and a scenario in virtual
-time."""
+"""Action server of a PR2's arm with selected defects, and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -111,7 +110,7 @@ class ActionRig(DriverRig):
             self._finish(goal, GoalStatus.SUCCEEDED)
 
     def _planned(self, trajectory: Message) -> tuple[_Path, int]:
-        """Where a trajectory leads from where the arm is, and the code of one that is none."""
+        """Return a trajectory's path from the arm's position, and the code that rejects it."""
         faults, names = self._faults, list(trajectory["joint_names"])
         if set(names).isdisjoint(self._names) and "unknown" in faults:
             names = self._names
@@ -147,7 +146,7 @@ class ActionRig(DriverRig):
         return path, 0
 
     def _reached(self, at: float, begin: float, index: int) -> float:
-        """Where a joint goes for a point of a plan that begins at `begin`."""
+        """Return a joint's position for a point of a plan that begins at `begin`."""
         q = self._q[index]
         if self._endless[index] and "whole-turn" not in self._faults:
             at += TURN * round((q - begin) / TURN)
@@ -245,4 +244,4 @@ class ActionRig(DriverRig):
             self._finish(self._goal, GoalStatus.SUCCEEDED)
 
     def _by_hand(self, what: str) -> None:
-        """Nobody is asked to do anything."""
+        """No operator acts in this suite."""

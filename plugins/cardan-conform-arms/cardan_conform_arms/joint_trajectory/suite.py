@@ -15,7 +15,7 @@ from cardan_conform_arms.joint_trajectory.scenario import TrajectoryScenario
 
 
 class JointTrajectory(Suite[TrajectoryTraffic]):
-    """What executes MoveIt's plans: joint_trajectory_controller, or a session of Cardan's."""
+    """Servers that execute MoveIt's plans: joint_trajectory_controller or a session of Cardan."""
 
     name = "joint-trajectory"
     judges = "the server"

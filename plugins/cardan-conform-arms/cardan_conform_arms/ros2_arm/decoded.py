@@ -1,4 +1,4 @@
-"""What judges of a ROS 2 arm look at: its messages, decoded once."""
+"""Decoded messages of a ROS 2 arm for its judges."""
 
 from __future__ import annotations
 
@@ -29,7 +29,6 @@ class RosArmTraffic(Traffic):
     def __init__(self, timeline: Timeline) -> None:
         super().__init__(timeline)
         self.states: list[State] = []
-        self.malformed: list[tuple[int, str]] = []
         self.commands: list[tuple[int, float]] = []
         self.described: dict[str, str] | None = None
         """The joints that move, as `joints_of` has them."""
@@ -47,7 +46,7 @@ class RosArmTraffic(Traffic):
             elif event.channel == STATES:
                 message = codec.decode(event.data)
                 if isinstance(message, Malformed):
-                    self.malformed.append((number, message.reason))
+                    self.unread.append((number, message.reason))
                     continue
                 publisher, _, digits = event.note.partition(":")
                 stamp = message["header"]["stamp"]

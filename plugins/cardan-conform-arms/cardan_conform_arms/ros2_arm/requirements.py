@@ -1,4 +1,4 @@
-"""What an arm under ros2_control must do on the network."""
+"""Requirements for the network traffic of an arm under ros2_control."""
 
 from __future__ import annotations
 
@@ -57,10 +57,10 @@ STATES: Over[RosArmTraffic, State] = Over(lambda seen: seen.states, "{} states")
 @requires(2, JOINT_STATE)
 def messages_are_whole(seen: RosArmTraffic) -> Verdict:
     """Every message is one of its type, with a position for each name, and no name twice."""
-    wrong = [*seen.malformed]
+    wrong = [*seen.unread]
     wrong += [(e.number, "names and positions do not fit") for e in seen.states if not e.whole]
     return none_wrong(
-        wrong, len(seen.states) + len(seen.malformed), f"{len(seen.states)} states", _NOTHING
+        wrong, len(seen.states) + len(seen.unread), f"{len(seen.states)} states", _NOTHING
     )
 
 

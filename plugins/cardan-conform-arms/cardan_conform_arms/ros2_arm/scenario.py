@@ -13,7 +13,7 @@ from cardan.protocols.ros2.messages import default_message
 from cardan_conform_arms.ros2_arm.names import COMMANDS, DESCRIPTION, STATES, TOPICS, joints_of
 
 STEP_RAD = 3.5e-4
-"""Of every joint at once: 0.02 degrees, which no arm makes a millimeter of."""
+"""Step of every joint at once: 0.02 degrees, less than a millimeter at the TCP of any arm."""
 STEP_S = 0.6
 COMMAND_S = 0.02
 HAND_S = 60.0

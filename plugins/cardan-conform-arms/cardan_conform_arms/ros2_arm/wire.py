@@ -22,7 +22,7 @@ CALL_S = 60.0
 
 
 class _Waking(Wire):
-    """What other threads `_put` waits, and wakes `select` up."""
+    """Queue that other threads `_put` into; wakes `select` up."""
 
     def __init__(self) -> None:
         self._ours, self._theirs = socket.socketpair()

@@ -98,7 +98,7 @@ class Egm(DatagramDissector):
 
 
 class _Known(NamedTuple):
-    """What datagrams are that have the outline."""
+    """Title and decoder of the datagrams that have the outline."""
 
     outline: egm.Outline
     title: str

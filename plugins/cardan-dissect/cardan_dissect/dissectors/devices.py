@@ -28,7 +28,7 @@ MOTION = (connexion.Translation, connexion.Rotation, connexion.Motion)
 
 
 def hid_report(value: Any, report: bytes, cut: bool) -> Decoded:
-    """A HID report that a codec decoded. One that the codec does not know is shown in hex."""
+    """A HID report that a codec decoded. Reports unknown to the codec are shown in hex."""
     if cut:
         return Decoded(None, "report", CUT)
     if not isinstance(value, MalformedReport):
@@ -40,7 +40,7 @@ def hid_report(value: Any, report: bytes, cut: bool) -> Decoded:
 
 
 class _UsbDevice:
-    """One address on one bus."""
+    """A device at its address on a bus."""
 
     def __init__(self) -> None:
         self.name = "by the look of its reports (no device descriptor in the capture)"

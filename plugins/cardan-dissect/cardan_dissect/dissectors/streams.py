@@ -30,15 +30,15 @@ from cardan_dissect.ports import (
 from cardan_dissect.reader import Decoded, Found, Message, Numbers, message_in
 
 LARGEST_PREFIX = HEADER_BYTES + 8 + simple_message.MAX_GROUPS * (8 + 31 * 8)
-"""Of any message known: a point for every group, with reals of 8 bytes."""
+"""Largest prefix of any known message: a point for every group, with reals of 8 bytes."""
 MESSAGE_TYPES = frozenset(MessageType)
 PENDING = 256
 """Requests of RTDE remembered until they are answered."""
 LARGEST_TIME_S = 1e9
-"""No controller was on for so long."""
+"""Upper bound of a controller's uptime, s."""
 RTDE_KINDS = frozenset(rtde.PacketType)
 LEAST_DATA = 4
-"""So many packets of data of one size show a stream of RTDE whose beginning was not captured."""
+"""Packets of data of one size that identify a stream of RTDE without its beginning."""
 TOLD = frozenset(
     each.name
     for each in (
@@ -49,11 +49,11 @@ TOLD = frozenset(
         MessageType.MOTO_JOINT_FEEDBACK_EX,
     )
 )
-"""What a controller sends unasked."""
+"""Messages that a controller sends unasked."""
 
 
 class _SimpleMessages(Conversation):
-    """Cut by the prefix, whose byte order is the flow's."""
+    """Simple messages, cut by the prefix in the flow's byte order."""
 
     head_bytes = PREFIX_BYTES
 

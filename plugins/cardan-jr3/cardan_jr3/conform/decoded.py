@@ -1,4 +1,4 @@
-"""What judges of a JR3 board look at: its messages, decoded once."""
+"""Decoded messages of a JR3 board for its judges."""
 
 from __future__ import annotations
 

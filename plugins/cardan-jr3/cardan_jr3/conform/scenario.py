@@ -36,7 +36,7 @@ HAND_S = 30.0
 
 
 class Jr3Scenario(Scenario):
-    """One host on the bus, with one request open at a time."""
+    """A host on the bus, with one request open at a time."""
 
     def __init__(self, level: Level, seconds: float, node_id: int) -> None:
         self._level = level

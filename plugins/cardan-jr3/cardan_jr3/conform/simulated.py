@@ -11,13 +11,13 @@ from cardan_jr3.peer import SimulatedJr3
 from cardan_jr3.protocol import TEO_SENSORS
 
 LONGEST_S = 300.0
-"""Of a simulated run; a script that waits for what never comes ends before."""
+"""Limit of a simulated run; a script that waits for an event in vain ends before."""
 _LOAD = (5.0, 0.0, -8.0, 0.0, 0.2, 0.0)
 _OFFSET = (4.2, -3.1, -8.6, 0.21, -0.13, 0.05)
 
 
 class Jr3Rig:
-    """One bus with two nodes."""
+    """A bus with two nodes."""
 
     def __init__(
         self, exchange: Exchange, node_id: int, faults: Mapping[str, float], seed: int

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import can
 
 PACKAGE = "a CAN bus", "python-can", "can"
-"""What needs it, its name, and the extra that installs it."""
+"""Feature that needs python-can, its name, and the extra that installs it."""
 SEND_TIMEOUT_S = 0.05
 CONNECT_TIMEOUT_S = 1.0
 GREETING = b"< hi >"
@@ -40,7 +40,7 @@ _NO_NETWORK = (errno.ENODEV, errno.ENETUNREACH, errno.EADDRNOTAVAIL, errno.EAFNO
 
 
 class Unusable(NamedTuple):
-    """Something came that is no data frame with an eleven-bit identifier."""
+    """A received frame that is no data frame with an eleven-bit identifier."""
 
     kind: str
     """The counter of the core that it belongs to."""
@@ -49,7 +49,7 @@ class Unusable(NamedTuple):
 class CanBus:
     """An open bus. Raises OSError when it is gone.
 
-    One that `echoes` gives back what is sent, as udp_multicast does, whatever python-can is told.
+    A bus that `echoes` returns sent frames, as udp_multicast does whatever python-can's options.
     """
 
     def __init__(self, bus: can.BusABC, *, echoes: bool = False) -> None:
@@ -62,7 +62,7 @@ class CanBus:
         self._error = can.CanError
         self._garbled = 0
         self._mark = secrets.token_hex(8) if echoes else None
-        """What python-can sends along as the frame's channel, and a board does not know."""
+        """Channel that python-can sends along with our frames, and that no board knows."""
 
     def receive(self, timeout_s: float) -> CanFrame | Unusable | None:
         """The next frame of another node, at most `timeout_s` from now; None: there was none."""
@@ -97,7 +97,7 @@ class CanBus:
             raise _os_error(error) from None
 
     def close(self) -> None:
-        """Let go of the bus; never raises."""
+        """Close the bus; never raises."""
         with contextlib.suppress(Exception):
             self._bus.shutdown()
 
@@ -105,7 +105,7 @@ class CanBus:
         return not message.is_rx or (self._mark is not None and message.channel == self._mark)
 
     def _unreadable(self, error: can.CanError) -> Unusable:
-        """What python-can could not read: one frame, or the whole bus (OSError)."""
+        """Classify a read error of python-can: a single frame, or the whole bus (OSError)."""
         self._garbled += 1
         of_a_frame = error.__cause__ is not None and not isinstance(error.__cause__, OSError)
         if of_a_frame and self._garbled <= GARBLED_AT_MOST:
@@ -157,7 +157,7 @@ def open_bus(options: Jr3Options) -> CanBus:
 
 
 def in_use(options: Jr3Options, error: OSError) -> DriverError:
-    """What keeps an open bus from being used."""
+    """Return the error for an open bus that cannot be used."""
     words = (
         f"cannot use the CAN bus {options.channel!r} by {options.interface}: "
         f"{error.strerror or error}"
@@ -207,7 +207,7 @@ def _os_error(error: can.CanError) -> OSError:
 
 
 def _refusal(interface: str, channel: str, where: str, error: BaseException) -> DriverError:
-    """What keeps the bus from being opened."""
+    """Return the error for a bus that cannot be opened."""
     cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
     number = cause.errno if isinstance(cause, OSError) else None
     words = f"cannot open {where}: {getattr(cause, 'strerror', None) or error}"

@@ -1,4 +1,4 @@
-"""What a JR3's frames mean, and what to ask it next, without any I/O and in the caller's time.
+"""JR3 driver's core: meaning of its frames, and next requests; no I/O, in the caller's time.
 
 The board is brought up by requests, one at a time, since an acknowledgment does not say what it
 answers: ping, start, full scales; then, once the filter has settled and the force is steady, zero.
@@ -119,7 +119,7 @@ ZEROING_REASON = "taking zero: keep the hand off the sensor"
 
 
 class _Step(NamedTuple):
-    """One request of the way up."""
+    """A request of the start-up."""
 
     message: HostMessage
     name: str
@@ -150,7 +150,7 @@ class _HeldSteady:
         self.overloaded = False
         window = self._window
         window.append((stamp_s, values))
-        # One sample from before the window's start stays, so that the window is seen to be full.
+        # A sample from before the window's start stays, so that the window is seen to be full.
         while len(window) > 2 and window[1][0] <= stamp_s - STEADY_WINDOW_S:
             window.popleft()
 
@@ -227,7 +227,7 @@ class Jr3Core(DeviceCore):
         self._measured: Six = NEUTRAL
         """N and N·m at the sensor's origin, along its axes, right-handed and filtered."""
         self._acting: Wrench | None = None
-        """What `_measured` is at the TCP; None: not computed yet."""
+        """`_measured` at the TCP; None: not computed yet."""
         self._per_count: Six | None = None
         """N and N·m of a count; None: the full scales are not known yet."""
         steady_n, steady_nm = options.steady_n_s, options.steady_nm_s
@@ -259,7 +259,7 @@ class Jr3Core(DeviceCore):
         """Brought up: zeroed where that is asked for."""
         # Samples.
         self._sample_valid = False
-        """What was measured last still counts."""
+        """True while the last sample counts."""
         self._forces: Forces | None = None
         self._counter: int | None = None
         self._least_offset_s = math.inf
@@ -279,7 +279,7 @@ class Jr3Core(DeviceCore):
         self._begin(OPENED_REASON, now_s)
 
     def on_closed(self, now_s: float) -> None:
-        """It was closed on request."""
+        """The sensor was closed on request."""
         super().on_closed(now_s)
         self._has_run = self._zero_lost = False
         self._newest_counter = None
@@ -318,7 +318,7 @@ class Jr3Core(DeviceCore):
 
     @property
     def next_due_s(self) -> float:
-        """When `poll` has something to do next; inf when only a frame can bring that about."""
+        """Time at which `poll` has work next; inf if only a frame can cause that."""
         if not self._open:
             return math.inf
         due_s = self._sync_s
@@ -356,7 +356,7 @@ class Jr3Core(DeviceCore):
         return frames
 
     def final_command(self) -> list[CanFrame]:
-        """What to send before the bus is closed in good order."""
+        """Return the frames to send before the bus is closed in good order."""
         return [encode_from_host(Stop(), self._options.node_id)] if self._answered else []
 
     def ask_zero(self, now_s: float) -> int:
@@ -389,7 +389,7 @@ class Jr3Core(DeviceCore):
 
     @property
     def zeros(self) -> int:
-        """How often zero was taken."""
+        """Number of times that zero was taken."""
         return self._zeros
 
     def _figures(self, now_s: float) -> dict[str, float]:

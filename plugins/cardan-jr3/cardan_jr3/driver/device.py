@@ -61,7 +61,7 @@ class Jr3(ReadDevice[Jr3Core]):
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
-        """CAN interfaces of this computer. What is on a bus shows only when it is spoken to."""
+        """CAN interfaces of this computer. Nodes on a bus show only when they are addressed."""
         return can_interfaces()
 
     @property

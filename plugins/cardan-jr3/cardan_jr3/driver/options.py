@@ -1,4 +1,4 @@
-"""What can be set about the JR3 driver."""
+"""Options of the JR3 driver."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ class PythonCanBus(CanBackend):
             ) from None
 
     def close(self) -> None:
-        """Let go of the bus."""
+        """Close the bus."""
         bus, self._bus = self._bus, None
         if bus is not None:
             with contextlib.suppress(Exception):

@@ -8,7 +8,7 @@ import random
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
-from cardan.sim_peers.base import check_faults
+from cardan.sim_peers.base import check_faults, strikes
 from cardan_jr3.peer.faults import FAULTS, POWER_OFF_S, TIMED_FAULTS
 from cardan_jr3.protocol import (
     COUNTER_MODULUS,
@@ -68,10 +68,10 @@ a host asks for."""
 class SimulatedJr3:
     """A board with its sensor: give it a wrench and frames, it gives the frames of the real one.
 
-    Power is switched on at time 0; times are s from then and move in `reports` only. What is set
-    holds from the time of the last `reports` or `skip_to` on. The main loop takes commands every 1
+    Power is switched on at time 0; times are s from then and move in `reports` only. Settings
+    hold from the time of the last `reports` or `skip_to` on. The main loop takes commands every 1
     to 2 ms; a thread of its own sends samples in async mode. SYNC is a flag: two within one turn of
-    the loop give one answer. `offset` is what an unzeroed sensor shows without any load (N, N·m).
+    the loop give one answer. `offset` is an unzeroed sensor's reading without load (N, N·m).
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class SimulatedJr3:
         self.node_id = node_id
         self.scales = scales
         self.wrench = NO_WRENCH
-        """What acts on the sensor: N, N·m."""
+        """Wrench that acts on the sensor: N, N·m."""
         self.plugged = True
         """It stays on its bus."""
         self.powered = True
@@ -164,7 +164,7 @@ class SimulatedJr3:
         self.hung = True
 
     def recover(self) -> None:
-        """It goes on where it hung."""
+        """Recover from a hang: the board continues."""
         self.hung = False
 
     # -- the bus -------------------------------------------------------------------------------
@@ -189,11 +189,11 @@ class SimulatedJr3:
 
     @property
     def next_due_s(self) -> float:
-        """When `reports` has something to do next; inf when nothing is planned."""
+        """Time at which `reports` has work next; inf if nothing is planned."""
         return min(self._event_s, self._arrival_s)
 
     def reports(self, now_s: float) -> list[CanFrame]:
-        """What the board has sent by `now_s`, in order."""
+        """Return the frames that the board has sent by `now_s`, in order."""
         arrived: list[CanFrame] = []
         while (event_s := self._event_s) <= now_s:
             self._now_s = max(self._now_s, event_s)
@@ -266,7 +266,7 @@ class SimulatedJr3:
             self._obey(Stop(), self._now_s)
 
     def _turn(self, now_s: float) -> None:
-        """One turn of the main loop: every command that has come, then one answer to SYNC."""
+        """Run the main loop once: every command that has come, then one answer to SYNC."""
         self._turn_s = math.inf
         while self._commands:
             self._obey(self._commands.popleft(), now_s)
@@ -303,7 +303,7 @@ class SimulatedJr3:
         self._acknowledge(int(self._faults.get("error-ack", state)), scales, now_s)
 
     def _change(self, message: HostMessage, now_s: float) -> None:
-        """What a command changes on a board that is ready."""
+        """Apply a command on a board that is ready."""
         if isinstance(message, (StartSync, StartAsync)):
             self._start(message, now_s)
         elif isinstance(message, Stop):
@@ -419,7 +419,7 @@ class SimulatedJr3:
 
     @property
     def _arrival_s(self) -> float:
-        """When the next frame has gone over the bus; inf: there is none."""
+        """Time at which the next frame has passed the bus; inf: there is none."""
         if not self._under_way:
             return math.inf
         sent_s, _, frame = self._under_way[0]
@@ -432,4 +432,4 @@ class SimulatedJr3:
             arrived.append(heapq.heappop(self._under_way)[2])
 
     def _strikes(self, fault: str, count: int) -> bool:
-        return fault in self._faults and count % int(self._faults[fault]) == 0
+        return strikes(self._faults, fault, count)

@@ -27,8 +27,8 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class Jr3PeerOptions(HandOptions):
-    """What to simulate and on which bus. Times of the script and of faults count from when the
-    board is first told to acquire."""
+    """Options of the simulated board and its bus. Times of the script and of faults count from when
+    the board is first told to acquire."""
 
     interface: Annotated[str, CAN_NAME] = option(
         "udp_multicast", "The way to the bus, as python-can calls it.", metavar="NAME"
@@ -64,7 +64,7 @@ class Jr3PeerOptions(HandOptions):
     boot_s: Annotated[float, bounds.NOT_NEGATIVE] = option(2.0, "From power to its first message.")
     """That message is BOOTUP."""
     offset: Six = (4.2, -3.1, -8.6, 0.21, -0.13, 0.05)
-    """What the sensor shows before it is zeroed: its own zero and what is mounted on it."""
+    """Reading before the sensor is zeroed: its own zero and the load mounted on it."""
     noise_n: Annotated[float, bounds.NOT_NEGATIVE] = 0.05
     """Standard deviation of the unfiltered forces."""
     noise_nm: Annotated[float, bounds.NOT_NEGATIVE] = 0.002
@@ -116,7 +116,7 @@ class Jr3Peer(HandPeer[SimulatedJr3, CanFrame]):
 
 
 def _extra(options: Jr3PeerOptions) -> dict[str, Any]:
-    """What an interface wants to be told beside its channel."""
+    """Return an interface's options beside its channel."""
     if options.interface == "udp_multicast":
         port = CAN_PORTS["udp_multicast"] if options.port is None else options.port
         return {"port": port, "hop_limit": options.hop_limit}

@@ -30,14 +30,14 @@ _COMMAND = re.compile(rb"<([^<>]*)>")
 
 
 class Session:
-    """One client's side of the protocol: bytes in, replies and frames out. No I/O."""
+    """A client's session of the protocol: bytes in, replies and frames out. No I/O."""
 
     def __init__(self) -> None:
         self.opened = False
         self.raw = False
         """It takes and sends frames."""
         self.broken = False
-        """It sent what no client sends; its connection is to be closed."""
+        """It violated the protocol; its connection is to be closed."""
         self._buffer = b""
 
     def feed(self, data: bytes) -> tuple[bytes, list[CanFrame]]:
@@ -73,7 +73,7 @@ class Session:
 
 
 def frame_line(frame: CanFrame, stamp_s: float) -> bytes:
-    """How a frame reaches a client; `stamp_s` by the wall clock."""
+    """Return the line of a frame for a client; `stamp_s` by the wall clock."""
     width = 3 if frame.arbitration_id <= 0x7FF else 8
     return (
         f"< frame {frame.arbitration_id:0{width}X} {stamp_s:.6f} {frame.data.hex().upper()} >"
@@ -141,12 +141,12 @@ class SocketcandHub(CanBackend):
         self._port = int(listener.getsockname()[1])
 
     def close(self) -> None:
-        """Let go of every client and of the port."""
+        """Disconnect every client and close the port."""
         self._server.close()
 
     @property
     def due_s(self) -> float:
-        """When the next client has waited long enough for frames, monotonic s."""
+        """Time at which the next client has waited long enough for frames, monotonic s."""
         return min((client.joins_s for client in self.clients), default=math.inf)
 
     def attend(self, now_s: float) -> None:

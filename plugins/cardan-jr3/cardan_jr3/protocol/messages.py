@@ -83,7 +83,7 @@ class Stop(NamedTuple):
 
 
 class ZeroOffs(NamedTuple):
-    """Take the present filtered value as zero. One sample of zeros follows."""
+    """Take the present filtered value as zero. A single sample of zeros follows."""
 
 
 class SetFilter(NamedTuple):
@@ -199,7 +199,7 @@ _ACK_BYTES = 1
 
 
 def decode_from_board(arbitration_id: int, data: bytes) -> BoardMessage | Malformed | None:
-    """What a board says in a frame; None for a frame that boards do not send. Never raises.
+    """Decode a frame of a board; None for a frame that boards do not send. Never raises.
 
     Longer payloads than those of the protocol are malformed, too.
     """
@@ -237,10 +237,10 @@ def encode_from_board(message: BoardMessage, node_id: int) -> CanFrame:
 
 
 def decode_from_host(arbitration_id: int, data: bytes) -> HostMessage | None:
-    """What a host asks in a frame, as a board reads it; None for what boards ignore.
+    """Decode a frame of a host as a board does; None for a frame that boards ignore.
 
-    As on the board, a field that the payload is too short for reads as 0, and what follows the
-    last field is ignored. Never raises.
+    As on the board, a field that the payload is too short for reads as 0, and bytes after the
+    last field are ignored. Never raises.
     """
     opcode = arbitration_id & ~NODE_MASK
     if opcode not in _FROM_HOST or (opcode == Opcode.SYNC and arbitration_id != opcode):

@@ -58,5 +58,5 @@ def to_counts(values: Six, scales: FullScales) -> tuple[int, int, int, int, int,
 
 
 def samples_between(newer: int, older: int) -> int:
-    """How many samples the counter went from `older` to `newer`, 0 to 65535."""
+    """Number of samples by the counter from `older` to `newer`, 0 to 65535."""
     return (newer - older) % COUNTER_MODULUS

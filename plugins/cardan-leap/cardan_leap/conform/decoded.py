@@ -1,4 +1,4 @@
-"""What judges of a tracking service look at: its messages, decoded once."""
+"""Decoded messages of a tracking service for its judges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a Leap Motion tracking service must do, in version 6 of its protocol."""
+"""Requirements for a Leap Motion tracking service, in version 6 of its protocol."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Asks a tracking service for frames, and somebody to hold a hand above the tracker."""
+"""Scenario: asks a tracking service for frames, and the user to hold a hand above the tracker."""
 
 from __future__ import annotations
 

@@ -10,14 +10,14 @@ from cardan_leap.conform.scenario import CHANNEL
 from cardan_leap.peer import SimulatedLeapService
 
 LONGEST_S = 300.0
-"""Of a simulated run; a script that waits for what never comes ends before."""
+"""Limit of a simulated run; a script that waits for an event in vain ends before."""
 CLIENT, VERSION = 1, 6
 RATE_HZ = 50.0
 """Less than a tracker's usual 110, for the sake of what frames cost to make."""
 
 
 class LeapRig:
-    """One client of the service, and a hand that does what is asked."""
+    """A client of the service, and a hand that does what is asked."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         self._exchange = exchange

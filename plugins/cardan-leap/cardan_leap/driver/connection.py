@@ -1,4 +1,4 @@
-"""One WebSocket connection to the tracking service: a socket and websockets' protocol on it."""
+"""WebSocket connection to the tracking service: a socket and websockets' protocol on it."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Connection:
             raise
 
     def fileno(self) -> int:
-        """What `select` waits for. Messages may be there already: `receive` them first."""
+        """File descriptor for `select`. Messages may be there already: `receive` them first."""
         return self._socket.fileno()
 
     def receive(self, timeout_s: float) -> list[bytes]:
@@ -120,7 +120,7 @@ class Connection:
         for event in self._protocol.events_received():
             if isinstance(event, Frame):
                 self._take(event)
-        # What there is to say now is an answer: a pong, or the end.
+        # Data to send at this point is an answer: a pong, or the close frame.
         with contextlib.suppress(OSError):
             self._flush()
         if self._protocol.handshake_exc is not None:

@@ -1,4 +1,4 @@
-"""What the tracking service's messages mean, without any I/O and in the caller's time.
+"""Core of the Leap driver: tracking messages to device state; no I/O, in the caller's time.
 
 Frames go on when no hand is in view, so silence is always trouble:
 
@@ -33,7 +33,7 @@ from cardan_leap.protocol import (
 )
 
 BUTTONS = ("hand", "clutch", "grab", "pinch")
-"""What the driver reports as buttons: a hand is followed, it holds the clutch, it is a fist, it
+"""Buttons that the driver reports: a hand is followed, it holds the clutch, it is a fist, it
 pinches."""
 
 STALE_AFTER_S = 0.09
@@ -68,7 +68,7 @@ NEUTRAL_REASONS: Mapping[str, str] = MappingProxyType(
         "pinch": "let go of the pinch once",
     }
 )
-"""What has to be seen before the clutch works, by the option `clutch`."""
+"""Advice for releasing the clutch once before it works, by the option `clutch`."""
 
 
 class LeapCore(DeviceCore):
@@ -112,7 +112,7 @@ class LeapCore(DeviceCore):
     # -- what happens --------------------------------------------------------------------------
 
     def on_opened(self, now_s: float) -> None:
-        """A connection was made (again): what was known of the service is void."""
+        """A connection was made (again): forget the state of the service."""
         self._forget_service()
         if not self._was_late:  # Else the clock may be the same, and its frames late again.
             self._lag.reset()
@@ -254,8 +254,8 @@ class LeapCore(DeviceCore):
         return False
 
     def _step_s(self, timestamp_us: int, now_s: float) -> float:
-        """How long before this frame the last one was: by the service's clock if that makes
-        sense, else by ours."""
+        """Time since the frame before this one: by the service's clock if that is plausible, else
+        by ours."""
         last_us, self._timestamp_us = self._timestamp_us, timestamp_us
         if last_us is not None:
             step_s = (timestamp_us - last_us) * 1e-6
@@ -287,7 +287,7 @@ class LeapCore(DeviceCore):
         return [label for label, held in zip(BUTTONS, flags, strict=True) if held]
 
     def _drop_input(self, now_s: float) -> None:
-        # Up, not masked: `hand` is no button that one lets go of, and the others are masked at the
-        # next frame.
+        # Up, not masked: `hand` is no button that an operator releases, and the others are masked
+        # at the next frame.
         self._buttons.set((), now_s)
         self._tracker.drop()

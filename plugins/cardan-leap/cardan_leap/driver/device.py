@@ -171,7 +171,7 @@ def _client_options(options: LeapOptions, version: int) -> ClientOptions:
 
 
 def _look(options: LeapOptions) -> tuple[str, list[DeviceEvent]]:
-    """The name of the service and what it says of its trackers. Raises DriverError, OSError."""
+    """Return the service's name and its trackers' events. Raises DriverError, OSError."""
     connection, version, messages = connect(options.host, options.port, options.version, LOOK_S)
     with contextlib.closing(connection):
         until_s = time.monotonic() + LOOK_S

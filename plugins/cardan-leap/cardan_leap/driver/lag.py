@@ -1,9 +1,9 @@
-"""How late frames come, by the service's own stamps, whose clock has an epoch of its own.
+"""Latency of frames, by the service's own stamps, whose clock has an epoch of its own.
 
 A network or a reader that cannot keep up delivers every frame, in order and at an even pace, but
-seconds late; only the stamps tell. The smallest difference ever between arrival and stamp is taken
-for that of a frame without delay. It may rise only as slowly as clocks drift apart: a delay of 1 s
-would have to last for a quarter of an hour to look like none.
+seconds late; only the stamps show that. The smallest difference ever between arrival and stamp is
+taken for that of a frame without delay. It may rise only as slowly as clocks drift apart: a delay
+of 1 s would have to last for a quarter of an hour to look like none.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Lag:
         return timestamp_us * 1e-6 < self._stamp_s - BACK_S
 
     def update(self, timestamp_us: int, now_s: float) -> float:
-        """How late a frame of this stamp is that was received at `now_s`, s."""
+        """Return the latency of a frame of this stamp that was received at `now_s`, s."""
         stamp_s = timestamp_us * 1e-6
         passed_s = now_s - self._arrival_s
         if passed_s > 0.0:

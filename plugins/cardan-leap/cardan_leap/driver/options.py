@@ -1,4 +1,4 @@
-"""What can be set about the Leap Motion driver."""
+"""Options of the Leap Motion driver."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ class LeapOptions(Options):
     version: Annotated[int, VERSION] = 6
     """Protocol version to ask for, 1 to 7; a service that does not know it is asked for less."""
     hand: Literal["first", "left", "right"] = "first"
-    """Which hand counts; first: the one that has been in view longest."""
+    """The hand that counts; first: the hand that has been in view longest."""
     clutch: Literal["still", "open", "grab", "pinch"] = "still"
-    """What holds the button "clutch": a hand kept still once, until it leaves; an open hand kept
-    still, until it closes; a fist; a pinch."""
+    """Posture that holds the button "clutch": a hand kept still once, until it leaves; an open hand
+    kept still, until it closes; a fist; a pinch."""
     min_confidence: Annotated[float, bounds.SHARE_OR_NONE] = 0.3
     """Lowest confidence, 0 to 1, of a hand's measurement that is used."""
     min_visible_s: Annotated[float, MIN_VISIBLE_S] = 0.2

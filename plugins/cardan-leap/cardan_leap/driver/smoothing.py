@@ -94,7 +94,7 @@ class PoseFilter:
 
 
 def _share(cutoff_hz: float, dt_s: float) -> float:
-    """How much of the way to a constant input a first-order filter goes in `dt_s`."""
+    """Return the share of a first-order filter's way to a constant input within `dt_s`."""
     return -math.expm1(-math.tau * cutoff_hz * dt_s)
 
 

@@ -20,7 +20,7 @@ STRONG, WEAK = 0.8, 0.3
 """A grab or pinch begins at STRONG and ends below WEAK."""
 
 CLOSING = 0.5
-"""An open hand that grabs more strongly than this lets go of the clutch."""
+"""An open hand that grabs more strongly than this releases the clutch."""
 
 STILL_M, STILL_S = 0.005, 0.3
 """A hand is still that has stayed within STILL_M of one place for STILL_S: the tremor of a hand and
@@ -49,10 +49,10 @@ COUNTERS: Mapping[str, str] = MappingProxyType(
 
 
 class HandTracker:
-    """Follows one hand by its id from when it is chosen until it is lost.
+    """Tracker of a hand by its id, from when it is chosen until it is lost.
 
     Nothing carries over from one hand to the next: a new id has to engage the clutch anew. Times
-    are the local monotonic ones of reception, s. What is wrong is counted in `counts`.
+    are the local monotonic ones of reception, s. Faults are counted in `counts`.
     """
 
     def __init__(self, options: LeapOptions, counts: Counter[str]) -> None:
@@ -68,7 +68,7 @@ class HandTracker:
 
     def _forget(self) -> None:
         self.id: int | None = None
-        """Id of the hand that is followed; None: there is none."""
+        """Id of the followed hand; None: no hand is followed."""
         self.pose: Pose | None = None
         """Pose of that hand, smoothed: operator's axes, m."""
         self.engaged = False

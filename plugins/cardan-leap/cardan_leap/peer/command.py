@@ -1,4 +1,4 @@
-"""The tracking service as ``cardan sim leap`` has it."""
+"""The simulated tracking service for ``cardan sim leap``."""
 
 from __future__ import annotations
 

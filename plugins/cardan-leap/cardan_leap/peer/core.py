@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from cardan.sim_peers.base import check_faults
+from cardan.sim_peers.base import check_faults, strikes
 from cardan_leap.peer.faults import ABSURD_MM, FAULTS, RESTART_S, STALL_EVERY_S
 from cardan_leap.peer.hand_model import HandModel, HandPosture, Triple, as_version, frame_document
 from cardan_leap.protocol import (
@@ -60,7 +60,7 @@ class SimulatedHand:
 
 
 class Message(NamedTuple):
-    """What the service sends to a client at an instant."""
+    """A message of the service to a client at an instant."""
 
     time_s: float
     client: int
@@ -182,7 +182,7 @@ class SimulatedLeapService:
             client.optimize_hmd = options.optimize_hmd
 
     def outgoing(self) -> list[tuple[int, str]]:
-        """What there is to send now: client and text, in order."""
+        """Return the messages to send now: client and text, in order."""
         messages: list[tuple[int, str]] = []
         burst_s = self.faults.get("burst", 0.0)
         if burst_s and math.floor(self._now_s / burst_s) % 2:
@@ -229,7 +229,7 @@ class SimulatedLeapService:
                 client.outbox.append(encode_device_event(self._device(), client.version))
 
     def unplug(self) -> None:
-        """As the service tells it: first no delivery, then no tracker."""
+        """Unplug the tracker, with the service's events: first no delivery, then no tracker."""
         self.set_device(self.attached, False)
         self.set_device(False, False)
 
@@ -269,7 +269,7 @@ class SimulatedLeapService:
 
     @property
     def next_due_s(self) -> float:
-        """When `advance` has something to do next."""
+        """Time at which `advance` has work next."""
         return self._next_event_s
 
     def skip_to(self, now_s: float) -> None:
@@ -282,7 +282,7 @@ class SimulatedLeapService:
                 self._schedule()
 
     def advance(self, now_s: float) -> None:
-        """Do what is due until `now_s`, with the hands' present postures."""
+        """Run the service until `now_s`, with the hands' present postures."""
         while (due_s := self._next_event_s) <= now_s:
             self._now_s = max(self._now_s, due_s)
             if self._timed and self._timed[0][0] <= due_s:
@@ -298,7 +298,7 @@ class SimulatedLeapService:
         self._now_s = max(self._now_s, now_s)
 
     def reports(self, now_s: float) -> list[Message]:
-        """What there is to send to clients from the last call until `now_s`."""
+        """Return the messages to clients from the last call until `now_s`."""
         self.advance(now_s)
         return [Message(now_s, number, text) for number, text in self.outgoing()]
 
@@ -391,7 +391,7 @@ class SimulatedLeapService:
                 client.outbox.append(text)
 
     def _strikes(self, fault: str) -> bool:
-        return fault in self.faults and self._frame_id % int(self.faults[fault]) == 0
+        return strikes(self.faults, fault, self._frame_id)
 
 
 def rotation_rows(

@@ -197,7 +197,7 @@ class ScriptedHands(ScriptHand[SimulatedLeapService]):
         return _ACTS[words.verb]
 
     def _read_hand(self, words: StepWords, side: str) -> Act[SimulatedLeapService]:
-        """What a step does to one hand."""
+        """Return the act of a step on a hand."""
         if words.verb == "enter":
             return self._entering(side, _position(words) if words.left else HOME_MM)
         if words.verb == "swing":
@@ -247,7 +247,7 @@ _GOALS: Mapping[str, Callable[[StepWords], tuple[float, ...]]] = {
     "pinch": _strength,
     "confidence": _strength,
 }
-"""What reads where a channel is to go."""
+"""Parsers of a channel's target, by verb."""
 
 _ACTS: Mapping[str, Act[SimulatedLeapService]] = {
     "unplug": calling("unplug"),
@@ -258,4 +258,4 @@ _ACTS: Mapping[str, Act[SimulatedLeapService]] = {
     "resume": setting("stalled", False),
     "steal-focus": calling("steal_focus"),
 }
-"""What steps without words do."""
+"""Acts of steps without words."""

@@ -1,4 +1,4 @@
-"""What the tracking service says of a hand, computed from a few numbers: every field of a frame.
+"""Model of a hand in the tracking service: every field of a frame from a few numbers.
 
 Points are first laid out in the hand's own axes (right, up, back; mm) of a right hand, palm down,
 fingers away; a left hand is its mirror image. The proportions are an adult's, after public
@@ -58,8 +58,8 @@ _THUMB_ACROSS_RAD = 1.1
 
 
 class HandPosture(NamedTuple):
-    """How a hand is held: tracker's axes, mm, and its attitude as a rotation matrix by rows,
-    whose columns are the hand's right, up and back."""
+    """Pose and posture of a hand: tracker's axes, mm, and its attitude as a rotation matrix by
+    rows, whose columns are the hand's right, up and back."""
 
     palm_mm: Triple
     rows: tuple[Triple, Triple, Triple]
@@ -69,7 +69,7 @@ class HandPosture(NamedTuple):
 
 
 class HandModel:
-    """One hand in view, of the service's id `hand_id`: from postures to JSON."""
+    """A hand in view, of the service's id `hand_id`: from postures to JSON."""
 
     def __init__(self, hand_id: int, side: str, seen_s: float) -> None:
         self.id = hand_id
@@ -318,7 +318,7 @@ def _rate(new: Triple, old: Triple | None, dt_s: float) -> Triple:
 
 
 def _number(value: float) -> float:
-    """As the service prints it: six digits."""
+    """Round a number as the service prints it: six digits."""
     return float(f"{value:.6g}") + 0.0
 
 

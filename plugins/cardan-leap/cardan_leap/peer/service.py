@@ -26,7 +26,7 @@ JITTER = Range(0.0, 0.9, "", "a frame comes before the next one")
 
 @dataclass(frozen=True, kw_only=True)
 class LeapPeerOptions(HandOptions):
-    """What to simulate and where. Raises OptionError for a value that is not allowed."""
+    """Options of the simulated service. Raises OptionError for a value that is not allowed."""
 
     host: Annotated[str, bounds.LISTEN_HOST] = option(
         "127.0.0.1", "The address it listens on.", metavar="HOST"

@@ -31,7 +31,7 @@ _protocol_log.setLevel(logging.WARNING)
 
 
 class _Link(StreamClient):
-    """One client's connection."""
+    """A client's connection."""
 
     def __init__(self, sock: socket.socket, number: int) -> None:
         super().__init__(sock)
@@ -46,7 +46,7 @@ class _Link(StreamClient):
         return self.protocol.state is State.OPEN
 
     def pump(self) -> None:
-        """Queue what the protocol has to say."""
+        """Queue the protocol's outgoing bytes."""
         for data in self.protocol.data_to_send():
             self.unsent += data
             self._ends |= not data
@@ -110,7 +110,7 @@ class LeapWebSocket(DeviceBackend[Message]):
                 self._server.drop(link)
 
     def send(self, messages: Iterable[Message]) -> None:
-        """Queue messages for their clients; one that does not read gets no more."""
+        """Queue messages for their clients; a client that does not read gets no more."""
         links = {link.number: link for link in self._server.clients}
         touched: dict[int, _Link] = {}
         for _, number, text in messages:
@@ -184,7 +184,7 @@ class LeapWebSocket(DeviceBackend[Message]):
             self.shell.begin()
 
     def _pump(self, link: _Link) -> None:
-        """Pass on what the protocol has to say."""
+        """Pass on the protocol's outgoing bytes."""
         link.pump()
         self._server.flush(link)
         if link.protocol.state is State.CLOSED:

@@ -56,7 +56,7 @@ class DeviceEvent(NamedTuple):
 
 
 class Hand(NamedTuple):
-    """One hand of a frame. None: the service does not say."""
+    """A hand of a frame. None: the service does not say."""
 
     id: int
     """A new one when the hand comes back or is classified anew."""
@@ -72,19 +72,19 @@ class Hand(NamedTuple):
     pinch_strength: float | None = None
     """0 open to 1: the thumb touches a finger."""
     confidence: float | None = None
-    """0 to 1: how well the hand's model fits what is seen."""
+    """0 to 1: how well the hand's model fits the images."""
     time_visible_s: float | None = None
 
 
 class TrackingFrame(NamedTuple):
-    """What the service saw at one instant. Without hands in view the frames go on, empty."""
+    """Hands seen by the service at an instant. Without hands in view, empty frames go on."""
 
     id: int | None
     timestamp_us: int | None
     """By the service's clock, of an arbitrary epoch."""
     current_frame_rate_hz: float | None
     hands: tuple[Hand, ...]
-    """Those that could be read, in no particular order."""
+    """Readable hands, in no particular order."""
     unreadable_hands: int = 0
     """Hands whose id, palm or direction is missing or no number, or whose confidence is there but
     no number in 0..1."""
@@ -107,7 +107,7 @@ ServiceMessage = Version | DeviceEvent | TrackingFrame | Ignored | Malformed
 
 
 class ClientOptions(NamedTuple):
-    """What a client asks for; None: it does not say."""
+    """Options that a client requests; None: not requested."""
 
     focused: bool | None = None
     """Take (or drop) the focus; taking it takes the frames from clients without `background`."""
@@ -144,7 +144,7 @@ def path_of(version: int) -> str:
 
 
 def version_of(path: str) -> int | None:
-    """The version that a path asks for; None: no path of this protocol. ``/`` means 1."""
+    """Return the version of a path; None: no path of this protocol. ``/`` means 1."""
     if path == "/":
         return 1
     match = _PATH.match(path)
@@ -193,7 +193,7 @@ def encode_version(version: Version) -> str:
 
 
 def encode_device_event(event: DeviceEvent, version: int) -> str:
-    """A device event as `version` has it."""
+    """Encode a device event in the format of `version`."""
     if version < DEVICE_EVENT_SINCE:
         return encode_json({"event": {"type": "deviceConnect", "state": event.streaming}})
     state = {

@@ -1,8 +1,8 @@
-"""Calls the functions of an HDAPI library as asked for, and writes down what they answer.
+"""Calls of an HDAPI library's functions by requests, and their recorded answers.
 
 A request is a JSON list, a function's name and its arguments; an answer is an object with both,
-what came back, and the errors that were on the library's stack then. A tick of the scheduler is an
-object, too: what a frame had. Together they are what goes over a wire for other protocols.
+the results, and the errors that were on the library's stack then. A tick of the scheduler is an
+object, too: a frame's values. Together they take the place of other protocols' traffic on a wire.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from cardan_omni.protocol import (
 )
 
 GREATEST_N = 0.2
-"""No greater force is ever set: what the driver begins with lest a hand be startled, and less than
-the friction of the mechanism."""
+"""Greatest force that is ever set: the driver's first one, which does not startle a hand, and less
+than the friction of the mechanism."""
 FORCE, END_CALLBACK, ERROR_STACK = "force", "end-callback", "error-stack"
 """Requests that are no functions: a course of force as pairs of s and N upwards, which the callback
 sets; that the callback ends itself; and two errors at once, to see how they come back."""
@@ -57,8 +57,8 @@ def request(call: str, *arguments: object) -> bytes:
 
 
 class HdCalls:
-    """One program of a library. `clock` gives the time of ticks, s; `ticked` is called after each,
-    in the scheduler's thread."""
+    """A program that uses a library. `clock` gives the time of ticks, s; `ticked` is called after
+    each, in the scheduler's thread."""
 
     def __init__(
         self,
@@ -81,7 +81,7 @@ class HdCalls:
 
     @property
     def began(self) -> bytes:
-        """What is known without a call: the functions that there are."""
+        """Data known without a call: the available functions."""
         return json.dumps({"functions": sorted(self._functions)}).encode()
 
     def ticks(self) -> list[bytes]:
@@ -92,7 +92,7 @@ class HdCalls:
         return found
 
     def do(self, words: bytes) -> bytes:
-        """Do what is asked; the answer."""
+        """Perform a request and return its answer."""
         call, *arguments = json.loads(words)
         answer: dict[str, Any] = {"call": call, "arguments": arguments}
         if call == FORCE:
@@ -123,7 +123,7 @@ class HdCalls:
         self._errors()
 
     def _call(self, call: str, *arguments: Any) -> tuple[Any, list[float]]:
-        """What the function returns, and the values that it gave."""
+        """Return the function's result, and the values that it gave."""
         function = self._functions[call]
         if call in _VALUES:
             given = arguments[1] if call.startswith("hdSet") else ()
@@ -178,7 +178,7 @@ class HdCalls:
         return CallbackCode.CONTINUE
 
     def _force(self, now_s: float) -> float:
-        """Of the course, linear between its points, N; zero beyond it."""
+        """Force of the course, linear between its points, N; zero beyond it."""
         course, since_s = self._course, now_s - self._course_s
         at = bisect_right(course, since_s, key=lambda point: point[0])
         if not 0 < at < len(course):
@@ -199,7 +199,7 @@ _READ = (
     ("force", "hdGetDoublev", State.CURRENT_FORCE, 3),
     ("last", "hdGetDoublev", State.LAST_FORCE, 3),
 )
-"""What a frame reads: a name, and how."""
+"""Values that a frame reads: name, function, parameter, count."""
 
 
 def _bounded(force_n: float) -> float:
@@ -211,5 +211,5 @@ def _error(info: ErrorInfo) -> list[int]:
 
 
 def _plain(value: float) -> float:
-    """As JSON has it: what is no number is 1e300."""
+    """Return the value for JSON: 1e300 for one that is not finite."""
     return value if not isinstance(value, float) or math.isfinite(value) else 1e300

@@ -1,4 +1,4 @@
-"""What judges of an HDAPI library look at: its answers and ticks, decoded once."""
+"""Decoded answers and ticks of an HDAPI library for its judges."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cardan.conform.timeline import Kind, Timeline, TimelinePhase
 
 
 class Answer(NamedTuple):
-    """What a call came to."""
+    """Result of a call."""
 
     number: int
     call: str
@@ -24,7 +24,7 @@ class Answer(NamedTuple):
 
 
 class Tick(NamedTuple):
-    """What a frame had; HDAPI's units and axes."""
+    """Values of a frame; HDAPI's units and axes."""
 
     number: int
     time_s: float
@@ -41,7 +41,7 @@ class Tick(NamedTuple):
     last: tuple[float, ...]
     """Of the frame before."""
     set_n: float
-    """What was set in this frame, upwards."""
+    """Force that was set in this frame, upwards."""
     errors: tuple[int, ...]
 
 

@@ -1,4 +1,4 @@
-"""What an HDAPI library and the device behind it must do."""
+"""Requirements for an HDAPI library and the device behind it."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def the_stack_is_empty_at_first(seen: HdapiTraffic) -> Verdict:
 
 @requires(102, f"{GUIDE}, hdGetErrorString")
 def errors_have_words(seen: HdapiTraffic) -> Verdict:
-    """Of an error there is a text."""
+    """Every error has a text."""
     answer = seen.said("hdGetErrorString")
     if answer is None:
         return not_seen("it was not asked")
@@ -320,7 +320,7 @@ def frames_raise_no_errors_of_force(seen: HdapiTraffic) -> Verdict:
 
 @requires(122, f"{GUIDE}, HD_MOTOR_TEMPERATURE: 0 cold to 1 hottest")
 def motors_are_cool(seen: HdapiTraffic) -> Verdict:
-    """No motor is warmer than 0.9 of what it may have."""
+    """No motor is warmer than 0.9 of its limit."""
     ticks = seen.ticks(*SERVED)
     if not ticks:
         return not_seen(_NO_TICKS)
@@ -361,7 +361,7 @@ def _is_rotation(transform: tuple[float, ...]) -> bool:
 
 @requires(124, f"{GUIDE}, HD_CURRENT_TRANSFORM: by columns, mm; pens of an Omni skew it slightly")
 def transforms_are_rotations(seen: HdapiTraffic) -> Verdict:
-    """Every transform is a rotation, to 3 %, at the position that is told beside it."""
+    """Every transform is a rotation, to 3 %, at the position reported beside it."""
     ticks = seen.ticks("hold", "move")
     wrong = []
     for tick in ticks:
@@ -373,7 +373,7 @@ def transforms_are_rotations(seen: HdapiTraffic) -> Verdict:
 
 
 def _place(joints: tuple[float, ...]) -> tuple[float, float, float]:
-    """Where the gimbal's center of an Omni is with these angles, mm."""
+    """Position of an Omni's gimbal center with these angles, mm."""
     turret, thigh, shin = joints
     r = L1_MM * (math.cos(thigh) + math.sin(shin))
     y = L1_MM * (math.sin(thigh) - math.cos(shin)) + L3_MM
@@ -382,7 +382,7 @@ def _place(joints: tuple[float, ...]) -> tuple[float, float, float]:
 
 @requires(125, OMNI)
 def joints_give_the_position(seen: HdapiTraffic) -> Verdict:
-    """An Omni's joint angles give the position that is told beside them, to 2 mm."""
+    """An Omni's joint angles give the position reported beside them, to 2 mm."""
     model = seen.said("hdGetString", Info.DEVICE_MODEL_TYPE)
     ticks = seen.ticks("hold", "move")
     if model is not None and not any(each in (model.returns or "") for each in ("Omni", "Touch")):
@@ -443,7 +443,7 @@ def buttons_are_told_once(seen: HdapiTraffic) -> Verdict:
 
 @requires(129, f"{GUIDE}, HD_CURRENT_INKWELL_SWITCH")
 def the_inkwell_is_told(seen: HdapiTraffic) -> Verdict:
-    """The stylus in its inkwell is told, and that it is out again."""
+    """The library reports the stylus in its inkwell, and out of it again."""
     ticks = seen.ticks("dock", "undock")
     if not ticks:
         return not_seen("it was not put there")
@@ -463,8 +463,8 @@ def no_force_is_no_force(seen: HdapiTraffic) -> Verdict:
 
 @requires(131, f"{GUIDE}, hdWaitForCompletion")
 def callbacks_are_known_while_they_run(seen: HdapiTraffic) -> Verdict:
-    """A callback is told to be scheduled while it runs, and not any more once it has returned
-    HD_CALLBACK_DONE."""
+    """The library reports a callback as scheduled while it runs, and not any more once it has
+    returned HD_CALLBACK_DONE."""
     found = [seen.said("hdWaitForCompletion", phase=name) for name in ("asked", "ended")]
     told = [each for each in found if each is not None]
     if len(told) < 2:
@@ -485,8 +485,8 @@ def done_ends_a_callback(seen: HdapiTraffic) -> Verdict:
 
 @requires(133, f"{GUIDE}, hdDisableDevice")
 def a_disabled_device_is_gone(seen: HdapiTraffic) -> Verdict:
-    """The scheduler stops and the device is disabled without an error, and its handle is none any
-    more."""
+    """The scheduler stops and the device is disabled without an error, and its handle is invalid
+    from then on."""
     begun = seen.said("hdBeginFrame", phase="let-go")
     if begun is None:
         return not_seen(_NO_DEVICE)

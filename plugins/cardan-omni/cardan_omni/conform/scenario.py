@@ -1,4 +1,4 @@
-"""Is a haptic program: initializes a device, asks it, runs its scheduler, and lets go of it."""
+"""Scenario of a haptic program: initializes a device, queries it, runs its scheduler, closes it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ DOUBLES = {
 """How many values each has."""
 SETTLE_S = 0.1
 ANSWER_S = 0.02
-"""A phase goes on for so long after what it asked: answers belong to it."""
+"""Time for which a phase goes on after its last request: answers belong to it."""
 STILL_S = 0.6
 """A hand that has taken the stylus somewhere is at rest after that."""
 RAMP_S = 0.2

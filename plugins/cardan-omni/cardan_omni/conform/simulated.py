@@ -13,7 +13,7 @@ from cardan_omni.driver.library import load
 from cardan_omni.peer import OmniFault, OmniSettings, SimulatedOmni
 
 LONGEST_S = 60.0
-"""Of a simulated run; a script that waits for what never comes ends before."""
+"""Limit of a simulated run; a script that waits for an event in vain ends before."""
 IDLE_S = 1e-3
 """A step of time where the scheduler makes none."""
 REACH_M, TURN_RAD_S = 0.04, 2.0 * math.pi
@@ -21,7 +21,7 @@ REACH_M, TURN_RAD_S = 0.04, 2.0 * math.pi
 
 
 class HdapiRig:
-    """A program of the library, and a hand that does what is asked."""
+    """A program of the library, and a hand that follows the scenario's requests."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         self._exchange = exchange

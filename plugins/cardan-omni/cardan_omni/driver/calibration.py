@@ -1,8 +1,8 @@
-"""When the device knows where its stylus is, without any I/O and in the caller's time.
+"""State of the device's calibration, without any I/O and in the caller's time.
 
-The library is asked in the tick and told to calibrate when it says that it can. The position
-may jump when it does: force is allowed only after the answer has been "calibrated" for
-`SETTLE_S`, and not from the moment on that it is anything else.
+The tick asks the library, and starts a calibration when the library reports that it is possible.
+The position may jump then: force is allowed only after the answer has been "calibrated" for
+`SETTLE_S`, and no more from the moment on that it is anything else.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class CalibrationWatch:
 
     @property
     def style(self) -> CalibrationStyle:
-        """What to calibrate with."""
+        """The style to calibrate with."""
         return self._style
 
     def on_opened(self, styles: int) -> None:

@@ -11,7 +11,7 @@
 
 #define R(field, low, high) {offsetof(TickLimits, field), low, high}
 
-/* What a device may be driven with: limits.py has the reasons. */
+/* Ranges that a device may be driven with: limits.py has the reasons. */
 static const struct {
     size_t at;
     double low, high;

@@ -1,9 +1,9 @@
-"""What the snapshots of the tick mean for the operator, without any I/O and in the caller's time.
+"""Core of the Omni driver: tick snapshots to device state; no I/O, in the caller's time.
 
 - The link is LIVE while the newest tick is young, the device calibrated, its stylus out of the
   inkwell, and its position a position. When that ends, there is no pose and the buttons are
   released.
-- It is LIVE again only after the buttons were seen up: one that was held through trouble must not
+- It is LIVE again only after the buttons were seen up: a button held through a fault must not
   act. The axes (rate mode) stay zero until the stylus was seen near its center.
 - Button edges come from the tick's counters, so that a click between two looks is an edge too.
 """
@@ -59,7 +59,7 @@ NO_POSITION_REASON = "the device gives no position"
 
 
 class Identity(NamedTuple):
-    """What the device says of itself. SI units, hand frame."""
+    """Identity and nominal values that the device reports. SI units, hand frame."""
 
     model: str = ""
     serial: str = ""
@@ -91,9 +91,9 @@ class OmniCore(DeviceCore):
         self.snapshot = HapticState()
         """The newest one; its times since the snapshot before are those since the last `taken`."""
         self.hint = ""
-        """What else deserves attention: of the force's priority and its permission."""
+        """Further warning, about the force loop's priority and permission."""
         self.numbers_hint = ""
-        """What is wrong with the process's locale for numbers."""
+        """Fault of the process's locale for numbers."""
         self._shaper = Shaper(options)
         self._center = Vector3(*options.center_m)
         angles = (math.radians(angle) for angle in options.center_rpy_deg)
@@ -199,7 +199,7 @@ class OmniCore(DeviceCore):
     # -- what it says --------------------------------------------------------------------------
 
     def open_for_s(self, now_s: float) -> float:
-        """How long the device has been open."""
+        """Time since the device was opened."""
         return now_s - self._opened_s
 
     def force_obstacle(self, now_s: float) -> str:
@@ -329,7 +329,7 @@ class OmniCore(DeviceCore):
     # -- inside --------------------------------------------------------------------------------
 
     def _watch(self, now_s: float) -> None:
-        """Update the link to what is known at `now_s`."""
+        """Update the link by the state at `now_s`."""
         if not self._open:
             return
         link, reason = self._verdict(now_s)

@@ -146,7 +146,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
 
     @property
     def identity(self) -> Identity:
-        """What the device said of itself when it was opened last."""
+        """Identity that the device reported when it was opened last."""
         return self._core.identity
 
     # -- open and close ------------------------------------------------------------------------
@@ -176,7 +176,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
             time.sleep(WATCH_PERIOD_S)
 
     def close(self) -> None:
-        """No force, by ramp; then end the loop and let go of the device. Never raises."""
+        """Ramp the force down, end the loop and close the device. Never raises."""
         with self._opening:
             if not self._opened:
                 return
@@ -202,7 +202,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
             return self._core.taken(self._look())
 
     def details(self) -> TickDetails:
-        """What the newest tick has beside haptics(): encoders, joint torques, the library's errors.
+        """Return the newest tick's details: encoders, joint torques, errors of the library.
 
         Raises NotOpenError.
         """
@@ -232,7 +232,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
             self._sequence = max(self._sequence, command.sequence)
 
     def next_sequence(self) -> int:
-        """One above the highest sequence so far."""
+        """Return the highest sequence so far plus one."""
         return self._sequence + 1
 
     @property
@@ -242,10 +242,10 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         return FeedbackLimits(limits.clamp_n, limits.torque_limit_n_m, limits.energy_budget_j)
 
     def enable(self, wait_s: float = 0.0) -> None:
-        """Let force out; after a latched fault this tries again.
+        """Enable the force; after a latched fault this tries again.
 
-        Raises CommandError at once while it cannot be. Right after the opening or the inkwell that
-        passes by itself ("not ready yet"): `wait_s` has it wait for that, s at most, unless
+        Raises CommandError at once while that is impossible. Right after the opening or the inkwell
+        that passes by itself ("not ready yet"): `wait_s` is the longest wait for that, s, unless
         disable() is called meanwhile.
         """
         deadline_s, disabled = time.monotonic() + wait_s, self._disabled
@@ -417,7 +417,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
 
     def _lose(self, reason: str) -> None:
         if self._scheduled is not None:
-            # Whatever ended it: a device that comes back has no force until it is enabled.
+            # In all cases: a device that comes back has no force until it is enabled.
             with contextlib.suppress(DriverError), self._commands:
                 self._opened_tick().lose()
         super()._lose(reason)

@@ -13,7 +13,7 @@
 #define FIFO_PRIORITY 20 /* above the robot's loop, which runs at 10 */
 #define ERRORS_AT_ONCE 16
 
-/* What a device may not have: asked for once, and not again if that gave an error. */
+/* Optional values of a device: asked for once, and not again if that gave an error. */
 enum { HAS_VELOCITY = 1, HAS_GIMBAL = 2, HAS_ENCODERS = 4, HAS_TEMPERATURE = 8, HAS_INKWELL = 16 };
 
 /* The library has one stack of errors for all devices, and a servo that empties it finds the others'
@@ -204,7 +204,7 @@ static bool take(Servo *servo, HDerror code, int internal, double now_s)
     return false;
 }
 
-/* What the others have found of this device's; true if it ends the loop. */
+/* Take this device's error found by another servo; true if it ends the loop. */
 static bool take_letter(Servo *servo, double now_s)
 {
     uint64_t letter = servo->box ? atomic_exchange(&servo->box->error, 0) : 0;
@@ -271,7 +271,7 @@ static bool read_device(Servo *servo, bool first)
     double transform[16] = {0.0}, position[3] = {0.0}, joints[16] = {0.0}, values[16];
     HDint buttons = 0;
 
-    /* What is on the stack now is of another thread, or of the tick before. */
+    /* Errors now on the stack are of another thread, or of the tick before. */
     if (take_letter(servo, s->now_s) || take_errors(servo, s->now_s, NULL))
         return false;
     hd->get_integerv(HD_CURRENT_BUTTONS, &buttons);

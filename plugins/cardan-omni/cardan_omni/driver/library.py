@@ -141,7 +141,7 @@ _WORDS: Mapping[int, str] = {
 
 
 class HdError(NamedTuple):
-    """One error of the library's stack."""
+    """An error of the library's stack."""
 
     code: int
     internal: int
@@ -150,12 +150,12 @@ class HdError(NamedTuple):
 
     @property
     def words(self) -> str:
-        """What it means."""
+        """Meaning of the error, in words."""
         return error_words(self.code, self.internal)
 
 
 def error_words(code: int, internal: int = 0) -> str:
-    """What an error of the library means, with its numbers."""
+    """Return the meaning of an error of the library, with its numbers."""
     text = _WORDS.get(code, "an error that HDAPI 3 does not name")
     number = f"0x{code:04x}" + (f", internal {internal}" if internal else "")
     if code == Error.COMM_ERROR and internal == -28:
@@ -228,7 +228,7 @@ class LibHD:
         raise _init_failure(name, serious)
 
     def disable_device(self, handle: int) -> None:
-        """Let go of a device."""
+        """Disable a device, which ends its use."""
         with self._lock:
             if handle in self._open:
                 self._open.discard(handle)
@@ -281,7 +281,7 @@ class LibHD:
     # -- the loop ------------------------------------------------------------------------------
 
     def schedule(self, callback: int, user: int, handle: int) -> int:
-        """Have the function at `callback` called in every tick, first of all; start the loop.
+        """Schedule the function at `callback` in every tick, before all others; start the loop.
 
         Returns the scheduler's handle. Raises DeviceAccessError when the loop does not take it.
         """
@@ -342,8 +342,8 @@ def _init_failure(name: str, errors: list[HdError]) -> DriverError:
 
 
 def numbers_hint() -> str:
-    """What is wrong with the process's locale for numbers, which the library reads its files by;
-    empty where nothing is."""
+    """Return the fault of the process's locale for numbers, which the library reads its files by;
+    empty: none."""
     point = locale.localeconv()["decimal_point"]
     if point == ".":
         return ""
@@ -396,7 +396,7 @@ def load(library: str = "") -> LibHD:
 
 
 def presence(library: str = "") -> tuple[str, str]:
-    """Where a libHD is, and what stands in its way, without loading it; "" for neither."""
+    """Return libHD's place and the obstacle to loading it, without loading; "" for neither."""
     named = library or os.environ.get(ENVIRONMENT, "")
     if named and "/" in named:
         return (named, "") if Path(named).is_file() else (named, f"there is no file {named}")
@@ -420,8 +420,8 @@ def _load_named(named: str, by: str) -> tuple[str, ctypes.CDLL]:
 
 
 def _is_cut_off(path: Path) -> bool:
-    """Whether a file ends before its segments do: the loader would map what is not there, and the
-    process would die of it."""
+    """Whether a file ends before its segments do: the loader would map missing pages, and the
+    process would crash."""
     with contextlib.suppress(OSError, struct.error), path.open("rb") as file:
         size, head = path.stat().st_size, file.read(64)
         if head[:4] != b"\x7fELF" or head[4:6] != b"\x02\x01":

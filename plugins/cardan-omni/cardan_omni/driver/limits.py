@@ -80,8 +80,8 @@ class TickLimits:
     hold_s: Annotated[float, HOLD_S] = 0.020
     """Time that a command is rendered, s; then the force is released."""
     pause_s: Annotated[float, PAUSE_S] = 0.2
-    """Silence of the commands, s, after which the state is PAUSED; after that, or a stall of the
-    loop that lasted longer, the force must be small first and comes in by the whole ramp."""
+    """Silence of the commands, s, after which the state is PAUSED; after that, or a longer stall
+    of the loop, the force must be small first and rises by the whole ramp."""
     measured_hold_s: Annotated[float, MEASURED_HOLD_S] = 0.05
     """Time that a measured force is rendered, s."""
     velocity_gate_m_s: Annotated[float, VELOCITY_GATE_M_S] = 1.0
@@ -120,7 +120,7 @@ class TickLimits:
     extrapolate_s: Annotated[float, EXTRAPOLATE_S] = 0.008
     """Time that a measured force is extrapolated by its rate and stiffness, s."""
     overrun_gap_s: Annotated[float, OVERRUN_GAP_S] = 0.002
-    """Gap between ticks, s, after which the next one asks for no force."""
+    """Gap between ticks, s, after which the next tick sends no force."""
     pause_gap_s: Annotated[float, PAUSE_GAP_S] = 0.020
     """Gap between ticks, s, after which the state is PAUSED."""
     oscillation_reversals: Annotated[int, OSCILLATION_REVERSALS] = 8
@@ -168,7 +168,7 @@ class TickLimits:
 @dataclass(frozen=True, kw_only=True)
 class UncheckedLimits(TickLimits):
     """Limits outside the ranges a device may be driven with: for experiments on a simulated one,
-    such as what a plain loop would do. OptionError for what makes no sense at all."""
+    such as a plain loop. OptionError for values that make no sense at all."""
 
     def _check_ranges(self) -> None:
         for name, hint in hints(TickLimits).items():

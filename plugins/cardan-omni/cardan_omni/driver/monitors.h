@@ -1,4 +1,4 @@
-/* What a step observes beside the force: buttons, the loop's rate, interruptions, oscillation. */
+/* Monitors of a step beside the force: buttons, the loop's rate, interruptions, oscillation. */
 #ifndef CARDAN_OMNI_MONITORS_H
 #define CARDAN_OMNI_MONITORS_H
 

@@ -1,4 +1,4 @@
-"""What can be set about the Phantom Omni driver."""
+"""Options of the Phantom Omni driver."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class OmniOptions(ShapingOptions, TickLimits):
     """Path or name of libHD; empty: $CARDAN_LIBHD, else what the system's loader
     finds: libHD.so.3.4, libHD.so.3.0, libHD.so."""
     force_mode: Literal["cartesian", "joint"] = "cartesian"
-    """What set_feedback takes at first: forces at the stylus, or torques of the three joints."""
+    """First mode of set_feedback: forces at the stylus, or torques of the three joints."""
     drive_by: Literal["force", "joint_torques"] = "force"
     """How the force loop hands a force to the library: as a force at the gimbal's center, which
     the library turns into torques of the motors, or as torques of the three joints, which the
@@ -70,7 +70,7 @@ class OmniOptions(ShapingOptions, TickLimits):
     rotation: bool = False
     """Rate mode: the stylus's orientation deflects the axes of rotation, too."""
     realtime: bool = True
-    """Ask for real-time priority for the force loop; without the permission it goes on without."""
+    """Ask for real-time priority for the force loop; if refused, the loop runs without it."""
     wait_for_device: bool = False
     """open() succeeds without a device or its library, which are picked up once they are there."""
 

@@ -60,11 +60,11 @@ class Servo:
         self.callback: int = ctypes.cast(self._library.servo_callback, c_void_p).value or 0
         """Address of the callback, for hdScheduleAsynchronous."""
         self.user: int = self._pointer
-        """What it wants as pUserData."""
+        """The callback's pUserData."""
         _scheduled.add(self)
 
     def stop(self) -> None:
-        """The next tick sends no force and asks for no more."""
+        """Have the next tick send no force and end the loop."""
         if self._pointer:
             self._library.servo_stop(self._pointer)
 

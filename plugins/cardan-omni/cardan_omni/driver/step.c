@@ -133,7 +133,7 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
     now->buttons = tick->buttons;
     set(now->velocity, tick->velocity);
 
-    /* What forbids force. */
+    /* Reasons that forbid force. */
     int reason = TICK_AS_COMMANDED;
     double age = c ? fmax(now_s - c->stamp_s, now_s - tick->command_seen_s) : INFINITY;
     if (c && c->stamp_s > now_s + l->hold_s)
@@ -327,7 +327,7 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
         }
     }
 
-    /* What is sent. */
+    /* The force to send. */
     double rise = l->slew_rise_n_s * fmin(dt, l->overrun_gap_s), fall = l->slew_fall_n_s * dt;
     if (tick->still_ticks >= STILL_TICKS)
         fall = l->slew_fall_n_s * TICK_PERIOD_S;

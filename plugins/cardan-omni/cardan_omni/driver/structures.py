@@ -174,10 +174,10 @@ class Flat:
 
 
 class Reader(Generic[T]):
-    """Makes a NamedTuple of a structure's bytes.
+    """Reader of a structure's bytes into a NamedTuple.
 
-    A field comes from the structure's field of the same name, as its annotation has it (vectors,
-    flags). `made` names the exceptions: a function, and the fields of the structure it takes.
+    A field comes from the structure's field of the same name, in the type of its annotation
+    (vectors, flags). `made` names the exceptions: a function, and the structure's fields it takes.
     `beside` are fields whose values are given at each call.
     """
 

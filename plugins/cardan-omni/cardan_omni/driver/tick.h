@@ -98,7 +98,7 @@ enum {
     TICK_VISCOUS
 };
 
-/* What tick_command and tick_set_limits answer. */
+/* Results of tick_command and tick_set_limits. */
 enum {
     TICK_TAKEN,
     TICK_DROPPED,

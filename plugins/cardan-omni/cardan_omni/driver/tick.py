@@ -1,4 +1,4 @@
-"""The compiled law of the force feedback: tick.h says what it is and what it guarantees.
+"""The compiled law of the force feedback: tick.h describes it and its guarantees.
 
 Calls here never wait for a step in progress, and the step never waits for them.
 """
@@ -42,7 +42,7 @@ _NO_MATRIX: Matrix3 = (0.0,) * 9
 class Tick:
     """The law of the force feedback, compiled.
 
-    One thread steps it: libHD's through a :class:`Servo`, or the caller's own through step(). The
+    A single thread steps it: libHD's through a :class:`Servo`, or the caller's through step(). The
     other methods may be called from any thread. Raises NativeMissingError where it was not
     compiled.
     """
@@ -79,8 +79,8 @@ class Tick:
         """Render `command` from the next step on; False: it was dropped as stale.
 
         `now_s`: the time, where the caller knows it; else the newest step's counts. Raises
-        CommandError for what is not finite, no rotation, negative where that makes no sense, too
-        much, or stamped in the future; the command before it then stays.
+        CommandError for values that are not finite, no rotation, negative where that makes no
+        sense, too large, or stamped in the future; the command before it then stays.
         """
         if len(command.fixtures) > MAX_FIXTURES:
             raise CommandError(f"a haptic command cannot be taken: {_WRONG[4]}")
@@ -103,7 +103,7 @@ class Tick:
         return result == _TAKEN
 
     def step(self, sample: StylusSample) -> Vector3:
-        """One step of the law, in the caller's time: the force to send, N, hand frame."""
+        """Step the law, in the caller's time; return the force to send, N, hand frame."""
         if sample.joints_rad != self._jacobian_of:
             self._jacobian_of = sample.joints_rad
             self._jacobian = kinematics(sample.joints_rad)[1]
@@ -147,12 +147,12 @@ class Tick:
         self._request(_RESUME, "resume")
 
     def lose(self) -> None:
-        """Nothing steps it any more: a latched fault, whatever the state was."""
+        """Latch a fault, in any state, because nothing steps the tick any more."""
         self._library.tick_lose(self.pointer())
 
     def allow(self, allowed: bool) -> None:
-        """Whether the motors are on; they are at first. While they are not it asks for no force,
-        and what comes then engages anew: so they are switched at zero force only."""
+        """Set whether the motors are on; they are at first. While they are off the tick sends no
+        force, and the force after that engages anew: motors are switched at zero force only."""
         self._library.tick_allow(self.pointer(), allowed)
 
     def _request(self, verb: int, name: str) -> None:

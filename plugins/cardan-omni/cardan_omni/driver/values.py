@@ -1,4 +1,4 @@
-"""What goes into a tick and what comes out of it, packed and unpacked as tick.h lays it out."""
+"""Inputs and outputs of a tick, packed and unpacked in the layout of tick.h."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from cardan_omni.driver.structures import CCommand, CFixture, CSample, CSnapshot
 
 
 class StylusSample(NamedTuple):
-    """What the tick needs to know of the device at one instant. SI units, hand frame."""
+    """Inputs of the tick from the device at an instant. SI units, hand frame."""
 
     now_s: float
     position: Vector3 = ZERO3
     """Position of the gimbal's center."""
     velocity: Vector3 = ZERO3
-    """As the library has it: only the velocity gate looks at it."""
+    """By the library: only the velocity gate uses it."""
     rotation: Matrix3 = IDENTITY3
     joints_rad: Vector3 = ZERO3
     """Turret, thigh, shin: what joint torques are made with."""
@@ -51,7 +51,7 @@ class StylusSample(NamedTuple):
 
 
 class TickDetails(NamedTuple):
-    """What a snapshot has beside HapticState, for a diagnosis."""
+    """Values of a snapshot beside HapticState, for a diagnosis."""
 
     encoders: tuple[int, int, int, int, int, int]
     """Counts as the library has them: three of the joints, three of the gimbal."""
@@ -251,7 +251,7 @@ haptic_state = Reader(
     },
     beside=("dropped_commands",),
 )
-"""What users see of a TickSnapshot; dropped commands are counted apart from it."""
+"""Reader of a TickSnapshot for users; dropped commands are counted apart from it."""
 
 tick_details = Reader(
     CSnapshot,

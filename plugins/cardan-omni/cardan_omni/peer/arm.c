@@ -218,7 +218,7 @@ static double converted(double value, double full_scale) {
     return fmax(-CONVERTER_STEPS, fmin(CONVERTER_STEPS, steps)) * full_scale / CONVERTER_STEPS;
 }
 
-/* What the held output is at the tip, where the arm is now. */
+/* Convert the held output to a force at the tip, at the arm's present position. */
 static void feel_motors(void) {
     Arm *arm = &omni.arm;
     if (arm->torque_mode) {

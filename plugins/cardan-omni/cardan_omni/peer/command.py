@@ -1,4 +1,4 @@
-"""The haptic device as ``cardan sim omni`` has it: behind libHD, for a program that it runs."""
+"""The simulated haptic device for ``cardan sim omni``: behind libHD, for a program that it runs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cardan_omni.peer.settings import FAULTS, OmniSettings
 
 @dataclass(frozen=True, kw_only=True)
 class OmniOptions(OmniSettings):
-    """The device, what the hand does, and the program that uses them."""
+    """The device, the motion of the hand, and the program that uses them."""
 
     program: tuple[str, ...] = option(
         (),

@@ -191,7 +191,7 @@ class _Track:
         self._ways.append(_Quintic(start_s, over_s, coefficients, tuple(goal)))
 
     def intervals(self) -> Iterator[tuple[float, float]]:
-        """When it moves."""
+        """Yield the intervals of motion, s."""
         starts_s = [way.start_s for way in self._ways[1:]] + [math.inf]
         for way, next_s in zip(self._ways, starts_s, strict=True):
             yield way.start_s, min(way.start_s + way.over_s, next_s)
@@ -256,7 +256,7 @@ class _Hand:
         self._planned = 0
 
     def plan(self, time_s: float, action: Callable[[], None]) -> None:
-        """Have `action` done in its turn."""
+        """Schedule `action` at `time_s`, after those planned earlier for that time."""
         self._planned += 1
         heapq.heappush(self._due, (_rounded(time_s), self._planned, action))
 
@@ -315,7 +315,7 @@ class _Hand:
         self.flags.append((time_s, flags))
 
     def times_s(self) -> set[float]:
-        """When there must be a waypoint."""
+        """Times that need a waypoint, s."""
         intervals = [each for track in self.tracks.values() for each in track.intervals()]
         intervals += [(each.start_s, each.start_s + each.over_s) for each in self.overlays]
         times_s = {time_s for time_s, _ in self.flags}
@@ -391,7 +391,7 @@ def load_motion(name_or_file: str, stiffness_n_m: float = USUAL_STIFFNESS_N_M) -
 
 
 def _read(words: StepWords, hand: _Hand) -> None:
-    """Plan what the words of one step do."""
+    """Plan the motion of a step by its words."""
     verb, start_s = words.verb, _rounded(words.time_s)
     if verb in hand.tracks:
         goal = _goal(words)

@@ -20,7 +20,7 @@ from cardan_omni.peer.settings import FAULTS, OmniSettings
 from cardan_omni.protocol import rotation_to_device, to_device, to_hand
 
 SETTINGS_VARIABLE = "CARDAN_OMNI"
-"""Names the settings file of a program that loads the library without knowing what it is."""
+"""Names the settings file of a program that loads the library without knowing it is simulated."""
 LIBRARY_VARIABLE = "CARDAN_LIBHD"
 """Where Cardan's own driver looks for libHD first."""
 LIBRARY_NAMES = ("libHD.so", "libHD.so.3.0", "libHD.so.3.4")
@@ -28,7 +28,7 @@ LIBRARY_NAMES = ("libHD.so", "libHD.so.3.0", "libHD.so.3.4")
 
 
 def library_path() -> Path:
-    """Where the simulated libHD is. Raises DeviceNotFoundError when it was not compiled."""
+    """Return the path of the simulated libHD. Raises DeviceNotFoundError if it was not compiled."""
     path = Path(__file__).with_name("libHD.so")
     if not path.exists():
         raise DeviceNotFoundError(
@@ -61,9 +61,9 @@ class OmniTruth(NamedTuple):
     hand_force_n: Vector3
     """Force of the hand on the stylus."""
     commanded_n: Vector3
-    """What the last frame sent."""
+    """Force sent by the last frame."""
     delivered_n: Vector3
-    """What the motors exert after clamp, ramp, amplifier and converter."""
+    """Force of the motors after clamp, ramp, amplifier and converter."""
     delivered_j: float
     """Work of the motors on the stylus since the start."""
     hand_j: float
@@ -78,7 +78,7 @@ class OmniTruth(NamedTuple):
     docked: bool
     gripped: bool
     amplifier: bool
-    """Force goes out."""
+    """The amplifier outputs force."""
     calibrated: bool
     script_done: bool
 
@@ -97,7 +97,7 @@ _MADE: list[tuple[int, Callable[[Any], Any]]] = [
     for index, (name, kind) in enumerate(_TRUTH.items())
     if kind in (bool, Vector3)
 ]
-"""What makes a field of OmniTruth, by its place, of C's; others are as they are."""
+"""Conversions of C's fields to OmniTruth's, by place; other fields are unchanged."""
 
 
 class _SimTruth(ctypes.Structure):
@@ -147,7 +147,7 @@ class SimulatedOmni:
         self.configure(settings or OmniSettings(virtual=True))
 
     def configure(self, settings: OmniSettings) -> None:
-        """As just powered on, with these settings; nothing changes when they are refused."""
+        """Restart as powered on, with these settings; nothing changes when they are refused."""
         if self._library.simConfigure(settings.text.encode()):
             problem = self._library.simProblem().decode(errors="replace")
             raise ScriptError(f"the simulated Omni: {problem}")
@@ -200,13 +200,13 @@ class SimulatedOmni:
         self._library.simPush(_Double3(*to_device(force_n)))
 
     def fault(self, name: str, value: float = 1.0) -> None:
-        """Have a fault of FAULTS from now on; value 0 ends it."""
+        """Start a fault of FAULTS; value 0 ends it."""
         check_faults({name: value} if value else {}, FAULTS)
         if self._library.simFault(name.encode(), value):
             raise ScriptError(f"the simulated Omni knows no fault {name!r}")
 
     def address(self, name: str) -> int:
-        """Where a function of the library is ("hdBeginFrame", "simNow")."""
+        """Return the address of a function of the library ("hdBeginFrame", "simNow")."""
         address = ctypes.cast(getattr(self._library, name), ctypes.c_void_p).value
         assert address is not None
         return address

@@ -1,5 +1,5 @@
-/* What the parts of the simulated libHD share. Everything the library remembers is in one struct,
- * so that simConfigure forgets all of it. SI units; device frame of HDAPI (x right, y up, z to the
+/* Declarations shared by the parts of the simulated libHD. All of its state is in one struct, so
+ * that simConfigure resets all of it. SI units; device frame of HDAPI (x right, y up, z to the
  * operator). HDAPI's mm and mN·m exist in api.c alone. */
 #ifndef CARDAN_OMNI_OMNI_H
 #define CARDAN_OMNI_OMNI_H
@@ -109,12 +109,12 @@ typedef struct {
 } Hand;
 
 void hand_power_on(void);
-/* What the hand wants at this time of the script, `dt_s` after the last call. */
+/* Advance the hand to this time of the script, `dt_s` after the last call. */
 void hand_advance(double script_s, double dt_s);
 
 /* --- arm.c ----------------------------------------------------------------------------------- */
 
-/* What the sensors gave in one tick, as the library reads it. */
+/* Values of the sensors in a tick, as the library reads them. */
 typedef struct {
     double position_m[3];
     double velocity_m_s[3];

@@ -27,9 +27,9 @@ GRACE_S = 5.0
 
 @contextlib.contextmanager
 def environment(settings: OmniSettings) -> Iterator[Mapping[str, str]]:
-    """What a program needs in its environment to find the simulated device when it loads libHD.
+    """Environment of a program that finds the simulated device when it loads libHD.
 
-    Good while the block lasts. Raises DeviceNotFoundError when the library was not compiled.
+    Valid within the block. Raises DeviceNotFoundError when the library was not compiled.
     """
     library = library_path()
     with tempfile.TemporaryDirectory(prefix="cardan-omni-") as name:
@@ -48,7 +48,7 @@ def environment(settings: OmniSettings) -> Iterator[Mapping[str, str]]:
 
 
 def prepare_log(settings: OmniSettings) -> None:
-    """Empty the log, so that what is in it afterwards is of this run.
+    """Empty the log, so that its later content is of this run.
 
     Raises ConfigurationError when it cannot be written.
     """
@@ -111,7 +111,7 @@ without that line means that this process has died."""
 def _guard(folder: str) -> Iterator[Callable[[int], None]]:
     """A process that ends the program and removes the folder if this one is killed.
 
-    Yields what is to be called with the program's number.
+    Yields a function that must be called with the program's process id.
     """
     reading, writing = os.pipe()
     try:

@@ -149,7 +149,7 @@ static HDCallbackCode call(HDSchedulerCallback callback, void *user) {
     return code;
 }
 
-/* One callback of this tick; the lock is free while it runs. */
+/* Run a callback of this tick; the lock is free while it runs. */
 static void run(HDSchedulerHandle handle) {
     omni_enter();
     Entry *entry = find(handle);

@@ -47,7 +47,7 @@ from cardan.sim_peers.command import option
 from cardan.types import ZERO3, Vector3
 
 MODELS = {"omni": "PHANTOM Omni", "touch": "Touch"}
-"""What HD_DEVICE_MODEL_TYPE says, by the name of the option."""
+"""Values of HD_DEVICE_MODEL_TYPE, by the name of the option."""
 
 GIMBAL_NOISE_LSB = {"omni": 5.0, "touch": 0.0}
 """Peak to peak, by model: the FireWire units are noisy."""
@@ -95,7 +95,7 @@ class OmniFault(NamedTuple):
 
 
 def parse_omni_faults(words: Iterable[str]) -> tuple[OmniFault, ...]:
-    """Read ``NAME[=VALUE][@SECONDS]``; ScriptError says what is wrong and what there is."""
+    """Read ``NAME[=VALUE][@SECONDS]``; ScriptError says what is wrong and lists the faults."""
     return tuple(parse_omni_fault(word) for word in words)
 
 
@@ -154,7 +154,7 @@ class HandMotion(NamedTuple):
     """A script as the library plays it."""
 
     waypoints: tuple[Waypoint, ...] = ()
-    """In the order of time; none: the hand stays at the origin, as OmniSettings has it."""
+    """In the order of time; none: the hand stays at the origin, as in OmniSettings."""
     loop_s: float | None = None
     """When it starts again; None: it does not."""
 
@@ -195,7 +195,7 @@ class OmniSettings(Options):
     friction_n: Annotated[float, DRAG_N] = 0.26
     viscous_n_s_m: Annotated[float, VISCOUS_N_S_M] = 0.1
     droop_n: Annotated[float, DRAG_N] = 0.3
-    """What pulls an unheld stylus down; more than the friction: it falls."""
+    """Force that pulls an unheld stylus down; more than the friction: it falls."""
     thermal_s: Annotated[float, THERMAL_S] = 80.0
     gimbal_scale: Vector3 = UNSCALED
     gimbal_offset_rad: Vector3 = ZERO3

@@ -17,7 +17,7 @@ MAX_SCHEDULER_PRIORITY = 65535
 """The callback of the highest priority runs first in a tick."""
 DEFAULT_SCHEDULER_PRIORITY = 32767
 INVALID_HANDLE = 0xFFFFFFFF
-"""What hdInitDevice returns when it fails. Handles may be 0, and BAD_HANDLE is not one."""
+"""Result of hdInitDevice when it fails. Handles may be 0, and BAD_HANDLE is not one."""
 
 ERROR_INFO = struct.Struct("@IiI")
 """HDErrorInfo, which hdGetError returns by value: errorCode (an Error), internalErrorCode (of the
@@ -25,7 +25,7 @@ device's driver), hHD (the handle); 12 bytes without padding."""
 
 
 class CallbackCode(enum.IntEnum):
-    """What a scheduled callback returns. Prefix HD_CALLBACK_."""
+    """Results of a scheduled callback. Prefix HD_CALLBACK_."""
 
     DONE = 0
     """Ends it."""
@@ -34,7 +34,7 @@ class CallbackCode(enum.IntEnum):
 
 
 class WaitCode(enum.IntEnum):
-    """How hdWaitForCompletion waits. Prefix HD_WAIT_."""
+    """Modes of hdWaitForCompletion. Prefix HD_WAIT_."""
 
     CHECK_STATUS = 0
     """Not at all: true while the callback is scheduled."""
@@ -42,7 +42,7 @@ class WaitCode(enum.IntEnum):
 
 
 class ErrorClass(enum.Enum):
-    """What kind of thing an error is about."""
+    """Classes of errors, by subject."""
 
     PROGRAMMING = "programming"
     FORCE = "force"
@@ -119,7 +119,7 @@ def error_name(code: int) -> str:
 
 
 class State(enum.IntEnum):
-    """What a frame gets and sets. Prefix HD_.
+    """Values that a frame gets and sets. Prefix HD_.
 
     CURRENT_ is of this tick, LAST_ of the one before. Forces and torques can be set; they are zero
     at the beginning of each frame. Vectors have three components unless said.
@@ -236,7 +236,7 @@ class Info(enum.IntEnum):
 
 
 class Capability(enum.IntEnum):
-    """What hdEnable and hdDisable take. Prefix HD_."""
+    """Arguments of hdEnable and hdDisable. Prefix HD_."""
 
     FORCE_OUTPUT = 0x4000
     MAX_FORCE_CLAMPING = 0x4001
@@ -245,11 +245,11 @@ class Capability(enum.IntEnum):
     """Force comes back slowly after a start, an error, and the inkwell."""
     SOFTWARE_FORCE_LIMIT = 0x4003
     ONE_FRAME_LIMIT = 0x4004
-    """One frame per device and tick."""
+    """At most one frame per device and tick."""
 
 
 class Calibration(enum.IntEnum):
-    """What hdCheckCalibration returns. Prefix HD_CALIBRATION_."""
+    """Results of hdCheckCalibration. Prefix HD_CALIBRATION_."""
 
     OK = 0x5000
     NEEDS_UPDATE = 0x5001
@@ -259,7 +259,7 @@ class Calibration(enum.IntEnum):
 
 
 class CalibrationStyle(enum.IntFlag):
-    """How a device is calibrated. Prefix HD_CALIBRATION_."""
+    """Ways of calibrating a device. Prefix HD_CALIBRATION_."""
 
     ENCODER_RESET = 1
     AUTO = 2

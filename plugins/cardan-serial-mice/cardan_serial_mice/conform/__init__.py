@@ -1,1 +1,1 @@
-"""What serial six-axis devices are judged by."""
+"""Conformance suites for serial six-axis devices."""

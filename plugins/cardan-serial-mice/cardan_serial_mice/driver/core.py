@@ -1,5 +1,5 @@
-"""What the reports of a serial device mean: as those of a HID device, which deflected reports each
-33 to 60 ms; and what becomes of it beside its reports."""
+"""Core of the driver of serial devices: reports as of a HID device that reports each 33 to 60 ms
+while deflected, and notices of the connection."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class SerialMouseCore(SpaceMouseCore):
     """The state of one serial device; see :mod:`cardan.drivers.spacemouse.core` for the rules."""
 
     def on_notice(self, notice: Notice, now_s: float) -> None:
-        """What became of the device, at `now_s`, beside its reports."""
+        """Take a notice about the device's connection, at `now_s`."""
         if isinstance(notice, Lapse):
             self.on_lost(notice.reason, now_s)
         elif not isinstance(notice, Doubt):

@@ -30,9 +30,9 @@ MAX_DRAINED = 64
 class SpaceMouseSerial(ReadDevice[SerialMouseCore]):
     """A Magellan, Spaceball or SpaceOrb at a serial port as an operator device.
 
-    Its axes are LIVE only after the cap was seen at rest. It is opened again by itself after it was
-    unplugged. Serial ports cannot be asked without disturbing what is there, so it is not found by
-    itself: `path` says where it is.
+    Its axes are LIVE only after the cap was seen at rest. After unplugging it is reopened
+    automatically. Serial ports cannot be probed without disturbing the devices there, so it is not
+    discovered: `path` must name its port.
     """
 
     Options: ClassVar[type[SpaceMouseSerialOptions]] = SpaceMouseSerialOptions
@@ -62,7 +62,7 @@ class SpaceMouseSerial(ReadDevice[SerialMouseCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """What the device has. No buttons listed: unknown, as the model is."""
+        """Capabilities of the device. No buttons listed: unknown, as the model is."""
         with self._lock:
             labels = self._core.labels
         return DeviceCapabilities(

@@ -26,9 +26,9 @@ class Verdict(NamedTuple):
 
 
 class JumpGuard:
-    """Judges the motion packets of one device, in their order.
+    """Plausibility check of the motion packets of a device, in their order.
 
-    What counts is the newest packet, or the one before while the newest waits: never an older one.
+    The newest packet counts, or the one before while the newest waits: never an older one.
     `step` is how far the cap gets from one packet to the next, counts of each axis.
     """
 
@@ -39,7 +39,7 @@ class JumpGuard:
     def reset(self) -> None:
         """Begin anew: the cap is at rest, or nothing is known of it."""
         self._last = REST
-        """What counts."""
+        """Counts of the packet that counts."""
         self._before_fall: Counts | None = None
         """The packet before `_last`, where `_last` is much less: that may be a bit error."""
         self._waiting: Counts | None = None

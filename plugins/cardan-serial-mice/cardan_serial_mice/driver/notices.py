@@ -11,7 +11,7 @@ class Doubt(NamedTuple):
     """The known state of cap and buttons is void; the device is still there."""
 
     reason: str
-    """The reason, and what the operator does about it."""
+    """The reason, and the operator's remedy."""
 
 
 class Lapse(NamedTuple):
@@ -21,7 +21,7 @@ class Lapse(NamedTuple):
 
 
 class Restart(NamedTuple):
-    """It has its settings again."""
+    """The device was started again and has its settings."""
 
     model: Model
     period_s: float

@@ -1,4 +1,4 @@
-"""What can be set about the driver of serial devices."""
+"""Options of the driver of serial devices."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ class SerialLink:
     """An open serial port and the conversation with the device there."""
 
     model: Model
-    """What has answered."""
+    """Model that has answered."""
     period_s: float
     """Period of reports while deflected."""
 
@@ -37,9 +37,9 @@ class SerialLink:
 
     @classmethod
     def open(cls, path: str, model: SerialModel | None, stopping: Callable[[], bool]) -> SerialLink:
-        """Open the port, find out what is there (`model` None: whatever answers) and start it.
+        """Open the port, identify the device (`model` None: any that answers) and start it.
 
-        `stopping` is asked meanwhile, which takes up to some seconds. Raises DeviceAccessError or
+        That takes up to some seconds; `stopping` is polled meanwhile. Raises DeviceAccessError or
         DeviceNotFoundError that says what to do.
         """
         port = SerialPort(path, BAUD, stop_bits=STOP_BITS)
@@ -55,7 +55,7 @@ class SerialLink:
         return link
 
     def _start(self, stopping: Callable[[], bool]) -> None:
-        """Find out what is there and start it. Raises OSError when nothing answers."""
+        """Identify the device and start it. Raises OSError when nothing answers."""
         session = self._session
         while not session.running:
             self._converse(WAIT_S)
@@ -68,8 +68,8 @@ class SerialLink:
         self.period_s = session.model.period_s
 
     def read(self, timeout_s: float) -> Reading | None:
-        """The oldest waiting report; None when none comes in time. Raises OSError once the device
-        is gone. A `timeout_s` of 0 does not wait."""
+        """Return the oldest waiting report; None on a time-out. Raises OSError once the device is
+        gone. A `timeout_s` of 0 does not wait."""
         if not self._waiting:
             self._converse(timeout_s)
         return self._waiting.popleft() if self._waiting else None
@@ -79,7 +79,7 @@ class SerialLink:
         self._port.close()
 
     def _converse(self, timeout_s: float) -> None:
-        """Send what is due, and take what comes soon; of a `timeout_s` of 0, what is there.
+        """Send due bytes and receive; with a `timeout_s` of 0 only bytes already there.
 
         Raises OSError.
         """

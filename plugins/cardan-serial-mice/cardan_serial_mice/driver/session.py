@@ -1,10 +1,10 @@
-"""Talks to a serial device: finds out what it is, starts it, and watches that it is there.
+"""Session with a serial device: identifies its model, starts it, and watches the connection.
 
-Without any I/O and in the caller's time: bytes in, bytes and reports out. What it reports is what a
-HID device would: `Motion` and `ButtonBits`, in the raw frame of the HID devices.
+Without any I/O and in the caller's time: bytes in, bytes and reports out. Reports are those of a
+HID device: `Motion` and `ButtonBits`, in the raw frame of the HID devices.
 
 Motion is repeated, so the next packet replaces a lost one. A change of the keys is sent once: while
-one is down, and after every packet that cannot be read, the device is asked for them.
+a key is down, and after every unreadable packet, the device is asked for them.
 
 Packets of a Spaceball carry no check: impossible motion is refused, and implausible motion is
 held until the packet after it (`jumps`).
@@ -102,11 +102,11 @@ _PROBES = (
 
 
 class _Kind(NamedTuple):
-    """How devices of one protocol are talked to."""
+    """Reader and start-up commands of the devices of a protocol."""
 
     reader: type[MagellanReader | SpaceballReader | OrbReader]
     start: tuple[bytes, ...] = ()
-    """What starts it, one command after the other's answer."""
+    """Commands that start it, each sent after the answer to the one before."""
     query: bytes = b""
     """Asks for the keys; empty: there is no such question."""
     gone_after_s: float = GONE_AFTER_S
@@ -138,7 +138,7 @@ _KINDS = {
 }
 
 _GREETING = "Version"
-"""In what a Magellan says about itself."""
+"""Word in a Magellan's version text."""
 
 
 def device_model(model: SerialModel) -> Model:
@@ -155,14 +155,14 @@ def device_model(model: SerialModel) -> Model:
 
 
 class SerialSession:
-    """One conversation with the device at a port that was just opened.
+    """Conversation with the device at a port that was just opened.
 
-    `model` is what is said to be there; None: whatever answers. Times are monotonic, s.
+    `model` is the configured model; None: any that answers. Times are monotonic, s.
     """
 
     def __init__(self, model: SerialModel | None, now_s: float) -> None:
         self.model: SerialModel | None = None
-        """What has answered."""
+        """Model that has answered."""
         self.running = False
         """True: it was started, and reports."""
         self._wanted = model
@@ -192,7 +192,7 @@ class SerialSession:
         self._compressed = False
         """The device has said that its data are compressed from now on."""
         self._lapsed = False
-        """It is being started again."""
+        """The device is being started again."""
         self._held = False
         """A key is down."""
         self._suspicious = False
@@ -214,7 +214,7 @@ class SerialSession:
     # -- what happens --------------------------------------------------------------------------
 
     def receive(self, data: bytes, now_s: float) -> list[InputReport]:
-        """Take bytes of the device; what it reports. Never raises."""
+        """Take bytes of the device; return its reports. Never raises."""
         reports: list[InputReport] = []
         self._reports = reports
         model = self.model
@@ -227,7 +227,7 @@ class SerialSession:
         return reports
 
     def notices(self, now_s: float) -> list[Notice]:
-        """What became of the device since the last call."""
+        """Return the notices about the device since the last call."""
         if (
             self.running
             and self._held
@@ -250,9 +250,9 @@ class SerialSession:
         return notices
 
     def send(self, now_s: float) -> bytes:
-        """What to send the device now."""
+        """Return the bytes to send to the device now."""
         if self.model is None:
-            # One that has begun to greet must not be reset in the middle of it.
+            # A device that has begun its banner must not be reset in the middle of it.
             while self._probes and self._probes[0][0] <= now_s and self._banner_s is None:
                 _, words = self._probes.popleft()
                 self._versions_asked += words == _PROBE_MAGELLAN
@@ -335,7 +335,8 @@ class SerialSession:
             self._notices.append(Restart(device_model(self.model), self.model.period_s))
 
     def _lapse(self, model: SerialModel, now_s: float) -> None:
-        """It has started anew, with its own settings, and takes the cap's place then for rest."""
+        """Handle a restart of the device: it has its own settings, and takes the cap's present
+        position for rest."""
         if self.running:
             self._lapsed = True
             self._held = self._suspicious = self._doubted = False
@@ -378,7 +379,7 @@ class SerialSession:
         self._to_send += keys + b"\r"
 
     def _keys(self, mask: int, now_s: float) -> None:
-        """It has said which keys are down."""
+        """Take the device's report of pressed keys."""
         if self._rests_owed and self._unanswered_s is not None:
             assert self.model is not None
             if self._unanswered_s - self._motion_s >= _rest_after_s(self.model):
@@ -399,7 +400,7 @@ class SerialSession:
             self._next_command(now_s)
 
     def _is_answer(self, letter: bytes, now_s: float) -> bool:
-        """Whether a packet of `letter` is what the last command asked for, which is then over."""
+        """Whether a packet of `letter` answers the last command, which is then done."""
         if self._sent[:1] != letter or (self.running and now_s - self._asked_s > QUIET_S):
             # Noise, or keys that became another packet on the way; rarely the device's own will.
             self._suspicious = True

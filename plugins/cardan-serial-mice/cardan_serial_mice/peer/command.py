@@ -1,4 +1,4 @@
-"""The device as ``cardan sim spacemouse-serial`` has it."""
+"""The simulated device for ``cardan sim spacemouse-serial``."""
 
 from __future__ import annotations
 

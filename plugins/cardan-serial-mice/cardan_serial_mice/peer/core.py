@@ -143,7 +143,7 @@ class SimulatedSerialPuck(ABC):
         return tuple(self.model.buttons[bit] for bit in self._down)
 
     def unplug(self) -> None:
-        """Take the device and its port away; what was under way is lost."""
+        """Remove the device and its port; bytes under way are lost."""
         self.plugged = False
         self.power(False)
 
@@ -184,7 +184,7 @@ class SimulatedSerialPuck(ABC):
 
     @property
     def next_due_s(self) -> float:
-        """When `reports` has something to do next; inf while at rest."""
+        """Time at which `reports` has work next; inf while at rest."""
         due_s = min(self._line.next_due_s, self._next_fault_s)
         if not self._started:
             return min(due_s, self._ready_s)
@@ -225,7 +225,7 @@ class SimulatedSerialPuck(ABC):
 
     @abstractmethod
     def _obey(self, command: bytes) -> None:
-        """Do what a command asks and answer it."""
+        """Execute a command and answer it."""
 
     @abstractmethod
     def _motion(self, counts: Sequence[int], at_s: float) -> bytes:
@@ -250,7 +250,7 @@ class SimulatedSerialPuck(ABC):
         return True
 
     def _next_spontaneous_s(self) -> float:
-        """When it sends something that is neither motion nor an answer."""
+        """Time of the next packet that is neither motion nor an answer."""
         return math.inf
 
     def _spontaneous(self, at_s: float) -> None:  # noqa: B027
@@ -321,7 +321,7 @@ class SimulatedSerialPuck(ABC):
             self._line.carry_keys(self._keys(), self._now_s + self._answer_s)
 
     def _produce(self, until_s: float) -> None:
-        """Send what the device sends until `until_s`."""
+        """Produce the device's output until `until_s`."""
         until_s = max(until_s, self._now_s)
         if not self._started and self._ready_s <= until_s:
             self._started = True
@@ -576,7 +576,7 @@ class SimulatedSpaceball(SimulatedSerialPuck):
 
 
 class SimulatedSpaceOrb(SimulatedSerialPuck):
-    """A SpaceOrb 360. It says something each second, so that a host knows it is there."""
+    """A SpaceOrb 360. It sends a packet each second, so that a host can detect it."""
 
     def _start(self) -> None:
         self._period_s = self.model.period_s

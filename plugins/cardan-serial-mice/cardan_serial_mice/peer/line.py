@@ -39,7 +39,7 @@ _SHORTEST_KEYS = 4
 """Bytes of the shortest packet of keys, with its CR. Some devices say two in a row."""
 
 FIFO_BYTES = 14
-"""A UART hands received bytes over in portions of this size, and what is left at a pause."""
+"""A UART delivers received bytes in portions of this size, and the rest at a pause."""
 
 
 class SerialLine(DelayLine):
@@ -72,7 +72,7 @@ class SerialLine(DelayLine):
         self.carry(packet, sent_s)
 
     def carry_keys(self, packet: bytes, sent_s: float) -> None:
-        """Take what the device says of its keys, unasked or asked."""
+        """Take a packet about the device's keys, unasked or asked."""
         self._keys += 1
         if self._strikes("key-lost", self._keys):
             return

@@ -21,7 +21,7 @@ SCRIPT_DELAY_S = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class SerialPuckPeerOptions(PuckPeerOptions):
-    """What to simulate, who moves it, and where its port is.
+    """Options of the simulated device, its script and its port.
 
     The script starts `SCRIPT_DELAY_S` after a program has first started the device.
     """

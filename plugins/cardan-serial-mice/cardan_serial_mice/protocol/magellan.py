@@ -80,7 +80,7 @@ class MagellanVersion(NamedTuple):
 
 
 class MagellanError(NamedTuple):
-    """`e`: what the device did not understand."""
+    """`e`: the error about a command that the device did not understand."""
 
     code: int
     """1: illegal command; 2: framing error."""

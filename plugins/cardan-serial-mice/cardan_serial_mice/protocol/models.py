@@ -14,7 +14,7 @@ Counts = tuple[int, int, int, int, int, int]
 
 
 class SerialModel(NamedTuple):
-    """What is known about one serial device."""
+    """Description of a model of serial devices."""
 
     key: str
     """Name for command lines and configuration files."""
@@ -54,7 +54,7 @@ SERIAL_MODELS: tuple[SerialModel, ...] = (
                 _labels("a", "b", "c", "d", "e", "f", "rezero"), 508, 508, 0.033),
 )  # fmt: skip
 """The full scales are those of the Linux kernel's drivers; VRPN's authors saw up to 20000 counts of
-a Spaceball. They are a starting point: a device's own is found by pushing it."""
+a Spaceball. They are a starting point: measure a device's own by pushing its cap fully."""
 
 _BY_KEY = {model.key: model for model in SERIAL_MODELS}
 _FIRMWARE = re.compile(r"Firmware version\s*2\.(\d+)", re.IGNORECASE)
@@ -71,7 +71,7 @@ def model_of_version(text: str) -> SerialModel:
 
 
 def model_of_firmware(banner: str) -> SerialModel | None:
-    """The Spaceball whose firmware `banner` names; None when it names none that is known.
+    """Return the Spaceball whose firmware `banner` names; None: it names no known one.
 
     2.42 is a 2003 or a 4000 FLX: the first `.` packet tells.
     """

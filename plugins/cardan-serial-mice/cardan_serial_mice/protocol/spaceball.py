@@ -82,7 +82,7 @@ class SpaceballAdvancedKeys(NamedTuple):
 
 
 class SpaceballReset(NamedTuple):
-    """`@`: a line of what it says after a reset ("1 Spaceball alive and well ...")."""
+    """`@`: a line of its text after a reset ("1 Spaceball alive and well ...")."""
 
     text: str
 
@@ -163,7 +163,7 @@ def escape(data: bytes) -> bytes:
 
 
 def unescape(data: bytes) -> bytes | None:
-    """`data` without its escapes; None when there is one that does not exist."""
+    """Return `data` without its escapes; None: it has an escape that does not exist."""
     bad = False
 
     def plain(found: re.Match[bytes]) -> bytes:

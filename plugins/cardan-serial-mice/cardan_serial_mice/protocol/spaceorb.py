@@ -60,7 +60,7 @@ class OrbKeys(NamedTuple):
 
 
 class OrbReset(NamedTuple):
-    """`R`: what it says 1 s after power-up."""
+    """`R`: its text 1 s after power-up."""
 
     text: str
 

@@ -1,4 +1,4 @@
-"""What the packets of all three serial protocols share."""
+"""Values common to the packets of all three serial protocols."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class LineReader(ABC, Generic[PacketT]):
 
 
 class CommandReader:
-    """Cuts what a host sends into commands, which end in CR. Never raises."""
+    """Splits a host's bytes into commands, which end in CR. Never raises."""
 
     def __init__(self) -> None:
         self._pending = bytearray()

@@ -1,4 +1,4 @@
-"""What judges of a daemon at spacenavd's socket look at: its records, decoded once."""
+"""Decoded records of a daemon at spacenavd's socket for its judges."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ class Record(NamedTuple):
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Of a motion."""
+        """Counts of a motion."""
         return tuple(self.value[:6]) if isinstance(self.value, Motion) else ()
 
 
 class Asked(NamedTuple):
-    """A request of ours, and its replies: several of one that is answered with a string."""
+    """A request of ours, and its replies: several if the answer is a string."""
 
     number: int
     time_s: float

@@ -1,4 +1,4 @@
-"""What a daemon at spacenavd's socket must do."""
+"""Requirements for a daemon at spacenavd's socket."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ LIBSPNAV = "FreeSpacenav libspnav, src/spnav.c"
 ON_CHANGE = "FreeSpacenav spacenavd, src/event.c: what changes is passed on, and a hand trembles"
 
 ANSWER_S = 0.3
-"""libspnav takes a daemon that is silent for so long to be of version 0."""
+"""Silence after which libspnav takes a daemon to be of version 0."""
 SILENT_S = 0.5
 FASTEST_HZ = 200.0
 MOST_COUNTS = 512
@@ -210,7 +210,7 @@ def periods_are_those_of_motion(seen: SpnavTraffic) -> Verdict:
 
 @requires(12, f"{PROTOCOL}: events 1 and 2")
 def buttons_are_told(seen: SpnavTraffic) -> Verdict:
-    """A button that is pressed is told, and again when it is let go."""
+    """Every press and release of a button is reported."""
     if seen.phase("release") is None or seen.ended:
         return not_seen("none was pressed")
     down = {edge.number for _, edge in seen.buttons(OLD, "press") if edge.pressed}
@@ -222,7 +222,7 @@ def buttons_are_told(seen: SpnavTraffic) -> Verdict:
 
 @requires(13, f"{PROTOCOL}: events 1 and 2")
 def edges_take_turns(seen: SpnavTraffic) -> Verdict:
-    """A button is told to be pressed only when it is up, and let go only when it is down."""
+    """A press of a button is reported only when it is up, a release only when it is down."""
     wrong, count = [], 0
     for channel in (OLD, NEW, OTHER):
         down: set[int] = set()
@@ -322,7 +322,7 @@ def _mask(asked: Asked | None) -> int | None:
 
 @requires(106, f"{PROTOCOL}: motion, buttons and devices until a program sets another mask")
 def the_mask_is_kept(seen: SpnavTraffic) -> Verdict:
-    """After the handshake the event mask is 7; one that is set is told when it is asked for."""
+    """After the handshake the event mask is 7; a mask that was set is returned on request."""
     found = [each for each in seen.asked if each.request.code == Code.GET_EVMASK]
     if not found:
         return not_seen(_NOT_ASKED)
@@ -353,7 +353,7 @@ def axes_and_buttons_are_counted(seen: SpnavTraffic) -> Verdict:
 
 @requires(108, f"{PROTOCOL}: strings of 24 bytes a record, with what is left")
 def strings_are_whole(seen: SpnavTraffic) -> Verdict:
-    """The device has a name; name and path, where they are told, come whole and in order."""
+    """The device has a name; name and path, where they are sent, come whole and in order."""
     found = [asked for code in STRINGS if (asked := seen.told(code, "ask")) is not None]
     if not found:
         return not_seen(_NOT_ASKED)
@@ -389,7 +389,7 @@ def the_type_is_known(seen: SpnavTraffic) -> Verdict:
 
 
 def _implausible(code: int, data: tuple[int, ...]) -> str:
-    """What is wrong with the value of a setting; empty: nothing."""
+    """Return the fault of a setting's value; empty: none."""
     if code in (Code.GCFG_SENS, Code.GCFG_SENS_AXIS):
         factors = [float_of(word) for word in data[: 1 if code == Code.GCFG_SENS else 6]]
         return "" if all(map(math.isfinite, factors)) else "no number"
@@ -425,8 +425,8 @@ def nothing_is_repeated(seen: SpnavTraffic) -> Verdict:
 
 @requires(112, f"{PROTOCOL}, event 4: a setting was changed")
 def settings_are_told_to_others(seen: SpnavTraffic) -> Verdict:
-    """The LED's mode set to what it is, where that is granted, an event tells it to another program
-    that asked for such events, and to none that did not."""
+    """If the LED's mode is set to its present value, and that is granted, other programs that asked
+    for such events get an event, and no others do."""
     asked = seen.told(Code.SCFG_LED)
     if asked is None:
         return not_seen("it has no LED, or does not tell of it")
@@ -459,7 +459,7 @@ def all_programs_get_the_same(seen: SpnavTraffic) -> Verdict:
 
 
 def _factor(seen: SpnavTraffic, channel: str, wanted: float) -> Verdict:
-    """Whether a connection gets `wanted` times what the one beside it gets."""
+    """Whether a connection gets `wanted` times the counts of the connection beside it."""
     names = _pushed(seen, "scaled")
     ours, others = seen.motions(channel, *names), seen.motions(OTHER, *names)
     if seen.phase("scaled-held") is None:
@@ -475,8 +475,8 @@ def _factor(seen: SpnavTraffic, channel: str, wanted: float) -> Verdict:
 
 @requires(114, f"{PROTOCOL}, SET_SENS and GET_SENS")
 def sensitivity_acts(seen: SpnavTraffic) -> Verdict:
-    """A sensitivity of 2 doubles the counts of the program that set it, and is told to it when it
-    asks."""
+    """A sensitivity of 2 doubles the counts of the program that set it, and is returned to it on
+    request."""
     asked = seen.told(Code.GET_SENS)
     if asked is None:
         return not_seen(_NOT_ASKED)
@@ -519,7 +519,7 @@ def unmasked_events_come(seen: SpnavTraffic) -> Verdict:
 
 @requires(118, f"{PROTOCOL}: several clients at a time")
 def a_program_that_leaves_disturbs_nobody(seen: SpnavTraffic) -> Verdict:
-    """One program gone, the others get motion as before."""
+    """When a program has left, the others get motion as before."""
     if seen.phase("alone-held") is None:
         return not_seen("none has left")
     counts = [len(seen.motions(c, "alone", "alone-held")) for c in (OLD, NEW)]

@@ -1,4 +1,4 @@
-"""Is a program at spacenavd's socket: three of them, of both versions of the protocol."""
+"""Scenario of programs at spacenavd's socket: three, of both versions of the protocol."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from cardan.protocols.spnav import (
 from cardan_spnav_server.protocol import bits_of
 
 OLD, NEW, OTHER = "v0", "v1", "other"
-"""Connections: one that says nothing, as of version 0; one that asks; and one to compare with."""
+"""Connections: a silent one, as of version 0; one with requests; and one to compare with."""
 REST_S = 0.5
 ANSWER_S = 0.5
 LATER = 9
-"""A version that nobody speaks."""
+"""A version that does not exist."""
 UNKNOWN = 0x1FFF
 """No request."""
 STRINGS = (Code.DEV_NAME, Code.DEV_PATH)
@@ -90,7 +90,7 @@ class SpnavScenario(HandScenario):
         yield mark("greet")
         yield from self._greet(NEW, NEWEST_VERSION)
         if not self._granted or self._gone:
-            # What follows would be sensitivities to a daemon of version 0.
+            # A daemon of version 0 would take the records below for sensitivities.
             return
         yield mark("ask")
         yield from self._questions()

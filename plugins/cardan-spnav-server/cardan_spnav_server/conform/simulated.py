@@ -1,4 +1,4 @@
-"""Our own server, with the defects that it is told to have, and a pilot in virtual time."""
+"""Our own server with selected defects, and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from cardan.protocols.spnav import (
     encode_handshake,
     encode_reply,
 )
-from cardan.sim_peers.base import check_faults
+from cardan.sim_peers.base import check_faults, strikes
 from cardan.types import Axes, ButtonEvent, DeviceLink, DeviceState
 from cardan_spnav_server.conform.faults import FAULTS
 from cardan_spnav_server.conform.scenario import NEW, OLD, OTHER
@@ -43,7 +43,7 @@ from cardan_spnav_server.protocol import (
 )
 
 LONGEST_S = 300.0
-"""Of a simulated run; a script that waits for what never comes ends before."""
+"""Limit of a simulated run; a script that waits for an event in vain ends before."""
 OFFER_S = 0.008
 COUNTS = 350.0
 IDENTITY = DeviceIdentity("3Dconnexion SpaceNavigator", "/dev/input/event7", 0x206, 0x046D, 0xC626)
@@ -57,7 +57,7 @@ _CONTINUED = 0x10000
 
 
 class SpnavRig:
-    """Programs that are connected to the server, and a hand that does what is asked."""
+    """Programs that are connected to the server, and a user who follows the scenario's requests."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         check_faults(faults, FAULTS)
@@ -68,13 +68,13 @@ class SpnavRig:
         """The server's, by connection, in the order in which they were opened."""
         self._axes, self._there, self._edges = _REST, True, list[ButtonEvent]()
         self._sent: list[tuple[float, int, str, bytes]] = []
-        """A heap of what is under way: due, order, connection, bytes."""
+        """Heap of data under way: due, order, connection, bytes."""
         self._order = itertools.count()
         self._counts: Counter[str] = Counter()
         self._asked = False
         """A program sent something, which the server is to be heard on next."""
         self._mask: int | None = None
-        """What the program of version 1 set."""
+        """Event mask set by the program of version 1."""
         self._sensitivity = bits_of(1.0)
         self._shown: dict[str, Motion] = {}
         self._repeat_s = self._offer_s = self._now_s = 0.0
@@ -164,7 +164,7 @@ class SpnavRig:
             self._do(self._exchange.heard(self._now_s, channel, kind=Kind.CLOSED, note=why))
 
     def _take(self, channel: str, data: bytes) -> None:
-        """What a program sent, where no defect keeps it from the server."""
+        """Pass a program's data to the server, unless a defect drops or changes it."""
         self._asked = True
         if len(data) != RECORD_BYTES:
             version = decode_handshake(data)
@@ -225,7 +225,7 @@ class SpnavRig:
                 self._do(self._exchange.heard(self._now_s, channel, data))
 
     def _send(self, channel: str, data: bytes) -> None:
-        """Have it arrive, late where a defect makes it so."""
+        """Send data to a program, late if a defect delays it."""
         due_s = self._now_s
         burst_s = self._faults.get("burst", 0.0)
         if burst_s and due_s % (2.0 * burst_s) < burst_s:
@@ -244,7 +244,7 @@ class SpnavRig:
 
     def _every(self, fault: str, count: str) -> bool:
         """Whether a fault of every VALUE-th acts on this one."""
-        return fault in self._faults and self._counts[count] % int(self._faults[fault]) == 0
+        return strikes(self._faults, fault, self._counts[count])
 
     def _spoilt(self, channel: str, record: bytes) -> Iterator[bytes]:
         """`record` as a daemon with these defects would send it."""

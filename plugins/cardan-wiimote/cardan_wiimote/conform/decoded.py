@@ -1,4 +1,4 @@
-"""What judges of a remote look at: its reports, decoded once, and what it was asked."""
+"""Decoded reports of a remote for its judges, and the requests to it."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ class Asked(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """A read of memory, and what came of it."""
+    """A read of memory, and its result."""
 
     asked: Asked
     pieces: tuple[Report, ...]
 
     @property
     def error(self) -> int:
-        """Of the last piece; 0 where none came."""
+        """Error of the last piece; 0 where none came."""
         last = self.pieces[-1].value if self.pieces else None
         return last.error if isinstance(last, ReadData) else 0
 
     @property
     def data(self) -> bytes:
-        """What was read, as far as it came."""
+        """Data that was read, as far as it came."""
         values = [each.value for each in self.pieces]
         return b"".join(each.data for each in values if isinstance(each, ReadData))
 

@@ -1,10 +1,11 @@
-"""What a Wii Remote must do."""
+"""Requirements for a Wii Remote."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
 from itertools import pairwise
+from typing import Any
 
 from cardan.conform.requirements import (
     Requirements,
@@ -14,8 +15,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.second_reading import second_description
-from cardan.errors import ExtraMissingError
+from cardan.conform.second_reading import read_twice
 from cardan_wiimote.conform.decoded import Memory, Report, WiimoteTraffic
 from cardan_wiimote.conform.scenario import DATA_MODE, EXTENSION_MODE, LONG_READ
 from cardan_wiimote.protocol import (
@@ -100,7 +100,7 @@ def _buttons(found: list[Report]) -> list[int]:
 
 @requires(4, f"{WIIBREW}: mode 0x30 is the default, reports on changes")
 def buttons_are_told(seen: WiimoteTraffic) -> Verdict:
-    """A button that is pressed is told at once, and again when it is let go."""
+    """Every press and release of a button is reported at once."""
     if seen.refused or seen.phase("release") is None:
         return not_seen("none was pressed")
     down, up = _buttons(seen.during("press")), _buttons(seen.during("release"))
@@ -122,19 +122,14 @@ def the_link_stays(seen: WiimoteTraffic) -> Verdict:
 @requires(6, "cardan.dissect: a second description of the protocol")
 def both_descriptions_agree(seen: WiimoteTraffic) -> Verdict:
     """A second reader, the scapy layers, knows every report, and builds the same bytes of it."""
-    try:
-        layers = second_description("wiimote")
-    except ExtraMissingError as missing:
-        return not_applicable(str(missing))
-    found = [each for each in seen.reports if not isinstance(each.value, MalformedReport)]
-    if not found:
-        return not_seen(_NOTHING)
-    chosen = found[:: max(1, len(found) // 40)]
-    for each in chosen:
+
+    def differs(each: Report, layers: Any) -> str:
         layer = layers.WiimoteInput(each.raw)
-        if layer.id != each.raw[0] or bytes(layer) != each.raw:
-            return failed("it builds other bytes", [each.number])
-    return passed(f"{len(chosen)} reports read twice")
+        same = layer.id == each.raw[0] and bytes(layer) == each.raw
+        return "" if same else "it builds other bytes"
+
+    found = [each for each in seen.reports if not isinstance(each.value, MalformedReport)]
+    return read_twice(found, "wiimote", differs, "reports", _NOTHING, 40)
 
 
 @requires(101, f"{WIIBREW}, 0x15 and 0x20")
@@ -312,7 +307,7 @@ def the_extension_stays(seen: WiimoteTraffic) -> Verdict:
 
 @requires(111, f"{EXTENSIONS}: A4 20 00 00 of a Nunchuk")
 def the_nunchuk_says_what_it_is(seen: WiimoteTraffic) -> Verdict:
-    """An extension that the status tells of says what it is, and a Nunchuk's stick is centered."""
+    """An extension reported by the status has a readable id, and a Nunchuk's stick is centered."""
     told = [e.value for e in seen.during("ask") if isinstance(e.value, Status)]
     if not told:
         return not_seen(_NOT_ASKED)

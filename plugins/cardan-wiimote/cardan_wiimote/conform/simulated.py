@@ -9,7 +9,7 @@ from cardan.conform.timeline import Kind
 from cardan_wiimote.peer import SimulatedWiimote
 
 LONGEST_S = 300.0
-"""Of a simulated run; a script that waits for what never comes ends before."""
+"""Limit of a simulated run; a script that waits for an event in vain ends before."""
 
 
 class WiimoteRig:

@@ -129,7 +129,7 @@ class WiimoteCore(DeviceCore):
         self._forget(NEVER_S)
 
     def _forget(self, now_s: float) -> None:
-        """What was known of the remote is void."""
+        """Forget the state of the remote."""
         self._opened_s = now_s
         self._battery_counts: int | None = None
         self._heard_s = now_s
@@ -150,7 +150,7 @@ class WiimoteCore(DeviceCore):
         self._forget_port()
 
     def _forget_port(self) -> None:
-        """What was known of Nunchuk and MotionPlus is void."""
+        """Forget the state of Nunchuk and MotionPlus."""
         self._stick_s = self._rate_s = NEVER_S
         self._stick = (0.0, 0.0)
         self._rates_rad_s: Vector = (0.0, 0.0, 0.0)
@@ -175,14 +175,14 @@ class WiimoteCore(DeviceCore):
         self._reason = _STARTING
 
     def on_lost(self, reason: str, now_s: float) -> None:
-        """It was unplugged, cannot be read, or is not there."""
+        """The remote was unplugged, cannot be read, or is missing."""
         if self._open and not self.failure(now_s):
             early = now_s - self._opened_s < EARLY_LOSS_S
             self._early_losses = self._early_losses + 1 if early else 0
         super().on_lost(reason, now_s)
 
     def on_closed(self, now_s: float) -> None:
-        """It was closed on request."""
+        """The remote was closed on request."""
         super().on_closed(now_s)
         self._led = None
 
@@ -498,9 +498,9 @@ class WiimoteCore(DeviceCore):
             self._tilt.capture()
 
     def _seek_neutral(self, missing: str, held: bool, now_s: float) -> None:
-        """Accept the remote once all its parts report and nothing of it is held.
+        """Accept the remote once all its parts report and no button of it is held.
 
-        `held`: a clutch button is down, be it one that does not count until it was up.
+        `held`: a clutch button is down, even if it does not count until it was up.
         """
         let_go = not held and max(map(abs, self._stick)) < CENTERED
         if not missing and let_go and now_s >= self._ignore_rest_until_s:
@@ -531,7 +531,7 @@ class WiimoteCore(DeviceCore):
         return self._shaper(self._roles.axes(hand))
 
     def _oldest_s(self) -> float:
-        """When the part of the remote that was heard of last but all others was heard of."""
+        """Time of the last report of that part of the remote whose report is oldest."""
         stamps = [self._stamp_s]
         if self._session.nunchuk is not None:
             stamps.append(self._stick_s)

@@ -92,7 +92,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """What a remote has; c and z are a Nunchuk's, which may come at any time."""
+        """Capabilities of a remote; c and z are a Nunchuk's, which may come at any time."""
         with self._lock:
             labels = self._core.labels
         return DeviceCapabilities(

@@ -1,4 +1,4 @@
-"""What can be set about the Wii Remote driver."""
+"""Options of the Wii Remote driver."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class WiimoteOptions(ShapingOptions):
     address: str = ""
     """Bluetooth address of the remote, "00:1F:32:AA:BB:CC"; must be given for l2cap, empty: any."""
     roles: Literal["paper", "tilt", "gyro"] = "paper"
-    """What the remote's motion means while a clutch button is held."""
+    """Meaning of the remote's motion while a clutch button is held."""
     full_tilt_deg: Annotated[float, FULL_TILT_DEG] | None = None
     """Tilt that is full deflection, 5 to 90; None: 90 (roles "paper"), 45 ("tilt")."""
     neutral: Literal["level", "press"] = "level"

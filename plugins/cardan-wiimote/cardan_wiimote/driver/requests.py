@@ -1,4 +1,4 @@
-"""One request to the remote at a time: memory, camera switches and status, with their answers.
+"""Requests to the remote, one at a time: memory, camera switches and status, with answers.
 
 A remote takes the next memory operation only when the one before is answered, and the camera ends
 in a random state when its start-up does not wait.
@@ -36,12 +36,12 @@ WiimoteRequest = ReadMemory | WriteMemory | Switch | StatusRequest
 
 
 class Answer(NamedTuple):
-    """How a request ended."""
+    """Result of a request."""
 
     error: int | None = None
     """An `ErrorCode`; None: there was no answer, however often it was asked."""
     data: bytes = b""
-    """What was read."""
+    """Data that was read."""
 
     @property
     def ok(self) -> bool:
@@ -77,7 +77,7 @@ class Requests:
         self._send_s = NEVER_S
 
     def reset(self) -> None:
-        """Nothing is under way."""
+        """Forget requests under way."""
         self._request = None
 
     def poll(self, now_s: float) -> bytes | Answer | None:

@@ -19,7 +19,7 @@ STICK_BUTTON = "z"
 
 
 class Hand(NamedTuple):
-    """What the operator does."""
+    """Buttons, tilt, rates and stick of the operator's remote."""
 
     buttons: frozenset[str]
     rolled: float
@@ -33,7 +33,7 @@ class Hand(NamedTuple):
 
 
 class Roles(ABC):
-    """One mapping from the operator's motion to deflections."""
+    """Mapping from the operator's motion to deflections."""
 
     clutch: frozenset[str]
     """While one of these is held, the remote itself moves something."""

@@ -67,7 +67,7 @@ MOTION_PLUS_READY_S = 0.5
 """The longest that a MotionPlus takes to move to the extension port."""
 
 SUSPECT_AGAIN_S = 2.0
-"""Time between two detections at a port that does not send what it should."""
+"""Time between two detections at a port whose data are not as expected."""
 
 LOOK_AGAIN_S = 4.0
 """Period of checks for a MotionPlus: a remote does not report that one was plugged in."""
@@ -89,7 +89,7 @@ Script = Generator[WiimoteRequest | Pause, Answer, None]
 
 
 class Session:
-    """One connection to a remote. Times are monotonic, s."""
+    """A connection to a remote. Times are monotonic, s."""
 
     def __init__(self, options: WiimoteOptions) -> None:
         self._options = options
@@ -112,7 +112,7 @@ class Session:
         """Calibration of the Nunchuk that is plugged in."""
         self.nunchuk_calibrated = False
         self.other_extension = ""
-        """What else is plugged in."""
+        """Any other extension that is plugged in, in words."""
         self._unanswered = False
         self.motion_plus: MotionPlusCalibration | None = None
         """Calibration of the MotionPlus that is in use."""
@@ -152,7 +152,7 @@ class Session:
     # -- what comes in -------------------------------------------------------------------------
 
     def on_input(self, value: Status | ReadData | Ack, now_s: float) -> None:
-        """Take what is no data report."""
+        """Take a report that is no data report."""
         if isinstance(value, Status):
             self._on_status(value, now_s)
         answer = self.requests.on_input(value, now_s)
@@ -167,12 +167,12 @@ class Session:
             self._send_mode(now_s)
 
     def suspect_port(self, now_s: float) -> None:
-        """What is plugged in does not send what it should: look at the port again."""
+        """Detect the extension again, because its data are not as expected."""
         if self.started and self._script is None and now_s - self._detected_s > SUSPECT_AGAIN_S:
             self._port_suspected = True
 
     def show_leds(self, leds: int) -> None:
-        """Have these LEDs lit; bit 0 is LED 1."""
+        """Light these LEDs; bit 0 is LED 1."""
         self._leds = leds
 
     # -- what goes out -------------------------------------------------------------------------
@@ -229,7 +229,7 @@ class Session:
         self._begun = False
 
     def _choose(self, now_s: float, at_rest: bool) -> None:
-        """Begin what is due."""
+        """Begin the script that is due."""
         if self._port_in_use is self._port:
             self._port_changed_s = None
         elif self._port_changed_s is None:
@@ -269,7 +269,7 @@ class Session:
         yield StatusRequest()
 
     def _detect(self) -> Script:
-        """Find out what the port holds, and start it."""
+        """Identify the extension at the port, and start it."""
         self.changes += 1
         self.nunchuk = self.motion_plus = None
         self.nunchuk_calibrated = self.motion_plus_calibrated = self._unanswered = False
@@ -334,7 +334,7 @@ class Session:
             self.motion_plus = calibration or DEFAULT_MOTION_PLUS
 
     def _look(self) -> Script:
-        """Look for what was not there."""
+        """Look for an extension or MotionPlus that was absent."""
         found = self._unanswered
         if not found:
             answer = yield READ_MOTION_PLUS_ID

@@ -12,7 +12,7 @@ TRUSTED_G = (0.8, 1.2)
 """Outside this range the hand accelerates the remote, and gravity cannot be separated."""
 
 UNCALIBRATED_G = (0.6, 1.4)
-"""The same for a remote whose zero is not known: it may be 0.2 g off."""
+"""Likewise for a remote whose zero is unknown: it may be 0.2 g off."""
 
 FREEZE_S = 0.25
 """Time after which a tilt that cannot be measured counts as none."""
@@ -45,7 +45,7 @@ class Tilt:
         self.reset()
 
     def reset(self) -> None:
-        """Nothing is known; level is neutral."""
+        """Forget all measurements; level is neutral."""
         self._up: Vector | None = None
         self._neutral = _UP
         self._capturing = False

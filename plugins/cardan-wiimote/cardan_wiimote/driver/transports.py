@@ -72,7 +72,7 @@ class Link(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Let go of the remote. Never raises; twice is fine."""
+        """Close the connection to the remote. Never raises; twice is fine."""
 
 
 class Transport(ABC):
@@ -82,7 +82,7 @@ class Transport(ABC):
 
     @abstractmethod
     def find(self) -> list[Found]:
-        """What is there now. Raises DriverError when this way does not exist here."""
+        """Find the present remotes. Raises DriverError where this transport does not exist."""
 
     @abstractmethod
     def open(self, remote: Found, given_up: Callable[[], bool]) -> Link:
@@ -159,8 +159,8 @@ class _HidLink(HidDevice, Link):
 def _claim(remote: Found) -> int | None:
     """Claim a remote's node among drivers of this kind: hidraw lets any number open it.
 
-    The open file that holds the claim; None where there is nothing to claim. Raises
-    DeviceAccessError when another one has it.
+    Return the open file that holds the claim; None where there is nothing to claim. Raises
+    DeviceAccessError when another driver has it.
     """
     if sys.platform != "linux":
         return None
@@ -229,7 +229,7 @@ class ChannelLink(Link):
         self._interrupt_number = interrupt.fileno()
 
     def read(self, timeout_s: float) -> bytes | None:
-        """One report; of a packet that is none what is left is empty."""
+        """Return a report; empty for a packet that is none; None on a time-out."""
         for number, _ in self._poll.poll(1000.0 * timeout_s):
             if number == self._interrupt_number:
                 packet = self._interrupt.recv(REPORT_ROOM)

@@ -81,17 +81,17 @@ def make_eeprom(*, bad_checksum: bool = False, no_calibration: bool = False) -> 
 
 
 class Registers:
-    """256 bytes behind one bus address. An access that runs past the end goes on at the start."""
+    """256 bytes behind a bus address. An access that runs past the end goes on at the start."""
 
     def __init__(self) -> None:
         self.memory = bytearray(256)
 
     def read(self, offset: int, size: int) -> bytes:
-        """What the host reads."""
+        """Return the registers that the host reads."""
         return bytes(self.memory[(offset + i) & 255] for i in range(size))
 
     def write(self, offset: int, data: bytes, now_s: float) -> None:
-        """What the host writes."""
+        """Store the registers that the host writes."""
         for i, byte in enumerate(data):
             self.memory[(offset + i) & 255] = byte
 
@@ -109,7 +109,7 @@ class Nunchuk(Registers):
         self.set(NunchukData(128, 128, (510, 514, 720), False, False))
 
     def set(self, measured: NunchukData) -> None:
-        """What it measures from now on."""
+        """Set the measurement from now on."""
         self.measured = measured
         self.memory[:FRAME_BYTES] = encode_nunchuk(measured)
 
@@ -232,7 +232,7 @@ class Camera(Registers):
         self.dots: tuple[IrDot, ...] = ()
 
     def data(self, ir_format: IrFormat) -> bytes:
-        """What goes into a report of that format: all FF unless the camera runs in it."""
+        """Return the camera's bytes in a report of that format: all FF unless it runs in it."""
         running = self.memory[0x30] == 0x08 and self.memory[0x33] == ir_format
         return encode_dots(self.dots if running else (), ir_format)
 
@@ -242,7 +242,7 @@ class Camera(Registers):
 
 
 class ExtensionPort:
-    """What is plugged in: nothing, a Nunchuk, a MotionPlus, or the one behind the other."""
+    """Extension port: empty, or with a Nunchuk, a MotionPlus, or the one behind the other."""
 
     def __init__(
         self,
@@ -264,7 +264,7 @@ class ExtensionPort:
 
     @property
     def next_due_s(self) -> float:
-        """When a MotionPlus has moved; inf when none is on its way."""
+        """Time at which a MotionPlus has moved; inf when none is on its way."""
         return math.inf if self.motion_plus is None else self.motion_plus.ready_s
 
     @property
@@ -273,14 +273,14 @@ class ExtensionPort:
         return self.device(PORT) is not None
 
     def advance(self, now_s: float) -> None:
-        """Do what is due until `now_s`."""
+        """Advance the extensions until `now_s`."""
         if self.motion_plus is not None and self.motion_plus.ready_s <= now_s:
             self.motion_plus.arrive()
             if self.nunchuk is not None:
                 self.nunchuk.forget()
 
     def device(self, address: int) -> Registers | None:
-        """What answers at PORT or MOTION_PLUS."""
+        """Return the registers that answer at PORT or MOTION_PLUS; None: none do."""
         plus = self.motion_plus
         if address == MOTION_PLUS:
             return plus if plus is not None and plus.inactive else None

@@ -1,4 +1,4 @@
-"""The remote as ``cardan sim wiimote`` has it."""
+"""The simulated remote for ``cardan sim wiimote``."""
 
 from __future__ import annotations
 

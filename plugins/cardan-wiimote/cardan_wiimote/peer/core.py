@@ -14,6 +14,7 @@ from typing import Annotated, Literal, NamedTuple
 from cardan.common.bounds import Range
 from cardan.common.options import check_value
 from cardan.errors import ScriptError
+from cardan.sim_peers.base import strikes
 from cardan_wiimote.peer import bus
 from cardan_wiimote.peer.faults import FaultyLink, check_faults
 from cardan_wiimote.protocol import (
@@ -70,7 +71,7 @@ Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
 
 ExtensionName = Literal["", "nunchuk"]
-"""What is plugged in; empty: nothing."""
+"""Extension that is plugged in; empty: none."""
 NoiseLsb = Annotated[int, Range(0, 50, "counts", "what the gyroscopes have four times as much of")]
 TICK_S = 0.010
 """Period of the data reports and of the pieces of a read."""
@@ -84,7 +85,7 @@ LOG_ENTRIES = 4096
 _REFUSED_HANDSHAKE = b"\x02"
 _DEFAULT_MODE = 0x30
 _STOLEN_MODE = bytes((DATA_MODE_ID, 0x00, _DEFAULT_MODE))
-"""What Linux's hid-wiimote sends after every status report."""
+"""Report that Linux's hid-wiimote sends after every status report."""
 
 
 class LogEntry(NamedTuple):
@@ -192,7 +193,7 @@ class SimulatedWiimote:
     def set_attitude(
         self, roll_rad: float, pitch_rad: float, yaw_rad: float = 0.0, rates_rad_s: Vector = ZERO
     ) -> None:
-        """How it is held: roll right side down, pitch nose up, yaw to the left; all 0: flat.
+        """Set the attitude: roll right side down, pitch nose up, yaw to the left; all 0: flat.
 
         Turned by yaw first, then pitch, then roll. `rates_rad_s` are the angles' derivatives.
         """
@@ -218,7 +219,7 @@ class SimulatedWiimote:
         self._measure()
 
     def set_dots(self, dots: Sequence[IrDot]) -> None:
-        """What the camera sees, at most four."""
+        """Set the dots that the camera sees, at most four."""
         self.camera.dots = tuple(dots[:4])
 
     def press(self, label: str) -> None:
@@ -226,7 +227,7 @@ class SimulatedWiimote:
         self._push(label, True)
 
     def release(self, label: str) -> None:
-        """Let a button go."""
+        """Release a button."""
         self._push(label, False)
 
     @property
@@ -267,7 +268,7 @@ class SimulatedWiimote:
         self._leave()
 
     def come_back(self, now_s: float) -> None:
-        """In range again: a link that was not given up goes on."""
+        """Return into range: a link that was not given up goes on."""
         self._produce(now_s)
         self._come_back()
 
@@ -379,7 +380,7 @@ class SimulatedWiimote:
 
     @property
     def next_due_s(self) -> float:
-        """When `reports` has something to do next."""
+        """Time at which `reports` has work next."""
         return min(self._next_happening_s, self._link.next_due_s)
 
     def reports(self, now_s: float) -> list[bytes]:
@@ -396,7 +397,7 @@ class SimulatedWiimote:
     # -- time ----------------------------------------------------------------------------------
 
     def _plan(self, faults: Mapping[str, float]) -> list[tuple[float, Callable[[], None]]]:
-        """What happens by itself, by time."""
+        """Return the timed acts of faults, in order: time, act."""
         acts: dict[str, Callable[[], None]] = {
             "silence": self._fall_silent,
             "out-of-range": self._leave,
@@ -532,7 +533,7 @@ class SimulatedWiimote:
         )
 
     def _half_report(self) -> bytes:
-        """One measurement goes into a 0x3E and the 0x3F after it."""
+        """Return a 0x3E, or the 0x3F after it with the rest of the same measurement."""
         if self._half is None:
             dots = self._dots(IrFormat.FULL)
             counts = self._counts()
@@ -550,7 +551,7 @@ class SimulatedWiimote:
     # -- memory --------------------------------------------------------------------------------
 
     def _registers(self, address: int) -> bus.Registers | int:
-        """What answers at a register address, or the error of trying."""
+        """Return the registers at an address, or the error of accessing it."""
         chip = address >> 17
         if chip == bus.EEPROM_CHIP:
             return ErrorCode.INVALID_ADDRESS
@@ -716,7 +717,7 @@ class SimulatedWiimote:
     # -- what happens --------------------------------------------------------------------------
 
     def _strikes(self, fault: str, count: int) -> bool:
-        return fault in self._faults and count % int(self._faults[fault]) == 0
+        return strikes(self._faults, fault, count)
 
     def _note(self, what: str) -> None:
         self.log.append(LogEntry(self._now_s, what))

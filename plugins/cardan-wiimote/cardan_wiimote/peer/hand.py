@@ -50,8 +50,8 @@ to the left.
 
 ``tilt`` ramps the angles from where they are; ``swing`` adds N whole sine periods of SECONDS each
 on top; ``level`` ends both. ``push`` accelerates by N sine periods of X forward, Y left, Z up, in
-g. ``stick`` is the Nunchuk's, -1..1, right and forward. ``dots`` is what the camera sees, up to
-four of X 0..1023 and Y 0..767. ``leave`` and ``come-back`` are about radio range; ``silence``
+g. ``stick`` is the Nunchuk's, -1..1, right and forward. ``dots`` are those in the camera's view, up
+to four of X 0..1023 and Y 0..767. ``leave`` and ``come-back`` are about radio range; ``silence``
 stops everything but the link until ``resume``; ``loop`` starts the script again.
 """
 

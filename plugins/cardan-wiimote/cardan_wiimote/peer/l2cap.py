@@ -42,15 +42,15 @@ class Remote(Protocol):
 
     @property
     def connected(self) -> bool:
-        """It knows of a host."""
+        """Whether the remote is connected to a host."""
 
     @property
     def control_open(self) -> bool:
-        """It has not closed the control channel."""
+        """Whether the remote keeps the control channel open."""
 
     @property
     def interrupt_open(self) -> bool:
-        """It has not closed the interrupt channel."""
+        """Whether the remote keeps the interrupt channel open."""
 
     def connect(self, now_s: float) -> bool:
         """A host has opened both channels. False: the remote does not answer."""
@@ -68,7 +68,7 @@ class Remote(Protocol):
 class ChannelBackend(DeviceBackend[bytes]):
     """Two listening sockets with packets; a host opens the control channel first.
 
-    One host at a time, again and again. What it sends are input reports, id first.
+    Hosts are served one at a time. The reports that it sends are input reports, id first.
     """
 
     def __init__(self, remote: Remote) -> None:
@@ -232,7 +232,7 @@ class ChannelBackend(DeviceBackend[bytes]):
         self._remote.disconnect(self.shell.device_s())
 
     def _process_pending(self) -> None:
-        """Take what the host sent before it closed: its last words stop the motor."""
+        """Process the host's data from before it closed: its last command stops the motor."""
         channel = self._channels.get(INTERRUPT_PSM)
         with contextlib.suppress(OSError):
             while channel is not None and (packet := channel.recv(_PACKET_ROOM)):
@@ -287,7 +287,7 @@ class UnixChannels(ChannelBackend):
         self._sockets.pop(psm).close()
 
     def close(self) -> None:
-        """Close every channel and remove what was made."""
+        """Close every channel; remove the sockets, and their folder if it was made here."""
         super().close()
         if self._made_directory:
             self._made_directory = False

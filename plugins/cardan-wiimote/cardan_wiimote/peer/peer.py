@@ -33,7 +33,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class WiimotePeerOptions(NodeOptions):
-    """What to simulate and where. Exactly one of `l2cap`, `bluetooth` and `uhid` must be given."""
+    """Options of the simulated remote. Exactly one of `l2cap`, `bluetooth`, `uhid` is required."""
 
     l2cap: str = option("", "Folder for the Unix seqpacket sockets psm11 and psm13.", metavar="DIR")
     """The first is the control channel's, the second the interrupt channel's."""
@@ -149,7 +149,7 @@ class WiimotePeer(HandPeer[SimulatedWiimote, bytes]):
         self._logged = 0
 
     def _follow(self, now_s: float) -> None:
-        """Log what the host made the remote do."""
+        """Log changes of the remote that the host caused."""
         super()._follow(now_s)
         remote = self.device
         while self._logged < remote.logged:

@@ -1,7 +1,7 @@
 """The accelerometer's factory calibration in the remote's EEPROM, and counts <-> g.
 
 Axes of the remote, flat, buttons up, camera end away from the operator: +x left, +y towards the
-tail, +z up, right-handed. What is measured is specific force: (0, 0, +1 g) flat and at rest.
+tail, +z up, right-handed. The measurand is specific force: (0, 0, +1 g) flat and at rest.
 
 Source: WiiBrew, Dolphin, xwiimote's EEPROM dumps.
 """
@@ -16,7 +16,7 @@ from typing import NamedTuple
 from cardan_wiimote.protocol.inputs import Triple
 
 EEPROM_BYTES = 0x1700
-"""What can be read; a request that reaches beyond fails whole."""
+"""Readable bytes; a request that reaches beyond fails whole."""
 CAMERA_CALIBRATION_ADDRESSES = (0x0000, 0x000B)
 CAMERA_CALIBRATION_BYTES = 11
 ACCELEROMETER_CALIBRATION_ADDRESSES = (0x0016, 0x0020)
@@ -57,7 +57,7 @@ def checksum(block: bytes) -> int:
 
 
 def decode_accelerometer_calibration(block: bytes) -> AccelerometerCalibration | None:
-    """One block of ten bytes; None when it is short, its checksum wrong or it is implausible."""
+    """Decode a block of ten bytes; None if it is short, its checksum wrong or it is implausible."""
     if len(block) < ACCELEROMETER_CALIBRATION_BYTES or checksum(block[:9]) != block[9]:
         return None
     zero, one_g = points(block)

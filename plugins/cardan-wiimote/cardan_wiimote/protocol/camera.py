@@ -25,7 +25,7 @@ IR_BYTES: dict[IrFormat, int] = {IrFormat.BASIC: 10, IrFormat.EXTENDED: 12, IrFo
 
 
 class IrDot(NamedTuple):
-    """One bright dot."""
+    """A bright dot."""
 
     x: int
     """0..1023."""
@@ -46,8 +46,8 @@ Dots = tuple[IrDot | None, ...]
 def camera_start(
     ir_format: IrFormat, sensitivity: tuple[bytes, bytes] = SENSITIVITY_LEVEL_3
 ) -> tuple[OutputReport, ...]:
-    """What switches the camera on. Each report asks for an acknowledgment: wait for it before
-    the next, else the camera ends in a random state. The data mode must be set afterwards."""
+    """Return the reports that switch the camera on. Wait for the acknowledgment of each before the
+    next, else the camera ends in a random state. The data mode must be set afterwards."""
     first, second = sensitivity
     return (
         Switch(IR_ENABLE_1_ID, True, ack=True),
@@ -61,7 +61,7 @@ def camera_start(
 
 
 def camera_stop() -> tuple[OutputReport, ...]:
-    """What switches the camera off."""
+    """Return the reports that switch the camera off."""
     return (
         Switch(IR_ENABLE_1_ID, False, ack=True),
         Switch(IR_ENABLE_2_ID, False, ack=True),

@@ -1,4 +1,4 @@
-"""What can be plugged into the remote: ids, start-up, and the Nunchuk.
+"""Extensions of the remote: ids, start-up, and the Nunchuk.
 
 Source: WiiBrew (Wiimote/Extension_Controllers), Dolphin, hid-wiimote.
 """
@@ -24,13 +24,13 @@ EXTENSION_START = (
     WriteMemory(EXTENSION_ADDRESS + 0xF0, b"\x55"),
     WriteMemory(EXTENSION_ADDRESS + 0xFB, b"\x00"),
 )
-"""Starts an extension without encryption; also deactivates a MotionPlus. One at a time."""
+"""Starts an extension without encryption; also deactivates a MotionPlus. Send one at a time."""
 READ_EXTENSION_ID = ReadMemory(EXTENSION_ADDRESS + ID_OFFSET, ID_BYTES)
 READ_NUNCHUK_CALIBRATION = ReadMemory(EXTENSION_ADDRESS + CALIBRATION_OFFSET, 16)
 
 
 class Extension(enum.Enum):
-    """What an id stands for."""
+    """Kinds of extensions and their states, by id."""
 
     NUNCHUK = "nunchuk"
     CLASSIC = "classic"
@@ -67,7 +67,7 @@ _BY_KIND = {
 
 
 def extension_of(identity: bytes) -> Extension:
-    """What the six bytes at 0xA400FA or 0xA600FA stand for. Never raises."""
+    """Return the extension with these six bytes at 0xA400FA or 0xA600FA. Never raises."""
     if len(identity) != ID_BYTES:
         return Extension.UNKNOWN
     if identity[4:] == b"\xff\xff":
@@ -88,7 +88,7 @@ def extension_of(identity: bytes) -> Extension:
 
 
 class NunchukData(NamedTuple):
-    """What a Nunchuk measures."""
+    """Measurement of a Nunchuk."""
 
     stick_x: int
     """0..255, right is more; about 35 to 228 with the center near 128."""

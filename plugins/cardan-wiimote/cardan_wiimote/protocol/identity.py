@@ -25,7 +25,7 @@ HANDSHAKE_OK = 0x00
 
 
 class Model(NamedTuple):
-    """What is known about one kind of remote."""
+    """Description of a kind of remote."""
 
     key: str
     """Name for command lines and configuration files."""

@@ -28,13 +28,13 @@ READ_PIECE_BYTES = 16
 BATTERY_LOW = 0x20
 """Below this the remote's battery flag is up."""
 BATTERY_FULL = 0xC8
-"""What new alkaline cells show."""
+"""Battery value of new alkaline cells."""
 
 Triple = tuple[int, int, int]
 
 
 class IrFormat(enum.IntEnum):
-    """How the camera reports dots; the values are those of its mode register."""
+    """Formats of the camera's dots; the values are those of its mode register."""
 
     BASIC = 1
     EXTENDED = 3
@@ -42,7 +42,7 @@ class IrFormat(enum.IntEnum):
 
 
 class DataLayout(NamedTuple):
-    """Where things are in a data report; offsets count from the byte after the id."""
+    """Layout of a data report; offsets count from the byte after the id."""
 
     size: int
     buttons: bool
@@ -86,7 +86,7 @@ DATA_LAYOUTS: Mapping[int, DataLayout] = MappingProxyType(
 """The data reports that come whole; 0x3E and 0x3F take turns instead (`Interleaved`)."""
 
 DATA_MODES: frozenset[int] = frozenset({*DATA_LAYOUTS, FIRST_HALF_ID, SECOND_HALF_ID})
-"""What a remote takes as data mode; 0x3E and 0x3F mean the same."""
+"""Data modes that a remote accepts; 0x3E and 0x3F mean the same."""
 
 
 class Status(NamedTuple):
@@ -141,7 +141,7 @@ class Data(NamedTuple):
 
 
 class Interleaved(NamedTuple):
-    """Report 0x3E (first) or 0x3F (second): half of what the remote measures."""
+    """Report 0x3E (first) or 0x3F (second): half of the remote's measurement."""
 
     mode: int
     buttons: int

@@ -25,7 +25,7 @@ from cardan_wiimote.protocol.outputs import ReadMemory, WriteMemory
 MOTION_PLUS_ADDRESS = 0xA60000
 """Registers of a MotionPlus while it is inactive; active it is at the extension port."""
 PASS_NONE, PASS_NUNCHUK, PASS_CLASSIC = 0x04, 0x05, 0x07
-"""What to activate it with: alone, or passing an extension through."""
+"""Values that activate it: alone, or passing an extension through."""
 
 READ_MOTION_PLUS_ID = ReadMemory(MOTION_PLUS_ADDRESS + ID_OFFSET, ID_BYTES)
 MOTION_PLUS_START = WriteMemory(MOTION_PLUS_ADDRESS + 0xF0, b"\x55")
@@ -44,7 +44,7 @@ Vector = tuple[float, float, float]
 
 
 class MotionPlusData(NamedTuple):
-    """One frame: 14-bit readings, about 8192 at rest, each in its fine or coarse range."""
+    """A frame: 14-bit readings, about 8192 at rest, each in its fine or coarse range."""
 
     yaw: int
     roll: int
@@ -90,7 +90,7 @@ def motion_plus_activate(passing: int = PASS_NONE) -> WriteMemory:
 
 
 def is_motion_plus_frame(data: bytes) -> bool:
-    """Whether the extension's six bytes are the MotionPlus's own and not what it passes through."""
+    """Whether the extension's six bytes are the MotionPlus's own and not passed through by it."""
     return len(data) >= 6 and data[5] & 3 == 2
 
 

@@ -1,4 +1,4 @@
-"""What the remote's reports share: buttons and error codes."""
+"""Values common to the remote's reports: buttons and error codes."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _BITS = {label: bit for bit, label in BUTTONS.items()}
 
 
 class ErrorCode(enum.IntEnum):
-    """What acknowledgments and answers to reads say."""
+    """Error codes of acknowledgments and answers to reads."""
 
     SUCCESS = 0
     GENERIC = 3

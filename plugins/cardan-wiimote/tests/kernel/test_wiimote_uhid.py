@@ -98,7 +98,7 @@ def deg_s(values: tuple[int, ...]) -> list[float]:
     device="Wiimote", transport="MotionPlus over uhid", by="Debian libxwiimote over hid-wiimote"
 )
 def test_debians_library_reads_the_gyroscopes_of_a_motion_plus(remote):
-    """One axis after the other is swung by 25 degrees, once a second."""
+    """The axes are swung one after the other by 25 degrees, once a second."""
     script = """
         0.5  swing 0 0 25 over 1 times 3
         4.0  swing 25 0 0 over 1 times 3

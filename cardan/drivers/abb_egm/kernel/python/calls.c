@@ -9,97 +9,12 @@
 #include <string.h>
 
 #include "answer.h"
+#include "objects.h"
 #include "pose.h"
-#include "stable_abi.h"
 #include "take.h"
 
 /* 40 values of 8 bytes, a digital one, and what is around them, with room. */
 #define SUFFIX_MAX 600
-
-#define NONE (&_Py_NoneStruct)
-
-static PyObject *held(PyObject *object)
-{
-    Py_IncRef(object);
-    return object;
-}
-
-/* Types live longer than all that is of them. */
-static PyObject *type_of(PyObject *object)
-{
-    PyObject *type = PyObject_Type(object);
-    Py_DecRef(type);
-    return type;
-}
-
-/* The items of a tuple of `count`; false for anything else. */
-static bool is_tuple(PyObject *object, Py_ssize_t count)
-{
-    PyObject *type = type_of(object);
-    return (type == &PyTuple_Type || PyType_IsSubtype(type, &PyTuple_Type)) &&
-           PyTuple_Size(object) == count;
-}
-
-/* The numbers of a tuple of `count` floats, which nothing that is only like a float is. */
-static bool floats(PyObject *object, int count, double *into)
-{
-    if (!is_tuple(object, count))
-        return false;
-    for (int i = 0; i < count; i++) {
-        PyObject *item = PyTuple_GetItem(object, i);
-        if (type_of(item) != &PyFloat_Type)
-            return false;
-        into[i] = PyFloat_AsDouble(item);
-    }
-    return true;
-}
-
-static void *memory(PyObject *self, int place)
-{
-    return PyByteArray_AsString(PyTuple_GetItem(self, place));
-}
-
-/* A tuple of `count` objects, which it takes over; NULL, and none of them is left, where one is. */
-static PyObject *tuple_of(int count, PyObject *const *items)
-{
-    PyObject *tuple = PyTuple_New(count);
-    bool whole = tuple != NULL;
-    for (int i = 0; i < count; i++)
-        whole = whole && items[i];
-    for (int i = 0; i < count; i++) {
-        if (whole)
-            PyTuple_SetItem(tuple, i, items[i]);
-        else if (items[i])
-            Py_DecRef(items[i]);
-    }
-    if (!whole && tuple) {
-        Py_DecRef(tuple);
-        tuple = NULL;
-    }
-    return tuple;
-}
-
-static PyObject *floats_tuple(const double *values, int count)
-{
-    PyObject *items[6];
-    for (int i = 0; i < count; i++)
-        items[i] = PyFloat_FromDouble(values[i]);
-    return tuple_of(count, items);
-}
-
-/* A named tuple of `type` from a tuple, which it takes over. */
-static PyObject *named(PyObject *type, PyObject *items)
-{
-    PyObject *(*new)(PyObject *, PyObject *, PyObject *);
-    void *slot = PyType_GetSlot(&PyTuple_Type, Py_tp_new);
-    memcpy(&new, &slot, sizeof slot);
-    PyObject *given = tuple_of(1, &items), *made = NULL;
-    if (given) {
-        made = new (type, given, NULL);
-        Py_DecRef(given);
-    }
-    return made;
-}
 
 /* Places in RobotState. */
 enum { STAMP, LINK, SESSION, SEQUENCE, PERIOD, JOINTS, EXTERNAL, POSE, REASON, WRENCH, UTILIZATION,
@@ -143,11 +58,6 @@ static bool due(PyObject *self, PyObject *const *given, Py_ssize_t count, Due *i
     return into->dt_s > 0.0;
 }
 
-static PyObject *refused(void)
-{
-    return PyErr_Occurred() ? NULL : held(NONE);
-}
-
 /* The message of `size` bytes as an object, noted in the session. */
 static PyObject *told(const Due *due, int32_t size, const uint8_t *reply, int32_t moving)
 {
@@ -158,11 +68,6 @@ static PyObject *told(const Due *due, int32_t size, const uint8_t *reply, int32_
     memcpy(whole + size, due->suffix, (size_t)due->suffix_size);
     egm_answered(due->cycle, moving, due->now_s);
     return PyBytes_FromStringAndSize(whole, size + due->suffix_size);
-}
-
-static bool is_kind(PyObject *self, int kind, PyObject *command, Py_ssize_t fields)
-{
-    return type_of(command) == PyTuple_GetItem(self, kind) && PyTuple_Size(command) == fields;
 }
 
 /* A target (position, speed or None, external axes, ...) for the arm alone. */

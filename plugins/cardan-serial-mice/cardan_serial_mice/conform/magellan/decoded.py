@@ -1,4 +1,4 @@
-"""What the packets of Magellan's protocol mean to judges."""
+"""Decoded packets of Magellan's protocol for judges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Has somebody move a Magellan, and asks it for what it is."""
+"""Scenario: has the user move a Magellan, and asks it for its identity and settings."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class MagellanScenario(HandScenario):
         yield from self._keys()
         if self._level >= Level.HOLD:
             yield mark("ask")
-            # An empty command ends what somebody may have begun.
+            # An empty command ends one that another program may have begun.
             yield send(b"\r")
             yield Wait(0.05)
             for command in (QUERY_VERSION, MODE_3D, EXTENDED_COMPRESSED, QUERY_KEYS, UNKNOWN):

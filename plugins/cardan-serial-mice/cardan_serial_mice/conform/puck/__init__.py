@@ -1,1 +1,1 @@
-"""What the conformance of all serial six-axis devices shares."""
+"""Common parts of the suites for all serial six-axis devices."""

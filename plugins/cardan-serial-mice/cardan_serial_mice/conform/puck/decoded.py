@@ -1,4 +1,4 @@
-"""What judges of a serial six-axis device look at: its packets, decoded once."""
+"""Decoded packets of a serial six-axis device for its judges."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Packet(Generic[V]):
     time_s: float
     value: V
     counts: tuple[int, ...]
-    """Of a motion; else empty."""
+    """Counts of a motion; else empty."""
     mask: int | None
     """Of keys, those that are down."""
 
@@ -48,7 +48,7 @@ class Asked(Generic[V]):
 
 
 class PacketMeaning(ABC, Generic[V]):
-    """What the packets of one protocol mean."""
+    """Meaning of the packets of a protocol."""
 
     @abstractmethod
     def reader(self) -> Reader[V]:
@@ -119,7 +119,7 @@ class PuckTraffic(Generic[V]):
         return [r for r in self.packets if any(p.first <= r.number < p.end for p in found)]
 
     def motions(self, *names: str) -> list[Packet[V]]:
-        """Those with axes."""
+        """Return the motion packets."""
         return [each for each in self.during(*names) if each.counts]
 
     def keys(self, *names: str) -> list[int]:

@@ -129,7 +129,7 @@ def _mean(rows: Sequence[tuple[int, ...]]) -> list[float]:
 
 
 def buttons(seen: Traffic) -> Verdict:
-    """A button that is pressed is told, and again when it is let go."""
+    """Every press and release of a button is reported."""
     if seen.phase("release") is None or seen.refused:
         return not_seen("none was pressed")
     down, up = seen.keys("press"), seen.keys("release")
@@ -182,7 +182,7 @@ def lines(stream: bytes) -> list[bytes]:
 def read_twice(
     seen: Traffic, cut: Callable[[bytes], list[bytes]], is_broken: Callable[[bytes], bool]
 ) -> Verdict:
-    """A second reader, which cuts the stream and knows what is broken, agrees with the first."""
+    """A second reader, which cuts the stream and detects broken packets, agrees with the first."""
     pieces = cut(seen.stream)
     if not pieces:
         return not_seen(NOTHING)

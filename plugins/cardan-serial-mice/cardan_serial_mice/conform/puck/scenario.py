@@ -1,4 +1,4 @@
-"""Has somebody move a serial six-axis device, and asks it for what it is."""
+"""Scenario: has the user move a serial six-axis device, and asks it for its identity."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class PuckScenario(HandScenario):
 
     def _asked(self, commands: tuple[bytes, ...]) -> Script:
         yield mark("ask")
-        # An empty command ends what somebody may have begun.
+        # An empty command ends one that another program may have begun.
         yield send(b"\r")
         yield Wait(0.05)
         for command in commands:

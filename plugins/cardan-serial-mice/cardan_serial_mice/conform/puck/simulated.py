@@ -10,13 +10,13 @@ from cardan_serial_mice.peer.core import simulated_serial_puck
 from cardan_serial_mice.protocol import serial_model_by_key
 
 LONGEST_S = 300.0
-"""Of a simulated run; a script that waits for what never comes ends before."""
+"""Limit of a simulated run; a script that waits for an event in vain ends before."""
 _RIGHT, _CLOCKWISE = (0.0, -0.5, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, -1.0)
 _REST = (0.0,) * 6
 
 
 class PuckRig:
-    """Has the device moved as a person would who does what is asked."""
+    """A simulated device, moved like by a user who follows the scenario's requests."""
 
     def __init__(
         self, key: str, exchange: Exchange, faults: Mapping[str, float], seed: int

@@ -1,4 +1,4 @@
-"""What the packets of a Spaceball mean to judges."""
+"""Meaning of a Spaceball's packets for judges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Has a Spaceball reset and set up, and somebody move it."""
+"""Scenario: has a Spaceball reset and set up, and the user move it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cardan_serial_mice.protocol.spaceball import (
 )
 
 BOOT_S = 2.0
-"""From power, which the open port gives, until it has said what it is."""
+"""From power, which the open port gives, until the device has reported its identity."""
 RESET_S = 2.5
 
 

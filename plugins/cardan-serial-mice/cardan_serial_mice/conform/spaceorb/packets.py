@@ -1,4 +1,4 @@
-"""What the packets of a SpaceOrb mean to judges."""
+"""Meaning of a SpaceOrb's packets for judges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Has somebody move a SpaceOrb, and asks it for what it is."""
+"""Scenario: has the user move a SpaceOrb, and asks it for its identity."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cardan_serial_mice.conform.spaceorb.packets import NULL_REGION, POLL, Space
 from cardan_serial_mice.protocol.spaceorb import HEARTBEAT_S, QUERY
 
 BOOT_S = 2.0
-"""From power, which the open port gives, until it has said what it is."""
+"""From power, which the open port gives, until the device has reported its identity."""
 BEATS = 2.5
 """Heartbeats of the phase in which it is only listened to."""
 

@@ -1,4 +1,4 @@
-"""Defects of drivers, some of them seen in public ones, for the driver that is simulated."""
+"""Defects of clients of EGM, some of them seen in public ones."""
 
 from __future__ import annotations
 

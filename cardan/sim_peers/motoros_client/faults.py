@@ -1,5 +1,4 @@
-"""Defects of clients of MotoROS, some of them seen in public ones, for the driver that is
-simulated."""
+"""Defects of clients of MotoROS, some of them seen in public ones."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
 /*
- * The functions of Python that this library calls. All are of its stable ABI, which no version from
+ * The functions of Python that the compiled parts of drivers call. All are of its stable ABI, which no version from
  * 3.10 on changes (docs.python.org, C API Stability): declared here, so that one library, compiled
  * without any Python, serves all of them. No object is looked into but by these functions.
  */
-#ifndef CARDAN_EGM_STABLE_ABI_H
-#define CARDAN_EGM_STABLE_ABI_H
+#ifndef CARDAN_STABLE_ABI_H
+#define CARDAN_STABLE_ABI_H
 
 #include <stdint.h>
 
@@ -35,6 +35,8 @@ extern int PyErr_CheckSignals(void);
 extern void *PyEval_SaveThread(void);
 extern void PyEval_RestoreThread(void *);
 extern PyObject *PyObject_CallNoArgs(PyObject *);
+extern PyObject *PyObject_GetAttr(PyObject *, PyObject *);
+extern int PyObject_SetAttr(PyObject *, PyObject *, PyObject *);
 extern PyObject *PyObject_Type(PyObject *);
 extern int PyType_IsSubtype(PyObject *, PyObject *);
 extern void *PyType_GetSlot(PyObject *, int);

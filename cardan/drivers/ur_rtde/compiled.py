@@ -1,0 +1,190 @@
+"""What UR's driver does in every cycle, compiled: one call to take a state, one to answer it.
+
+Taking is :mod:`cardan.drivers.ur_rtde.feed` and what the session looks for in a state of usual
+motion. Answering is the command's range, the limiter and the data package, as of
+:mod:`cardan.drivers.ur_rtde.motion`. These do the same to the last bit; what is rare goes their
+way, and everything does where nothing was compiled. Clock and limiter stay Python's objects, which
+both languages go on with.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from collections.abc import Callable
+from ctypes import c_char_p, c_double, c_int32, c_uint8, c_uint32
+from pathlib import Path
+from typing import Any, Final
+
+import cardan
+from cardan.common.bounds import JOINT_POSITION, JOINT_VELOCITY
+from cardan.common.native import (
+    ADVICE,
+    NativePartError,
+    allotted,
+    load_library,
+    native_call,
+)
+from cardan.drivers.limiters import JointLimiter
+from cardan.drivers.missed_cycles import PAUSE_S, SLACK_S, AgreedTime
+from cardan.protocols.ur.program import JOINTS, Order, Report
+from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState
+from cardan.types import CommandKind, JointCommand
+
+HEAD: Final = 4
+"""Bytes that all data packages of one recipe begin with."""
+_SIX, _HEAD = c_double * JOINTS, c_uint8 * HEAD
+
+
+class CStates(ctypes.Structure):
+    """As kernel/cycle.h has it, and the next."""
+
+    _fields_ = (
+        ("largest_time_s", c_double),
+        ("largest_position", c_double),
+        ("largest_velocity", c_double),
+        ("largest_scale", c_double),
+        ("rate_hz", c_double),
+        ("period_s", c_double),
+        ("slack_s", c_double),
+        ("pause_s", c_double),
+        ("astray_rad", c_double),
+        ("moves_in", c_uint32),
+        ("robot_mode", c_int32),
+        ("runtime_state", c_uint32),
+        ("report", c_int32),
+        ("token", c_int32),
+        ("head", _HEAD),
+    )
+
+
+class CCommands(ctypes.Structure):
+    _fields_ = (
+        ("lower", _SIX),
+        ("upper", _SIX),
+        ("inner_lower", _SIX),
+        ("inner_upper", _SIX),
+        ("speed", _SIX),
+        ("acceleration", _SIX),
+        ("largest_position", c_double),
+        ("largest_velocity", c_double),
+        ("token", c_int32),
+        ("order", c_int32),
+        ("head", _HEAD),
+    )
+
+
+def expected_layout() -> list[int]:
+    """Size and field offsets as `ur_layout` of the compiled library must give them."""
+    expected = []
+    for structure in (CStates, CCommands):
+        expected.append(ctypes.sizeof(structure))
+        expected += [getattr(structure, field[0]).offset for field in structure._fields_]
+    return expected
+
+
+def library_path() -> Path:
+    """Path of the compiled part, whether or not it exists."""
+    return Path(__file__).with_name("libcardan_ur.so")
+
+
+@functools.cache
+def ur_library() -> Any:
+    """The compiled part, loaded once. Raises NativePartError, saying what to do."""
+    what = "the compiled part of the UR driver"
+    loaded = load_library(library_path(), what, "ur_layout", expected_layout())
+    loaded.ur_version.restype, loaded.ur_version.argtypes = c_char_p, ()
+    version = loaded.ur_version().decode()
+    if version != cardan.__version__:
+        raise NativePartError(
+            f"{what} is of version {version}, cardan of {cardan.__version__}: {ADVICE}"
+        )
+    return loaded
+
+
+class CompiledStates:
+    """Takes states as RtdeFeed does where nothing is unusual. Raises NativePartError where nothing
+    was compiled."""
+
+    def __init__(
+        self,
+        head: bytes,
+        package: type[tuple[Any, ...]],
+        clock: AgreedTime,
+        rate_hz: float,
+        astray_rad: float,
+        largest_time_s: float,
+        largest_scale: float,
+    ) -> None:
+        """States begin with `head`, which is HEAD bytes, and become a `package`; `clock` counts
+        them. A joint farther than `astray_rad` from its target is looked at by the session."""
+        library = ur_library()
+        self._shared, memory = allotted(CStates)
+        shared = self._shared
+        shared.largest_time_s, shared.largest_scale = largest_time_s, largest_scale
+        shared.largest_position = JOINT_POSITION.highest
+        shared.largest_velocity = JOINT_VELOCITY.highest
+        shared.rate_hz, shared.period_s = rate_hz, clock.period_s
+        shared.slack_s, shared.pause_s = SLACK_S, PAUSE_S
+        shared.astray_rad = astray_rad
+        shared.moves_in = sum(1 << mode for mode in MOVES_IN)
+        shared.robot_mode, shared.runtime_state = RobotMode.RUNNING, RuntimeState.PLAYING
+        shared.report = Report.FOLLOWS
+        shared.head[:] = head
+        self.take: Callable[[bytes, float], tuple[Any, float, bool, float] | None] = native_call(
+            library,
+            "ur_call_take",
+            memory,
+            clock,
+            package,
+            "_controller_s",
+            "_local_s",
+            "_rose_s",
+            "_still",
+            "_waited_s",
+            "_best_s",
+            "_end_s",
+            "_credit_s",
+            "time_s",
+            0,
+        )
+        """Given what came and when: the package, how fast the controller's time passes, whether
+        the program of `token` runs, may move the arm and has it near its target, and the timestamp.
+        None, and nothing is changed, for anything but one whole usual state."""
+
+    def follow(self, token: int) -> None:
+        """The program that is to be obeyed has this token."""
+        self._shared.token = token
+
+
+AnswerFunction = Callable[[Any, float, int], bytes | None]
+"""Given the command, the period and the beat: one period of the limiter, and the data package.
+None, and nothing is changed, for what is no target, and for a command that is none."""
+
+
+def compiled_answer(limiter: JointLimiter, head: bytes, token: int) -> AnswerFunction | None:
+    """What answers targets for the joints as Motion does, in data packages that begin with `head`;
+    None where nothing was compiled."""
+    try:
+        library = ur_library()
+    except NativePartError:
+        return None
+    shared, memory = allotted(CCommands)
+    lower, upper, inner_lower, inner_upper, speed, acceleration = limiter.limits
+    shared.lower[:], shared.upper[:] = lower, upper
+    shared.inner_lower[:], shared.inner_upper[:] = inner_lower, inner_upper
+    shared.speed[:], shared.acceleration[:] = speed, acceleration
+    shared.largest_position = JOINT_POSITION.highest
+    shared.largest_velocity = JOINT_VELOCITY.highest
+    shared.token, shared.order, shared.head[:] = token, Order.FOLLOW, head
+    return native_call(
+        library,
+        "ur_call_answer",
+        memory,
+        limiter,
+        JointCommand,
+        CommandKind.JOINT,
+        "reference",
+        "velocity",
+        "_target",
+    )

@@ -1,0 +1,126 @@
+"""Between a client of EGM and its port: spoils what it says and hides from it what it hears, as a
+client with these defects would have it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from cardan.protocols import egm
+from cardan.sim_peers.base import strikes
+from cardan.types import Quaternion, Vector3
+
+LEAP_EVERY = 100
+SILENT_S = 0.05
+STALE_M = 0.01
+"""How far an old target lies away in a new session."""
+
+
+class ClientDefects:
+    """Of one client. It is told times, s, that never go back."""
+
+    def __init__(self, faults: Mapping[str, float]) -> None:
+        """`faults`: values of `FAULTS`, by their names."""
+        self._faults = faults
+        self._asked = self._answered = 0
+        self._seqno = 0
+        self._reference: egm.EgmMotion | None = None
+        self._heard_s = 0.0
+        self._chatter_s = 0.0
+        self._ended = False
+
+    def hears(self, message: object, on_first_port: bool, now_s: float) -> bool:
+        """Whether the client takes what came, from the controller's first port or another one."""
+        faults = self._faults
+        if self._ended or faults.get("mute"):
+            return False
+        if faults.get("gives-up") and not isinstance(message, egm.EgmRobot):
+            self._ended = True
+            return False
+        if faults.get("one-port") and not on_first_port:
+            return False
+        self._heard_s = now_s
+        return True
+
+    def ignored(self, message: object) -> Iterator[bytes]:
+        """What is sent on what a client without defects does not answer."""
+        if self._faults.get("answers-old") and isinstance(message, egm.EgmRobot):
+            yield from self._as_before()
+
+    def said(self, answer: bytes, message: object) -> Iterator[bytes]:
+        """What is sent in the place of an answer to `message`."""
+        self._asked += 1
+        if "lazy" in self._faults and not strikes(self._faults, "lazy", self._asked):
+            return
+        self._answered += 1
+        yield self._spoilt(answer, message)
+        if strikes(self._faults, "twice", self._answered):
+            yield self._spoilt(answer, message)
+
+    def unasked(self, now_s: float) -> Iterator[bytes]:
+        """What is sent while the controller is silent."""
+        every_s = 1e-3 * self._faults.get("chatters", 0.0)
+        if every_s and now_s - self._heard_s > SILENT_S and now_s >= self._chatter_s:
+            for data in self._as_before():
+                self._chatter_s = now_s + every_s
+                yield data
+
+    def last(self, words: bytes | None) -> bytes | None:
+        """What is sent in the place of the last message; None: nothing."""
+        self._ended = True
+        if "leaves-moving" not in self._faults:
+            return words
+        speed = (1e-3 * self._faults["leaves-moving"], 0, 0, 0, 0, 0)
+        return self._message(self._reference, egm.EgmSpeedRef(cartesians=speed))
+
+    def _as_before(self) -> Iterator[bytes]:
+        """The first reference once more, where there was one."""
+        if self._reference is not None:
+            yield self._message(self._reference)
+
+    def _message(
+        self, planned: egm.EgmMotion | None, speed: egm.EgmSpeedRef | None = None
+    ) -> bytes:
+        header = egm.EgmHeader(self._next_seqno(), None, egm.MessageType.CORRECTION)
+        return egm.encode_sensor(egm.EgmSensor(header, planned, speed))
+
+    def _next_seqno(self) -> int:
+        self._seqno += int(self._faults.get("step-2", 1.0))
+        return self._seqno
+
+    def _spoilt(self, answer: bytes, message: object) -> bytes:
+        """`answer` as a client with these defects would give it."""
+        faults = self._faults
+        if not faults:
+            return answer
+        sensor = egm.decode_from_pc(answer)
+        assert isinstance(sensor, egm.EgmSensor)
+        assert sensor.header is not None
+        assert isinstance(message, egm.EgmRobot)
+        planned = sensor.planned
+        mtype = int(faults.get("mtype", sensor.header.mtype))
+        header = egm.EgmHeader(self._next_seqno(), sensor.header.tm_ms, mtype)
+        if faults.get("stale") and self._reference is not None:
+            planned = self._reference
+        self._reference = self._reference or planned
+        speed = sensor.speed_ref
+        if planned is not None and planned.cartesian is not None and planned.cartesian.pos:
+            planned = planned._replace(cartesian=self._moved(planned.cartesian, message))
+        if strikes(faults, "empty", self._answered):
+            planned = speed = None
+        data = egm.encode_sensor(egm.EgmSensor(header, planned, speed, sensor.rapid_to_robot))
+        return data[:-7] if strikes(faults, "truncated", self._answered) else data
+
+    def _moved(self, pose: egm.EgmPose, message: egm.EgmRobot) -> egm.EgmPose:
+        faults = self._faults
+        assert pose.pos is not None
+        x, y, z = pose.pos
+        if "leap" in faults and self._answered % LEAP_EVERY == 0:
+            z += 1e-3 * faults["leap"]
+        if "obstinate" in faults and message.mci_state != egm.MCIState.RUNNING:
+            z += 1e-3 * faults["obstinate"]
+        if faults.get("stale") and message.header and message.header.seqno == 0:
+            z += STALE_M
+        orient = pose.orient
+        if orient is not None and "quaternion" in faults:
+            orient = Quaternion(*(faults["quaternion"] * u for u in orient))
+        return pose._replace(pos=Vector3(x, y, z), orient=orient)
