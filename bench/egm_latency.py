@@ -115,7 +115,7 @@ def measure(cycles: int = CYCLES, period_s: float = PERIOD_S) -> Figures:
     places = dict.fromkeys(SESSIONS, START)
     with contextlib.ExitStack() as stack:
         sockets = []
-        # Sessions take a second to start, and responders end when nobody asks them for as long.
+        # Sessions take a second to start, and responders end after a pause as long.
         for name in (*SESSIONS, *kinds):
             port = free_ports()
             if name in SESSIONS:

@@ -185,7 +185,7 @@ class Spacenav(HandHeld):
 
 
 class Robot:
-    """A controller that a session answers, and whose arm does at once what it is told."""
+    """A controller that a session answers, and whose arm obeys at once."""
 
     def __init__(self, port: int, device: HandHeld, datagrams: socket.socket | None = None) -> None:
         """`datagrams`: a socket of the computer where the session is; None: of this one."""

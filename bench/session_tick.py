@@ -1,6 +1,6 @@
 """Cost of one tick of the arm controller as a session makes it: `python -m bench session-tick`.
 
-The robot is where it is told to be, the operator holds the dead-man. All situations take turns
+The robot is where it is commanded, the operator holds the dead-man. All situations take turns
 within one run.
 """
 

@@ -108,7 +108,7 @@ def build(folder: Path, *more: str) -> Path:
 
 
 class Crowd:
-    """The process, which serves a mouse in `folder` for each port, and plays when it is told to."""
+    """The process, which serves a mouse in `folder` for each port, and plays on request."""
 
     def __init__(self, folder: Path, ports: Sequence[int], *flags: str) -> None:
         """`flags` of the compiler, beside its own."""

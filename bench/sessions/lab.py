@@ -74,7 +74,7 @@ class Row(NamedTuple):
 
 
 class Lab:
-    """A daemon, and those who play its robots and operators."""
+    """A daemon, and the process that plays its robots and operators."""
 
     def __init__(
         self, client: ControlClient, crowd: Crowd, daemon: int, most: int, servo: str

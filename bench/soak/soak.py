@@ -84,7 +84,7 @@ class Soak:
         return len(self.report.violations) + grown
 
     def _guarded(self, call: Callable[[], None]) -> None:
-        """Runs a part of the soak; an error in it is told, and ends the run."""
+        """Runs a part of the soak; an error in it is reported, and ends the run."""
         try:
             call()
         except Exception as error:

@@ -94,7 +94,7 @@ def _server_lines(data: bytes) -> object:
 
 
 class _Program:
-    """A connection of the daemon's that keeps what it is told."""
+    """A connection of the daemon's that keeps the bytes written to it."""
 
     def __init__(self) -> None:
         self.told: list[bytes] = []
