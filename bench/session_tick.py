@@ -1,6 +1,6 @@
 """Cost of one tick of the arm controller as a session makes it: `python -m bench session-tick`.
 
-The robot is where it is told to be, the operator holds the dead-man. All situations take turns
+The robot is where it is commanded, the operator holds the dead-man. All situations take turns
 within one run.
 """
 
@@ -55,7 +55,7 @@ class _Session:
             self._pose = None  # The model's is taken.
 
     def tick(self) -> float:
-        """One control cycle; returns what the tick took, s."""
+        """Run one control cycle; return the duration of the tick, s."""
         self._ticks += 1
         self._now_s += DT_S
         state = RobotState(

@@ -42,7 +42,7 @@ def _garbage(name: str, rng: Random) -> Iterator[bytes]:
 
 
 def _hit(connect: Callable[[], socket.socket], data: bytes, rng: Random) -> None:
-    """One bad client; the server may close at any time."""
+    """Act as a bad client; the server may close at any time."""
     with suppress(OSError), connect() as sock:
         sock.settimeout(WAIT_S)
         at = 0

@@ -33,7 +33,7 @@ from cardan_wiimote.peer.hand import ScriptedHand as RemoteHand
 from cardan_wiimote.peer.peer import WiimotePeer, WiimotePeerOptions
 
 TOLD_S: Final = 0.05
-"""How often a robot tells its joints, and a device looks for what its hand is to do."""
+"""Period at which a robot reports its joints, and a device looks for its next motion script."""
 
 IDEAL: Final = PlantOptions(drive="ideal")
 """The controllers are looked at here, not the dynamics of an arm."""
@@ -76,8 +76,8 @@ HANDS: Final = {"spacemouse": _spacemouse, "gamepad": _gamepad, "wiimote": _wiim
 
 
 def steps_of(script: Script, device_s: float, now_s: float) -> list[ScriptStep]:
-    """A script's steps in the device's time, `device_s` at the monotonic time `now_s`. What
-    was due before is done at once: a device that was stopped is not behind its hand."""
+    """A script's steps in the device's time, `device_s` at the monotonic time `now_s`. Steps
+    due before are performed at once: a device that was stopped does not lag behind its script."""
     begin_s = device_s + script["at_s"] - now_s
     return [
         ScriptStep(max(begin_s + float(time_s), 0.0), verb, tuple(map(str, words)))

@@ -142,9 +142,8 @@ def unseen(found: Discovery) -> str:
     if not any(name == f"/{SERVER_NODE}" for name in found.nodes):
         return ""
     return (
-        "`cardan net server dds` brings in the topics of DDS that somebody on the bus subscribes "
-        "to: others are not here, nor are they recorded; `cardan net echo`, `hz` and `record` miss "
-        "them."
+        "`cardan net server dds` imports only DDS topics that have a subscriber on the bus. Others "
+        "are neither listed here nor recorded; `cardan net echo`, `hz` and `record` miss them."
     )
 
 

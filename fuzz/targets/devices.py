@@ -63,7 +63,7 @@ def checked_state(state: DeviceState) -> DeviceState:
 
 
 def told(core: DeviceCore, now_s: float) -> tuple[str, ...]:
-    """What a core says of itself, after looking at all of it."""
+    """Check a core's state, events and metrics; return its diagnosis."""
     checked_state(core.state(now_s))
     core.events()
     core.metrics(now_s)
@@ -361,7 +361,7 @@ def _wiimote_blocks() -> Iterator[bytes]:
 
 @cache
 def _wiimote_said() -> tuple[Packets, Packets]:
-    """What a simulated remote and the driver send each other."""
+    """Packets between a simulated remote and the driver."""
     reports: list[bytes] = []
     outputs: list[bytes] = []
     for plus in (False, True):

@@ -221,7 +221,7 @@ def _io_replies() -> Iterator[tuple[bytes, ...]]:
 
 @cache
 def _rig_packets() -> tuple[tuple[bytes, ...], ...]:
-    """What a simulated controller sends a session, each after a byte for its channel."""
+    """Packets that a simulated controller sends a session, each after a byte for its channel."""
     found = []
     for mode in ("velocity", "stream"):
         rig = Rig({"mode": mode})

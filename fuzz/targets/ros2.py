@@ -101,7 +101,7 @@ def _cdr(data: bytes) -> object:
 
 
 def _message_json(data: bytes) -> object:
-    """What a program gives as JSON, after the name of the type."""
+    """A message as JSON of a program, after the name of the type."""
     try:
         table = json.loads(data)
     except (ValueError, RecursionError):
@@ -358,7 +358,7 @@ def _ros_arm_packets() -> Iterator[Packets]:
 
 @cache
 def _served() -> tuple[tuple[str, str], ...]:
-    """What an arm subscribes to and serves, with the types."""
+    """Topics that an arm subscribes to and services that it offers, with their types."""
     return tuple(bus_rig.Bench(("servo", "crtk", "fzi", "cmd_vel", "yarp")).node.types.items())
 
 

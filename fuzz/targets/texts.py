@@ -1,4 +1,4 @@
-"""What comes as text or JSON: the daemon's requests, verbs, tokens, doors, and files of a user."""
+"""Inputs as text or JSON: the daemon's requests, verbs, tokens, access checks, a user's files."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def _control_stream(data: bytes) -> object:
 
 
 def _server_lines(data: bytes) -> object:
-    """What a server writes: lines, and figures in some of them."""
+    """Output of a server: lines, and figures in some of them."""
     said: list[str] = []
     lines = Lines(said.append)
     for at in range(0, len(data), 700):
@@ -94,7 +94,7 @@ def _server_lines(data: bytes) -> object:
 
 
 class _Program:
-    """A connection of the daemon's that keeps what it is told."""
+    """A connection of the daemon's that keeps the bytes written to it."""
 
     def __init__(self) -> None:
         self.told: list[bytes] = []
@@ -510,13 +510,13 @@ def _arm_file(data: bytes) -> object:
 
 
 def _snapshot(data: bytes) -> object:
-    """What a session tells; a daemon or a view of another version may not know its fields."""
+    """Snapshot of a session; a daemon or a view of another version may not know its fields."""
     Snapshot.from_bytes(data).to_bytes()
     return True
 
 
 def _doctor(data: bytes) -> object:
-    """What the doctor reads of other programs."""
+    """Texts of other programs that the doctor reads."""
     text = text_of(data)
     results: list[object] = []
     readers: tuple[Callable[[], object], ...] = (

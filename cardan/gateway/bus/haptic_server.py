@@ -48,7 +48,7 @@ EVENTS, EVENT = "/parameter_events", "rcl_interfaces/msg/ParameterEvent"
 MODES = ("cartesian", "joint")
 MODE = Declared(
     "mode_feedback", ParameterKind.STRING,
-    "What feedback is: a force in N, or the torques of three joints in N·m", choices=MODES,
+    "Quantity of the feedback: a force in N, or the torques of three joints in N·m", choices=MODES,
 )  # fmt: skip
 
 FEEDBACK_KEPT = 8

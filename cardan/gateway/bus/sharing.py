@@ -440,7 +440,7 @@ class News:
             lines.append(f"there is no device: {missing}" if missing else "the device is there")
         if lessee != self._lessee:
             self._lessee = lessee
-            lines.append(f"used by {lessee}" if lessee else "used by nobody")
+            lines.append(f"used by {lessee}" if lessee else "not in use")
         new = [what for what in counts if what not in self._told]
         self._told.update(new)
         lines += [f"refused: {what}" if what.startswith("claims") else what for what in new]

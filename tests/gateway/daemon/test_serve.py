@@ -362,7 +362,7 @@ def test_a_reload_says_each_key_and_restarts_the_session_once_nobody_has_its_arm
 
         def without_waits(lines):
             # A computer that is busy enough has stopped the arm by now.
-            return {line.removesuffix(" (waits until nobody has the arm)") for line in lines}
+            return {line.removesuffix(" (waits until no source has authority)") for line in lines}
 
         assert without_waits(one.cardan("daemon", "reload", "--check").splitlines()) == said
         assert [each["name"] for each in one.ask("units")] == ["one"]

@@ -63,10 +63,10 @@ class RailOptions:
 
 
 class RailSession(DatagramSession[RailState]):
-    """One connection to the rail's controller.
+    """A connection to the rail's controller.
 
-    What is sent is a reference that keeps to the axes' ranges, speeds and accelerations, whatever
-    is asked for. Cycles in which nobody commanded are not made up for.
+    Each command sent is a reference within the axes' ranges, speeds and accelerations, whatever
+    the caller commands. Cycles without a command are not made up for.
     """
 
     controller = "the rail's controller"
