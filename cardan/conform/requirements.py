@@ -8,6 +8,8 @@ from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, TypeVar
 
+from cardan.errors import ExtraMissingError
+
 T = TypeVar("T")
 V = TypeVar("V")
 """What a suite makes of a timeline for its judges to look at."""
@@ -219,11 +221,13 @@ class Requirement(Generic[V]):
     """Where this computer was later than this, what seems a failure may be its own."""
 
     def judge(self, seen: V) -> Verdict:
-        """What its judge says of `seen`."""
+        """Verdict of its judge on `seen`; a judge that needs a package that is missing has none."""
         try:
             return self.judged(seen)
         except SettledError as settled:
             return settled.verdict
+        except ExtraMissingError as missing:
+            return not_applicable(str(missing))
 
     def verdict(self, seen: V, late_s: float) -> Verdict:
         """On `seen`, taken by a computer that was late by up to `late_s`."""

@@ -10,10 +10,8 @@ from cardan.common.extras import missing_extra
 from cardan.common.plugins import entry_points
 from cardan.conform.requirements import (
     NOTHING,
-    SettledError,
     Verdict,
     failed,
-    not_applicable,
     passed,
     some,
 )
@@ -26,18 +24,17 @@ COMPARED = 60
 
 
 def second_description(name: str) -> Any:
-    """The module of layers that the entry point `name` gives, in a judge; where there is none, or
-    where it cannot be imported for want of a package, the verdict is not applicable."""
+    """Return the module of layers that the entry point `name` gives. Raises ExtraMissingError where
+    there is none, or where it cannot be imported for want of a package."""
     try:
         for point in entry_points(ENTRY_POINT_GROUP):
             if point.name == name:
                 return point.load()
         raise ModuleNotFoundError(f"nothing installed describes {name} a second time")
     except ModuleNotFoundError as error:
-        missing = missing_extra(
+        raise missing_extra(
             "a second description of the protocol", "cardan-dissect", "dissect", error
-        )
-        raise SettledError(not_applicable(str(missing))) from None
+        ) from None
 
 
 def read_twice(
