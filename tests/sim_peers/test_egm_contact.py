@@ -82,15 +82,15 @@ def test_nothing_is_felt_above_the_surface():
     assert mean_force(pressing(-0.005)) == pytest.approx([0.0, 0.0, 0.0], abs=0.15)
 
 
-@pytest.mark.matrix("base-exerted--1.0", "tool-felt--1.0")
+@pytest.mark.matrix("base-exerted--1.0", "tool-reaction--1.0")
 @pytest.mark.parametrize(
     ("frame", "sense", "sign"),
     [
         # Pressing down: along the tool's z, against the base's.
         ("tool", "exerted", 1.0),
         ("base", "exerted", -1.0),
-        ("tool", "felt", -1.0),
-        ("base", "felt", 1.0),
+        ("tool", "reaction", -1.0),
+        ("base", "reaction", 1.0),
     ],
 )
 def test_a_pen_pressed_on_a_table_in_every_convention(frame, sense, sign):
