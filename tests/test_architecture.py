@@ -51,7 +51,7 @@ MAY_IMPORT = {
     "own_arm": {"own_arm", "gateway", *LEAVES},
     "demos": {"demos", "gateway", "drivers", "bus", *LEAVES},
     "sim_peers": {"sim_peers", "bus", "protocols", *LEAVES},
-    "conform": {"bus", "conform", "drivers", "protocols", "sim_peers", *LEAVES},
+    "conform": {"bus", "conform", "drivers", "protocols", "recording", "sim_peers", *LEAVES},
     "api": {"drivers", "gateway", *LEAVES},
     **dict.fromkeys(LEAVES, LEAVES),
     "__init__": {"api"},

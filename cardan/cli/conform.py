@@ -51,8 +51,8 @@ def conform(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Judge a recording: pcap, pcapng or a log of a CAN bus. --target then selects its "
-            "part: [HOST][:PORT] or a device as `cardan dissect` shows it.",
+            help="Judge a recording: pcap, pcapng, a log of a CAN bus, or a record.mcap of --save."
+            " --target then selects its part: [HOST][:PORT] or a device that `cardan dissect` shows.",
         ),
     ] = None,
     level: Annotated[

@@ -12,7 +12,7 @@ from typing import Any
 
 from cardan.common.extras import missing_extra
 from cardan.common.plugins import entry_points
-from cardan.conform.attachments import pcap, write_mcap
+from cardan.conform.attachments import is_mcap, pcap, read_mcap, write_mcap
 from cardan.conform.live import Live
 from cardan.conform.redaction import Redaction
 from cardan.conform.report import Report, judged
@@ -21,7 +21,7 @@ from cardan.conform.runner import Exchange
 from cardan.conform.suite import Suite
 from cardan.conform.timeline import Timeline
 from cardan.conform.transports import host_and_port
-from cardan.errors import CaptureError, ExtraMissingError
+from cardan.errors import CaptureError, ConfigurationError, ExtraMissingError
 
 CAPTURES = "cardan.captures"
 """The entry points of what makes of a suite, a file and a target's words a timeline."""
@@ -66,18 +66,25 @@ def at(
 
 
 def captured(suite: Suite[Any], path: Path, target: str = "") -> tuple[Report, Timeline]:
-    """Judge what somebody else recorded. `target`, ``[HOST][:PORT]``, says which of its flows, and
-    where it is not at the usual port; or which device, as `cardan dissect` shows it.
+    """Judge recorded traffic: a capture, or a record of `save` on its level. `target`,
+    ``[HOST][:PORT]``, says which of a capture's flows, and where it is not at the usual port; or
+    which device, as `cardan dissect` shows it.
 
     Raises CaptureError for a file that cannot be read, ConfigurationError for one without such a
-    flow, and ExtraMissingError without the plug-in that reads captures.
+    flow, and ExtraMissingError without the plug-in that reads captures, or without mcap.
     """
-    point = next(iter(entry_points(CAPTURES)), None)
-    if point is None:
-        absent = ModuleNotFoundError("nothing installed reads captures")
-        raise missing_extra("judging a capture", "cardan-dissect", "dissect", absent)
-    timeline: Timeline = point.load()(suite, path, target)
-    report = judged(suite, timeline, suite.levels, target=path.name, redaction=Redaction())
+    level = suite.levels
+    if is_mcap(path):
+        if target:
+            raise ConfigurationError("--target", "a record of --save has one target: leave it out")
+        timeline, level = read_mcap(path, suite)
+    else:
+        point = next(iter(entry_points(CAPTURES)), None)
+        if point is None:
+            absent = ModuleNotFoundError("nothing installed reads captures")
+            raise missing_extra("judging a capture", "cardan-dissect", "dissect", absent)
+        timeline = point.load()(suite, path, target)
+    report = judged(suite, timeline, level, target=path.name, redaction=Redaction())
     return report, timeline
 
 
@@ -100,7 +107,7 @@ def save(
         else:
             (folder / "capture.pcap").write_bytes(capture)
         try:
-            write_mcap(folder / "record.mcap", suite, timeline, start_ns)
+            write_mcap(folder / "record.mcap", suite, timeline, start_ns, Level(report.level))
         except ExtraMissingError as error:
             missing.append(f"record.mcap: {error}")
         names = [name for name in ("capture.pcap", "record.mcap") if (folder / name).exists()]
