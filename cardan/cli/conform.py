@@ -51,8 +51,8 @@ def conform(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Judge a recording: pcap, pcapng, a log of a CAN bus, or a record.mcap of --save."
-            " --target then selects its part: [HOST][:PORT] or a device that `cardan dissect` shows.",
+            help="Judge a recording: pcap, pcapng, a log of a CAN bus, or a record.mcap of --save. "
+            "--target selects its part: [HOST][:PORT] or a device as `cardan dissect` shows it.",
         ),
     ] = None,
     level: Annotated[
