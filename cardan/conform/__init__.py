@@ -1,8 +1,8 @@
-"""Conformance: numbered requirements, judged on what went over a wire.
+"""Conformance: numbered requirements, judged on recorded wire traffic.
 
-The same requirements judge a simulated peer in virtual time and the real thing at ``--target``. A
-`Suite` of a protocol has them, reads a `Timeline` of wire events, and knows how to ask: its
-`Scenario` listens, holds, moves by a millimeter, or has somebody make faults by hand.
+The same requirements judge a simulated peer in virtual time and a real target at ``--target``. The
+`Suite` of a protocol holds them and decodes a `Timeline` of wire events. Its `Scenario` makes the
+traffic: it listens, holds, moves by a millimeter, or asks an operator to make faults by hand.
 """
 
 from cardan.conform.report import Report as Report, judged as judged

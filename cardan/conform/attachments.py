@@ -1,4 +1,4 @@
-"""A timeline as files for other programs: a capture (pcap) and a record (MCAP)."""
+"""Export of a timeline for other programs: a capture (pcap) and a record (MCAP)."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ PCAP_MAGIC_NS = 0xA1B23C4D
 LINK_RAW_IP, LINK_SOCKETCAN = 101, 227
 SNAP_BYTES = 262_144
 JUDGED, OURS = bytes((192, 0, 2, 1)), bytes((192, 0, 2, 2))
-"""Addresses in captures: of the network that RFC 5737 keeps for documentation."""
+"""Addresses in captures, from the documentation network of RFC 5737."""
 FREE_PORT = 50_000
-"""The side without a known port has this one, or the one after for each further channel."""
+"""Port of the side without a known port; each further channel has the next one."""
 _UDP, _TCP = 17, 6
 _FIN, _SYN, _PUSH, _ACK = 0x01, 0x02, 0x08, 0x10
 _LONGEST_SEGMENT = 1400
 
 
 def pcap(suite: Suite[V], timeline: Timeline, start_ns: int) -> bytes | None:
-    """The capture, without real addresses; None where the protocol has no packets of a network.
+    """Return the capture, without real addresses; None if the protocol has no network packets.
 
     `start_ns` is the wall time of the timeline's zero, ns since the epoch.
     """
@@ -38,7 +38,7 @@ def pcap(suite: Suite[V], timeline: Timeline, start_ns: int) -> bytes | None:
     writers = {"udp": _datagrams, "tcp": _segments, "can": _frames}
     events = (suite.redacted(each) for each in timeline)
     packets = writers[transport.kind](transport, events)
-    # What came is stamped by the kernel, what was sent before it was read is not earlier for that.
+    # Received data have the kernel's earlier time stamp, data sent before the read have not.
     for time_s, packet in sorted(packets, key=lambda each: each[0]):
         time_ns = start_ns + round(time_s * 1e9)
         seconds, ns = divmod(time_ns, 1_000_000_000)
@@ -56,11 +56,11 @@ def _frames(_transport: Transport, events: Iterator[Event]) -> _Packets:
 
 
 def _ports(transport: Transport, channel: str, note: str) -> tuple[int, int]:
-    """The judged one's port and ours."""
-    # Of a port of ours that several clients come to, each is a channel: "motion 2".
+    """Return the judged side's port and ours."""
+    # Each client of a port of ours is a channel: "motion 2".
     channel, _, client = channel.partition(" ")
     known = transport.ports.get(channel, 0)
-    # A client has a port of its own; what listens has the known one.
+    # A client has a port of its own; the listening side has the known one.
     digits = note.rpartition(":")[2] if channel in transport.ours else ""
     free = int(digits) if digits.isdigit() and 0 < int(digits) < 65536 else 0
     if not free:
@@ -84,7 +84,7 @@ def _datagrams(transport: Transport, events: Iterator[Event]) -> _Packets:
 
 
 def _segments(transport: Transport, events: Iterator[Event]) -> _Packets:
-    """TCP as it would have looked without loss: opened, acknowledged with data, closed."""
+    """Yield TCP segments as without loss: opened, acknowledged with data, closed."""
     places: dict[str, list[int]] = {}
     opened: dict[str, int] = {}
 
@@ -139,7 +139,7 @@ def _checksum(data: bytes) -> int:
 def write_mcap(path: Path, suite: Suite[V], timeline: Timeline, start_ns: int) -> None:
     """Write the record: a channel for each wire and direction, with its bytes, and one for marks.
 
-    Raises ExtraMissingError without mcap, and CaptureError where `path` cannot be written.
+    Raises ExtraMissingError without mcap, and CaptureError if `path` cannot be written.
     """
     try:
         from mcap.writer import Writer

@@ -1,4 +1,4 @@
-"""Two reports side by side: where the simulated peer is easier than the real thing."""
+"""Comparison of two reports: requirements on which the simulated peer is easier than the target."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from cardan.conform.requirements import Outcome
 from cardan.errors import ConfigurationError
 
 EASIER_BY = 1.5
-"""A figure that is so many times as large in the other report is worth a mark."""
+"""Ratio of the figures in two reports from which on a difference is marked."""
 
 
 class Difference(NamedTuple):
-    """One requirement in both reports."""
+    """A requirement in both reports."""
 
     id: str
     text: str
@@ -21,11 +21,11 @@ class Difference(NamedTuple):
     """None: that report does not have it."""
     second: Result | None
     remark: str
-    """Empty where they agree."""
+    """Empty if they agree."""
 
 
 def compare(first: Report, second: Report) -> tuple[Difference, ...]:
-    """Requirement by requirement. ConfigurationError for reports of two suites."""
+    """Compare each requirement. Raises ConfigurationError for reports of two suites."""
     if first.suite != second.suite:
         raise ConfigurationError(
             "--compare", f"one report is of {first.suite}, the other of {second.suite}"
@@ -58,7 +58,7 @@ def _remark(first: Report, second: Report, a: Result | None, b: Result | None) -
 
 
 def _easier(easy: Report, hard: Report) -> str:
-    """That `easy` asks less of a program than `hard` does."""
+    """Return words that say that `easy` demands less of a program than `hard`."""
     if easy.simulated and not hard.simulated:
         return "THE SIMULATED PEER IS EASIER"
     if hard.simulated and not easy.simulated:
@@ -67,7 +67,7 @@ def _easier(easy: Report, hard: Report) -> str:
 
 
 def as_text(first: Report, second: Report) -> str:
-    """The comparison for a terminal: what agrees in one line, each difference in its own."""
+    """Return the comparison for a terminal: one line for all that agree, a few per difference."""
     differences = compare(first, second)
     lines = [f"A {first.target}", f"B {second.target}"]
     for each in differences:

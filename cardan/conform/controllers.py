@@ -1,4 +1,4 @@
-"""Controllers as scenarios, and how a driver ends: shared by the suites of drivers."""
+"""Scenarios that are the controller, and end of a driver; shared by the suites of drivers."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from cardan.conform.runner import Scenario, Script, Wait, send
 from cardan.conform.timeline import Numbered, Traffic
 
 COME = 6.0
-"""A driver has so many times the length of a phase to come, or to answer for the first time."""
+"""Time for a driver to connect, or to answer for the first time, in lengths of a phase."""
 KEPT = 3
 """Datagrams that a cyclic controller remembers."""
 
 UNANSWERED = 10
-"""A driver that leaves the last so many datagrams of a phase unanswered, and all that come later,
-has ended."""
+"""A driver has ended if it leaves this many datagrams at the end of a phase, and all later ones,
+unanswered."""
 
 
 def had_ended(
@@ -27,10 +27,10 @@ def had_ended(
     answers: Sequence[Numbered],
     asks: Mapping[str, str],
 ) -> Verdict | None:
-    """That a driver which had ended before a phase began is not judged by it; None: it had not.
+    """Return the verdict not seen if the driver had ended before a phase began; None: it had not.
 
-    `asks` has the phases in which it is to answer what is `asked`, and the requirement's id of
-    each: the first that was left unanswered is said to be why.
+    `asks` has the phases in which the driver must answer the datagrams `asked`, and the
+    requirement's id of each: the first unanswered phase is named as the reason.
     """
     began = seen.phase(phase)
     if began is None or not answers:
@@ -44,23 +44,23 @@ def had_ended(
 
 
 class CyclicController(Scenario):
-    """A controller that sends datagrams in each of its cycles, in the hands of a script."""
+    """A controller that sends datagrams in each of its cycles, run by a script."""
 
     period_s: float
 
     def __init__(self) -> None:
         self._next_s = 0.0
         self._channel = ""
-        """Where it sends."""
+        """Channel that it sends to."""
         self._sent: deque[bytes] = deque(maxlen=KEPT)
-        """What it sent last."""
+        """Last datagrams sent."""
 
     @abstractmethod
     def _cycle(self, now_s: float) -> Iterable[bytes]:
-        """One cycle at `now_s`: what to send."""
+        """Run the cycle at `now_s`; return the datagrams to send."""
 
     def _cycles(self, seconds: float) -> Script:
-        """Control cycles on an absolute schedule, until `seconds` are over."""
+        """Run control cycles on an absolute schedule for `seconds`."""
         end_s = self.now_s + seconds
         self._next_s = max(self._next_s, self.now_s)
         while self._next_s < end_s:
@@ -73,7 +73,7 @@ class CyclicController(Scenario):
         yield Wait(max(0.0, end_s - self.now_s))
 
     def _cycles_until(self, done: Callable[[], bool], seconds: float, step_s: float) -> Script:
-        """Control cycles until `done`, which is asked every `step_s`, or `seconds` are over."""
+        """Run control cycles until `done`, checked every `step_s`, but at most for `seconds`."""
         end_s = self.now_s + seconds
         while not done() and self.now_s < end_s:
             yield from self._cycles(step_s)

@@ -1,4 +1,4 @@
-"""Has somebody move a device: what the scenarios of devices share."""
+"""Scenario base class for operator devices that a person moves on request."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_
 from cardan.conform.timeline import Event, Kind
 
 HAND_S = 30.0
-"""Somebody has so long to do what the list says."""
+"""Time for the operator to follow an instruction."""
 QUIET_S = 0.25
-"""A device that sends nothing for so long is at rest."""
+"""Silence after which a device is at rest."""
 LET_GO_S = 2.0
 
 Steps = tuple[tuple[str, str], ...]
-"""Names of phases, and what somebody is to do in each."""
+"""Names of phases, and the instruction to the operator in each."""
 
 PUSHES: Steps = (
     ("push", "Push the cap to the right, half way, and hold it."),
@@ -26,7 +26,7 @@ KEYS: Steps = (("press", "Press a button."), ("release", "Let the button go."))
 
 
 class HandScenario(Scenario):
-    """Of each motion there are the phases NAME, NAME-held, NAME-over and NAME-rest."""
+    """Scenario in which each motion has the phases NAME, NAME-held, NAME-over and NAME-rest."""
 
     def __init__(self, level: Level, seconds: float) -> None:
         self._level = level
@@ -35,11 +35,11 @@ class HandScenario(Scenario):
         self._heard_s = 0.0
         self._moved = self._pressed = self._gone = False
         self._key = ""
-        """What is to be done with a button now, as `KEYS` has it."""
+        """Current phase of `KEYS`: the button action now expected."""
 
     @abstractmethod
     def _note(self, event: Event) -> None:
-        """Set `_moved` and `_pressed` where what came says so."""
+        """Set `_moved` and `_pressed` if the data of `event` show it."""
 
     def answer(self, event: Event) -> Iterator[Act]:
         if event.kind in (Kind.CLOSED, Kind.REFUSED):

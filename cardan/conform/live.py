@@ -1,4 +1,4 @@
-"""Runs a scenario against a real target, in real time."""
+"""Runner of a scenario against a real target, in real time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cardan.errors import DriverError
 
 
 class Live:
-    """A scenario and the wires of its target. `told` gets what somebody is to do by hand."""
+    """A scenario and the wires of its target. `told` gets the instructions to the operator."""
 
     def __init__(self, exchange: Exchange, wires: Wires, told: Callable[[str], None]) -> None:
         self._exchange, self._wires, self._told = exchange, wires, told
@@ -25,10 +25,10 @@ class Live:
         return time.monotonic() - self._start_s
 
     def run(self) -> None:
-        """Until the scenario is over.
+        """Run until the scenario is over.
 
-        Raises AddressError or DeviceAccessError where the first wire cannot be opened; of later
-        ones the refusal is an event.
+        Raises AddressError or DeviceAccessError if the first wire cannot be opened; a failure of
+        a later wire is an event.
         """
         exchange = self._exchange
         try:
@@ -90,6 +90,6 @@ class Live:
         self._open[channel] = wire
         acts = self._exchange.heard(self._now(), channel, kind=Kind.OPENED, note=wire.identity)
         self._do(acts)
-        # What came with the opening makes no `select` wake up.
+        # Data that arrived with the opening do not wake `select`.
         self._take(channel)
         return []

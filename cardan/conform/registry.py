@@ -1,4 +1,4 @@
-"""Finds suites by name: the built-in table, then the entry points of installed packages."""
+"""Registry of suites by name: a built-in table, then entry points of installed packages."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BUILT_IN = {
     "motoros-driver": "cardan.conform.motoros_driver.suite:MotorosDriver",
     "ur-rtde": "cardan.conform.ur_rtde.suite:UrRtde",
 }
-"""Our own. Imported when they are asked for: each brings its simulated peer along. Other packages
+"""Suites of this package, imported on demand because each brings its simulated peer. Other packages
 add theirs by an entry point of the same form."""
 
 
@@ -31,5 +31,5 @@ names, load_all = FINDER.names, FINDER.load_all
 
 
 def load(name: str) -> Suite[Any]:
-    """The suite of that name; ConfigurationError names those there are."""
+    """Return the suite of that name. Raises ConfigurationError, which lists the known names."""
     return FINDER.load(name)()

@@ -1,4 +1,4 @@
-"""A report: the verdict on each requirement; as text, Markdown, JSON and JUnit."""
+"""Conformance report with a verdict on each requirement, as text, Markdown, JSON and JUnit."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from cardan.conform.timeline import Kind, Timeline
 from cardan.errors import ConfigurationError
 
 FORM = 1
-"""Of the JSON; another number for a form that a reader of this one would misread."""
+"""Version of the JSON format; incremented when a reader of the old format would misread the new."""
 DOUBTED = "not judged, perhaps not met: "
-"""Begins what is said of a requirement whose evidence is not whole."""
+"""Prefix of the words on a requirement with incomplete evidence."""
 _BYTES_SHOWN = 16
 _MARKS = {
     Outcome.PASSED: "pass",
@@ -31,7 +31,7 @@ _MARKS = {
 
 @dataclass(frozen=True)
 class Result:
-    """One requirement of a report."""
+    """Verdict on a requirement in a report."""
 
     id: str
     level: int
@@ -47,12 +47,12 @@ class Result:
 
 @dataclass(frozen=True)
 class Report:
-    """What came of judging one target once."""
+    """Result of judging a target once."""
 
     suite: str
     judges: str
     target: str
-    """Redacted; "simulated" with its faults, where there was none."""
+    """Redacted; without a target "simulated" with its faults."""
     simulated: bool
     level: int
     seconds: float
@@ -66,7 +66,7 @@ class Report:
 
     @property
     def counts(self) -> Counter[Outcome]:
-        """How many requirements have each outcome."""
+        """Number of requirements with each outcome."""
         return Counter(each.outcome for each in self.results)
 
     @property
@@ -76,7 +76,7 @@ class Report:
 
     @property
     def doubted(self) -> list[str]:
-        """Ids of those that a capture showed as not met, but may lack what would meet them."""
+        """Ids of requirements that fail in a capture that may lack the messages that meet them."""
         return [
             each.id
             for each in self.results
@@ -84,7 +84,7 @@ class Report:
         ]
 
     def as_text(self) -> str:
-        """For a terminal: a line a requirement, evidence below those that are not met."""
+        """Return text for a terminal: a line per requirement, evidence below failed ones."""
         lines = [self._title()]
         for each in self.results:
             lines.append(f"{_MARKS[each.outcome]:4} {each.id:12} {each.text}")
@@ -95,7 +95,7 @@ class Report:
         return "\n".join([*lines, self._sum()]) + "\n"
 
     def as_markdown(self) -> str:
-        """For people: a table, and the evidence below it."""
+        """Return Markdown: a table, and the evidence below it."""
         lines = [
             f"# {self._title()}\n",
             f"Cardan {self.version}, level {self.level}, {self.seconds:.1f} s, "
@@ -115,12 +115,12 @@ class Report:
         return "\n".join([*lines, "", self._sum()]) + "\n"
 
     def as_json(self) -> str:
-        """For programs, and for `read`."""
+        """Return JSON for programs, and for `read`."""
         values = {"form": FORM, **asdict(self)}
         return json.dumps(values, indent=1, ensure_ascii=False, default=_in_json) + "\n"
 
     def as_junit(self) -> str:
-        """For continuous integration: a test case a requirement."""
+        """Return JUnit XML for continuous integration: a test case per requirement."""
         counts = self.counts
         skipped = counts[Outcome.NOT_SEEN] + counts[Outcome.NOT_APPLICABLE]
         root = ElementTree.Element(
@@ -170,8 +170,8 @@ def judged(
     version: str = __version__,
     redaction: Redaction | None = None,
 ) -> Report:
-    """The report on `timeline`, which was made on `level` at `target` (empty: simulated, with
-    `faults`). Without `redaction` nothing is taken out."""
+    """Return the report on `timeline`, recorded on `level` at `target` (empty: simulated, with
+    `faults`). Without `redaction` nothing is removed."""
     clean = redaction or str
     seen = suite.decode(timeline)
     results = []
@@ -234,18 +234,18 @@ _FROM_JSON: Mapping[str, Callable[[Any], Any]] = {
     "tuple[Result, ...]": tuple,
     "Mapping[str, str]": lambda value: {str(key): str(each) for key, each in value.items()},
 }
-"""What makes of a value of JSON that of a field, by the field's type."""
+"""Conversion of a JSON value to a field's value, by the field's type."""
 
 
 def _made(kind: type[T], values: Mapping[str, Any]) -> T:
-    """A dataclass of what JSON has of its fields."""
+    """Return a dataclass made from the JSON values of its fields."""
     known = {each.name: _FROM_JSON[str(each.type)] for each in fields(kind)}  # type: ignore[arg-type]
     return kind(**{name: made(values[name]) for name, made in known.items()})
 
 
 def read(text: str, name: str) -> Report:
-    """A report that `as_json` wrote. ConfigurationError says what is wrong with it; `name` is the
-    file's."""
+    """Read a report that `as_json` wrote; `name` is the file's. Raises ConfigurationError, which
+    says what is wrong with it."""
     try:
         values: dict[str, Any] = json.loads(text)
         if values["form"] != FORM:

@@ -1,5 +1,5 @@
-"""Runs a suite: against its simulated peer in virtual time, or against a target; and keeps what
-came of it."""
+"""Runs of a suite against its simulated peer in virtual time, a target or a capture, and files of
+the results."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from cardan.conform.transports import host_and_port
 from cardan.errors import CaptureError, ExtraMissingError
 
 CAPTURES = "cardan.captures"
-"""The entry points of what makes of a suite, a file and a target's words a timeline."""
+"""Entry points of functions that make a timeline from a suite, a capture file and a target."""
 LIVE_S = 10.0
 """Default length of a phase at a target."""
 
@@ -50,10 +50,10 @@ def at(
     told: Callable[[str], None],
     seconds: float = LIVE_S,
 ) -> tuple[Report, Timeline]:
-    """Judge what is at `target`. `told` gets what somebody is to do by hand.
+    """Judge the device or program at `target`. `told` gets the instructions to the operator.
 
-    Raises ConfigurationError for a wrong target, AddressError or DeviceAccessError where it cannot
-    be opened.
+    Raises ConfigurationError for a wrong target, AddressError or DeviceAccessError if it cannot be
+    opened.
     """
     wires = suite.wires(target)
     redaction = Redaction()
@@ -66,11 +66,11 @@ def at(
 
 
 def captured(suite: Suite[Any], path: Path, target: str = "") -> tuple[Report, Timeline]:
-    """Judge what somebody else recorded. `target`, ``[HOST][:PORT]``, says which of its flows, and
-    where it is not at the usual port; or which device, as `cardan dissect` shows it.
+    """Judge a capture. `target` selects a flow, ``[HOST][:PORT]``, and its port if that is not the
+    usual one; or a device, as `cardan dissect` shows it.
 
-    Raises CaptureError for a file that cannot be read, ConfigurationError for one without such a
-    flow, and ExtraMissingError without the plug-in that reads captures.
+    Raises CaptureError for an unreadable file, ConfigurationError for a file without such a flow,
+    and ExtraMissingError without the plug-in that reads captures.
     """
     point = next(iter(entry_points(CAPTURES)), None)
     if point is None:
@@ -84,10 +84,10 @@ def captured(suite: Suite[Any], path: Path, target: str = "") -> tuple[Report, T
 def save(
     folder: Path, suite: Suite[Any], report: Report, timeline: Timeline
 ) -> tuple[Report, list[str]]:
-    """Write the report in all forms, the capture and the record into `folder`; the report with
-    their hashes, and what could not be attached and why. Raises CaptureError.
+    """Write the report in all forms, the capture and the record into `folder`; return the report
+    with their hashes, and each missing attachment with the reason. Raises CaptureError.
 
-    Simulated runs are stamped as of the epoch's zero, so that the same run gives the same bytes.
+    Simulated runs are stamped with the epoch's zero, so that the same run gives the same bytes.
     """
     missing = []
     now_ns = 0 if report.simulated else time.time_ns() - round(timeline.end_s * 1e9)

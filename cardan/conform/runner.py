@@ -1,4 +1,4 @@
-"""Asks what is judged: a scenario, run by whatever gives it times and events.
+"""Scenarios of a conformance test, and the runner that feeds them times and events.
 
 Sans-I/O. A live shell and a simulated peer in virtual time run the same scenarios.
 """
@@ -14,7 +14,7 @@ from cardan.conform.timeline import Event, Kind, Timeline
 
 
 class Act(NamedTuple):
-    """What a scenario wants done now."""
+    """Action that a scenario requests now."""
 
     kind: Kind
     channel: str = ""
@@ -23,7 +23,7 @@ class Act(NamedTuple):
 
 
 class Wait(NamedTuple):
-    """Until `until` is true, but no longer than `seconds`."""
+    """Pause until `until` is true, but no longer than `seconds`."""
 
     seconds: float
     until: Callable[[], bool] | None = None
@@ -35,51 +35,51 @@ def send(data: bytes, channel: str = "") -> Act:
 
 
 def open_(channel: str) -> Act:
-    """Open the wire of that name."""
+    """Open the wire named `channel`."""
     return Act(Kind.OPENED, channel)
 
 
 def close(channel: str) -> Act:
-    """Close the wire of that name."""
+    """Close the wire named `channel`."""
     return Act(Kind.CLOSED, channel)
 
 
 def mark(phase: str) -> Act:
-    """A phase begins."""
+    """Begin a phase."""
     return Act(Kind.MARK, note=phase)
 
 
 def ask(what: str, instruction: str) -> Act:
-    """Somebody is to do `what` by hand, as `instruction` says."""
+    """Ask the operator to do `what` by hand, as `instruction` says."""
     return Act(Kind.ASKED, what, note=instruction)
 
 
 Script = Iterator["Act | Wait"]
 
 END = "end"
-"""The phase after the script, which is empty: its mark says how long the last one was."""
+"""The empty phase after the script: its mark ends the last phase."""
 
 LOOK_S = 0.02
-"""How often a script looks at what it waits for, where nothing comes."""
+"""Polling period of a script's wait condition while nothing arrives."""
 
 
 class Scenario(ABC):
-    """One who asks. `script` is what it does by itself, `answer` what it does on an event."""
+    """Test scenario. `script` has its own actions, `answer` its reactions to events."""
 
     now_s = 0.0
     """Kept current by the exchange."""
 
     @abstractmethod
     def script(self) -> Script:
-        """Its acts and waits, from the start to the end."""
+        """Yield its acts and waits, from the start to the end."""
 
     def answer(self, event: Event) -> Iterable[Act]:
-        """What to do at once about `event`, which came from what is judged."""
+        """Return the immediate reactions to `event`, which came from the judged side."""
         return ()
 
 
 class Exchange:
-    """Runs a scenario, and keeps the timeline. Times are seconds since the start."""
+    """Runs a scenario, and records the timeline. Times are seconds since the start."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
@@ -91,7 +91,7 @@ class Exchange:
 
     @property
     def next_s(self) -> float:
-        """When `due` should be called next, at the latest."""
+        """Latest time at which `due` should be called next."""
         if self.over:
             return math.inf
         wait = self._wait
@@ -111,7 +111,7 @@ class Exchange:
         note: str = "",
         late_s: float = 0.0,
     ) -> list[Act]:
-        """Something came from what is judged, `late_s` before it was read; what to do about it."""
+        """Record an event of the judged side, read `late_s` after it came; return the reactions."""
         self.scenario.now_s = now_s
         self.timeline.was_late(late_s)
         event = Event(now_s - late_s, kind, False, channel, data, note)
@@ -121,7 +121,7 @@ class Exchange:
         return acts + self.due(now_s)
 
     def due(self, now_s: float) -> list[Act]:
-        """What the script wants done by `now_s`."""
+        """Return the script's actions due by `now_s`."""
         self.scenario.now_s = now_s
         acts: list[Act] = []
         while not self.over:
@@ -140,7 +140,7 @@ class Exchange:
                 self._keep(now_s, [step])
                 acts.append(step)
                 if step.kind is Kind.OPENED:
-                    # What comes of it is an event; the script goes on after it.
+                    # The result of opening is an event; the script continues after it.
                     break
         return acts
 

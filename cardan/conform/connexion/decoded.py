@@ -1,4 +1,4 @@
-"""What judges of a 3Dconnexion device look at: its reports, decoded once."""
+"""Decoded reports of a 3Dconnexion device, for its judges."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ class Report(NamedTuple):
 
     @property
     def is_motion(self) -> bool:
-        """Whether it has axes."""
+        """True if it has axes."""
         return isinstance(self.value, (connexion.Translation, connexion.Rotation, connexion.Motion))
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Of a motion."""
+        """Axis counts of a motion."""
         return (
             tuple(self.value)
             if isinstance(self.value, (connexion.Translation, connexion.Rotation, connexion.Motion))
@@ -38,7 +38,7 @@ class ConnexionTraffic(Traffic):
         super().__init__(timeline)
         self.reports: list[Report] = []
         self.model: connexion.Model | None = None
-        """As its vendor and product id say; None where they are not known."""
+        """Model by its vendor and product id; None if they are not known."""
         for index, event in enumerate(timeline):
             if event.kind is Kind.OPENED and ":" in event.note:
                 vendor, _, product = event.note.partition(":")
@@ -54,7 +54,7 @@ class ConnexionTraffic(Traffic):
 
     @property
     def family(self) -> connexion.Family | None:
-        """What it sends; None before any motion."""
+        """Family by the reports it sends; None before any motion."""
         motions = self.motions
         if not motions:
             return None
@@ -62,5 +62,5 @@ class ConnexionTraffic(Traffic):
         return connexion.Family.ONE if whole else connexion.Family.SPLIT
 
     def during(self, *names: str) -> list[Report]:
-        """The reports of these phases."""
+        """Return the reports of these phases."""
         return self.within(self.reports, *names)

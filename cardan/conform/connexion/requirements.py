@@ -1,4 +1,4 @@
-"""What a 3Dconnexion device that speaks HID must do."""
+"""Requirements of a 3Dconnexion device that speaks HID."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ RATE = "captures of SpaceNavigator and SpaceMouse Wireless"
 PERIOD_S = {connexion.Family.SPLIT: 0.008, connexion.Family.ONE: 0.016}
 PERIOD_TOLERANCE = 0.15
 LINK_LOST_S = 0.1
-"""Six periods: a driver takes a deflected device that is silent for so long to be gone."""
+"""Six periods: after this silence of a deflected device a driver considers it gone."""
 LENGTHS = {
     BATTERY_ID: {3},
     KEYS_DOWN_ID: {KEY_ARRAY_BYTES},
@@ -118,7 +118,7 @@ def the_family_is_the_models(seen: ConnexionTraffic) -> Verdict:
 
 
 def _moving(seen: ConnexionTraffic) -> list[list[Report]]:
-    """Motion reports of each time that it was held deflected."""
+    """Return the motion reports of each phase in which it was held deflected."""
     held = ([each for each in seen.during(name) if each.is_motion] for name in HELD)
     return [each for each in held if len(each) > 1]
 
@@ -219,7 +219,7 @@ def buttons_are_told(seen: ConnexionTraffic) -> Verdict:
 
 
 def _buttons(found: list[Report]) -> list[bool]:
-    """Whether any is down, report by report."""
+    """Return for each report of buttons if any is down."""
     kinds = connexion.ButtonBits, connexion.KeysDown
     return [any(each.value) for each in found if isinstance(each.value, kinds)]
 

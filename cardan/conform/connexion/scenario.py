@@ -1,4 +1,4 @@
-"""Has somebody move a 3Dconnexion device, and reads what it sends."""
+"""Scenario in which an operator moves a 3Dconnexion device."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ REST_S = 0.5
 
 
 class ConnexionScenario(HandScenario):
-    """Reads; only from level 1 on it sends, to the LED."""
+    """Reads the reports; only from level 1 on it writes, to the LED."""
 
     def _note(self, event: Event) -> None:
         value = connexion.decode_input(event.data)

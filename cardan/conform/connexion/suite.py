@@ -13,7 +13,7 @@ from cardan.conform.transports import DeviceFile, Wires
 
 
 class Connexion(Suite[ConnexionTraffic]):
-    """A SpaceMouse or its kin, report by report."""
+    """A 3Dconnexion device such as a SpaceMouse, report by report."""
 
     name = "3dconnexion"
     judges = "the device"
@@ -27,7 +27,7 @@ class Connexion(Suite[ConnexionTraffic]):
     asks = ConnexionScenario
     rig = "cardan.conform.connexion.simulated:ConnexionRig"
     seconds = 1.2
-    # Before it is let go for the first time; and without an end.
+    # Times, s, before the first release of the cap; the silence does not end.
     fault_test_values: ClassVar[Mapping[str, float]] = {
         "silence": 0.9,
         "unplug": 1.0,

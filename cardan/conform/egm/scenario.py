@@ -1,4 +1,4 @@
-"""Asks a controller: listens, holds, steps by half a millimeter, and has it stopped by hand."""
+"""Scenario for an EGM controller: listen, hold, step by half a millimeter, stop by hand."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from cardan.protocols import egm
 
 STEP_M = 0.0005
 STEP_RAD = math.radians(0.1)
-"""Of the last joint; the program's mode decides which of the two acts."""
+"""Step of the last joint; the program's mode decides which of the two steps acts."""
 STEP_S = 1.2
 """Five time constants of the default gain."""
 QUIET_S = 0.5
 """A run is over after this time without a datagram."""
 ENDS_S = 3.0
-"""A run that is left alone ends within this time, and the next begins: three times RAPID's own
+"""An unanswered run ends within this time, and the next begins: three times RAPID's own
 CommTimeout."""
 HAND_S = 60.0
-"""Somebody has so long to do what the list says."""
+"""Time for the operator to follow an instruction."""
 
 JUNK = (b"\x00", b"GET / HTTP/1.1\r\n\r\n", bytes(range(255, 55, -1)), b"\x0a\x06\x08")
 """Nothing, another protocol, noise, and the beginning of a message."""
 
 
 class EgmScenario(Scenario):
-    """A PC that does no harm. It answers each datagram at once, with the position that it holds."""
+    """A harmless PC. It answers each datagram at once, with the position that it holds."""
 
     def __init__(self, level: Level, seconds: float) -> None:
         self._level = level
         self._seconds = seconds
         self._answering = False
         self._shift = 0.0
-        """Share of the step that is asked for."""
+        """Commanded share of the step."""
         self._hold: egm.EgmMotion | None = None
         self._newest: egm.EgmRobot | None = None
         self._newest_s = -math.inf
@@ -44,7 +44,7 @@ class EgmScenario(Scenario):
     def script(self) -> Script:
         yield open_("")
         yield mark("listen")
-        # Long enough to meet the next run, where the one before ends for want of answers.
+        # Long enough to meet the next run if the run before times out without answers.
         yield Wait(0.6 * self._seconds)
         if self._level >= Level.HOLD:
             yield from self._holding()

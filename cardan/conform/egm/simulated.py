@@ -1,4 +1,4 @@
-"""The simulated controller and a scenario in virtual time, with the network between them."""
+"""Simulated controller and scenario in virtual time, with a network between them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _FIRST_PORT = 49_152
 
 
 class EgmRig(CyclicRig[bytes]):
-    """A controller whose program runs EGM again by itself, as many do: nobody is there to start
+    """A controller whose program restarts EGM by itself, as many do: no operator is there to start
     it."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:

@@ -1,4 +1,4 @@
-"""The suite of a controller that speaks Externally Guided Motion."""
+"""Suite of a controller that speaks Externally Guided Motion."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Egm(Suite[EgmTraffic]):
     asks = EgmScenario
     rig = "cardan.conform.egm.simulated:EgmRig"
     seconds = 3.0
-    # While it is held.
+    # Times, s, in the hold.
     fault_test_values: ClassVar[Mapping[str, float]] = {
         "pause": 0.9,
         "restart": 3.0,

@@ -1,4 +1,4 @@
-"""Is a controller to a driver: runs, stops, restarts, falls silent, and lets junk in between."""
+"""Scenario that is a driver's controller: run, stop, restart, silence, junk."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from cardan.conform.timeline import Event, Kind
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions
 
 FIRST, SECOND = "first", "second"
-"""Ports of ours: that of the controller before and after its restart."""
+"""Ports of ours: the controller's before and after its restart."""
 SILENT_S = 1.0
 STOPPED_S = 0.4
 SETTLE_S = 0.1
 
 
 class ControllerScenario(CyclicController):
-    """The simulated controller in the hands of a script. Nothing real moves."""
+    """The simulated controller, run by a script. Nothing real moves."""
 
     def __init__(self, level: Level, seconds: float) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""The suite of a driver that guides a controller over EGM."""
+"""Suite of a driver that guides a controller over EGM."""
 
 from __future__ import annotations
 
@@ -31,5 +31,5 @@ class EgmDriver(Suite[EgmTraffic]):
     rig = "cardan.conform.egm_driver.simulated:EgmDriverRig"
     own_faults = FAULTS
     seconds = 0.6
-    # Traffic where it is ended, which only level 3 does.
+    # These faults show when the driver is ended, which only level 3 does.
     tried_on: ClassVar[Mapping[str, Level]] = {"leaves-moving": Level.BY_HAND}

@@ -1,4 +1,4 @@
-"""What judges of MotoROS look at: the messages of a timeline, and which reply answers what."""
+"""Decoded MotoROS messages of a timeline, and requests with their replies, for the judges."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Heard(NamedTuple):
     """A message of the controller."""
 
     number: int
-    """Of the event that completed it."""
+    """Number of the event that completed it."""
     begun_s: float
     time_s: float
     channel: str
@@ -23,28 +23,28 @@ class Heard(NamedTuple):
 
 B = TypeVar("B")
 Status = tuple[Heard, sm.RobotStatus]
-"""What was told, and what told it."""
+"""A message with its robot status."""
 
 
 class Exchange(NamedTuple):
-    """A request of ours, and what came next on its wire."""
+    """A request of ours, and the next message on its wire."""
 
     number: int
     time_s: float
     channel: str
     request: sm.Message | None
-    """None: what was sent on purpose is no message, or a piece of one."""
+    """None: the data were deliberately no message, or a piece of one."""
     raw: bytes
     reply: Heard | None
 
     @property
     def body(self) -> sm.Body | None:
-        """Of the request."""
+        """Body of the request."""
         return None if self.request is None else self.request.body
 
     @property
     def motion(self) -> sm.MotionReply | None:
-        """The reply, where it is one of motion."""
+        """The reply, if it is a motion reply."""
         body = None if self.reply is None else self.reply.message.body
         return body if isinstance(body, sm.MotionReply) else None
 
@@ -106,11 +106,11 @@ class MotorosTraffic(Traffic):
         self.asked.append(Exchange(number, sent.time_s, sent.channel, known, sent.data, reply))
 
     def exchanges(self, phase: str) -> list[Exchange]:
-        """What was asked in a phase."""
+        """Return the requests of a phase."""
         return self.within(self.asked, phase)
 
     def requests(self, kind: type, phase: str = "", **fields: int) -> list[Exchange]:
-        """What was asked with a body of a kind that has these fields, in a phase; empty: in any."""
+        """Return the requests of a phase (empty: any) with a body of `kind` with these fields."""
         return [
             each
             for each in (self.exchanges(phase) if phase else self.asked)
@@ -123,9 +123,9 @@ class MotorosTraffic(Traffic):
         return [(e, e.message.body) for e in found if isinstance(e.message.body, kind)]
 
     def statuses(self, phase: str = "") -> list[Status]:
-        """Those of a phase; empty: all."""
+        """Return the robot statuses of a phase; empty: all."""
         return self._told(sm.RobotStatus, phase)
 
     def feedback(self, phase: str = "", group: int = 0) -> list[tuple[Heard, sm.JointFeedback]]:
-        """That of a group in a phase; empty: all."""
+        """Return the joint feedback of a group in a phase; empty: all."""
         return [each for each in self._told(sm.JointFeedback, phase) if each[1].group == group]

@@ -1,4 +1,4 @@
-"""Asks MotoROS: listens to its states, asks one thing at a time, and moves one axis a little."""
+"""Scenario for MotoROS: listen to states, send single requests, and move one axis a little."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import MessageType as T, MotionCommand as C
 
 STEP_RAD = math.radians(0.2)
-"""Of the last axis, which only turns the flange."""
+"""Step of the last axis, which only turns the flange."""
 STEP_S = 0.1
 UNKNOWN_TYPE = 3900
-"""No firmware that is known has it."""
+"""A type that no known firmware has."""
 REPLY_S = 0.6
-"""A controller that answers no sooner is taken not to answer."""
+"""Timeout of a reply."""
 START_S = 12.0
 """START_TRAJ_MODE may power the drives and start a job."""
 POLL_S = 0.02
@@ -44,7 +44,7 @@ class MotorosScenario(Scenario):
         self._lost: set[str] = set()
         self._axes = 6
 
-    # -- what comes in ----------------------------------------------------------------------------
+    # -- received messages ------------------------------------------------------------------------
 
     def answer(self, event: Event) -> Iterator[Act]:
         channel = event.channel
@@ -70,7 +70,7 @@ class MotorosScenario(Scenario):
         elif isinstance(body, sm.JointFeedback) and body.group == 0:
             self._feedback = body
 
-    # -- what is asked ----------------------------------------------------------------------------
+    # -- requests ---------------------------------------------------------------------------------
 
     def script(self) -> Script:
         yield open_("state")
@@ -101,7 +101,7 @@ class MotorosScenario(Scenario):
             self._axes = min(max(self._reply.body.axes, 1), 10)
         yield from self._asked(sm.Raw(b""), UNKNOWN_TYPE)
         yield from self._asked(sm.Raw(bytes(8)), int(T.MOTO_MOTION_CTRL))
-        # Sequence 0 of a group that no controller has.
+        # Sequence 0 of a group that exists on no controller.
         point = sm.JointTrajPtFull(9, 0, _POSITION, 0.0, sm.ZEROS, sm.ZEROS, sm.ZEROS)
         yield from self._asked(point)
         yield from self._asked(sm.ReadIo(FIRST_OUTPUT), T.MOTO_READ_IO_BIT, channel="io")
@@ -130,7 +130,7 @@ class MotorosScenario(Scenario):
         yield from self._start_velocity()
         if self._succeeded():
             yield from self._velocity(0, 0.0)
-            # Longer than the watchdog waits.
+            # Longer than the watchdog's timeout.
             yield Wait(3.0 * WATCHDOG_MS * 1e-3)
             yield from self._velocity(1, 0.0)
             yield from self._point(0, 0.0)
@@ -148,7 +148,7 @@ class MotorosScenario(Scenario):
             yield from self._point(0, 0.0)
             if self._succeeded():
                 yield from self._point(1, STEP_S, shift)
-                # Not at once: the queue is filled an interpolation period later.
+                # The queue is filled one interpolation period later.
                 end_s = self.now_s + 10.0 * STEP_S
                 yield Wait(0.5 * POLL_S)
                 while self.now_s < end_s and self._queue_left():
@@ -181,7 +181,7 @@ class MotorosScenario(Scenario):
         yield Wait(HAND_S, lambda: self._status is not None and self._status.e_stopped == 0)
         yield Wait(0.3)
 
-    # -- one thing --------------------------------------------------------------------------------
+    # -- single requests --------------------------------------------------------------------------
 
     def _answered(self) -> bool:
         return self._reply is not None or "motion" in self._lost
@@ -209,7 +209,7 @@ class MotorosScenario(Scenario):
         at = sm.ZEROS if self._feedback is None else self._feedback.pos
         axis = self._axes - 1
         at = (*at[:axis], at[axis] + shift, *at[axis + 1 :])
-        # The half millisecond: times are cut to whole milliseconds.
+        # Half a millisecond, because times are truncated to whole milliseconds.
         time_s += 0.0005 if time_s else 0.0
         yield from self._asked(
             sm.JointTrajPtFull(0, sequence, _POSITION, time_s, at, sm.ZEROS, sm.ZEROS)

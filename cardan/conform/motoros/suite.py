@@ -1,4 +1,4 @@
-"""The suite of a controller that runs MotoROS."""
+"""Suite of a controller that runs MotoROS."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The suite of a client that moves an arm by MotoROS."""
+"""Suite of a client that moves an arm by MotoROS."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class MotorosDriver(Suite[DriverTraffic]):
     rig = "cardan.conform.motoros_driver.simulated:MotorosDriverRig"
     own_faults = FAULTS
     seconds = 0.6
-    # Traffic where it is ended, which only level 3 does.
+    # These faults show when the driver is ended, which only level 3 does.
     tried_on: ClassVar[Mapping[str, Level]] = {
         "leaves-moving": Level.BY_HAND,
         "leaves-mode-on": Level.BY_HAND,

@@ -1,2 +1,2 @@
-"""Conformance of a Universal Robots controller: RTDE, programs over the primary interface, and the
+"""Conformance of a Universal Robots controller: RTDE, programs over the primary interface, and
 dashboard."""

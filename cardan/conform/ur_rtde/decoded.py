@@ -1,5 +1,4 @@
-"""What judges of a Universal Robots controller look at: packets, packages and lines of a timeline,
-decoded once."""
+"""Decoded packets, packages and lines of a Universal Robots controller, for the judges."""
 
 from __future__ import annotations
 
@@ -21,16 +20,16 @@ from cardan.protocols.ur.primary import (
 from cardan.protocols.ur.realtime import RealtimeReader
 
 RTDE, SECOND, OLD = "rtde", "rtde-2", "rtde-1"
-"""Channels: the connection that is judged, another client's beside it, and that of a client that
-speaks version 1 of the protocol."""
+"""Channels: the judged connection, another client's beside it, and a client's with version 1 of the
+protocol."""
 PRIMARY, SECONDARY, REALTIME = "primary", "secondary", "realtime"
 """The client interfaces."""
 REVERSE = "reverse"
-"""A port of ours, which a program of ours comes to."""
+"""A port of ours, to which a program of ours connects."""
 TOKEN = re.compile(r"write_output_integer_register\(\d+, (\d{2,})\)")
-"""In a program: what it writes first, so that it is known to run."""
+"""The first register write of a program, with the token that shows that it runs."""
 _OF_A_VERSION = frozenset((rtde.PacketType.OUTPUTS, rtde.PacketType.DATA, rtde.PacketType.TEXT))
-"""What has another form in another version of RTDE."""
+"""Packets whose format depends on the version of RTDE."""
 _NAME = re.compile(r"def (\w+)\(\)")
 _READERS: Mapping[str, Callable[[], Any]] = {
     PRIMARY: PackageReader,
@@ -38,14 +37,14 @@ _READERS: Mapping[str, Callable[[], Any]] = {
     REALTIME: RealtimeReader,
     "dashboard": LineReader,
 }
-"""What cuts a channel's bytes, where it is not RTDE."""
+"""Message readers of the channels that are not RTDE."""
 
 
 class Heard(NamedTuple):
-    """A packet of the controller's."""
+    """A packet of the controller."""
 
     number: int
-    """Of the event that completed it."""
+    """Number of the event that completed it."""
     begun_s: float
     time_s: float
     channel: str
@@ -64,11 +63,11 @@ class Exchange(NamedTuple):
 
 
 Answered = tuple[Exchange, rtde.Setup, rtde.SetupReply]
-"""A request for a recipe, and what it was answered."""
+"""A request for a recipe, and its answer."""
 
 
 class Values(dict[str, Any]):
-    """Of a package, by their names. UnaskedError for one that its recipe does not have."""
+    """Values of a package by name. UnaskedError for a name that its recipe does not have."""
 
     def __missing__(self, name: str) -> NoReturn:
         raise UnaskedError(name)
@@ -110,7 +109,7 @@ class Sample(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A request to the dashboard server, and what it said; before any request, its greeting."""
+    """A request to the dashboard server and its answer; before any request, the greeting."""
 
     number: int
     time_s: float
@@ -121,7 +120,7 @@ class Line(NamedTuple):
 
 
 class Upload(NamedTuple):
-    """A program of ours, or a line."""
+    """A program or a line that we sent."""
 
     number: int
     time_s: float
@@ -132,7 +131,7 @@ class Upload(NamedTuple):
 
 
 class _Connection:
-    """What is known of an RTDE connection while it is open."""
+    """State of an open RTDE connection."""
 
     def __init__(self, version: int) -> None:
         self.ours = rtde.PacketReader()
@@ -152,25 +151,25 @@ class UrTraffic(Traffic):
         self.heard: list[Heard] = []
         self.asked: list[Exchange] = []
         self.states: list[State] = []
-        """Of the connection that is judged."""
+        """States of the judged connection."""
         self.strays: list[tuple[int, float, str]] = []
-        """Data packages that nothing had been started for."""
+        """Data packages without a start before."""
         self.streams: list[OutputStream] = []
         self.recipes: dict[int, rtde.Recipe] = {}
-        """Of each data package, by its event's number: those of the judged connection."""
+        """Recipe of each data package of the judged connection, by its event's number."""
         self.commands: list[State] = []
-        """What we wrote, by the names of its recipe."""
+        """Inputs that we wrote, by the names of their recipe."""
         self.told: list[Told] = []
-        """By the primary interface."""
+        """Packages of the primary interface."""
         self.secondary: list[Told] = []
         self.samples: list[Sample] = []
         self.lines: list[Line] = []
         self.uploads: list[Upload] = []
         self.opened: list[str] = []
         self.old: set[str] = set()
-        """Channels on which an older version of RTDE is spoken."""
+        """Channels that use an older version of RTDE."""
         self.called: list[tuple[int, Event]] = []
-        """Programs of ours that came to our port, and what they sent."""
+        """Connections and data of our programs at our port."""
         self._connections: dict[str, _Connection] = {}
         self._streams = Streams(
             lambda channel: _READERS.get(channel, rtde.PacketReader)(),
@@ -196,8 +195,8 @@ class UrTraffic(Traffic):
             self.opened.append(channel)
             self._streams.begin(channel)
             if channel.startswith(RTDE):
-                # A controller speaks the oldest until another is agreed on. What was before the
-                # beginning of a capture is not known.
+                # A controller uses the oldest version until another is agreed on. Traffic before a
+                # capture's beginning is unknown.
                 self._connections[channel] = _Connection(
                     rtde.VERSION if event.note else rtde.VERSIONS[0]
                 )
@@ -339,23 +338,23 @@ class UrTraffic(Traffic):
         if words and not self._answered:
             self.lines.append(Line(number, time_s, number, words, None))
 
-    # -- looking ----------------------------------------------------------------------------------
+    # -- queries ----------------------------------------------------------------------------------
 
     def during(self, *names: str) -> list[State]:
-        """The states of these phases."""
+        """Return the states of these phases."""
         return self.within(self.states, *names)
 
     def sent_during(self, *names: str) -> list[State]:
-        """The commands of these phases."""
+        """Return the commands of these phases."""
         return self.within(self.commands, *names)
 
     def messages(self, *kinds: MessageKind, during: Sequence[str] = ()) -> list[RobotMessage]:
-        """Those of the primary interface, of these kinds; in these phases, or in all."""
+        """Return the primary interface's messages of these kinds; in these phases, or in all."""
         found = self.within(self.told, *during) if during else self.told
         return [each.message for each in found if each.message and each.message.kind in kinds]
 
     def exchanges(self, kind: rtde.PacketType, *names: str) -> list[Exchange]:
-        """Requests of a kind in these phases; without any, in all."""
+        """Return the requests of a kind in these phases; without any, in all."""
         return [
             each
             for each in self.asked
@@ -365,7 +364,7 @@ class UrTraffic(Traffic):
     def setups(
         self, kind: rtde.PacketType, *names: str
     ) -> list[tuple[Exchange, rtde.Setup, rtde.SetupReply]]:
-        """Those requests for recipes that were answered."""
+        """Return the answered requests for recipes."""
         return [
             (each, each.asked, each.reply.reply)
             for each in self.exchanges(kind, *names)
@@ -375,5 +374,5 @@ class UrTraffic(Traffic):
         ]
 
     def said(self, asked: str) -> list[Line]:
-        """What the dashboard server answered to a request, each time; None where it did not."""
+        """Return the dashboard server's answers to a request; `said` is None where it had none."""
         return [each for each in self.lines if each.asked == asked]

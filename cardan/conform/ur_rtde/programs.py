@@ -1,4 +1,4 @@
-"""What a Universal Robots controller must do with inputs and programs: levels 1 to 3."""
+"""Requirements of a Universal Robots controller on inputs and programs: levels 1 to 3."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ SCRIPT = "UR's script manual"
 
 BEGINS_WITHIN_S = 1.0
 OBEYED_S, OBEYED_CYCLES = 0.01, 2.0
-"""Two ways over a network, and the cycles in which a command and its report wait."""
+"""Network round trip, and the cycles for which a command and its report wait."""
 UNOBEYED_S = 0.3
 STILL_RAD = math.radians(0.02)
 WATCHDOG_LATE_S = 0.05
@@ -180,7 +180,7 @@ def power_and_brakes_obey(seen: UrTraffic) -> Verdict:
 
 
 def _programs(seen: UrTraffic, *phases: str) -> list[Upload]:
-    """Those that are to be begun; in these phases, or in all but where none may be."""
+    """Return the programs that must start, in these phases; without any, in all but "local"."""
     return [
         each
         for each in seen.uploads
@@ -190,18 +190,18 @@ def _programs(seen: UrTraffic, *phases: str) -> list[Upload]:
 
 
 def first(states: Sequence[State], name: str, value: int) -> State | None:
-    """The first state with that value."""
+    """Return the first state with that value."""
     return next((each for each in states if each.values[name] == value), None)
 
 
 def _before(seen: UrTraffic, phase: str) -> list[State]:
-    """The states that came before a phase; none where the scenario did not come to it."""
+    """Return the states before a phase; none if the scenario did not reach it."""
     found = seen.phase(phase)
     return [] if found is None else [s for s in seen.states if s.number < found.first]
 
 
 def after(seen: UrTraffic, time_s: float) -> list[State]:
-    """The states since then."""
+    """Return the states after `time_s`."""
     return [each for each in seen.states if each.time_s > time_s]
 
 
@@ -247,7 +247,7 @@ def runtime_state_says_what_runs(seen: UrTraffic) -> Verdict:
 
 
 def _begun(seen: UrTraffic, phase: str, name: str = "") -> Upload:
-    """The first program of a phase, of that name where one is given, which was begun."""
+    """Return the first started program of a phase, of that name if given."""
     found = [each for each in _programs(seen, phase) if name in ("", each.name)]
     begun = found and first(seen.during(phase), TOKEN, found[0].token)
     return some(found if begun else None, "none was begun")[0]
@@ -326,7 +326,7 @@ def commands_are_obeyed(seen: UrTraffic) -> Verdict:
 
 
 def _farthest(states: Sequence[State], joints: slice = slice(None)) -> float:
-    """How far any of the joints was from where it is in the first state, rad."""
+    """Return the largest distance of any joint from its first position, rad."""
     first = states[0].values["actual_q"][joints]
     return max(apart(each.values["actual_q"][joints], first) for each in states)
 
@@ -341,8 +341,8 @@ def held_it_stands(seen: UrTraffic) -> Verdict:
 
 
 def _ended(seen: UrTraffic, phase: str) -> tuple[float, State] | None:
-    """How long after the phase's begin the driver's program reported another than that it follows,
-    and the state that says so."""
+    """Return the time from a phase's beginning until the driver's program stopped following, s, and
+    the state that reports it."""
     begun, found = seen.phase(phase), seen.during(phase)
     before = _before(seen, phase)
     if begun is None or not found or not before or not _follows(before[-1]):
@@ -352,7 +352,7 @@ def _ended(seen: UrTraffic, phase: str) -> tuple[float, State] | None:
 
 
 def _watchdog(seen: UrTraffic, phase: str) -> Verdict:
-    """Whether the program's own watchdog ended it in time, with the arm at rest after it."""
+    """Judge if the program's own watchdog ended it in time, with the arm at rest after it."""
     found = some(_ended(seen, phase), _NONE_FOLLOWED)
     took_s, state = found
     report = state.values[REPORT]
@@ -400,13 +400,13 @@ def a_program_replaces_another(seen: UrTraffic) -> Verdict:
 
 
 def _last_joint(states: Sequence[State], name: str = "actual_q") -> list[float]:
-    """How far the last joint was from where it is in the first state, rad, in each."""
+    """Return the last joint's offset from its position in the first state, rad, in each state."""
     first = states[0].values[name][-1]
     return [each.values[name][-1] - first for each in states]
 
 
 def _unmoved(seen: UrTraffic) -> Verdict | None:
-    """Why nothing can be judged of the motion there; None: it can."""
+    """Return a verdict if the motion in the phase "out" cannot be judged; None: it can."""
     if not seen.sent_during("out"):
         return not_seen("it was not tried")
     return not_seen(NO_STATES) if len(seen.during("out")) < 2 else None
@@ -509,7 +509,7 @@ def the_speed_slider_is_told(seen: UrTraffic) -> Verdict:
 
 
 def _never_local(seen: UrTraffic) -> Verdict | None:
-    """Why nothing can be judged of local control; None: it can."""
+    """Return a verdict if local control cannot be judged; None: it can."""
     if seen.phase("local") is not None:
         return None
     if _has_remote_control(seen):

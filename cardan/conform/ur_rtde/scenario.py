@@ -1,4 +1,4 @@
-"""Asks a Universal Robots controller: reads its states, sends programs, turns one joint a little.
+"""Scenario for a Universal Robots controller: read states, send programs, turn a joint a little.
 
 The program that follows registers is the one that our driver sends.
 """
@@ -37,7 +37,7 @@ from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, Safety
 from cardan.protocols.ur.variables import OUTPUT_VARIABLES
 
 SERVOING = Servoing()
-"""As the driver's when nothing is chosen: its registers, its program's watchdog."""
+"""The driver's defaults: its registers, its program's watchdog."""
 STATES = (
     "timestamp",
     "target_q",
@@ -50,28 +50,28 @@ STATES = (
     "speed_scaling",
     "target_speed_fraction",
 )
-"""What the driver asks for."""
+"""Outputs that the driver requests."""
 STATE_TIMEOUT_S = 0.1
-"""The driver takes the link for lost then, when nothing is chosen."""
+"""The driver's default timeout, after which the link counts as lost."""
 FIRST = SERVOING.first_register
 INPUTS = input_names(FIRST)
 TOKEN, REPORT, BEAT = report_names(FIRST)
 LAST_JOINT = INPUTS[3 + JOINTS - 1]
-"""Where it is to be."""
+"""Input of the last joint's target."""
 OUTPUTS = (*STATES, "robot_status_bits", "safety_status_bits", TOKEN, REPORT, BEAT)
 
 FUTURE_VERSION = 99
 UNKNOWN = "cardan_has_no_such_variable"
 SPARE_INPUT = "input_double_register_47"
-"""Nobody's yet: another client takes it, goes, and comes again."""
+"""A free input: another client takes it, disconnects, and connects again."""
 SLOWER = 10
-"""The other client asks for so many times fewer packages."""
+"""Divisor of the package rate of the other client."""
 SAYS = "cardan conform"
 LINE = "a line"
 WRONG = "cardan_wrong"
 RAISES, CALLS = "cardan_raises", "cardan_calls"
 RAISES_AT = 4
-"""The line of that program that fails."""
+"""Number of the line of that program that fails."""
 ANSWER = "heard"
 ASKING = (dashboard.ROBOT_MODE, dashboard.SAFETY_STATUS, dashboard.REMOTE_CONTROL)
 WORDED = (
@@ -82,37 +82,37 @@ WORDED = (
     "isProgramSaved",
     "PolyscopeVersion",
 )
-"""Asked once, for the words of the answers."""
+"""Requests sent once, for the words of the answers."""
 OLD_OUTPUTS = ("timestamp", "actual_q")
 RECIPE_NAMES = 64
-"""Of the published variables, asked for at once."""
+"""Published variables per request."""
 REVERSE_PORT = 50010
-"""Ours, which a program opens a socket to."""
+"""A port of ours, to which a program opens a socket."""
 NONSENSE = "cardan has no such request"
 
 STEP_RAD = math.radians(0.2)
-"""Of the last joint, which only turns the flange."""
+"""Step of the last joint, which only turns the flange."""
 STEP_S = 0.4
 DESERTED_RAD_S = math.radians(0.5)
 DESERTED_S = 0.2
 
 REPLY_S = 1.0
-"""What the driver waits for an answer."""
+"""The driver's timeout of an answer."""
 BEGIN_S = 2.0
 END_S = 1.5
 POWER_S = 40.0
 HAND_S = 60.0
 LINE_S = 0.3
 CALL_S = 5.0
-"""Programs wait for an answer for 2 s, where they say nothing else."""
+"""Programs wait for an answer for 2 s by default."""
 SLEEP_S = 0.2
 
 _Path = Callable[[float], tuple[float, float]]
-"""Where the last joint is from where it began, rad, and its speed, at a time since then."""
+"""The last joint's offset from its start, rad, and its speed, rad/s, at a time since then, s."""
 
 
 def _there(by_rad: float) -> _Path:
-    """Half a cosine, from rest to rest."""
+    """Return a path of half a cosine by `by_rad`, from rest to rest."""
 
     def at(time_s: float) -> tuple[float, float]:
         phase = math.pi * min(max(time_s / STEP_S, 0.0), 1.0)
@@ -127,24 +127,25 @@ def _steady(speed_rad_s: float) -> _Path:
 
 
 def _program(name: str, token: int, *lines: str) -> str:
-    """A program that first writes `token`, by which it is known to run."""
+    """Return a program that first writes `token`, which shows that it runs."""
     begin = f"write_output_integer_register({FIRST}, {token})"
     return "\n  ".join((f"def {name}():", begin, *lines)) + "\nend\n"
 
 
 def says(token: int) -> str:
-    """A program that moves nothing: it says something, and waits."""
+    """Return a program that moves nothing: it sends a text message, and waits."""
     return _program("cardan_says", token, f'textmsg("{SAYS} ", {token})', f"sleep({SLEEP_S})")
 
 
 def raises(token: int) -> str:
-    """A program that begins, and fails when it has run a little."""
+    """Return a program that starts, and fails shortly after."""
     lines = "local cardan_list = [1, 2]", f'textmsg("{SAYS} ", cardan_list[5])'
     return _program(RAISES, token, *lines)
 
 
 def calls(token: int, host: str, port: int) -> str:
-    """A program that opens a socket to `host`, and says what it hears there."""
+    """Return a program that opens a socket to `host`, and sends the line from there as a text
+    message."""
     return _program(
         CALLS,
         token,
@@ -157,7 +158,7 @@ def calls(token: int, host: str, port: int) -> str:
 
 
 def published(version: rtde.ControllerVersion | None) -> tuple[str, ...]:
-    """The output variables that a controller of that version has."""
+    """Return the output variables that a controller of that version has."""
     if version is None:
         return ()
     found = ((name, each.since(version.major)) for name, each in OUTPUT_VARIABLES.items())
@@ -168,7 +169,7 @@ _WRONG = f"def {WRONG}():\n  cardan_has_no_such_function(1)\nend\n"
 
 
 class UrScenario(Scenario):
-    """A client that asks one thing at a time, and answers states as the driver does."""
+    """A client that has one request open at a time, and answers states as the driver does."""
 
     def __init__(self, level: Level, seconds: float, home: str = "127.0.0.1") -> None:
         """`home`: our address, as the controller reaches it."""
@@ -192,7 +193,7 @@ class UrScenario(Scenario):
         self._path: _Path | None = None
         self._path_s = 0.0
 
-    # -- what comes in ----------------------------------------------------------------------------
+    # -- received data ----------------------------------------------------------------------------
 
     def answer(self, event: Event) -> Iterator[Act]:
         channel = event.channel
@@ -242,7 +243,7 @@ class UrScenario(Scenario):
             values = [self._token, self._beat, int(order), *goal, *speeds]
             yield send(self._inputs.pack(values), RTDE)
 
-    # -- what is asked ----------------------------------------------------------------------------
+    # -- requests ---------------------------------------------------------------------------------
 
     def script(self) -> Script:
         yield from self._listening()
@@ -483,7 +484,7 @@ class UrScenario(Scenario):
         yield Wait(HAND_S, lambda: not self._stopped_by_hand())
         yield Wait(0.5)
 
-    # -- one thing --------------------------------------------------------------------------------
+    # -- single requests --------------------------------------------------------------------------
 
     @property
     def _mode(self) -> int:
@@ -501,7 +502,7 @@ class UrScenario(Scenario):
     def _recipe(
         self, data: bytes, names: Sequence[str]
     ) -> Generator[Act | Wait, None, rtde.Recipe | None]:
-        """A setup on the connection that is judged; gives its recipe, None where there is none."""
+        """Send a setup on the judged connection; return its recipe, None if there is none."""
         yield from self._asked(data)
         reply = self._reply
         if not isinstance(reply, rtde.SetupReply) or not reply.recipe:
@@ -512,7 +513,7 @@ class UrScenario(Scenario):
             return None
 
     def _requested(self, words: str) -> Script:
-        """A request to the dashboard server, and its answer in `_line`."""
+        """Send a request to the dashboard server; its answer is in `_line`."""
         before, self._line = self._lines, ""
         if "dashboard" not in self._lost:
             yield send(dashboard.request(words), "dashboard")
@@ -538,7 +539,7 @@ class UrScenario(Scenario):
         )
 
     def _may_begin(self) -> bool:
-        """Whether a program of ours harms nobody else's."""
+        """True if a program of ours can start without stopping another client's."""
         values = self._values
         return (
             not self._lost & {RTDE, PRIMARY}
@@ -550,11 +551,11 @@ class UrScenario(Scenario):
         )
 
     def _next_token(self) -> None:
-        """None that the register holds still, of an earlier run."""
+        """Advance the token past the register's value, which may be an earlier run's."""
         self._token = max(self._token, int(self._values.get(TOKEN, 0)) % (1 << 30)) + 1
 
     def _saying(self, always: bool = False, channel: str = PRIMARY) -> Script:
-        """The program that says something, where none runs, or `always`."""
+        """Run the program that sends a text message if no program runs, or `always`."""
         if (always or self._may_begin()) and channel not in self._lost:
             yield from self._run(says, channel, rest_s=0.05)
 
@@ -565,7 +566,7 @@ class UrScenario(Scenario):
         end_s: float = END_S,
         rest_s: float = 0.1,
     ) -> Script:
-        """A program that ends by itself."""
+        """Run a program that ends by itself."""
         self._next_token()
         yield send(made(self._token).encode(), channel)
         yield Wait(BEGIN_S, lambda: RTDE in self._lost or self._values.get(TOKEN) == self._token)
@@ -573,7 +574,7 @@ class UrScenario(Scenario):
         yield Wait(rest_s)
 
     def _begun(self) -> Script:
-        """The driver's program, up to where it follows."""
+        """Start the driver's program, and wait until it follows."""
         self._path = None
         if not self._may_begin():
             return
@@ -589,7 +590,7 @@ class UrScenario(Scenario):
             self._base = self._values["target_q"]
 
     def _followed(self, path: _Path, seconds: float) -> Script:
-        """States are answered for so long, and then still, until `_path` is None."""
+        """Wait for `seconds` while states are answered along `path`, until `_path` is None."""
         if self._follows():
             self._path, self._path_s = path, self.now_s
             yield Wait(seconds, lambda: RTDE in self._lost)

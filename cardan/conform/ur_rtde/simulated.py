@@ -1,4 +1,4 @@
-"""The simulated controller's servers and a scenario in virtual time."""
+"""Servers of the simulated controller, and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ OPTIONS = UrControllerOptions()
 
 
 class UrRig(TcpRig[PortKind]):
-    """The ports of an e-Series, or of another controller by its `options`, and one of ours that
-    programs come to."""
+    """The ports of an e-Series, or of another controller by its `options`, and a port of ours for
+    programs."""
 
     def __init__(
         self,
