@@ -9,8 +9,8 @@ from typing import Any
 
 from cardan.common.extras import missing_extra
 from cardan.conform.requirements import V
-from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Event, Kind, Timeline
+from cardan.conform.suite import Suite, SuiteTransport
+from cardan.conform.timeline import Kind, WireEvent, WireTimeline
 from cardan.errors import CaptureError
 
 PCAP_MAGIC_NS = 0xA1B23C4D
@@ -25,7 +25,7 @@ _FIN, _SYN, _PUSH, _ACK = 0x01, 0x02, 0x08, 0x10
 _LONGEST_SEGMENT = 1400
 
 
-def pcap(suite: Suite[V], timeline: Timeline, start_ns: int) -> bytes | None:
+def pcap(suite: Suite[V], timeline: WireTimeline, start_ns: int) -> bytes | None:
     """Return the capture, without real addresses; None if the protocol has no network packets.
 
     `start_ns` is the wall time of the timeline's zero, ns since the epoch.
@@ -49,13 +49,13 @@ def pcap(suite: Suite[V], timeline: Timeline, start_ns: int) -> bytes | None:
 _Packets = Iterator[tuple[float, bytes]]
 
 
-def _frames(_transport: Transport, events: Iterator[Event]) -> _Packets:
+def _frames(_transport: SuiteTransport, events: Iterator[WireEvent]) -> _Packets:
     for event in events:
         if event.kind is Kind.DATA:
             yield event.time_s, event.data
 
 
-def _ports(transport: Transport, channel: str, note: str) -> tuple[int, int]:
+def _ports(transport: SuiteTransport, channel: str, note: str) -> tuple[int, int]:
     """Return the judged side's port and ours."""
     # Each client of a port of ours is a channel: "motion 2".
     channel, _, client = channel.partition(" ")
@@ -70,7 +70,7 @@ def _ports(transport: Transport, channel: str, note: str) -> tuple[int, int]:
     return (free, known) if channel in transport.ours else (known, free)
 
 
-def _datagrams(transport: Transport, events: Iterator[Event]) -> _Packets:
+def _datagrams(transport: SuiteTransport, events: Iterator[WireEvent]) -> _Packets:
     theirs: dict[str, str] = {}
     for event in events:
         if event.kind is not Kind.DATA:
@@ -83,12 +83,14 @@ def _datagrams(transport: Transport, events: Iterator[Event]) -> _Packets:
         yield event.time_s, _ip(event.sent, _UDP, udp)
 
 
-def _segments(transport: Transport, events: Iterator[Event]) -> _Packets:
+def _segments(transport: SuiteTransport, events: Iterator[WireEvent]) -> _Packets:
     """Yield TCP segments as without loss: opened, acknowledged with data, closed."""
     places: dict[str, list[int]] = {}
     opened: dict[str, int] = {}
 
-    def segment(event: Event, from_us: bool, flags: int, data: bytes = b"") -> tuple[float, bytes]:
+    def segment(
+        event: WireEvent, from_us: bool, flags: int, data: bytes = b""
+    ) -> tuple[float, bytes]:
         judged, ours = _ports(transport, event.channel, "")
         ours += 16 * (opened.get(event.channel, 1) - 1)
         source, target = (ours, judged) if from_us else (judged, ours)
@@ -136,7 +138,7 @@ def _checksum(data: bytes) -> int:
     return ~total & 0xFFFF
 
 
-def write_mcap(path: Path, suite: Suite[V], timeline: Timeline, start_ns: int) -> None:
+def write_mcap(path: Path, suite: Suite[V], timeline: WireTimeline, start_ns: int) -> None:
     """Write the record: a channel for each wire and direction, with its bytes, and one for marks.
 
     Raises ExtraMissingError without mcap, and CaptureError if `path` cannot be written.

@@ -7,8 +7,8 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from cardan.conform.requirements import Verdict, not_seen
-from cardan.conform.runner import Scenario, Script, Wait, send
-from cardan.conform.timeline import Numbered, Traffic
+from cardan.conform.runner import Pause, Scenario, Script, send
+from cardan.conform.timeline import NumberedItem, Traffic
 
 COME = 6.0
 """Time for a driver to connect, or to answer for the first time, in lengths of a phase."""
@@ -16,15 +16,14 @@ KEPT = 3
 """Datagrams that a cyclic controller remembers."""
 
 UNANSWERED = 10
-"""A driver has ended if it leaves this many datagrams at the end of a phase, and all later ones,
-unanswered."""
+"""A driver has ended if it leaves as many last datagrams of a phase, and all later, unanswered."""
 
 
 def had_ended(
     seen: Traffic,
     phase: str,
-    asked: Iterable[Numbered],
-    answers: Sequence[Numbered],
+    asked: Iterable[NumberedItem],
+    answers: Sequence[NumberedItem],
     asks: Mapping[str, str],
 ) -> Verdict | None:
     """Return the verdict not seen if the driver had ended before a phase began; None: it had not.
@@ -64,13 +63,13 @@ class CyclicController(Scenario):
         end_s = self.now_s + seconds
         self._next_s = max(self._next_s, self.now_s)
         while self._next_s < end_s:
-            yield Wait(max(0.0, self._next_s - self.now_s))
+            yield Pause(max(0.0, self._next_s - self.now_s))
             found = self._cycle(self._next_s)
             self._next_s += self.period_s
             for data in found:
                 self._sent.append(data)
                 yield send(data, self._channel)
-        yield Wait(max(0.0, end_s - self.now_s))
+        yield Pause(max(0.0, end_s - self.now_s))
 
     def _cycles_until(self, done: Callable[[], bool], seconds: float, step_s: float) -> Script:
         """Run control cycles until `done`, checked every `step_s`, but at most for `seconds`."""

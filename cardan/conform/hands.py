@@ -6,8 +6,8 @@ from abc import abstractmethod
 from collections.abc import Iterator
 
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_
-from cardan.conform.timeline import Event, Kind
+from cardan.conform.runner import Pause, Scenario, Script, Step, ask, mark, open_
+from cardan.conform.timeline import Kind, WireEvent
 
 HAND_S = 30.0
 """Time for the operator to follow an instruction."""
@@ -38,10 +38,10 @@ class HandScenario(Scenario):
         """Current phase of `KEYS`: the button action now expected."""
 
     @abstractmethod
-    def _note(self, event: Event) -> None:
+    def _note(self, event: WireEvent) -> None:
         """Set `_moved` and `_pressed` if the data of `event` show it."""
 
-    def answer(self, event: Event) -> Iterator[Act]:
+    def answer(self, event: WireEvent) -> Iterator[Step]:
         if event.kind in (Kind.CLOSED, Kind.REFUSED):
             self._gone = True
         elif event.kind is Kind.DATA:
@@ -56,39 +56,39 @@ class HandScenario(Scenario):
         yield open_("")
         yield mark("rest")
         yield ask("rest", "Do not touch the device.")
-        yield Wait(rest_s)
+        yield Pause(rest_s)
 
     def _motions(self, rest_s: float, steps: Steps = PUSHES) -> Script:
         for name, how in steps:
             yield mark(name)
             self._moved = False
             yield ask(name, how)
-            yield Wait(self._hand_s, lambda: self._moved or self._gone)
+            yield Pause(self._hand_s, lambda: self._moved or self._gone)
             yield mark(f"{name}-held")
-            yield Wait(self._hold_s, lambda: self._gone)
+            yield Pause(self._hold_s, lambda: self._gone)
             yield mark(f"{name}-over")
             yield ask("let-go", "Let go.")
-            yield Wait(LET_GO_S, self._quiet)
+            yield Pause(LET_GO_S, self._quiet)
             yield mark(f"{name}-rest")
-            yield Wait(rest_s)
+            yield Pause(rest_s)
 
     def _keys(self) -> Script:
         for name, how in KEYS:
             yield mark(name)
             self._pressed, self._key = False, name
             yield ask(name, how)
-            yield Wait(self._hand_s, lambda: self._pressed or self._gone)
-        yield Wait(QUIET_S)
+            yield Pause(self._hand_s, lambda: self._pressed or self._gone)
+        yield Pause(QUIET_S)
 
     def _again(self) -> Script:
         yield mark("push-again")
         yield ask("push", "Push the cap once more.")
-        yield Wait(self._hold_s, lambda: self._gone)
+        yield Pause(self._hold_s, lambda: self._gone)
         yield ask("let-go", "Let go.")
-        yield Wait(LET_GO_S, self._quiet)
+        yield Pause(LET_GO_S, self._quiet)
 
     def _unplugged(self) -> Script:
         yield mark("unplug")
         yield ask("unplug", "Hold the cap deflected, and unplug the device.")
-        yield Wait(self._hand_s, lambda: self._gone)
-        yield Wait(QUIET_S)
+        yield Pause(self._hand_s, lambda: self._gone)
+        yield Pause(QUIET_S)

@@ -6,9 +6,9 @@ import select
 import time
 from collections.abc import Callable
 
-from cardan.conform.runner import Act, Exchange
+from cardan.conform.runner import Exchange, Step
 from cardan.conform.timeline import Kind
-from cardan.conform.transports import Wire, Wires
+from cardan.conform.transports import TargetWire, Wires
 from cardan.errors import DriverError
 
 
@@ -17,7 +17,7 @@ class Live:
 
     def __init__(self, exchange: Exchange, wires: Wires, told: Callable[[str], None]) -> None:
         self._exchange, self._wires, self._told = exchange, wires, told
-        self._open: dict[str, Wire] = {}
+        self._open: dict[str, TargetWire] = {}
         self._any = False
         self._start_s = time.monotonic()
 
@@ -63,7 +63,7 @@ class Live:
             wire.close()
             self._do(self._exchange.heard(self._now(), channel, kind=Kind.CLOSED))
 
-    def _do(self, acts: list[Act]) -> None:
+    def _do(self, acts: list[Step]) -> None:
         for act in acts:
             if act.kind is Kind.DATA:
                 wire = self._open.get(act.channel)
@@ -78,7 +78,7 @@ class Live:
             elif act.kind is Kind.ASKED:
                 self._told(act.note)
 
-    def _opened(self, channel: str) -> list[Act]:
+    def _opened(self, channel: str) -> list[Step]:
         try:
             wire = self._wires.open(channel)
         except DriverError as error:

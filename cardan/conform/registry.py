@@ -10,12 +10,12 @@ from cardan.conform.suite import Suite
 ENTRY_POINT_GROUP = "cardan.conform"
 
 BUILT_IN = {
-    "3dconnexion": "cardan.conform.connexion.suite:Connexion",
-    "egm": "cardan.conform.egm.suite:Egm",
-    "egm-driver": "cardan.conform.egm_driver.suite:EgmDriver",
-    "motoros": "cardan.conform.motoros.suite:Motoros",
-    "motoros-driver": "cardan.conform.motoros_driver.suite:MotorosDriver",
-    "ur-rtde": "cardan.conform.ur_rtde.suite:UrRtde",
+    "3dconnexion": "cardan.conform.connexion.suite:ConnexionSuite",
+    "egm": "cardan.conform.egm.suite:EgmSuite",
+    "egm-driver": "cardan.conform.egm_driver.suite:EgmDriverSuite",
+    "motoros": "cardan.conform.motoros.suite:MotorosSuite",
+    "motoros-driver": "cardan.conform.motoros_driver.suite:MotorosDriverSuite",
+    "ur-rtde": "cardan.conform.ur_rtde.suite:UrRtdeSuite",
 }
 """Suites of this package, imported on demand because each brings its simulated peer. Other packages
 add theirs by an entry point of the same form."""

@@ -33,7 +33,7 @@ class Level(enum.IntEnum):
     """An operator makes faults by hand, from a list."""
 
 
-class Outcome(enum.Enum):
+class VerdictOutcome(enum.Enum):
     """Result of judging a requirement."""
 
     PASSED = "passed"
@@ -41,14 +41,13 @@ class Outcome(enum.Enum):
     NOT_APPLICABLE = "not applicable"
     """The requirement does not concern the judged side."""
     NOT_SEEN = "not seen"
-    """Its subject did not happen, or not on this level; or this computer was too late to tell
-    which side was at fault."""
+    """Its subject did not happen, not on this level, or this computer was too late to judge it."""
 
 
 class Verdict(NamedTuple):
     """Result of a judge on a timeline."""
 
-    outcome: Outcome
+    outcome: VerdictOutcome
     said: str
     """The observation in a few words, with its numbers."""
     evidence: tuple[int, ...] = ()
@@ -60,19 +59,19 @@ class Verdict(NamedTuple):
 
 EVIDENCE_AT_MOST = 5
 NOTHING = "nothing came"
-"""Default reason of `Outcome.NOT_SEEN`, if neither suite nor requirement gives its own."""
+"""Default reason of `VerdictOutcome.NOT_SEEN`, if neither suite nor requirement gives its own."""
 
 
 def passed(said: str, figure: float | None = None, unit: str = "") -> Verdict:
     """Return the verdict of a met requirement; `figure` if a value was measured."""
-    return Verdict(Outcome.PASSED, said, (), figure, unit)
+    return Verdict(VerdictOutcome.PASSED, said, (), figure, unit)
 
 
 def failed(
     said: str, evidence: Iterable[int] = (), figure: float | None = None, unit: str = ""
 ) -> Verdict:
     """Return the verdict of a violated requirement; the first few of `evidence` are kept."""
-    return Verdict(Outcome.FAILED, said, tuple(evidence)[:EVIDENCE_AT_MOST], figure, unit)
+    return Verdict(VerdictOutcome.FAILED, said, tuple(evidence)[:EVIDENCE_AT_MOST], figure, unit)
 
 
 def met(good: bool, said: str, evidence: Iterable[int] = ()) -> Verdict:
@@ -83,8 +82,7 @@ def met(good: bool, said: str, evidence: Iterable[int] = ()) -> Verdict:
 def at_most(
     limit: float, figure: float, unit: str, said: str, evidence: Iterable[int] = ()
 ) -> Verdict:
-    """Return passed if the measured `figure` is at most `limit`; else failed with the first few of
-    `evidence`."""
+    """Return passed if `figure` is at most `limit`; else failed with the first of `evidence`."""
     if figure > limit:
         return failed(said, evidence, figure, unit)
     return passed(said, figure, unit)
@@ -147,12 +145,12 @@ def tallied(found: Verdict | Findings, nothing: str = NOTHING) -> Verdict:
 
 def not_seen(said: str) -> Verdict:
     """Return the verdict on a requirement whose subject did not happen."""
-    return Verdict(Outcome.NOT_SEEN, said)
+    return Verdict(VerdictOutcome.NOT_SEEN, said)
 
 
 def not_applicable(said: str) -> Verdict:
     """Return the verdict on a requirement that does not concern the judged side."""
-    return Verdict(Outcome.NOT_APPLICABLE, said)
+    return Verdict(VerdictOutcome.NOT_APPLICABLE, said)
 
 
 class SettledError(Exception):
@@ -228,7 +226,7 @@ class Requirement(Generic[V]):
     def verdict(self, seen: V, late_s: float) -> Verdict:
         """Return the verdict on `seen`, recorded by a computer that was late by up to `late_s`."""
         found = (self.unless and self.unless(seen)) or self.judge(seen)
-        if found.outcome is Outcome.FAILED and late_s > self.late_s:
+        if found.outcome is VerdictOutcome.FAILED and late_s > self.late_s:
             late_ms = late_s * 1e3
             return not_seen(f"not judged: this computer was late by {late_ms:.0f} ms; {found.said}")
         return found

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ClassVar, Generic, TypeVar
 
-from cardan.conform.runner import Act, Exchange
+from cardan.conform.runner import Exchange, Step
 from cardan.conform.timeline import Kind
 from cardan.sim_peers.base import FaultSwitch, check_faults
 from cardan.sim_peers.link import FaultyLink
@@ -60,7 +60,7 @@ class Rig(ABC):
         """Deliver an event of the simulated side to the scenario."""
         self._do(self._exchange.heard(self._now_s, channel, data, kind=kind, note=note))
 
-    def _do(self, acts: list[Act]) -> None:
+    def _do(self, acts: list[Step]) -> None:
         for act in acts:
             if act.kind is Kind.DATA:
                 self._take(act.data, act.channel)

@@ -1,5 +1,4 @@
-"""Runs of a suite against its simulated peer in virtual time, a target or a capture, and files of
-the results."""
+"""Runs of a suite on its simulated peer in virtual time, a target or a capture; result files."""
 
 from __future__ import annotations
 
@@ -15,11 +14,11 @@ from cardan.common.plugins import entry_points
 from cardan.conform.attachments import pcap, write_mcap
 from cardan.conform.live import Live
 from cardan.conform.redaction import Redaction
-from cardan.conform.report import Report, judged
+from cardan.conform.report import SuiteReport, judged
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Exchange
 from cardan.conform.suite import Suite
-from cardan.conform.timeline import Timeline
+from cardan.conform.timeline import WireTimeline
 from cardan.conform.transports import host_and_port
 from cardan.errors import CaptureError, ExtraMissingError
 
@@ -35,7 +34,7 @@ def simulated(
     faults: Mapping[str, float] | None = None,
     seed: int = 0,
     seconds: float | None = None,
-) -> tuple[Report, Timeline]:
+) -> tuple[SuiteReport, WireTimeline]:
     """Judge the suite's simulated peer, in virtual time."""
     exchange = Exchange(suite.scenario(level, suite.seconds if seconds is None else seconds))
     suite.simulate(exchange, faults or {}, seed)
@@ -49,7 +48,7 @@ def at(
     level: Level,
     told: Callable[[str], None],
     seconds: float = LIVE_S,
-) -> tuple[Report, Timeline]:
+) -> tuple[SuiteReport, WireTimeline]:
     """Judge the device or program at `target`. `told` gets the instructions to the operator.
 
     Raises ConfigurationError for a wrong target, AddressError or DeviceAccessError if it cannot be
@@ -65,7 +64,7 @@ def at(
     return report, exchange.timeline
 
 
-def captured(suite: Suite[Any], path: Path, target: str = "") -> tuple[Report, Timeline]:
+def captured(suite: Suite[Any], path: Path, target: str = "") -> tuple[SuiteReport, WireTimeline]:
     """Judge a capture. `target` selects a flow, ``[HOST][:PORT]``, and its port if that is not the
     usual one; or a device, as `cardan dissect` shows it.
 
@@ -76,14 +75,14 @@ def captured(suite: Suite[Any], path: Path, target: str = "") -> tuple[Report, T
     if point is None:
         absent = ModuleNotFoundError("nothing installed reads captures")
         raise missing_extra("judging a capture", "cardan-dissect", "dissect", absent)
-    timeline: Timeline = point.load()(suite, path, target)
+    timeline: WireTimeline = point.load()(suite, path, target)
     report = judged(suite, timeline, suite.levels, target=path.name, redaction=Redaction())
     return report, timeline
 
 
 def save(
-    folder: Path, suite: Suite[Any], report: Report, timeline: Timeline
-) -> tuple[Report, list[str]]:
+    folder: Path, suite: Suite[Any], report: SuiteReport, timeline: WireTimeline
+) -> tuple[SuiteReport, list[str]]:
     """Write the report in all forms, the capture and the record into `folder`; return the report
     with their hashes, and each missing attachment with the reason. Raises CaptureError.
 

@@ -10,10 +10,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
-from cardan.conform.timeline import Event, Kind, Timeline
+from cardan.conform.timeline import Kind, WireEvent, WireTimeline
 
 
-class Act(NamedTuple):
+class Step(NamedTuple):
     """Action that a scenario requests now."""
 
     kind: Kind
@@ -22,39 +22,39 @@ class Act(NamedTuple):
     note: str = ""
 
 
-class Wait(NamedTuple):
+class Pause(NamedTuple):
     """Pause until `until` is true, but no longer than `seconds`."""
 
     seconds: float
     until: Callable[[], bool] | None = None
 
 
-def send(data: bytes, channel: str = "") -> Act:
+def send(data: bytes, channel: str = "") -> Step:
     """Send `data`."""
-    return Act(Kind.DATA, channel, data)
+    return Step(Kind.DATA, channel, data)
 
 
-def open_(channel: str) -> Act:
+def open_(channel: str) -> Step:
     """Open the wire named `channel`."""
-    return Act(Kind.OPENED, channel)
+    return Step(Kind.OPENED, channel)
 
 
-def close(channel: str) -> Act:
+def close(channel: str) -> Step:
     """Close the wire named `channel`."""
-    return Act(Kind.CLOSED, channel)
+    return Step(Kind.CLOSED, channel)
 
 
-def mark(phase: str) -> Act:
+def mark(phase: str) -> Step:
     """Begin a phase."""
-    return Act(Kind.MARK, note=phase)
+    return Step(Kind.MARK, note=phase)
 
 
-def ask(what: str, instruction: str) -> Act:
+def ask(what: str, instruction: str) -> Step:
     """Ask the operator to do `what` by hand, as `instruction` says."""
-    return Act(Kind.ASKED, what, note=instruction)
+    return Step(Kind.ASKED, what, note=instruction)
 
 
-Script = Iterator["Act | Wait"]
+Script = Iterator["Step | Pause"]
 
 END = "end"
 """The empty phase after the script: its mark ends the last phase."""
@@ -71,9 +71,9 @@ class Scenario(ABC):
 
     @abstractmethod
     def script(self) -> Script:
-        """Yield its acts and waits, from the start to the end."""
+        """Yield its steps and pauses, from the start to the end."""
 
-    def answer(self, event: Event) -> Iterable[Act]:
+    def answer(self, event: WireEvent) -> Iterable[Step]:
         """Return the immediate reactions to `event`, which came from the judged side."""
         return ()
 
@@ -83,10 +83,10 @@ class Exchange:
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
-        self.timeline = Timeline()
+        self.timeline = WireTimeline()
         self.over = False
         self._script = scenario.script()
-        self._wait: Wait | None = None
+        self._wait: Pause | None = None
         self._until_s = 0.0
 
     @property
@@ -110,20 +110,20 @@ class Exchange:
         kind: Kind = Kind.DATA,
         note: str = "",
         late_s: float = 0.0,
-    ) -> list[Act]:
+    ) -> list[Step]:
         """Record an event of the judged side, read `late_s` after it came; return the reactions."""
         self.scenario.now_s = now_s
         self.timeline.was_late(late_s)
-        event = Event(now_s - late_s, kind, False, channel, data, note)
+        event = WireEvent(now_s - late_s, kind, False, channel, data, note)
         self.timeline.add(event)
         acts = [] if self.over else list(self.scenario.answer(event))
         self._keep(now_s, acts)
         return acts + self.due(now_s)
 
-    def due(self, now_s: float) -> list[Act]:
+    def due(self, now_s: float) -> list[Step]:
         """Return the script's actions due by `now_s`."""
         self.scenario.now_s = now_s
-        acts: list[Act] = []
+        acts: list[Step] = []
         while not self.over:
             wait = self._wait
             if wait is not None:
@@ -134,7 +134,7 @@ class Exchange:
             if step is None:
                 self.over = True
                 self._keep(now_s, [mark(END)])
-            elif isinstance(step, Wait):
+            elif isinstance(step, Pause):
                 self._wait, self._until_s = step, now_s + step.seconds
             else:
                 self._keep(now_s, [step])
@@ -144,8 +144,8 @@ class Exchange:
                     break
         return acts
 
-    def _keep(self, now_s: float, acts: Iterable[Act]) -> None:
+    def _keep(self, now_s: float, acts: Iterable[Step]) -> None:
         for act in acts:
             if act.kind is not Kind.OPENED:
-                event = Event(now_s, act.kind, True, act.channel, act.data, act.note)
+                event = WireEvent(now_s, act.kind, True, act.channel, act.data, act.note)
                 self.timeline.add(event)

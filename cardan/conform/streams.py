@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from cardan.conform.timeline import Event
+from cardan.conform.timeline import WireEvent
 
 
-class Streams:
+class ChannelReaders:
     """A message reader for each channel. A reader that fails is replaced by a new one."""
 
     def __init__(self, made: Callable[[str], Any], failed: Callable[[int, str, str], None]) -> None:
@@ -31,7 +31,7 @@ class Streams:
             self.begin(channel)
         return self._readers[channel]
 
-    def whole(self, number: int, event: Event) -> Iterator[tuple[float, Any]]:
+    def whole(self, number: int, event: WireEvent) -> Iterator[tuple[float, Any]]:
         """Yield the messages that `event` completes on its channel, each after the arrival time of
         its first bytes, s. `number` is the event's."""
         channel, reader = event.channel, self.reader(event.channel)

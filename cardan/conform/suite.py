@@ -8,13 +8,13 @@ from typing import ClassVar, Generic, Literal, NamedTuple
 
 from cardan.conform.requirements import Level, Requirement, V
 from cardan.conform.runner import Exchange, Scenario
-from cardan.conform.timeline import Event, Timeline
+from cardan.conform.timeline import WireEvent, WireTimeline
 from cardan.conform.transports import TcpPorts, UdpPort, Wires, host_and_port
 from cardan.sim_peers import registry
 from cardan.sim_peers.base import FaultSwitch, parse_faults
 
 
-class Transport(NamedTuple):
+class SuiteTransport(NamedTuple):
     """Packet format in which the traffic is written to a capture."""
 
     kind: Literal["udp", "tcp", "can", "other"]
@@ -28,8 +28,7 @@ class Transport(NamedTuple):
 
 
 class Suite(Generic[V]):
-    """Declaration of the conformance of one side of one protocol. Bytes reach it only in
-    timelines."""
+    """Declaration of the conformance of a side of a protocol. Bytes reach it only in timelines."""
 
     name: ClassVar[str]
     """NAME in ``cardan conform NAME``."""
@@ -46,7 +45,7 @@ class Suite(Generic[V]):
     harmless: ClassVar[Level] = Level.LISTEN
     """The highest level that needs no consent, and the default at a target."""
     requirements: tuple[Requirement[V], ...]
-    transport: ClassVar[Transport]
+    transport: ClassVar[SuiteTransport]
     dissector: ClassVar[str] = ""
     """For a device without network packets: the dissector of its reports in a USB or Bluetooth
     capture, as cardan-dissect and its plug-ins name it; empty: none."""
@@ -58,7 +57,7 @@ class Suite(Generic[V]):
     undetectable_faults: ClassVar[Mapping[str, str]] = {}
     """Fault switches that no requirement can catch, and why."""
 
-    decoder: Callable[[Timeline], V]
+    decoder: Callable[[WireTimeline], V]
     """Decodes a timeline for the judges."""
     asks: Callable[[Level, float], Scenario]
     """Makes the scenario of every level up to the given one, each for about so many seconds."""
@@ -70,7 +69,7 @@ class Suite(Generic[V]):
     own_faults: ClassVar[tuple[FaultSwitch, ...] | None] = None
     """Fault switches of the side judged without a target; None: the simulated peer's."""
 
-    def decode(self, timeline: Timeline) -> V:
+    def decode(self, timeline: WireTimeline) -> V:
         """Return the decoded traffic for the judges."""
         return self.decoder(timeline)
 
@@ -105,7 +104,7 @@ class Suite(Generic[V]):
         """Return ``NAME[=VALUE]`` as values by name. Raises ScriptError, which names known ones."""
         return parse_faults(words, self.switches())
 
-    def only_asks(self, event: Event) -> bool:
+    def only_asks(self, event: WireEvent) -> bool:
         """True if our data change nothing on the judged side: level 0 sends nothing else."""
         return False
 
@@ -114,6 +113,6 @@ class Suite(Generic[V]):
         from there; None: neither."""
         return None
 
-    def redacted(self, event: Event) -> Event:
+    def redacted(self, event: WireEvent) -> WireEvent:
         """Return `event` without serial numbers and addresses in its bytes."""
         return event

@@ -24,7 +24,7 @@ class Kind(enum.Enum):
     """The operator was asked to do `note` by hand."""
 
 
-class Event(NamedTuple):
+class WireEvent(NamedTuple):
     """Event on a wire, or of the scenario."""
 
     time_s: float
@@ -57,11 +57,10 @@ class TimelinePhase(NamedTuple):
 
 
 class UnaskedError(Exception):
-    """A judge needs the answer to a request that nothing in the timeline made, as in a capture of
-    another client."""
+    """A judge needs the answer to a request that the timeline lacks, as captures of others may."""
 
 
-class Timeline:
+class WireTimeline:
     """Events in their order. Numbers of events count from 0."""
 
     start_ns: int | None = None
@@ -70,18 +69,18 @@ class Timeline:
     """Traffic in a capture that is not of the judged side: words for each."""
 
     def __init__(self) -> None:
-        self.events: list[Event] = []
+        self.events: list[WireEvent] = []
         self.late_s = 0.0
         """Largest delay of the recording computer: from arrival to reading, or from an action's due
         time to the action."""
 
-    def __iter__(self) -> Iterator[Event]:
+    def __iter__(self) -> Iterator[WireEvent]:
         return iter(self.events)
 
     def __len__(self) -> int:
         return len(self.events)
 
-    def add(self, event: Event) -> None:
+    def add(self, event: WireEvent) -> None:
         """Append the next event."""
         self.events.append(event)
 
@@ -111,7 +110,7 @@ class Timeline:
         return found
 
 
-class Numbered(Protocol):
+class NumberedItem(Protocol):
     """Item received or sent by an event of a timeline."""
 
     @property
@@ -119,14 +118,14 @@ class Numbered(Protocol):
         """Number of its event."""
 
 
-N = TypeVar("N", bound=Numbered)
+N = TypeVar("N", bound=NumberedItem)
 
 
 class Traffic:
     """Phases and lost wires of a timeline, for the judges of any protocol. Base class of the
     decoded traffic of each protocol."""
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: WireTimeline) -> None:
         self.events = timeline.events
         self.phases = timeline.phases()
         self.end_s = timeline.end_s

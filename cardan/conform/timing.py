@@ -7,10 +7,10 @@ from itertools import pairwise
 from typing import Protocol
 
 from cardan.conform.requirements import Findings, Verdict, Words, failed, not_seen, passed
-from cardan.conform.timeline import Numbered, TimelinePhase
+from cardan.conform.timeline import NumberedItem, TimelinePhase
 
 
-class Timed(Numbered, Protocol):
+class Timed(NumberedItem, Protocol):
     """A received item with its time."""
 
     @property

@@ -20,7 +20,7 @@ CONNECT_S = 5.0
 WAITING_CLIENTS = 8
 
 
-class Wire(ABC):
+class TargetWire(ABC):
     """An open wire. `ended` once the other side has closed it."""
 
     ended = False
@@ -37,9 +37,8 @@ class Wire(ABC):
     def read(self) -> Iterator[tuple[bytes, str]]:
         """Yield the pending data, each with its source address. Never raises."""
 
-    def arrivals(self) -> Iterator[tuple[str, Wire]]:
-        """Accept the clients of a listening port: yield a channel name and a wire for each. Never
-        raises."""
+    def arrivals(self) -> Iterator[tuple[str, TargetWire]]:
+        """Accept clients of a listening port: yield channel name and wire of each. Never raises."""
         return iter(())
 
     @abstractmethod
@@ -55,14 +54,14 @@ class Wires(ABC):
     """The wires of one target, by their channels."""
 
     @abstractmethod
-    def open(self, channel: str) -> Wire:
+    def open(self, channel: str) -> TargetWire:
         """Open a wire. Raises AddressError or DeviceAccessError, which say what to do."""
 
     def close(self) -> None:  # noqa: B027
         """Release the resources that the wires share, after all are closed. Never raises."""
 
 
-class _Udp(Wire):
+class _Udp(TargetWire):
     """A UDP socket with the kernel's receive time stamps. It is connected to one address, or
     `listens` at a port of ours and then sends to the source of the last datagram."""
 
@@ -102,7 +101,7 @@ class _Udp(Wire):
         self._socket.close()
 
 
-class _Ending(Wire):
+class _Ending(TargetWire):
     """A wire that ends with an empty read."""
 
     @abstractmethod
@@ -172,11 +171,11 @@ class UdpPort(Wires):
     def __init__(self, host: str, port: int, listens: bool) -> None:
         self._place = host, port, listens
 
-    def open(self, channel: str) -> Wire:
+    def open(self, channel: str) -> TargetWire:
         return _Udp(*self._place)
 
 
-class _TcpListener(Wire):
+class _TcpListener(TargetWire):
     """A listening TCP port of ours. Each client is a wire of its own: "motion 2" is the second
     client of any port."""
 
@@ -191,7 +190,7 @@ class _TcpListener(Wire):
     def read(self) -> Iterator[tuple[bytes, str]]:
         return iter(())
 
-    def arrivals(self) -> Iterator[tuple[str, Wire]]:
+    def arrivals(self) -> Iterator[tuple[str, TargetWire]]:
         while True:
             try:
                 connection, _ = self._socket.accept()
@@ -222,7 +221,7 @@ class TcpPorts(Wires):
         self._host, self._ports, self._ours, self._home = host, ports, ours, home
         self._numbers = itertools.count(1)
 
-    def open(self, channel: str) -> Wire:
+    def open(self, channel: str) -> TargetWire:
         host, port = self._host, self._ports[channel]
         if channel in self._ours:
             return _TcpListener(self._home, port, channel, self._numbers)
@@ -240,7 +239,7 @@ class DeviceFile(Wires):
     def __init__(self, path: str) -> None:
         self._path = path
 
-    def open(self, channel: str) -> Wire:
+    def open(self, channel: str) -> TargetWire:
         try:
             descriptor = os.open(self._path, os.O_RDWR | os.O_NONBLOCK | os.O_NOCTTY)
         except OSError as error:

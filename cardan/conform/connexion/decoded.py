@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Timeline, Traffic
+from cardan.conform.timeline import Kind, Traffic, WireTimeline
 from cardan.protocols import connexion
 
 
-class Report(NamedTuple):
+class DeviceReport(NamedTuple):
     """An input report."""
 
     number: int
@@ -34,9 +34,9 @@ class Report(NamedTuple):
 class ConnexionTraffic(Traffic):
     """The reports of a timeline."""
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: WireTimeline) -> None:
         super().__init__(timeline)
-        self.reports: list[Report] = []
+        self.reports: list[DeviceReport] = []
         self.model: connexion.Model | None = None
         """Model by its vendor and product id; None if they are not known."""
         for index, event in enumerate(timeline):
@@ -45,10 +45,10 @@ class ConnexionTraffic(Traffic):
                 self.model = connexion.find_model(int(vendor, 16), int(product, 16))
             elif event.kind is Kind.DATA and not event.sent:
                 value = connexion.decode_input(event.data)
-                self.reports.append(Report(index, event.time_s, event.data, value))
+                self.reports.append(DeviceReport(index, event.time_s, event.data, value))
 
     @property
-    def motions(self) -> list[Report]:
+    def motions(self) -> list[DeviceReport]:
         """Reports with axes."""
         return [each for each in self.reports if each.is_motion]
 
@@ -61,6 +61,6 @@ class ConnexionTraffic(Traffic):
         whole = isinstance(motions[0].value, connexion.Motion)
         return connexion.Family.ONE if whole else connexion.Family.SPLIT
 
-    def during(self, *names: str) -> list[Report]:
+    def during(self, *names: str) -> list[DeviceReport]:
         """Return the reports of these phases."""
         return self.within(self.reports, *names)

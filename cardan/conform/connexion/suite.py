@@ -8,11 +8,11 @@ from typing import ClassVar
 from cardan.conform.connexion.decoded import ConnexionTraffic
 from cardan.conform.connexion.requirements import requires
 from cardan.conform.connexion.scenario import ConnexionScenario
-from cardan.conform.suite import Suite, Transport
+from cardan.conform.suite import Suite, SuiteTransport
 from cardan.conform.transports import DeviceFile, Wires
 
 
-class Connexion(Suite[ConnexionTraffic]):
+class ConnexionSuite(Suite[ConnexionTraffic]):
     """A 3Dconnexion device such as a SpaceMouse, report by report."""
 
     name = "3dconnexion"
@@ -21,7 +21,7 @@ class Connexion(Suite[ConnexionTraffic]):
     target = "/dev/hidrawN of the device, which `cardan devices` names"
     peer = "spacemouse"
     requirements = requires.all()
-    transport = Transport("other")
+    transport = SuiteTransport("other")
     dissector = "connexion"
     decoder = ConnexionTraffic
     asks = ConnexionScenario

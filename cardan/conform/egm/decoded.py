@@ -8,7 +8,7 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from cardan.conform.timeline import Kind, Timeline, Traffic
+from cardan.conform.timeline import Kind, Traffic, WireTimeline
 from cardan.protocols import egm
 
 _WRAP = 1 << 32
@@ -75,7 +75,7 @@ def not_normal(motion: egm.EgmMotion | None) -> str | None:
     return f"length {length:.4f}" if abs(length - 1.0) > 1e-3 else ""
 
 
-class Answer(NamedTuple):
+class SensorDatagram(NamedTuple):
     """A datagram of a PC."""
 
     number: int
@@ -86,10 +86,10 @@ class Answer(NamedTuple):
 class EgmTraffic(Traffic):
     """The datagrams of a timeline; `robot_sends`: we are the controller."""
 
-    def __init__(self, timeline: Timeline, robot_sends: bool = False) -> None:
+    def __init__(self, timeline: WireTimeline, robot_sends: bool = False) -> None:
         super().__init__(timeline)
         self.robots: list[Robot] = []
-        self.answers: list[Answer] = []
+        self.answers: list[SensorDatagram] = []
         self.junk: list[tuple[int, float]] = []
         """Sent datagrams that are not EGM, with their times."""
         for index, event in enumerate(timeline):
@@ -107,7 +107,7 @@ class EgmTraffic(Traffic):
             elif isinstance(message, egm.EgmRobot):
                 self.robots.append(Robot(index, event.time_s, event.note, message))
             else:
-                self.answers.append(Answer(index, event.time_s, message))
+                self.answers.append(SensorDatagram(index, event.time_s, message))
 
     def during(self, *names: str) -> list[Robot]:
         """Return the controller's datagrams of these phases."""

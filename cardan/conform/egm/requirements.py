@@ -349,8 +349,7 @@ def both_descriptions_agree(seen: EgmTraffic) -> Verdict:
 
 
 def _hold(seen: EgmTraffic) -> list[Robot]:
-    """Return the datagrams of the hold from the first one on with which guidance runs and has been
-    answered."""
+    """Return the datagrams of the hold from the first with running and answered guidance on."""
     found = seen.during("hold")
     first = next((a.time_s for a in seen.answers if found and a.number > found[0].number), math.inf)
     began = (n for n, each in enumerate(found) if each.running and each.time_s > first + IN_TIME_S)

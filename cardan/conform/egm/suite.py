@@ -8,12 +8,12 @@ from typing import ClassVar
 from cardan.conform.egm.decoded import EgmTraffic
 from cardan.conform.egm.requirements import requires
 from cardan.conform.egm.scenario import EgmScenario
-from cardan.conform.suite import Suite, Transport
+from cardan.conform.suite import Suite, SuiteTransport
 
 PORT = 6510
 
 
-class Egm(Suite[EgmTraffic]):
+class EgmSuite(Suite[EgmTraffic]):
     """An ABB controller in Externally Guided Motion."""
 
     name = "egm"
@@ -22,7 +22,7 @@ class Egm(Suite[EgmTraffic]):
     target = "[HOST]:PORT to listen at, as the controller's UdpUc device has it; 0.0.0.0:6510"
     peer = "abb-gofa"
     requirements = requires.all()
-    transport = Transport("udp", {"": PORT}, frozenset(("",)))
+    transport = SuiteTransport("udp", {"": PORT}, frozenset(("",)))
     decoder = EgmTraffic
     asks = EgmScenario
     rig = "cardan.conform.egm.simulated:EgmRig"

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 from cardan.conform.controllers import had_ended
 from cardan.conform.egm.decoded import (
-    Answer,
     EgmTraffic,
     Robot,
+    SensorDatagram,
     joints_of,
     not_normal,
     place_of,
@@ -64,14 +64,14 @@ def _ended_before(phase: str) -> Callable[[EgmTraffic], Verdict | None]:
     return lambda seen: had_ended(seen, phase, seen.robots, seen.answers, ASKS)
 
 
-ANSWERS: Over[EgmTraffic, Answer] = Over(lambda seen: seen.answers, "{} answers")
+ANSWERS: Over[EgmTraffic, SensorDatagram] = Over(lambda seen: seen.answers, "{} answers")
 
 
 class Pair(NamedTuple):
     """A datagram of ours, and the answers before the next one."""
 
     robot: Robot
-    answers: list[Answer]
+    answers: list[SensorDatagram]
 
 
 def _pairs(seen: EgmTraffic, *phases: str) -> list[Pair]:
@@ -92,7 +92,7 @@ def _answered(found: Sequence[Pair]) -> float:
     return sum(bool(each.answers) for each in found) / max(1, len(found))
 
 
-def _planned(answer: Answer) -> EgmMotion | None:
+def _planned(answer: SensorDatagram) -> EgmMotion | None:
     message = answer.message
     return message.planned if isinstance(message, EgmSensor) else None
 
@@ -102,7 +102,7 @@ def _apart(motion: EgmMotion, robot: Robot) -> tuple[float, float]:
     return apart(place_of(motion), robot.position), apart(joints_of(motion)[:6], robot.joints)
 
 
-def _speed(answer: Answer) -> float:
+def _speed(answer: SensorDatagram) -> float:
     """Return the largest component of its speed reference, m/s or rad/s."""
     speed = answer.message.speed_ref if isinstance(answer.message, EgmSensor) else None
     if speed is None:
@@ -127,7 +127,7 @@ def answers_are_messages(seen: EgmTraffic) -> Verdict:
 
 
 @requires.each(103, f"{SCHEMA}, EgmHeader.mtype", ANSWERS)
-def answers_have_their_type(answer: Answer) -> str:
+def answers_have_their_type(answer: SensorDatagram) -> str:
     """mtype is CORRECTION, or PATH_CORRECTION of a path correction."""
     path = isinstance(answer.message, EgmSensorPathCorr)
     wanted = MessageType.PATH_CORRECTION if path else MessageType.CORRECTION
@@ -182,7 +182,7 @@ def answers_are_in_time(seen: EgmTraffic) -> Verdict:
 @requires.each(
     107, f"{SCHEMA}; {MANUAL}: planned or speedRef of the mode, else the last one counts", ANSWERS
 )
-def every_answer_has_a_reference(answer: Answer) -> str:
+def every_answer_has_a_reference(answer: SensorDatagram) -> str:
     """Every answer has a position or a speed, in joints or of the TCP, or a path correction."""
     m = answer.message
     if isinstance(m, EgmSensorPathCorr):
@@ -201,7 +201,7 @@ QUATERNIONS = replace(ANSWERS, good="{} quaternions", unless=_none_sent)
 
 
 @requires.each(108, f"{SCHEMA}, EgmQuaternion", QUATERNIONS)
-def quaternions_are_normal(answer: Answer) -> str | None:
+def quaternions_are_normal(answer: SensorDatagram) -> str | None:
     """Every quaternion has the length 1, to 1e-3."""
     return not_normal(_planned(answer))
 
@@ -217,7 +217,7 @@ def _beyond(far_m: float, far_rad: float, most_m: float, most_rad: float) -> str
     return " and ".join(found)
 
 
-def _strays(robot: Robot, answer: Answer) -> str:
+def _strays(robot: Robot, answer: SensorDatagram) -> str:
     """Return the difference of an answer from the measured position at rest; empty: none."""
     motion = _planned(answer)
     if motion is not None and (far := _beyond(*_apart(motion, robot), NEAR_M, NEAR_RAD)):
@@ -239,7 +239,7 @@ def a_session_begins_where_the_arm_is(seen: EgmTraffic) -> Findings:
     return Words("{} sessions")
 
 
-def _neighbors(seen: EgmTraffic) -> Iterator[tuple[Answer, Answer]]:
+def _neighbors(seen: EgmTraffic) -> Iterator[tuple[SensorDatagram, SensorDatagram]]:
     """Yield consecutive answers without a new session between them."""
     starts = [session[0].number for session in seen.sessions]
     for one, other in pairwise(seen.answers):
@@ -248,7 +248,7 @@ def _neighbors(seen: EgmTraffic) -> Iterator[tuple[Answer, Answer]]:
 
 
 @requires.each(110, LAW, Over(_neighbors, "{} steps"))
-def references_do_not_leap(each: tuple[Answer, Answer]) -> str | None:
+def references_do_not_leap(each: tuple[SensorDatagram, SensorDatagram]) -> str | None:
     """From answer to answer the reference goes no further than 4 mm and 1 degree."""
     a, b = map(_planned, each)
     if a is None or b is None:
@@ -341,7 +341,7 @@ def a_new_port_is_followed(seen: EgmTraffic) -> Verdict:
 def both_descriptions_agree(seen: EgmTraffic) -> Verdict:
     """A second reader, the scapy layers, finds nothing wrong in the answers either."""
 
-    def differs(each: Answer, layers: Any) -> str:
+    def differs(each: SensorDatagram, layers: Any) -> str:
         return refused(layers, layers.EgmFromPc(seen.events[each.number].data))
 
     return read_twice(seen.answers, "egm", differs, "answers", _NOTHING, 30)

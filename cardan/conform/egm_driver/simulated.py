@@ -19,8 +19,7 @@ _CHANNELS = {port: channel for channel, port in _PORTS.items()}
 
 
 class EgmDriverRig(DriverRig):
-    """Exchanges datagrams between the driver's core and the scenario, with the defects between
-    them."""
+    """Connects the driver's core to the scenario, with the defects between them."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         super().__init__(exchange, faults, FAULTS)

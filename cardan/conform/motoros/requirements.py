@@ -7,7 +7,7 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
-from cardan.conform.motoros.decoded import Exchange, Heard, MotorosTraffic
+from cardan.conform.motoros.decoded import MotorosExchange, MotorosTraffic, ReceivedMessage
 from cardan.conform.motoros.scenario import STEP_RAD, STEP_S, UNKNOWN_TYPE
 from cardan.conform.requirements import (
     Findings,
@@ -56,7 +56,7 @@ requires: Requirements[MotorosTraffic] = Requirements("MOTO")
 _UNANSWERED = "nothing was answered"
 _OTHERWISE = "it was not answered by a motion reply"
 _NO_STATUS, _NO_FEEDBACK = "no status came", "no feedback came"
-Echoed = tuple[Exchange, sm.MotionReply]
+Echoed = tuple[MotorosExchange, sm.MotionReply]
 """A command, and the reply that names it."""
 
 
@@ -171,7 +171,7 @@ def messages_are_not_torn(seen: MotorosTraffic) -> Findings:
 def both_descriptions_agree(seen: MotorosTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same types, groups and positions."""
 
-    def differs(each: Heard, layers: Any) -> str:
+    def differs(each: ReceivedMessage, layers: Any) -> str:
         layer = layers.SimpleMessage(each.raw)
         if wrong := refused(layers, layer):
             return wrong
@@ -206,7 +206,7 @@ _LAYERS_HAVE = {
 # -- level 1: requests, and hold ------------------------------------------------------------------
 
 
-def _control(seen: MotorosTraffic, command: C, phase: str = "") -> list[Exchange]:
+def _control(seen: MotorosTraffic, command: C, phase: str = "") -> list[MotorosExchange]:
     return seen.requests(sm.MotionCtrl, phase, command=command)
 
 
@@ -404,7 +404,7 @@ def an_empty_queue_is_said_to_be(seen: MotorosTraffic) -> Findings:
     return Words("{} times", "it was not answered")
 
 
-def _velocities(seen: MotorosTraffic, phase: str) -> list[Exchange]:
+def _velocities(seen: MotorosTraffic, phase: str) -> list[MotorosExchange]:
     found = seen.requests(sm.JointVelocity, phase)
     return [e for e in found if e.request and e.request.comm_type == sm.CommType.SERVICE_REQUEST]
 
@@ -450,7 +450,7 @@ def _in_velocity_mode(phase: str) -> Callable[[MotorosTraffic], Verdict | None]:
     return why
 
 
-def _motion(found: list[Exchange], nothing: str = "it was not answered") -> sm.MotionReply:
+def _motion(found: list[MotorosExchange], nothing: str = "it was not answered") -> sm.MotionReply:
     """Return the motion reply to the first of these requests."""
     return some(found[0].motion if found else None, nothing)
 
@@ -459,7 +459,7 @@ def _words(reply: sm.MotionReply) -> str:
     return f"result {reply.result}, subcode {reply.subcode}"
 
 
-def _answered(found: list[Exchange], *wanted: tuple[int, int]) -> Verdict:
+def _answered(found: list[MotorosExchange], *wanted: tuple[int, int]) -> Verdict:
     """Judge if the first of these was answered by one of these results and subcodes."""
     reply = _motion(found)
     return met((reply.result, reply.subcode) in wanted, _words(reply), [found[0].number])
@@ -488,14 +488,14 @@ def old_velocities_are_refused(seen: MotorosTraffic) -> Verdict:
 # -- level 2: micro-motion ------------------------------------------------------------------------
 
 
-def _point(seen: MotorosTraffic, phase: str, sequence: int) -> list[Exchange]:
+def _point(seen: MotorosTraffic, phase: str, sequence: int) -> list[MotorosExchange]:
     return seen.requests(sm.JointTrajPtFull, phase, sequence=sequence)
 
 
 _NO_POINT = "no point was taken"
 
 
-def _taken(seen: MotorosTraffic, phase: str = "out", nothing: str = _NO_POINT) -> Exchange:
+def _taken(seen: MotorosTraffic, phase: str = "out", nothing: str = _NO_POINT) -> MotorosExchange:
     """Return the accepted point that moves an axis in a phase."""
     found = _point(seen, phase, 1)
     some(_motion(found, nothing).result == R.SUCCESS, nothing)

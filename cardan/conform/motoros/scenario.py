@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator
 
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_, send
-from cardan.conform.streams import Streams
-from cardan.conform.timeline import Event, Kind
+from cardan.conform.runner import Pause, Scenario, Script, Step, ask, mark, open_, send
+from cardan.conform.streams import ChannelReaders
+from cardan.conform.timeline import Kind, WireEvent
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import MessageType as T, MotionCommand as C
 
@@ -36,7 +36,7 @@ class MotorosScenario(Scenario):
         self._level = level
         self._seconds = seconds
         self._order = sm.ByteOrder.LITTLE
-        self._streams = Streams(lambda _: sm.FrameReader(), lambda *_: None)
+        self._streams = ChannelReaders(lambda _: sm.FrameReader(), lambda *_: None)
         self._reply: sm.Message | None = None
         self._status: sm.RobotStatus | None = None
         self._feedback: sm.JointFeedback | None = None
@@ -46,7 +46,7 @@ class MotorosScenario(Scenario):
 
     # -- received messages ------------------------------------------------------------------------
 
-    def answer(self, event: Event) -> Iterator[Act]:
+    def answer(self, event: WireEvent) -> Iterator[Step]:
         channel = event.channel
         if event.kind is Kind.OPENED:
             self._streams.begin(channel)
@@ -75,7 +75,7 @@ class MotorosScenario(Scenario):
     def script(self) -> Script:
         yield open_("state")
         yield mark("listen")
-        yield Wait(self._seconds / 3.0)
+        yield Pause(self._seconds / 3.0)
         if self._level < Level.HOLD:
             return
         yield from self._asking()
@@ -110,28 +110,28 @@ class MotorosScenario(Scenario):
         data = sm.wire(self._order).encode(sm.request(sm.Empty(), T.PING))
         self._reply = None
         yield send(data[:6], "motion")
-        yield Wait(0.03)
+        yield Pause(0.03)
         yield send(data[6:], "motion")
-        yield Wait(REPLY_S, self._answered)
+        yield Pause(REPLY_S, self._answered)
 
     def _holding(self) -> Script:
         yield mark("start")
         yield from self._ordered(C.START_TRAJ_MODE, START_S)
-        yield Wait(0.05)
+        yield Pause(0.05)
         yield mark("hold")
         yield from self._point(0, 0.0)
         end_s = self.now_s + self._seconds
         while self.now_s < end_s and "motion" not in self._lost:
             yield from self._ordered(C.CHECK_QUEUE_CNT)
-            yield Wait(POLL_S)
+            yield Pause(POLL_S)
             yield from self._ordered(C.CHECK_MOTION_READY)
-            yield Wait(POLL_S)
+            yield Pause(POLL_S)
         yield mark("velocity")
         yield from self._start_velocity()
         if self._succeeded():
             yield from self._velocity(0, 0.0)
             # Longer than the watchdog's timeout.
-            yield Wait(3.0 * WATCHDOG_MS * 1e-3)
+            yield Pause(3.0 * WATCHDOG_MS * 1e-3)
             yield from self._velocity(1, 0.0)
             yield from self._point(0, 0.0)
             yield from self._velocity(0, 0.0)
@@ -142,7 +142,7 @@ class MotorosScenario(Scenario):
     def _moving(self) -> Script:
         yield mark("trajectory")
         yield from self._ordered(C.START_TRAJ_MODE, START_S)
-        yield Wait(0.1)
+        yield Pause(0.1)
         for name, shift in (("out", STEP_RAD), ("back", -STEP_RAD)):
             yield mark(name)
             yield from self._point(0, 0.0)
@@ -150,12 +150,12 @@ class MotorosScenario(Scenario):
                 yield from self._point(1, STEP_S, shift)
                 # The queue is filled one interpolation period later.
                 end_s = self.now_s + 10.0 * STEP_S
-                yield Wait(0.5 * POLL_S)
+                yield Pause(0.5 * POLL_S)
                 while self.now_s < end_s and self._queue_left():
                     yield from self._ordered(C.CHECK_QUEUE_CNT)
-                    yield Wait(0.5 * POLL_S)
-            yield Wait(0.5)
-            yield Wait(3.0, lambda: self._status is None or self._status.in_motion != 1)
+                    yield Pause(0.5 * POLL_S)
+            yield Pause(0.5)
+            yield Pause(3.0, lambda: self._status is None or self._status.in_motion != 1)
         yield mark("stream")
         yield from self._start_velocity()
         if self._succeeded():
@@ -164,22 +164,22 @@ class MotorosScenario(Scenario):
             for sequence in range(1, count + 1):
                 body = self._velocity_body(sequence, speed)
                 yield send(sm.wire(self._order).encode(sm.topic(body)), "motion")
-                yield Wait(VELOCITY_S)
+                yield Pause(VELOCITY_S)
             yield mark("deserted")
-            yield Wait(5.0 * WATCHDOG_MS * 1e-3)
+            yield Pause(5.0 * WATCHDOG_MS * 1e-3)
             yield from self._velocity(count + 1, 0.0)
             yield from self._ordered(C.STOP_VEL_MODE)
 
     def _by_hand(self) -> Script:
         yield mark("estop")
         yield ask("estop", "Press the emergency stop.")
-        yield Wait(HAND_S, lambda: self._status is not None and self._status.e_stopped == 1)
-        yield Wait(0.1)
+        yield Pause(HAND_S, lambda: self._status is not None and self._status.e_stopped == 1)
+        yield Pause(0.1)
         yield from self._ordered(C.CHECK_MOTION_READY)
         yield mark("released")
         yield ask("release", "Release the emergency stop.")
-        yield Wait(HAND_S, lambda: self._status is not None and self._status.e_stopped == 0)
-        yield Wait(0.3)
+        yield Pause(HAND_S, lambda: self._status is not None and self._status.e_stopped == 0)
+        yield Pause(0.3)
 
     # -- single requests --------------------------------------------------------------------------
 
@@ -196,7 +196,7 @@ class MotorosScenario(Scenario):
     ) -> Script:
         self._reply = None
         yield send(sm.wire(self._order).encode(sm.request(body, msg_type)), channel)
-        yield Wait(s, self._answered)
+        yield Pause(s, self._answered)
 
     def _ordered(self, command: C, seconds: float = REPLY_S, data: sm.Joints = sm.ZEROS) -> Script:
         self._sequence += 1

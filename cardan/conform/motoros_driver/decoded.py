@@ -11,8 +11,8 @@ from functools import cached_property
 from typing import NamedTuple, TypeVar
 
 from cardan.conform.motoros_driver.scenario import port_of
-from cardan.conform.streams import Streams
-from cardan.conform.timeline import Event, Kind, Timeline, TimelinePhase, Traffic
+from cardan.conform.streams import ChannelReaders
+from cardan.conform.timeline import Kind, TimelinePhase, Traffic, WireEvent, WireTimeline
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import MessageType as T
 
@@ -91,7 +91,7 @@ Neighbors = tuple[Said, sm.JointTrajPtFull, Said, sm.JointTrajPtFull]
 """Two consecutive points of a trajectory, each after its message."""
 
 
-class Link(NamedTuple):
+class DriverConnection(NamedTuple):
     """A connection of the client."""
 
     channel: str
@@ -112,7 +112,7 @@ class Link(NamedTuple):
 class DriverTraffic(Traffic):
     """The messages of a timeline in which we are the controller."""
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: WireTimeline) -> None:
         super().__init__(timeline)
         self.said: list[Said] = []
         self.disordered: list[tuple[int, str]] = []
@@ -121,13 +121,13 @@ class DriverTraffic(Traffic):
         """Reads that were not one message each."""
         self.strays: list[int] = []
         """Numbers of events with data to the state port."""
-        self.links: list[Link] = []
+        self.links: list[DriverConnection] = []
         self.feedback: list[tuple[int, sm.JointFeedback]] = []
         """Reported feedback of group 0, with the number of the event."""
         self.statuses: list[tuple[int, sm.RobotStatus]] = []
         """Reported status, with the number of the event."""
         self._readers: dict[str, sm.FrameReader] = {}
-        self._ours = Streams(lambda _: sm.FrameReader(), lambda *_: None)
+        self._ours = ChannelReaders(lambda _: sm.FrameReader(), lambda *_: None)
         self._waiting: dict[str, deque[int]] = {}
         self._orders = [
             (number, order)
@@ -136,13 +136,13 @@ class DriverTraffic(Traffic):
             for order in [sm.detect_byte_order(event.data[:4].ljust(4, b"\0"))]
             if order is not None and len(event.data) >= 16
         ]
-        open_links: dict[str, Link] = {}
+        open_links: dict[str, DriverConnection] = {}
         for number, event in enumerate(timeline):
             channel = event.channel
             if channel == port_of(channel):
                 continue
             if event.kind is Kind.OPENED:
-                link = Link(channel, number, event.time_s, math.inf, -1, False)
+                link = DriverConnection(channel, number, event.time_s, math.inf, -1, False)
                 open_links[channel] = link
             elif event.kind is Kind.CLOSED and channel in open_links:
                 link = open_links.pop(channel)
@@ -161,7 +161,7 @@ class DriverTraffic(Traffic):
         first = self._orders[0][1] if self._orders else sm.ByteOrder.LITTLE
         return _newest(self._orders, number) or first
 
-    def _heard(self, number: int, event: Event) -> None:
+    def _heard(self, number: int, event: WireEvent) -> None:
         channel, data = event.channel, event.data
         if port_of(channel) == "state":
             self.strays.append(number)
@@ -201,7 +201,7 @@ class DriverTraffic(Traffic):
             self.unread.append((number, reader.failure))
             del self._readers[channel]
 
-    def _told(self, number: int, event: Event) -> None:
+    def _told(self, number: int, event: WireEvent) -> None:
         channel = event.channel
         for _, frame in self._ours.whole(number, event):
             order = self._ours.reader(channel).byte_order or sm.ByteOrder.LITTLE

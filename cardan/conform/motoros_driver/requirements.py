@@ -9,7 +9,12 @@ from itertools import pairwise
 from typing import Any
 
 from cardan.conform.motoros.requirements import CONTROLLER, MESSAGES, SERVER, STATES, VELOCITY
-from cardan.conform.motoros_driver.decoded import VELOCITY_TYPES, DriverTraffic, Link, Said
+from cardan.conform.motoros_driver.decoded import (
+    VELOCITY_TYPES,
+    DriverConnection,
+    DriverTraffic,
+    Said,
+)
 from cardan.conform.motoros_driver.scenario import (
     ANSWERED_WITHIN_S,
     ROBOT,
@@ -621,7 +626,7 @@ def an_unanswered_request_ends_the_connection(seen: DriverTraffic) -> Verdict:
     return none_wrong(wrong, len(phases), f"{len(phases)} of them", NOT_MOVED)
 
 
-def _link_in(seen: DriverTraffic, phase: TimelinePhase) -> Link | None:
+def _link_in(seen: DriverTraffic, phase: TimelinePhase) -> DriverConnection | None:
     """Return the motion connection that was open when a phase began."""
     found = [e for e in seen.links if e.port == "motion" and e.number < phase.first]
     return found[-1] if found and found[-1].closed_s >= phase.start_s else None

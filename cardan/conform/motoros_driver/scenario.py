@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from cardan.conform.controllers import COME
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Act, Scenario, Script, Wait, ask, close, mark, open_, send
-from cardan.conform.timeline import Event, Kind
+from cardan.conform.runner import Pause, Scenario, Script, Step, ask, close, mark, open_, send
+from cardan.conform.timeline import Kind, WireEvent
 from cardan.protocols.simple_message import ActiveMode
 from cardan.sim_peers.motoros_controller import (
     MotorosController,
@@ -45,7 +45,7 @@ def port_of(channel: str) -> str:
     return channel.partition(" ")[0]
 
 
-class Stop(NamedTuple):
+class Halt(NamedTuple):
     """Stop of motion at the controller, and its release."""
 
     begin: Callable[[MotorosController, float], None]
@@ -57,16 +57,16 @@ def _nothing(_controller: MotorosController, _now_s: float) -> None:
 
 
 STOPS = {
-    "estop": Stop(MotorosController.emergency_stop, MotorosController.release_emergency_stop),
-    "alarm": Stop(lambda it, now_s: it.alarm(FAULT_ALARM, now_s), MotorosController.reset_alarm),
-    "teach": Stop(
+    "estop": Halt(MotorosController.emergency_stop, MotorosController.release_emergency_stop),
+    "alarm": Halt(lambda it, now_s: it.alarm(FAULT_ALARM, now_s), MotorosController.reset_alarm),
+    "teach": Halt(
         lambda it, now_s: it.mode("teach", now_s), lambda it, now_s: it.mode("play", now_s)
     ),
-    "hold": Stop(lambda it, now_s: it.hold(True, now_s), lambda it, now_s: it.hold(False, now_s)),
-    "servo-off": Stop(
+    "hold": Halt(lambda it, now_s: it.hold(True, now_s), lambda it, now_s: it.hold(False, now_s)),
+    "servo-off": Halt(
         lambda it, now_s: it.servo(False, now_s), lambda it, now_s: it.servo(True, now_s)
     ),
-    "pfl": Stop(MotorosController.collaborative_stop, _nothing),
+    "pfl": Halt(MotorosController.collaborative_stop, _nothing),
 }
 
 
@@ -110,7 +110,7 @@ FIRMWARE = (
 """The velocity mode is an extension of MotoROS; controllers without it serve any client."""
 
 
-class ControllerScenario(Scenario):
+class MotorosControllerScenario(Scenario):
     """The simulated controllers, run by a script. Nothing real moves.
 
     An open port listens; each client that connects is a channel of its own, with a number after
@@ -131,7 +131,7 @@ class ControllerScenario(Scenario):
 
     # -- received data ----------------------------------------------------------------------------
 
-    def answer(self, event: Event) -> Iterator[Act]:
+    def answer(self, event: WireEvent) -> Iterator[Step]:
         channel, now_s, servers = event.channel, self.now_s, self._servers
         kind: PortKind | None = next((k for k in PORT_KINDS if k == port_of(channel)), None)
         if kind is None or channel == kind:
@@ -151,7 +151,7 @@ class ControllerScenario(Scenario):
                 servers.eof(self._numbers.pop(channel), now_s)
         yield from self._written()
 
-    def _written(self) -> Iterator[Act]:
+    def _written(self) -> Iterator[Step]:
         """Yield the servers' writes and closes."""
         servers = self._servers
         channels = {number: channel for channel, number in self._numbers.items()}
@@ -334,4 +334,4 @@ class ControllerScenario(Scenario):
             if self.now_s >= end_s:
                 return
             next_s = min(max(self._servers.next_s, self.now_s + 1e-4), end_s)
-            yield Wait(next_s - self.now_s)
+            yield Pause(next_s - self.now_s)

@@ -6,8 +6,8 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, NoReturn
 
-from cardan.conform.streams import Streams
-from cardan.conform.timeline import Event, Kind, Timeline, Traffic, UnaskedError
+from cardan.conform.streams import ChannelReaders
+from cardan.conform.timeline import Kind, Traffic, UnaskedError, WireEvent, WireTimeline
 from cardan.protocols.ur import rtde
 from cardan.protocols.ur.dashboard import LineReader
 from cardan.protocols.ur.primary import (
@@ -20,8 +20,7 @@ from cardan.protocols.ur.primary import (
 from cardan.protocols.ur.realtime import RealtimeReader
 
 RTDE, SECOND, OLD = "rtde", "rtde-2", "rtde-1"
-"""Channels: the judged connection, another client's beside it, and a client's with version 1 of the
-protocol."""
+"""Channels: the judged connection, another client's, and a client's with protocol version 1."""
 PRIMARY, SECONDARY, REALTIME = "primary", "secondary", "realtime"
 """The client interfaces."""
 REVERSE = "reverse"
@@ -40,7 +39,7 @@ _READERS: Mapping[str, Callable[[], Any]] = {
 """Message readers of the channels that are not RTDE."""
 
 
-class Heard(NamedTuple):
+class ReceivedPacket(NamedTuple):
     """A packet of the controller."""
 
     number: int
@@ -52,17 +51,17 @@ class Heard(NamedTuple):
     raw: bytes
 
 
-class Exchange(NamedTuple):
+class RtdeExchange(NamedTuple):
     """A request of ours, and its reply."""
 
     number: int
     time_s: float
     channel: str
     asked: rtde.ControlRequest | rtde.Setup
-    reply: Heard | None
+    reply: ReceivedPacket | None
 
 
-Answered = tuple[Exchange, rtde.Setup, rtde.SetupReply]
+Answered = tuple[RtdeExchange, rtde.Setup, rtde.SetupReply]
 """A request for a recipe, and its answer."""
 
 
@@ -73,7 +72,7 @@ class Values(dict[str, Any]):
         raise UnaskedError(name)
 
 
-class State(NamedTuple):
+class DataPackage(NamedTuple):
     """A data package, by the names of its recipe."""
 
     number: int
@@ -87,10 +86,10 @@ class OutputStream(NamedTuple):
     channel: str
     start_s: float
     end_s: float
-    states: list[State]
+    states: list[DataPackage]
 
 
-class Told(NamedTuple):
+class PrimaryPackage(NamedTuple):
     """A package of the primary or the secondary interface."""
 
     number: int
@@ -100,7 +99,7 @@ class Told(NamedTuple):
     message: RobotMessage | None
 
 
-class Sample(NamedTuple):
+class RealtimePacket(NamedTuple):
     """A packet of the real-time interface."""
 
     number: int
@@ -108,7 +107,7 @@ class Sample(NamedTuple):
     packet: bytes
 
 
-class Line(NamedTuple):
+class DashboardLine(NamedTuple):
     """A request to the dashboard server and its answer; before any request, the greeting."""
 
     number: int
@@ -119,7 +118,7 @@ class Line(NamedTuple):
     said: str | None
 
 
-class Upload(NamedTuple):
+class SentProgram(NamedTuple):
     """A program or a line that we sent."""
 
     number: int
@@ -139,39 +138,39 @@ class _Connection:
         self.open: list[tuple[int, float, rtde.ControlRequest | rtde.Setup]] = []
         self.outputs: rtde.Recipe | None = None
         self.inputs: dict[int, rtde.Recipe] = {}
-        self.stream: list[State] | None = None
+        self.stream: list[DataPackage] | None = None
         self.stream_s = 0.0
 
 
 class UrTraffic(Traffic):
     """The bytes of a timeline."""
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: WireTimeline) -> None:
         super().__init__(timeline)
-        self.heard: list[Heard] = []
-        self.asked: list[Exchange] = []
-        self.states: list[State] = []
+        self.heard: list[ReceivedPacket] = []
+        self.asked: list[RtdeExchange] = []
+        self.states: list[DataPackage] = []
         """States of the judged connection."""
         self.strays: list[tuple[int, float, str]] = []
         """Data packages without a start before."""
         self.streams: list[OutputStream] = []
         self.recipes: dict[int, rtde.Recipe] = {}
         """Recipe of each data package of the judged connection, by its event's number."""
-        self.commands: list[State] = []
+        self.commands: list[DataPackage] = []
         """Inputs that we wrote, by the names of their recipe."""
-        self.told: list[Told] = []
+        self.told: list[PrimaryPackage] = []
         """Packages of the primary interface."""
-        self.secondary: list[Told] = []
-        self.samples: list[Sample] = []
-        self.lines: list[Line] = []
-        self.uploads: list[Upload] = []
+        self.secondary: list[PrimaryPackage] = []
+        self.samples: list[RealtimePacket] = []
+        self.lines: list[DashboardLine] = []
+        self.uploads: list[SentProgram] = []
         self.opened: list[str] = []
         self.old: set[str] = set()
         """Channels that use an older version of RTDE."""
-        self.called: list[tuple[int, Event]] = []
+        self.called: list[tuple[int, WireEvent]] = []
         """Connections and data of our programs at our port."""
         self._connections: dict[str, _Connection] = {}
-        self._streams = Streams(
+        self._streams = ChannelReaders(
             lambda channel: _READERS.get(channel, rtde.PacketReader)(),
             lambda number, _, reason: self.unread.append((number, reason)),
         )
@@ -186,7 +185,7 @@ class UrTraffic(Traffic):
 
     # -- events -----------------------------------------------------------------------------------
 
-    def _take(self, number: int, event: Event) -> None:
+    def _take(self, number: int, event: WireEvent) -> None:
         channel = event.channel
         if channel.startswith(REVERSE):
             if channel != REVERSE and not event.sent:
@@ -210,10 +209,12 @@ class UrTraffic(Traffic):
             elif channel in (PRIMARY, SECONDARY):
                 into = self.told if channel == PRIMARY else self.secondary
                 for begun_s, found in self._streams.whole(number, event):
-                    into.append(Told(number, begun_s, event.time_s, found, read_message(found)))
+                    into.append(
+                        PrimaryPackage(number, begun_s, event.time_s, found, read_message(found))
+                    )
             elif channel == REALTIME:
                 for _, found in self._streams.whole(number, event):
-                    self.samples.append(Sample(number, event.time_s, found))
+                    self.samples.append(RealtimePacket(number, event.time_s, found))
             elif channel in self._connections:
                 connection = self._connections[channel]
                 if event.sent:
@@ -227,7 +228,7 @@ class UrTraffic(Traffic):
             return
         self._stream_ends(channel, connection, now_s)
         for number, time_s, asked in connection.open:
-            self.asked.append(Exchange(number, time_s, channel, asked, None))
+            self.asked.append(RtdeExchange(number, time_s, channel, asked, None))
 
     def _stream_ends(self, channel: str, connection: _Connection, now_s: float) -> None:
         if connection.stream is not None:
@@ -237,7 +238,7 @@ class UrTraffic(Traffic):
 
     # -- RTDE -------------------------------------------------------------------------------------
 
-    def _sent(self, number: int, event: Event, connection: _Connection) -> None:
+    def _sent(self, number: int, event: WireEvent, connection: _Connection) -> None:
         connection.ours.feed(event.data)
         while (found := connection.ours.take()) is not None:
             asked: rtde.Asked | rtde.Malformed = rtde.read_request(*found, connection.version)
@@ -246,16 +247,16 @@ class UrTraffic(Traffic):
             elif isinstance(asked, rtde.Data) and asked.recipe in connection.inputs:
                 values = connection.inputs[asked.recipe].unpack(asked.values)
                 if values is not None and event.channel == RTDE:
-                    self.commands.append(State(number, event.time_s, Values(values)))
+                    self.commands.append(DataPackage(number, event.time_s, Values(values)))
 
-    def _received(self, number: int, event: Event, connection: _Connection) -> None:
+    def _received(self, number: int, event: WireEvent, connection: _Connection) -> None:
         for begun_s, (kind, payload) in self._streams.whole(number, event):
             reply = rtde.read_reply(kind, payload, connection.version)
             if isinstance(reply, rtde.Malformed):
                 self.unread.append((number, reply.reason))
                 continue
             raw = rtde.packet(rtde.PacketType(kind), payload)
-            heard = Heard(number, begun_s, event.time_s, event.channel, reply, raw)
+            heard = ReceivedPacket(number, begun_s, event.time_s, event.channel, reply, raw)
             self.heard.append(heard)
             if connection.version != rtde.VERSION and kind in _OF_A_VERSION:
                 self.old.add(event.channel)
@@ -264,7 +265,7 @@ class UrTraffic(Traffic):
             else:
                 self._reply(heard, connection)
 
-    def _data(self, heard: Heard, data: rtde.Data, connection: _Connection) -> None:
+    def _data(self, heard: ReceivedPacket, data: rtde.Data, connection: _Connection) -> None:
         recipe = connection.outputs
         if recipe is None or data.recipe != (recipe.number or 0):
             self.unread.append((heard.number, f"a data package of recipe {data.recipe}"))
@@ -274,7 +275,7 @@ class UrTraffic(Traffic):
             size = len(data.values)
             self.unread.append((heard.number, f"a data package of {size} bytes, not {recipe.size}"))
             return
-        state = State(heard.number, heard.time_s, Values(values))
+        state = DataPackage(heard.number, heard.time_s, Values(values))
         if connection.stream is None:
             self.strays.append((heard.number, heard.time_s, heard.channel))
         else:
@@ -283,7 +284,7 @@ class UrTraffic(Traffic):
             self.states.append(state)
             self.recipes[heard.number] = recipe
 
-    def _reply(self, heard: Heard, connection: _Connection) -> None:
+    def _reply(self, heard: ReceivedPacket, connection: _Connection) -> None:
         reply = heard.reply
         if isinstance(reply, rtde.Text):
             return
@@ -292,7 +293,7 @@ class UrTraffic(Traffic):
         if place is None:
             return
         number, time_s, asked = connection.open.pop(place)
-        self.asked.append(Exchange(number, time_s, heard.channel, asked, heard))
+        self.asked.append(RtdeExchange(number, time_s, heard.channel, asked, heard))
         if isinstance(reply, rtde.SetupReply) and isinstance(asked, rtde.Setup) and reply.recipe:
             try:
                 numbered = connection.version != 1 or reply.kind is rtde.PacketType.INPUTS
@@ -316,13 +317,13 @@ class UrTraffic(Traffic):
 
     # -- client interfaces and dashboard ----------------------------------------------------------
 
-    def _uploaded(self, number: int, event: Event) -> None:
+    def _uploaded(self, number: int, event: WireEvent) -> None:
         text = event.data.decode("utf-8", "replace")
         name, token = _NAME.search(text), TOKEN.search(text)
         known = name.group(1) if name else "", int(token.group(1)) if token else 0
-        self.uploads.append(Upload(number, event.time_s, event.channel, *known))
+        self.uploads.append(SentProgram(number, event.time_s, event.channel, *known))
 
-    def _dashboard(self, number: int, event: Event) -> None:
+    def _dashboard(self, number: int, event: WireEvent) -> None:
         if event.sent:
             self._unanswered_line()
             words = event.data.decode("utf-8", "replace").strip()
@@ -330,21 +331,21 @@ class UrTraffic(Traffic):
             return
         for _, line in self._streams.whole(number, event):
             request, _, words = self._asked_line
-            self.lines.append(Line(number, event.time_s, request, words, line))
+            self.lines.append(DashboardLine(number, event.time_s, request, words, line))
             self._answered = True
 
     def _unanswered_line(self) -> None:
         number, time_s, words = self._asked_line
         if words and not self._answered:
-            self.lines.append(Line(number, time_s, number, words, None))
+            self.lines.append(DashboardLine(number, time_s, number, words, None))
 
     # -- queries ----------------------------------------------------------------------------------
 
-    def during(self, *names: str) -> list[State]:
+    def during(self, *names: str) -> list[DataPackage]:
         """Return the states of these phases."""
         return self.within(self.states, *names)
 
-    def sent_during(self, *names: str) -> list[State]:
+    def sent_during(self, *names: str) -> list[DataPackage]:
         """Return the commands of these phases."""
         return self.within(self.commands, *names)
 
@@ -353,7 +354,7 @@ class UrTraffic(Traffic):
         found = self.within(self.told, *during) if during else self.told
         return [each.message for each in found if each.message and each.message.kind in kinds]
 
-    def exchanges(self, kind: rtde.PacketType, *names: str) -> list[Exchange]:
+    def exchanges(self, kind: rtde.PacketType, *names: str) -> list[RtdeExchange]:
         """Return the requests of a kind in these phases; without any, in all."""
         return [
             each
@@ -363,7 +364,7 @@ class UrTraffic(Traffic):
 
     def setups(
         self, kind: rtde.PacketType, *names: str
-    ) -> list[tuple[Exchange, rtde.Setup, rtde.SetupReply]]:
+    ) -> list[tuple[RtdeExchange, rtde.Setup, rtde.SetupReply]]:
         """Return the answered requests for recipes."""
         return [
             (each, each.asked, each.reply.reply)
@@ -373,6 +374,6 @@ class UrTraffic(Traffic):
             and isinstance(each.reply.reply, rtde.SetupReply)
         ]
 
-    def said(self, asked: str) -> list[Line]:
+    def said(self, asked: str) -> list[DashboardLine]:
         """Return the dashboard server's answers to a request; `said` is None where it had none."""
         return [each for each in self.lines if each.asked == asked]

@@ -35,11 +35,11 @@ from cardan.conform.ur_rtde.decoded import (
     REVERSE,
     RTDE,
     SECOND,
-    Exchange,
-    Heard,
+    DataPackage,
     OutputStream,
-    State,
-    Told,
+    PrimaryPackage,
+    ReceivedPacket,
+    RtdeExchange,
     UrTraffic,
     Values,
 )
@@ -82,13 +82,13 @@ def version_of(seen: UrTraffic) -> rtde.ControllerVersion | None:
     return next(found, None)
 
 
-def accepted(exchange: Exchange) -> bool | None:
+def accepted(exchange: RtdeExchange) -> bool | None:
     """Return the answer; None: there was none."""
     reply = None if exchange.reply is None else exchange.reply.reply
     return reply.accepted if isinstance(reply, rtde.Accepted) else None
 
 
-def versions(seen: UrTraffic, version: int) -> list[Exchange]:
+def versions(seen: UrTraffic, version: int) -> list[RtdeExchange]:
     """Return the requests for a version of the protocol."""
     return [
         each
@@ -210,7 +210,7 @@ def states_come_from_start_to_pause(seen: UrTraffic) -> Verdict:
     return none_wrong(wrong, count + len(wrong), f"{len(seen.streams)} streams", NO_STATES)
 
 
-def _steps(seen: UrTraffic) -> list[tuple[State, State]]:
+def _steps(seen: UrTraffic) -> list[tuple[DataPackage, DataPackage]]:
     """Return the neighbors in the streams of the judged connection."""
     return [pair for each in streams(seen) for pair in pairwise(each.states)]
 
@@ -225,7 +225,7 @@ def the_period_is_the_control_loop_s(seen: UrTraffic) -> Verdict:
     return met(abs(period_s / cycle_s(seen) - 1.0) < PERIOD_SHARE, said, [found[-1].number])
 
 
-def _advance_s(pair: tuple[State, State]) -> float:
+def _advance_s(pair: tuple[DataPackage, DataPackage]) -> float:
     """Return the advance of its clock from one state to the other."""
     return float(pair[1].values["timestamp"] - pair[0].values["timestamp"])
 
@@ -286,7 +286,9 @@ def packets_are_not_torn(seen: UrTraffic) -> Findings:
     return not_torn(seen.heard, "{} packets, {} in pieces")
 
 
-def _uneven(pairs: list[tuple[State, State]], off: Callable[[float], bool], few: float) -> Wrongs:
+def _uneven(
+    pairs: list[tuple[DataPackage, DataPackage]], off: Callable[[float], bool], few: float
+) -> Wrongs:
     """Yield states that are `off` by their clock, if more than `few` are."""
     wrong = [(p[1].number, f"{_advance_s(p) * 1e3:.1f} ms") for p in pairs if off(_advance_s(p))]
     return wrong if len(wrong) > few else []
@@ -337,7 +339,7 @@ def bits_say_what_modes_say(seen: UrTraffic) -> Verdict:
     return none_wrong(wrong, len(seen.states), f"{len(seen.states)} states", NO_STATES)
 
 
-def _contradictions(each: State) -> Wrongs:
+def _contradictions(each: DataPackage) -> Wrongs:
     """Yield contradictions between a state's bits and its modes."""
     v = each.values
     mode, safety, bits = v["robot_mode"], v["safety_mode"], v["safety_status_bits"]
@@ -363,7 +365,7 @@ def connections_last(seen: UrTraffic) -> Verdict:
     return none_wrong(wrong, count, f"{len(seen.opened)} connections", "none was")
 
 
-def _version_first(found: Sequence[Told]) -> RobotMessage:
+def _version_first(found: Sequence[PrimaryPackage]) -> RobotMessage:
     """Return the version message, which must come first on a client interface."""
     first = must(found, "nothing came")[0]
     version = first.message and first.message.kind == MessageKind.VERSION and first.message
@@ -394,7 +396,7 @@ def robot_states_come_ten_times_a_second(seen: UrTraffic) -> Verdict:
     return _ten_times_a_second(times)
 
 
-def near(seen: UrTraffic, time_s: float) -> list[State]:
+def near(seen: UrTraffic, time_s: float) -> list[DataPackage]:
     """Return the states of about that time."""
     time_of = attrgetter("time_s")
     first = bisect_right(seen.states, time_s - MODE_FOLLOWS_S, key=time_of)
@@ -599,7 +601,7 @@ def the_dashboard_answers_in_its_words(seen: UrTraffic) -> Findings:
 def readings_differ(seen: UrTraffic) -> Verdict:
     """Judge if the layers and the codec decode the controller's packets alike."""
 
-    def differs(each: Heard, layers: Any) -> str:
+    def differs(each: ReceivedPacket, layers: Any) -> str:
         layer = layers.RtdeReply(each.raw)
         return layers.malformed(layer) or _difference(seen, each, layer, layers)
 
@@ -611,7 +613,7 @@ def readings_differ(seen: UrTraffic) -> Verdict:
     return read_twice(chosen, "rtde", differs, "packets", compared=max(1, len(chosen)))
 
 
-def _difference(seen: UrTraffic, heard: Heard, layer: object, layers: Any) -> str:
+def _difference(seen: UrTraffic, heard: ReceivedPacket, layer: object, layers: Any) -> str:
     """Return the layer's difference from the codec in words; empty: none."""
     reply = heard.reply
     if isinstance(reply, SetupReply):

@@ -10,9 +10,9 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import Any
 
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Act, Scenario, Script, Wait, ask, close, mark, open_, send
-from cardan.conform.streams import Streams
-from cardan.conform.timeline import Event, Kind
+from cardan.conform.runner import Pause, Scenario, Script, Step, ask, close, mark, open_, send
+from cardan.conform.streams import ChannelReaders
+from cardan.conform.timeline import Kind, WireEvent
 from cardan.conform.ur_rtde.decoded import (
     OLD,
     PRIMARY,
@@ -144,8 +144,7 @@ def raises(token: int) -> str:
 
 
 def calls(token: int, host: str, port: int) -> str:
-    """Return a program that opens a socket to `host`, and sends the line from there as a text
-    message."""
+    """Return a program that reads a line from a socket to `host` into a text message."""
     return _program(
         CALLS,
         token,
@@ -176,7 +175,7 @@ class UrScenario(Scenario):
         self._level = level
         self._seconds = seconds
         self._home = home
-        self._streams = Streams(lambda _: rtde.PacketReader(), lambda *_: None)
+        self._streams = ChannelReaders(lambda _: rtde.PacketReader(), lambda *_: None)
         self._reply: rtde.Reply | None = None
         self._said = dashboard.LineReader()
         self._lines = 0
@@ -195,7 +194,7 @@ class UrScenario(Scenario):
 
     # -- received data ----------------------------------------------------------------------------
 
-    def answer(self, event: Event) -> Iterator[Act]:
+    def answer(self, event: WireEvent) -> Iterator[Step]:
         channel = event.channel
         if event.kind is Kind.OPENED:
             self._streams.begin(channel)
@@ -212,7 +211,7 @@ class UrScenario(Scenario):
             return iter((send(f"{ANSWER}\n".encode(), channel),))
         return iter(())
 
-    def _packets(self, event: Event) -> Iterator[Act]:
+    def _packets(self, event: WireEvent) -> Iterator[Step]:
         channel, fresh = event.channel, False
         for _, (kind, payload) in self._streams.whole(0, event):
             reply = rtde.read_reply(kind, payload, 1 if channel == OLD else rtde.VERSION)
@@ -232,12 +231,14 @@ class UrScenario(Scenario):
             self._values = values
         return values is not None
 
-    def _follow(self, shift: float, speed: float) -> Iterator[Act]:
+    def _follow(self, shift: float, speed: float) -> Iterator[Step]:
         still = [0.0] * (JOINTS - 1)
         goal = [*self._base[:-1], self._base[-1] + shift]
         yield from self._write(Order.FOLLOW, goal, [*still, speed])
 
-    def _write(self, order: Order, goal: Sequence[float], speeds: Sequence[float]) -> Iterator[Act]:
+    def _write(
+        self, order: Order, goal: Sequence[float], speeds: Sequence[float]
+    ) -> Iterator[Step]:
         if self._inputs is not None:
             self._beat += 1
             values = [self._token, self._beat, int(order), *goal, *speeds]
@@ -260,7 +261,7 @@ class UrScenario(Scenario):
         yield from self._told_lines()
         if self._inputs is not None:
             yield send(self._inputs.pack(nobody(self._beat + 1)), RTDE)
-            yield Wait(0.05)
+            yield Pause(0.05)
 
     def _listening(self) -> Script:
         yield open_(RTDE)
@@ -273,13 +274,13 @@ class UrScenario(Scenario):
         self._outputs = yield from self._recipe(rtde.ask_outputs(rate_hz, OUTPUTS), OUTPUTS)
         yield mark("listen")
         yield from self._asked(rtde.packet(rtde.PacketType.START))
-        yield Wait(self._seconds / 3.0)
+        yield Pause(self._seconds / 3.0)
         yield mark("pause")
         yield from self._asked(rtde.packet(rtde.PacketType.PAUSE))
-        yield Wait(0.1)
+        yield Pause(0.1)
         yield mark("go on")
         yield from self._asked(rtde.packet(rtde.PacketType.START))
-        yield Wait(0.1)
+        yield Pause(0.1)
         yield mark("other")
         yield open_(SECOND)
         yield from self._asked(rtde.ask_version(FUTURE_VERSION), SECOND)
@@ -287,7 +288,7 @@ class UrScenario(Scenario):
         yield from self._asked(rtde.ask_outputs(1.0, ("timestamp", UNKNOWN)), SECOND)
         yield from self._asked(rtde.ask_outputs(rate_hz / SLOWER, ("timestamp",)), SECOND)
         yield from self._asked(rtde.packet(rtde.PacketType.START), SECOND)
-        yield Wait(0.4)
+        yield Pause(0.4)
         yield close(SECOND)
         yield from self._published()
         yield from self._version_1()
@@ -295,12 +296,12 @@ class UrScenario(Scenario):
         yield open_(PRIMARY)
         yield open_(SECONDARY)
         yield open_(REALTIME)
-        yield Wait(0.5)
+        yield Pause(0.5)
         yield close(REALTIME)
         yield close(SECONDARY)
         yield mark("dashboard")
         yield open_("dashboard")
-        yield Wait(REPLY_S, lambda: self._lines > 0 or "dashboard" in self._lost)
+        yield Pause(REPLY_S, lambda: self._lines > 0 or "dashboard" in self._lost)
         yield from self._told_lines()
         for words in WORDED:
             yield from self._requested(words)
@@ -321,7 +322,7 @@ class UrScenario(Scenario):
             names = ",".join(OLD_OUTPUTS).encode()
             yield from self._asked(rtde.packet(rtde.PacketType.OUTPUTS, names), OLD)
             yield from self._asked(rtde.packet(rtde.PacketType.START), OLD)
-            yield Wait(0.3)
+            yield Pause(0.3)
         yield close(OLD)
 
     def _told_lines(self) -> Script:
@@ -338,16 +339,16 @@ class UrScenario(Scenario):
         self._reply = None
         yield mark("pieces")
         yield send(data[:1], RTDE)
-        yield Wait(0.03)
+        yield Pause(0.03)
         yield send(data[1:], RTDE)
-        yield Wait(REPLY_S, self._answered(RTDE))
+        yield Pause(REPLY_S, self._answered(RTDE))
         yield mark("taken")
         yield from self._other_client()
         yield from self._asked(rtde.ask_inputs(INPUTS), SECOND)
         yield from self._asked(rtde.ask_inputs((UNKNOWN,)), SECOND)
         yield from self._asked(rtde.ask_inputs((SPARE_INPUT,)), SECOND)
         yield close(SECOND)
-        yield Wait(0.2)
+        yield Pause(0.2)
         yield mark("free")
         yield from self._other_client()
         yield from self._asked(rtde.ask_inputs((SPARE_INPUT,)), SECOND)
@@ -370,8 +371,8 @@ class UrScenario(Scenario):
             if self._mode == mode:
                 yield from self._requested(words)
                 if not dashboard.refusal(words, self._line):
-                    yield Wait(POWER_S, self._farther(mode))
-        yield Wait(0.05)
+                    yield Pause(POWER_S, self._farther(mode))
+        yield Pause(0.05)
 
     def _farther(self, mode: RobotMode) -> Callable[[], bool]:
         steady = {RobotMode.POWER_OFF, RobotMode.IDLE, RobotMode.RUNNING} - {mode}
@@ -383,7 +384,7 @@ class UrScenario(Scenario):
         yield mark("wrong")
         if self._may_begin():
             yield send(_WRONG.encode(), PRIMARY)
-            yield Wait(0.5)
+            yield Pause(0.5)
         yield mark("begin")
         yield from self._begun()
         yield mark("hold")
@@ -397,7 +398,7 @@ class UrScenario(Scenario):
         self._path = None
         if self._follows():
             yield from self._write(Order.END, self._base, [0.0] * JOINTS)
-            yield Wait(END_S, self._stopped)
+            yield Pause(END_S, self._stopped)
         yield mark("replace")
         yield from self._begun()
         yield from self._followed(_steady(0.0), 0.1)
@@ -409,7 +410,7 @@ class UrScenario(Scenario):
         if self._may_begin():
             for line in (f'textmsg("{SAYS} {LINE}")', "# cardan", "stop program"):
                 yield send(f"{line}\n".encode(), PRIMARY)
-                yield Wait(LINE_S)
+                yield Pause(LINE_S)
             yield from self._saying(always=True)
         yield mark("raise")
         if self._may_begin():
@@ -419,7 +420,7 @@ class UrScenario(Scenario):
         yield mark("elsewhere")
         for channel in (SECONDARY, REALTIME):
             yield open_(channel)
-            yield Wait(0.05)
+            yield Pause(0.05)
             yield from self._saying(channel=channel)
             yield close(channel)
 
@@ -445,7 +446,7 @@ class UrScenario(Scenario):
         yield from self._followed(_steady(-DESERTED_RAD_S), DESERTED_S)
         yield mark("deserted")
         yield from self._deserted()
-        yield Wait(0.3)
+        yield Pause(0.3)
         yield mark("return")
         yield from self._begun()
         yield mark("back")
@@ -460,8 +461,8 @@ class UrScenario(Scenario):
         ):
             yield mark(name)
             yield ask(name, how)
-            yield Wait(HAND_S, there)
-            yield Wait(0.2)
+            yield Pause(HAND_S, there)
+            yield Pause(0.2)
         if self._remote:
             yield mark("local")
             yield ask("local", "Choose local control at the pendant.")
@@ -475,14 +476,14 @@ class UrScenario(Scenario):
         yield from self._followed(_steady(0.0), 0.2)
         yield mark("estop")
         yield ask("estop", "Press the emergency stop.")
-        yield Wait(HAND_S, self._stopped_by_hand)
-        yield Wait(1.0)
+        yield Pause(HAND_S, self._stopped_by_hand)
+        yield Pause(1.0)
         self._path = None
         yield from self._told_lines()
         yield mark("release")
         yield ask("release", "Release the emergency stop.")
-        yield Wait(HAND_S, lambda: not self._stopped_by_hand())
-        yield Wait(0.5)
+        yield Pause(HAND_S, lambda: not self._stopped_by_hand())
+        yield Pause(0.5)
 
     # -- single requests --------------------------------------------------------------------------
 
@@ -497,11 +498,11 @@ class UrScenario(Scenario):
         self._reply = None
         if channel not in self._lost:
             yield send(data, channel)
-            yield Wait(REPLY_S, self._answered(channel))
+            yield Pause(REPLY_S, self._answered(channel))
 
     def _recipe(
         self, data: bytes, names: Sequence[str]
-    ) -> Generator[Act | Wait, None, rtde.Recipe | None]:
+    ) -> Generator[Step | Pause, None, rtde.Recipe | None]:
         """Send a setup on the judged connection; return its recipe, None if there is none."""
         yield from self._asked(data)
         reply = self._reply
@@ -517,14 +518,14 @@ class UrScenario(Scenario):
         before, self._line = self._lines, ""
         if "dashboard" not in self._lost:
             yield send(dashboard.request(words), "dashboard")
-            yield Wait(REPLY_S, lambda: self._lines > before or "dashboard" in self._lost)
+            yield Pause(REPLY_S, lambda: self._lines > before or "dashboard" in self._lost)
 
     def _polled(self, words: str, until: str) -> Script:
         end_s = self.now_s + HAND_S
         self._line = ""
         while self.now_s < end_s and self._line.lower() != until:
             yield from self._requested(words)
-            yield Wait(0.2)
+            yield Pause(0.2)
 
     def _stopped(self) -> bool:
         stopped = self._values.get("runtime_state") == RuntimeState.STOPPED
@@ -569,9 +570,9 @@ class UrScenario(Scenario):
         """Run a program that ends by itself."""
         self._next_token()
         yield send(made(self._token).encode(), channel)
-        yield Wait(BEGIN_S, lambda: RTDE in self._lost or self._values.get(TOKEN) == self._token)
-        yield Wait(end_s, self._stopped)
-        yield Wait(rest_s)
+        yield Pause(BEGIN_S, lambda: RTDE in self._lost or self._values.get(TOKEN) == self._token)
+        yield Pause(end_s, self._stopped)
+        yield Pause(rest_s)
 
     def _begun(self) -> Script:
         """Start the driver's program, and wait until it follows."""
@@ -582,10 +583,10 @@ class UrScenario(Scenario):
         self._next_token()
         self._beat += 1
         yield send(self._inputs.pack(nobody(self._beat)), RTDE)
-        yield Wait(0.02)
+        yield Pause(0.02)
         period_s = 1.0 / rtde.control_rate_hz(self._version)
         yield send(program(SERVOING, self._token, period_s).encode(), PRIMARY)
-        yield Wait(BEGIN_S, lambda: self._follows() or RTDE in self._lost)
+        yield Pause(BEGIN_S, lambda: self._follows() or RTDE in self._lost)
         if self._values:
             self._base = self._values["target_q"]
 
@@ -593,12 +594,12 @@ class UrScenario(Scenario):
         """Wait for `seconds` while states are answered along `path`, until `_path` is None."""
         if self._follows():
             self._path, self._path_s = path, self.now_s
-            yield Wait(seconds, lambda: RTDE in self._lost)
+            yield Pause(seconds, lambda: RTDE in self._lost)
 
     def _deserted(self) -> Script:
         self._path = None
-        yield Wait(END_S, self._stopped)
-        yield Wait(0.1)
+        yield Pause(END_S, self._stopped)
+        yield Pause(0.1)
 
     def _slider(self, low: float, high: float) -> Callable[[], bool]:
         return lambda: low < self._values.get("target_speed_fraction", 0.0) < high

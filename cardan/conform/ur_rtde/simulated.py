@@ -16,8 +16,7 @@ OPTIONS = UrControllerOptions()
 
 
 class UrRig(TcpRig[PortKind]):
-    """The ports of an e-Series, or of another controller by its `options`, and a port of ours for
-    programs."""
+    """The ports of a controller by its `options`, e-Series by default, and ours for programs."""
 
     def __init__(
         self,

@@ -8,8 +8,8 @@ from typing import ClassVar
 
 from cardan.common.sockets import address_towards
 from cardan.conform.requirements import Level
-from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Event
+from cardan.conform.suite import Suite, SuiteTransport
+from cardan.conform.timeline import WireEvent
 from cardan.conform.transports import TcpPorts, Wires, host_and_port
 from cardan.conform.ur_rtde import (
     decoded,
@@ -47,7 +47,7 @@ _PORTS = {
 }
 
 
-class UrRtde(Suite[decoded.UrTraffic]):
+class UrRtdeSuite(Suite[decoded.UrTraffic]):
     """A Universal Robots controller of an e-Series or CB3."""
 
     name = "ur-rtde"
@@ -61,7 +61,7 @@ class UrRtde(Suite[decoded.UrTraffic]):
     """Our address, as the target reaches it."""
     peer = "ur"
     requirements = requires.all()
-    transport = Transport(
+    transport = SuiteTransport(
         "tcp",
         {**_PORTS, decoded.REVERSE: REVERSE_PORT},
         frozenset((decoded.REVERSE,)),
@@ -102,7 +102,7 @@ class UrRtde(Suite[decoded.UrTraffic]):
         ours = {decoded.REVERSE: REVERSE_PORT}
         return TcpPorts(host, ports | ours, ours, self.home)
 
-    def only_asks(self, event: Event) -> bool:
+    def only_asks(self, event: WireEvent) -> bool:
         if event.channel == "dashboard":
             return event.data in map(request, (*ASKING, *WORDED))
         return event.channel.startswith(decoded.RTDE) and event.data[2] in _HARMLESS
