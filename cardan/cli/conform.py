@@ -19,7 +19,7 @@ from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from cardan.conform import Level, Report, Suite
+    from cardan.conform import Level, Suite, SuiteReport
 
 
 class Form(str, enum.Enum):
@@ -221,7 +221,7 @@ def _judged(
     yes: bool,
     at_switch: bool,
     save: Path | None,
-) -> tuple[Report, list[str]]:
+) -> tuple[SuiteReport, list[str]]:
     from cardan.conform import Level, run
 
     if target:

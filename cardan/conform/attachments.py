@@ -1,4 +1,4 @@
-"""A timeline as files for other programs: a capture (pcap) and a record (MCAP)."""
+"""Export of a timeline for other programs: a capture (pcap) and a record (MCAP)."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 
 from cardan.common.extras import missing_extra
 from cardan.conform.requirements import Level, V
-from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Event, Kind, Timeline
+from cardan.conform.suite import Suite, SuiteTransport
+from cardan.conform.timeline import Kind, WireEvent, WireTimeline
 from cardan.errors import CaptureError
 
 PCAP_MAGIC_NS = 0xA1B23C4D
@@ -19,16 +19,16 @@ _MAGIC = b"\x89MCAP0\r\n"
 LINK_RAW_IP, LINK_SOCKETCAN = 101, 227
 SNAP_BYTES = 262_144
 JUDGED, OURS = bytes((192, 0, 2, 1)), bytes((192, 0, 2, 2))
-"""Addresses in captures: of the network that RFC 5737 keeps for documentation."""
+"""Addresses in captures, from the documentation network of RFC 5737."""
 FREE_PORT = 50_000
-"""The side without a known port has this one, or the one after for each further channel."""
+"""Port of the side without a known port; each further channel has the next one."""
 _UDP, _TCP = 17, 6
 _FIN, _SYN, _PUSH, _ACK = 0x01, 0x02, 0x08, 0x10
 _LONGEST_SEGMENT = 1400
 
 
-def pcap(suite: Suite[V], timeline: Timeline, start_ns: int) -> bytes | None:
-    """The capture, without real addresses; None where the protocol has no packets of a network.
+def pcap(suite: Suite[V], timeline: WireTimeline, start_ns: int) -> bytes | None:
+    """Return the capture, without real addresses; None if the protocol has no network packets.
 
     `start_ns` is the wall time of the timeline's zero, ns since the epoch.
     """
@@ -40,7 +40,7 @@ def pcap(suite: Suite[V], timeline: Timeline, start_ns: int) -> bytes | None:
     writers = {"udp": _datagrams, "tcp": _segments, "can": _frames}
     events = (suite.redacted(each) for each in timeline)
     packets = writers[transport.kind](transport, events)
-    # What came is stamped by the kernel, what was sent before it was read is not earlier for that.
+    # Received data have the kernel's earlier time stamp, data sent before the read have not.
     for time_s, packet in sorted(packets, key=lambda each: each[0]):
         time_ns = start_ns + round(time_s * 1e9)
         seconds, ns = divmod(time_ns, 1_000_000_000)
@@ -51,18 +51,18 @@ def pcap(suite: Suite[V], timeline: Timeline, start_ns: int) -> bytes | None:
 _Packets = Iterator[tuple[float, bytes]]
 
 
-def _frames(_transport: Transport, events: Iterator[Event]) -> _Packets:
+def _frames(_transport: SuiteTransport, events: Iterator[WireEvent]) -> _Packets:
     for event in events:
         if event.kind is Kind.DATA:
             yield event.time_s, event.data
 
 
-def _ports(transport: Transport, channel: str, note: str) -> tuple[int, int]:
-    """The judged one's port and ours."""
-    # Of a port of ours that several clients come to, each is a channel: "motion 2".
+def _ports(transport: SuiteTransport, channel: str, note: str) -> tuple[int, int]:
+    """Return the judged side's port and ours."""
+    # Each client of a port of ours is a channel: "motion 2".
     channel, _, client = channel.partition(" ")
     known = transport.ports.get(channel, 0)
-    # A client has a port of its own; what listens has the known one.
+    # A client has a port of its own; the listening side has the known one.
     digits = note.rpartition(":")[2] if channel in transport.ours else ""
     free = int(digits) if digits.isdigit() and 0 < int(digits) < 65536 else 0
     if not free:
@@ -72,7 +72,7 @@ def _ports(transport: Transport, channel: str, note: str) -> tuple[int, int]:
     return (free, known) if channel in transport.ours else (known, free)
 
 
-def _datagrams(transport: Transport, events: Iterator[Event]) -> _Packets:
+def _datagrams(transport: SuiteTransport, events: Iterator[WireEvent]) -> _Packets:
     theirs: dict[str, str] = {}
     for event in events:
         if event.kind is not Kind.DATA:
@@ -85,12 +85,14 @@ def _datagrams(transport: Transport, events: Iterator[Event]) -> _Packets:
         yield event.time_s, _ip(event.sent, _UDP, udp)
 
 
-def _segments(transport: Transport, events: Iterator[Event]) -> _Packets:
-    """TCP as it would have looked without loss: opened, acknowledged with data, closed."""
+def _segments(transport: SuiteTransport, events: Iterator[WireEvent]) -> _Packets:
+    """Yield TCP segments as without loss: opened, acknowledged with data, closed."""
     places: dict[str, list[int]] = {}
     opened: dict[str, int] = {}
 
-    def segment(event: Event, from_us: bool, flags: int, data: bytes = b"") -> tuple[float, bytes]:
+    def segment(
+        event: WireEvent, from_us: bool, flags: int, data: bytes = b""
+    ) -> tuple[float, bytes]:
         judged, ours = _ports(transport, event.channel, "")
         ours += 16 * (opened.get(event.channel, 1) - 1)
         source, target = (ours, judged) if from_us else (judged, ours)
@@ -144,12 +146,12 @@ _METADATA_OPCODE = 0x0C
 
 
 def write_mcap(
-    path: Path, suite: Suite[V], timeline: Timeline, start_ns: int, level: Level
+    path: Path, suite: Suite[V], timeline: WireTimeline, start_ns: int, level: Level
 ) -> None:
     """Write the record of a timeline made on `level`: a channel for each wire and direction, with
     its bytes, and one for marks.
 
-    Raises ExtraMissingError without mcap, and CaptureError where `path` cannot be written.
+    Raises ExtraMissingError without mcap, and CaptureError if `path` cannot be written.
     """
     try:
         from mcap.writer import Writer
@@ -187,7 +189,7 @@ def write_mcap(
         raise CaptureError(f"{path} cannot be written: {error.strerror or error}") from None
 
 
-def _begin(event: Event) -> tuple[str, ...]:
+def _begin(event: WireEvent) -> tuple[str, ...]:
     return event.kind.value, event.channel
 
 
@@ -200,7 +202,7 @@ def is_mcap(path: Path) -> bool:
         return False
 
 
-def read_mcap(path: Path, suite: Suite[V]) -> tuple[Timeline, Level]:
+def read_mcap(path: Path, suite: Suite[V]) -> tuple[WireTimeline, Level]:
     """Return the timeline of a record that :func:`write_mcap` wrote, and its level.
 
     Raises ExtraMissingError without mcap, and CaptureError for any other file, and for a record of
@@ -211,8 +213,8 @@ def read_mcap(path: Path, suite: Suite[V]) -> tuple[Timeline, Level]:
     reader = RecordReader(path)  # Raises ExtraMissingError.
     from mcap.records import Channel, Message
 
-    timeline, level, start_ns = Timeline(), None, 0
-    events: dict[int, Event] = {}
+    timeline, level, start_ns = WireTimeline(), None, 0
+    events: dict[int, WireEvent] = {}
     try:
         for record in reader.records():
             if isinstance(record, OtherRecord):
@@ -221,7 +223,7 @@ def read_mcap(path: Path, suite: Suite[V]) -> tuple[Timeline, Level]:
             elif isinstance(record, Channel):
                 of = record.metadata
                 sent = of["sent"] == str(True)
-                events[record.id] = Event(
+                events[record.id] = WireEvent(
                     0.0, Kind(of["kind"]), sent, of["channel"], b"", of["note"]
                 )
             elif isinstance(record, Message):
@@ -241,7 +243,7 @@ def read_mcap(path: Path, suite: Suite[V]) -> tuple[Timeline, Level]:
     return timeline, level
 
 
-def _facts(path: Path, suite: Suite[V], timeline: Timeline, body: bytes) -> tuple[Level, int]:
+def _facts(path: Path, suite: Suite[V], timeline: WireTimeline, body: bytes) -> tuple[Level, int]:
     """Level and start, ns since the epoch, by the metadata."""
     from mcap.data_stream import ReadDataStream
     from mcap.records import Metadata

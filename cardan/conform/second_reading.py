@@ -1,5 +1,5 @@
-"""A second description of a protocol, which shares nothing with the codec, as a second judge: scapy
-layers, where the plug-in cardan-dissect is installed."""
+"""Cross-check of the codec against an independent description of the protocol: scapy layers, if
+the plug-in cardan-dissect is installed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cardan.conform.timeline import N
 ENTRY_POINT_GROUP = "cardan.second_descriptions"
 
 COMPARED = 60
-"""Messages that are read twice, from all over the timeline: scapy takes a millisecond for one."""
+"""Messages that are read twice, spread over the timeline: scapy takes a millisecond for each."""
 
 
 def second_description(name: str) -> Any:
@@ -45,8 +45,8 @@ def read_twice(
     nothing: str = NOTHING,
     compared: int = COMPARED,
 ) -> Verdict:
-    """Whether the layers `name` and the codec read some of `found`, which are called `what`, alike.
-    `differs` says what the layers read otherwise; empty: nothing."""
+    """Judge if the layers `name` and the codec decode a sample of `found` alike. `what` is their
+    plural noun; `differs` returns the difference in words; empty: none."""
     some(found, nothing)
     layers = second_description(name)
     chosen = found[:: max(1, len(found) // compared)]
@@ -57,6 +57,6 @@ def read_twice(
 
 
 def refused(layers: Any, layer: Any) -> str:
-    """That the layers refuse a message, where they find something wrong with it."""
+    """Return why the layers refuse a message; empty: they accept it."""
     wrong = layers.malformed(layer)
     return f"the layers refuse it: {wrong}" if wrong is not None else ""

@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from cardan.conform import Event, Kind, Level, Timeline, registry
+from cardan.conform import Kind, Level, WireEvent, WireTimeline, registry
 from cardan.conform.attachments import pcap
 from cardan.conform.report import judged
 from cardan.conform.run import captured, save, simulated
@@ -104,8 +104,8 @@ def test_a_simulated_run_saved_twice_gives_the_same_bytes(tmp_path):
 
 
 def test_real_addresses_do_not_get_into_a_capture():
-    timeline = Timeline()
-    timeline.add(Event(0.5, Kind.DATA, False, "", b"\x01", "10.9.8.7:49000"))
+    timeline = WireTimeline()
+    timeline.add(WireEvent(0.5, Kind.DATA, False, "", b"\x01", "10.9.8.7:49000"))
     data = pcap(registry.load("egm"), timeline, 0)
     assert bytes((10, 9, 8, 7)) not in data
     assert (49000).to_bytes(2, "big") in data

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from cardan.conform import Level, Outcome, registry
-from cardan.conform.egm.decoded import Answer, Robot
+from cardan.conform import Level, VerdictOutcome, registry
+from cardan.conform.egm.decoded import Robot, SensorDatagram
 from cardan.conform.egm_driver.requirements import (
     a_session_begins_where_the_arm_is,
     references_do_not_leap,
@@ -24,7 +24,7 @@ def answer(joint_deg=0.0, x_m=0.0):
     joints = (math.radians(joint_deg), *(0.0,) * 5)
     pose = EgmPose(Vector3(x_m, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0))
     header = EgmHeader(1, 1, MessageType.CORRECTION)
-    return Answer(2, 0.0, EgmSensor(header, EgmMotion(joints, pose)))
+    return SensorDatagram(2, 0.0, EgmSensor(header, EgmMotion(joints, pose)))
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_a_driver_that_has_ended_is_not_judged_by_what_comes_later():
     found = {each.id: each for each in report.results}
     for number in (113, 114, 115, 301):
         verdict = found[f"EGMPC-{number}"]
-        assert verdict.outcome is Outcome.NOT_SEEN
+        assert verdict.outcome is VerdictOutcome.NOT_SEEN
         assert verdict.said == "not judged: it had ended (EGMPC-112)"
 
 

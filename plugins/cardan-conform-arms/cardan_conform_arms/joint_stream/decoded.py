@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Timeline, Traffic
+from cardan.conform.timeline import Kind, Traffic, WireTimeline
 from cardan.protocols.joint_stream import (
     ArmCommand,
     ArmState,
@@ -33,7 +33,7 @@ class Command(NamedTuple):
 class JointStreamTraffic(Traffic):
     """The datagrams of a timeline in which we are the client, or the arm where `arm_sends`."""
 
-    def __init__(self, timeline: Timeline, arm_sends: bool = False) -> None:
+    def __init__(self, timeline: WireTimeline, arm_sends: bool = False) -> None:
         super().__init__(timeline)
         self.states: list[State] = []
         self.commands: list[Command] = []

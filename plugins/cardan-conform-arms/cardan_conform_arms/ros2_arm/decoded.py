@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Timeline, Traffic
+from cardan.conform.timeline import Kind, Traffic, WireTimeline
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan_conform_arms.ros2_arm.names import COMMANDS, DESCRIPTION, STATES, TOPICS, joints_of
 
@@ -26,7 +26,7 @@ class State(NamedTuple):
 class RosArmTraffic(Traffic):
     """The messages of a timeline."""
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: WireTimeline) -> None:
         super().__init__(timeline)
         self.states: list[State] = []
         self.commands: list[tuple[int, float]] = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Timeline, TimelinePhase
+from cardan.conform.timeline import Kind, TimelinePhase, WireTimeline
 from cardan.protocols.spnav import (
     RECORD_BYTES,
     Button,
@@ -50,7 +50,7 @@ class Asked(NamedTuple):
 class SpnavTraffic:
     """The records of a timeline."""
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: WireTimeline) -> None:
         self.phases = timeline.phases()
         self.records: list[Record] = []
         self.streams: dict[str, bytes] = {}

@@ -9,7 +9,7 @@ import random
 from collections import Counter
 from collections.abc import Iterator, Mapping
 
-from cardan.conform.runner import Act, Exchange
+from cardan.conform.runner import Exchange, Step
 from cardan.conform.timeline import Kind
 from cardan.protocols.spnav import (
     OK,
@@ -131,7 +131,7 @@ class SpnavRig:
 
     # -- programs ------------------------------------------------------------------------------
 
-    def _do(self, acts: list[Act]) -> None:
+    def _do(self, acts: list[Step]) -> None:
         for act in acts:
             if act.kind is Kind.DATA:
                 if act.channel in self._numbers:
