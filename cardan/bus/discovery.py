@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from cardan.bus.dds_options import SERVER_NODE
-from cardan.bus.network import Service, Topic
+from cardan.bus.network import ServiceInfo, Topic
 from cardan.bus.options import BusOptions
 from cardan.bus.router import router_address, routers_here
 from cardan.bus.zenoh_network import BusNetwork
@@ -28,7 +28,7 @@ class Discovery(NamedTuple):
 
     nodes: Sequence[str]
     topics: Mapping[str, Topic]
-    services: Mapping[str, Service]
+    services: Mapping[str, ServiceInfo]
     routers: int
     """How many routers are connected."""
     peers: int

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cardan.drivers.core import DeviceCore
-from cardan.drivers.evdev.nodes import Snapshot
+from cardan.drivers.evdev.nodes import EvdevState
 from cardan.drivers.gamepad import GamepadCore, GamepadOptions
 from cardan.drivers.keyboard import KeyboardCore, KeyboardOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
@@ -599,7 +599,7 @@ def _evdev_core(packets: Packets) -> object:
             GamepadCore(GamepadOptions()) if model.is_gamepad else KeyboardCore(KeyboardOptions())
         )
         now_s = 10.0
-        held = Snapshot(frozenset(), {code: info.value for code, info in model.axes.items()})
+        held = EvdevState(frozenset(), {code: info.value for code, info in model.axes.items()})
         core.on_opened(evdev_bench.describe(model), held, now_s)
         for data in packets:
             now_s += 0.004

@@ -1,6 +1,6 @@
 """A simulated pad or keyboard wired to a driver's core, in virtual time."""
 
-from cardan.drivers.evdev.nodes import Description, Snapshot
+from cardan.drivers.evdev.nodes import EvdevDeviceInfo, EvdevState
 from cardan.drivers.gamepad import GamepadCore, GamepadOptions
 from cardan.drivers.keyboard import KeyboardCore, KeyboardOptions
 from cardan.protocols.evdev import decode_absinfo, decode_bits, encode_events, eviocgabs
@@ -13,7 +13,7 @@ BY_KEY = {model.key: model for model in MODELS}
 
 
 def describe(model):
-    return Description(
+    return EvdevDeviceInfo(
         model.name,
         model.id.vendor,
         model.id.product,
@@ -57,7 +57,7 @@ class Bench:
             ).value
             for code in self.model.axes
         }
-        return Snapshot(keys, values)
+        return EvdevState(keys, values)
 
     def open(self):
         self.core.on_opened(describe(self.model), self.snapshot(), self.now_s)

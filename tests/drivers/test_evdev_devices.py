@@ -360,7 +360,7 @@ class Plugs:
         return PluggedLink(self, path)
 
 
-class PluggedLink(links.Link):
+class PluggedLink(links.EvdevLink):
     def __init__(self, plugs, path):
         self.plugs, self.path, self.model = plugs, path, plugs.models[path]
         self.device = SimulatedInput(self.model)
@@ -570,7 +570,7 @@ class Slow:
         self.listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.listener.bind(path)
         self.listener.listen(1)
-        self.link = links.SocketLink(path)
+        self.link = links.EvdevSocketLink(path)
         self.sock, _ = self.listener.accept()
 
     def answer(self):

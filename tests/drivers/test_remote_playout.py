@@ -9,7 +9,7 @@ from typing import NamedTuple
 import pytest
 
 from cardan.drivers.remote import Remote, RemoteOptions
-from cardan.drivers.remote.playout import Motion, Playout
+from cardan.drivers.remote.playout import MotionSample, Playout
 from cardan.drivers.remote.shared import CLAIM_PERIOD_S
 from cardan.errors import OptionError
 from cardan.types import IDENTITY, NEUTRAL, Axes, DeviceLink, Pose, Vector3
@@ -86,7 +86,7 @@ def played(network, seconds=20.0, seed=1, period_s=PERIOD_S, x=lambda t: 0.5):
             axes = NEUTRAL._replace(x=x(made_s))
             arrived[number] = now_s
             playout.heard(there_s, now_s)
-            playout.take(Motion(there_s, made_s, made_s, axes), now_s, at_once=False)
+            playout.take(MotionSample(there_s, made_s, made_s, axes), now_s, at_once=False)
         playout.advance(now_s)
         if playout.shown is not None:
             made_s = playout.shown.made_s
@@ -136,7 +136,9 @@ def test_motion_is_stretched_and_shortened_by_a_tenth_at_most():
         sent_s = number * PERIOD_S
         transit_s = 0.02 + (0.05 * (number % 2) if 500 <= number < 1000 else 0.0)
         playout.heard(sent_s, sent_s + transit_s)
-        playout.take(Motion(sent_s, sent_s, sent_s, NEUTRAL._replace(x=0.5)), sent_s, at_once=False)
+        playout.take(
+            MotionSample(sent_s, sent_s, sent_s, NEUTRAL._replace(x=0.5)), sent_s, at_once=False
+        )
         while playout.due_s < math.inf:
             due_s = playout.due_s
             playout.advance(due_s)
@@ -208,7 +210,7 @@ def test_rest_does_not_wait():
         now_s = 0.01 * number
         playout.heard(now_s, now_s + 0.1 * (number == 0))
         axes = NEUTRAL if number == 4 else NEUTRAL._replace(x=0.5)
-        playout.take(Motion(now_s, now_s, now_s, axes), now_s, at_once=number == 0)
+        playout.take(MotionSample(now_s, now_s, now_s, axes), now_s, at_once=number == 0)
         assert (playout.due_s == math.inf) is (number in (0, 4))
     assert playout.shown.axes == NEUTRAL
     assert playout.shown.made_s == now_s
@@ -232,7 +234,7 @@ def test_rest_of_the_axes_does_not_wait_for_a_pose():
         now_s = 0.01 * number
         playout.heard(now_s, now_s + 0.1 * (number == 0))
         axes = NEUTRAL if number == 4 else NEUTRAL._replace(x=0.5)
-        motion = Motion(now_s, now_s, now_s, axes, pose)
+        motion = MotionSample(now_s, now_s, now_s, axes, pose)
         playout.take(motion, now_s, at_once=number == 0)
     found = []
     for step in range(200):
@@ -277,7 +279,7 @@ def test_what_waits_gives_way_before_it_is_too_old():
         arrives_s = sent_s + 0.1 * (number == 0)
         playout.heard(sent_s, sent_s)
         playout.heard(sent_s, sent_s + 0.1)
-        motion = Motion(sent_s, sent_s, sent_s, NEUTRAL._replace(x=0.5))
+        motion = MotionSample(sent_s, sent_s, sent_s, NEUTRAL._replace(x=0.5))
         playout.take(motion, arrives_s, at_once=number == 0)
         for step in range(20):
             now_s = sent_s + 0.001 * step

@@ -11,7 +11,7 @@ pytest.importorskip("pinocchio", reason="pin is not installed: pip install carda
 import pinocchio as pin
 
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.robots import Box, load_arm
+from cardan.robots import OrientedBox, load_arm
 from cardan.robots.arm_bodies import to_se3
 from cardan.robots.mesh_files import find_mesh
 from cardan.robots.meshes import points_in
@@ -123,7 +123,7 @@ def placed(element, points):
 
 def inside(shape, points):
     """Of each point, whether it is in a capsule or a box."""
-    if isinstance(shape, Box):
+    if isinstance(shape, OrientedBox):
         local = (points - shape.pose.position) @ to_se3(shape.pose).rotation
         return (np.abs(local) <= 0.5 * np.array(shape.size_m)).all(axis=1)
     along, offset = np.subtract(shape.end, shape.start), points - shape.start

@@ -37,7 +37,7 @@ FEEDBACK_TIMEOUT_S = 0.03
 """The same for feedback while the device is read: reading must not wait for it."""
 
 
-class Link(ABC):
+class EvdevLink(ABC):
     """An open device. All methods but close() raise OSError once it is gone."""
 
     @abstractmethod
@@ -64,7 +64,7 @@ class Link(ABC):
         """Release the device. Never raises."""
 
 
-class NodeLink(Link):
+class NodeLink(EvdevLink):
     """A node of /dev/input."""
 
     def __init__(self, path: str) -> None:
@@ -107,7 +107,7 @@ class NodeLink(Link):
             os.close(self._fd)
 
 
-class SocketLink(PacketSocket, Link):
+class EvdevSocketLink(PacketSocket, EvdevLink):
     """A Unix socket that stands for a node: a packet is one read or write, or one ioctl."""
 
     def __init__(self, path: str) -> None:

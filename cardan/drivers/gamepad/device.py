@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.evdev.device import EvdevDevice
-from cardan.drivers.evdev.links import FEEDBACK_TIMEOUT_S, Link
+from cardan.drivers.evdev.links import FEEDBACK_TIMEOUT_S, EvdevLink
 from cardan.drivers.evdev.nodes import CONSOLE_HINT, is_gamepad, joystick, pad_in_mode_d
 from cardan.drivers.gamepad.core import GamepadCore
 from cardan.drivers.gamepad.options import GamepadOptions
@@ -101,7 +101,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
 
     # -- rumble, by the reader -----------------------------------------------------------------
 
-    def _attend(self, link: Link) -> None:
+    def _attend(self, link: EvdevLink) -> None:
         level, now_s = self._level, time.monotonic()
         if level == self._shown and (level == 0.0 or now_s < self._again_s):
             return
@@ -113,7 +113,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
             self._effect = _NEW
         self._shown, self._again_s = level, now_s + RUMBLE_AGAIN_S
 
-    def _rumble(self, link: Link, level: float) -> None:
+    def _rumble(self, link: EvdevLink, level: float) -> None:
         if level > 0.0 and (level != self._shown or self._effect == _NEW):
             strength = round(_FULL * level)
             effect = decode_rumble(
@@ -130,7 +130,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
         if self._effect != _NEW:
             link.write(encode_events([InputEvent(0, 0, EV_FF, self._effect, int(level > 0.0))]))
 
-    def _before_release(self, link: Link) -> None:
+    def _before_release(self, link: EvdevLink) -> None:
         effect, self._effect, self._shown = self._effect, _NEW, 0.0
         if effect != _NEW:
             with contextlib.suppress(OSError):

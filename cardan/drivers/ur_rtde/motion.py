@@ -17,7 +17,7 @@ _SAME_CYCLE: Final = 1.5
 """Periods: a command that comes later than this after the one before has missed a cycle."""
 
 
-class Motion:
+class UrMotion:
     """A run of the program, from its first report on. Times are agreed by both clocks."""
 
     def __init__(self, options: UrRtdeOptions, token: int, beat: int, head: bytes = b"") -> None:

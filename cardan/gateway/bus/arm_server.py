@@ -32,7 +32,7 @@ from cardan.gateway.arm.verb_table import CHANGING, ENDLESS, SEQUENCED, preset_o
 from cardan.gateway.arm.vocab import Begins, vocab_text
 from cardan.gateway.bus.actions import Ahead, ArmAction
 from cardan.gateway.bus.arm_parameters import ArmParameters
-from cardan.gateway.bus.arm_topics import OK, WARN, Part
+from cardan.gateway.bus.arm_topics import OK, WARN, DiagnosticStatus
 from cardan.gateway.bus.commands import (
     ACTIONS,
     ASK_SERVICE,
@@ -335,7 +335,7 @@ class ArmServer:
         self.contested += 1
         self._contest, self._contest_s = words, self.now_s
 
-    def part(self) -> Part:
+    def part(self) -> DiagnosticStatus:
         """Return the diagnostics of the commands."""
         contested = self.now_s - self._contest_s < CONTEST_SHOWN_S
         counts = {
@@ -345,7 +345,7 @@ class ArmServer:
             "contested": self.contested,
         }
         words = ", ".join(f"{count} {word}" for word, count in counts.items() if count)
-        return Part(
+        return DiagnosticStatus(
             "commands",
             WARN if contested or self.refused else OK,
             self._contest if contested else words or "all read",

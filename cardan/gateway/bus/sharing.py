@@ -32,7 +32,7 @@ from cardan.drivers.remote.shared import (
     Claim,
     Edge,
     HapticFeedback,
-    Order,
+    RemoteHapticCommand,
     Shared,
     UnusableError,
     claim_topic,
@@ -189,7 +189,7 @@ class ShareCore:
             return
         self._asked |= self._take(claim, attachment.gid, now_s)
 
-    def order(self, now_s: float) -> tuple[Order | None, float, int]:
+    def order(self, now_s: float) -> tuple[RemoteHapticCommand | None, float, int]:
         """Return the haptic order, None if there is none or no session has the device; its time of
         arrival, and the number of the lease."""
         self._expire(now_s)
@@ -350,7 +350,9 @@ class HandEnd:
         """When the next cycle is; inf: nothing is felt."""
         return math.inf if self._port is None else self._cycled_s + FORCE_S
 
-    def cycle(self, order: Order | None, heard_s: float, lease: int, now_s: float) -> None:
+    def cycle(
+        self, order: RemoteHapticCommand | None, heard_s: float, lease: int, now_s: float
+    ) -> None:
         """Render `order`, which came at `heard_s` of the `lease` of this number; None: nothing.
         Never raises."""
         if lease != self._lease:  # The one before may have ended while this process stood still.

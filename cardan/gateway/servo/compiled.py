@@ -27,7 +27,7 @@ from cardan.gateway.servo.servo import (
     safety_distances,
 )
 from cardan.gateway.servo.status import ServoStatus
-from cardan.robots import Box, Capsule, JointKind, SixWeights
+from cardan.robots import Capsule, JointKind, OrientedBox, SixWeights
 from cardan.spatial import norm, subtract
 from cardan.types import Pose, Quaternion, Vector3
 
@@ -388,7 +388,7 @@ def _shape(solid: Solid) -> layout.CShape:
             start = end
         made.kind, made.radius_m = layout.CAPSULE, shape.radius_m
         made.start[:], made.end[:] = start, end
-    elif isinstance(shape, Box):
+    elif isinstance(shape, OrientedBox):
         placement = to_se3(shape.pose)
         made.kind = layout.BOX
         made.rotation[:] = placement.rotation.ravel().tolist()

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from cardan.bus.node import BusNode, Presence, Publisher, WaitingSubscription
+from cardan.bus.node import BusNode, MatchedEndpoints, Publisher, WaitingSubscription
 from cardan.bus.options import BusOptions
 from cardan.common import bounds
 from cardan.protocols.ros2.cdr import Malformed, codec_of
@@ -63,7 +63,7 @@ class BusBackend(DeviceBackend[bytes]):
         self._node: BusNode | None = None
         self._publisher: Publisher | None = None
         self._feedback: WaitingSubscription | None = None
-        self._programs: Presence | None = None
+        self._programs: MatchedEndpoints | None = None
         self._look_s = 0.0
 
     @property

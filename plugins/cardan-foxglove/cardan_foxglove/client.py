@@ -22,7 +22,7 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
 
-from cardan.bus.network import Handle, Network, NetworkError, Service, Topic
+from cardan.bus.network import Handle, Network, NetworkError, ServiceInfo, Topic
 from cardan.common.extras import missing_extra
 from cardan.errors import DriverError, shown
 from cardan.gateway.arm.backlog import STALE_S, is_stale, stale_words
@@ -97,7 +97,7 @@ class AdvertisedGraph(NamedTuple):
     """Topics and services that clients see."""
 
     topics: Mapping[str, Topic]
-    services: Mapping[str, Service]
+    services: Mapping[str, ServiceInfo]
 
 
 class Pace(NamedTuple):
@@ -414,7 +414,7 @@ class FoxgloveConnection:
                 self._channels[name] = _Channel(topic, channel)
                 self._topic_of[channel.id()] = name
 
-    def _show_services(self, services: Mapping[str, Service]) -> None:
+    def _show_services(self, services: Mapping[str, ServiceInfo]) -> None:
         gone = [name for name, kind in self._services.items() if _type_of(services, name) != kind]
         if gone:
             self._server.remove_services(gone)
@@ -760,7 +760,7 @@ async def _connected(host: str, port: int) -> ClientConnection:
         raise DriverError(f"foxglove-sdk's server cannot be reached: {error}") from None
 
 
-def _type_of(services: Mapping[str, Service], name: str) -> str:
+def _type_of(services: Mapping[str, ServiceInfo], name: str) -> str:
     service = services.get(name)
     return service.type if service else ""
 

@@ -14,7 +14,7 @@ import pytest
 
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse
-from cardan.drivers.spacemouse.transports import HidCandidate, Link, Transport
+from cardan.drivers.spacemouse.transports import HidCandidate, HidLink, Transport
 from cardan.errors import AddressError, DeviceNotFoundError
 from cardan.protocols.connexion import model_by_key
 from cardan.protocols.spnav import (
@@ -501,7 +501,7 @@ class OneDevice(Transport):
         return Resting()
 
 
-class Resting(Link):
+class Resting(HidLink):
     """An open device that nobody touches."""
 
     def read(self, timeout_s):

@@ -19,7 +19,7 @@ from cardan.gateway.daemon.control import Ask, LineReader, decode_told
 from cardan.gateway.daemon.daemon import Daemon
 from cardan.gateway.daemon.processes import RunningSession
 from cardan.gateway.daemon.restart_policy import Ended
-from cardan.gateway.daemon.server import Connection, ControlServer
+from cardan.gateway.daemon.server import ControlConnection, ControlServer
 from cardan.gateway.daemon.services import _ended
 from cardan.gateway.session.snapshot import Snapshot
 
@@ -61,7 +61,7 @@ class Bench:
         self.theirs, ours = socket.socketpair()
         self.theirs.settimeout(5.0)
         ours.setblocking(False)
-        self.connection = Connection(ours)
+        self.connection = ControlConnection(ours)
         self._reader, self._lines = LineReader(), []
 
     def ask(self, verb, number=7, **more):
@@ -209,7 +209,7 @@ def flooded(tmp_path, monkeypatch):
     flood = Flood()
     monkeypatch.setattr(serving, "time", flood)
     with contextlib.closing(ControlServer(str(tmp_path / "sock"), "", lambda *_: None)) as server:
-        yield server, Connection(flood), flood
+        yield server, ControlConnection(flood), flood
 
 
 def floods(flooded, seconds):

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from cardan.bus.network import Failure, NetworkError, Service, Topic
+from cardan.bus.network import Failure, NetworkError, ServiceInfo, Topic
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.interfaces import name_on_the_wire, service_type
 from cardan.protocols.ros2.messages import completed
@@ -77,7 +77,9 @@ class MemoryNetwork:
 
     def services(self):
         with self.lock:
-            return {name: Service(kind, (node,)) for name, (kind, node, _) in self.servers.items()}
+            return {
+                name: ServiceInfo(kind, (node,)) for name, (kind, node, _) in self.servers.items()
+            }
 
     def nodes(self):
         return [TEST_NODE, SERVER]

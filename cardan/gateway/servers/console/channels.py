@@ -9,9 +9,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, Final
 
-from cardan.bus.network import Handle, NetworkError, Publisher
+from cardan.bus.network import Handle, NetworkError, PublisherHandle
 from cardan.gateway.servers.console.hold_to_run import Grip, Hold, Verdict
 from cardan.gateway.servers.console.jog import ArmJog, Wish
+from cardan.gateway.servers.publishing import RefusedError
 from cardan.protocols.handheld import (
     Gamepad,
     JogJoints,
@@ -38,10 +39,6 @@ PAD_ORDER: Final = (
 )  # fmt: skip
 """Buttons in the order of ROS 2's game_controller_node, whose axes are the sticks, left and up
 positive, and the triggers."""
-
-
-class RefusedError(Exception):
-    """The page's request cannot be carried out."""
 
 
 class Channel(ABC):
@@ -98,7 +95,7 @@ class ArmChannel(Channel):
 class DeviceChannel(Channel):
     """Passes frames on to the driver of a session, which decides by itself."""
 
-    def __init__(self, topic: str, publisher: Publisher, feedback: Handle) -> None:
+    def __init__(self, topic: str, publisher: PublisherHandle, feedback: Handle) -> None:
         super().__init__()
         self.target = topic
         self._publisher, self._feedback = publisher, feedback
@@ -126,7 +123,7 @@ class DeviceChannel(Channel):
 class JoyChannel(Channel):
     """Publishes a pad as game_controller_node does, for the driver ros2_joy."""
 
-    def __init__(self, topic: str, publisher: Publisher, feedback: Handle) -> None:
+    def __init__(self, topic: str, publisher: PublisherHandle, feedback: Handle) -> None:
         super().__init__()
         self.target = topic
         self._publisher, self._feedback = publisher, feedback
@@ -161,7 +158,7 @@ class ImuChannel(Channel):
     """Publishes the sensors of a phone as an inertial measurement unit: REP-145, in the phone's own
     axes (x right, y to the top edge, z out of the screen)."""
 
-    def __init__(self, topic: str, publisher: Publisher) -> None:
+    def __init__(self, topic: str, publisher: PublisherHandle) -> None:
         super().__init__()
         self.target = topic
         self._publisher, self._codec = publisher, codec_of(IMU_TYPE)
@@ -213,7 +210,7 @@ def _covariance(measured: object) -> list[float]:
 class SharedPublisher:
     """Publisher of a topic for all of a page's channels: by it drivers tell pages apart."""
 
-    def __init__(self, publisher: Publisher, unused: Callable[[], object]) -> None:
+    def __init__(self, publisher: PublisherHandle, unused: Callable[[], object]) -> None:
         """`unused()` is called when the last one closes it."""
         self.publish = publisher.publish
         self._publisher, self._unused = publisher, unused
