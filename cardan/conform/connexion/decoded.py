@@ -19,14 +19,18 @@ class Report(NamedTuple):
     @property
     def is_motion(self) -> bool:
         """Whether it has axes."""
-        return isinstance(self.value, (connexion.Translation, connexion.Rotation, connexion.Motion))
+        return isinstance(
+            self.value, (connexion.Translation, connexion.Rotation, connexion.MotionReport)
+        )
 
     @property
     def counts(self) -> tuple[int, ...]:
         """Of a motion."""
         return (
             tuple(self.value)
-            if isinstance(self.value, (connexion.Translation, connexion.Rotation, connexion.Motion))
+            if isinstance(
+                self.value, (connexion.Translation, connexion.Rotation, connexion.MotionReport)
+            )
             else ()
         )
 
@@ -65,7 +69,7 @@ class ConnexionTraffic(Traffic):
         motions = self.motions
         if not motions:
             return None
-        whole = isinstance(motions[0].value, connexion.Motion)
+        whole = isinstance(motions[0].value, connexion.MotionReport)
         return connexion.Family.ONE if whole else connexion.Family.SPLIT
 
     def during(self, *names: str) -> list[Report]:

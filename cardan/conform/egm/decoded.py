@@ -88,7 +88,7 @@ class Refused(NamedTuple):
 
     number: int
     time_s: float
-    malformed: egm.Malformed
+    malformed: egm.MalformedEgmMessage
 
 
 class EgmTraffic(Traffic):
@@ -114,7 +114,7 @@ class EgmTraffic(Traffic):
             if event.sent == robot_sends:
                 decode = egm.decode_robot
             message = decode(event.data)
-            if isinstance(message, egm.Malformed):
+            if isinstance(message, egm.MalformedEgmMessage):
                 if judged:
                     self.refused.append(Refused(index, event.time_s, message))
                 else:

@@ -108,7 +108,7 @@ class MotorosTraffic(Traffic):
         order = reader.byte_order or sm.ByteOrder.LITTLE
         self.order = self.order or order
         message = sm.wire(order).decode(frame)
-        if isinstance(message, sm.Malformed):
+        if isinstance(message, sm.MalformedMessage):
             self.unread.append(Unread(index, event.channel, message.reason))
             return
         heard = Heard(index, begun_s, event.time_s, event.channel, message, frame)
@@ -124,7 +124,7 @@ class MotorosTraffic(Traffic):
     def _exchange(self, asked: tuple[int, Event], reply: Heard | None) -> None:
         number, sent = asked
         request = sm.wire(self.order or sm.ByteOrder.LITTLE).decode(sent.data)
-        known = None if isinstance(request, sm.Malformed) else request
+        known = None if isinstance(request, sm.MalformedMessage) else request
         self.asked.append(Exchange(number, sent.time_s, sent.channel, known, sent.data, reply))
 
     def exchanges(self, phase: str) -> list[Exchange]:

@@ -184,7 +184,7 @@ class DriverTraffic(Traffic):
         topics = True
         for frame in frames:
             message = sm.wire(order).decode(frame)
-            if isinstance(message, sm.Malformed):
+            if isinstance(message, sm.MalformedMessage):
                 self.malformed.append((number, message.reason))
                 topics = False
                 continue
@@ -208,7 +208,7 @@ class DriverTraffic(Traffic):
         reader.feed(event.data)
         while (frame := reader.take()) is not None:
             message = sm.wire(reader.byte_order or sm.ByteOrder.LITTLE).decode(frame)
-            if isinstance(message, sm.Malformed):
+            if isinstance(message, sm.MalformedMessage):
                 continue
             if port_of(channel) == "state":
                 body = message.body

@@ -83,7 +83,7 @@ class MotorosDriverRig(DriverRig):
             self._session.disconnected(kind, "the controller closed it", self._now_s)
 
     @property
-    def _wire(self) -> sm.Wire:
+    def _wire(self) -> sm.WireFormat:
         return sm.wire(self._session.feed.byte_order or sm.ByteOrder.LITTLE)
 
     def _kind(self, name: str) -> Channel | None:
@@ -249,7 +249,7 @@ class MotorosDriverRig(DriverRig):
                 self._send(self._links[kind], data)
                 continue
             message = self._wire.decode(data)
-            assert not isinstance(message, sm.Malformed)
+            assert not isinstance(message, sm.MalformedMessage)
             self._spoilt(self._links[kind], message)
 
     def _close(self, name: str) -> None:

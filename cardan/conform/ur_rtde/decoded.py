@@ -9,11 +9,11 @@ from typing import Any, NamedTuple, NoReturn
 
 from cardan.conform.timeline import Event, Kind, Timeline, Traffic, UnaskedError
 from cardan.protocols.ur import rtde
-from cardan.protocols.ur.dashboard import LineReader
+from cardan.protocols.ur.dashboard import DashboardReader
 from cardan.protocols.ur.primary import (
     MessageKind,
-    Package,
     PackageReader,
+    PrimaryPackage,
     RobotMessage,
     read_message,
 )
@@ -35,7 +35,7 @@ _READERS: Mapping[str, Callable[[], Any]] = {
     PRIMARY: PackageReader,
     SECONDARY: PackageReader,
     REALTIME: RealtimeReader,
-    "dashboard": LineReader,
+    "dashboard": DashboardReader,
 }
 """What cuts a channel's bytes, where it is not RTDE."""
 
@@ -58,11 +58,11 @@ class Exchange(NamedTuple):
     number: int
     time_s: float
     channel: str
-    asked: rtde.ControlRequest | rtde.Setup
+    asked: rtde.ControlRequest | rtde.RecipeSetup
     reply: Heard | None
 
 
-Answered = tuple[Exchange, rtde.Setup, rtde.SetupReply]
+Answered = tuple[Exchange, rtde.RecipeSetup, rtde.SetupReply]
 """A request for a recipe, and what it was answered."""
 
 
@@ -96,7 +96,7 @@ class Told(NamedTuple):
     number: int
     begun_s: float
     time_s: float
-    package: Package
+    package: PrimaryPackage
     message: RobotMessage | None
 
 
@@ -136,7 +136,7 @@ class _Connection:
     def __init__(self, version: int) -> None:
         self.ours = rtde.PacketReader()
         self.version = version
-        self.open: list[tuple[int, float, rtde.ControlRequest | rtde.Setup]] = []
+        self.open: list[tuple[int, float, rtde.ControlRequest | rtde.RecipeSetup]] = []
         self.outputs: rtde.Recipe | None = None
         self.inputs: dict[int, rtde.Recipe] = {}
         self.stream: list[State] | None = None
@@ -266,8 +266,10 @@ class UrTraffic(Traffic):
     def _sent(self, number: int, event: Event, connection: _Connection) -> None:
         connection.ours.feed(event.data)
         while (found := connection.ours.take()) is not None:
-            asked: rtde.Asked | rtde.Malformed = rtde.read_request(*found, connection.version)
-            if isinstance(asked, (rtde.ControlRequest, rtde.Setup)):
+            asked: rtde.Asked | rtde.MalformedPayload = rtde.read_request(
+                *found, connection.version
+            )
+            if isinstance(asked, (rtde.ControlRequest, rtde.RecipeSetup)):
                 connection.open.append((number, event.time_s, asked))
             elif isinstance(asked, rtde.Data) and asked.recipe in connection.inputs:
                 values = connection.inputs[asked.recipe].unpack(asked.values)
@@ -277,7 +279,7 @@ class UrTraffic(Traffic):
     def _received(self, number: int, event: Event, connection: _Connection) -> None:
         for begun_s, (kind, payload) in self._whole(number, event):
             reply = rtde.read_reply(kind, payload, connection.version)
-            if isinstance(reply, rtde.Malformed):
+            if isinstance(reply, rtde.MalformedPayload):
                 self.unread.append((number, reply.reason))
                 continue
             raw = rtde.packet(rtde.PacketType(kind), payload)
@@ -311,7 +313,7 @@ class UrTraffic(Traffic):
 
     def _reply(self, heard: Heard, connection: _Connection) -> None:
         reply = heard.reply
-        if isinstance(reply, rtde.Text):
+        if isinstance(reply, rtde.TextMessage):
             return
         kind = getattr(reply, "kind", rtde.PacketType.CONTROLLER_VERSION)
         place = next((n for n, each in enumerate(connection.open) if each[2].kind is kind), None)
@@ -319,7 +321,11 @@ class UrTraffic(Traffic):
             return
         number, time_s, asked = connection.open.pop(place)
         self.asked.append(Exchange(number, time_s, heard.channel, asked, heard))
-        if isinstance(reply, rtde.SetupReply) and isinstance(asked, rtde.Setup) and reply.recipe:
+        if (
+            isinstance(reply, rtde.SetupReply)
+            and isinstance(asked, rtde.RecipeSetup)
+            and reply.recipe
+        ):
             try:
                 numbered = connection.version != 1 or reply.kind is rtde.PacketType.INPUTS
                 recipe = rtde.Recipe(reply.recipe if numbered else None, asked.names, reply.types)
@@ -389,12 +395,12 @@ class UrTraffic(Traffic):
 
     def setups(
         self, kind: rtde.PacketType, *names: str
-    ) -> list[tuple[Exchange, rtde.Setup, rtde.SetupReply]]:
+    ) -> list[tuple[Exchange, rtde.RecipeSetup, rtde.SetupReply]]:
         """Those requests for recipes that were answered."""
         return [
             (each, each.asked, each.reply.reply)
             for each in self.exchanges(kind, *names)
-            if isinstance(each.asked, rtde.Setup)
+            if isinstance(each.asked, rtde.RecipeSetup)
             and each.reply is not None
             and isinstance(each.reply.reply, rtde.SetupReply)
         ]
