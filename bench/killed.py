@@ -30,7 +30,7 @@ from cardan.gateway.session.supervisor import SessionProcess
 from cardan.robots import load_arm
 from cardan.sim_peers.arm import SimulatedArmOptions, SimulatedArmPeer
 from cardan.sim_peers.base import SimulatedPeer
-from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, Mode
+from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, EgmMode
 from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 
@@ -72,7 +72,7 @@ def _gofa(mode: str) -> Robot:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    options = EgmControllerOptions(pc_port=port, mode=Mode(mode), comm_timeout_s=COMM_TIMEOUT_S)
+    options = EgmControllerOptions(pc_port=port, mode=EgmMode(mode), comm_timeout_s=COMM_TIMEOUT_S)
     peer = EgmControllerPeer(options)
     robot = {"driver": "abb_egm", "mode": mode, "listen_port": port, "robot": "gofa_crb15000_5"}
     tables: dict[str, Any] = {"robot": robot}

@@ -26,7 +26,7 @@ from typing import Final
 from bench.egm_latency import MOVE, TOUCH
 from bench.figures import Figures
 from cardan.gateway.session.subprocesses import launched
-from cardan.protocols.ur.program import Order
+from cardan.protocols.ur.program import ProgramCommand
 from cardan.protocols.ur.rtde import Recipe
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
 
@@ -75,7 +75,7 @@ class Played:
     def followed(self) -> bool:
         """True if the program runs and commands come."""
         registers = self.controller.registers
-        return self.controller.has_program and registers.input_int[26] == Order.FOLLOW
+        return self.controller.has_program and registers.input_int[26] == ProgramCommand.FOLLOW
 
     def carry(self, timeout_s: float) -> None:
         """Transfer the bytes that wait on the sockets, both ways."""

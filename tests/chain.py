@@ -20,7 +20,7 @@ from cardan.protocols.connexion import model_by_key
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, FaultyLink
 from cardan.sim_peers.scripted import play
-from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedHand, SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedPuck, SimulatedSpaceMouse
 from cardan.spatial import norm, subtract
 from cardan.types import RobotState, Vector3
 from tests.controllers import controller_for_hand
@@ -81,7 +81,7 @@ class Chain:
         self.hand_faults, self.robot_faults = hand_faults or {}, robot_faults or {}
         known = model_by_key(model)
         self.puck = SimulatedSpaceMouse(known, faults=self.hand_faults, jitter_lsb=1, seed=1)
-        self.script = ScriptedHand(parse_script(hand, SCRIPT_VERBS), known)
+        self.script = ScriptedPuck(parse_script(hand, SCRIPT_VERBS), known)
         self.device = SpaceMouseCore(SpaceMouseOptions(), known)
         self.core = controller_for_hand(
             MappingOptions(deadman=deadman),

@@ -35,7 +35,7 @@ from cardan.protocols.joint_stream import decode_state, encode_state
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.robots import ArmModel, load_arm
 from cardan.sim_peers.arm import PlantOptions, SimulatedArm, SimulatedArmOptions
-from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, Mode
+from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, EgmMode
 from cardan.sim_peers.ros2_arm import RosArm, RosArmOptions
 from cardan.types import HoldCommand, RobotCapabilities, RobotCommand, RobotState, Vector3
 from tests.drivers.motoros_rig import Rig
@@ -424,7 +424,7 @@ class EgmBench(_Datagrams):
 
     def __init__(self) -> None:
         self.controller = EgmController(
-            EgmControllerOptions(mode=Mode(self.mode), comm_timeout_s=0.2)
+            EgmControllerOptions(mode=EgmMode(self.mode), comm_timeout_s=0.2)
         )
         super().__init__()
 

@@ -21,7 +21,7 @@ from cardan.bus.options import BusOptions
 from cardan.gateway.arm.requests import Request, encode_request
 from cardan.gateway.arm.vocab import Begins
 from cardan.gateway.daemon.control import Ask, encode_ask
-from cardan.protocols.handheld import JogTwist, OperatorFrame, Phone, encode_frame
+from cardan.protocols.handheld import JogTwist, OperatorFrame, PhoneFrame, encode_frame
 from cardan.protocols.joint_stream import (
     ArmCommand,
     ControlMode,
@@ -266,8 +266,8 @@ class PagePhone(_PageFrames):
 
     target: ClassVar = {"device": "/phone"}
 
-    def body(self, passed_s: float) -> Phone:
-        return Phone(Vector3(0.0, self.way * min(15.0, 30.0 * passed_s), 0.0))
+    def body(self, passed_s: float) -> PhoneFrame:
+        return PhoneFrame(Vector3(0.0, self.way * min(15.0, 30.0 * passed_s), 0.0))
 
 
 class PageJog(_PageFrames):

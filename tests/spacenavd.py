@@ -13,8 +13,8 @@ import pytest
 from cardan.protocols.spnav import (
     Code,
     Handshake,
-    Reply,
     ServerReader,
+    ServerReply,
     encode_handshake,
     encode_request,
 )
@@ -59,7 +59,7 @@ def asked(path, code):
             for value in reader.feed(data):
                 if isinstance(value, Handshake):
                     client.sendall(encode_request(code))
-                elif isinstance(value, Reply):
+                elif isinstance(value, ServerReply):
                     return value
     raise AssertionError("the daemon has hung up")
 

@@ -13,7 +13,7 @@ from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.session.arm_assembly import make_arm
 from cardan.gateway.session.config import parse_config
 from cardan.robots import load_arm
-from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, Mode
+from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, EgmMode
 from tests.chain import PUSH, Chain
 from tests.fault_rig import EgmBench, EgmJointBench
 from tests.test_lost_time import SPEED_M_S, moving
@@ -32,7 +32,7 @@ def chain(mode, hand=PUSH, **more):
         }
     )
     arm = make_arm(config, AbbEgm(options))
-    return Chain(hand, arm=arm, egm=options, mode=Mode(mode), **more)
+    return Chain(hand, arm=arm, egm=options, mode=EgmMode(mode), **more)
 
 
 @pytest.mark.parametrize("mode", ["joint", "pose"])

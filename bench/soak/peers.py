@@ -21,13 +21,13 @@ from typing import Any, Final
 from cardan.common.realtime import ask_for_real_time
 from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArmPeer
 from cardan.sim_peers.base import ScriptStep, SimulatedPeer
-from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, Mode
-from cardan.sim_peers.evdev.hand import ScriptedHand as PadHand
+from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, EgmMode
+from cardan.sim_peers.evdev.hand import ScriptedInput as PadHand
 from cardan.sim_peers.evdev.peer import EvdevPeer, EvdevPeerOptions
 from cardan.sim_peers.hand_peer import HandPeer
 from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
 from cardan.sim_peers.scripted import Hand
-from cardan.sim_peers.spacemouse import ScriptedHand as PuckHand, SpaceMousePeer
+from cardan.sim_peers.spacemouse import ScriptedPuck as PuckHand, SpaceMousePeer
 from cardan.sim_peers.spacemouse.peer import SpaceMousePeerOptions
 from cardan_wiimote.peer.hand import ScriptedHand as RemoteHand
 from cardan_wiimote.peer.peer import WiimotePeer, WiimotePeerOptions
@@ -45,7 +45,7 @@ Script = dict[str, Any]
 
 
 def _gofa(options: dict[str, Any]) -> tuple[SimulatedPeer, Joints]:
-    egm = EgmControllerPeer(EgmControllerOptions(mode=Mode.JOINT, **options))
+    egm = EgmControllerPeer(EgmControllerOptions(mode=EgmMode.JOINT, **options))
     return egm, lambda: egm.core.joints_rad
 
 

@@ -155,7 +155,7 @@ def echo(
     router: Router = "",
 ) -> None:
     """Print the messages of a topic as JSON, one a line, until Ctrl-C."""
-    from cardan.protocols.ros2.cdr import Malformed, decoded
+    from cardan.protocols.ros2.cdr import MalformedCdr, decoded
     from cardan.protocols.ros2.interfaces import InterfaceError
     from cardan.protocols.ros2.messages import json_text
 
@@ -167,7 +167,7 @@ def echo(
             raise ConfigurationError(topic, f"its messages cannot be read: {error}") from None
         text = (
             f"cardan: no message of {name}: {message.reason}"
-            if isinstance(message, Malformed)
+            if isinstance(message, MalformedCdr)
             else json_text(name, message)
         )
         print(printable(text), flush=True)

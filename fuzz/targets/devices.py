@@ -82,7 +82,7 @@ def _connexion(data: bytes) -> object:
     encoders: dict[type, Callable[..., bytes]] = {
         connexion.Translation: connexion.encode_translation,
         connexion.Rotation: connexion.encode_rotation,
-        connexion.Motion: connexion.encode_motion,
+        connexion.MotionReport: connexion.encode_motion,
         connexion.Battery: connexion.encode_battery,
     }
     if type(found) in encoders:
@@ -234,7 +234,7 @@ def _spnav_requests() -> Iterator[bytes]:
     )
 
 
-_DATA = (spnav.Reply, spnav_server.ClientRequest)
+_DATA = (spnav.ServerReply, spnav_server.ClientRequest)
 
 
 def _spnav_strings(packets: Packets) -> object:
@@ -406,7 +406,7 @@ def _handheld(data: bytes) -> object:
     if isinstance(found, handheld.OperatorFrame):
         again = handheld.decode_frame(handheld.encode_frame(found))
         assert isinstance(again, handheld.OperatorFrame), again
-        if isinstance(found.body, handheld.Xr):
+        if isinstance(found.body, handheld.XrFrame):
             # It is of length 1 in doubles, and rounded to floats again.
             turn = found.body.orientation
             again = again._replace(body=again.body._replace(orientation=turn))
@@ -562,7 +562,7 @@ def _evdev(data: bytes) -> object:
     if isinstance(rumble, evdev.Rumble):
         same(evdev_requests.decode_rumble(evdev_requests.encode_rumble(rumble)), rumble)
     call = evdev_requests.decode_call(data)
-    if isinstance(call, evdev_requests.Call):
+    if isinstance(call, evdev_requests.IoctlCall):
         same(evdev_requests.decode_call(evdev_requests.encode_call(call)), call)
     evdev_requests.decode_id(data)
     evdev_requests.decode_absinfo(data)
@@ -584,7 +584,9 @@ def _evdev_packets() -> Iterator[bytes]:
         ]
     )
     yield evdev_requests.encode_rumble(evdev.Rumble(3, 0x8000, 0x4000, 250))
-    yield evdev_requests.encode_call(evdev_requests.Call(evdev_requests.EVIOCGKEY, 0, b"\x01" * 96))
+    yield evdev_requests.encode_call(
+        evdev_requests.IoctlCall(evdev_requests.EVIOCGKEY, 0, b"\x01" * 96)
+    )
     yield evdev_requests.encode_id(evdev.InputId(3, 0x45E, 0x28E, 0x110))
     yield uinput.begin_upload(7) + evdev_requests.encode_rumble(evdev.Rumble(3, 1, 2, 3))
     yield evdev_requests.encode_absinfo(evdev.AbsInfo(0, -32768, 32767, 16, 128, 0))

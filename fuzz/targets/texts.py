@@ -28,7 +28,7 @@ from cardan.gateway.servers.tokens import Role, Tokens, parse_tokens
 from cardan.gateway.session.config import SessionConfig, parse_config
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.protocols.rosbridge import operations, rosapi
-from cardan.protocols.rosbridge.session import Session
+from cardan.protocols.rosbridge.session import RosbridgeSession
 from cardan.robots import limits_in, parse_urdf
 from cardan.robots.arm_file import ArmFile
 from cardan.robots.arm_loader import FOLDER
@@ -334,13 +334,13 @@ def _tokens(data: bytes) -> object:
 def _rosbridge(packets: Packets) -> object:
     """A client's frames, the first byte of each for text or binary: fragments, levels, anything;
     a good operation is understood afterwards."""
-    session, now_s = Session(100_000), 10.0
+    session, now_s = RosbridgeSession(100_000), 10.0
     found: list[object] = []
     for data in packets:
         now_s += 0.01
         asked = session.receive(text_of(data) if data[:1] != b"\xff" else data, now_s)
         found.append(asked)
-        if isinstance(asked, operations.Refused):
+        if isinstance(asked, operations.RefusedOperation):
             session.status("error", asked.id, asked.reason)
             json.dumps(asked.id)
     good = session.receive('{"op": "advertise", "topic": "/a", "type": "b/C"}', now_s + 5.0)

@@ -142,7 +142,7 @@ def _realtime_streams() -> Iterator[bytes]:
 
 
 def _dashboard_feed() -> Callable[[bytes], Iterable[Any]]:
-    reader = dashboard.LineReader()
+    reader = dashboard.DashboardReader()
 
     def feed(data: bytes) -> Iterator[Any]:
         reader.feed(data)

@@ -26,7 +26,7 @@ from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import Session, make_session
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.subprocesses import launched
-from cardan.protocols.connexion import Motion, Translation, decode_input
+from cardan.protocols.connexion import MotionReport, Translation, decode_input
 from cardan.types import JointCommand
 
 Array = npt.NDArray[np.float64]
@@ -98,7 +98,7 @@ class _Tap:
             while report := self._socket.recv(LARGEST_REPORT):
                 now_s = time.monotonic()
                 found = decode_input(report)
-                if isinstance(found, (Motion, Translation)):
+                if isinstance(found, (MotionReport, Translation)):
                     # Counts towards the operator; 350 is full deflection.
                     self.reports.append((now_s, -found.y / 350.0))
 

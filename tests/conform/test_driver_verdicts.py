@@ -14,7 +14,7 @@ from cardan.conform.egm_driver.requirements import (
     references_do_not_leap,
 )
 from cardan.conform.run import simulated
-from cardan.protocols.egm import EgmHeader, EgmMotion, EgmRobot, EgmSensor, MessageType
+from cardan.protocols.egm import EgmHeader, EgmMessageType, EgmMotion, EgmRobot, EgmSensor
 from cardan.protocols.egm.messages import EgmPose
 from cardan.spatial import Quaternion, Vector3
 
@@ -23,7 +23,7 @@ def answer(joint_deg=0.0, x_m=0.0):
     """Return an answer that commands this position of the first joint and of the TCP."""
     joints = (math.radians(joint_deg), *(0.0,) * 5)
     pose = EgmPose(Vector3(x_m, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0))
-    header = EgmHeader(1, 1, MessageType.CORRECTION)
+    header = EgmHeader(1, 1, EgmMessageType.CORRECTION)
     return SensorDatagram(2, 0.0, EgmSensor(header, EgmMotion(joints, pose)))
 
 

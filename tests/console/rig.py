@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.robots import load_arm
-from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, Mode
+from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, EgmMode
 from tests.serving import free_endpoint, free_udp_port
 
 MODEL = "gofa_crb15000_5"
@@ -187,7 +187,9 @@ def robot_and_session(folder: Path, more: str = "") -> Iterator[Rig]:
     endpoint, port = free_endpoint(), free_udp_port()
     path = folder / "session.toml"
     path.write_text(SESSION.format(port=port, model=MODEL, endpoint=endpoint) + more)
-    options = EgmControllerOptions(pc_port=port, mode=Mode("joint"), comm_timeout_s=COMM_TIMEOUT_S)
+    options = EgmControllerOptions(
+        pc_port=port, mode=EgmMode("joint"), comm_timeout_s=COMM_TIMEOUT_S
+    )
     command = [sys.executable, "-m", "cardan", "run", str(path), "--seconds", "3000"]
     with EgmControllerPeer(options) as peer:
         tcp = TcpWatch(peer)

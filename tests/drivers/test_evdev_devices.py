@@ -613,7 +613,7 @@ def test_late_answers_are_no_garbage(tmp_path):
 
 def test_an_answer_that_nobody_asked_for_is_garbage(tmp_path):
     slow = Slow(str(tmp_path / "s"))
-    answer = evdev.encode_call(evdev.Call(evdev.EVIOCGID, 0, bytes(8)))
+    answer = evdev.encode_call(evdev.IoctlCall(evdev.EVIOCGID, 0, bytes(8)))
     slow.sock.send(answer)
     assert slow.link.read(0.1) == answer
     slow.close()

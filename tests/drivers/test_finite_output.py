@@ -16,7 +16,7 @@ from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
 from cardan.errors import CommandError
-from cardan.protocols.egm import Malformed, decode_from_pc
+from cardan.protocols.egm import MalformedEgmMessage, decode_from_pc
 from cardan.protocols.joint_stream import (
     ArmCommand,
     ArmState,
@@ -160,7 +160,7 @@ def egm_answers(bench: Bench, command: RobotCommand, cycles: int) -> None:
             answer = bench.session.hold(bench.now_s)
         bench.session.answered(bench.now_s)
         told = decode_from_pc(answer)
-        assert not isinstance(told, Malformed), told
+        assert not isinstance(told, MalformedEgmMessage), told
         assert all_finite(told), told
         if bench.options.mode != "path-correction":
             bench.controller.follow(answer)

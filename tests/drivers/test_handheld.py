@@ -8,7 +8,7 @@ from cardan.demos.examples import free_ports
 from cardan.drivers.bus_devices import Phone, Xr
 from cardan.drivers.handheld import HandheldOptions, PhoneOptions, XrOptions
 from cardan.errors import DeviceNotFoundError, OptionError
-from cardan.protocols.handheld import Gamepad, OperatorFrame, Part, encode_frame
+from cardan.protocols.handheld import BodyPart, GamepadFrame, OperatorFrame, encode_frame
 from cardan.sim_peers.handheld import FAULTS, PagePeer, PagePeerOptions, XrPeerOptions
 from cardan.sim_peers.handheld.core import FULL_WAY_M, SimulatedHand
 from cardan.sim_peers.handheld.peer import wrapped
@@ -122,7 +122,7 @@ def test_the_other_hand_is_another_device(part):
     bench.run(1.0)
     assert bench.state.link is DeviceLink.STALE
     bench = Bench("xr", part=part)
-    bench.device = SimulatedHand("xr", {}, part=Part[part.upper()])
+    bench.device = SimulatedHand("xr", {}, part=BodyPart[part.upper()])
     assert bench.live().state.link is DeviceLink.LIVE
 
 
@@ -258,7 +258,7 @@ def test_frames_with_numbers_that_are_none_are_counted():
         (b"\0\1\0\0", "cut short"),
         (wrapped(b"", 0.0), "header"),
         (wrapped(b"\xc1" * 64, 0.0), "flags"),
-        (wrapped(encode_frame(OperatorFrame(Gamepad(0, 0, 0, 0), True)), 0.0), "gamepad"),
+        (wrapped(encode_frame(OperatorFrame(GamepadFrame(0, 0, 0, 0), True)), 0.0), "gamepad"),
         (wrapped(b"", -1.0), "age"),
         (wrapped(b"", math.nan), "age"),
     ],

@@ -10,7 +10,7 @@ from cardan.protocols.simple_message import (
     JointFeedback,
     JointTrajPtFull,
     JointVelocity,
-    Malformed,
+    MalformedMessage,
     MotionCommand,
     MotionReply,
     VelocityInfo,
@@ -72,7 +72,7 @@ def test_a_reply_nobody_asked_for_is_not_trusted():
 @pytest.mark.parametrize(
     ("answer", "words"),
     [
-        (Malformed("prefix 3"), "prefix 3"),
+        (MalformedMessage("prefix 3"), "prefix 3"),
         (reply(MotionReply(0, 1, COUNT, 0, 0)), "CHECK_QUEUE_CNT"),
         (reply(MotionReply(0, 2, STOP, 0, 0)), "sequence"),
         (topic(MotionReply(0, 1, STOP, 0, 0)), "communication type"),

@@ -17,7 +17,7 @@ from cardan.protocols.simple_message import (
     ByteOrder,
     JointFeedback,
     RobotStatus,
-    Wire,
+    WireFormat,
     topic,
     wire,
 )
@@ -117,7 +117,7 @@ def test_a_byte_order_that_is_told_wrongly_is_named():
 def test_reals_of_eight_bytes_are_not_motoros():
     feed = StateFeed(MotorosOptions())
     body = JointFeedback(0, 2, 0.0, ZEROS, ZEROS, ZEROS)
-    feed.received(Wire(ByteOrder.LITTLE, 8).encode(topic(body)), 1.0)
+    feed.received(WireFormat(ByteOrder.LITTLE, 8).encode(topic(body)), 1.0)
     assert "8 bytes" in feed.failure
     assert not feed.heard
 

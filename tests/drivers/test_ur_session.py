@@ -9,7 +9,7 @@ from cardan.drivers.ur_rtde import UrRtdeOptions
 from cardan.drivers.ur_rtde.session import UrSession
 from cardan.errors import CommandError, OptionError
 from cardan.protocols.ur.primary import text_message
-from cardan.protocols.ur.program import FIRST_WAIT_S, Order, program
+from cardan.protocols.ur.program import FIRST_WAIT_S, ProgramCommand, program
 from cardan.protocols.ur.script import Program, parse
 from cardan.protocols.ur.states import SafetyMode
 from cardan.types import (
@@ -459,7 +459,7 @@ def test_a_command_that_was_meant_for_an_earlier_run_does_not_act():
     rig.alive = False
     registers = rig.controller.registers
     for beat in range(100):
-        registers.input_int[24:27] = [old, 10_000 + beat, Order.FOLLOW]
+        registers.input_int[24:27] = [old, 10_000 + beat, ProgramCommand.FOLLOW]
         registers.input_double[24:36] = [at + 0.001 * beat, *HOME[1:], 0.5, 0.0, 0.0, 0.0, 0.0, 0.0]
         rig.run(0.002)
     assert place(rig) == pytest.approx(at, abs=1e-6)
@@ -485,7 +485,7 @@ def test_a_jump_in_the_registers_ends_the_program():
     rig.stall(0.001)  # what is underway arrives
     rig.alive = False
     token, beat = registers.input_int[24:26]
-    registers.input_int[24:27] = [token, beat + 1, Order.FOLLOW]
+    registers.input_int[24:27] = [token, beat + 1, ProgramCommand.FOLLOW]
     registers.input_double[24] = place(rig) + 0.5
     rig.run(0.5)
     assert not rig.controller.has_program

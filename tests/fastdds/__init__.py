@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.messages import completed
 from cardan.protocols.ros2.type_hash import type_hash
 from tests.judge_node import JudgeNode
@@ -102,7 +102,7 @@ class FastNode(JudgeNode):
         """The newest message of a topic, when there are `count` of them."""
         sample = self.wait("sample", count, topic=topic)
         message = codec_of(type_name).decode(bytes.fromhex(sample["cdr"]))
-        assert not isinstance(message, Malformed), message.reason
+        assert not isinstance(message, MalformedCdr), message.reason
         return message
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 
 from cardan.protocols import egm
-from cardan.protocols.egm import Malformed
+from cardan.protocols.egm import MalformedEgmMessage
 from tests.examples import examples
 from tests.protocols.worked import C1, F6, F7, R0, R1, S1, S2, S3, S4
 
@@ -22,7 +22,7 @@ def agree(data, decode, expect):
     try:
         expected = expect(data)
     except oracle.RefusedError:
-        assert isinstance(found, Malformed), found
+        assert isinstance(found, MalformedEgmMessage), found
         return False
     oracle.assert_same(found, expected)
     return True

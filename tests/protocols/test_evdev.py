@@ -12,7 +12,7 @@ from hypothesis import given, strategies as st
 
 from cardan.protocols import evdev
 from cardan.protocols.evdev import codes, requests, uinput
-from cardan.protocols.evdev.events import EVENT_BYTES, InputEvent, Malformed
+from cardan.protocols.evdev.events import EVENT_BYTES, InputEvent, MalformedPacket
 
 pytestmark = pytest.mark.skipif(
     struct.calcsize("@l") != 8 or sys.byteorder != "little",
@@ -95,7 +95,7 @@ def test_events_come_back(frame):
 @given(st.binary(max_size=200))
 def test_no_bytes_raise(data):
     value = evdev.decode_events(data)
-    assert isinstance(value, Malformed) == (not data or len(data) % EVENT_BYTES != 0)
+    assert isinstance(value, MalformedPacket) == (not data or len(data) % EVENT_BYTES != 0)
     evdev.decode_rumble(data)
     evdev.decode_call(data)
     evdev.decode_absinfo(data)
@@ -129,7 +129,7 @@ def test_masks_come_back(keys):
 )  # fmt: skip
 def test_calls_come_back_and_are_never_taken_for_events(number, result, data):
     size = requests.argument_bytes(number)
-    call = evdev.Call(number, result, data.draw(st.binary(min_size=size, max_size=size)))
+    call = evdev.IoctlCall(number, result, data.draw(st.binary(min_size=size, max_size=size)))
     packet = evdev.encode_call(call)
     assert len(packet) % EVENT_BYTES
     assert evdev.decode_call(packet) == call

@@ -22,7 +22,7 @@ from cardan.sim_peers.evdev import (
     SCRIPTS,
     EvdevPeer,
     EvdevPeerOptions,
-    ScriptedHand,
+    ScriptedInput,
     SimulatedInput,
 )
 from cardan.sim_peers.evdev.backends import UinputBackend
@@ -224,7 +224,7 @@ def test_built_in_scripts_play_to_their_end_and_let_everything_go(kind, name, mo
     device = make(model)
     if device.model.is_gamepad != (kind == "gamepad"):
         return
-    hand = ScriptedHand(parse_script(SCRIPTS[kind][name], SCRIPT_VERBS), device)
+    hand = ScriptedInput(parse_script(SCRIPTS[kind][name], SCRIPT_VERBS), device)
     frames = play(device, hand, 60.0)
     assert frames
     assert [f.time_s for f in frames] == sorted(f.time_s for f in frames)
@@ -236,7 +236,7 @@ def test_built_in_scripts_play_to_their_end_and_let_everything_go(kind, name, mo
 
 def test_taps_go_on_for_ever():
     device = make("keyboard")
-    hand = ScriptedHand(parse_script(SCRIPTS["keyboard"]["taps"], SCRIPT_VERBS), device)
+    hand = ScriptedInput(parse_script(SCRIPTS["keyboard"]["taps"], SCRIPT_VERBS), device)
     presses = [pair for pair in values(play(device, hand, 21.0), evdev.EV_KEY) if pair[1] == 1]
     assert len(presses) >= 30
 
@@ -256,7 +256,7 @@ def test_taps_go_on_for_ever():
 )
 def test_scripts_that_make_no_sense(model, line, words):
     with pytest.raises(ScriptError, match=words):
-        ScriptedHand(parse_script(line, SCRIPT_VERBS), make(model))
+        ScriptedInput(parse_script(line, SCRIPT_VERBS), make(model))
 
 
 @pytest.mark.parametrize(
@@ -340,7 +340,7 @@ def test_grabbed_events_reach_one_client_alone(tmp_path):
     script.write_text("0.3 hold a for 0.1")
     options = EvdevPeerOptions(kind="keyboard", path=path, script=str(script))
     with in_a_thread(EvdevPeer(options)), connect(path) as mine, connect(path) as other:
-        request = evdev.Call(evdev.EVIOCGRAB, 0, evdev.encode_int(1))
+        request = evdev.IoctlCall(evdev.EVIOCGRAB, 0, evdev.encode_int(1))
         mine.send(evdev.encode_call(request))
         assert evdev.decode_call(mine.recv(4096)).result == 0
         assert len(evdev.decode_events(mine.recv(4096))) == 3

@@ -24,7 +24,7 @@ from cardan.protocols.simple_message import (
     MotionCommand,
     MotionCtrl,
     MotionResult,
-    Wire,
+    WireFormat,
     joints10,
     request,
 )
@@ -55,7 +55,7 @@ TIMES_S = (
 )
 BUSY = (0, 0, 0, 0, 0, 4, 8, 9, 12, 15)
 """How often each point was refused."""
-WIRE = Wire(ByteOrder.BIG)
+WIRE = WireFormat(ByteOrder.BIG)
 
 
 class Real(NamedTuple):

@@ -28,7 +28,7 @@ from cardan.protocols.simple_message import (
     ReadRegister,
     SelectTool,
     VelocityInfoRequest,
-    Wire,
+    WireFormat,
     WriteIo,
     WriteIoReply,
     WriteRegister,
@@ -60,7 +60,7 @@ class World:
         self.options = MotorosControllerOptions(**{"servo_on": True, **options})
         self.controller = MotorosController(self.options)
         self.servers = MotorosServers(self.controller, self.options)
-        self.wire = Wire(ByteOrder.BIG if self.options.big_endian else ByteOrder.LITTLE)
+        self.wire = WireFormat(ByteOrder.BIG if self.options.big_endian else ByteOrder.LITTLE)
         self.now_s = START_S
         self.came = defaultdict(list)
         self.closed = {}
@@ -371,7 +371,7 @@ def test_a_wrong_prefix_ends_the_connection_after_what_came_before(prefix):
 def test_a_wrong_byte_order_ends_the_connection():
     world = World(big_endian=True)
     motion = world.connect("motion")
-    world.raw(motion, Wire(ByteOrder.LITTLE).encode(READY))
+    world.raw(motion, WireFormat(ByteOrder.LITTLE).encode(READY))
     assert motion in world.closed
     assert not world.take(motion)
 
@@ -849,7 +849,7 @@ VALID = [
 
 @st.composite
 def mutated(draw):
-    data = bytearray(Wire().encode(draw(st.sampled_from(VALID))))
+    data = bytearray(WireFormat().encode(draw(st.sampled_from(VALID))))
     for _ in range(draw(st.integers(0, 4))):
         data[draw(st.integers(0, len(data) - 1))] = draw(st.integers(0, 255))
     return bytes(data[: draw(st.integers(1, len(data)))]) if draw(st.booleans()) else bytes(data)

@@ -16,7 +16,7 @@ from cardan.sim_peers.ur_controller.language import TOO_MUCH_BEHIND, TOO_MUCH_TI
 from cardan.sim_peers.ur_controller.machine import MOST_STEPS, Machine
 from cardan.sim_peers.ur_controller.operators import text
 from cardan.sim_peers.ur_controller.tcp import UrControllerPeer
-from cardan.sim_peers.ur_controller.values import Pose
+from cardan.sim_peers.ur_controller.values import UrPose
 
 
 class World:
@@ -98,7 +98,7 @@ def failure(body, frames=60):
         ("[[1,2],[3,4]][1, 0]", 3),
         ("[[1,2],[3,4]][1][0]", 3),
         ("p[1,2,3,4,5,6][2]", 3.0),
-        ("p[1,2,3,4,5,6]", Pose((1.0, 2.0, 3.0, 4.0, 5.0, 6.0))),
+        ("p[1,2,3,4,5,6]", UrPose((1.0, 2.0, 3.0, 4.0, 5.0, 6.0))),
         ('"abc"[1]', "b"),
         ("struct(a=1, b=[2, 3]).b[1]", 3),
         ("sin(d2r(90))", 1.0),

@@ -19,14 +19,18 @@ class DeviceReport(NamedTuple):
     @property
     def is_motion(self) -> bool:
         """True if it has axes."""
-        return isinstance(self.value, (connexion.Translation, connexion.Rotation, connexion.Motion))
+        return isinstance(
+            self.value, (connexion.Translation, connexion.Rotation, connexion.MotionReport)
+        )
 
     @property
     def counts(self) -> tuple[int, ...]:
         """Axis counts of a motion."""
         return (
             tuple(self.value)
-            if isinstance(self.value, (connexion.Translation, connexion.Rotation, connexion.Motion))
+            if isinstance(
+                self.value, (connexion.Translation, connexion.Rotation, connexion.MotionReport)
+            )
             else ()
         )
 
@@ -58,7 +62,7 @@ class ConnexionTraffic(Traffic):
         motions = self.motions
         if not motions:
             return None
-        whole = isinstance(motions[0].value, connexion.Motion)
+        whole = isinstance(motions[0].value, connexion.MotionReport)
         return connexion.Family.ONE if whole else connexion.Family.SPLIT
 
     def during(self, *names: str) -> list[DeviceReport]:

@@ -102,7 +102,9 @@ def reports_are_not_padded(each: DeviceReport) -> str:
 @requires(6, f"{DESCRIPTOR}: ids 1 and 2 of 7 bytes, or id 1 of 13")
 def the_family_is_one(seen: ConnexionTraffic) -> Verdict:
     """All motion comes in halves (ids 1 and 2), or all of it whole (id 1 of 13 bytes)."""
-    whole = some([isinstance(each.value, connexion.Motion) for each in seen.motions], _NOTHING)
+    whole = some(
+        [isinstance(each.value, connexion.MotionReport) for each in seen.motions], _NOTHING
+    )
     odd = [each.number for each, one in zip(seen.motions, whole, strict=True) if one != whole[0]]
     return failed("both kinds come", odd) if odd else passed("whole" if whole[0] else "halves")
 
@@ -188,7 +190,7 @@ def counts_are_in_range(seen: ConnexionTraffic) -> Verdict:
 
 def _mean(found: list[DeviceReport], kind: type, at: int) -> list[float]:
     rows = [each.counts for each in found if isinstance(each.value, kind)]
-    whole = [each.counts for each in found if isinstance(each.value, connexion.Motion)]
+    whole = [each.counts for each in found if isinstance(each.value, connexion.MotionReport)]
     rows = [row[at : at + 3] for row in whole] if whole else rows
     return [sum(axis) / len(rows) for axis in zip(*rows, strict=True)] if rows else []
 

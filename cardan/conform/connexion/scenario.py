@@ -16,7 +16,7 @@ class ConnexionScenario(HandScenario):
 
     def _note(self, event: WireEvent) -> None:
         value = connexion.decode_input(event.data)
-        if isinstance(value, (connexion.Translation, connexion.Rotation, connexion.Motion)):
+        if isinstance(value, (connexion.Translation, connexion.Rotation, connexion.MotionReport)):
             self._moved = self._moved or any(value)
         elif isinstance(value, (connexion.ButtonBits, connexion.KeysDown)):
             self._pressed = True

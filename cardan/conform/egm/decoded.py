@@ -99,7 +99,7 @@ class EgmTraffic(Traffic):
             if event.sent == robot_sends:
                 decode = egm.decode_robot
             message = decode(event.data)
-            if isinstance(message, egm.Malformed):
+            if isinstance(message, egm.MalformedEgmMessage):
                 if not event.sent:
                     self.unread.append((index, message.detail))
                 else:

@@ -29,7 +29,7 @@ from cardan.conform.requirements import (
 )
 from cardan.conform.second_reading import read_twice, refused
 from cardan.conform.timing import steady
-from cardan.protocols.egm import MessageType, RapidState
+from cardan.protocols.egm import EgmMessageType, RapidState
 from cardan.protocols.egm.messages import EgmMotion
 from cardan.spatial import from_euler_zyx
 
@@ -90,7 +90,7 @@ def headers_are_whole(each: Robot) -> str:
     header = each.message.header
     if header is None or header.seqno is None or header.tm_ms is None:
         return "seqno or tm is missing"
-    return f"mtype {header.mtype:d}" if header.mtype != MessageType.DATA else ""
+    return f"mtype {header.mtype:d}" if header.mtype != EgmMessageType.DATA else ""
 
 
 def _sequence(seen: EgmTraffic, wrong: Iterable[tuple[int, str]], what: str) -> Verdict:

@@ -97,7 +97,7 @@ class EgmScenario(Scenario):
         if self._answering and message.feed_back is not None and message.header is not None:
             self._hold = self._hold or message.feed_back
             self._seqno += 1
-            header = egm.EgmHeader(self._seqno, message.header.tm_ms, egm.MessageType.CORRECTION)
+            header = egm.EgmHeader(self._seqno, message.header.tm_ms, egm.EgmMessageType.CORRECTION)
             yield send(egm.encode_sensor(egm.EgmSensor(header, self._reference(self._hold))))
 
     def _begins(self, message: egm.EgmRobot) -> bool:

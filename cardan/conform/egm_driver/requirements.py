@@ -38,7 +38,7 @@ from cardan.conform.requirements import (
     some,
 )
 from cardan.conform.second_reading import read_twice, refused
-from cardan.protocols.egm import EgmSensor, EgmSensorPathCorr, MessageType
+from cardan.protocols.egm import EgmMessageType, EgmSensor, EgmSensorPathCorr
 from cardan.protocols.egm.messages import EgmMotion
 
 LIBEGM = "ros-industrial/abb_libegm, src/egm_base_interface.cpp"
@@ -130,7 +130,7 @@ def answers_are_messages(seen: EgmTraffic) -> Verdict:
 def answers_have_their_type(answer: SensorDatagram) -> str:
     """mtype is CORRECTION, or PATH_CORRECTION of a path correction."""
     path = isinstance(answer.message, EgmSensorPathCorr)
-    wanted = MessageType.PATH_CORRECTION if path else MessageType.CORRECTION
+    wanted = EgmMessageType.PATH_CORRECTION if path else EgmMessageType.CORRECTION
     mtype = None if answer.message.header is None else answer.message.header.mtype
     return "" if mtype == wanted else f"mtype {mtype}"
 

@@ -90,7 +90,7 @@ class MotorosTraffic(Traffic):
     ) -> None:
         self.order = self.order or order
         message = sm.wire(order).decode(frame)
-        if isinstance(message, sm.Malformed):
+        if isinstance(message, sm.MalformedMessage):
             self._failed(index, event.channel, message.reason)
             return
         heard = ReceivedMessage(index, begun_s, event.time_s, event.channel, message, frame)
@@ -102,7 +102,7 @@ class MotorosTraffic(Traffic):
             return
         number, sent = asked
         request = sm.wire(self.order or sm.ByteOrder.LITTLE).decode(sent.data)
-        known = None if isinstance(request, sm.Malformed) else request
+        known = None if isinstance(request, sm.MalformedMessage) else request
         self.asked.append(
             MotorosExchange(number, sent.time_s, sent.channel, known, sent.data, reply)
         )

@@ -183,7 +183,7 @@ class DriverTraffic(Traffic):
         topics = True
         for frame in frames:
             message = sm.wire(order).decode(frame)
-            if isinstance(message, sm.Malformed):
+            if isinstance(message, sm.MalformedMessage):
                 self.unread.append((number, message.reason))
                 topics = False
                 continue
@@ -206,7 +206,7 @@ class DriverTraffic(Traffic):
         for _, frame in self._ours.whole(number, event):
             order = self._ours.reader(channel).byte_order or sm.ByteOrder.LITTLE
             message = sm.wire(order).decode(frame)
-            if isinstance(message, sm.Malformed):
+            if isinstance(message, sm.MalformedMessage):
                 continue
             if port_of(channel) == "state":
                 body = message.body

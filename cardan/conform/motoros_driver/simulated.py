@@ -174,7 +174,7 @@ class MotorosDriverRig(DriverRig):
                 self._send(self._links[kind], (Sent(data),))
                 continue
             message = sm.wire(self._order).decode(data)
-            assert not isinstance(message, sm.Malformed)
+            assert not isinstance(message, sm.MalformedMessage)
             said = self._defects.said(message, self._order, self._leaving, self._now_s)
             self._send(self._links[kind], said)
 

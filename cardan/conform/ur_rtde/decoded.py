@@ -9,11 +9,11 @@ from typing import Any, NamedTuple, NoReturn
 from cardan.conform.streams import ChannelReaders
 from cardan.conform.timeline import Kind, Traffic, UnaskedError, WireEvent, WireTimeline
 from cardan.protocols.ur import rtde
-from cardan.protocols.ur.dashboard import LineReader
+from cardan.protocols.ur.dashboard import DashboardReader
 from cardan.protocols.ur.primary import (
     MessageKind,
-    Package,
     PackageReader,
+    PrimaryPackage,
     RobotMessage,
     read_message,
 )
@@ -34,7 +34,7 @@ _READERS: Mapping[str, Callable[[], Any]] = {
     PRIMARY: PackageReader,
     SECONDARY: PackageReader,
     REALTIME: RealtimeReader,
-    "dashboard": LineReader,
+    "dashboard": DashboardReader,
 }
 """Message readers of the channels that are not RTDE."""
 
@@ -57,11 +57,11 @@ class RtdeExchange(NamedTuple):
     number: int
     time_s: float
     channel: str
-    asked: rtde.ControlRequest | rtde.Setup
+    asked: rtde.ControlRequest | rtde.RecipeSetup
     reply: ReceivedPacket | None
 
 
-Answered = tuple[RtdeExchange, rtde.Setup, rtde.SetupReply]
+Answered = tuple[RtdeExchange, rtde.RecipeSetup, rtde.SetupReply]
 """A request for a recipe, and its answer."""
 
 
@@ -89,13 +89,13 @@ class OutputStream(NamedTuple):
     states: list[DataPackage]
 
 
-class PrimaryPackage(NamedTuple):
+class ReceivedPackage(NamedTuple):
     """A package of the primary or the secondary interface."""
 
     number: int
     begun_s: float
     time_s: float
-    package: Package
+    package: PrimaryPackage
     message: RobotMessage | None
 
 
@@ -135,7 +135,7 @@ class _Connection:
     def __init__(self, version: int) -> None:
         self.ours = rtde.PacketReader()
         self.version = version
-        self.open: list[tuple[int, float, rtde.ControlRequest | rtde.Setup]] = []
+        self.open: list[tuple[int, float, rtde.ControlRequest | rtde.RecipeSetup]] = []
         self.outputs: rtde.Recipe | None = None
         self.inputs: dict[int, rtde.Recipe] = {}
         self.stream: list[DataPackage] | None = None
@@ -158,9 +158,9 @@ class UrTraffic(Traffic):
         """Recipe of each data package of the judged connection, by its event's number."""
         self.commands: list[DataPackage] = []
         """Inputs that we wrote, by the names of their recipe."""
-        self.told: list[PrimaryPackage] = []
+        self.told: list[ReceivedPackage] = []
         """Packages of the primary interface."""
-        self.secondary: list[PrimaryPackage] = []
+        self.secondary: list[ReceivedPackage] = []
         self.samples: list[RealtimePacket] = []
         self.lines: list[DashboardLine] = []
         self.uploads: list[SentProgram] = []
@@ -210,7 +210,7 @@ class UrTraffic(Traffic):
                 into = self.told if channel == PRIMARY else self.secondary
                 for begun_s, found in self._streams.whole(number, event):
                     into.append(
-                        PrimaryPackage(number, begun_s, event.time_s, found, read_message(found))
+                        ReceivedPackage(number, begun_s, event.time_s, found, read_message(found))
                     )
             elif channel == REALTIME:
                 for _, found in self._streams.whole(number, event):
@@ -241,8 +241,10 @@ class UrTraffic(Traffic):
     def _sent(self, number: int, event: WireEvent, connection: _Connection) -> None:
         connection.ours.feed(event.data)
         while (found := connection.ours.take()) is not None:
-            asked: rtde.Asked | rtde.Malformed = rtde.read_request(*found, connection.version)
-            if isinstance(asked, (rtde.ControlRequest, rtde.Setup)):
+            asked: rtde.Asked | rtde.MalformedPayload = rtde.read_request(
+                *found, connection.version
+            )
+            if isinstance(asked, (rtde.ControlRequest, rtde.RecipeSetup)):
                 connection.open.append((number, event.time_s, asked))
             elif isinstance(asked, rtde.Data) and asked.recipe in connection.inputs:
                 values = connection.inputs[asked.recipe].unpack(asked.values)
@@ -252,7 +254,7 @@ class UrTraffic(Traffic):
     def _received(self, number: int, event: WireEvent, connection: _Connection) -> None:
         for begun_s, (kind, payload) in self._streams.whole(number, event):
             reply = rtde.read_reply(kind, payload, connection.version)
-            if isinstance(reply, rtde.Malformed):
+            if isinstance(reply, rtde.MalformedPayload):
                 self.unread.append((number, reply.reason))
                 continue
             raw = rtde.packet(rtde.PacketType(kind), payload)
@@ -286,7 +288,7 @@ class UrTraffic(Traffic):
 
     def _reply(self, heard: ReceivedPacket, connection: _Connection) -> None:
         reply = heard.reply
-        if isinstance(reply, rtde.Text):
+        if isinstance(reply, rtde.TextMessage):
             return
         kind = getattr(reply, "kind", rtde.PacketType.CONTROLLER_VERSION)
         place = next((n for n, each in enumerate(connection.open) if each[2].kind is kind), None)
@@ -294,7 +296,11 @@ class UrTraffic(Traffic):
             return
         number, time_s, asked = connection.open.pop(place)
         self.asked.append(RtdeExchange(number, time_s, heard.channel, asked, heard))
-        if isinstance(reply, rtde.SetupReply) and isinstance(asked, rtde.Setup) and reply.recipe:
+        if (
+            isinstance(reply, rtde.SetupReply)
+            and isinstance(asked, rtde.RecipeSetup)
+            and reply.recipe
+        ):
             try:
                 numbered = connection.version != 1 or reply.kind is rtde.PacketType.INPUTS
                 recipe = rtde.Recipe(reply.recipe if numbered else None, asked.names, reply.types)
@@ -364,12 +370,12 @@ class UrTraffic(Traffic):
 
     def setups(
         self, kind: rtde.PacketType, *names: str
-    ) -> list[tuple[RtdeExchange, rtde.Setup, rtde.SetupReply]]:
+    ) -> list[tuple[RtdeExchange, rtde.RecipeSetup, rtde.SetupReply]]:
         """Return the answered requests for recipes."""
         return [
             (each, each.asked, each.reply.reply)
             for each in self.exchanges(kind, *names)
-            if isinstance(each.asked, rtde.Setup)
+            if isinstance(each.asked, rtde.RecipeSetup)
             and each.reply is not None
             and isinstance(each.reply.reply, rtde.SetupReply)
         ]

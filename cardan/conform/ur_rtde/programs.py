@@ -58,7 +58,7 @@ from cardan.conform.ur_rtde.scenario import (
 )
 from cardan.protocols.ur import dashboard
 from cardan.protocols.ur.primary import MessageKind
-from cardan.protocols.ur.program import Report
+from cardan.protocols.ur.program import ProgramStatus
 from cardan.protocols.ur.rtde import IN_USE, NOT_FOUND, PacketType
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
 from cardan.protocols.ur.variables import INPUTS as INPUT_TYPES
@@ -275,7 +275,7 @@ def wrong_programs_are_refused_in_words(seen: UrTraffic) -> Verdict:
 
 
 def _follows(state: DataPackage) -> bool:
-    return bool(state.values[REPORT] == Report.FOLLOWS)
+    return bool(state.values[REPORT] == ProgramStatus.FOLLOWS)
 
 
 @requires(114, f"{GUIDE}: robot_mode, safety_mode, runtime_state, target_speed_fraction")
@@ -356,7 +356,7 @@ def _watchdog(seen: UrTraffic, phase: str) -> Verdict:
     found = some(_ended(seen, phase), _NONE_FOLLOWED)
     took_s, state = found
     report = state.values[REPORT]
-    must(report == Report.ENDED_BY_WATCHDOG, f"it reports {report}", [state.number])
+    must(report == ProgramStatus.ENDED_BY_WATCHDOG, f"it reports {report}", [state.number])
     said = f"after {took_s * 1e3:.0f} ms"
     if took_s > SERVOING.watchdog_s + WATCHDOG_LATE_S:
         return failed(said, [state.number], took_s * 1e3, "ms")
@@ -380,7 +380,7 @@ def an_order_ends_the_program(seen: UrTraffic) -> Verdict:
     some(seen.sent_during("order"), _NONE_FOLLOWED)
     last = seen.during("order")[-1].values
     said = f"report {last[REPORT]}, runtime state {last[RUNTIME]}"
-    ended = (last[REPORT], last[RUNTIME]) == (Report.ENDED_BY_ORDER, RuntimeState.STOPPED)
+    ended = (last[REPORT], last[RUNTIME]) == (ProgramStatus.ENDED_BY_ORDER, RuntimeState.STOPPED)
     return met(ended, said, [state.number])
 
 

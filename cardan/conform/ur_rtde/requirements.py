@@ -37,7 +37,7 @@ from cardan.conform.ur_rtde.decoded import (
     SECOND,
     DataPackage,
     OutputStream,
-    PrimaryPackage,
+    ReceivedPackage,
     ReceivedPacket,
     RtdeExchange,
     UrTraffic,
@@ -365,7 +365,7 @@ def connections_last(seen: UrTraffic) -> Verdict:
     return none_wrong(wrong, count, f"{len(seen.opened)} connections", "none was")
 
 
-def _version_first(found: Sequence[PrimaryPackage]) -> RobotMessage:
+def _version_first(found: Sequence[ReceivedPackage]) -> RobotMessage:
     """Return the version message, which must come first on a client interface."""
     first = must(found, "nothing came")[0]
     version = first.message and first.message.kind == MessageKind.VERSION and first.message

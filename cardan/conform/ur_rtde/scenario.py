@@ -25,8 +25,8 @@ from cardan.conform.ur_rtde.decoded import (
 from cardan.protocols.ur import dashboard, rtde
 from cardan.protocols.ur.program import (
     JOINTS,
-    Order,
-    Report,
+    ProgramCommand,
+    ProgramStatus,
     Servoing,
     input_names,
     nobody,
@@ -177,7 +177,7 @@ class UrScenario(Scenario):
         self._home = home
         self._streams = ChannelReaders(lambda _: rtde.PacketReader(), lambda *_: None)
         self._reply: rtde.Reply | None = None
-        self._said = dashboard.LineReader()
+        self._said = dashboard.DashboardReader()
         self._lines = 0
         self._line = ""
         self._remote = self._local = False
@@ -217,7 +217,7 @@ class UrScenario(Scenario):
             reply = rtde.read_reply(kind, payload, 1 if channel == OLD else rtde.VERSION)
             if isinstance(reply, rtde.Data):
                 fresh = self._state(channel, reply) or fresh
-            elif not isinstance(reply, (rtde.Malformed, rtde.Text)):
+            elif not isinstance(reply, (rtde.MalformedPayload, rtde.TextMessage)):
                 self._reply = reply
         if fresh and self._path is not None:
             yield from self._follow(*self._path(self.now_s - self._path_s))
@@ -234,10 +234,10 @@ class UrScenario(Scenario):
     def _follow(self, shift: float, speed: float) -> Iterator[Step]:
         still = [0.0] * (JOINTS - 1)
         goal = [*self._base[:-1], self._base[-1] + shift]
-        yield from self._write(Order.FOLLOW, goal, [*still, speed])
+        yield from self._write(ProgramCommand.FOLLOW, goal, [*still, speed])
 
     def _write(
-        self, order: Order, goal: Sequence[float], speeds: Sequence[float]
+        self, order: ProgramCommand, goal: Sequence[float], speeds: Sequence[float]
     ) -> Iterator[Step]:
         if self._inputs is not None:
             self._beat += 1
@@ -397,7 +397,7 @@ class UrScenario(Scenario):
         yield mark("order")
         self._path = None
         if self._follows():
-            yield from self._write(Order.END, self._base, [0.0] * JOINTS)
+            yield from self._write(ProgramCommand.END, self._base, [0.0] * JOINTS)
             yield Pause(END_S, self._stopped)
         yield mark("replace")
         yield from self._begun()
@@ -536,7 +536,7 @@ class UrScenario(Scenario):
         return (
             values.get("runtime_state") == RuntimeState.PLAYING
             and values.get(TOKEN) == self._token
-            and values.get(REPORT) == Report.FOLLOWS
+            and values.get(REPORT) == ProgramStatus.FOLLOWS
         )
 
     def _may_begin(self) -> bool:

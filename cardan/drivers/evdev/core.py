@@ -29,7 +29,7 @@ from cardan.protocols.evdev import (
     SYN_DROPPED,
     SYN_REPORT,
     InputEvent,
-    Malformed,
+    MalformedPacket,
     decode_events,
 )
 from cardan.types import NEVER_S, DeviceLink
@@ -121,7 +121,7 @@ class EvdevCore(DeviceCore):
         if not self._open:
             return
         events = decode_events(data)
-        if isinstance(events, Malformed):
+        if isinstance(events, MalformedPacket):
             self._void("garbled", GARBLED_REASON, now_s)
             return
         if any(event.type > EV_MAX for event in events):

@@ -16,8 +16,8 @@ from cardan.protocols.evdev import (
     BY_VALUE,
     EVENT_BYTES,
     EVIOCGID,
-    Call,
-    Malformed,
+    IoctlCall,
+    MalformedPacket,
     argument_bytes,
     decode_call,
     decode_int,
@@ -136,7 +136,7 @@ class EvdevSocketLink(PacketSocket, EvdevLink):
     def call(self, request: int, argument: bytes = b"", timeout_s: float = CALL_TIMEOUT_S) -> bytes:
         """Send the request and wait for its answer; events that come meanwhile are kept."""
         end_s = time.monotonic() + timeout_s
-        packet = encode_call(Call(request, 0, argument.ljust(argument_bytes(request), b"\0")))
+        packet = encode_call(IoctlCall(request, 0, argument.ljust(argument_bytes(request), b"\0")))
         self.send(packet, timeout_s)
         while (left_s := end_s - time.monotonic()) > 0.0:
             answer = self.receive(left_s)
@@ -158,7 +158,7 @@ class EvdevSocketLink(PacketSocket, EvdevLink):
         if not self._answered and EVIOCGID not in self._owed:
             # A single request is enough: a program that hangs must not find a pile of them later.
             try:
-                self.send(encode_call(Call(EVIOCGID, 0, bytes(argument_bytes(EVIOCGID)))), 0.0)
+                self.send(encode_call(IoctlCall(EVIOCGID, 0, bytes(argument_bytes(EVIOCGID)))), 0.0)
             except (TimeoutError, BlockingIOError):
                 return False
             self._owed.append(EVIOCGID)
@@ -184,9 +184,9 @@ class EvdevSocketLink(PacketSocket, EvdevLink):
         return True
 
 
-def _call_in(packet: bytes) -> Call | None:
+def _call_in(packet: bytes) -> IoctlCall | None:
     """The answer to a request that `packet` is; None: it is something else."""
     if len(packet) % EVENT_BYTES == 0:
         return None
     call = decode_call(packet)
-    return None if isinstance(call, Malformed) else call
+    return None if isinstance(call, MalformedPacket) else call

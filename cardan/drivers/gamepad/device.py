@@ -18,7 +18,7 @@ from cardan.protocols.evdev import (
     EVIOCRMFF,
     EVIOCSFF,
     InputEvent,
-    Malformed,
+    MalformedPacket,
     Rumble,
     decode_rumble,
     encode_events,
@@ -123,7 +123,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
                     FEEDBACK_TIMEOUT_S,
                 )
             )
-            if isinstance(effect, Malformed):
+            if isinstance(effect, MalformedPacket):
                 self._rumble_failures += 1
                 return
             self._effect = effect.id

@@ -26,11 +26,11 @@ from cardan.drivers.shaping import Deflections, Shaper
 from cardan.protocols.handheld import (
     BUTTONS,
     Held,
-    Malformed,
+    MalformedFrame,
     OperatorFrame,
-    Phone,
-    Sample,
-    Xr,
+    PhoneFrame,
+    PoseSample,
+    XrFrame,
     Yaw,
     decode_frame,
     drag_on_screen,
@@ -71,7 +71,7 @@ OLDEST_S = 3600.0
 class TrackedPose(NamedTuple):
     """Position and orientation of the device in a frame."""
 
-    sample: Sample
+    sample: PoseSample
     reference: int
     """Number of its reference, as the page counts them."""
     drag: Vector3 = ZERO3
@@ -155,7 +155,7 @@ class HandheldCore(BusCore):
             self._on_malformed("with an age that is none", -1)
             return
         frame = decode_frame(bytes(message["frame"]))
-        if isinstance(frame, Malformed):
+        if isinstance(frame, MalformedFrame):
             self._on_malformed(frame.reason, -1)
             return
         if frame.kind != self.kind:
@@ -303,13 +303,13 @@ class PhoneCore(HandheldCore):
 
     def _read(self, frame: OperatorFrame) -> TrackedPose | None:
         body = frame.body
-        assert isinstance(body, Phone)
+        assert isinstance(body, PhoneFrame)
         self._sensed = _inertia_of(body)
         if body.angles_deg is None:
             return None
         q = from_angles(*body.angles_deg)
         drag = drag_on_screen(body.drag_right, body.drag_up, body.screen_quarters)
-        return TrackedPose(Sample(1e-6 * frame.time_us, q), body.reference, rotate(q, drag))
+        return TrackedPose(PoseSample(1e-6 * frame.time_us, q), body.reference, rotate(q, drag))
 
     def _heading(self, reading: TrackedPose) -> Yaw:
         return Yaw.of_phone(reading.sample.orientation)
@@ -353,14 +353,14 @@ class XrCore(HandheldCore):
 
     def _is_mine(self, frame: OperatorFrame) -> bool:
         body = frame.body
-        return isinstance(body, Xr) and body.part.word == self._part
+        return isinstance(body, XrFrame) and body.part.word == self._part
 
     def _read(self, frame: OperatorFrame) -> TrackedPose | None:
         body = frame.body
-        assert isinstance(body, Xr)
+        assert isinstance(body, XrFrame)
         # The frame gives the direction of the grip's axis; the hand points below it.
         q = pitched(orientation_from_xr(body.orientation), -self._grip_rad)
-        sample = Sample(1e-6 * frame.time_us, q, position_from_xr(body.position_m))
+        sample = PoseSample(1e-6 * frame.time_us, q, position_from_xr(body.position_m))
         return TrackedPose(sample, body.reference)
 
     def _heading(self, reading: TrackedPose) -> Yaw:
@@ -379,7 +379,7 @@ class XrCore(HandheldCore):
         return Pose(position, yaw.orientation(reading.sample.orientation))
 
 
-def _inertia_of(body: Phone) -> Inertia | None:
+def _inertia_of(body: PhoneFrame) -> Inertia | None:
     """Along x forward, y left, z up of a phone that lies before the operator."""
     force, rates = body.acceleration_m_s2, body.rates_rad_s
     if force is None:

@@ -14,7 +14,7 @@ from cardan.drivers.datagram_robot import DatagramTransport
 from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.ros2_arm.options import Ros2ArmOptions
 from cardan.drivers.ros2_arm.session import COMMAND_TYPES, STATE_TYPE
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.zenoh import LATCHED_QOS, PUBLISHER, SUBSCRIPTION
 
 DESCRIPTION_TYPE = "std_msgs/msg/String"
@@ -105,7 +105,7 @@ class NodeTransport(ABC):
         finally:
             latched.close()
         message = None if received is None else codec.decode(received.data)
-        if message is None or isinstance(message, Malformed):
+        if message is None or isinstance(message, MalformedCdr):
             return ""
         text: str = message["data"]
         return text

@@ -32,9 +32,9 @@ from cardan.drivers.ur_rtde.status_text import (
     other_arm,
     safety_words,
 )
-from cardan.protocols.ur.dashboard import UNLOCK_PROTECTIVE_STOP, LineReader, refusal, request
+from cardan.protocols.ur.dashboard import UNLOCK_PROTECTIVE_STOP, DashboardReader, refusal, request
 from cardan.protocols.ur.primary import MessageKind, PackageReader, RobotMessage, read_message
-from cardan.protocols.ur.program import JOINTS, Report, nobody, program
+from cardan.protocols.ur.program import JOINTS, ProgramStatus, nobody, program
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
 from cardan.types import (
     NEVER_S,
@@ -73,7 +73,7 @@ _JITTERED: Final = 10
 
 _MOVES_IN = frozenset(map(int, MOVES_IN))
 _RUNNING, _PLAYING = int(RobotMode.RUNNING), int(RuntimeState.PLAYING)
-_FOLLOWS = int(Report.FOLLOWS)
+_FOLLOWS = int(ProgramStatus.FOLLOWS)
 """As plain numbers, which are compared in every cycle."""
 _STUCK = "the program at the controller does not answer: another has taken its place"
 _LIVE = RobotLink.LIVE
@@ -112,7 +112,7 @@ class UrSession(TcpSession[Channel, Task]):
         self._motion: UrMotion | None = None
         self._token = self._beat = 0
         self._sent: deque[tuple[int, float]] = deque(maxlen=256)
-        self._lines = LineReader()
+        self._lines = DashboardReader()
         self._packages = PackageReader()
         self._model = ""
         """The controller's name of its arm, where a start has asked for it."""
@@ -202,7 +202,7 @@ class UrSession(TcpSession[Channel, Task]):
             self._model = ""
             self.feed.connected(now_s)
         elif channel == "dashboard":
-            self._lines = LineReader()
+            self._lines = DashboardReader()
             if self._unlocks:
                 self._out.append(("dashboard", request(UNLOCK_PROTECTIVE_STOP)))
         else:
@@ -505,7 +505,7 @@ class UrSession(TcpSession[Channel, Task]):
             self._out.append(("primary", text.encode()))
 
     def _started(self, values: Package, now_s: float) -> None:
-        if values.report != Report.FOLLOWS:
+        if values.report != ProgramStatus.FOLLOWS:
             return
         self.starts += 1
         self.sessions += 1

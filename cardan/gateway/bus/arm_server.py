@@ -50,7 +50,7 @@ from cardan.gateway.bus.commands import (
 from cardan.gateway.bus.liveliness import UNKNOWN, LivelinessMonitor, Presence
 from cardan.gateway.bus.serving import Results, key_end
 from cardan.gateway.bus.sources import STREAM_KEPT_S, Source, Sources, Unnamed
-from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, codec_of
 from cardan.protocols.ros2.zenoh import Attachment
 from cardan.types import NEVER_S, Twist, Wrench
 
@@ -406,7 +406,7 @@ class _PacketClient:
         number = self._server.next_id()
         self._waiting[number] = packet, 0, ""
         message = self._request.decode(packet.data)
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedCdr):
             self._server.refused += 1
             raise PacketError(message.reason, number)
         try:
@@ -527,10 +527,10 @@ class _TopicClient:
             )
         codec, value_of = self._types.get(key_end(packet.key), (None, command.value))
         if codec is None:
-            message: Message | Malformed = Malformed(self._wrong_type(packet.key))
+            message: Message | MalformedCdr = MalformedCdr(self._wrong_type(packet.key))
         else:
             message = codec.decode(packet.data)
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedCdr):
             server.refused += 1
             raise PacketError(f"{command.verb}: {message.reason}", number)
         try:
@@ -694,7 +694,7 @@ class _ServiceClient:
         number = server.next_id()
         self._waiting[number] = packet
         message = self._request.decode(packet.data)
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedCdr):
             server.refused += 1
             raise PacketError(f"{command.verb}: {message.reason}", number)
         try:

@@ -21,7 +21,7 @@ from cardan.drivers.ihaptic import IHapticDevice
 from cardan.errors import CardanError, CommandError, DriverError
 from cardan.gateway.bus.arm_topics import OK, WARN, DiagnosticStatus
 from cardan.gateway.bus.serving import Results, key_end
-from cardan.protocols.ros2.cdr import Malformed, Message, Template, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, Template, codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.parameters import (
     Declared,
@@ -366,7 +366,7 @@ class HapticServer:
                 wanted = " or ".join(each.type_name for each in types.values())
                 raise CommandError(f"{name} takes {wanted}, not {packet.key.split('/')[-2]}")
             message = _decoded(taken.type_name, packet.data, MESSAGE_BYTES)
-            if isinstance(message, Malformed):
+            if isinstance(message, MalformedCdr):
                 raise CommandError(f"{name}: {message.reason}")
             value = taken.value(message)
             if isinstance(value, Pose):
@@ -409,7 +409,7 @@ class HapticServer:
         try:
             if service.changes and self.inhibited:
                 raise CommandError(f"{service.name}: {self.inhibited}")
-            if isinstance(request, Malformed):
+            if isinstance(request, MalformedCdr):
                 raise CommandError(f"{service.name}: {request.reason}")
             response = default_message(f"{service.type_name}_Response")
             response |= service.answer(self, request)
@@ -441,9 +441,9 @@ class HapticServer:
         return ""
 
 
-def _decoded(type_name: str, data: bytes, longest: int) -> Message | Malformed:
+def _decoded(type_name: str, data: bytes, longest: int) -> Message | MalformedCdr:
     if len(data) > longest:
-        return Malformed(f"{len(data)} bytes are no {type_name} that makes sense here")
+        return MalformedCdr(f"{len(data)} bytes are no {type_name} that makes sense here")
     return codec_of(type_name).decode(data)
 
 

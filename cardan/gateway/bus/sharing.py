@@ -44,7 +44,7 @@ from cardan.drivers.ros2_nodes.core import MOST_BYTES
 from cardan.errors import AddressError, DriverError, OptionError
 from cardan.gateway.force.passive import HandPort, share_left
 from cardan.gateway.force.servo_on import ForceEnabling
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.names import RosNameError, checked_name, dds_type
 from cardan.protocols.ros2.zenoh import PUBLISHER
 from cardan.spatial import add
@@ -176,7 +176,7 @@ class ShareCore:
             self.counts[f"claims of more than {MOST_BYTES} bytes"] += 1
             return
         message = self._codec.decode(received.data)
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedCdr):
             self.counts["claims that are cut short"] += 1
             return
         try:

@@ -74,7 +74,7 @@ from cardan.protocols.evdev.events import (
     SYN_DROPPED as SYN_DROPPED,
     SYN_REPORT as SYN_REPORT,
     InputEvent as InputEvent,
-    Malformed as Malformed,
+    MalformedPacket as MalformedPacket,
     decode_events as decode_events,
     encode_events as encode_events,
 )
@@ -94,8 +94,8 @@ from cardan.protocols.evdev.requests import (
     EVIOCSFF as EVIOCSFF,
     NAME_BYTES as NAME_BYTES,
     AbsInfo as AbsInfo,
-    Call as Call,
     InputId as InputId,
+    IoctlCall as IoctlCall,
     Rumble as Rumble,
     argument_bytes as argument_bytes,
     decode_absinfo as decode_absinfo,

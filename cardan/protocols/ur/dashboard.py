@@ -58,7 +58,7 @@ def greets(said: bytes) -> bool | None:
     return None if said != greeting and greeting.startswith(said) else said.startswith(greeting)
 
 
-class LineReader:
+class DashboardReader:
     """Cuts a TCP stream into lines."""
 
     def __init__(self) -> None:

@@ -78,7 +78,7 @@ class RobotMessage(NamedTuple):
     """Code of an error or of a safety mode message, number of a label or of a popup."""
 
 
-class Package(NamedTuple):
+class PrimaryPackage(NamedTuple):
     """Type and content."""
 
     kind: int
@@ -107,7 +107,7 @@ class PackageReader:
         """Add what came."""
         self._pending += data
 
-    def take(self) -> Package | None:
+    def take(self) -> PrimaryPackage | None:
         """The next package; None: it has not all come."""
         pending = self._pending
         if self.failure or len(pending) < _HEADER.size:
@@ -120,7 +120,7 @@ class PackageReader:
             return None
         content = bytes(pending[_HEADER.size : size])
         del pending[:size]
-        return Package(kind, content)
+        return PrimaryPackage(kind, content)
 
 
 _CODED = {
@@ -132,7 +132,7 @@ _CODED = {
 """Forms of messages that begin with their code."""
 
 
-def read_message(found: Package) -> RobotMessage | None:
+def read_message(found: PrimaryPackage) -> RobotMessage | None:
     """The message in a package; None where it is another package, or cut."""
     if found.kind != ROBOT_MESSAGE or len(found.content) < _MESSAGE.size:
         return None
@@ -265,7 +265,7 @@ def state_package(
     return package(ROBOT_STATE, content + reserved + parts)
 
 
-def read_mode(found: Package) -> ModeData | None:
+def read_mode(found: PrimaryPackage) -> ModeData | None:
     """The modes in a robot state; None where they are not its first part."""
     if found.kind != ROBOT_STATE or len(found.content) < _MODE.size:
         return None

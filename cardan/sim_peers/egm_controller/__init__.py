@@ -1,12 +1,12 @@
 """A simulated ABB GoFa CRB 15000-5 controller that speaks Externally Guided Motion (EGM)."""
 
-from cardan.sim_peers.egm_controller.arguments import Mode as Mode
-from cardan.sim_peers.egm_controller.contact import Surface as Surface
+from cardan.sim_peers.egm_controller.arguments import EgmMode as EgmMode
+from cardan.sim_peers.egm_controller.contact import ContactSurface as ContactSurface
 from cardan.sim_peers.egm_controller.controller import (
-    Counters as Counters,
+    DatagramCounters as DatagramCounters,
     EgmController as EgmController,
 )
-from cardan.sim_peers.egm_controller.events import Event as Event
+from cardan.sim_peers.egm_controller.events import EventMessage as EventMessage
 from cardan.sim_peers.egm_controller.external_motion import EgmState as EgmState
 from cardan.sim_peers.egm_controller.faults import FAULTS as FAULTS
 from cardan.sim_peers.egm_controller.options import (

@@ -9,11 +9,11 @@ from cardan.sim_peers.evdev.faults import (
 from cardan.sim_peers.evdev.hand import (
     SCRIPT_VERBS as SCRIPT_VERBS,
     SCRIPTS as SCRIPTS,
-    ScriptedHand as ScriptedHand,
+    ScriptedInput as ScriptedInput,
 )
 from cardan.sim_peers.evdev.models import (
     MODELS as MODELS,
-    Model as Model,
+    InputDeviceModel as InputDeviceModel,
 )
 from cardan.sim_peers.evdev.peer import (
     EvdevPeer as EvdevPeer,

@@ -35,7 +35,7 @@ _MEMLESS_EFFECTS = frozenset({FF_RUMBLE, 0x51, 0x58, 0x59, 0x5A, FF_GAIN})
 """Effects that the kernel offers for two motors: rumble, and periodic ones that become rumble."""
 
 
-class Model(NamedTuple):
+class InputDeviceModel(NamedTuple):
     """Model of a simulated input device."""
 
     key: str
@@ -106,7 +106,7 @@ _COUNTED_STICK = AbsInfo(128, 0, 255, 0, 15, 0)
 _COUNTED_AXES = _pad_axes(_COUNTED_STICK, 255, _COUNTED_STICKS, _COUNTED_TRIGGERS)
 
 MODELS = (
-    Model(
+    InputDeviceModel(
         "xbox-360",
         "Microsoft X-Box 360 pad",
         InputId(BUS_USB, 0x045E, 0x028E, 0x0110),
@@ -115,7 +115,7 @@ MODELS = (
         _MEMLESS_EFFECTS,
         0.004,
     ),
-    Model(
+    InputDeviceModel(
         "xbox-one",
         "Microsoft Xbox One S pad",
         InputId(BUS_USB, 0x045E, 0x02EA, 0x0301),
@@ -124,7 +124,7 @@ MODELS = (
         _MEMLESS_EFFECTS,
         0.004,
     ),
-    Model(
+    InputDeviceModel(
         "dualshock-4",
         "Sony Interactive Entertainment Wireless Controller",
         InputId(BUS_USB, 0x054C, 0x09CC, 0x8111),
@@ -133,7 +133,7 @@ MODELS = (
         _MEMLESS_EFFECTS,
         0.004,
     ),
-    Model(
+    InputDeviceModel(
         "dualshock-4-generic",
         "Sony Interactive Entertainment Wireless Controller",
         InputId(BUS_USB, 0x054C, 0x09CC, 0x0111),
@@ -144,7 +144,7 @@ MODELS = (
         _COUNTED_STICKS,
         _COUNTED_TRIGGERS,
     ),
-    Model(
+    InputDeviceModel(
         "dualsense-generic",
         "Sony Interactive Entertainment DualSense Wireless Controller",
         InputId(BUS_USB, 0x054C, 0x0CE6, 0x0111),
@@ -155,7 +155,7 @@ MODELS = (
         _COUNTED_STICKS,
         _COUNTED_TRIGGERS,
     ),
-    Model(
+    InputDeviceModel(
         "logitech-f310-d",
         "Logitech Logitech Dual Action",
         InputId(BUS_USB, 0x046D, 0xC216, 0x0110),
@@ -166,7 +166,7 @@ MODELS = (
         _COUNTED_STICKS,
         (),
     ),
-    Model(
+    InputDeviceModel(
         "keyboard",
         "AT Translated Set 2 keyboard",
         InputId(0x11, 0x0001, 0x0001, 0xAB41),

@@ -2,8 +2,8 @@
 
 from cardan.sim_peers.ros2_arm.controllers import (
     FAULTS as FAULTS,
+    JointStateMessage as JointStateMessage,
     RosArm as RosArm,
-    StateMessage as StateMessage,
 )
 from cardan.sim_peers.ros2_arm.options import RosArmOptions as RosArmOptions
 from cardan.sim_peers.ros2_arm.peer import RosArmPeer as RosArmPeer

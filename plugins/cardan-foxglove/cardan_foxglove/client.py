@@ -37,7 +37,7 @@ from cardan.gateway.servers.send_queue import LATCHED_DEPTH, TopicQueue
 from cardan.gateway.servers.subscriptions import Feed, SharedFeeds
 from cardan.gateway.servers.web import ListenerConnection
 from cardan.protocols.rate import MAX_PUBLICATIONS_PER_S, RateLimit
-from cardan.protocols.ros2.cdr import CdrError, Malformed, Message, codec_of
+from cardan.protocols.ros2.cdr import CdrError, MalformedCdr, Message, codec_of
 from cardan.protocols.ros2.interfaces import InterfaceError, full_text, service_type
 from cardan.protocols.ros2.messages import MessageError, Stamp, completed
 from cardan.protocols.ros2.names import RosNameError
@@ -478,7 +478,7 @@ class FoxgloveConnection:
     def _hear_clock(self, cdr: bytes, _stamp_ns: int) -> None:
         """In any thread."""
         clock = codec_of(CLOCK_TYPE).decode(cdr)
-        if not isinstance(clock, Malformed):
+        if not isinstance(clock, MalformedCdr):
             now = clock["clock"]
             self._server.broadcast_time(now["sec"] * 1_000_000_000 + now["nanosec"])
 
@@ -510,7 +510,7 @@ class FoxgloveConnection:
             except (ValueError, RecursionError):
                 raise RefusedError(f"{published.topic}: {shown(data)} is no JSON") from None
             data = codec.encode(completed(advertised.type, fields, Stamp.of_ns(since_ns)))
-        elif isinstance(found := codec.decode(data), Malformed):
+        elif isinstance(found := codec.decode(data), MalformedCdr):
             raise RefusedError(f"{published.topic}: no {advertised.type}: {found.reason}")
         advertised.publisher.publish(data, since_ns)
 
@@ -542,7 +542,7 @@ class FoxgloveConnection:
             raise CallError(f"{MAX_CALLS} calls have no answer yet; no more are taken")
         kind = service_type(type_name)
         request = codec_of(kind.request).decode(data)
-        if isinstance(request, Malformed):
+        if isinstance(request, MalformedCdr):
             raise CallError(f"{name}: no {kind.request}: {request.reason}")
         response = await self._caller.start(name, type_name, request, self._service_timeout_s)
         return codec_of(kind.response).encode(response)

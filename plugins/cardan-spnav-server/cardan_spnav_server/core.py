@@ -26,7 +26,7 @@ from cardan.protocols.spnav import (
     EventMask,
     Handshake,
     LedMode,
-    Malformed,
+    MalformedRecord,
     encode_handshake,
     encode_reply,
     encode_string,
@@ -443,7 +443,7 @@ class SpnavServerCore:
 
     def _set_name(self, client: SpnavClient, request: ClientRequest) -> None:
         name = client.strings.take(request.data)
-        if isinstance(name, Malformed):
+        if isinstance(name, MalformedRecord):
             self._counts["malformed"] += 1
         elif name is not None:
             client.name = name

@@ -11,7 +11,7 @@ from cardan.protocols.spnav import (
     DEVICE_TYPES,
     Button,
     Code,
-    Motion,
+    MotionEvent,
     ServerReader,
     encode_handshake,
     encode_request,
@@ -54,7 +54,7 @@ def counts_of(axes, identity, full_scale=None):
     while record := core.outgoing(number, 2.0):
         values += reader.feed(record)
         core.sent(number, len(record))
-    (motion,) = [value for value in values if isinstance(value, Motion)]
+    (motion,) = [value for value in values if isinstance(value, MotionEvent)]
     return motion
 
 

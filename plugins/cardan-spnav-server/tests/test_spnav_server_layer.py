@@ -116,7 +116,7 @@ def test_motion_of_the_codec(axes, period_ms):
     assert type(record) is SpnavMotion
     found = tuple(record.getfieldval(name) for name in ("x", "y", "z", "rx", "ry", "rz"))
     assert (*found, record.period_ms) == (*axes, period_ms)
-    assert codec.decode_server_record(bytes(record)) == codec.Motion(*axes, period_ms)
+    assert codec.decode_server_record(bytes(record)) == codec.MotionEvent(*axes, period_ms)
 
 
 @given(st.integers(0, codec.MAX_BUTTONS - 1), st.booleans())
@@ -154,7 +154,7 @@ def test_requests_and_replies_of_the_codec(code, data):
     reply = SpnavFromServer(codec.encode_reply(word, data[:6], data[6]))
     assert type(reply) is SpnavReply
     assert (reply.code, *reply.words, reply.last) == (code, *data)
-    assert codec.decode_server_record(bytes(reply)) == codec.Reply(word, data)
+    assert codec.decode_server_record(bytes(reply)) == codec.ServerReply(word, data)
 
 
 def test_both_know_the_same_requests_and_devices():
@@ -201,4 +201,4 @@ words = st.integers(0, 2**32 - 1) | st.integers(0, 0xFFF).map(lambda n: codec.RE
 def test_both_refuse_the_same_events(word, rest):
     data = struct.pack("<I", word) + rest
     if isinstance(SpnavFromServer(data), SpnavBroken):
-        assert isinstance(codec.decode_server_record(data), codec.Malformed)
+        assert isinstance(codec.decode_server_record(data), codec.MalformedRecord)

@@ -26,7 +26,7 @@ cbor2 = pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install
 from cardan.gateway.servers import connection, rosbridge as server, rosbridge_client, web  # noqa: E402
 from cardan.gateway.servers.rosbridge import RosbridgeOptions  # noqa: E402
 from cardan.protocols.rosbridge.delivery import MAX_SUBSCRIPTIONS  # noqa: E402
-from cardan.protocols.rosbridge.forms import Sample  # noqa: E402
+from cardan.protocols.rosbridge.forms import EncodedMessage  # noqa: E402
 from tests import certificates  # noqa: E402
 from tests.gateway.servers.memory_network import SERVER, TEST_NODE, MemoryNetwork  # noqa: E402
 from tests.gateway.servers.nodes import MOVE, Mover, Parameters  # noqa: E402
@@ -648,13 +648,13 @@ def test_a_client_that_answers_no_ping_is_gone(network, monkeypatch):
 
 def test_a_message_is_encoded_once_for_all_clients(network, running, monkeypatch):
     encoded = []
-    once = Sample._encoded
+    once = EncodedMessage._encoded
 
     def counted(self, *key):
         encoded.append(key)
         return once(self, *key)
 
-    monkeypatch.setattr(Sample, "_encoded", counted)
+    monkeypatch.setattr(EncodedMessage, "_encoded", counted)
     with ExitStack() as stack:
         clients = [stack.enter_context(plain_client(running)) for _ in range(10)]
         for number, each in enumerate(clients):

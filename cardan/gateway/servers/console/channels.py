@@ -14,11 +14,11 @@ from cardan.gateway.servers.console.hold_to_run import Grip, Hold, Verdict
 from cardan.gateway.servers.console.jog import ArmJog, Wish
 from cardan.gateway.servers.publishing import RefusedError
 from cardan.protocols.handheld import (
-    Gamepad,
+    GamepadFrame,
     JogJoints,
     JogTwist,
     OperatorFrame,
-    Phone,
+    PhoneFrame,
     from_angles,
 )
 from cardan.protocols.ros2.cdr import codec_of
@@ -131,7 +131,7 @@ class JoyChannel(Channel):
 
     def take(self, frame: OperatorFrame, data: bytes, made_s: float | None, now_s: float) -> None:
         pad = frame.body
-        if not isinstance(pad, Gamepad):
+        if not isinstance(pad, GamepadFrame):
             raise RefusedError(f"channel {frame.channel} is opened for a pad, not for {frame.kind}")
         # A pad has no control of the page's that is held: all its frames have to be young.
         verdict = self.hold.take(frame._replace(hold=True), made_s, now_s)
@@ -165,7 +165,7 @@ class ImuChannel(Channel):
 
     def take(self, frame: OperatorFrame, data: bytes, made_s: float | None, now_s: float) -> None:
         phone = frame.body
-        if not isinstance(phone, Phone):
+        if not isinstance(phone, PhoneFrame):
             raise RefusedError(
                 f"channel {frame.channel} is opened for a phone's sensors, not for {frame.kind}"
             )
@@ -185,7 +185,7 @@ class ImuChannel(Channel):
         self._publisher.close()
 
 
-def imu_message(stamp: Stamp, phone: Phone) -> dict[str, Any]:
+def imu_message(stamp: Stamp, phone: PhoneFrame) -> dict[str, Any]:
     """``sensor_msgs/msg/Imu``; quantities that the phone does not measure have a covariance that
     begins with -1."""
     angles, rates = phone.angles_deg, phone.rates_rad_s

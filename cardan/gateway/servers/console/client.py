@@ -42,7 +42,7 @@ from cardan.gateway.servers.console.records import OpenRecord, Records, RecordsE
 from cardan.gateway.servers.publishing import RefusedError
 from cardan.gateway.servers.tokens import Role
 from cardan.protocols.handheld import (
-    Malformed,
+    MalformedFrame,
     OperatorFrame,
     TeleopLog,
     decode_frame,
@@ -50,7 +50,7 @@ from cardan.protocols.handheld import (
     encode_frame,
 )
 from cardan.protocols.rate import RateLimit
-from cardan.protocols.ros2.cdr import Malformed as MalformedCdr, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.messages import Stamp
 from cardan.protocols.ros2.names import RosNameError, checked_name
 from cardan.protocols.rosbridge.forms import Frame, object_text
@@ -207,7 +207,7 @@ class PageOperator:
         pose = decode_teleop(data)
         if pose is None:
             return False
-        if isinstance(pose, Malformed):
+        if isinstance(pose, MalformedFrame):
             self._malformed(pose.reason)
         elif not isinstance(pose, TeleopLog):
             self._teleop_frames += 1
@@ -223,7 +223,7 @@ class PageOperator:
             self._drop("too many")
             return
         frame = decode_frame(data)
-        if isinstance(frame, Malformed):
+        if isinstance(frame, MalformedFrame):
             self._malformed(frame.reason)
             return
         made_s = self.clock.here_s(1e-6 * frame.time_us)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from cardan.conform.timeline import Kind, WireEvent, WireTimeline
 from cardan.protocols.ros2.actions import CANCEL_TYPE, STATUS_TYPE, GoalStatus
-from cardan.protocols.ros2.cdr import Malformed, Message, decoded
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, decoded
 from cardan_conform_arms.joint_trajectory.names import CANCEL, FEEDBACK, GOAL, RESULT, STATUS, TYPE
 from cardan_conform_arms.joint_trajectory.scenario import apart
 from cardan_conform_arms.ros2_arm.decoded import RosArmTraffic, State
@@ -87,7 +87,7 @@ class TrajectoryTraffic(RosArmTraffic):
             names = _REQUESTS if event.sent else _HEARD
             if event.kind is Kind.DATA and event.channel in names:
                 _, message = decoded(names[event.channel], event.data)
-                if isinstance(message, Malformed):
+                if isinstance(message, MalformedCdr):
                     self.unread.append((number, message.reason))
                 elif event.sent:
                     self._take_request(number, event, message)

@@ -10,7 +10,7 @@ from cardan.conform.requirements import Level
 from cardan.conform.runner import Pause, Scenario, Script, Step, mark, open_, send
 from cardan.conform.timeline import Kind, WireEvent
 from cardan.protocols.ros2.actions import CANCEL_TYPE, NO_ID
-from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, codec_of
 from cardan.protocols.ros2.messages import completed
 from cardan_conform_arms.joint_trajectory.names import CANCEL, FEEDBACK, GOAL, RESULT, STATUS, TYPE
 from cardan_conform_arms.ros2_arm.names import DESCRIPTION, STATES, TOPICS, joints_of
@@ -83,7 +83,7 @@ class TrajectoryScenario(Scenario):
             return
         if event.channel == DESCRIPTION:
             text = _TEXT.decode(event.data)
-            if not isinstance(text, Malformed):
+            if not isinstance(text, MalformedCdr):
                 self._kinds = joints_of(text["data"])
         elif event.channel == STATES:
             yield from self._take_state(event.data)
@@ -91,7 +91,7 @@ class TrajectoryScenario(Scenario):
             self._settled.add(self._asked[int(event.note) - 1])
         elif event.channel == GOAL:
             number, message = int(event.note), _ACCEPTED.decode(event.data)
-            if isinstance(message, Malformed) or not message["accepted"]:
+            if isinstance(message, MalformedCdr) or not message["accepted"]:
                 self._settled.add(number)
             else:
                 self._asked.append(number)
@@ -100,7 +100,7 @@ class TrajectoryScenario(Scenario):
 
     def _take_state(self, data: bytes) -> Iterator[Step]:
         message = _STATE.decode(data)
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedCdr):
             return
         self._seed = data
         pairs = zip(message["name"], message["position"], strict=False)

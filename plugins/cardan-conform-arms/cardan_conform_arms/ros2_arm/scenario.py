@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Pause, Scenario, Script, Step, ask, mark, open_, send
 from cardan.conform.timeline import Kind, WireEvent
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan_conform_arms.ros2_arm.names import COMMANDS, DESCRIPTION, STATES, TOPICS, joints_of
 
@@ -36,11 +36,11 @@ class RosArmScenario(Scenario):
     def answer(self, event: WireEvent) -> Iterator[Step]:
         if event.kind is Kind.DATA and event.channel == DESCRIPTION:
             text = _TEXT.decode(event.data)
-            if not isinstance(text, Malformed):
+            if not isinstance(text, MalformedCdr):
                 self._order = joints_of(text["data"])
         elif event.kind is Kind.DATA and event.channel == STATES:
             message = _STATE.decode(event.data)
-            if not isinstance(message, Malformed):
+            if not isinstance(message, MalformedCdr):
                 self._heard_s = self.now_s
                 pairs = zip(message["name"], message["position"], strict=False)
                 self._positions.update((k, v) for k, v in pairs if math.isfinite(v))

@@ -9,10 +9,10 @@ from cardan.protocols.spnav import (
     RECORD_BYTES,
     Button,
     Handshake,
-    Motion,
-    Reply,
+    MotionEvent,
     ServerReader,
     ServerRecord,
+    ServerReply,
 )
 from cardan_spnav_server.conform.scenario import STRINGS
 from cardan_spnav_server.protocol import ClientRequest, decode_request
@@ -30,7 +30,7 @@ class Record(NamedTuple):
     @property
     def counts(self) -> tuple[int, ...]:
         """Counts of a motion."""
-        return tuple(self.value[:6]) if isinstance(self.value, Motion) else ()
+        return tuple(self.value[:6]) if isinstance(self.value, MotionEvent) else ()
 
 
 class Asked(NamedTuple):
@@ -42,7 +42,7 @@ class Asked(NamedTuple):
     answers: tuple[Record, ...]
 
     @property
-    def reply(self) -> Reply | None:
+    def reply(self) -> ServerReply | None:
         """The first of them."""
         return self.answers[0].value if self.answers else None  # type: ignore[return-value]
 
@@ -95,7 +95,7 @@ class SpnavTraffic:
             each
             for each in self.records
             if each.channel == channel
-            and isinstance(each.value, Reply)
+            and isinstance(each.value, ServerReply)
             and each.value.code == request.code
             and each.number > number
             and (end is None or each.number < end)

@@ -19,9 +19,9 @@ from cardan.protocols.spnav import (
     DeviceChange,
     EventMask,
     Handshake,
-    Motion,
-    Reply,
+    MotionEvent,
     ServerReader,
+    ServerReply,
     encode_handshake,
     encode_request,
     encode_sensitivity,
@@ -62,7 +62,7 @@ class SpnavScenario(HandScenario):
 
     def _note(self, event: WireEvent) -> None:
         for value in self._readers[event.channel].feed(event.data):
-            if isinstance(value, Motion):
+            if isinstance(value, MotionEvent):
                 self._moved = self._moved or any(value[:6])
             elif isinstance(value, Button):
                 self._pressed = True
@@ -70,7 +70,7 @@ class SpnavScenario(HandScenario):
                 self._added, self._removed = value.added, not value.added
             elif isinstance(value, Handshake):
                 self._granted = value.version >= NEWEST_VERSION
-            elif isinstance(value, Reply):
+            elif isinstance(value, ServerReply):
                 left = value.data[STATUS] & 0xFFFF if value.code in STRINGS and value.ok else 0
                 self._answered = left <= CHUNK_BYTES
                 if value.code == Code.GCFG_LED and value.ok:
