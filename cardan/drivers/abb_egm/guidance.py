@@ -48,10 +48,8 @@ from cardan.protocols.egm import (
 )
 from cardan.spatial import (
     add,
-    from_rotation_vector,
-    multiply,
-    normalized,
     rotation_between,
+    turned_by,
 )
 from cardan.types import (
     ZERO3,
@@ -291,7 +289,7 @@ class _FollowedTurn(_Followed):
     def _advanced(self, place: Quaternion, by: Sequence[float]) -> Quaternion:
         if not any(by):
             return place
-        return normalized(multiply(from_rotation_vector(Vector3(*by)), place))
+        return turned_by(place, Vector3(*by))
 
 
 _TargetT = TypeVar("_TargetT", JointCommand, PoseCommand)

@@ -445,15 +445,16 @@ class ArmController:
             self._tripped_in_tick = False
             finding = self.supervision.look(robot, self.commanded)
             self.advanced_s = dt_s = step_s(robot, self._period_s, self.supervision.gap_s)
-            cause = None if finding is None else finding.cause
-            if finding is not None and cause in (Cause.LOST, Cause.NOT_READY):
-                return self._robot_lost(finding, robot, device, events, dt_s)
-            if finding is not None and finding.cause is Cause.NEW_SESSION and finding.reason:
-                return self._robot_lost(finding, robot, device, events, dt_s)
-            self.not_ready = ""
             if finding is not None:
+                cause, reason = finding
+                if cause in (Cause.LOST, Cause.NOT_READY) or (
+                    cause is Cause.NEW_SESSION and reason
+                ):
+                    return self._robot_lost(finding, robot, device, events, dt_s)
+                self.not_ready = ""
                 self._act_on(finding, robot)
             if not self.state.link.ready:
+                self.not_ready = ""
                 self._on(ArmEvent.READY)
             observed = self._observe(robot)
             if self.state.motion.commanded and not self.state.readings.rejected:
@@ -461,11 +462,13 @@ class ArmController:
                 if finding is not None:
                     self._act_on(finding, robot)
             ignored = bool(self._inhibits) and self._heed_inhibits()
-            if self.recovering and (why := self._why_no_recovery):
+            barred = self._inhibits or robot.alarm
+            if barred and self.recovering and (why := self._why_no_recovery):
                 self._cancel_recovery(why)
             if self.hand is not None and device is not None:
                 self._read_operator(self.hand, robot, device, events, dt_s, ignored)
-            self.authority.expire(robot.stamp_s, self._keeps_authority)
+            claims = self.state.arming.claims
+            self.authority.expire(robot.stamp_s, claims or self._keeps_authority)
             self._move(robot, dt_s)
             return self._command(robot, dt_s)
 
@@ -488,11 +491,8 @@ class ArmController:
 
     @property
     def _keeps_authority(self) -> bool:
-        """Whether the operator claims the arm, or a motion is under way whose source need not renew
-        its authority."""
+        """Whether a motion is under way whose source need not renew its authority."""
         activity = self._activity
-        if self.state.arming.claims:
-            return True
         if activity is None or activity.recovers:
             return False
         streamed = activity.silence_s < math.inf
@@ -685,18 +685,22 @@ class ArmController:
         ignored: bool,
     ) -> None:
         """Turn the device's state into a request, once, and see which source drives."""
-        reference, activity = self.reference, self._activity
+        reference, activity, authority = self.reference, self._activity, self.authority
+        state, inhibited, behind = self.state, "", ""
+        recovers = activity is not None and activity.recovers
         free = activity is None or (
-            (activity.follows_hand or activity.recovers) and not self.braking
+            (activity.follows_hand or recovers) and not state.motion.braking
         )
-        inhibited, behind = self._why_inhibited(robot), ""
-        if not inhibited and (not self.state.arming.armed or not self._request.following):
+        if not state.arming.armed:
+            # The operator's deliberate act arms nothing now.
+            inhibited = self.inhibited or robot.alarm or self._filter_fault
+            inhibited = inhibited or authority.refuses(HAND)
+        if not inhibited and (not state.arming.armed or not self._request.following):
             if self._tripped_in_tick:
                 behind = "the robot was not ready for it"
             elif self.supervision.error.exceeds(self.supervision.limit, BEHIND_SHARE):
                 behind = self.supervision.error.in_words("behind")
         seen = robot
-        state = self.state
         if hand.filters and not state.readings.rejected:
             # A robot may report joints alone, or another tool's pose: filters get the model's.
             seen = robot._replace(pose=self.commanded.measured(robot))
@@ -713,8 +717,8 @@ class ArmController:
             suspended=ignored,
         )
         self._request = request = hand.request(device, events, view)
-        recovering = self.recovering
-        authority, acknowledges = self.authority, bool(inhibited) and not recovering
+        recovering = state.separation.waits or recovers
+        acknowledges = bool(inhibited) and not recovering
         owns = authority.owner == HAND
         refused = not owns and bool(authority.refuses(HAND))
         arming, act = arming_after(state.arming, request, acknowledges, owns, refused)
@@ -746,12 +750,6 @@ class ArmController:
                 if self.authority.refuses(HAND):
                     self.authority.take(HAND, now_s)  # Notes the refusal.
                 self._acknowledge()
-
-    def _why_inhibited(self, robot: RobotState) -> str:
-        """Why the operator's deliberate act arms nothing now."""
-        if self.state.arming.armed:
-            return ""
-        return self.inhibited or robot.alarm or self._filter_fault or self.authority.refuses(HAND)
 
     def _take_over(self, now_s: float) -> None:
         """The operator device takes the arm; a motion under way is braked first."""
@@ -822,13 +820,13 @@ class ArmController:
             activity = FollowHand(self.commanded, self.reference)
             self._on(ArmEvent.FOLLOWS, activity)
         if isinstance(activity, FollowHand):
-            if not request.asks and activity.idle and self._drifted:
-                self._begin_recovery()
-                return
             if request.asks:
                 self._recovered_way = NO_WAY
                 if self.state.separation.left:
                     self._on(ArmEvent.ASKED)
+            elif activity.idle and self._drifted:
+                self._begin_recovery()
+                return
             activity.aim(request.twist, request.rates, request.following)
 
     @property
