@@ -14,7 +14,7 @@ import zenoh
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.bus.options import DEFAULT_NAME
-from cardan.gateway.bus.record_topics import ENGINE_TOPIC
+from cardan.gateway.bus.record_topics import CONTROLLER_LOG_TOPIC
 from cardan.protocols.ros2.zenoh import DEFAULT_QOS
 
 JOIN_WITHIN_S = 20.0
@@ -45,7 +45,7 @@ def listen(endpoints: Sequence[str]) -> None:
 
 
 def _for_recorders(topic: str) -> bool:
-    return "/raw/" in topic or topic.endswith(ENGINE_TOPIC[1:])
+    return "/raw/" in topic or topic.endswith(CONTROLLER_LOG_TOPIC[1:])
 
 
 if __name__ == "__main__":

@@ -197,7 +197,7 @@ def _evdev(packets: Packets) -> object:
 
 def _evdev_calls() -> Iterator[Packets]:
     code = evdev_requests
-    call = code.Call
+    call = code.IoctlCall
     rumble = code.encode_rumble(code.Rumble(-1, 0x8000, 0x4000, 250))
     yield (
         code.encode_call(call(code.EVIOCGKEY, 0, bytes(96))),
