@@ -666,6 +666,18 @@ def test_contributors_find_what_the_list_of_tasks_says():
     assert missing == []
 
 
+def test_a_public_class_has_a_name_of_its_own():
+    modules = {}
+    for path in MODULES:
+        if path.stem.endswith("_pb2"):
+            continue
+        for each in ast.parse(path.read_text("utf-8")).body:
+            if isinstance(each, ast.ClassDef) and not each.name.startswith("_"):
+                modules.setdefault(each.name, []).append(str(path.relative_to(PACKAGE)))
+    assert len(modules) > 1000
+    assert {name: of for name, of in modules.items() if len(of) > 1} == {}
+
+
 def test_the_page_of_the_architecture_has_every_room_and_no_other():
     page = (PACKAGE.parent / "docs/architecture.md").read_text("utf-8")
     files = {each.name for each in PACKAGE.glob("[a-z]*.py")}

@@ -52,7 +52,7 @@ def doctor(
 
     from cardan import api
     from cardan.doctor import examine as examining
-    from cardan.doctor.base import Level, Subject
+    from cardan.doctor.base import FindingLevel, Subject
     from cardan.doctor.files import read_files
 
     if as_json and as_report:
@@ -78,11 +78,11 @@ def doctor(
         print(printable(examining.report(found, examining.secrets_of(subject)), "\n"))
     else:
         levels = [each.finding.level for each in found]
-        failures, cautions = levels.count(Level.FAILURE), levels.count(Level.CAUTION)
+        failures, cautions = levels.count(FindingLevel.FAILURE), levels.count(FindingLevel.CAUTION)
         console.print(
             f"{failures} failed, {cautions} to look at; docs/troubleshooting.md explains each"
         )
-    if examining.worst(found) is Level.FAILURE:
+    if examining.worst(found) is FindingLevel.FAILURE:
         raise typer.Exit(EXIT_INCOMPLETE)
 
 

@@ -23,7 +23,7 @@ COMMAND_S: Final = 3.0
 """Longest wait for another program's answer."""
 
 
-class Level(str, Enum):
+class FindingLevel(str, Enum):
     """How bad a finding is."""
 
     GOOD = "good"
@@ -36,7 +36,7 @@ class Level(str, Enum):
 class Finding(NamedTuple):
     """Result of a check."""
 
-    level: Level
+    level: FindingLevel
     code: str
     """The kind of finding, which its page explains: "real-time"."""
     what: str
@@ -49,17 +49,17 @@ class Finding(NamedTuple):
 
 def good(code: str, what: str) -> Finding:
     """A finding of something that is as it should be."""
-    return Finding(Level.GOOD, code, what)
+    return Finding(FindingLevel.GOOD, code, what)
 
 
 def caution(code: str, what: str, why: str, mend: str) -> Finding:
     """A finding that should be mended, and that nothing fails by."""
-    return Finding(Level.CAUTION, code, what, why, mend)
+    return Finding(FindingLevel.CAUTION, code, what, why, mend)
 
 
 def failure(code: str, what: str, why: str, mend: str) -> Finding:
     """A finding by which something cannot work."""
-    return Finding(Level.FAILURE, code, what, why, mend)
+    return Finding(FindingLevel.FAILURE, code, what, why, mend)
 
 
 def run(words: Sequence[str]) -> str | None:

@@ -16,7 +16,7 @@ from cardan import __version__
 from cardan.common.plugins import reason
 from cardan.common.resource_errors import shortage
 from cardan.doctor import registry
-from cardan.doctor.base import Check, Finding, Level, Subject, failure
+from cardan.doctor.base import Check, Finding, FindingLevel, Subject, failure
 from cardan.doctor.installation import EXTRAS, installed_version, own_requirements
 from cardan.drivers.access import USB_DEVICES
 
@@ -68,13 +68,13 @@ def _looked(name: str, check: type[Check], subject: Subject) -> list[Finding]:
         ]
 
 
-def worst(found: Iterable[Examined]) -> Level:
+def worst(found: Iterable[Examined]) -> FindingLevel:
     """The gravest level of all."""
     levels = {each.finding.level for each in found}
-    for level in (Level.FAILURE, Level.CAUTION):
+    for level in (FindingLevel.FAILURE, FindingLevel.CAUTION):
         if level in levels:
             return level
-    return Level.GOOD
+    return FindingLevel.GOOD
 
 
 def as_json(found: Iterable[Examined]) -> str:
@@ -107,7 +107,11 @@ def report(found: Iterable[Examined], secrets: Iterable[str]) -> str:
         if each.group != group:
             group = each.group
             lines.append(group)
-        level = "" if each.finding.level is Level.GOOD else f"{each.finding.level.value.upper()} "
+        level = (
+            ""
+            if each.finding.level is FindingLevel.GOOD
+            else f"{each.finding.level.value.upper()} "
+        )
         lines.append(f"  {level}[{each.finding.code}] {each.finding.what}")
     lines.append("```")
     return masked("\n".join(lines), secrets)

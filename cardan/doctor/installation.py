@@ -33,7 +33,7 @@ _EXTRA = re.compile(r"extra\s*==\s*['\"]([\w.-]+)['\"]")
 _OLDER_PYTHON = re.compile(r"python_version\s*<\s*['\"](\d+)\.(\d+)['\"]")
 
 
-class Requirement(NamedTuple):
+class PackageRequirement(NamedTuple):
     """A package that Cardan needs."""
 
     name: str
@@ -44,7 +44,7 @@ class Requirement(NamedTuple):
 
 def read_requirements(
     lines: Iterable[str], python: tuple[int, int] = sys.version_info[:2]
-) -> list[Requirement]:
+) -> list[PackageRequirement]:
     """Requirements as a package's metadata has them (``Requires-Dist``) that hold for `python`."""
     found = []
     for line in lines:
@@ -56,12 +56,12 @@ def read_requirements(
             continue
         extra = _EXTRA.search(marker)
         extras = tuple(match["extras"].split(",")) if match["extras"] else ()
-        found.append(Requirement(match["name"], extras, extra[1] if extra else ""))
+        found.append(PackageRequirement(match["name"], extras, extra[1] if extra else ""))
     return found
 
 
 def lacking(
-    requirements: Iterable[Requirement], extra: str, version: Callable[[str], str | None]
+    requirements: Iterable[PackageRequirement], extra: str, version: Callable[[str], str | None]
 ) -> list[str]:
     """Packages missing for `extra` (empty: for all of Cardan), in words. `version` gives that of an
     installed package, or None."""
@@ -86,7 +86,7 @@ def installed_version(name: str) -> str | None:
         return None
 
 
-def own_requirements() -> list[Requirement]:
+def own_requirements() -> list[PackageRequirement]:
     """Requirements of the installed Cardan; none if it runs from sources that never were."""
     try:
         return read_requirements(importlib.metadata.requires("cardan") or ())
@@ -114,7 +114,7 @@ def needed_extras(subject: Subject) -> dict[str, str]:
 
 
 def judge_packages(
-    requirements: Iterable[Requirement],
+    requirements: Iterable[PackageRequirement],
     needed: Mapping[str, str],
     version: Callable[[str], str | None],
 ) -> Iterator[Finding]:

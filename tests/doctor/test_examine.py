@@ -6,7 +6,7 @@ import socket
 import pytest
 
 from cardan.doctor import examine as examining, registry
-from cardan.doctor.base import Check, Level, Subject, caution, failure, good
+from cardan.doctor.base import Check, FindingLevel, Subject, caution, failure, good
 from cardan.doctor.examine import (
     Examined,
     as_json,
@@ -74,9 +74,9 @@ def test_the_gravest_level():
     fine, careful, bad = (
         Examined("g", each) for each in (good("a", "b"), caution(*"abcd"), failure(*"abcd"))
     )
-    assert worst([]) is worst([fine]) is Level.GOOD
-    assert worst([fine, careful, fine]) is Level.CAUTION
-    assert worst([careful, bad]) is Level.FAILURE
+    assert worst([]) is worst([fine]) is FindingLevel.GOOD
+    assert worst([fine, careful, fine]) is FindingLevel.CAUTION
+    assert worst([careful, bad]) is FindingLevel.FAILURE
 
 
 def test_json():

@@ -6,9 +6,9 @@ from cardan.common.plugins import Loaded
 from cardan.doctor.base import Subject
 from cardan.doctor.files import read_files
 from cardan.doctor.installation import (
+    PackageRequirement,
     Packages,
     PlugIns,
-    Requirement,
     judge_packages,
     judge_plug_ins,
     lacking,
@@ -44,15 +44,15 @@ def requirements(python=(3, 12)):
 
 def test_requirements_as_metadata_have_them():
     assert requirements() == [
-        Requirement("hidapi", (), ""),
-        Requirement("typer", (), ""),
-        Requirement("coal", (), "arm"),
-        Requirement("eclipse-zenoh", (), "network"),
-        Requirement("cardan", ("network",), "record"),
-        Requirement("mcap", (), "record"),
-        Requirement("plain", (), "can"),
+        PackageRequirement("hidapi", (), ""),
+        PackageRequirement("typer", (), ""),
+        PackageRequirement("coal", (), "arm"),
+        PackageRequirement("eclipse-zenoh", (), "network"),
+        PackageRequirement("cardan", ("network",), "record"),
+        PackageRequirement("mcap", (), "record"),
+        PackageRequirement("plain", (), "can"),
     ]
-    assert Requirement("tomli", (), "") in requirements((3, 10))
+    assert PackageRequirement("tomli", (), "") in requirements((3, 10))
 
 
 def test_our_own_metadata_is_understood():

@@ -1,6 +1,6 @@
 """Requirements for the findings of all checks."""
 
-from cardan.doctor.base import Finding, Level
+from cardan.doctor.base import Finding, FindingLevel
 
 
 def told(check, findings):
@@ -9,6 +9,6 @@ def told(check, findings):
     for each in found:
         assert each.code in check.tells, f"{check.__name__} does not declare {each.code!r}"
         assert "\n" not in each.what
-        bad = each.level is not Level.GOOD
+        bad = each.level is not FindingLevel.GOOD
         assert bool(each.why) == bool(each.mend) == bad, each
     return [(each.level.value, each.code) for each in found]

@@ -11,7 +11,7 @@ from cardan.conform.runner import Exchange
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.session import EgmSession
 from cardan.protocols import egm
-from cardan.sim_peers.egm_client import FAULTS, ClientDefects
+from cardan.sim_peers.egm_client import FAULTS, EgmClientDefects
 from cardan.types import HoldCommand
 
 _PORTS = {FIRST: 49_152, SECOND: 49_153}
@@ -24,7 +24,7 @@ class EgmDriverRig(DriverRig):
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         super().__init__(exchange, faults, FAULTS)
         self._session = EgmSession(AbbEgmOptions(comm_timeout_s=5.0), 0.0)
-        self._defects = ClientDefects(faults)
+        self._defects = EgmClientDefects(faults)
 
     def _take(self, data: bytes, channel: str) -> None:
         session, now_s = self._session, self._now_s

@@ -16,7 +16,7 @@ from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.session import MotorosSession
 from cardan.protocols import simple_message as sm
 from cardan.robots import load_arm
-from cardan.sim_peers.motoros_client import FAULTS, ClientDefects, Sent
+from cardan.sim_peers.motoros_client import FAULTS, MotorosClientDefects, Sent
 from cardan.types import HoldCommand, JointVelocityCommand, RobotCommand, RobotState
 
 OPTIONS = MotorosOptions()
@@ -36,7 +36,7 @@ class MotorosDriverRig(DriverRig):
     ) -> None:
         super().__init__(exchange, faults, FAULTS)
         self._options = options
-        self._defects = ClientDefects(faults, load_arm(OPTIONS.robot))
+        self._defects = MotorosClientDefects(faults, load_arm(OPTIONS.robot))
         self._session = self._new_session()
         self._listens: set[str] = set()
         self._links: dict[Channel, str] = {}

@@ -15,7 +15,7 @@ STALE_M = 0.01
 """How far an old target lies away in a new session."""
 
 
-class ClientDefects:
+class EgmClientDefects:
     """Of one client. It is told times, s, that never go back."""
 
     def __init__(self, faults: Mapping[str, float]) -> None:

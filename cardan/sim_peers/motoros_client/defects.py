@@ -33,7 +33,7 @@ class Sent(NamedTuple):
     """The client goes on as after this answer, without having asked."""
 
 
-class ClientDefects:
+class MotorosClientDefects:
     """Of one client. It is told times, s, that never go back."""
 
     def __init__(self, faults: Mapping[str, float], arm: ArmModel) -> None:

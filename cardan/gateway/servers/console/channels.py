@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from cardan.bus.network import Handle, NetworkError, PublisherHandle
-from cardan.gateway.servers.console.hold_to_run import Grip, Hold, Verdict
+from cardan.gateway.servers.console.hold_to_run import Grip, Hold, HoldVerdict
 from cardan.gateway.servers.console.jog import ArmJog, Wish
 from cardan.gateway.servers.publishing import RefusedError
 from cardan.protocols.handheld import (
@@ -77,10 +77,10 @@ class ArmChannel(Channel):
                 "channel that is opened for a device"
             )
         verdict = self.hold.take(frame, made_s, now_s)
-        if verdict is Verdict.REST:
+        if verdict is HoldVerdict.REST:
             self._jog.rest()
-        elif verdict is not Verdict.DROPPED:
-            if verdict is Verdict.BEGINS:
+        elif verdict is not HoldVerdict.DROPPED:
+            if verdict is HoldVerdict.BEGINS:
                 self._jog.begin()
             assert made_s is not None
             self._jog.move(Wish(frame.body, made_s))
@@ -106,7 +106,7 @@ class DeviceChannel(Channel):
             raise RefusedError(
                 f"channel {frame.channel} is opened for a device, and takes no jog frames"
             )
-        if self.hold.take(frame, made_s, now_s) is Verdict.DROPPED:
+        if self.hold.take(frame, made_s, now_s) is HoldVerdict.DROPPED:
             return
         age_s = 0.0 if made_s is None else max(0.0, now_s - made_s)
         stamp = Stamp.of_ns(time.time_ns())
@@ -136,7 +136,7 @@ class JoyChannel(Channel):
         # A pad has no control of the page's that is held: all its frames have to be young.
         verdict = self.hold.take(frame._replace(hold=True), made_s, now_s)
         self.hold.grip, self.hold.why = Grip.FREE, "" if frame.visible else "the page is hidden"
-        if verdict is Verdict.DROPPED or not frame.visible:
+        if verdict is HoldVerdict.DROPPED or not frame.visible:
             return
         stamp = Stamp.of_ns(time.time_ns())
         down = frame.held_buttons
@@ -174,7 +174,7 @@ class ImuChannel(Channel):
         # A hidden page hears nothing of its sensors: its readings are old ones.
         self.hold.grip, self.hold.why = Grip.FREE, "" if frame.visible else "the page is hidden"
         measured = phone.angles_deg, phone.rates_rad_s, phone.acceleration_m_s2
-        if verdict is Verdict.DROPPED or not frame.visible or not any(measured):
+        if verdict is HoldVerdict.DROPPED or not frame.visible or not any(measured):
             return
         age_ns = 0 if made_s is None else round(1e9 * max(0.0, now_s - made_s))
         stamp = Stamp.of_ns(time.time_ns() - age_ns)

@@ -38,7 +38,7 @@ class Grip(enum.Enum):
     """It has to be released first."""
 
 
-class Verdict(enum.Enum):
+class HoldVerdict(enum.Enum):
     """Treatment of a frame."""
 
     DROPPED = "dropped"
@@ -83,36 +83,36 @@ class Hold:
         has proved that it lives."""
         self._renewed_s = now_s
 
-    def take(self, frame: OperatorFrame, made_s: float | None, now_s: float) -> Verdict:
+    def take(self, frame: OperatorFrame, made_s: float | None, now_s: float) -> HoldVerdict:
         """Take a frame that the page made at `made_s`; None if unknown."""
         if (
             self._sequence is not None
             and not 0 < (frame.sequence - self._sequence) % _WHOLE < _HALF
         ):
             self.counts["late"] += 1
-            return Verdict.DROPPED
+            return HoldVerdict.DROPPED
         self._sequence = frame.sequence
         self.look(now_s)
         if not frame.hold:
             # A release counts, however late it comes.
             self.grip, self.why = Grip.FREE, ""
-            return Verdict.REST
+            return HoldVerdict.REST
         if made_s is None or made_s - now_s > AHEAD_S:
             self.counts["unknown"] += 1
-            return Verdict.DROPPED
+            return HoldVerdict.DROPPED
         if now_s - made_s > FRESH_S:
             self.counts["old"] += 1
-            return Verdict.DROPPED
+            return HoldVerdict.DROPPED
         if not frame.visible or not frame.tracking:
             self.lose("the page is hidden" if not frame.visible else "the tracking was lost")
-            return Verdict.REST
+            return HoldVerdict.REST
         if self.grip is Grip.LOST:
-            return Verdict.REST
+            return HoldVerdict.REST
         began = self.grip is Grip.FREE
         if began:
             self._renewed_s = now_s
         self.grip, self._until_s = Grip.HELD, made_s + FRESH_S
-        return Verdict.BEGINS if began else Verdict.GOES_ON
+        return HoldVerdict.BEGINS if began else HoldVerdict.GOES_ON
 
     def look(self, now_s: float) -> bool:
         """Notice silence; whether it ended a hold."""

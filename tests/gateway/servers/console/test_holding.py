@@ -4,7 +4,13 @@ import math
 
 import pytest
 
-from cardan.gateway.servers.console.hold_to_run import FRESH_S, LONGEST_S, Grip, Hold, Verdict
+from cardan.gateway.servers.console.hold_to_run import (
+    FRESH_S,
+    LONGEST_S,
+    Grip,
+    Hold,
+    HoldVerdict,
+)
 from cardan.protocols.handheld import JogTwist, OperatorFrame
 from cardan.types import Vector3
 
@@ -27,36 +33,39 @@ class Hand:
         return self.hold.take(frame, self.now_s - late_s, self.now_s)
 
     def held(self):
-        assert self.frame(False) is Verdict.REST
-        assert self.frame(True) is Verdict.BEGINS
+        assert self.frame(False) is HoldVerdict.REST
+        assert self.frame(True) is HoldVerdict.BEGINS
         return self
 
 
 def test_a_hold_begins_goes_on_and_ends():
     hand = Hand()
-    assert hand.frame(False) is Verdict.REST
-    assert [hand.frame(True) for _ in range(3)] == [Verdict.BEGINS, *[Verdict.GOES_ON] * 2]
-    assert hand.frame(False) is Verdict.REST
+    assert hand.frame(False) is HoldVerdict.REST
+    assert [hand.frame(True) for _ in range(3)] == [
+        HoldVerdict.BEGINS,
+        *[HoldVerdict.GOES_ON] * 2,
+    ]
+    assert hand.frame(False) is HoldVerdict.REST
     assert hand.hold.grip is Grip.FREE
-    assert hand.frame(True) is Verdict.BEGINS
+    assert hand.frame(True) is HoldVerdict.BEGINS
 
 
 def test_what_is_held_from_the_beginning_has_to_be_let_go_of():
     hand = Hand()
-    assert hand.frame(True) is Verdict.REST
+    assert hand.frame(True) is HoldVerdict.REST
     assert "let go" in hand.hold.why
-    assert hand.frame(False) is Verdict.REST
-    assert hand.frame(True) is Verdict.BEGINS
+    assert hand.frame(False) is HoldVerdict.REST
+    assert hand.frame(True) is HoldVerdict.BEGINS
 
 
 @pytest.mark.parametrize("more", [{"visible": False}, {"tracking": False}])
 def test_a_hidden_page_or_lost_tracking_ends_it_until_the_hand_lets_go(more):
     hand = Hand().held()
-    assert hand.frame(True, **more) is Verdict.REST
-    assert hand.frame(True) is Verdict.REST
+    assert hand.frame(True, **more) is HoldVerdict.REST
+    assert hand.frame(True) is HoldVerdict.REST
     assert hand.hold.grip is Grip.LOST
-    assert hand.frame(False) is Verdict.REST
-    assert hand.frame(True) is Verdict.BEGINS
+    assert hand.frame(False) is HoldVerdict.REST
+    assert hand.frame(True) is HoldVerdict.BEGINS
 
 
 def test_silence_ends_it_and_frames_that_go_on_do_not_begin_it_again():
@@ -66,39 +75,42 @@ def test_silence_ends_it_and_frames_that_go_on_do_not_begin_it_again():
     assert not hand.hold.look(until_s - 0.001)
     assert hand.hold.look(until_s)
     assert hand.hold.until_s is None
-    assert hand.frame(True, after_s=0.3) is Verdict.REST
+    assert hand.frame(True, after_s=0.3) is HoldVerdict.REST
     assert "no frame" in hand.hold.why
 
 
 def test_silence_is_noticed_with_the_next_frame_too():
     hand = Hand().held()
-    assert hand.frame(True, after_s=FRESH_S + 0.001) is Verdict.REST
+    assert hand.frame(True, after_s=FRESH_S + 0.001) is HoldVerdict.REST
 
 
 def test_old_frames_are_dropped_and_keep_nothing_alive():
     hand = Hand().held()
     for _ in range(20):
-        assert hand.frame(True, late_s=FRESH_S + 0.01) in (Verdict.DROPPED, Verdict.REST)
+        assert hand.frame(True, late_s=FRESH_S + 0.01) in (
+            HoldVerdict.DROPPED,
+            HoldVerdict.REST,
+        )
     assert hand.hold.grip is Grip.LOST
     assert hand.hold.counts["old"] == 20
 
 
 def test_a_late_frame_keeps_it_no_longer_than_it_is_fresh():
     hand = Hand().held()
-    assert hand.frame(True, late_s=0.1) is Verdict.GOES_ON
+    assert hand.frame(True, late_s=0.1) is HoldVerdict.GOES_ON
     assert hand.hold.until_s == pytest.approx(hand.now_s + FRESH_S - 0.1)
 
 
 def test_letting_go_counts_however_late_it_comes():
     hand = Hand().held()
-    assert hand.frame(False, late_s=5.0) is Verdict.REST
+    assert hand.frame(False, late_s=5.0) is HoldVerdict.REST
     assert hand.hold.grip is Grip.FREE
 
 
 def test_frames_that_come_twice_or_after_a_newer_one_are_dropped():
     hand = Hand().held()
-    assert hand.frame(True, sequence=hand.sequence) is Verdict.DROPPED
-    assert hand.frame(False, sequence=hand.sequence - 2) is Verdict.DROPPED
+    assert hand.frame(True, sequence=hand.sequence) is HoldVerdict.DROPPED
+    assert hand.frame(False, sequence=hand.sequence - 2) is HoldVerdict.DROPPED
     assert hand.hold.grip is Grip.HELD
     assert hand.hold.counts["late"] == 2
 
@@ -107,15 +119,15 @@ def test_numbers_go_round():
     hand = Hand()
     hand.sequence = 2**32 - 3
     hand.held()
-    assert hand.frame(True, sequence=0) is Verdict.GOES_ON
-    assert hand.frame(True, sequence=1) is Verdict.GOES_ON
+    assert hand.frame(True, sequence=0) is HoldVerdict.GOES_ON
+    assert hand.frame(True, sequence=1) is HoldVerdict.GOES_ON
 
 
 def test_frames_of_an_unknown_clock_hold_nothing():
     hold = Hold()
-    assert hold.take(OperatorFrame(BODY, False, sequence=1), None, 1.0) is Verdict.REST
-    assert hold.take(OperatorFrame(BODY, True, sequence=2), None, 1.0) is Verdict.DROPPED
-    assert hold.take(OperatorFrame(BODY, True, sequence=3), 1.2, 1.0) is Verdict.DROPPED
+    assert hold.take(OperatorFrame(BODY, False, sequence=1), None, 1.0) is HoldVerdict.REST
+    assert hold.take(OperatorFrame(BODY, True, sequence=2), None, 1.0) is HoldVerdict.DROPPED
+    assert hold.take(OperatorFrame(BODY, True, sequence=3), 1.2, 1.0) is HoldVerdict.DROPPED
     assert hold.counts["unknown"] == 2
 
 
@@ -133,11 +145,11 @@ def test_a_jog_that_nobody_renews_ends_in_time_and_takes_a_new_press():
     hand = Hand(LONGEST_S).held()
     assert until_lost(hand, 60.0) == pytest.approx(LONGEST_S, abs=0.05)
     assert "without a sign" in hand.hold.why
-    assert hand.frame(True) is Verdict.REST
+    assert hand.frame(True) is HoldVerdict.REST
     hand.hold.renew(hand.now_s)
-    assert hand.frame(True) is Verdict.REST
-    assert hand.frame(False) is Verdict.REST
-    assert hand.frame(True) is Verdict.BEGINS
+    assert hand.frame(True) is HoldVerdict.REST
+    assert hand.frame(False) is HoldVerdict.REST
+    assert hand.frame(True) is HoldVerdict.BEGINS
     assert hand.hold.left_s(hand.now_s) == LONGEST_S
 
 
