@@ -351,14 +351,14 @@ def test_what_is_seen_on_the_bus_can_be_used_at_once(monkeypatch):
 
 def test_the_end_of_a_service_is_told(bus):
     server, join = bus
-    server = join(BusNetwork, "server")
+    network = join(BusNetwork, "network")
     first, second = server.service("/ask", TRIGGER), server.service("/ask", TRIGGER)
     gone = threading.Event()
-    until(lambda: server.wait_for_service("/ask", 0.1), "the service")
-    held = server.watch_service("/ask", gone.set)
-    until(lambda: len(server._graph.servers("/ask")) == 2, "both")
+    until(lambda: network.wait_for_service("/ask", 0.1), "the service")
+    held = network.watch_service("/ask", gone.set)
+    until(lambda: len(network._graph.servers("/ask")) == 2, "both")
     first.close()
-    until(lambda: len(server._graph.servers("/ask")) == 1, "the first one's end")
+    until(lambda: len(network._graph.servers("/ask")) == 1, "the first one's end")
     assert not gone.is_set()
     second.close()
     assert gone.wait(TIMEOUT_S)
