@@ -6,7 +6,16 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Protocol
 
-from cardan.conform.requirements import Findings, Verdict, Words, failed, not_seen, passed
+from cardan.conform.requirements import (
+    Findings,
+    Verdict,
+    Words,
+    at_most,
+    failed,
+    not_seen,
+    passed,
+    some,
+)
 from cardan.conform.timeline import NumberedItem, TimelinePhase
 
 
@@ -39,6 +48,17 @@ def never_silent(
     if not count:
         return not_seen("it was never held deflected")
     return passed(f"longest {longest * 1e3:.0f} ms", longest * 1e3, "ms")
+
+
+def mostly_within(
+    times: Iterable[tuple[float, int]], share: float, most_s: float, said: str, nothing: str
+) -> Verdict:
+    """Judge if this share of `times`, s, each with its event's number, is at most `most_s`. ``{}``
+    in `said` is the longest time of the share, ms; without any: not seen, `nothing`."""
+    found = sorted(some([*times], nothing))
+    longest_s, number = found[int(share * (len(found) - 1))]
+    figure = 1e3 * longest_s
+    return at_most(1e3 * most_s, figure, "ms", said.format(figure), [number])
 
 
 class Begun(Timed, Protocol):

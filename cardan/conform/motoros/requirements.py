@@ -25,8 +25,8 @@ from cardan.conform.requirements import (
     passed,
     some,
 )
-from cardan.conform.second_reading import read_twice, refused
-from cardan.conform.timing import not_torn
+from cardan.conform.second_reading import differing, read_twice, refused
+from cardan.conform.timing import mostly_within, not_torn
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import (
     MessageType as T,
@@ -178,28 +178,12 @@ def both_descriptions_agree(seen: MotorosTraffic) -> Verdict:
         head = (layer.msg_type, layer.comm_type, layer.reply_code)
         if head != each.message[:3]:
             return "another header"
-        for name, other in _LAYERS_HAVE.items():
-            value = getattr(each.message.body, name, None)
-            if value is not None and hasattr(layer, other):
-                read = getattr(layer, other)
-                if (tuple(read) if isinstance(value, tuple) else read) != value:
-                    return f"another {name}"
-        return ""
+        return differing(each.message.body, layer, _LAYERS_HAVE)
 
     return read_twice(seen.heard, "simple_message", differs, "messages")
 
 
-_LAYERS_HAVE = {
-    "group": "group",
-    "sequence": "sequence",
-    "command": "command_code",
-    "result": "result",
-    "subcode": "subcode",
-    "valid_fields": "valid_fields",
-    "pos": "positions",
-    "mode": "mode",
-    "motion_possible": "motion_possible",
-}
+_LAYERS_HAVE = {"command": "command_code", "pos": "positions", "time": "time_s"}
 """Fields of the codec, and the layers' names for them."""
 
 
@@ -224,15 +208,12 @@ def every_request_is_answered(seen: MotorosTraffic) -> Findings:
 @requires(102, "0.2 to 1.1 ms in a capture of a controller (2015)")
 def answers_are_quick(seen: MotorosTraffic) -> Verdict:
     """Nine of ten requests that start nothing are answered within 20 ms."""
-    times = sorted(
+    times = (
         (each.reply.time_s - each.time_s, each.number)
         for each in _control(seen, C.CHECK_QUEUE_CNT) + _control(seen, C.CHECK_MOTION_READY)
         if each.reply is not None
     )
-    some(times, _UNANSWERED)
-    late_s, index = times[int(0.9 * (len(times) - 1))]
-    said = f"nine of ten within {late_s * 1e3:.1f} ms"
-    return at_most(REPLY_WITHIN_S * 1e3, late_s * 1e3, "ms", said, [index])
+    return mostly_within(times, 0.9, REPLY_WITHIN_S, "nine of ten within {:.1f} ms", _UNANSWERED)
 
 
 @requires(103, f"{SERVER}: group, sequence and command are echoed")
@@ -409,9 +390,6 @@ def _velocities(seen: MotorosTraffic, phase: str) -> list[MotorosExchange]:
     return [e for e in found if e.request and e.request.comm_type == sm.CommType.SERVICE_REQUEST]
 
 
-_NO_VELOCITY = "the controller has no velocity mode"
-
-
 def _info(seen: MotorosTraffic) -> sm.VelocityInfo | None:
     for each in seen.exchanges("ask"):
         if each.reply is not None and isinstance(each.reply.message.body, sm.VelocityInfo):
@@ -440,7 +418,7 @@ def _in_velocity_mode(phase: str) -> Callable[[MotorosTraffic], Verdict | None]:
         if seen.phase(phase) is None:
             return not_seen("it was not tried")
         if _info(seen) is None:
-            return not_applicable(_NO_VELOCITY)
+            return not_applicable("the controller has no velocity mode")
         found = _control(seen, C.START_VEL_MODE, phase)
         reply = found[0].motion if found else None
         if reply is None or reply.result != R.SUCCESS:

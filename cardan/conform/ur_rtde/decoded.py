@@ -362,9 +362,7 @@ class UrTraffic(Traffic):
             if each.asked.kind is kind and (not names or self.inside(each.number, *names))
         ]
 
-    def setups(
-        self, kind: rtde.PacketType, *names: str
-    ) -> list[tuple[RtdeExchange, rtde.Setup, rtde.SetupReply]]:
+    def setups(self, kind: rtde.PacketType, *names: str) -> list[Answered]:
         """Return the answered requests for recipes."""
         return [
             (each, each.asked, each.reply.reply)

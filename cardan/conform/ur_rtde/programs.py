@@ -23,6 +23,7 @@ from cardan.conform.requirements import (
     some,
 )
 from cardan.conform.timeline import Kind
+from cardan.conform.timing import mostly_within
 from cardan.conform.ur_rtde.decoded import DataPackage, SentProgram, UrTraffic
 from cardan.conform.ur_rtde.requirements import (
     BOARD,
@@ -317,12 +318,8 @@ def commands_are_obeyed(seen: UrTraffic) -> Verdict:
             times.append((late_s, each.number))
     lost = [number for late_s, number in times if late_s > UNOBEYED_S]
     must(not lost, f"{len(lost)} of {len(times)} had no effect", lost)
-    some(times, "too few commands")
-    late_s, number = sorted(times)[int(0.9 * (len(times) - 1))]
-    said = f"nine of ten within {late_s * 1e3:.1f} ms"
-    return at_most(
-        1e3 * (OBEYED_S + OBEYED_CYCLES * cycle_s(seen)), 1e3 * late_s, "ms", said, [number]
-    )
+    most_s = OBEYED_S + OBEYED_CYCLES * cycle_s(seen)
+    return mostly_within(times, 0.9, most_s, "nine of ten within {:.1f} ms", "too few commands")
 
 
 def _farthest(states: Sequence[DataPackage], joints: slice = slice(None)) -> float:

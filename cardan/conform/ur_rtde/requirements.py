@@ -12,6 +12,7 @@ from typing import Any
 
 from cardan.conform.requirements import (
     Findings,
+    Over,
     Requirements,
     Verdict,
     Words,
@@ -26,8 +27,8 @@ from cardan.conform.requirements import (
     passed,
     some,
 )
-from cardan.conform.second_reading import COMPARED, read_twice
-from cardan.conform.timing import not_torn
+from cardan.conform.second_reading import COMPARED, differing, read_twice
+from cardan.conform.timing import mostly_within, not_torn
 from cardan.conform.ur_rtde import scenario
 from cardan.conform.ur_rtde.decoded import (
     OLD,
@@ -41,7 +42,6 @@ from cardan.conform.ur_rtde.decoded import (
     ReceivedPacket,
     RtdeExchange,
     UrTraffic,
-    Values,
 )
 from cardan.protocols.ur import dashboard, rtde
 from cardan.protocols.ur.primary import ROBOT_STATE, MessageKind, RobotMessage, read_mode
@@ -272,12 +272,10 @@ def it_is_never_silent(seen: UrTraffic) -> Verdict:
 @requires(13, f"{GUIDE}: a package in each control cycle")
 def arrival_is_steady(seen: UrTraffic) -> Verdict:
     """95 % of the states arrive within 1.5 ms of their period after the one before."""
-    found = some(_steps(seen), "too few states")
+    found = _steps(seen)
     some(len(found) >= FEWEST, "too few states")
-    off = sorted((abs(b.time_s - a.time_s - _advance_s((a, b))), b.number) for a, b in found)
-    figure, number = off[int((1.0 - JITTER_SHARE) * (len(off) - 1))]
-    said = f"95 % within {figure * 1e3:.2f} ms"
-    return at_most(1e3 * JITTER_S, 1e3 * figure, "ms", said, [number])
+    off = ((abs(b.time_s - a.time_s - _advance_s((a, b))), b.number) for a, b in found)
+    return mostly_within(off, 1.0 - JITTER_SHARE, JITTER_S, "95 % within {:.2f} ms", NO_STATES)
 
 
 @requires(14, "a controller writes a packet at once; half of one says nothing yet")
@@ -306,16 +304,15 @@ def another_client_has_its_own_rate(seen: UrTraffic) -> Verdict:
     return none_wrong(wrong, len(found), said, "")
 
 
-@requires(16, f"{GUIDE}: field names, units and modes")
-def states_are_plausible(seen: UrTraffic) -> Findings:
+STATES: Over[UrTraffic, DataPackage] = Over(
+    lambda seen: seen.states, "{} states", nothing=NO_STATES
+)
+
+
+@requires.each(16, f"{GUIDE}: field names, units and modes", STATES)
+def states_are_plausible(each: DataPackage) -> str:
     """Values are finite, joints inside their ranges, modes known, and the speed slider 0 to 1."""
-    for each in seen.states:
-        yield each.number, _implausible(each.values)
-    return Words("{} states", NO_STATES)
-
-
-def _implausible(values: Values) -> str:
-    """Return the first implausible value of a state in words; empty: none."""
+    values = each.values
     for name, value in values.items():
         if not all(map(math.isfinite, value if isinstance(value, tuple) else (value,))):
             return f"{name} is not finite"
@@ -455,7 +452,17 @@ def the_dashboard_tells_the_same_modes(seen: UrTraffic) -> Findings:
 @requires(26, "cardan.dissect: a second description of the protocol")
 def both_descriptions_agree(seen: UrTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same replies, recipes and values."""
-    return readings_differ(seen)
+
+    def differs(each: ReceivedPacket, layers: Any) -> str:
+        layer = layers.RtdeReply(each.raw)
+        return layers.malformed(layer) or _difference(seen, each, layer, layers)
+
+    # The layers are of version 2; packets other than data are few.
+    heard = [each for each in seen.heard if each.channel not in seen.old]
+    data = [each for each in heard if isinstance(each.reply, Data)]
+    chosen = [each for each in heard if not isinstance(each.reply, Data)]
+    chosen += data[:: max(1, len(data) // COMPARED)]
+    return read_twice(chosen, "rtde", differs, "packets", compared=max(1, len(chosen)))
 
 
 # -- level 0: the other interfaces, for what users run beside a driver ---------------------------
@@ -598,21 +605,6 @@ def the_dashboard_answers_in_its_words(seen: UrTraffic) -> Findings:
     return Words("{} answers", "nothing was asked")
 
 
-def readings_differ(seen: UrTraffic) -> Verdict:
-    """Judge if the layers and the codec decode the controller's packets alike."""
-
-    def differs(each: ReceivedPacket, layers: Any) -> str:
-        layer = layers.RtdeReply(each.raw)
-        return layers.malformed(layer) or _difference(seen, each, layer, layers)
-
-    # The layers are of version 2; packets other than data are few.
-    heard = [each for each in seen.heard if each.channel not in seen.old]
-    data = [each for each in heard if isinstance(each.reply, Data)]
-    chosen = [each for each in heard if not isinstance(each.reply, Data)]
-    chosen += data[:: max(1, len(data) // COMPARED)]
-    return read_twice(chosen, "rtde", differs, "packets", compared=max(1, len(chosen)))
-
-
 def _difference(seen: UrTraffic, heard: ReceivedPacket, layer: object, layers: Any) -> str:
     """Return the layer's difference from the codec in words; empty: none."""
     reply = heard.reply
@@ -626,12 +618,7 @@ def _difference(seen: UrTraffic, heard: ReceivedPacket, layer: object, layers: A
         values = layers.values_of(recipe.types, getattr(layer, "values", b""))
         same = recipe.unpack(reply.values)
         return "" if same is not None and values == [*same.values()] else "other values"
-    for name, value in reply._asdict().items():
-        found = getattr(layer, _SAME.get(name, name), value)
-        found = found.decode() if isinstance(found, bytes) else found
-        if found != value:
-            return f"another {name}"
-    return ""
+    return differing(reply, layer, _SAME)
 
 
 _SAME = {"text": "message", "build": "build_number"}
