@@ -71,31 +71,20 @@ class MotorosTraffic(Traffic):
                 continue
             for begun_s, frame in streams.whole(index, event):
                 order = streams.reader(channel).byte_order or sm.ByteOrder.LITTLE
-                self._take(index, event, begun_s, order, frame, open_requests)
+                self.order = self.order or order
+                message = sm.wire(order).decode(frame)
+                if isinstance(message, sm.Malformed):
+                    self._failed(index, channel, message.reason)
+                    continue
+                heard = ReceivedMessage(index, begun_s, event.time_s, channel, message, frame)
+                self.heard.append(heard)
+                self._exchange(open_requests.pop(channel, None), heard)
         for left in open_requests.values():
             self._exchange(left, None)
         self.asked.sort()
 
     def _failed(self, index: int, channel: str, reason: str) -> None:
         self.unread.append((index, f"{channel}: {reason}"))
-
-    def _take(
-        self,
-        index: int,
-        event: WireEvent,
-        begun_s: float,
-        order: sm.ByteOrder,
-        frame: bytes,
-        open_requests: dict[str, tuple[int, WireEvent]],
-    ) -> None:
-        self.order = self.order or order
-        message = sm.wire(order).decode(frame)
-        if isinstance(message, sm.Malformed):
-            self._failed(index, event.channel, message.reason)
-            return
-        heard = ReceivedMessage(index, begun_s, event.time_s, event.channel, message, frame)
-        self.heard.append(heard)
-        self._exchange(open_requests.pop(event.channel, None), heard)
 
     def _exchange(self, asked: tuple[int, WireEvent] | None, reply: ReceivedMessage | None) -> None:
         if asked is None:

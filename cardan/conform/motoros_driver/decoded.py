@@ -14,10 +14,12 @@ from cardan.conform.motoros_driver.scenario import port_of
 from cardan.conform.streams import ChannelReaders
 from cardan.conform.timeline import Kind, TimelinePhase, Traffic, WireEvent, WireTimeline
 from cardan.protocols import simple_message as sm
-from cardan.protocols.simple_message import MessageType as T
+from cardan.protocols.simple_message import MessageType as T, MotionCommand as C
 
 B = TypeVar("B")
 
+_END_NO_TRAJECTORY = frozenset((0, C.CHECK_MOTION_READY, C.CHECK_QUEUE_CNT))
+"""Commands of MOTION_CTRL that end no trajectory, and 0 of other messages."""
 VELOCITY_TYPES = frozenset((T.MOTO_JOINT_VELOCITY, T.MOTO_JOINT_VELOCITY_EX))
 
 
@@ -136,6 +138,7 @@ class DriverTraffic(Traffic):
             for order in [sm.detect_byte_order(event.data[:4].ljust(4, b"\0"))]
             if order is not None and len(event.data) >= 16
         ]
+        """The controller's byte order, as its states have it, each with the number of the event."""
         open_links: dict[str, DriverConnection] = {}
         for number, event in enumerate(timeline):
             channel = event.channel
@@ -156,17 +159,13 @@ class DriverTraffic(Traffic):
         self.links += open_links.values()
         self.links.sort(key=lambda each: each.number)
 
-    def _order_at(self, number: int) -> sm.ByteOrder:
-        """Return the controller's byte order, as its states have it."""
-        first = self._orders[0][1] if self._orders else sm.ByteOrder.LITTLE
-        return _newest(self._orders, number) or first
-
     def _heard(self, number: int, event: WireEvent) -> None:
         channel, data = event.channel, event.data
         if port_of(channel) == "state":
             self.strays.append(number)
             return
-        order = self._order_at(number)
+        first = self._orders[0][1] if self._orders else sm.ByteOrder.LITTLE
+        order = newest(self._orders, number) or first
         reader = self._readers.get(channel)
         if reader is None:
             found = sm.detect_byte_order(data)
@@ -264,7 +263,7 @@ class DriverTraffic(Traffic):
             for said in messages:
                 point = said.point
                 if point is None:
-                    if said.command and not _harmless(said.command):
+                    if said.command not in _END_NO_TRAJECTORY:
                         before = None
                     continue
                 if said.reply is None or said.reply.result != 0:
@@ -273,21 +272,8 @@ class DriverTraffic(Traffic):
                     yield (*before, said, point)
                 before = said, point
 
-    def feedback_before(self, number: int) -> sm.JointFeedback | None:
-        """Return the newest joint feedback before an event."""
-        return _newest(self.feedback, number)
 
-    def status_before(self, number: int) -> sm.RobotStatus | None:
-        """Return the newest status before an event."""
-        return _newest(self.statuses, number)
-
-
-def _newest(found: list[tuple[int, B]], number: int) -> B | None:
+def newest(found: list[tuple[int, B]], number: int) -> B | None:
     """Return the last item with a number below `number`."""
     place = bisect.bisect_left(found, number, key=operator.itemgetter(0))
     return found[place - 1][1] if place else None
-
-
-def _harmless(command: int) -> bool:
-    """True for CHECK_MOTION_READY and CHECK_QUEUE_CNT, which end no trajectory."""
-    return command in (200101, 200102)

@@ -14,6 +14,7 @@ from cardan.conform.motoros_driver.decoded import (
     DriverConnection,
     DriverTraffic,
     Said,
+    newest,
 )
 from cardan.conform.motoros_driver.scenario import (
     ANSWERED_WITHIN_S,
@@ -264,7 +265,7 @@ def _finite(*values: float) -> str:
 def a_trajectory_begins_where_the_arm_is(seen: DriverTraffic) -> Findings:
     """The first point (sequence 0) is the measured position, to 0.001 rad, with no speed."""
     for said, point in seen.points:
-        measured = seen.feedback_before(said.number)
+        measured = newest(seen.feedback, said.number)
         if not point.sequence and measured is not None:
             far, speed = apart(point.pos, measured.pos), max(map(abs, point.vel))
             words = f"at {speed:.3g} rad/s" if speed > STILL_RAD_S else ""
@@ -401,7 +402,7 @@ def points_are_taken(seen: DriverTraffic) -> Findings:
 def a_trajectory_begins_at_rest(seen: DriverTraffic) -> Findings:
     """No first point is sent while the newest status says that the arm is in motion."""
     for said, point in seen.points:
-        status = seen.status_before(said.number)
+        status = newest(seen.statuses, said.number)
         if not point.sequence and status is not None:
             yield said.number, "it is in motion" if status.in_motion == 1 else ""
     return Words("{} trajectories", _NO_POINTS)
