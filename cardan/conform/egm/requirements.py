@@ -267,14 +267,13 @@ def _poses(seen: EgmTraffic) -> Iterator[tuple[Robot, EgmMotion]]:
                 yield each, motion
 
 
-@requires(15, f"{SCHEMA}, EgmQuaternion")
-def quaternions_are_normal(seen: EgmTraffic) -> Findings:
+QUATERNIONS = Over(_poses, "{} quaternions", "quaternions", "no quaternion came")
+
+
+@requires.each(15, f"{SCHEMA}, EgmQuaternion", QUATERNIONS)
+def quaternions_are_normal(each: tuple[Robot, EgmMotion]) -> str | None:
     """Every quaternion has the length 1, to 1e-3."""
-    for each, motion in _poses(seen):
-        words = not_normal(motion)
-        if words is not None:
-            yield each.number, words
-    return Words("{} quaternions", "no quaternion came", "quaternions")
+    return not_normal(each[1])
 
 
 @requires(16, f"{SCHEMA}, EgmEuler; {LIBEGM}")
