@@ -12,6 +12,7 @@ from cardan.conform.requirements import (
     Words,
     at_most,
     failed,
+    met,
     not_seen,
     passed,
     some,
@@ -86,11 +87,8 @@ STEADY_SHARE = 0.95
 def steady(off: Sequence[tuple[float, int]], most: float, unit: str, nothing: str) -> Verdict:
     """Judge if 95 % of the items came within `most` of their time. `off` has each item's deviation
     and its event's number."""
-    if not off:
-        return not_seen(nothing)
+    some(off, nothing)
     figure = sorted(error for error, _ in off)[int(STEADY_SHARE * (len(off) - 1))]
     said = f"95 % within {figure:.2f} {unit}"
     late = [number for error, number in off if error > most]
-    if len(late) > (1.0 - STEADY_SHARE) * len(off):
-        return failed(said, late, figure, unit)
-    return passed(said, figure, unit)
+    return met(len(late) <= (1.0 - STEADY_SHARE) * len(off), said, late, figure, unit)

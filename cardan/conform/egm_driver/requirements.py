@@ -97,11 +97,6 @@ def _planned(answer: SensorDatagram) -> EgmMotion | None:
     return message.planned if isinstance(message, EgmSensor) else None
 
 
-def _apart(motion: EgmMotion, robot: Robot) -> tuple[float, float]:
-    """Return the distance of a reference from the measured position: m, rad."""
-    return apart(place_of(motion), robot.position), apart(joints_of(motion)[:6], robot.joints)
-
-
 def _speed(answer: SensorDatagram) -> float:
     """Return the largest component of its speed reference, m/s or rad/s."""
     speed = answer.message.speed_ref if isinstance(answer.message, EgmSensor) else None
@@ -217,7 +212,9 @@ def _beyond(far_m: float, far_rad: float, most_m: float, most_rad: float) -> str
 def _strays(robot: Robot, answer: SensorDatagram) -> str:
     """Return the difference of an answer from the measured position at rest; empty: none."""
     motion = _planned(answer)
-    if motion is not None and (far := _beyond(*_apart(motion, robot), NEAR_M, NEAR_RAD)):
+    far_m = apart(place_of(motion), robot.position)
+    far_rad = apart(joints_of(motion)[:6], robot.joints)
+    if far := _beyond(far_m, far_rad, NEAR_M, NEAR_RAD):
         return f"away by {far}"
     speed = _speed(answer)
     return f"with a speed of {speed:.3g} m/s or rad/s" if speed > SPEED_M_S else ""

@@ -22,8 +22,6 @@ class ReceivedMessage(NamedTuple):
 
 
 B = TypeVar("B")
-Status = tuple[ReceivedMessage, sm.RobotStatus]
-"""A message with its robot status."""
 
 
 class MotorosExchange(NamedTuple):
@@ -113,12 +111,10 @@ class MotorosTraffic(Traffic):
         found = self.within(self.heard, phase) if phase else self.heard
         return [(e, e.message.body) for e in found if isinstance(e.message.body, kind)]
 
-    def statuses(self, phase: str = "") -> list[Status]:
-        """Return the robot statuses of a phase; empty: all."""
+    def statuses(self, phase: str = "") -> list[tuple[ReceivedMessage, sm.RobotStatus]]:
+        """Return the messages of a phase with a robot status, and it; empty: all."""
         return self._told(sm.RobotStatus, phase)
 
-    def feedback(
-        self, phase: str = "", group: int = 0
-    ) -> list[tuple[ReceivedMessage, sm.JointFeedback]]:
-        """Return the joint feedback of a group in a phase; empty: all."""
-        return [each for each in self._told(sm.JointFeedback, phase) if each[1].group == group]
+    def feedback(self, phase: str = "") -> list[tuple[ReceivedMessage, sm.JointFeedback]]:
+        """Return the messages of a phase with joint feedback of group 0, and it; empty: all."""
+        return [each for each in self._told(sm.JointFeedback, phase) if each[1].group == 0]

@@ -140,12 +140,12 @@ def feedback_says_what_is_valid(seen: MotorosTraffic) -> Findings:
 @requires(8, f"{STATES}: speed feedback since the API has it")
 def feedback_has_speeds(seen: MotorosTraffic) -> Verdict:
     """Feedback has speeds, as of firmware that is not old."""
-    found = seen.feedback()
+    found = some(seen.feedback(), _NO_FEEDBACK)
     without = [
         each.number for each, body in found if not body.valid_fields & sm.ValidFields.VELOCITY
     ]
     must(not without, "positions alone", without)
-    return passed(f"{len(found)} feedbacks") if found else not_seen(_NO_FEEDBACK)
+    return passed(f"{len(found)} feedbacks")
 
 
 @requires(9, f"{MESSAGES}, ROBOT_STATUS: MotoROS sends no unknowns")
@@ -303,8 +303,8 @@ def inputs_and_outputs_are_read(seen: MotorosTraffic) -> Verdict:
     found = [each for each in seen.exchanges("ask") if each.channel == "io"]
     bodies = [e.reply.message.body for e in found if e.reply is not None]
     replies = [each for each in bodies if isinstance(each, sm.ReadIoReply)]
-    if len(replies) < 2:
-        return not_seen("the I/O port did not answer") if not bodies else failed("no such reply")
+    some(bodies, "the I/O port did not answer")
+    must(len(replies) >= 2, "no such reply")
     good, bad = replies[:2]
     said = f"results {good.result} and {bad.result}"
     right = (good.result, bad.result) == (sm.IoResult.OK, sm.IoResult.READ_ADDRESS_INVALID)

@@ -42,8 +42,6 @@ class Said(NamedTuple):
     channel: str
     message: sm.Message
     raw: bytes
-    whole: bool
-    """True if it came in a piece of its own."""
     owed: int
     """Earlier requests on its connection without an answer yet."""
     answered: Answered | None = None
@@ -89,6 +87,8 @@ class Said(NamedTuple):
         return body if isinstance(body, sm.JointVelocity) else None
 
 
+SaidPoint = tuple[Said, sm.JointTrajPtFull]
+SaidSpeeds = tuple[Said, sm.JointVelocity]
 Neighbors = tuple[Said, sm.JointTrajPtFull, Said, sm.JointTrajPtFull]
 """Two consecutive points of a trajectory, each after its message."""
 
@@ -98,7 +98,6 @@ class DriverConnection(NamedTuple):
 
     channel: str
     number: int
-    opened_s: float
     closed_s: float
     """Infinite if it was open at the end."""
     ended: int
@@ -145,7 +144,7 @@ class DriverTraffic(Traffic):
             if channel == port_of(channel):
                 continue
             if event.kind is Kind.OPENED:
-                link = DriverConnection(channel, number, event.time_s, math.inf, -1, False)
+                link = DriverConnection(channel, number, math.inf, -1, False)
                 open_links[channel] = link
             elif event.kind is Kind.CLOSED and channel in open_links:
                 link = open_links.pop(channel)
@@ -188,7 +187,7 @@ class DriverTraffic(Traffic):
                 continue
             waiting = self._waiting.setdefault(channel, deque())
             index, owed = len(self.said), len(waiting)
-            said = Said(index, number, event.time_s, channel, message, frame, not pieces, owed)
+            said = Said(index, number, event.time_s, channel, message, frame, owed)
             self.said.append(said)
             if not said.is_topic:
                 topics = False
@@ -247,19 +246,19 @@ class DriverTraffic(Traffic):
         return found
 
     @cached_property
-    def points(self) -> list[tuple[Said, sm.JointTrajPtFull]]:
+    def points(self) -> list[SaidPoint]:
         """All points, including repeated ones."""
         return [(each, point) for each in self.said if (point := each.point) is not None]
 
     @cached_property
-    def velocities(self) -> list[tuple[Said, sm.JointVelocity]]:
+    def velocities(self) -> list[SaidSpeeds]:
         """All speeds."""
         return [(each, body) for each in self.said if (body := each.velocity) is not None]
 
     def neighbors(self) -> Iterator[Neighbors]:
         """Yield consecutive accepted points of one trajectory."""
         for messages in self.motion.values():
-            before: tuple[Said, sm.JointTrajPtFull] | None = None
+            before: SaidPoint | None = None
             for said in messages:
                 point = said.point
                 if point is None:

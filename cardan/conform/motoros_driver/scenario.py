@@ -52,10 +52,6 @@ class Halt(NamedTuple):
     end: Callable[[MotorosController, float], None]
 
 
-def _nothing(_controller: MotorosController, _now_s: float) -> None:
-    """Do nothing: START_TRAJ_MODE itself releases the stop."""
-
-
 STOPS = {
     "estop": Halt(MotorosController.emergency_stop, MotorosController.release_emergency_stop),
     "alarm": Halt(lambda it, now_s: it.alarm(FAULT_ALARM, now_s), MotorosController.reset_alarm),
@@ -66,7 +62,8 @@ STOPS = {
     "servo-off": Halt(
         lambda it, now_s: it.servo(False, now_s), lambda it, now_s: it.servo(True, now_s)
     ),
-    "pfl": Halt(MotorosController.collaborative_stop, _nothing),
+    # START_TRAJ_MODE itself releases the stop.
+    "pfl": Halt(MotorosController.collaborative_stop, lambda _it, _now_s: None),
 }
 
 

@@ -93,7 +93,6 @@ class PrimaryPackage(NamedTuple):
     """A package of the primary or the secondary interface."""
 
     number: int
-    begun_s: float
     time_s: float
     package: Package
     message: RobotMessage | None
@@ -208,10 +207,8 @@ class UrTraffic(Traffic):
                 self._uploaded(number, event)
             elif channel in (PRIMARY, SECONDARY):
                 into = self.told if channel == PRIMARY else self.secondary
-                for begun_s, found in self._streams.whole(number, event):
-                    into.append(
-                        PrimaryPackage(number, begun_s, event.time_s, found, read_message(found))
-                    )
+                for _, found in self._streams.whole(number, event):
+                    into.append(PrimaryPackage(number, event.time_s, found, read_message(found)))
             elif channel == REALTIME:
                 for _, found in self._streams.whole(number, event):
                     self.samples.append(RealtimePacket(number, event.time_s, found))

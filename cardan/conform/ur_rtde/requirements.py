@@ -23,7 +23,6 @@ from cardan.conform.requirements import (
     met,
     must,
     none_wrong,
-    not_seen,
     passed,
     some,
 )
@@ -127,8 +126,7 @@ def bytes_are_packets(seen: UrTraffic) -> Verdict:
 def other_versions_arerefused(seen: UrTraffic) -> Verdict:
     """A protocol version that there is not is refused."""
     found = versions(seen, scenario.FUTURE_VERSION)
-    if not found or accepted(found[0]) is None:
-        return not_seen("it was not answered")
+    some(found and accepted(found[0]) is not None, "it was not answered")
     return failed("accepted", [found[0].number]) if accepted(found[0]) else passed("refused")
 
 
@@ -136,9 +134,8 @@ def other_versions_arerefused(seen: UrTraffic) -> Verdict:
 def it_says_its_version(seen: UrTraffic) -> Verdict:
     """It tells its software's version, which is 3 or newer."""
     found = version_of(seen)
-    if found is None:
-        some(seen.exchanges(rtde.PacketType.CONTROLLER_VERSION), "it was not asked")
-        return failed("it was not told")
+    some(found or seen.exchanges(rtde.PacketType.CONTROLLER_VERSION), "it was not asked")
+    found = must(found, "it was not told")
     return met(found.major >= 3, ".".join(map(str, found)))
 
 
@@ -159,28 +156,24 @@ def every_request_is_answered(seen: UrTraffic) -> Verdict:
 @requires(6, f"{GUIDE}: field names and associated types")
 def outputs_are_as_documented(seen: UrTraffic) -> Verdict:
     """All states that the driver asks for are there, with the documented types."""
-    found = [
-        each for each in seen.setups(rtde.PacketType.OUTPUTS) if each[1].names == scenario.OUTPUTS
-    ]
-    some(found, "it was not answered")
-    exchange, asked, reply = found[0]
-    if len(reply.types) != len(asked.names):
-        return failed(f"{len(reply.types)} types for {len(asked.names)}", [exchange.number])
+    setups = seen.setups(rtde.PacketType.OUTPUTS)
+    found = [each for each in setups if each[1].names == scenario.OUTPUTS]
+    exchange, asked, reply = some(found, "it was not answered")[0]
+    words = f"{len(reply.types)} types for {len(asked.names)}"
+    must(len(reply.types) == len(asked.names), words, [exchange.number])
     wrong = [
         (exchange.number, f"{name} {kind}")
         for name, kind in zip(asked.names, reply.types, strict=True)
         if kind != OUTPUT_TYPES[name]
     ]
-    if not wrong and not reply.recipe:
-        return failed("no recipe", [exchange.number])
+    must(wrong or reply.recipe, "no recipe", [exchange.number])
     return none_wrong(wrong, len(asked.names), f"{len(asked.names)} states", "")
 
 
 def refused(seen: UrTraffic, kind: rtde.PacketType, name: str, word: str, *phases: str) -> Verdict:
     """Judge if a recipe with a name was refused with `word`."""
     found = [each for each in seen.setups(kind, *phases) if name in each[1].names]
-    some(found, "it was not answered")
-    exchange, asked, reply = found[-1]
+    exchange, asked, reply = some(found, "it was not answered")[-1]
     types = dict(zip(asked.names, reply.types, strict=False))
     said = f"recipe {reply.recipe}, {types.get(name, 'no type')}"
     return met(not reply.recipe and types.get(name) == word, said, [exchange.number])
@@ -204,8 +197,7 @@ def states_come_from_start_to_pause(seen: UrTraffic) -> Verdict:
         if not any(end_s <= time_s < end_s + 2.0 * period_s for end_s in ends)
     ]
     empty = [each for each in seen.streams if not each.states]
-    if empty and not wrong:
-        return failed(f"none in {len(empty)} of {len(seen.streams)} streams")
+    must(wrong or not empty, f"none in {len(empty)} of {len(seen.streams)} streams")
     count = len(seen.states)
     return none_wrong(wrong, count + len(wrong), f"{len(seen.streams)} streams", NO_STATES)
 
@@ -488,11 +480,8 @@ def version_1_is_spoken(seen: UrTraffic) -> Verdict:
     each control cycle without a recipe's number."""
     asked = some(versions(seen, 1), "it was not asked")
     must(accepted(asked[0]), "not accepted", [asked[0].number])
-    setups = [
-        each
-        for each in seen.setups(rtde.PacketType.OUTPUTS)
-        if each[1].names == scenario.OLD_OUTPUTS
-    ]
+    setups = seen.setups(rtde.PacketType.OUTPUTS)
+    setups = [each for each in setups if each[1].names == scenario.OLD_OUTPUTS]
     if not setups or not setups[0][2].recipe:
         types = ", ".join(setups[0][2].types) if setups else "no answer"
         return failed(f"outputs: {types}", [asked[0].number])
