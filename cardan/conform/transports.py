@@ -86,16 +86,10 @@ class _Udp(_SocketWire):
         self._listens = listens
         self._peer: Any = None if listens else (host, port)
 
-    def _waiting(self) -> Iterator[tuple[bytes, Any]]:
-        if not self._stamped:
-            yield from waiting(self._socket, LARGEST_READ)
-            return
-        for data, source, lain_s in waiting_stamped(self._socket, LARGEST_READ):
-            self.late_s = lain_s
-            yield data, source
-
     def read(self) -> Iterator[tuple[bytes, str]]:
-        for data, source in self._waiting():
+        unstamped = ((*each, 0.0) for each in waiting(self._socket, LARGEST_READ))
+        stamped = waiting_stamped(self._socket, LARGEST_READ) if self._stamped else unstamped
+        for data, source, self.late_s in stamped:
             if self._listens:
                 self._peer = source
             yield data, f"{self._peer[0]}:{self._peer[1]}"
