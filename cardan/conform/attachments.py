@@ -15,7 +15,6 @@ from cardan.conform.timeline import Kind, WireEvent, WireTimeline
 from cardan.errors import CaptureError
 
 PCAP_MAGIC_NS = 0xA1B23C4D
-_MAGIC = b"\x89MCAP0\r\n"
 LINK_RAW_IP, LINK_SOCKETCAN = 101, 227
 SNAP_BYTES = 262_144
 JUDGED, OURS = bytes((192, 0, 2, 1)), bytes((192, 0, 2, 2))
@@ -191,15 +190,6 @@ def write_mcap(
 
 def _begin(event: WireEvent) -> tuple[str, ...]:
     return event.kind.value, event.channel
-
-
-def is_mcap(path: Path) -> bool:
-    """Whether a file begins as an MCAP does; False for one that cannot be read."""
-    try:
-        with path.open("rb") as file:
-            return file.read(len(_MAGIC)) == _MAGIC
-    except OSError:
-        return False
 
 
 def read_mcap(path: Path, suite: Suite[V]) -> tuple[WireTimeline, Level]:

@@ -76,18 +76,18 @@ def failed(
     return Verdict(VerdictOutcome.FAILED, said, tuple(evidence)[:EVIDENCE_AT_MOST], figure, unit)
 
 
-def met(good: bool, said: str, evidence: Iterable[int] = ()) -> Verdict:
+def met(
+    good: bool, said: str, evidence: Iterable[int] = (), figure: float | None = None, unit: str = ""
+) -> Verdict:
     """Return passed if `good`; else failed with the first few of `evidence`."""
-    return passed(said) if good else failed(said, evidence)
+    return passed(said, figure, unit) if good else failed(said, evidence, figure, unit)
 
 
 def at_most(
     limit: float, figure: float, unit: str, said: str, evidence: Iterable[int] = ()
 ) -> Verdict:
     """Return passed if `figure` is at most `limit`; else failed with the first of `evidence`."""
-    if figure > limit:
-        return failed(said, evidence, figure, unit)
-    return passed(said, figure, unit)
+    return met(not figure > limit, said, evidence, figure, unit)
 
 
 def none_wrong(
@@ -138,9 +138,8 @@ def tallied(found: Verdict | Findings, nothing: str = NOTHING) -> Verdict:
     if isinstance(words, Verdict):
         return words
     if not count:
-        return (
-            not_seen(words.nothing or nothing) if isinstance(words.nothing, str) else words.nothing
-        )
+        absent = words.nothing or nothing
+        return not_seen(absent) if isinstance(absent, str) else absent
     good = words.good.format(count, len(wrong))
     return none_wrong(wrong if len(wrong) > words.few * count else (), count, good, what=words.what)
 

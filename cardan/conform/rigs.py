@@ -197,17 +197,18 @@ class TcpRig(Rig, Generic[KindT]):
 
     def _carry(self) -> None:
         for number, data in self._servers.outgoing():
-            channel = self._channel(number)
-            if channel is not None:
-                self._hear(channel, data)
+            self._bring(self._numbers, number, data)
         for number in (*self._servers.closing(), *self._servers.aborting()):
-            channel = self._channel(number)
-            if channel is not None:
-                del self._numbers[channel]
-                self._hear(channel, kind=Kind.CLOSED)
+            self._bring(self._numbers, number)
 
-    def _channel(self, number: int) -> str | None:
-        return next((name for name, each in self._numbers.items() if each == number), None)
+    def _bring(self, numbers: dict[str, int], number: int, data: bytes | None = None) -> None:
+        """Deliver data, or the end of a connection; `numbers` has those of the open channels."""
+        channel = next((name for name, each in numbers.items() if each == number), None)
+        if channel is not None and data is not None:
+            self._hear(channel, data)
+        elif channel is not None:
+            del numbers[channel]
+            self._hear(channel, kind=Kind.CLOSED)
 
     def _closed(self, channel: str) -> None:
         if channel in self._numbers:

@@ -11,7 +11,7 @@ from typing import Any
 
 from cardan.common.extras import missing_extra
 from cardan.common.plugins import entry_points
-from cardan.conform.attachments import is_mcap, pcap, read_mcap, write_mcap
+from cardan.conform.attachments import pcap, read_mcap, write_mcap
 from cardan.conform.live import Live
 from cardan.conform.redaction import Redaction
 from cardan.conform.report import SuiteReport, judged
@@ -21,6 +21,7 @@ from cardan.conform.suite import Suite
 from cardan.conform.timeline import WireTimeline
 from cardan.conform.transports import host_and_port
 from cardan.errors import CaptureError, ConfigurationError, ExtraMissingError
+from cardan.recording.mcap_file import is_mcap
 
 CAPTURES = "cardan.captures"
 """Entry points of functions that make a timeline from a suite, a capture file and a target."""

@@ -3,7 +3,7 @@ the plug-in cardan-dissect is installed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from cardan.common.extras import missing_extra
@@ -54,6 +54,17 @@ def read_twice(
         if why := differs(each, layers):
             return failed(why, [each.number])
     return passed(f"{len(chosen)} {what} read twice")
+
+
+def differing(value: Any, layer: Any, names: Mapping[str, str]) -> str:
+    """Return the first field of a codec's named tuple that a layer has with another value, in
+    words; empty: none. `names` has the layer's name of a field where it is not the codec's."""
+    for name, known in value._asdict().items():
+        read = getattr(layer, names.get(name, name), known)
+        read = read.decode() if isinstance(read, bytes) and isinstance(known, str) else read
+        if (tuple(read) if isinstance(known, tuple) else read) != known:
+            return f"another {name}"
+    return ""
 
 
 def refused(layers: Any, layer: Any) -> str:

@@ -6,7 +6,17 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Protocol
 
-from cardan.conform.requirements import Findings, Verdict, Words, failed, not_seen, passed
+from cardan.conform.requirements import (
+    Findings,
+    Verdict,
+    Words,
+    at_most,
+    failed,
+    met,
+    not_seen,
+    passed,
+    some,
+)
 from cardan.conform.timeline import NumberedItem, TimelinePhase
 
 
@@ -41,6 +51,17 @@ def never_silent(
     return passed(f"longest {longest * 1e3:.0f} ms", longest * 1e3, "ms")
 
 
+def mostly_within(
+    times: Iterable[tuple[float, int]], share: float, most_s: float, said: str, nothing: str
+) -> Verdict:
+    """Judge if this share of `times`, s, each with its event's number, is at most `most_s`. ``{}``
+    in `said` is the longest time of the share, ms; without any: not seen, `nothing`."""
+    found = sorted(some([*times], nothing))
+    longest_s, number = found[int(share * (len(found) - 1))]
+    figure = 1e3 * longest_s
+    return at_most(1e3 * most_s, figure, "ms", said.format(figure), [number])
+
+
 class Begun(Timed, Protocol):
     """A received item, possibly in pieces."""
 
@@ -66,11 +87,8 @@ STEADY_SHARE = 0.95
 def steady(off: Sequence[tuple[float, int]], most: float, unit: str, nothing: str) -> Verdict:
     """Judge if 95 % of the items came within `most` of their time. `off` has each item's deviation
     and its event's number."""
-    if not off:
-        return not_seen(nothing)
+    some(off, nothing)
     figure = sorted(error for error, _ in off)[int(STEADY_SHARE * (len(off) - 1))]
     said = f"95 % within {figure:.2f} {unit}"
     late = [number for error, number in off if error > most]
-    if len(late) > (1.0 - STEADY_SHARE) * len(off):
-        return failed(said, late, figure, unit)
-    return passed(said, figure, unit)
+    return met(len(late) <= (1.0 - STEADY_SHARE) * len(off), said, late, figure, unit)

@@ -61,31 +61,35 @@ class Wires(ABC):
         """Release the resources that the wires share, after all are closed. Never raises."""
 
 
-class _Udp(TargetWire):
+class _SocketWire(TargetWire):
+    """A wire that is a socket."""
+
+    def __init__(self, of: socket.socket) -> None:
+        self._socket = of
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class _Udp(_SocketWire):
     """A UDP socket with the kernel's receive time stamps. It is connected to one address, or
     `listens` at a port of ours and then sends to the source of the last datagram."""
 
     def __init__(self, host: str, port: int, listens: bool) -> None:
         join = socket.socket.bind if listens else socket.socket.connect
         problem = f"cannot {'listen on' if listens else 'send to'} {host}:{port}"
-        self._socket = opened(host, port, socket.SOCK_DGRAM, join, problem)
+        super().__init__(opened(host, port, socket.SOCK_DGRAM, join, problem))
         self._stamped = ask_for_stamps(self._socket)
         self._listens = listens
         self._peer: Any = None if listens else (host, port)
 
-    def fileno(self) -> int:
-        return self._socket.fileno()
-
-    def _waiting(self) -> Iterator[tuple[bytes, Any]]:
-        if not self._stamped:
-            yield from waiting(self._socket, LARGEST_READ)
-            return
-        for data, source, lain_s in waiting_stamped(self._socket, LARGEST_READ):
-            self.late_s = lain_s
-            yield data, source
-
     def read(self) -> Iterator[tuple[bytes, str]]:
-        for data, source in self._waiting():
+        unstamped = ((*each, 0.0) for each in waiting(self._socket, LARGEST_READ))
+        stamped = waiting_stamped(self._socket, LARGEST_READ) if self._stamped else unstamped
+        for data, source, self.late_s in stamped:
             if self._listens:
                 self._peer = source
             yield data, f"{self._peer[0]}:{self._peer[1]}"
@@ -96,9 +100,6 @@ class _Udp(TargetWire):
                 self._socket.send(data)
             elif self._peer is not None:
                 self._socket.sendto(data, self._peer)
-
-    def close(self) -> None:
-        self._socket.close()
 
 
 class _Ending(TargetWire):
@@ -122,15 +123,12 @@ class _Ending(TargetWire):
             yield data, ""
 
 
-class StreamWire(_Ending):
+class StreamWire(_SocketWire, _Ending):
     """A connected stream socket."""
 
     def __init__(self, connection: socket.socket) -> None:
-        self._socket = connection
+        super().__init__(connection)
         connection.setblocking(False)
-
-    def fileno(self) -> int:
-        return self._socket.fileno()
 
     def _next(self) -> bytes:
         return self._socket.recv(LARGEST_READ)
@@ -138,9 +136,6 @@ class StreamWire(_Ending):
     def write(self, data: bytes) -> None:
         with contextlib.suppress(OSError):
             self._socket.sendall(data)
-
-    def close(self) -> None:
-        self._socket.close()
 
 
 class FileWire(_Ending):
@@ -175,17 +170,14 @@ class UdpPort(Wires):
         return _Udp(*self._place)
 
 
-class _TcpListener(TargetWire):
+class _TcpListener(_SocketWire):
     """A listening TCP port of ours. Each client is a wire of its own: "motion 2" is the second
     client of any port."""
 
     def __init__(self, host: str, port: int, channel: str, numbers: Iterator[int]) -> None:
         problem = f"cannot listen on {host}:{port}"
-        self._socket = opened(host, port, socket.SOCK_STREAM, _listen, problem)
+        super().__init__(opened(host, port, socket.SOCK_STREAM, _listen, problem))
         self._channel, self._numbers = channel, numbers
-
-    def fileno(self) -> int:
-        return self._socket.fileno()
 
     def read(self) -> Iterator[tuple[bytes, str]]:
         return iter(())
@@ -201,9 +193,6 @@ class _TcpListener(TargetWire):
 
     def write(self, data: bytes) -> None:
         """Do nothing: each client has a wire of its own."""
-
-    def close(self) -> None:
-        self._socket.close()
 
 
 def _listen(sock: socket.socket, address: Any) -> None:

@@ -93,6 +93,15 @@ def _installed() -> None:
         raise missing_extra("a record", "mcap", "record", error) from error
 
 
+def is_mcap(path: Path) -> bool:
+    """Whether a file begins as an MCAP does; False for one that cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_MAGIC)) == _MAGIC
+    except OSError:
+        return False
+
+
 def known_definition(type_name: str, mark: str) -> str:
     """The text of a message's definition; empty where Cardan does not know the type, or the sender
     has another type of that name, by its hash."""

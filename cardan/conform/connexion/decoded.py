@@ -7,6 +7,9 @@ from typing import NamedTuple
 from cardan.conform.timeline import Kind, Traffic, WireTimeline
 from cardan.protocols import connexion
 
+MOTIONS = (connexion.Translation, connexion.Rotation, connexion.MotionReport)
+"""Reports with axes."""
+
 
 class DeviceReport(NamedTuple):
     """An input report."""
@@ -19,20 +22,12 @@ class DeviceReport(NamedTuple):
     @property
     def is_motion(self) -> bool:
         """True if it has axes."""
-        return isinstance(
-            self.value, (connexion.Translation, connexion.Rotation, connexion.MotionReport)
-        )
+        return isinstance(self.value, MOTIONS)
 
     @property
     def counts(self) -> tuple[int, ...]:
         """Axis counts of a motion."""
-        return (
-            tuple(self.value)
-            if isinstance(
-                self.value, (connexion.Translation, connexion.Rotation, connexion.MotionReport)
-            )
-            else ()
-        )
+        return tuple(self.value) if isinstance(self.value, MOTIONS) else ()
 
 
 class ConnexionTraffic(Traffic):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cardan.conform.connexion.decoded import MOTIONS
 from cardan.conform.hands import HandScenario
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Pause, Script, mark, send
@@ -16,7 +17,7 @@ class ConnexionScenario(HandScenario):
 
     def _note(self, event: WireEvent) -> None:
         value = connexion.decode_input(event.data)
-        if isinstance(value, (connexion.Translation, connexion.Rotation, connexion.MotionReport)):
+        if isinstance(value, MOTIONS):
             self._moved = self._moved or any(value)
         elif isinstance(value, (connexion.ButtonBits, connexion.KeysDown)):
             self._pressed = True

@@ -13,7 +13,8 @@ from cardan.sim_peers.spacemouse import SimulatedSpaceMouse
 _MODEL = "spacenavigator"
 _WITH_BATTERY = "spacemouse-wireless"
 _RIGHT, _CLOCKWISE = (0.0, -0.5, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, -1.0)
-_REST = (0.0,) * 6
+_AXES = {"push": _RIGHT, "twist": _CLOCKWISE, "let-go": (0.0,) * 6, "unplug": _RIGHT}
+"""Deflection by what the operator is asked to do."""
 
 
 class ConnexionRig(Rig):
@@ -56,16 +57,11 @@ class ConnexionRig(Rig):
 
     def _by_hand(self, what: str) -> None:
         device = self._device
-        if what == "push":
-            device.set_axes(_RIGHT)
-        elif what == "twist":
-            device.set_axes(_CLOCKWISE)
-        elif what == "let-go":
-            device.set_axes(_REST)
-        elif what == "press":
+        if what in _AXES:
+            device.set_axes(_AXES[what])
+        if what == "press":
             device.press(device.model.buttons[0])
         elif what == "release":
             device.release(device.model.buttons[0])
         elif what == "unplug":
-            device.set_axes(_RIGHT)
             device.unplug()

@@ -23,7 +23,6 @@ from cardan.conform.requirements import (
     must,
     none_wrong,
     not_applicable,
-    not_seen,
     passed,
     some,
 )
@@ -165,6 +164,7 @@ def arrival_is_steady(seen: EgmTraffic) -> Verdict:
 @requires(9, f"{MANUAL}: one datagram in each cycle of the motion task")
 def there_are_no_pauses(seen: EgmTraffic) -> Verdict:
     """While a session lasts there is no silence of more than 12 periods."""
+    some(seen.sessions, _NOTHING)
     longest, wrong = 0.0, []
     for one, other, n in seen.steps():
         gap_s = other.time_s - one.time_s
@@ -174,8 +174,7 @@ def there_are_no_pauses(seen: EgmTraffic) -> Verdict:
     if wrong:
         words = f"{len(wrong)} pauses: {wrong[0][1]}"
         return failed(words, (n for n, _ in wrong), longest * 1e3, "ms")
-    said = f"longest {longest * 1e3:.1f} ms"
-    return passed(said, longest * 1e3, "ms") if seen.sessions else not_seen(_NOTHING)
+    return passed(f"longest {longest * 1e3:.1f} ms", longest * 1e3, "ms")
 
 
 @requires(10, f"{MANUAL}, Local Port Number; the PC answers to the source of the datagram")
@@ -267,14 +266,13 @@ def _poses(seen: EgmTraffic) -> Iterator[tuple[Robot, EgmMotion]]:
                 yield each, motion
 
 
-@requires(15, f"{SCHEMA}, EgmQuaternion")
-def quaternions_are_normal(seen: EgmTraffic) -> Findings:
+QUATERNIONS = Over(_poses, "{} quaternions", "quaternions", "no quaternion came")
+
+
+@requires.each(15, f"{SCHEMA}, EgmQuaternion", QUATERNIONS)
+def quaternions_are_normal(each: tuple[Robot, EgmMotion]) -> str | None:
     """Every quaternion has the length 1, to 1e-3."""
-    for each, motion in _poses(seen):
-        words = not_normal(motion)
-        if words is not None:
-            yield each.number, words
-    return Words("{} quaternions", "no quaternion came", "quaternions")
+    return not_normal(each[1])
 
 
 @requires(16, f"{SCHEMA}, EgmEuler; {LIBEGM}")
@@ -363,12 +361,11 @@ def _hold(seen: EgmTraffic) -> list[Robot]:
 )
 def an_answered_session_lasts(seen: EgmTraffic) -> Verdict:
     """While every datagram is answered, no session ends and no other begins."""
-    phase, found = seen.phase("hold"), _hold(seen) or seen.during("hold")
-    if phase is None or not found:
-        return not_seen("there was no hold")
-    for session in seen.sessions:
-        if found[0].number < session[0].number < phase.end:
-            return failed("a session began anew", [session[0].number])
+    phase = some(seen.phase("hold"), "there was no hold")
+    found = some(_hold(seen) or seen.during("hold"), "there was no hold")
+    begun = [session[0].number for session in seen.sessions]
+    anew = [number for number in begun if found[0].number < number < phase.end]
+    must(not anew, "a session began anew", anew[:1])
     silent_s = phase.end_s - found[-1].time_s
     must(silent_s <= 0.25, f"it ended {silent_s:.2f} s before the answers did", [found[-1].number])
     return passed(f"{phase.end_s - found[0].time_s:.1f} s, {len(found)} datagrams")
@@ -401,11 +398,10 @@ def an_arm_that_is_held_stands(seen: EgmTraffic) -> Verdict:
     first = found[0]
     far_m = max(apart(first.position, each.position) for each in found)
     far_rad = max(apart(first.joints, each.joints) for each in found)
+    worst = max(found, key=lambda each: apart(first.position, each.position))
+    held = not (far_m > HELD_WITHIN_M or far_rad > HELD_WITHIN_RAD)
     said = f"{far_m * 1e3:.3f} mm, {math.degrees(far_rad):.3f} degrees"
-    if far_m > HELD_WITHIN_M or far_rad > HELD_WITHIN_RAD:
-        worst = max(found, key=lambda each: apart(first.position, each.position))
-        return failed(said, [worst.number], far_m * 1e3, "mm")
-    return passed(said, far_m * 1e3, "mm")
+    return met(held, said, [worst.number], far_m * 1e3, "mm")
 
 
 @requires(105, f"{MANUAL}, CommTimeout: event 41822")

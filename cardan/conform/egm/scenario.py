@@ -91,7 +91,8 @@ class EgmScenario(Scenario):
         message = egm.decode_robot(event.data)
         if not isinstance(message, egm.EgmRobot):
             return
-        if self._quiet() or self._begins(message) or message.mci_state != egm.MCIState.RUNNING:
+        begins = message.header is not None and message.header.seqno == 0
+        if self._quiet() or begins or message.mci_state != egm.MCIState.RUNNING:
             self._hold = None
         self._newest, self._newest_s = message, self.now_s
         if self._answering and message.feed_back is not None and message.header is not None:
@@ -99,9 +100,6 @@ class EgmScenario(Scenario):
             self._seqno += 1
             header = egm.EgmHeader(self._seqno, message.header.tm_ms, egm.EgmMessageType.CORRECTION)
             yield send(egm.encode_sensor(egm.EgmSensor(header, self._reference(self._hold))))
-
-    def _begins(self, message: egm.EgmRobot) -> bool:
-        return message.header is not None and message.header.seqno == 0
 
     def _reference(self, held: egm.EgmMotion) -> egm.EgmMotion:
         joints, pose = held.joints, held.cartesian

@@ -28,7 +28,6 @@ from cardan.conform.requirements import (
     Verdict,
     Words,
     apart,
-    at_most,
     failed,
     met,
     must,
@@ -38,6 +37,7 @@ from cardan.conform.requirements import (
     some,
 )
 from cardan.conform.second_reading import read_twice, refused
+from cardan.conform.timing import mostly_within
 from cardan.protocols.egm import EgmMessageType, EgmSensor, EgmSensorPathCorr
 from cardan.protocols.egm.messages import EgmMotion
 
@@ -95,11 +95,6 @@ def _answered(found: Sequence[Pair]) -> float:
 def _planned(answer: SensorDatagram) -> EgmMotion | None:
     message = answer.message
     return message.planned if isinstance(message, EgmSensor) else None
-
-
-def _apart(motion: EgmMotion, robot: Robot) -> tuple[float, float]:
-    """Return the distance of a reference from the measured position: m, rad."""
-    return apart(place_of(motion), robot.position), apart(joints_of(motion)[:6], robot.joints)
 
 
 def _speed(answer: SensorDatagram) -> float:
@@ -173,10 +168,7 @@ def answers_are_in_time(seen: EgmTraffic) -> Verdict:
             asked = echoed
         if asked is not None:
             times.append((answer.time_s - asked.time_s, answer.number))
-    some(times, _NOTHING)
-    late_s, number = sorted(times)[int(0.99 * (len(times) - 1))]
-    said = f"99 of 100 within {late_s * 1e3:.2f} ms"
-    return at_most(ANSWER_WITHIN_S * 1e3, late_s * 1e3, "ms", said, [number])
+    return mostly_within(times, 0.99, ANSWER_WITHIN_S, "99 of 100 within {:.2f} ms", _NOTHING)
 
 
 @requires.each(
@@ -220,7 +212,9 @@ def _beyond(far_m: float, far_rad: float, most_m: float, most_rad: float) -> str
 def _strays(robot: Robot, answer: SensorDatagram) -> str:
     """Return the difference of an answer from the measured position at rest; empty: none."""
     motion = _planned(answer)
-    if motion is not None and (far := _beyond(*_apart(motion, robot), NEAR_M, NEAR_RAD)):
+    far_m = apart(place_of(motion), robot.position)
+    far_rad = apart(joints_of(motion)[:6], robot.joints)
+    if far := _beyond(far_m, far_rad, NEAR_M, NEAR_RAD):
         return f"away by {far}"
     speed = _speed(answer)
     return f"with a speed of {speed:.3g} m/s or rad/s" if speed > SPEED_M_S else ""

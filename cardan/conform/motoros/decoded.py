@@ -22,8 +22,6 @@ class ReceivedMessage(NamedTuple):
 
 
 B = TypeVar("B")
-Status = tuple[ReceivedMessage, sm.RobotStatus]
-"""A message with its robot status."""
 
 
 class MotorosExchange(NamedTuple):
@@ -71,31 +69,20 @@ class MotorosTraffic(Traffic):
                 continue
             for begun_s, frame in streams.whole(index, event):
                 order = streams.reader(channel).byte_order or sm.ByteOrder.LITTLE
-                self._take(index, event, begun_s, order, frame, open_requests)
+                self.order = self.order or order
+                message = sm.wire(order).decode(frame)
+                if isinstance(message, sm.MalformedMessage):
+                    self._failed(index, channel, message.reason)
+                    continue
+                heard = ReceivedMessage(index, begun_s, event.time_s, channel, message, frame)
+                self.heard.append(heard)
+                self._exchange(open_requests.pop(channel, None), heard)
         for left in open_requests.values():
             self._exchange(left, None)
         self.asked.sort()
 
     def _failed(self, index: int, channel: str, reason: str) -> None:
         self.unread.append((index, f"{channel}: {reason}"))
-
-    def _take(
-        self,
-        index: int,
-        event: WireEvent,
-        begun_s: float,
-        order: sm.ByteOrder,
-        frame: bytes,
-        open_requests: dict[str, tuple[int, WireEvent]],
-    ) -> None:
-        self.order = self.order or order
-        message = sm.wire(order).decode(frame)
-        if isinstance(message, sm.MalformedMessage):
-            self._failed(index, event.channel, message.reason)
-            return
-        heard = ReceivedMessage(index, begun_s, event.time_s, event.channel, message, frame)
-        self.heard.append(heard)
-        self._exchange(open_requests.pop(event.channel, None), heard)
 
     def _exchange(self, asked: tuple[int, WireEvent] | None, reply: ReceivedMessage | None) -> None:
         if asked is None:
@@ -124,12 +111,10 @@ class MotorosTraffic(Traffic):
         found = self.within(self.heard, phase) if phase else self.heard
         return [(e, e.message.body) for e in found if isinstance(e.message.body, kind)]
 
-    def statuses(self, phase: str = "") -> list[Status]:
-        """Return the robot statuses of a phase; empty: all."""
+    def statuses(self, phase: str = "") -> list[tuple[ReceivedMessage, sm.RobotStatus]]:
+        """Return the messages of a phase with a robot status, and it; empty: all."""
         return self._told(sm.RobotStatus, phase)
 
-    def feedback(
-        self, phase: str = "", group: int = 0
-    ) -> list[tuple[ReceivedMessage, sm.JointFeedback]]:
-        """Return the joint feedback of a group in a phase; empty: all."""
-        return [each for each in self._told(sm.JointFeedback, phase) if each[1].group == group]
+    def feedback(self, phase: str = "") -> list[tuple[ReceivedMessage, sm.JointFeedback]]:
+        """Return the messages of a phase with joint feedback of group 0, and it; empty: all."""
+        return [each for each in self._told(sm.JointFeedback, phase) if each[1].group == 0]

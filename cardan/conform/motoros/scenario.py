@@ -235,5 +235,4 @@ class MotorosScenario(Scenario):
 
     def _queue_left(self) -> bool:
         found = self._motion_reply()
-        asked_queue = found is not None and found.command == C.CHECK_QUEUE_CNT
-        return not asked_queue or found is None or found.subcode > 0
+        return found is None or found.command != C.CHECK_QUEUE_CNT or found.subcode > 0

@@ -14,10 +14,12 @@ from cardan.conform.motoros_driver.scenario import port_of
 from cardan.conform.streams import ChannelReaders
 from cardan.conform.timeline import Kind, TimelinePhase, Traffic, WireEvent, WireTimeline
 from cardan.protocols import simple_message as sm
-from cardan.protocols.simple_message import MessageType as T
+from cardan.protocols.simple_message import MessageType as T, MotionCommand as C
 
 B = TypeVar("B")
 
+_END_NO_TRAJECTORY = frozenset((0, C.CHECK_MOTION_READY, C.CHECK_QUEUE_CNT))
+"""Commands of MOTION_CTRL that end no trajectory, and 0 of other messages."""
 VELOCITY_TYPES = frozenset((T.MOTO_JOINT_VELOCITY, T.MOTO_JOINT_VELOCITY_EX))
 
 
@@ -40,8 +42,6 @@ class Said(NamedTuple):
     channel: str
     message: sm.Message
     raw: bytes
-    whole: bool
-    """True if it came in a piece of its own."""
     owed: int
     """Earlier requests on its connection without an answer yet."""
     answered: Answered | None = None
@@ -87,6 +87,8 @@ class Said(NamedTuple):
         return body if isinstance(body, sm.JointVelocity) else None
 
 
+SaidPoint = tuple[Said, sm.JointTrajPtFull]
+SaidSpeeds = tuple[Said, sm.JointVelocity]
 Neighbors = tuple[Said, sm.JointTrajPtFull, Said, sm.JointTrajPtFull]
 """Two consecutive points of a trajectory, each after its message."""
 
@@ -96,7 +98,6 @@ class DriverConnection(NamedTuple):
 
     channel: str
     number: int
-    opened_s: float
     closed_s: float
     """Infinite if it was open at the end."""
     ended: int
@@ -136,13 +137,14 @@ class DriverTraffic(Traffic):
             for order in [sm.detect_byte_order(event.data[:4].ljust(4, b"\0"))]
             if order is not None and len(event.data) >= 16
         ]
+        """The controller's byte order, as its states have it, each with the number of the event."""
         open_links: dict[str, DriverConnection] = {}
         for number, event in enumerate(timeline):
             channel = event.channel
             if channel == port_of(channel):
                 continue
             if event.kind is Kind.OPENED:
-                link = DriverConnection(channel, number, event.time_s, math.inf, -1, False)
+                link = DriverConnection(channel, number, math.inf, -1, False)
                 open_links[channel] = link
             elif event.kind is Kind.CLOSED and channel in open_links:
                 link = open_links.pop(channel)
@@ -156,17 +158,13 @@ class DriverTraffic(Traffic):
         self.links += open_links.values()
         self.links.sort(key=lambda each: each.number)
 
-    def _order_at(self, number: int) -> sm.ByteOrder:
-        """Return the controller's byte order, as its states have it."""
-        first = self._orders[0][1] if self._orders else sm.ByteOrder.LITTLE
-        return _newest(self._orders, number) or first
-
     def _heard(self, number: int, event: WireEvent) -> None:
         channel, data = event.channel, event.data
         if port_of(channel) == "state":
             self.strays.append(number)
             return
-        order = self._order_at(number)
+        first = self._orders[0][1] if self._orders else sm.ByteOrder.LITTLE
+        order = newest(self._orders, number) or first
         reader = self._readers.get(channel)
         if reader is None:
             found = sm.detect_byte_order(data)
@@ -189,7 +187,7 @@ class DriverTraffic(Traffic):
                 continue
             waiting = self._waiting.setdefault(channel, deque())
             index, owed = len(self.said), len(waiting)
-            said = Said(index, number, event.time_s, channel, message, frame, not pieces, owed)
+            said = Said(index, number, event.time_s, channel, message, frame, owed)
             self.said.append(said)
             if not said.is_topic:
                 topics = False
@@ -248,23 +246,23 @@ class DriverTraffic(Traffic):
         return found
 
     @cached_property
-    def points(self) -> list[tuple[Said, sm.JointTrajPtFull]]:
+    def points(self) -> list[SaidPoint]:
         """All points, including repeated ones."""
         return [(each, point) for each in self.said if (point := each.point) is not None]
 
     @cached_property
-    def velocities(self) -> list[tuple[Said, sm.JointVelocity]]:
+    def velocities(self) -> list[SaidSpeeds]:
         """All speeds."""
         return [(each, body) for each in self.said if (body := each.velocity) is not None]
 
     def neighbors(self) -> Iterator[Neighbors]:
         """Yield consecutive accepted points of one trajectory."""
         for messages in self.motion.values():
-            before: tuple[Said, sm.JointTrajPtFull] | None = None
+            before: SaidPoint | None = None
             for said in messages:
                 point = said.point
                 if point is None:
-                    if said.command and not _harmless(said.command):
+                    if said.command not in _END_NO_TRAJECTORY:
                         before = None
                     continue
                 if said.reply is None or said.reply.result != 0:
@@ -273,21 +271,8 @@ class DriverTraffic(Traffic):
                     yield (*before, said, point)
                 before = said, point
 
-    def feedback_before(self, number: int) -> sm.JointFeedback | None:
-        """Return the newest joint feedback before an event."""
-        return _newest(self.feedback, number)
 
-    def status_before(self, number: int) -> sm.RobotStatus | None:
-        """Return the newest status before an event."""
-        return _newest(self.statuses, number)
-
-
-def _newest(found: list[tuple[int, B]], number: int) -> B | None:
+def newest(found: list[tuple[int, B]], number: int) -> B | None:
     """Return the last item with a number below `number`."""
     place = bisect.bisect_left(found, number, key=operator.itemgetter(0))
     return found[place - 1][1] if place else None
-
-
-def _harmless(command: int) -> bool:
-    """True for CHECK_MOTION_READY and CHECK_QUEUE_CNT, which end no trajectory."""
-    return command in (200101, 200102)

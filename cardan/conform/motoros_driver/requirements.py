@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -11,9 +12,12 @@ from typing import Any
 from cardan.conform.motoros.requirements import CONTROLLER, MESSAGES, SERVER, STATES, VELOCITY
 from cardan.conform.motoros_driver.decoded import (
     VELOCITY_TYPES,
-    DriverConnection,
     DriverTraffic,
+    Neighbors,
     Said,
+    SaidPoint,
+    SaidSpeeds,
+    newest,
 )
 from cardan.conform.motoros_driver.scenario import (
     ANSWERED_WITHIN_S,
@@ -22,11 +26,13 @@ from cardan.conform.motoros_driver.scenario import (
 )
 from cardan.conform.requirements import (
     Findings,
+    Over,
     Requirements,
     Verdict,
     Words,
     apart,
     failed,
+    met,
     must,
     none_wrong,
     not_applicable,
@@ -34,7 +40,6 @@ from cardan.conform.requirements import (
     some,
 )
 from cardan.conform.second_reading import read_twice, refused
-from cardan.conform.timeline import TimelinePhase
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import (
     MessageType as T,
@@ -244,15 +249,19 @@ def a_refused_start_is_taken_for_one(seen: DriverTraffic) -> Verdict:
 # -- trajectories ----------------------------------------------------------------------------------
 
 
-@requires(120, f"{SERVER}: else DATA_INSUFFICIENT")
-def points_are_complete(seen: DriverTraffic) -> Findings:
+POINTS: Over[DriverTraffic, SaidPoint] = Over(
+    lambda seen: seen.points, "{} points", nothing=_NO_POINTS
+)
+NEIGHBORS = Over(DriverTraffic.neighbors, "{} points", nothing=_NO_POINTS)
+
+
+@requires.each(120, f"{SERVER}: else DATA_INSUFFICIENT", POINTS)
+def points_are_complete(each: SaidPoint) -> str:
     """Every point has a time, positions and velocities, and says so; all are finite."""
-    for said, point in seen.points:
-        if point.valid_fields & POINT_FIELDS != POINT_FIELDS:
-            yield said.number, f"valid_fields {point.valid_fields}"
-        else:
-            yield said.number, _finite(point.time, *point.pos, *point.vel)
-    return Words("{} points", _NO_POINTS)
+    point = each[1]
+    if point.valid_fields & POINT_FIELDS != POINT_FIELDS:
+        return f"valid_fields {point.valid_fields}"
+    return _finite(point.time, *point.pos, *point.vel)
 
 
 def _finite(*values: float) -> str:
@@ -264,7 +273,7 @@ def _finite(*values: float) -> str:
 def a_trajectory_begins_where_the_arm_is(seen: DriverTraffic) -> Findings:
     """The first point (sequence 0) is the measured position, to 0.001 rad, with no speed."""
     for said, point in seen.points:
-        measured = seen.feedback_before(said.number)
+        measured = newest(seen.feedback, said.number)
         if not point.sequence and measured is not None:
             far, speed = apart(point.pos, measured.pos), max(map(abs, point.vel))
             words = f"at {speed:.3g} rad/s" if speed > STILL_RAD_S else ""
@@ -272,22 +281,24 @@ def a_trajectory_begins_where_the_arm_is(seen: DriverTraffic) -> Findings:
     return Words("{} trajectories", _NO_POINTS)
 
 
-@requires(122, f"{CLIENT}: the index of the point; {SERVER}: 0 begins, below 0 is refused")
-def points_count_up(seen: DriverTraffic) -> Findings:
+@requires.each(
+    122, f"{CLIENT}: the index of the point; {SERVER}: 0 begins, below 0 is refused", NEIGHBORS
+)
+def points_count_up(each: Neighbors) -> str:
     """The sequence goes up by one from point to point of a trajectory."""
-    for _, one, said, point in seen.neighbors():
-        up = point.sequence == one.sequence + 1
-        yield said.number, "" if up else f"{point.sequence} after {one.sequence}"
-    return Words("{} points", _NO_POINTS)
+    _, one, _, point = each
+    up = point.sequence == one.sequence + 1
+    return "" if up else f"{point.sequence} after {one.sequence}"
 
 
-@requires(123, f"{SERVER}: of a point that is not later nothing is queued, and it is SUCCESS")
-def time_goes_on(seen: DriverTraffic) -> Findings:
+@requires.each(
+    123, f"{SERVER}: of a point that is not later nothing is queued, and it is SUCCESS", NEIGHBORS
+)
+def time_goes_on(each: Neighbors) -> str:
     """From point to point of a trajectory the time rises by a whole millisecond at least."""
-    for _, one, said, point in seen.neighbors():
-        later = int(point.time * 1e3) > int(one.time * 1e3)
-        yield said.number, "" if later else f"{point.time:.4f} s after {one.time:.4f}"
-    return Words("{} points", _NO_POINTS)
+    _, one, _, point = each
+    later = int(point.time * 1e3) > int(one.time * 1e3)
+    return "" if later else f"{point.time:.4f} s after {one.time:.4f}"
 
 
 def _outside(positions: sm.Joints) -> str:
@@ -306,12 +317,10 @@ def _too_fast(speeds: Iterable[float], share: float = 1.0) -> str:
     return ""
 
 
-@requires(124, f"{SERVER}: DATA_SPEED of a speed; positions are not checked there")
-def points_are_within_the_arm(seen: DriverTraffic) -> Findings:
+@requires.each(124, f"{SERVER}: DATA_SPEED of a speed; positions are not checked there", POINTS)
+def points_are_within_the_arm(each: SaidPoint) -> str:
     """Positions are within the joints' ranges, and speeds within what the joints can do."""
-    for said, point in seen.points:
-        yield said.number, _outside(point.pos) or _too_fast(point.vel)
-    return Words("{} points", _NO_POINTS)
+    return _outside(each[1].pos) or _too_fast(each[1].vel)
 
 
 def _steepest(one: sm.JointTrajPtFull, other: sm.JointTrajPtFull) -> list[float]:
@@ -328,12 +337,12 @@ def _steepest(one: sm.JointTrajPtFull, other: sm.JointTrajPtFull) -> list[float]
     return found
 
 
-@requires(125, f"{SERVER}: increments beyond an axis's speed are refused, INC_MOVE_ERROR")
-def the_way_between_is_within_the_arm(seen: DriverTraffic) -> Findings:
+@requires.each(
+    125, f"{SERVER}: increments beyond an axis's speed are refused, INC_MOVE_ERROR", NEIGHBORS
+)
+def the_way_between_is_within_the_arm(each: Neighbors) -> str:
     """On the cubic from point to point no joint is more than a tenth faster than it can be."""
-    for _, one, said, point in seen.neighbors():
-        yield said.number, _too_fast(_steepest(one, point), TOO_FAST)
-    return Words("{} points", _NO_POINTS)
+    return _too_fast(_steepest(each[1], each[3]), TOO_FAST)
 
 
 def _with_next(seen: DriverTraffic, result: R) -> list[tuple[Said, Said | None]]:
@@ -386,22 +395,21 @@ def the_queue_does_not_run_empty(seen: DriverTraffic) -> Findings:
     return Words("{} points", "no points were sent in motion")
 
 
-@requires(129, f"{SERVER}: InvalidSubcode; {MANUAL}")
-def points_are_taken(seen: DriverTraffic) -> Findings:
+@requires.each(129, f"{SERVER}: InvalidSubcode; {MANUAL}", POINTS)
+def points_are_taken(each: SaidPoint) -> str:
     """No point is answered INVALID, but a first one where the arm sags."""
-    for said, point in seen.points:
-        reply = said.reply
-        sags = point.sequence == 0 and reply and reply.subcode == sm.InvalidSubcode.DATA_START_POS
-        refused = reply and reply.result == R.INVALID and not sags
-        yield said.number, f"subcode {reply.subcode}" if reply and refused else ""
-    return Words("{} points", _NO_POINTS)
+    reply, first = each[0].reply, each[1].sequence == 0
+    if reply is None or reply.result != R.INVALID:
+        return ""
+    sags = first and reply.subcode == sm.InvalidSubcode.DATA_START_POS
+    return "" if sags else f"subcode {reply.subcode}"
 
 
 @requires(130, f"{SERVER}: a new point 0 splices nothing; in_motion of ROBOT_STATUS")
 def a_trajectory_begins_at_rest(seen: DriverTraffic) -> Findings:
     """No first point is sent while the newest status says that the arm is in motion."""
     for said, point in seen.points:
-        status = seen.status_before(said.number)
+        status = newest(seen.statuses, said.number)
         if not point.sequence and status is not None:
             yield said.number, "it is in motion" if status.in_motion == 1 else ""
     return Words("{} trajectories", _NO_POINTS)
@@ -464,37 +472,32 @@ def speeds_count_up(seen: DriverTraffic) -> Findings:
     return Words("{} messages", _NO_SPEEDS)
 
 
-@requires(143, f"{VELOCITY}, valid_fields: VELOCITY, and not POSITION", unless=_unused)
-def speeds_are_complete(seen: DriverTraffic) -> Findings:
+SPEEDS = Over(lambda seen: seen.velocities, "{} messages", nothing=_NO_SPEEDS, unless=_unused)
+
+
+@requires.each(143, f"{VELOCITY}, valid_fields: VELOCITY, and not POSITION", SPEEDS)
+def speeds_are_complete(each: SaidSpeeds) -> str:
     """Speeds say that they are, and no positions; all are finite."""
-    for said, body in seen.velocities:
-        fields = body.valid_fields
-        if not fields & sm.ValidFields.VELOCITY or fields & sm.ValidFields.POSITION:
-            yield said.number, f"valid_fields {fields}"
-        else:
-            yield said.number, _finite(*body.vel)
-    return Words("{} messages", _NO_SPEEDS)
+    fields = each[1].valid_fields
+    if not fields & sm.ValidFields.VELOCITY or fields & sm.ValidFields.POSITION:
+        return f"valid_fields {fields}"
+    return _finite(*each[1].vel)
 
 
-@requires(144, f"{VELOCITY}, MOTO_VELOCITY_INFO: v_max", unless=_unused)
-def speeds_are_within_the_arm(seen: DriverTraffic) -> Findings:
+@requires.each(144, f"{VELOCITY}, MOTO_VELOCITY_INFO: v_max", SPEEDS)
+def speeds_are_within_the_arm(each: SaidSpeeds) -> str:
     """No speed is higher than the controller said that it can be."""
-    for said, body in seen.velocities:
-        yield said.number, _too_fast(body.vel)
-    return Words("{} messages", _NO_SPEEDS)
+    return _too_fast(each[1].vel)
 
 
-@requires(
+@requires.each(
     145,
     f"{VELOCITY}: the newest command wins; nobody stands still at another one",
-    unless=_unused,
+    replace(SPEEDS, good="{} streams"),
 )
-def a_stream_begins_at_rest(seen: DriverTraffic) -> Findings:
+def a_stream_begins_at_rest(each: SaidSpeeds) -> str | None:
     """The first speeds, of sequence 0, are zero."""
-    for said, body in seen.velocities:
-        if not body.sequence:
-            yield said.number, _moving(body)
-    return Words("{} streams", _NO_SPEEDS)
+    return None if each[1].sequence else _moving(each[1])
 
 
 @requires(146, f"{VELOCITY}, safety: the watchdog", unless=_unused)
@@ -511,9 +514,7 @@ def the_watchdog_is_fed(seen: DriverTraffic) -> Verdict:
     starts = (e.reply for e in seen.said if e.command == C.START_VEL_MODE and e.reply)
     watchdog_s = [0.1, *(reply.data[2] * 1e-3 for reply in starts if not reply.result)][-1]
     said = f"longest {longest_s * 1e3:.0f} of {watchdog_s * 1e3:.0f} ms"
-    if longest_s >= watchdog_s:
-        return failed(said, [number], longest_s * 1e3, "ms")
-    return passed(said, longest_s * 1e3, "ms")
+    return met(longest_s < watchdog_s, said, [number], longest_s * 1e3, "ms")
 
 
 def _moving(body: sm.JointTrajPtFull | sm.JointVelocity) -> str:
@@ -613,9 +614,10 @@ def an_unanswered_request_ends_the_connection(seen: DriverTraffic) -> Verdict:
     phases = seen.named("unanswered")
     wrong = []
     for phase in phases:
-        link = _link_in(seen, phase)
-        if link is None:
+        links = [e for e in seen.links if e.port == "motion" and e.number < phase.first]
+        if not links or links[-1].closed_s < phase.start_s:
             continue
+        link = links[-1]
         if link.by_us or link.closed_s > phase.end_s + 1e-9:
             wrong.append((phase.first, f"it is open after {ANSWERED_WITHIN_S:g} s"))
         wrong += [
@@ -624,12 +626,6 @@ def an_unanswered_request_ends_the_connection(seen: DriverTraffic) -> Verdict:
             if e.owed and not e.is_topic and e.channel == link.channel
         ]
     return none_wrong(wrong, len(phases), f"{len(phases)} of them", NOT_MOVED)
-
-
-def _link_in(seen: DriverTraffic, phase: TimelinePhase) -> DriverConnection | None:
-    """Return the motion connection that was open when a phase began."""
-    found = [e for e in seen.links if e.port == "motion" and e.number < phase.first]
-    return found[-1] if found and found[-1].closed_s >= phase.start_s else None
 
 
 @requires(159, f"{MANUAL}: compare command and sequence of every reply with the request")

@@ -36,10 +36,6 @@ JUNK = b"HTTP/1.1 400 Bad Request\r\n\r\n"
 LEFT_S = 4.0
 
 
-def _never() -> bool:
-    return False
-
-
 def port_of(channel: str) -> str:
     """Return the port of a channel: "motion" of "motion 3", the third connection to any port."""
     return channel.partition(" ")[0]
@@ -52,10 +48,6 @@ class Halt(NamedTuple):
     end: Callable[[MotorosController, float], None]
 
 
-def _nothing(_controller: MotorosController, _now_s: float) -> None:
-    """Do nothing: START_TRAJ_MODE itself releases the stop."""
-
-
 STOPS = {
     "estop": Halt(MotorosController.emergency_stop, MotorosController.release_emergency_stop),
     "alarm": Halt(lambda it, now_s: it.alarm(FAULT_ALARM, now_s), MotorosController.reset_alarm),
@@ -66,7 +58,8 @@ STOPS = {
     "servo-off": Halt(
         lambda it, now_s: it.servo(False, now_s), lambda it, now_s: it.servo(True, now_s)
     ),
-    "pfl": Halt(MotorosController.collaborative_stop, _nothing),
+    # START_TRAJ_MODE itself releases the stop.
+    "pfl": Halt(MotorosController.collaborative_stop, lambda _it, _now_s: None),
 }
 
 
@@ -289,7 +282,7 @@ class MotorosControllerScenario(Scenario):
             yield from self._serve(STOPPED_S)
 
     def _behaves(
-        self, faults: dict[str, float], seconds: float, until: Callable[[], bool] = _never
+        self, faults: dict[str, float], seconds: float, until: Callable[[], bool] | None = None
     ) -> Script:
         """Serve with these faults for `seconds`, or until `until`."""
         self._servers.behave(faults)
@@ -325,10 +318,10 @@ class MotorosControllerScenario(Scenario):
             yield mark(f"{firmware.name} begin")
             yield ask("begin", "Start the driver's program again.")
 
-    def _serve(self, seconds: float, until: Callable[[], bool] = _never) -> Script:
+    def _serve(self, seconds: float, until: Callable[[], bool] | None = None) -> Script:
         """Serve for `seconds`, or until `until`."""
         end_s = self.now_s + seconds
-        while not until():
+        while until is None or not until():
             self._servers.advance(self.now_s)
             yield from self._written()
             if self.now_s >= end_s:

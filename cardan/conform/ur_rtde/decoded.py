@@ -93,7 +93,6 @@ class ReceivedPackage(NamedTuple):
     """A package of the primary or the secondary interface."""
 
     number: int
-    begun_s: float
     time_s: float
     package: PrimaryPackage
     message: RobotMessage | None
@@ -208,10 +207,8 @@ class UrTraffic(Traffic):
                 self._uploaded(number, event)
             elif channel in (PRIMARY, SECONDARY):
                 into = self.told if channel == PRIMARY else self.secondary
-                for begun_s, found in self._streams.whole(number, event):
-                    into.append(
-                        ReceivedPackage(number, begun_s, event.time_s, found, read_message(found))
-                    )
+                for _, found in self._streams.whole(number, event):
+                    into.append(ReceivedPackage(number, event.time_s, found, read_message(found)))
             elif channel == REALTIME:
                 for _, found in self._streams.whole(number, event):
                     self.samples.append(RealtimePacket(number, event.time_s, found))
@@ -368,9 +365,7 @@ class UrTraffic(Traffic):
             if each.asked.kind is kind and (not names or self.inside(each.number, *names))
         ]
 
-    def setups(
-        self, kind: rtde.PacketType, *names: str
-    ) -> list[tuple[RtdeExchange, rtde.RecipeSetup, rtde.SetupReply]]:
+    def setups(self, kind: rtde.PacketType, *names: str) -> list[Answered]:
         """Return the answered requests for recipes."""
         return [
             (each, each.asked, each.reply.reply)

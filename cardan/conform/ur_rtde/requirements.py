@@ -12,6 +12,7 @@ from typing import Any
 
 from cardan.conform.requirements import (
     Findings,
+    Over,
     Requirements,
     Verdict,
     Words,
@@ -22,12 +23,11 @@ from cardan.conform.requirements import (
     met,
     must,
     none_wrong,
-    not_seen,
     passed,
     some,
 )
-from cardan.conform.second_reading import COMPARED, read_twice
-from cardan.conform.timing import not_torn
+from cardan.conform.second_reading import COMPARED, differing, read_twice
+from cardan.conform.timing import mostly_within, not_torn
 from cardan.conform.ur_rtde import scenario
 from cardan.conform.ur_rtde.decoded import (
     OLD,
@@ -41,7 +41,6 @@ from cardan.conform.ur_rtde.decoded import (
     ReceivedPacket,
     RtdeExchange,
     UrTraffic,
-    Values,
 )
 from cardan.protocols.ur import dashboard, rtde
 from cardan.protocols.ur.primary import ROBOT_STATE, MessageKind, RobotMessage, read_mode
@@ -127,8 +126,7 @@ def bytes_are_packets(seen: UrTraffic) -> Verdict:
 def other_versions_arerefused(seen: UrTraffic) -> Verdict:
     """A protocol version that there is not is refused."""
     found = versions(seen, scenario.FUTURE_VERSION)
-    if not found or accepted(found[0]) is None:
-        return not_seen("it was not answered")
+    some(found and accepted(found[0]) is not None, "it was not answered")
     return failed("accepted", [found[0].number]) if accepted(found[0]) else passed("refused")
 
 
@@ -136,9 +134,8 @@ def other_versions_arerefused(seen: UrTraffic) -> Verdict:
 def it_says_its_version(seen: UrTraffic) -> Verdict:
     """It tells its software's version, which is 3 or newer."""
     found = version_of(seen)
-    if found is None:
-        some(seen.exchanges(rtde.PacketType.CONTROLLER_VERSION), "it was not asked")
-        return failed("it was not told")
+    some(found or seen.exchanges(rtde.PacketType.CONTROLLER_VERSION), "it was not asked")
+    found = must(found, "it was not told")
     return met(found.major >= 3, ".".join(map(str, found)))
 
 
@@ -159,28 +156,24 @@ def every_request_is_answered(seen: UrTraffic) -> Verdict:
 @requires(6, f"{GUIDE}: field names and associated types")
 def outputs_are_as_documented(seen: UrTraffic) -> Verdict:
     """All states that the driver asks for are there, with the documented types."""
-    found = [
-        each for each in seen.setups(rtde.PacketType.OUTPUTS) if each[1].names == scenario.OUTPUTS
-    ]
-    some(found, "it was not answered")
-    exchange, asked, reply = found[0]
-    if len(reply.types) != len(asked.names):
-        return failed(f"{len(reply.types)} types for {len(asked.names)}", [exchange.number])
+    setups = seen.setups(rtde.PacketType.OUTPUTS)
+    found = [each for each in setups if each[1].names == scenario.OUTPUTS]
+    exchange, asked, reply = some(found, "it was not answered")[0]
+    words = f"{len(reply.types)} types for {len(asked.names)}"
+    must(len(reply.types) == len(asked.names), words, [exchange.number])
     wrong = [
         (exchange.number, f"{name} {kind}")
         for name, kind in zip(asked.names, reply.types, strict=True)
         if kind != OUTPUT_TYPES[name]
     ]
-    if not wrong and not reply.recipe:
-        return failed("no recipe", [exchange.number])
+    must(wrong or reply.recipe, "no recipe", [exchange.number])
     return none_wrong(wrong, len(asked.names), f"{len(asked.names)} states", "")
 
 
 def refused(seen: UrTraffic, kind: rtde.PacketType, name: str, word: str, *phases: str) -> Verdict:
     """Judge if a recipe with a name was refused with `word`."""
     found = [each for each in seen.setups(kind, *phases) if name in each[1].names]
-    some(found, "it was not answered")
-    exchange, asked, reply = found[-1]
+    exchange, asked, reply = some(found, "it was not answered")[-1]
     types = dict(zip(asked.names, reply.types, strict=False))
     said = f"recipe {reply.recipe}, {types.get(name, 'no type')}"
     return met(not reply.recipe and types.get(name) == word, said, [exchange.number])
@@ -204,8 +197,7 @@ def states_come_from_start_to_pause(seen: UrTraffic) -> Verdict:
         if not any(end_s <= time_s < end_s + 2.0 * period_s for end_s in ends)
     ]
     empty = [each for each in seen.streams if not each.states]
-    if empty and not wrong:
-        return failed(f"none in {len(empty)} of {len(seen.streams)} streams")
+    must(wrong or not empty, f"none in {len(empty)} of {len(seen.streams)} streams")
     count = len(seen.states)
     return none_wrong(wrong, count + len(wrong), f"{len(seen.streams)} streams", NO_STATES)
 
@@ -272,12 +264,10 @@ def it_is_never_silent(seen: UrTraffic) -> Verdict:
 @requires(13, f"{GUIDE}: a package in each control cycle")
 def arrival_is_steady(seen: UrTraffic) -> Verdict:
     """95 % of the states arrive within 1.5 ms of their period after the one before."""
-    found = some(_steps(seen), "too few states")
+    found = _steps(seen)
     some(len(found) >= FEWEST, "too few states")
-    off = sorted((abs(b.time_s - a.time_s - _advance_s((a, b))), b.number) for a, b in found)
-    figure, number = off[int((1.0 - JITTER_SHARE) * (len(off) - 1))]
-    said = f"95 % within {figure * 1e3:.2f} ms"
-    return at_most(1e3 * JITTER_S, 1e3 * figure, "ms", said, [number])
+    off = ((abs(b.time_s - a.time_s - _advance_s((a, b))), b.number) for a, b in found)
+    return mostly_within(off, 1.0 - JITTER_SHARE, JITTER_S, "95 % within {:.2f} ms", NO_STATES)
 
 
 @requires(14, "a controller writes a packet at once; half of one says nothing yet")
@@ -306,16 +296,15 @@ def another_client_has_its_own_rate(seen: UrTraffic) -> Verdict:
     return none_wrong(wrong, len(found), said, "")
 
 
-@requires(16, f"{GUIDE}: field names, units and modes")
-def states_are_plausible(seen: UrTraffic) -> Findings:
+STATES: Over[UrTraffic, DataPackage] = Over(
+    lambda seen: seen.states, "{} states", nothing=NO_STATES
+)
+
+
+@requires.each(16, f"{GUIDE}: field names, units and modes", STATES)
+def states_are_plausible(each: DataPackage) -> str:
     """Values are finite, joints inside their ranges, modes known, and the speed slider 0 to 1."""
-    for each in seen.states:
-        yield each.number, _implausible(each.values)
-    return Words("{} states", NO_STATES)
-
-
-def _implausible(values: Values) -> str:
-    """Return the first implausible value of a state in words; empty: none."""
+    values = each.values
     for name, value in values.items():
         if not all(map(math.isfinite, value if isinstance(value, tuple) else (value,))):
             return f"{name} is not finite"
@@ -455,7 +444,17 @@ def the_dashboard_tells_the_same_modes(seen: UrTraffic) -> Findings:
 @requires(26, "cardan.dissect: a second description of the protocol")
 def both_descriptions_agree(seen: UrTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same replies, recipes and values."""
-    return readings_differ(seen)
+
+    def differs(each: ReceivedPacket, layers: Any) -> str:
+        layer = layers.RtdeReply(each.raw)
+        return layers.malformed(layer) or _difference(seen, each, layer, layers)
+
+    # The layers are of version 2; packets other than data are few.
+    heard = [each for each in seen.heard if each.channel not in seen.old]
+    data = [each for each in heard if isinstance(each.reply, Data)]
+    chosen = [each for each in heard if not isinstance(each.reply, Data)]
+    chosen += data[:: max(1, len(data) // COMPARED)]
+    return read_twice(chosen, "rtde", differs, "packets", compared=max(1, len(chosen)))
 
 
 # -- level 0: the other interfaces, for what users run beside a driver ---------------------------
@@ -481,11 +480,8 @@ def version_1_is_spoken(seen: UrTraffic) -> Verdict:
     each control cycle without a recipe's number."""
     asked = some(versions(seen, 1), "it was not asked")
     must(accepted(asked[0]), "not accepted", [asked[0].number])
-    setups = [
-        each
-        for each in seen.setups(rtde.PacketType.OUTPUTS)
-        if each[1].names == scenario.OLD_OUTPUTS
-    ]
+    setups = seen.setups(rtde.PacketType.OUTPUTS)
+    setups = [each for each in setups if each[1].names == scenario.OLD_OUTPUTS]
     if not setups or not setups[0][2].recipe:
         types = ", ".join(setups[0][2].types) if setups else "no answer"
         return failed(f"outputs: {types}", [asked[0].number])
@@ -598,21 +594,6 @@ def the_dashboard_answers_in_its_words(seen: UrTraffic) -> Findings:
     return Words("{} answers", "nothing was asked")
 
 
-def readings_differ(seen: UrTraffic) -> Verdict:
-    """Judge if the layers and the codec decode the controller's packets alike."""
-
-    def differs(each: ReceivedPacket, layers: Any) -> str:
-        layer = layers.RtdeReply(each.raw)
-        return layers.malformed(layer) or _difference(seen, each, layer, layers)
-
-    # The layers are of version 2; packets other than data are few.
-    heard = [each for each in seen.heard if each.channel not in seen.old]
-    data = [each for each in heard if isinstance(each.reply, Data)]
-    chosen = [each for each in heard if not isinstance(each.reply, Data)]
-    chosen += data[:: max(1, len(data) // COMPARED)]
-    return read_twice(chosen, "rtde", differs, "packets", compared=max(1, len(chosen)))
-
-
 def _difference(seen: UrTraffic, heard: ReceivedPacket, layer: object, layers: Any) -> str:
     """Return the layer's difference from the codec in words; empty: none."""
     reply = heard.reply
@@ -626,12 +607,7 @@ def _difference(seen: UrTraffic, heard: ReceivedPacket, layer: object, layers: A
         values = layers.values_of(recipe.types, getattr(layer, "values", b""))
         same = recipe.unpack(reply.values)
         return "" if same is not None and values == [*same.values()] else "other values"
-    for name, value in reply._asdict().items():
-        found = getattr(layer, _SAME.get(name, name), value)
-        found = found.decode() if isinstance(found, bytes) else found
-        if found != value:
-            return f"another {name}"
-    return ""
+    return differing(reply, layer, _SAME)
 
 
 _SAME = {"text": "message", "build": "build_number"}

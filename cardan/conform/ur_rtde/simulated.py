@@ -73,11 +73,7 @@ class UrRig(TcpRig[PortKind]):
             self._calls[channel] = opening.number
             sockets.opened(opening.number)
             self._hear(channel, kind=Kind.OPENED)
-        channels = {number: channel for channel, number in self._calls.items()}
         for number, data in sockets.outgoing():
-            if number in channels:
-                self._hear(channels[number], data)
+            self._bring(self._calls, number, data)
         for number in sockets.closings():
-            if number in channels:
-                del self._calls[channels[number]]
-                self._hear(channels[number], kind=Kind.CLOSED)
+            self._bring(self._calls, number)

@@ -34,8 +34,6 @@ _HARMLESS = frozenset(
 )
 """Packets of a client that only reads."""
 
-
-LOOPBACK = "127.0.0.1"
 _PORTS = {
     decoded.RTDE: RTDE_PORT,
     decoded.SECOND: RTDE_PORT,
@@ -57,7 +55,7 @@ class UrRtdeSuite(Suite[decoded.UrTraffic]):
         "HOST[:PORT] of the controller; PORT is that of RTDE, 30004, the client interfaces lie 1 "
         "to 3 and the dashboard 5 below it"
     )
-    home = LOOPBACK
+    home = "127.0.0.1"
     """Our address, as the target reaches it."""
     peer = "ur"
     requirements = requires.all()
