@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Sequence
-from ctypes import POINTER, c_size_t, c_void_p, py_object
+from ctypes import POINTER, c_char_p, c_size_t, c_void_p, py_object
 from pathlib import Path
 from typing import Any, TypeVar
 
+import cardan
 from cardan.errors import CardanError
 
 
@@ -24,6 +25,15 @@ ADVICE = advice("cardan")
 
 class NativePartError(CardanError):
     """A compiled part is missing, cannot be loaded, or was compiled from other sources."""
+
+
+def layout_of(*structures: type[ctypes.Structure]) -> list[int]:
+    """Sizes and field offsets of structures, as a library's layout function must give them."""
+    expected = []
+    for structure in structures:
+        expected.append(ctypes.sizeof(structure))
+        expected += [getattr(structure, field[0]).offset for field in structure._fields_]
+    return expected
 
 
 def load_library(
@@ -47,6 +57,20 @@ def load_library(
     count = function(ctypes.byref(values))
     if values[:count] != list(expected):
         raise NativePartError(f"{what} is of other sources: {todo}")
+    return loaded
+
+
+def load_own_library(path: Path, what: str, prefix: str, expected: Sequence[int]) -> Any:
+    """The same of a library of this package: its functions `prefix`_layout and `prefix`_version
+    must give what this version has."""
+    loaded = load_library(path, what, f"{prefix}_layout", expected)
+    function = getattr(loaded, f"{prefix}_version")
+    function.restype, function.argtypes = c_char_p, ()
+    version = function().decode()
+    if version != cardan.__version__:
+        raise NativePartError(
+            f"{what} is of version {version}, cardan of {cardan.__version__}: {ADVICE}"
+        )
     return loaded
 
 

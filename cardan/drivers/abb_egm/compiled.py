@@ -19,7 +19,6 @@ from ctypes import c_char_p, c_double, c_int32, c_int64, c_uint8, c_uint32, c_vo
 from pathlib import Path
 from typing import Any, ClassVar
 
-import cardan
 from cardan.common.bounds import (
     ANGULAR_VELOCITY_RAD_S,
     COORDINATE_M,
@@ -29,10 +28,10 @@ from cardan.common.bounds import (
     ROTATION_LENGTH,
 )
 from cardan.common.native import (
-    ADVICE,
     NativePartError,
     allotted,
-    load_library,
+    layout_of,
+    load_own_library,
     native_call,
 )
 from cardan.drivers.limiters import JointLimiter, OrientationLimiter, PointLimiter
@@ -219,11 +218,7 @@ _FOUND = struct.Struct("14d48xqII")
 
 def expected_layout() -> list[int]:
     """Size and field offsets as `egm_layout` of the compiled library must give them."""
-    expected = []
-    for structure in (CAnswer, CPoint, CTurn, CPoseAnswer, CLayout, CReader, CCycle):
-        expected.append(ctypes.sizeof(structure))
-        expected += [getattr(structure, field[0]).offset for field in structure._fields_]
-    return expected
+    return layout_of(CAnswer, CPoint, CTurn, CPoseAnswer, CLayout, CReader, CCycle)
 
 
 def library_path() -> Path:
@@ -235,16 +230,10 @@ def library_path() -> Path:
 def egm_library() -> Any:
     """The compiled part, loaded once. Raises NativePartError, saying what to do."""
     what = "the compiled part of EGM's driver"
-    loaded = load_library(library_path(), what, "egm_layout", expected_layout())
-    loaded.egm_version.restype, loaded.egm_version.argtypes = c_char_p, ()
+    loaded = load_own_library(library_path(), what, "egm", expected_layout())
     loaded.egm_read.restype = c_int32
     loaded.egm_read.argtypes = (c_void_p, c_char_p, c_int64)
     loaded.egm_heard_size.restype, loaded.egm_heard_size.argtypes = ctypes.c_size_t, ()
-    version = loaded.egm_version().decode()
-    if version != cardan.__version__:
-        raise NativePartError(
-            f"{what} is of version {version}, cardan of {cardan.__version__}: {ADVICE}"
-        )
     return loaded
 
 

@@ -12,17 +12,16 @@ from __future__ import annotations
 import ctypes
 import functools
 from collections.abc import Callable
-from ctypes import c_char_p, c_double, c_int32, c_uint8, c_uint32
+from ctypes import c_double, c_int32, c_uint8, c_uint32
 from pathlib import Path
 from typing import Any, Final
 
-import cardan
 from cardan.common.bounds import JOINT_POSITION, JOINT_VELOCITY
 from cardan.common.native import (
-    ADVICE,
     NativePartError,
     allotted,
-    load_library,
+    layout_of,
+    load_own_library,
     native_call,
 )
 from cardan.drivers.limiters import JointLimiter
@@ -76,11 +75,7 @@ class CCommands(ctypes.Structure):
 
 def expected_layout() -> list[int]:
     """Size and field offsets as `ur_layout` of the compiled library must give them."""
-    expected = []
-    for structure in (CStates, CCommands):
-        expected.append(ctypes.sizeof(structure))
-        expected += [getattr(structure, field[0]).offset for field in structure._fields_]
-    return expected
+    return layout_of(CStates, CCommands)
 
 
 def library_path() -> Path:
@@ -92,14 +87,7 @@ def library_path() -> Path:
 def ur_library() -> Any:
     """The compiled part, loaded once. Raises NativePartError, saying what to do."""
     what = "the compiled part of the UR driver"
-    loaded = load_library(library_path(), what, "ur_layout", expected_layout())
-    loaded.ur_version.restype, loaded.ur_version.argtypes = c_char_p, ()
-    version = loaded.ur_version().decode()
-    if version != cardan.__version__:
-        raise NativePartError(
-            f"{what} is of version {version}, cardan of {cardan.__version__}: {ADVICE}"
-        )
-    return loaded
+    return load_own_library(library_path(), what, "ur", expected_layout())
 
 
 class CompiledStates:

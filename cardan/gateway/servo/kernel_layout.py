@@ -5,6 +5,8 @@ from __future__ import annotations
 import ctypes
 from ctypes import c_double, c_int32
 
+from cardan.common.native import layout_of
+
 MAX_JOINTS, MAX_PARTS, MAX_ROWS = 9, 3, 16
 UNKNOWNS, CONSTRAINTS = MAX_JOINTS + MAX_PARTS, MAX_JOINTS + MAX_PARTS + MAX_ROWS
 
@@ -180,8 +182,4 @@ class CProgram(ctypes.Structure):
 
 def expected_layout() -> list[int]:
     """Sizes and field offsets as `kernel_layout` of the compiled library must give them."""
-    expected = []
-    for structure in (CArm, COptions, CShape, CPair, CState, CProgram):
-        expected.append(ctypes.sizeof(structure))
-        expected += [getattr(structure, field[0]).offset for field in structure._fields_]
-    return expected
+    return layout_of(CArm, COptions, CShape, CPair, CState, CProgram)

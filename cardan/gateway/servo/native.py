@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from ctypes import POINTER, c_char_p, c_double, c_int32, c_size_t, c_void_p
+from ctypes import POINTER, c_double, c_int32, c_size_t, c_void_p
 from pathlib import Path
 from typing import Any
 
-import cardan
-from cardan.common.native import ADVICE, NativePartError, load_library
+from cardan.common.native import load_own_library
 from cardan.gateway.servo.kernel_layout import expected_layout
 
 
@@ -21,11 +20,9 @@ def library_path() -> Path:
 @functools.cache
 def kernel_library() -> Any:
     """The compiled servo, loaded once. Raises NativePartError, with advice."""
-    what = "the compiled servo"
-    loaded = load_library(library_path(), what, "kernel_layout", expected_layout())
+    loaded = load_own_library(library_path(), "the compiled servo", "kernel", expected_layout())
     numbers = POINTER(c_double)
     for name, result, arguments in (
-        ("kernel_version", c_char_p, ()),
         (
             "kernel_create",
             c_void_p,
@@ -51,11 +48,6 @@ def kernel_library() -> Any:
     ):
         function = getattr(loaded, name)
         function.restype, function.argtypes = result, arguments
-    version = loaded.kernel_version().decode()
-    if version != cardan.__version__:
-        raise NativePartError(
-            f"{what} is of version {version}, cardan of {cardan.__version__}: {ADVICE}"
-        )
     return loaded
 
 

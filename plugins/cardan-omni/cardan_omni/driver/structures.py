@@ -10,6 +10,7 @@ from operator import itemgetter
 from typing import Any, Generic, NamedTuple, TypeVar, get_type_hints
 
 from cardan.common.haptics import MAX_FIXTURES
+from cardan.common.native import layout_of
 from cardan.types import Vector3
 from cardan_omni.driver.limits import TickLimits, UncheckedLimits
 
@@ -217,11 +218,7 @@ class Reader(Generic[T]):
 
 def expected_layout() -> list[int]:
     """Sizes and field offsets as `tick_layout` of the compiled library must give them."""
-    expected = []
-    for structure in (CLimits, CFixture, CCommand, CSample, COutput, CSnapshot):
-        expected.append(ctypes.sizeof(structure))
-        expected += [getattr(structure, field[0]).offset for field in structure._fields_]
-    return expected
+    return layout_of(CLimits, CFixture, CCommand, CSample, COutput, CSnapshot)
 
 
 def c_limits(limits: TickLimits) -> Any:
