@@ -30,7 +30,8 @@ from cardan.protocols.joint_stream import (
 )
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
-from cardan.protocols.spnav import NEWEST_VERSION, encode_handshake, encode_sensitivity
+from cardan.protocols.spnav.codes import NEWEST_VERSION
+from cardan.protocols.spnav.records import encode_handshake, encode_sensitivity
 from cardan.types import Vector3
 from cardan_spnav_server.protocol import encode_motion
 from tests.gateway.servers.console.rig import PageProgram

@@ -7,8 +7,9 @@ from functools import cache
 from typing import Any
 
 from cardan.errors import ScriptError
-from cardan.protocols import connexion, joint_stream as js, spnav
+from cardan.protocols import connexion, joint_stream as js
 from cardan.protocols.evdev import requests as evdev_requests
+from cardan.protocols.spnav import records
 from cardan.sim_peers.arm import SimulatedArm
 from cardan.sim_peers.backends import uhid, usbip
 from cardan.sim_peers.base import parse_script
@@ -263,8 +264,8 @@ def _spnav_server(packets: Packets) -> object:
         core.disconnect(number)
     number = core.connect(now_s)
     assert number is not None
-    core.receive(number, spnav.encode_handshake(1), now_s)
-    assert core.outgoing(number, now_s) == spnav.encode_handshake(1)
+    core.receive(number, records.encode_handshake(1), now_s)
+    assert core.outgoing(number, now_s) == records.encode_handshake(1)
     core.metrics()
     core.diagnosis()
     return tuple(found[:4])

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from cardan.drivers.evdev.links import Link
-from cardan.protocols.evdev import (
+from cardan.protocols.evdev.codes import (
     ABS_BRAKE,
     ABS_GAS,
     ABS_RUDDER,
@@ -20,14 +20,14 @@ from cardan.protocols.evdev import (
     ABS_X,
     ABS_Y,
     BTN_SOUTH,
-    EV_ABS,
-    EV_FF,
-    EV_KEY,
+    JOYSTICK_BUTTONS,
+    KEY_CODES,
+)
+from cardan.protocols.evdev.events import EV_ABS, EV_FF, EV_KEY
+from cardan.protocols.evdev.requests import (
     EVIOCGID,
     EVIOCGKEY,
     EVIOCGNAME,
-    JOYSTICK_BUTTONS,
-    KEY_CODES,
     AbsInfo,
     decode_absinfo,
     decode_bits,

@@ -14,7 +14,8 @@ from cardan.errors import OptionError
 from cardan.gateway.bus.device_topics import DeviceTopics
 from cardan.gateway.servers import registry
 from cardan.protocols.connexion import MODELS
-from cardan.protocols.spnav import Button, Motion, ServerReader, encode_handshake
+from cardan.protocols.spnav.records import Button, Motion, encode_handshake
+from cardan.protocols.spnav.streams import ServerReader
 from cardan.types import NEUTRAL, Axes, DeviceLink, DeviceState
 from cardan_spnav_server import SpnavServerOptions, identity_of
 from cardan_spnav_server.bus_server import DeviceTopic, SpnavBusServer, SpnavBusServerOptions

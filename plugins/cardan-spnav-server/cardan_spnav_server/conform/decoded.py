@@ -5,15 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cardan.conform.timeline import Kind, Timeline, TimelinePhase
-from cardan.protocols.spnav import (
-    RECORD_BYTES,
-    Button,
-    Handshake,
-    Motion,
-    Reply,
-    ServerReader,
-    ServerRecord,
-)
+from cardan.protocols.spnav.records import RECORD_BYTES, Button, Motion, Reply, ServerRecord
+from cardan.protocols.spnav.streams import Handshake, ServerReader
 from cardan_spnav_server.conform.scenario import STRINGS
 from cardan_spnav_server.protocol import ClientRequest, decode_request
 
