@@ -21,7 +21,7 @@ from cardan.bus.options import BusOptions
 from cardan.gateway.arm.requests import Request, encode_request
 from cardan.gateway.arm.vocab import Begins
 from cardan.gateway.daemon.control import Ask, encode_ask
-from cardan.protocols.handheld import JogTwist, OperatorFrame, Phone, encode_frame
+from cardan.protocols.handheld.frames import JogTwist, OperatorFrame, Phone, encode_frame
 from cardan.protocols.joint_stream import (
     ArmCommand,
     ControlMode,

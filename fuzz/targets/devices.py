@@ -14,8 +14,9 @@ from cardan.drivers.gamepad import GamepadCore, GamepadOptions
 from cardan.drivers.keyboard import KeyboardCore, KeyboardOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spnav import SpnavCore, SpnavOptions
-from cardan.protocols import connexion, handheld, uevent
+from cardan.protocols import connexion, uevent
 from cardan.protocols.evdev import events as evdev_events, requests as evdev_requests, uinput
+from cardan.protocols.handheld import frames as handheld_frames, teleop
 from cardan.protocols.hid import MalformedReport
 from cardan.protocols.spnav import codes as spnav_codes, records, streams, strings
 from cardan.sim_peers.evdev import MODELS as EVDEV_MODELS
@@ -399,11 +400,11 @@ _HAND = leap_frames.hand()
 
 
 def _handheld(data: bytes) -> object:
-    found = handheld.decode_frame(data)
-    if isinstance(found, handheld.OperatorFrame):
-        again = handheld.decode_frame(handheld.encode_frame(found))
-        assert isinstance(again, handheld.OperatorFrame), again
-        if isinstance(found.body, handheld.Xr):
+    found = handheld_frames.decode_frame(data)
+    if isinstance(found, handheld_frames.OperatorFrame):
+        again = handheld_frames.decode_frame(handheld_frames.encode_frame(found))
+        assert isinstance(again, handheld_frames.OperatorFrame), again
+        if isinstance(found.body, handheld_frames.Xr):
             # It is of length 1 in doubles, and rounded to floats again.
             turn = found.body.orientation
             again = again._replace(body=again.body._replace(orientation=turn))
@@ -417,11 +418,11 @@ def _handheld_frames() -> Iterator[bytes]:
 
 
 def _teleop(data: bytes) -> object:
-    found = handheld.decode_teleop(text_of(data))
-    if isinstance(found, handheld.TeleopPose):
+    found = teleop.decode_teleop(text_of(data))
+    if isinstance(found, teleop.TeleopPose):
         all_finite(found)
-        again = handheld.decode_frame(handheld.encode_frame(found.frame(7, 1000, 2)))
-        assert isinstance(again, handheld.OperatorFrame), again
+        again = handheld_frames.decode_frame(handheld_frames.encode_frame(found.frame(7, 1000, 2)))
+        assert isinstance(again, handheld_frames.OperatorFrame), again
     return found
 
 

@@ -12,14 +12,8 @@ from typing import Any, Final
 from cardan.bus.network import Handle, NetworkError, Publisher
 from cardan.gateway.servers.console.hold_to_run import Grip, Hold, Verdict
 from cardan.gateway.servers.console.jog import ArmJog, Wish
-from cardan.protocols.handheld import (
-    Gamepad,
-    JogJoints,
-    JogTwist,
-    OperatorFrame,
-    Phone,
-    from_angles,
-)
+from cardan.protocols.handheld.frames import Gamepad, JogJoints, JogTwist, OperatorFrame, Phone
+from cardan.protocols.handheld.orientation import from_angles
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import Stamp
 from cardan.types import Quaternion, Vector3

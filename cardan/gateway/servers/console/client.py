@@ -41,14 +41,8 @@ from cardan.gateway.servers.console.hold_to_run import FRESH_S, LONGEST_S, Hold
 from cardan.gateway.servers.console.jog import ASK_SERVICE, ArmJog, why_no_arm
 from cardan.gateway.servers.console.records import OpenRecord, Records, RecordsError
 from cardan.gateway.servers.tokens import Role
-from cardan.protocols.handheld import (
-    Malformed,
-    OperatorFrame,
-    TeleopLog,
-    decode_frame,
-    decode_teleop,
-    encode_frame,
-)
+from cardan.protocols.handheld.frames import Malformed, OperatorFrame, decode_frame, encode_frame
+from cardan.protocols.handheld.teleop import TeleopLog, decode_teleop
 from cardan.protocols.rate import RateLimit
 from cardan.protocols.ros2.cdr import Malformed as MalformedCdr, codec_of
 from cardan.protocols.ros2.messages import Stamp
