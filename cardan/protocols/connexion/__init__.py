@@ -21,14 +21,9 @@ from cardan.protocols.connexion.devices import (
     model_by_key as model_by_key,
 )
 from cardan.protocols.connexion.reports import (
-    BATTERY_ID as BATTERY_ID,
     BUTTONS_ID as BUTTONS_ID,
     HALF_BYTES as HALF_BYTES,
-    KEY_ARRAY_BYTES as KEY_ARRAY_BYTES,
     KEYS_DOWN_ID as KEYS_DOWN_ID,
-    LED_ID as LED_ID,
-    LONG_PRESS_BITS_ID as LONG_PRESS_BITS_ID,
-    LONG_PRESS_ID as LONG_PRESS_ID,
     MOTION_BYTES as MOTION_BYTES,
     ROTATION_ID as ROTATION_ID,
     TRANSLATION_ID as TRANSLATION_ID,

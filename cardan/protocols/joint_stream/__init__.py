@@ -8,7 +8,6 @@ from cardan.protocols.joint_stream.codec import (
     MAX_DATAGRAM_BYTES as MAX_DATAGRAM_BYTES,
     MAX_JOINTS as MAX_JOINTS,
     MAX_REASON_BYTES as MAX_REASON_BYTES,
-    VERSION as VERSION,
     ArmCommand as ArmCommand,
     ArmState as ArmState,
     ControlMode as ControlMode,
