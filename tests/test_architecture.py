@@ -70,6 +70,7 @@ EXCEPTIONS = {
     "gateway/servers/console": (
         "cardan.protocols",
         "cardan.protocols.handheld",
+        "cardan.protocols.handheld.*",
         "cardan.protocols.mjpeg",
         "cardan.protocols.rate",
         "cardan.protocols.ros2.*",
