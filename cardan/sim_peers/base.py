@@ -23,7 +23,7 @@ from cardan.common.context import Openable
 from cardan.common.files import read_text
 from cardan.common.realtime import ask_for_real_time
 from cardan.common.signals import on_ending
-from cardan.errors import ScriptError
+from cardan.errors import ConfigurationError, ScriptError
 
 
 class FaultSwitch(NamedTuple):
@@ -69,6 +69,14 @@ def check_faults(faults: Mapping[str, float], switches: Iterable[FaultSwitch]) -
             raise ScriptError(f"fault {name}: needs the fault {first}, at an earlier time")
 
 
+def check_jam(faults: Mapping[str, float], joints: int) -> None:
+    """Raise ConfigurationError where the fault "jam" names none of an arm's joints."""
+    if "jam" in faults and faults["jam"] not in range(1, joints + 1):
+        raise ConfigurationError(
+            "faults", f"jam: {faults['jam']:g} is no joint; allowed: 1 to {joints}"
+        )
+
+
 def parse_faults(words: Iterable[str], switches: Iterable[FaultSwitch]) -> dict[str, float]:
     """Turn ``NAME[=VALUE]`` words into values by name; ScriptError names the known faults."""
     switches = tuple(switches)
@@ -89,7 +97,7 @@ def strikes(faults: Mapping[str, float], name: str, count: int) -> bool:
     return name in faults and count % int(faults[name]) == 0
 
 
-ActT = TypeVar("ActT", bound=Callable[..., None])
+ActT = TypeVar("ActT", bound=Callable[..., object])
 
 
 class TimedActs(Generic[ActT]):

@@ -27,7 +27,7 @@ KEPT_EVENTS: Final = 10_000
 
 KindT = TypeVar("KindT", bound=str)
 
-Act = Callable[[], None]
+Act = Callable[[], object]
 Events = deque[tuple[float, str]]
 
 

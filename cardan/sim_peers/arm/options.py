@@ -10,11 +10,10 @@ from typing import Annotated, Literal, NamedTuple
 from cardan.common import bounds
 from cardan.common.bounds import Range
 from cardan.common.options import Options, require, require_each
-from cardan.errors import ConfigurationError
 from cardan.protocols.joint_stream import MAX_JOINTS
 from cardan.robots import load_arm
 from cardan.sim_peers.arm.faults import FAULTS
-from cardan.sim_peers.base import check_faults
+from cardan.sim_peers.base import check_faults, check_jam
 from cardan.sim_peers.command import listen_option, numbers, option
 from cardan.types import ZERO3, Vector3
 
@@ -167,7 +166,4 @@ class SimulatedArmOptions(Options):
         joints = len(load_arm(self.robot, "robot").joints)
         allowed = f"an arm of at most {MAX_JOINTS} joints"
         require_each(self, ("robot", joints <= MAX_JOINTS, allowed))
-        if "jam" in self.faults and self.faults["jam"] not in range(1, joints + 1):
-            raise ConfigurationError(
-                "faults", f"jam: {self.faults['jam']:g} is no joint; allowed: 1 to {joints}"
-            )
+        check_jam(self.faults, joints)

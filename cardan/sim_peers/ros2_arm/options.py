@@ -14,7 +14,7 @@ from cardan.common.options import Options
 from cardan.errors import ConfigurationError
 from cardan.robots import load_arm
 from cardan.sim_peers.arm.options import PlantOptions
-from cardan.sim_peers.base import FaultSwitch, check_faults
+from cardan.sim_peers.base import FaultSwitch, check_faults, check_jam
 from cardan.sim_peers.command import listen_option, option
 from cardan.sim_peers.link import LINK_FAULTS
 
@@ -82,12 +82,7 @@ class RosArmOptions(Options):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_faults(self.faults, FAULTS)
-        joints = len(load_arm(self.robot, "robot").joints)
-        if "jam" in self.faults and self.faults["jam"] not in range(1, joints + 1):
-            raise ConfigurationError(
-                "faults", f"jam: {self.faults['jam']:g} is no joint; allowed: 1 to {joints}"
-            )
-
+        check_jam(self.faults, len(load_arm(self.robot, "robot").joints))
         if self.transport == "dds" and (never := NEVER_ON_DDS.intersection(self.faults)):
             raise ConfigurationError(
                 "faults",

@@ -188,32 +188,20 @@ class UrServers(TcpServers[PortKind, _Connection]):
         controller = self.controller
         acts: dict[str, Act] = {
             "protective-stop": lambda: controller.protective_stop("fault"),
-            "unlock": self._unlock,
+            "unlock": controller.unlock_protective_stop,
             "estop": controller.emergency_stop,
             "safeguard-stop": controller.safeguard_stop,
             "safeguard-reset": controller.safeguard_reset,
             "power-off": controller.power_off,
-            "pause": self._pause,
-            "resume": self._resume,
-            "program-stop": self._stop_program,
+            "pause": controller.pause,
+            "resume": controller.resume,
+            "program-stop": controller.stop_program,
             "other-program": lambda: controller.upload(_OTHER_PROGRAM),
             "local": self._local,
             "slider-zero": self._slider_zero,
             **self._network_acts(),
         }
         return TimedActs(self.options.faults, acts, start_s=self._now_s)
-
-    def _unlock(self) -> None:
-        self.controller.unlock_protective_stop()
-
-    def _pause(self) -> None:
-        self.controller.pause()
-
-    def _resume(self) -> None:
-        self.controller.resume()
-
-    def _stop_program(self) -> None:
-        self.controller.stop_program()
 
     def _local(self) -> None:
         self.controller.remote = not self.options.e_series
