@@ -1,4 +1,4 @@
-"""What the servo's benchmarks share: arms, obstacles, and the peers they are compared with."""
+"""Shared parts of the servo benchmarks: arms, obstacles, and the peers for comparison."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cardan.robots import Capsule, load_arm
 from cardan.types import Vector3
 
 DEBIAN_PACKAGES = "/usr/lib/python3/dist-packages"
-"""Where python3-pykdl is, for a Python of Debian's own version."""
+"""Folder of python3-pykdl, for a Python of Debian's own version."""
 
 ACCELERATION_RAD_S2 = 15.0
 """Of every joint, as in the published prototype's lines."""
@@ -78,7 +78,7 @@ class DampedLeastSquares:
         self.q = np.array(arm.arm.home)
 
     def step(self, goal: Any, dt_s: float) -> None:
-        """One step towards `goal`."""
+        """Take one step towards `goal`."""
         arm = self.arm
         arm.update(self.q)
         error = pin.log6(arm.placement.actInv(goal)).vector / dt_s

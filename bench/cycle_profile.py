@@ -1,4 +1,4 @@
-"""Where a session's cycle spends its time at the robot's own pace: `python -m bench cycle-profile`.
+"""Time of a session's cycle by part, at the robot's own pace: `python -m bench cycle-profile`.
 
 A session runs in a process of its own and is asked once every 4 ms, so that every part of its cycle
 is as cold as in service. Each part is timed by a wrapper around the method that does it, which adds
@@ -63,7 +63,7 @@ PARTS = (
     ("feedback", "cardan.gateway.session.parts:Feedback.after"),
     ("snapshot, 10 a second", "cardan.gateway.session.session:Session._publish"),
 )
-"""What is timed, in the order of a cycle: a part that begins with a dash is in the one above."""
+"""Timed parts in the order of a cycle; a part that begins with a dash is within the one above."""
 
 
 # -- in the session's process ---------------------------------------------------------------------
@@ -147,7 +147,7 @@ def _session(port: int, situation: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def measure(situation: str) -> dict[str, Any]:
-    """What the session's process measured while it was asked once in every period."""
+    """Return the times that the session's process measured while it was polled once per period."""
     port = free_ports()
     with (
         _session(port, situation) as process,

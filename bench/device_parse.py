@@ -1,4 +1,4 @@
-"""What one report of each operator device costs its driver: bytes in, newest state out.
+"""Cost of one report in the driver of each operator device: bytes in, newest state out.
 
     python -m bench device-parse
 
@@ -54,7 +54,7 @@ class Recorded(NamedTuple):
 
 
 def spacemouse() -> Recorded:
-    """One whole report, as of a SpaceMouse Wireless."""
+    """A whole report, as a SpaceMouse Wireless sends it."""
     core = SpaceMouseCore(SpaceMouseOptions(), model := find_model(0x256F, 0xC62E))
     core.on_opened(0.0, model)
     core.on_report(encode_motion(0, 0, 0, 0, 0, 0), 0.0)
@@ -188,7 +188,7 @@ def leap() -> Recorded:
 
 
 def _renumbered(frame: bytes) -> Iterator[bytes]:
-    """The same frame again and again, with numbers and times that rise, as they have to."""
+    """Repeat a frame with increasing numbers and times, as the core requires."""
     fields = json.loads(frame)
     first, timestamp_us = fields.pop("id"), fields.pop("timestamp")
     rest = json.dumps(fields, separators=(",", ":")).encode()[1:]
@@ -203,7 +203,7 @@ def _recorded(
     period_s: float,
     step: Callable[[], object] | None = None,
 ) -> Recorded:
-    """What reaches `core` by `method` while the rig runs."""
+    """Record the reports that reach `core` by `method` while the rig runs."""
     reports: list[bytes] = []
     genuine = getattr(core, method)
 

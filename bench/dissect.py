@@ -23,7 +23,7 @@ CONTROLLER, PC = (bytes((10, 0, 0, 1)), 50123), (bytes((10, 0, 0, 2)), EGM_PORTS
 
 
 def datagrams() -> list[tuple[bytes, bytes]]:
-    """What a controller sends, and its answer, of every cycle."""
+    """Return the datagram of a controller and the answer to it, for every cycle."""
     values, found = robot(EULER), []
     for cycle in range(CYCLES):
         seqno, tm_ms = SEQNO + cycle, TM_MS + 4 * cycle

@@ -44,7 +44,7 @@ TIME_US = 1_700_000_001_208_000
 
 
 def robot(euler: Vector3 | None) -> EgmRobot:
-    """What a controller of a six-axis robot sends."""
+    """Return the message of a controller of a six-axis robot."""
     motion = EgmMotion(JOINTS, EgmPose(POSITION, ORIENTATION, euler), None, TIME_US)
     return EgmRobot(
         header=EgmHeader(SEQNO, TM_MS, 2),
@@ -58,7 +58,7 @@ def robot(euler: Vector3 | None) -> EgmRobot:
 
 
 def cases() -> dict[str, Callable[[], object]]:
-    """What is timed, by name; protobuf's parser first."""
+    """Timed functions by name; protobuf's parser first."""
     usual = encode_robot(robot(EULER))
     reader = FeedbackReader()
     reader.read(usual)

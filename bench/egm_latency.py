@@ -1,9 +1,9 @@
 """EGM datagram in to datagram out: our driver, our session, two public clients, and the floor in
 Python and in C.
 
-One process plays the controller and asks all of them in turn, in an order that rotates, so that
-whatever else the machine does hits all alike: once in 4 ms slots as a controller does, when
-everybody wakes up with cold caches, and once without any pause. The session is the real one:
+A process plays the controller and asks all of them in turn, in an order that rotates: other load
+of the machine hits all alike. It asks once in 4 ms slots as a controller does (every peer wakes up
+with cold caches), and once without any pause. The session is the real one:
 ``cardan run`` with a simulated SpaceMouse that moves.
 """
 
@@ -63,7 +63,7 @@ SESSIONS = {
     MOVING: (MODEL, TOUCH + MOVE),
     "session with model, holding": (MODEL, TOUCH),
 }
-"""What is added to the table of the robot, and what the hand does."""
+"""Lines added to the table of the robot, and the motion script of the device."""
 
 AIMS = (
     Aim("cardan-driver", "ABBRobotEGM", 0.5, "median"),
@@ -95,7 +95,7 @@ def responder(kind: str, port: int) -> Iterator[None]:
 
 
 def _kinds() -> list[str]:
-    """Those that can run here; says why another one cannot."""
+    """Return the responders that can run here; print why another one cannot."""
     try:
         native.built(native.ECHO)
     except native.NotBuiltError as error:
@@ -105,7 +105,7 @@ def _kinds() -> list[str]:
 
 
 def measure(cycles: int = CYCLES, period_s: float = PERIOD_S) -> Figures:
-    """Ask everybody `cycles` times, every `period_s`; returns the latencies by name."""
+    """Ask every peer `cycles` times, every `period_s`; return the latencies by name."""
     pace = f"every {period_s * 1e3:g} ms" if period_s else "without a pause"
     figures = Figures(f"EGM datagram in to datagram out, as the controller sees it, {pace}")
     kinds = _kinds()
@@ -115,7 +115,7 @@ def measure(cycles: int = CYCLES, period_s: float = PERIOD_S) -> Figures:
     places = dict.fromkeys(SESSIONS, START)
     with contextlib.ExitStack() as stack:
         sockets = []
-        # Sessions take a second to start, and responders end when nobody asks them for as long.
+        # Sessions take a second to start, and responders end after a pause as long.
         for name in (*SESSIONS, *kinds):
             port = free_ports()
             if name in SESSIONS:

@@ -1,10 +1,10 @@
-"""How far each robot runs on when the session that drives it is killed (SIGKILL) while it moves.
+"""Stopping distance of each robot when its session is killed (SIGKILL) while it moves.
 
     python -m bench killed
 
 The session is the process of ``cardan run``, driven by a simulated SpaceMouse; the controllers are
-the simulated ones on real sockets. What a controller does by itself when nobody commands it is all
-that stops the arm then. Motion is that of the TCP, by the controller's true joints.
+the simulated ones on real sockets. After the kill only the controller's own reaction to missing
+commands stops the arm. Motion is that of the TCP, by the controller's true joints.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from cardan.gateway.session.supervisor import SessionProcess
 from cardan.robots import load_arm
 from cardan.sim_peers.arm import SimulatedArmOptions, SimulatedArmPeer
 from cardan.sim_peers.base import SimulatedPeer
-from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, Mode
+from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, EgmMode
 from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 
@@ -72,7 +72,7 @@ def _gofa(mode: str) -> Robot:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    options = EgmControllerOptions(pc_port=port, mode=Mode(mode), comm_timeout_s=COMM_TIMEOUT_S)
+    options = EgmControllerOptions(pc_port=port, mode=EgmMode(mode), comm_timeout_s=COMM_TIMEOUT_S)
     peer = EgmControllerPeer(options)
     robot = {"driver": "abb_egm", "mode": mode, "listen_port": port, "robot": "gofa_crb15000_5"}
     tables: dict[str, Any] = {"robot": robot}
@@ -169,7 +169,7 @@ class Watch:
         self.points: list[Any] = []
 
     def sample(self) -> float:
-        """Take a sample; the TCP's speed, m/s."""
+        """Take a sample; return the TCP's speed, m/s."""
         threading.Event().wait(SAMPLE_S)
         now_s = time.monotonic()
         self.times.append(now_s)
@@ -184,7 +184,7 @@ class Watch:
         return float(way) / (now_s - self.times[first])
 
     def until(self, speed_ok: Callable[[float], bool], lasting_s: float) -> float:
-        """Sample until the speed has been right for so long; since when it was."""
+        """Sample until the speed was right for `lasting_s`; return the time since when it was."""
         give_up_s = time.monotonic() + WITHIN_S
         since_s = give_up_s
         while (now_s := time.monotonic()) < since_s + lasting_s:
@@ -195,10 +195,10 @@ class Watch:
 
 
 class RunOn(NamedTuple):
-    """What an arm did after its session was killed."""
+    """Motion of an arm after its session was killed."""
 
     speed_m_s: float
-    """What it had."""
+    """Before the kill."""
     time_s: float
     """Until it rested."""
     distance_m: float
@@ -228,7 +228,7 @@ def kill_while_moving(name: str, speed_m_s: float) -> RunOn:
 
 
 def _run(name: str, speed_m_s: float) -> RunOn:
-    """One run; where a busy machine has stopped the arm before it was killed, another one."""
+    """Run once; again if a busy machine stopped the arm before the session was killed."""
     for _ in range(TIMES):
         with contextlib.suppress(TimeoutError):
             return kill_while_moving(name, speed_m_s)

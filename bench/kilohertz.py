@@ -1,4 +1,4 @@
-"""Whether a session holds a period of 1 ms: `python -m bench kilohertz`.
+"""Lateness of a session with a period of 1 ms: `python -m bench kilohertz`.
 
     python -m bench kilohertz [--seconds=60] [--pages]
 
@@ -64,7 +64,7 @@ BESIDE = {
     "a busy process": 1,
     "a busy process on every processor": os.cpu_count() or 1,
 }
-"""How many processes compute meanwhile, with ordinary scheduling."""
+"""Number of processes that compute meanwhile, with ordinary scheduling."""
 
 
 class Floor(NamedTuple):
@@ -78,7 +78,7 @@ class Floor(NamedTuple):
 
 
 class Row(NamedTuple):
-    """What was measured beside something."""
+    """Measurement of a session beside one kind of load."""
 
     beside: str
     late_p50_s: float

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 
 class Conditions(NamedTuple):
-    """What a link does to Ethernet frames, one way."""
+    """Effects of a link on Ethernet frames, one way."""
 
     delay_s: float = 0.0
     jitter_s: float = 0.0
@@ -33,7 +33,7 @@ class Conditions(NamedTuple):
 
 
 class Way:
-    """One way of a link. Times are of any clock that does not go back, s."""
+    """A link in one direction. Times are those of any monotonic clock, s."""
 
     def __init__(self, conditions: Conditions, chosen: random.Random) -> None:
         self.conditions = conditions
@@ -71,11 +71,11 @@ class Way:
 
     @property
     def next_s(self) -> float:
-        """When the next frame arrives; inf: none is on its way."""
+        """Time of the next arrival; inf: no frame is on its way."""
         return self._coming[0][0] if self._coming else float("inf")
 
     def arrived(self, now_s: float) -> list[bytes]:
-        """The frames that have arrived until now and were not given yet, in their order."""
+        """Return the frames that arrived until now and were not returned before, in order."""
         frames = []
         while self.next_s <= now_s:
             frames.append(heapq.heappop(self._coming)[2])

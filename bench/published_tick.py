@@ -36,8 +36,8 @@ from tests.published_arms import ARMS, INSTALL, Published
 PART = "published tick"
 ROUNDS, CALLS = 20, 400
 FOLLOWED_TICKS, SLOWLY = 200, 0.2
-"""How long a peer has to follow before it is timed, and at which share of the pace: the joints of
-some arms are too slow for the whole of it."""
+"""Ticks that a peer has to follow before it is timed, and its share of the pace: the joints of some
+arms are too slow for the full pace."""
 
 SAME_M = 1e-6
 """Of a distance of Coal, called from Python and from C++: it iterates."""
@@ -53,7 +53,7 @@ COLUMNS = (
 
 
 class Found(NamedTuple):
-    """What was measured of one arm; each time is a median and a 90th percentile, µs."""
+    """Measurement of one arm; each time is a median and a 90th percentile, µs."""
 
     name: str
     joints: int
@@ -66,7 +66,7 @@ class Found(NamedTuple):
 
     @property
     def times(self) -> float:
-        """How often the peer's median goes into the kernel's."""
+        """Ratio of the kernel's median to the peer's."""
         return self.kernel[0] / self.peer[0]
 
     def row(self) -> list[str]:
@@ -77,7 +77,7 @@ class Found(NamedTuple):
 
 
 class Bench:
-    """One arm, and what is timed of it."""
+    """An arm and its timed steps."""
 
     def __init__(self, published: Published, folder: Path) -> None:
         """Raises NotBuiltError."""
@@ -99,12 +99,12 @@ class Bench:
         return CompiledServo(self.arm, self.collision, weights=self.arm.arm.task.weights)
 
     def _off(self, q: Any, goal: Any) -> float:
-        """How far from the goal an arm is in what its task weighs, m and rad."""
+        """Return the largest weighted distance of an arm from its goal, m and rad."""
         away = pin.log6(self.arm.forward(q).actInv(goal)).vector
         return float(np.abs(away * np.array(self.arm.arm.task.weights)).max())
 
     def _require_the_same(self) -> None:
-        """What is timed has to have the distances that Coal has from Python, and to follow."""
+        """Check that the timed peer has the distances of Coal from Python, and follows its goal."""
         peer, goal = self._surrounded(), self.start
         for tick in range(FOLLOWED_TICKS):
             q = peer.q

@@ -35,7 +35,7 @@ class _Timed(SimArm):
     """Notes what each cycle of its loop takes."""
 
     rows: ClassVar[list[tuple[bool, float, float]]] = []
-    """Whether it was tapped; the time to the answer; the time of the whole cycle, s."""
+    """True if it was tapped; the time to the answer; the time of the whole cycle, s."""
 
     def cycles(self) -> Any:
         return self._timed()

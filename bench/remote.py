@@ -1,11 +1,11 @@
-"""What it costs that the operator device is at another computer: `python -m bench remote`.
+"""Cost of an operator device at another computer: `python -m bench remote`.
 
     python -m bench remote [--acts=100] [--pages]
 
-This process is the hand and the robot's controller: it writes a SpaceMouse's reports into a socket,
-and asks sessions by EGM, once in 4 ms, as a controller does. From the report that deflects the
-device to the first answer that moves the arm, and from the report that lets go of the dead-man
-button to the last one that does.
+This process plays the device and the robot's controller: it writes a SpaceMouse's reports into a
+socket, and asks sessions by EGM, once in 4 ms, as a controller does. Measured are the times from
+the report that deflects the device to the first answer that moves the arm, and from the report
+that releases the dead-man button to the last answer that moves it.
 
 Speed: one session reads the device itself, one by ``cardan devices share`` and a router, and one
 what ROS 2's spacenav_node would publish, on the same router. All run side by side and are asked in
@@ -111,7 +111,7 @@ class Network(NamedTuple):
 
     @property
     def longest_s(self) -> float:
-        """What it delays at most, but for several losses at once."""
+        """Longest delay, except when several losses coincide."""
         link = self.link
         return link.delay_s + link.jitter_s + link.stall_s + 2 * link.delay_s + 3 * REPORT_S
 
@@ -166,7 +166,7 @@ class Mouse(HandHeld):
 
 
 class Spacenav(HandHeld):
-    """What spacenav_node publishes, on the router."""
+    """Publisher of the messages of spacenav_node, on the router."""
 
     def __init__(self, node: BusNode) -> None:
         self._codec = codec_of("sensor_msgs/msg/Joy")
@@ -185,7 +185,7 @@ class Spacenav(HandHeld):
 
 
 class Robot:
-    """A controller that a session answers, and whose arm does at once what it is told."""
+    """A controller that a session answers, and whose arm obeys at once."""
 
     def __init__(self, port: int, device: HandHeld, datagrams: socket.socket | None = None) -> None:
         """`datagrams`: a socket of the computer where the session is; None: of this one."""
@@ -195,7 +195,7 @@ class Robot:
         self.socket.setblocking(False)
         self.place = START
         self.moved_s = 0.0
-        """When an answer moved the arm last."""
+        """Time of the last answer that moved the arm."""
 
     def ask(self, cycle: int) -> None:
         """Send one datagram."""
@@ -203,7 +203,7 @@ class Robot:
             self.socket.send(datagram(cycle, self.place))
 
     def take(self, now_s: float) -> None:
-        """Take the answers that are there."""
+        """Read the answers that have arrived."""
         with contextlib.suppress(OSError):
             while True:
                 place = obeyed(self.socket.recv(2048), self.place)
@@ -213,7 +213,7 @@ class Robot:
 
 
 class Cell:
-    """All robots, asked at their pace; and the hand, which acts at any instant."""
+    """All robots, asked at their pace, and the operator's hand, which acts at any instant."""
 
     def __init__(self, robots: Mapping[str, Robot]) -> None:
         self.robots = robots
@@ -225,7 +225,7 @@ class Cell:
         self._random = random.Random(0)
 
     def play(self, till_s: float) -> float:
-        """Go on until then; returns the time."""
+        """Go on until `till_s`; return the time."""
         while (now_s := time.monotonic()) < till_s:
             if now_s >= self._slot_s:
                 self._cycle += 1
@@ -246,7 +246,7 @@ class Cell:
         return self.play(time.monotonic() + seconds + self._random.uniform(0.0, PERIOD_S))
 
     def moved_after(self, robot: Robot, since_s: float) -> float | None:
-        """When the arm was moved first after then; None: it was not."""
+        """Return the time of the first motion after `since_s`; None: there was none."""
         now_s = since_s
         while robot.moved_s <= since_s:
             if now_s > since_s + ACT_WITHIN_S:
@@ -255,7 +255,7 @@ class Cell:
         return robot.moved_s
 
     def rested_after(self, robot: Robot, since_s: float, rest_s: float) -> float:
-        """When the arm was moved last."""
+        """Return the time of the last motion."""
         self.wait(rest_s)
         while (now_s := time.monotonic()) < max(since_s, robot.moved_s) + rest_s:
             self.play(now_s + REST_S)
@@ -285,8 +285,8 @@ class Cell:
         raise RuntimeError("a session does not follow its device")
 
     def stroke(self, robot: Robot, rest_s: float) -> tuple[float, float] | None:
-        """How long until the arm moves, and until it rests after the button was let go; None: it
-        did not move."""
+        """Return the times until the arm moves, and from the button's release until it rests, s;
+        None: it did not move."""
         self.act(robot, buttons=True)
         self.wait(PAUSE_S + rest_s)
         begun_s = self.act(robot, axis=True)

@@ -1,6 +1,6 @@
-"""What answers datagrams in the latency benchmark, each in a process of its own.
+"""Responders to datagrams in the latency benchmark, each in a process of its own.
 
-``python -m bench.responders KIND PORT`` prints READY and answers until nobody asks any more.
+``python -m bench.responders KIND PORT`` prints READY and answers until no more requests come.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def echo(port: int) -> None:
 
 
 def c_echo(port: int) -> None:
-    """The same in C: below what ABB's own library, which is C++, can do."""
+    """Echo in C: a lower bound of the latency of ABB's own library, which is C++."""
     from bench import native
 
     program = str(native.built(native.ECHO))

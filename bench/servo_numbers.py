@@ -1,4 +1,4 @@
-"""What the servo keeps to: lines, walls, limits, turns, sag. Virtual time, ideal drives.
+"""Accuracy of the servo: lines, walls, limits, turns, sag. Virtual time, ideal drives.
 
     python -m bench servo-numbers [random ticks, default 1000000]
 
@@ -35,7 +35,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Row(NamedTuple):
-    """One line of the table."""
+    """A line of the table."""
 
     what: str
     found: str
@@ -51,7 +51,7 @@ class Drive:
         self.goal = servo.placement
 
     def tick(self, linear: Sequence[float], angular: Sequence[float], **how: Any) -> float:
-        """One period at a twist; returns the path speed."""
+        """Move for one period at a twist; return the path speed."""
         twist_asked = np.array((linear, angular), dtype=float)
         share = self.servo.tick(to_pose(self.goal), twist_asked, DT_S, **how)
         twist = self.servo.twist
@@ -108,7 +108,7 @@ def _lines(arm: ArmKinematics) -> tuple[Line, ...]:
 
 
 class Run(NamedTuple):
-    """How a line went."""
+    """Result of a line."""
 
     progress: float
     seconds: float

@@ -1,4 +1,4 @@
-"""Cost of one servo tick and of one inverse: Cardan, and what others do in Python and in C++.
+"""Cost of one servo tick and of one inverse: Cardan and other libraries in Python and in C++.
 
     python -m bench servo-tick [--pages]
 
@@ -7,13 +7,13 @@ All are measured in turns within one run, each call alone, on the same goals: a 
 acceleration and range, the distances of 35 pairs, and the quadratic program. The others do less:
 the plain step scales and clips, pink has limits but no distances, KDL has neither.
 
-What says "in C" is timed in there, as who writes C++ would call it (bench/native): Cardan's kernel
+Rows "in C" are timed inside C, as a caller in C++ would see them (bench/native): Cardan's kernel
 with its 35 pairs and without any, a step with Pinocchio and daqp that has pink's task and limits,
-and KDL. The first run builds them; what cannot be built is said.
+and KDL. The first run builds them; it names the parts that cannot be built.
 
 Each is measured twice: call upon call, and once every 4 ms as a session calls it, when the rest of
 the machine has had the caches; that with real-time scheduling where the user may have it, so that
-it is the tick which is measured and not who else waits for the processor.
+the tick is measured, and not other processes that wait for the processor.
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ PACED_ROUNDS, PACED_CALLS = 10, 100
 POSES = 1000
 
 Step = Callable[[Any, Pose], object]
-"""One tick towards a goal, given as a placement and as a pose."""
+"""Takes one tick towards a goal, given as a placement and as a pose."""
 
 Timed = Callable[[Any, Pose], float]
-"""The same; how long it took, s."""
+"""Takes one such tick; returns its duration, s."""
 
 ARMS = {"ur5": "UR5", "pr2_right_arm": "PR2 arm"}
 
@@ -124,7 +124,7 @@ def _kernel(servo: AnyServo) -> Timed:
 
 
 def _peers(name: str) -> tuple[dict[str, Timed], list[str]]:
-    """What could be built in C and C++, and why the rest could not."""
+    """Peers that could be built in C and C++, and the reasons why the others could not."""
     made: dict[str, Timed] = {}
     missing = []
     try:
@@ -256,7 +256,7 @@ def _ticks(arm: str, joints: int) -> Figures:
 
 
 def _verdicts(joints: int, found: Figures) -> list[str]:
-    """Whether the aims are met on an arm of so many joints."""
+    """Compare the results with the aims on an arm of so many joints."""
     many, closing = found[f"{COMPILED}, 35 pairs"], found[f"{COMPILED}, 10 closing pairs"]
     return [
         f"{what} at most {most:g} µs: {'met' if value <= most else f'missed, {value:.0f}'}"

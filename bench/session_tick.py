@@ -1,6 +1,6 @@
 """Cost of one tick of the arm controller as a session makes it: `python -m bench session-tick`.
 
-The robot is where it is told to be, the operator holds the dead-man. All situations take turns
+The robot is where it is commanded, the operator holds the dead-man. All situations take turns
 within one run.
 """
 
@@ -9,9 +9,12 @@ from __future__ import annotations
 import gc
 import math
 import statistics
+import sys
 import time
+from types import FrameType
 from typing import Any
 
+import cardan
 from cardan.gateway.session.assembly import make_controller, make_robot
 from cardan.gateway.session.config import parse_config
 from cardan.robots import load_arm
@@ -29,6 +32,7 @@ from cardan.types import (
 ARM = "gofa_crb15000_5"
 DT_S = 0.004
 ROUNDS, TICKS = 12, 400
+PACKAGE = cardan.__path__[0]
 DEVICE = {"device": {"driver": "spacemouse"}, "mapping": {"deadman": "left"}}
 TABLES: dict[str, dict[str, Any]] = {
     "poses": {**DEVICE, "robot": {"driver": "abb_egm"}},
@@ -55,7 +59,7 @@ class _Session:
             self._pose = None  # The model's is taken.
 
     def tick(self) -> float:
-        """One control cycle; returns what the tick took, s."""
+        """Run one control cycle; return the duration of the tick, s."""
         self._ticks += 1
         self._now_s += DT_S
         state = RobotState(
@@ -76,6 +80,20 @@ class _Session:
         return took_s
 
 
+def _calls(session: _Session) -> int:
+    """How many Python functions of the package one tick calls."""
+    found = 0
+
+    def note(frame: FrameType, event: str, _: object) -> None:
+        nonlocal found
+        found += event == "call" and frame.f_code.co_filename.startswith(PACKAGE)
+
+    sys.setprofile(note)
+    session.tick()
+    sys.setprofile(None)
+    return found
+
+
 def main() -> None:
     """Measure and print."""
     sessions = {
@@ -86,6 +104,7 @@ def main() -> None:
     for session in sessions.values():
         for _ in range(200):
             session.tick()
+    calls = {name: _calls(session) for name, session in sessions.items()}
     costs: dict[str, list[float]] = {name: [] for name in sessions}
     gc.collect()
     gc.disable()
@@ -96,8 +115,8 @@ def main() -> None:
     finally:
         gc.enable()
     print(f"\none tick of a session's controller, µs ({ARM})\n")
-    print(f"{'robot is sent':20} {'median':>8} {'p99':>8}")
+    print(f"{'robot is sent':20} {'median':>8} {'p99':>8} {'calls':>8}")
     for name, values in costs.items():
         values.sort()
         p99 = values[int(0.99 * len(values))]
-        print(f"{name:20} {statistics.median(values) * 1e6:8.1f} {p99 * 1e6:8.1f}")
+        print(f"{name:20} {statistics.median(values) * 1e6:8.1f} {p99 * 1e6:8.1f} {calls[name]:8}")

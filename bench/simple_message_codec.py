@@ -17,7 +17,7 @@ JOINTS = sm.joints10((0.1, -0.2, 0.3, -0.4, 0.5, 0.6))
 
 
 def cases() -> dict[str, Callable[[], object]]:
-    """What is timed, by name; struct alone first."""
+    """Timed functions by name; struct alone first."""
     little, big = sm.wire(), sm.wire(sm.ByteOrder.BIG)
     feedback = sm.topic(sm.JointFeedback(0, 6, 0.0, JOINTS, JOINTS, sm.ZEROS))
     status = sm.topic(sm.RobotStatus(1, 0, 0, 0, 0, 2, 1))

@@ -75,7 +75,7 @@ class TwoComputers:
             raise NoNamespacesError(_NONE) from None
 
     def at(self, computer: str) -> tuple[str, ...]:
-        """What is put before a command so that it runs at OPERATOR or ROBOT."""
+        """Return the prefix with which a command runs at OPERATOR or ROBOT."""
         process = f"/proc/{self._process.pid}"
         return (
             "nsenter",
@@ -100,8 +100,8 @@ class TwoComputers:
         self._ask({"ways": {to: way._asdict() for to, way in ways.items()}})
 
     def counts(self) -> dict[str, dict[str, int]]:
-        """What :attr:`bench.link.Way.counts` has, by where the way leads; and of "forwarder" for
-        how long it held a frame at most beyond its time, "late_us"."""
+        """Return :attr:`bench.link.Way.counts` by the way's destination; and of "forwarder" the
+        longest time that it held a frame beyond its due time, "late_us"."""
         found: dict[str, dict[str, int]] = self._ask({})[0]
         return found
 

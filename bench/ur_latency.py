@@ -26,7 +26,7 @@ from typing import Final
 from bench.egm_latency import MOVE, TOUCH
 from bench.figures import Figures
 from cardan.gateway.session.subprocesses import launched
-from cardan.protocols.ur.program import Order
+from cardan.protocols.ur.program import ProgramCommand
 from cardan.protocols.ur.rtde import Recipe
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
 
@@ -73,12 +73,12 @@ class Played:
 
     @property
     def followed(self) -> bool:
-        """The program runs, and commands come."""
+        """True if the program runs and commands come."""
         registers = self.controller.registers
-        return self.controller.has_program and registers.input_int[26] == Order.FOLLOW
+        return self.controller.has_program and registers.input_int[26] == ProgramCommand.FOLLOW
 
     def carry(self, timeout_s: float) -> None:
-        """What waits on the sockets, both ways."""
+        """Transfer the bytes that wait on the sockets, both ways."""
         for key, _ in self._selector.select(timeout_s):
             assert isinstance(key.fileobj, socket.socket)
             if isinstance(key.data, str):
@@ -120,14 +120,14 @@ class Played:
         self._selector.close()
 
     def step(self) -> None:
-        """One frame, and what came since the one before."""
+        """Advance by one frame, and read the bytes that came since the one before."""
         self.now_s += PERIOD_S
         self.servers.advance(self.now_s)
         self.carry(0.0)
 
     def asked(self) -> float | None:
-        """One frame: the time from the state that goes out to the command that comes in; None:
-        there was none."""
+        """Advance by one frame; return the time from the state sent to the command received, s;
+        None: no command came."""
         assert self.rtde is not None
         self.now_s += PERIOD_S
         self.servers.advance(self.now_s)
@@ -234,7 +234,7 @@ def slots(period_s: float) -> Iterator[None]:
 
 
 def measure(cycles: int = CYCLES, period_s: float = PERIOD_S, warm_up: int = WARM_UP) -> Figures:
-    """Ask everybody `cycles` times, every `period_s`; returns the latencies by name."""
+    """Ask every peer `cycles` times, every `period_s`; return the latencies by name."""
     pace = f"every {period_s * 1e3:g} ms" if period_s else "without a pause"
     figures = Figures(f"RTDE state out to command in, as a UR's controller sees it, {pace}")
     echoed, alone, moving = Echoed(), Played(), Played()

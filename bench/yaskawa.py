@@ -27,9 +27,9 @@ from studies.motoros.published import (
 from studies.motoros.study import EVERY, measure
 
 ADDED_AT_MOST_S = 0.040
-"""What velocity mode may add between the mouse and the controller's command."""
+"""Longest delay that velocity mode may add between the mouse and the controller's command."""
 GOAL_RANGE_S = (0.45, 0.65)
-"""Where the standard driver's delay behind the goal has to be to be the paper's."""
+"""Range of the standard driver's delay behind the goal that agrees with the paper."""
 
 
 def main() -> None:

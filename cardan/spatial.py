@@ -119,6 +119,19 @@ def from_rotation_vector(v: Vector3) -> Quaternion:
     return Quaternion(math.cos(0.5 * angle), v[0] * factor, v[1] * factor, v[2] * factor)
 
 
+def turned_by(q: Quaternion, by: Vector3) -> Quaternion:
+    """The orientation `q`, turned about `by` (a rotation vector in the outer frame)."""
+    # In every control cycle: exponential map and product written out.
+    x, y, z = by
+    angle = math.sqrt(x * x + y * y + z * z)
+    factor = 0.5 if angle < _SMALL_ANGLE else math.sin(0.5 * angle) / angle
+    a, b, c, d = math.cos(0.5 * angle), x * factor, y * factor, z * factor
+    w, x, y, z = q
+    u, i = a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y
+    j, k = a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w
+    return normalized(Quaternion(u, i, j, k))
+
+
 def to_rotation_vector(q: Quaternion) -> Vector3:
     """The shortest rotation vector of a unit quaternion, rad (the logarithm); |v| <= pi."""
     w, x, y, z = q if q[0] >= 0 else (-q[0], -q[1], -q[2], -q[3])

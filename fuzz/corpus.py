@@ -21,7 +21,7 @@ class Kept(NamedTuple):
     """An input that is kept: it has found something, or is a form of its own."""
 
     name: str
-    """What it is, in words."""
+    """Description of the input."""
     given: Input
 
 

@@ -88,7 +88,7 @@ class Mutator:
     def __init__(self, target: Target, rng: Random, population: Sequence[Input]) -> None:
         self._target, self._rng = target, rng
         self.population = list(population)
-        """What is damaged; its user may add to it."""
+        """Inputs to damage; the caller may add to them."""
         self._pieces = (*_PIECES, *target.words, *target.words, *target.words)
         self._words = (*_TEXT_PIECES, *target.words, *target.words)
         damage: dict[Form, Callable[[Any], Any]] = {

@@ -112,7 +112,7 @@ def _try(
 
 
 def _place(error: BaseException) -> str:
-    """Where it was raised: what tells findings apart."""
+    """Return the place where an error was raised, by which findings are told apart."""
     frames = traceback.extract_tb(error.__traceback__)
     own = [each for each in frames if f"{os.sep}cardan{os.sep}" in each.filename] or list(frames)
     last = [f"{Path(each.filename).name}:{each.lineno}" for each in own[-2:]]
@@ -149,7 +149,7 @@ def grown(target: Target, given: Input, size: int, rng: Random) -> Input:
 
 
 def check_growth(target: Target, seed: str, rounds: int) -> Outcome:
-    """Whether time and memory grow with the input's size and no faster."""
+    """Check that time and memory grow with the input's size and no faster."""
     outcome = Outcome(target.name)
     rng = Random(seed)
     population = population_of(target)
@@ -236,12 +236,12 @@ class Job:
         return end
 
     def ended(self) -> bool:
-        """Whether it has; it is asked for its result once."""
+        """Return True once the process has ended; its result is read once."""
         self._code = self._end()
         return self._code is not None
 
     def result(self) -> Outcome:
-        """What came out."""
+        """Return the outcome."""
         with self._out:
             self._out.seek(0)
             lines = self._out.read().decode().splitlines()

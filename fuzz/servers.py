@@ -18,7 +18,7 @@ from random import Random
 
 from cardan.gateway.daemon.client import ControlClient
 from cardan.gateway.daemon.control import Ask, Response, encode_ask
-from cardan.gateway.daemon.server import Connection, ControlServer
+from cardan.gateway.daemon.server import ControlConnection, ControlServer
 from fuzz.mutate import Mutator
 from fuzz.run import Finding, Outcome
 from fuzz.target import Input
@@ -42,7 +42,7 @@ def _garbage(name: str, rng: Random) -> Iterator[bytes]:
 
 
 def _hit(connect: Callable[[], socket.socket], data: bytes, rng: Random) -> None:
-    """One bad client; the server may close at any time."""
+    """Act as a bad client; the server may close at any time."""
     with suppress(OSError), connect() as sock:
         sock.settimeout(WAIT_S)
         at = 0
@@ -86,7 +86,7 @@ def _control_server() -> Iterator[str]:
     with tempfile.TemporaryDirectory(prefix="cardan-fuzz-") as folder:
         path = str(Path(folder) / "control.sock")
 
-        def handle(ask: Ask, connection: Connection) -> None:
+        def handle(ask: Ask, connection: ControlConnection) -> None:
             connection.tell(Response(ask.id, "result", [ask.do, ask.name]))
 
         server, ended = ControlServer(path, "", handle), threading.Event()

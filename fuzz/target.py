@@ -1,4 +1,4 @@
-"""What is fuzzed, and when an input has found something."""
+"""Fuzz targets, and the criteria by which an input has found something."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from types import FrameType
 from typing import Any
 
 Packets = tuple[bytes, ...]
-"""What a machine with a state is given, one after the other."""
+"""Inputs of a state machine, in order."""
 Input = bytes | Packets
 
 
@@ -31,10 +31,10 @@ class Form(Enum):
 
 @dataclass(frozen=True)
 class Target:
-    """One parser, or one machine with a state."""
+    """A parser or a state machine."""
 
     name: str
-    """As the module that it is in, and what of it: "egm.robot"."""
+    """Its module and the part of it: "egm.robot"."""
     form: Form
     run: Callable[[Any], object]
     """Raises AssertionError where a property does not hold; its result tells kinds of outcome
@@ -42,7 +42,7 @@ class Target:
     seeds: Callable[[], Iterable[Input]]
     """Good input, of which damaged input is made."""
     raises: tuple[type[Exception], ...] = ()
-    """What the function's documentation says that it raises."""
+    """Exceptions that the function's documentation names."""
     words: tuple[bytes, ...] = ()
     """Pieces of the protocol that damage may put anywhere."""
     memory: int = 4 << 20
@@ -132,7 +132,7 @@ _SHOWN = 48
 
 
 def kind_of(result: object, deep: bool = True) -> object:
-    """What an outcome has in common with others of its kind."""
+    """Return the value by which outcomes of one kind are equal."""
     if result is None or isinstance(result, (bool, Enum)):
         return result
     if isinstance(result, str):
@@ -147,7 +147,7 @@ def kind_of(result: object, deep: bool = True) -> object:
 
 
 def packets_of(target: Target) -> bool:
-    """Whether its input is a tuple of packets."""
+    """Return True if its input is a tuple of packets."""
     return target.form in (Form.PACKETS, Form.JSON_PACKETS)
 
 

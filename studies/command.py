@@ -48,7 +48,7 @@ def evaluate(
     """Repeat the measurements of the papers that Cardan follows.
 
     With simulated devices and robots; writes one report: published figures beside ours, pictures,
-    machine, versions, load and seeds. What is in real time needs a quiet machine."""
+    machine, versions, load and seeds. Real-time measurements need a quiet machine."""
     if compare is not None:
         if quick or only:
             raise ConfigurationError("--compare", "measures nothing: leave --quick and --only out")

@@ -34,7 +34,7 @@ class Verdict(str, enum.Enum):
 
 
 class Compared(NamedTuple):
-    """One figure of both."""
+    """A figure of both reports."""
 
     study: str
     name: str
@@ -79,7 +79,7 @@ def _verdict(old: float | None, new: float | None, spread: float | None, figure:
         return Verdict.SAME if old is new else Verdict.NEW if old is None else Verdict.GONE
     if spread is None:
         return Verdict.ONCE if old != new else Verdict.SAME
-    # What is calculated differs in its last digits between machines.
+    # Calculated values differ in their last digits between machines.
     if abs(new - old) <= spread + 1e-9 * max(abs(old), abs(new)):
         return Verdict.SAME
     if not figure.better:
@@ -88,7 +88,7 @@ def _verdict(old: float | None, new: float | None, spread: float | None, figure:
 
 
 def differences(old: Report, new: Report) -> list[str]:
-    """What else is different: each may be the cause."""
+    """List the other differences between two reports; each may be the cause."""
     found = []
     for what, before, after in (
         ("machine", old.machine, new.machine),
@@ -132,7 +132,7 @@ def as_blocks(old: Report, new: Report, compared: list[Compared]) -> list[Block]
 
 
 def count(compared: list[Compared]) -> str:
-    """How many of each verdict, in words."""
+    """Number of each verdict, in words."""
     counts = {verdict: sum(each.verdict is verdict for each in compared) for verdict in Verdict}
     worse, better = counts[Verdict.WORSE], counts[Verdict.BETTER]
     others = sum(counts.values()) - worse - better - counts[Verdict.SAME]

@@ -1,4 +1,4 @@
-"""Where something was measured: the machine, versions, and how busy it was."""
+"""Conditions of a measurement: machine, versions, and load."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from cardan import __version__
 PACKAGES = (
     "numpy", "pin", "coal", "daqp", "eclipse-zenoh", "cyclonedds", "websockets", "matplotlib",
 )  # fmt: skip
-"""Whose versions may change a figure."""
+"""Packages whose versions may change a figure."""
 
 NONE = "not installed"
 
 
 def machine() -> dict[str, str]:
-    """What it is, without its name."""
+    """Describe this machine, without its name."""
     memory = ""
     with contextlib.suppress(OSError, ValueError, AttributeError):
         pages, size = os.sysconf("SC_PHYS_PAGES"), os.sysconf("SC_PAGE_SIZE")

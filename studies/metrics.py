@@ -1,4 +1,4 @@
-"""How well a motion follows a command: delays, errors, stops. Both on one clock, s.
+"""Delays, errors and stops of a motion that follows a command. Both on one clock, s.
 
 A delay is found in three ways, because each alone can mislead: as the shift of best correlation of
 the velocities (steps and reversals), as the shift of least error (ramps, which correlate badly),

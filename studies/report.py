@@ -27,23 +27,23 @@ TITLE = "What was published, measured again"
 
 @dataclass
 class Part:
-    """One study of a report."""
+    """A study's part of a report."""
 
     name: str
     title: str
     source: str
     how: str = ""
     seconds: float = 0.0
-    """What it took."""
+    """Duration of the study."""
     load: float = 0.0
     """Before it; see :func:`studies.conditions.load`."""
     seeds: list[str] = field(default_factory=list)
     shortened: list[str] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
     missing: str = ""
-    """Why it did not run here: what is not installed."""
+    """Package that is not installed, because of which the study did not run here."""
     failed: str = ""
-    """Why it broke off."""
+    """Error that ended the study early."""
     tables: list[Table] = field(default_factory=list)
     figures: list[Figure] = field(default_factory=list)
     pictures: list[Picture] = field(default_factory=list)
@@ -51,16 +51,16 @@ class Part:
 
 @dataclass
 class Report:
-    """All of it."""
+    """A whole report."""
 
     quick: bool
     made: str
-    """When, UTC."""
+    """Time of the measurement, UTC."""
     machine: dict[str, str]
     versions: dict[str, str]
     parts: list[Part] = field(default_factory=list)
     pictures_missing: str = ""
-    """Why there are no pictures."""
+    """Reason why there are no pictures."""
 
     @property
     def failed(self) -> list[Part]:
@@ -116,7 +116,7 @@ def _run(study: Study, quick: bool, folder: Path, report: Report) -> Part:
     except CardanError as error:
         part.failed = str(error)
     except Exception as error:
-        # What was measured is kept.
+        # Measurements made so far are kept.
         logging.getLogger(__name__).exception("%s broke off", study.name)
         part.failed = f"{type(error).__name__}: {error}"
     part.seconds = time.monotonic() - began_s

@@ -1,4 +1,4 @@
-"""What a study gives: values only, without numpy and without pictures drawn."""
+"""Result of a study: values only, without numpy and without pictures drawn."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Figure(NamedTuple):
     """None: there was none, for example a delay of what never came."""
     unit: str = ""
     better: Better = "less"
-    """What is better; empty: neither is."""
+    """The better direction; empty: neither is better."""
     spread: float | None = 0.0
     """By so much it may differ when nothing has changed; None: it was measured once."""
     published: float | None = None
@@ -46,7 +46,7 @@ class Result(NamedTuple):
     """Of one study."""
 
     how: str
-    """How it was measured: clock, drives, processes."""
+    """Method of the measurement: clock, drives, processes."""
     tables: tuple[Table, ...]
     figures: tuple[Figure, ...]
     draw: Callable[[], Iterable[Drawn]] | None = None
@@ -54,9 +54,9 @@ class Result(NamedTuple):
     seeds: tuple[str, ...] = ()
     """Each with what it is of."""
     shortened: tuple[str, ...] = ()
-    """What --quick made shorter or left out."""
+    """Parts that --quick made shorter or left out."""
     left_out: tuple[str, ...] = ()
-    """What this computer cannot run, and why."""
+    """Parts that this computer cannot run, and why."""
 
 
 def table_of(title: str, markdown: str, note: str = "") -> Table:
@@ -67,7 +67,7 @@ def table_of(title: str, markdown: str, note: str = "") -> Table:
 
 
 def spread_of(values: Iterable[float], least: float = 0.0) -> float:
-    """How far apart repetitions are; at least `least`."""
+    """Spread of repetitions; at least `least`."""
     known = [value for value in values if value == value]
     return max(least, max(known) - min(known)) if known else least
 

@@ -14,8 +14,8 @@ Found = TypeVar("Found")
 def side_by_side(
     function: Callable[..., Found], calls: Iterable[tuple[Any, ...]], at_once: int = 0
 ) -> list[Found]:
-    """What a function of a module gives for each call's arguments, in their order. `at_once`: so
-    many at a time; 0: one for each processor. What a call raises is raised."""
+    """Return a module function's results for each call's arguments, in order. `at_once`: calls at
+    a time; 0: one per processor. An exception of a call is raised."""
     rows = list(calls)
     count = min(len(rows), at_once or os.cpu_count() or 1)
     if count <= 1:

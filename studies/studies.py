@@ -15,7 +15,7 @@ class Study(NamedTuple):
     name: str
     title: str
     source: str
-    """What was published."""
+    """The publication."""
     module: str
 
     def run(self, quick: bool) -> Result:

@@ -15,7 +15,7 @@ MOTOMAN = FOLDER / "motoman_single_group_simple_move.pcapng"
 
 
 def require(path: Path) -> Path:
-    """`path`, or a skip that says what is missing."""
+    """Return `path`, or skip and name the missing file."""
     if not path.exists():
         pytest.skip(f"the capture {path.name} is not in {FOLDER.name}/ beside the repository")
     return path

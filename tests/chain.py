@@ -20,7 +20,7 @@ from cardan.protocols.connexion import model_by_key
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, FaultyLink
 from cardan.sim_peers.scripted import play
-from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedHand, SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedPuck, SimulatedSpaceMouse
 from cardan.spatial import norm, subtract
 from cardan.types import RobotState, Vector3
 from tests.controllers import controller_for_hand
@@ -34,7 +34,7 @@ PUSH = """
 0.8 press left
 1.0 axes -0.5 0 0 0 0 0 over 0.1
 """
-"""Touch, let go, grip, and pull back for ever: 50 mm/s, away from the singularity in front."""
+"""Touch, release, grip, and pull back for ever: 50 mm/s, away from the singularity in front."""
 
 PUSH_AND_REGRIP = (
     PUSH
@@ -45,11 +45,11 @@ PUSH_AND_REGRIP = (
 6.7 axes 0.5 0 0 0 0 0 over 0.1
 """
 )
-"""Then let go of everything, grip anew and push forward again."""
+"""Then release everything, grip again and push forward."""
 
 
 class Sample:
-    """What the robot did in one control period."""
+    """State of the robot after one control period."""
 
     __slots__ = ("message", "phase", "position", "sent", "speed", "time_s")
 
@@ -81,7 +81,7 @@ class Chain:
         self.hand_faults, self.robot_faults = hand_faults or {}, robot_faults or {}
         known = model_by_key(model)
         self.puck = SimulatedSpaceMouse(known, faults=self.hand_faults, jitter_lsb=1, seed=1)
-        self.script = ScriptedHand(parse_script(hand, SCRIPT_VERBS), known)
+        self.script = ScriptedPuck(parse_script(hand, SCRIPT_VERBS), known)
         self.device = SpaceMouseCore(SpaceMouseOptions(), known)
         self.core = controller_for_hand(
             MappingOptions(deadman=deadman),
@@ -146,7 +146,7 @@ class Chain:
                 self.device.on_report(report, now_s)
 
     def _answer(self, now_s: float) -> int:
-        """What the driver's shell does: drain, act on the newest, answer it once."""
+        """Act as the driver's shell: drain, process the newest, answer it once."""
         address = (PC_ADDRESS[0], PC_ADDRESS[1] + self.controller.port_changes)
         state = None
         for data in self.to_pc.pop(now_s):

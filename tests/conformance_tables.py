@@ -12,7 +12,7 @@ import posixpath
 from collections.abc import Callable
 from typing import NamedTuple
 
-from cardan.conform import Level, Report, registry
+from cardan.conform import Level, SuiteReport, registry
 from cardan.conform.run import simulated
 from tests.docs_tables import markdown
 from tests.result_tables import of_suite
@@ -25,13 +25,13 @@ DO_NOT_APPLY = {"HID3D-016"}
 
 
 @functools.cache
-def sound(suite: str) -> Report:
+def sound(suite: str) -> SuiteReport:
     """The report on a simulated peer without faults, on all levels."""
     return simulated(registry.load(suite), Level.BY_HAND)[0]
 
 
 class Tried(NamedTuple):
-    """One fault of a simulated peer, and what became of it."""
+    """A fault of a simulated peer, and the requirements that caught it."""
 
     name: str
     value: float

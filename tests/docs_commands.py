@@ -26,7 +26,7 @@ PROGRAMS = re.compile(
     r"|make$|cardan (?:daemon (?:ps|top)|devices|doctor|devices udev)$"
 )
 PRINTED = re.compile(r"cardan(?: \w+)?: |cardan +\d")
-"""What Cardan prints about itself, which is no command."""
+"""Output of Cardan about itself, which is no command."""
 BLOCK = re.compile(r"^ *```(\w*)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 
 

@@ -82,7 +82,7 @@ def ours(registry: Any) -> dict[str, Any]:
 
 
 def link(kind: type[Driver], page: str, section: str = "") -> str:
-    """What a driver drives, linked to its `page`, as it is seen from where the link stands."""
+    """Return a driver's summary, linked to its `page`, relative to the page with the link."""
     return f"[{kind.summary}]({page}{section}){plugin_of(kind)}"
 
 
@@ -239,7 +239,7 @@ def demos_table() -> str:
 
 
 def connexion_models() -> str:
-    """Each device of 3Dconnexion, and what it sends."""
+    """Each device of 3Dconnexion, and its reports."""
     rows = [
         (
             model.name,
@@ -321,7 +321,7 @@ def _short(rows: Sequence[Sequence[str]], names: Iterable[str]) -> str:
 
 
 def _faults() -> str:
-    """What an operator's arm does when something of its own fails."""
+    """Table of an operated arm's reactions to failures of its own parts."""
     (_, *robots), *rows = FAULTS.rows("operator")
     return _short(
         [("fault", *robots), *rows],
@@ -339,7 +339,7 @@ def _faults() -> str:
 
 
 def _remote_faults() -> str:
-    """What it does when something of the way to it fails."""
+    """Table of the arm's reactions to failures of the connection to it."""
     return _short(
         REMOTE_FAULTS.rows(),
         (
@@ -354,7 +354,7 @@ def _remote_faults() -> str:
 
 
 def _process_faults() -> str:
-    """What it does when a process dies or stands still, for one pair of device and robot."""
+    """Table of its reactions when a process dies or stands still, for one device and robot."""
     rows = []
     for group, name in (
         ("session", "SIGKILL"),

@@ -26,7 +26,7 @@ from tests.controllers import controller_for_hand
 from tests.fault_rig import Bench
 
 SPEED_M_S = 0.1
-"""What is asked for."""
+"""Requested speed."""
 LIMIT_M_S = 0.25
 ACCELERATION_M_S2 = 1.0
 RENEWED_S = 0.02
@@ -60,7 +60,7 @@ class Scenario(ABC):
 
     @abstractmethod
     def lose_authority(self) -> None:
-        """Somebody else gets the authority over the arm."""
+        """Give the authority over the arm to another source."""
 
     def start(self) -> None:
         """Ask for SPEED_M_S along the bench's direction from now on."""
@@ -98,7 +98,7 @@ class Operator(Scenario):
         self.controller.stop("authority was handed over")
 
     def _device(self, now_s: float) -> DeviceState:
-        """The newest report; it goes on coming, whatever this process does."""
+        """The newest report; it goes on coming, independent of this process."""
         before = self._report
         if before is None or not self.silent:
             stamp_s = math.floor(now_s / REPORTED_S) * REPORTED_S

@@ -1,8 +1,8 @@
 """Control cores in front of seven robots, at the level of the wire, in virtual time.
 
 A bench is one robot: a simulated controller, the network and the driver's process. Time passes
-only while the process waits for the robot, or stands still. What the robot really did, by its own
-joints, is in `Bench.motion()`. Nothing here knows which core drives: it is what `Bench.answer` is.
+only while the process waits for the robot, or stands still. The robot's real motion, by its own
+joints, is in `Bench.motion()`. The benches do not depend on the core: it is `Bench.answer`.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from cardan.protocols.joint_stream import decode_state, encode_state
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.robots import ArmModel, load_arm
 from cardan.sim_peers.arm import PlantOptions, SimulatedArm, SimulatedArmOptions
-from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, Mode
+from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, EgmMode
 from cardan.sim_peers.ros2_arm import RosArm, RosArmOptions
 from cardan.types import HoldCommand, RobotCapabilities, RobotCommand, RobotState, Vector3
 from tests.drivers.motoros_rig import Rig
@@ -50,13 +50,13 @@ WINDOW_S = 0.02
 periods of most robots. Within fewer, whole pulses and rounding look like acceleration."""
 
 MARGIN = 0.05
-"""Of a speed: what the servos of an arm may overshoot."""
+"""Allowed overshoot of an arm's servos, as a share of the speed."""
 
 REST_M_S = 0.001
 """Slower than this the arm counts as stopped."""
 
 SOCKET_DATAGRAMS = 160
-"""What the kernel keeps of a controller's datagrams by default (208 KiB, 1.3 KiB for each)."""
+"""Datagrams of a controller that the kernel keeps by default (208 KiB, 1.3 KiB for each)."""
 
 JUMP_M = 0.2
 
@@ -74,11 +74,11 @@ CLOCKS: dict[str, Callable[[float], float]] = {
         0.04 * (math.sin(1e5 * since_s) * 1e4 % 1.0 - 0.5)
     ),
 }
-"""What the time that a controller tells differs by, s, by the time since that began."""
+"""Error of the time that a controller tells, s, by the time since the fault began."""
 
 
 class Motion(NamedTuple):
-    """What the TCP did from one time on."""
+    """Motion of the TCP from a given time on."""
 
     stop_s: float
     """Until it moved by less than REST_M_S, for good; infinite when it went on moving."""
@@ -91,7 +91,7 @@ class Motion(NamedTuple):
 
 
 class Bench(ABC):
-    """One robot, its driver, and the process that runs it."""
+    """A robot, its driver, and the process that runs it."""
 
     name: str
     arm: str
@@ -105,14 +105,14 @@ class Bench(ABC):
         self.kinematics = ArmKinematics(self.model)
         self.now_s = _START_S
         self.answer: Callable[[RobotState], RobotCommand] = lambda state: HoldCommand()
-        """What the core makes of each state."""
+        """Answer of the core to each state."""
         self.alive = True
         """False: the process was killed."""
         self.bad: str = ""
-        """What is wrong with what the robot tells: "nan", "jump", or a reason why commands would
-        not act although they do."""
+        """Error in the robot's reports: "nan", "jump", or a reason why commands would not act
+        although they do."""
         self.clock = ""
-        """What is wrong with the controller's clock, of CLOCKS."""
+        """Error of the controller's clock, of CLOCKS."""
         self._lies_since_s = math.inf
         self.flooded = False
         self.states: list[RobotState] = []
@@ -181,7 +181,7 @@ class Bench(ABC):
     # -- faults ---------------------------------------------------------------------------------
 
     def kill(self) -> None:
-        """SIGKILL: nothing is sent any more, and the kernel closes what was open."""
+        """SIGKILL: nothing is sent any more, and the kernel closes all files."""
         self.alive = False
 
     @abstractmethod
@@ -190,7 +190,7 @@ class Bench(ABC):
 
     @abstractmethod
     def unready(self) -> None:
-        """Somebody stops the robot at its controller."""
+        """Stop the robot at its controller."""
 
     @abstractmethod
     def unpower(self) -> None:
@@ -201,7 +201,7 @@ class Bench(ABC):
         self.clock, self._lies_since_s = clock, self.now_s
 
     def lied_s(self, time_s: float) -> float:
-        """What the time that the controller tells at `time_s` differs by."""
+        """Return the error of the time that the controller tells at `time_s`, s."""
         since_s = time_s - self._lies_since_s
         return CLOCKS[self.clock](since_s) if self.clock and since_s >= 0.0 else 0.0
 
@@ -223,7 +223,7 @@ class Bench(ABC):
         return np.array(self.times), np.array(points)
 
     def motion(self, since_s: float) -> Motion:
-        """What the TCP did from `since_s` to the end."""
+        """Return the motion of the TCP from `since_s` to the end."""
         times, points = self.path()
         return motion_of(times, points, since_s, self.period_s)
 
@@ -264,7 +264,7 @@ class _Datagrams(Bench):
     def __init__(self) -> None:
         super().__init__()
         self.queue: deque[tuple[bytes, tuple[str, int]]] = deque()
-        """What the kernel keeps for the driver."""
+        """Datagrams that the kernel keeps for the driver."""
         self._next_s = self.now_s
         with self._virtual():
             self.robot = self._opened()
@@ -272,14 +272,14 @@ class _Datagrams(Bench):
 
     @abstractmethod
     def _replaced(self) -> dict[str, object]:
-        """What of the driver's module virtual time stands in for."""
+        """Return the names of the driver's module to patch, and their stand-ins in virtual time."""
 
     @abstractmethod
     def _opened(self) -> RobotDriver: ...
 
     @abstractmethod
     def _cycle(self, now_s: float) -> Sequence[bytes]:
-        """One period of the controller."""
+        """Run the controller for a period."""
 
     SOURCE = ("192.0.2.1", 40000)
 
@@ -337,7 +337,7 @@ class _Datagrams(Bench):
 
     @abstractmethod
     def _told(self, data: bytes) -> bytes:
-        """`data` as it arrives, with what is `bad` about it."""
+        """Return `data` as it arrives, with the error `bad`."""
 
     @abstractmethod
     def _timed(self, data: Any, by_s: float) -> Any:
@@ -424,7 +424,7 @@ class EgmBench(_Datagrams):
 
     def __init__(self) -> None:
         self.controller = EgmController(
-            EgmControllerOptions(mode=Mode(self.mode), comm_timeout_s=0.2)
+            EgmControllerOptions(mode=EgmMode(self.mode), comm_timeout_s=0.2)
         )
         super().__init__()
 

@@ -50,7 +50,7 @@ two ramps meet in one window they add up to 0.2 more."""
 
 
 class Fault(NamedTuple):
-    """What goes wrong."""
+    """A fault, and the robots that it applies to."""
 
     act: Callable[[Bench, Scenario], None]
     sources: tuple[str, ...] = ("operator", "twist", "path")
@@ -125,7 +125,7 @@ FAULTS: dict[str, Fault] = {
 
 
 class Row(NamedTuple):
-    """One cell of the tables."""
+    """A cell of the tables."""
 
     source: str
     fault: str
@@ -135,7 +135,7 @@ class Row(NamedTuple):
 
     @property
     def too_much(self) -> str:
-        """What of it is more than was asked for, in words; empty when nothing is."""
+        """Values that exceed the request, in words; empty when none does."""
         found = []
         if self.motion.peak_m_s > HIGHEST_M_S:
             found.append(f"{1e3 * self.motion.peak_m_s:.0f} mm/s")
@@ -151,7 +151,7 @@ def measured(
     made: Make = make,
     run_up_s: float = RUN_UP_S,
 ) -> Iterator[Motion]:
-    """What the arm of one bench did after each of these faults, one run up being that of all."""
+    """Yield the motion of a bench's arm after each of these faults, with one run-up for all."""
     with kind() as bench:
         pilot = made(source, bench)
         bench.answer = pilot.tick
@@ -170,7 +170,7 @@ def measured(
 
 
 def in_a_copy(work: Callable[[], _T]) -> _T:
-    """What `work` gives in a copy of this process: it changes nothing here."""
+    """Return the result of `work` in a copy of this process: it changes nothing here."""
     reading, writing = os.pipe()
     with warnings.catch_warnings():
         # Of other threads: the copy has none, and waits for none.

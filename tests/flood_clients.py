@@ -21,7 +21,7 @@ from cardan.bus.options import BusOptions
 from cardan.gateway.arm.requests import Request, encode_request
 from cardan.gateway.arm.vocab import Begins
 from cardan.gateway.daemon.control import Ask, encode_ask
-from cardan.protocols.handheld.frames import JogTwist, OperatorFrame, Phone, encode_frame
+from cardan.protocols.handheld.frames import JogTwist, OperatorFrame, PhoneFrame, encode_frame
 from cardan.protocols.joint_stream import (
     ArmCommand,
     ControlMode,
@@ -72,7 +72,7 @@ class Client(ABC):
     constant: bytes = b""
     """The message, where all are the same."""
     has_left = False
-    """Whether a part of what was begun is still to be handed over."""
+    """Whether a part of a begun message is still to be handed over."""
 
     def __init__(self, endpoint: str, way: int) -> None:
         self.endpoint, self.way = endpoint, way
@@ -155,7 +155,7 @@ class _Web(_Stream):
         self.begin()
 
     def begin(self) -> None:
-        """Send what comes first."""
+        """Send the first messages."""
 
     def send(self, **fields: Any) -> None:
         """An operation."""
@@ -170,7 +170,7 @@ class Rosbridge(_Web):
     def begin(self) -> None:
         self.send(op="advertise", topic=TOPIC, type=TWIST)
         if self.compression != "none":
-            # What clients send is JSON: the others are for what they are sent.
+            # Clients send JSON: the other encodings are for messages to them.
             self.send(op="subscribe", topic="/left/joint_states", compression=self.compression)
         self.constant = self.made_of({"op": "publish", "topic": TOPIC, "msg": _twist(self.way)})
 
@@ -247,7 +247,7 @@ class _PageFrames(_Held):
 
     @abstractmethod
     def body(self, passed_s: float) -> Any:
-        """What a frame has."""
+        """Return the contents of a frame."""
 
     def message(self) -> bytes:
         self.made += 1
@@ -267,8 +267,8 @@ class PagePhone(_PageFrames):
 
     target: ClassVar = {"device": "/phone"}
 
-    def body(self, passed_s: float) -> Phone:
-        return Phone(Vector3(0.0, self.way * min(15.0, 30.0 * passed_s), 0.0))
+    def body(self, passed_s: float) -> PhoneFrame:
+        return PhoneFrame(Vector3(0.0, self.way * min(15.0, 30.0 * passed_s), 0.0))
 
 
 class PageJog(_PageFrames):

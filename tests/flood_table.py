@@ -57,7 +57,7 @@ MOST_PER_S = 1e6
 """More than any client here hands over: of a message whose cost is too small to be measured."""
 
 RATES = (0.5, 2.0, 10.0)
-"""Times what can be handled."""
+"""Multiples of the rate that can be handled."""
 ENDS = ("silence", "close", "abort", "client stopped for 1 s", "server stopped for 1 s")
 
 WITHOUT = {("joint stream", "server stopped for 1 s")}
@@ -138,7 +138,7 @@ SERVERS = {
 
 
 class Row(NamedTuple):
-    """What one flood did."""
+    """Effect of a flood."""
 
     server: str
     rate: float
@@ -355,7 +355,7 @@ class Bed:
         return time.clock_gettime(~self.server << 3 | 2)
 
     def flooded(self, rate: float, end: str, per_s: float) -> Row:
-        """One flood of so many messages a second."""
+        """Run a flood of `per_s` messages a second."""
         seconds = FLOOD_S + (0.2 if end.startswith("server") else 0.0)
         seconds += STOPPED_S if end.startswith("client") else 0.0
         before_s, _ = self.moved()
@@ -436,7 +436,7 @@ def rows(
 
 
 def table(found: Iterable[Row], before: Iterable[Sequence[str]] = ()) -> str:
-    """What is written: ms, bold where that is too long, and a star where the server ended
+    """Return the table: ms, bold where that is too long, and a star where the server ended
     the connection; `before`: rows that stay where nothing was found anew."""
     cells: dict[tuple[str, float], dict[str, str]] = {
         (name, float(rate)): dict(zip(ENDS, each, strict=True)) for name, rate, *each in before

@@ -1,4 +1,4 @@
-"""Packages of somebody else's, as if they were installed: what their entry points name is found."""
+"""Third-party packages, as if they were installed: the targets of their entry points are found."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LARGE_S = 50.0
 
 
 def add_metadata(site: Path, name: str, entry_points: Mapping[str, Mapping[str, str]]) -> None:
-    """Write what pip leaves of a package in `site`: its name and its entry points by group."""
+    """Write pip's metadata of a package in `site`: its name and its entry points by group."""
     folder = site / f"{name.replace('-', '_')}-1.0.dist-info"
     folder.mkdir(parents=True)
     (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")

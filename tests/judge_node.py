@@ -1,5 +1,5 @@
-"""A node of somebody else's ROS 2 in a process of its own, which does as it is told, line by line,
-and tells what it meets as lines of JSON."""
+"""Third-party ROS 2 node in a process of its own. It executes commands, line by line, and reports
+as lines of JSON."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Any
 
 SEGMENT = re.compile(r"/dev/shm/fastrtps_[0-9a-f]{16}\b")
 WAIT_S = 120.0
-"""Longest wait for what comes at once; participants announce themselves every few seconds."""
+"""Longest wait for prompt messages; participants announce themselves every few seconds."""
 
 
 class JudgeNode:

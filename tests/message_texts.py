@@ -1,4 +1,4 @@
-"""What the sources can say: every text in them that is no docstring, with a mark for each value."""
+"""Messages in the sources: every text that is no docstring, with a mark for each value."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ class Row(NamedTuple):
 
 
 class Coverage(NamedTuple):
-    """What a test shows on a transport."""
+    """Names that a test covers on a transport."""
 
     transport: str
     by: str
@@ -61,7 +61,7 @@ class Coverage(NamedTuple):
 
 
 class _Channel:
-    """What nobody hears and nothing comes from."""
+    """Channel without listeners and without messages."""
 
     heard = False
 
@@ -73,7 +73,7 @@ class _Channel:
 
 
 class _Node:
-    """Stands in for a session's node, and keeps what is made of it."""
+    """Stand-in for a session's node, which keeps the endpoints made on it."""
 
     zid = name = full_name = "node"
     namespace, options = "/", NetworkOptions()
@@ -135,7 +135,7 @@ def _order(name: str) -> tuple[int, str]:
 
 
 def shown() -> set[Coverage]:
-    """What every mark says, whether its test can run here or not."""
+    """Return the coverage of every mark, whether its test can run here or not."""
     found = set()
     for path in (*TESTS.rglob("*.py"), *PLUGINS.glob("*/tests/*.py")):
         text = path.read_text(encoding="utf-8")
@@ -153,7 +153,7 @@ def shown() -> set[Coverage]:
 
 
 def checked(marks: Collection[Coverage], among: Collection[Row]) -> None:
-    """Raise ValueError where a mark names what there is not."""
+    """Raise ValueError where a mark names a row that does not exist."""
     names = {row.name for row in among}
     for mark in marks:
         strange = {*mark.names, *mark.but} - names

@@ -1,4 +1,4 @@
-"""The rigs of plug-ins' tests, for what fuzzes and measures all devices."""
+"""Rigs of plug-ins' tests, for programs that fuzz and measure all devices."""
 
 import sys
 from pathlib import Path

@@ -58,7 +58,7 @@ LINE_M = 0.05
 
 
 UNIVERSE = "universe"
-"""What Pinocchio calls the root of MJCF."""
+"""Pinocchio's name for the root of MJCF."""
 
 
 JOG_M_S = 0.02
@@ -68,7 +68,7 @@ BEGIN = "<!-- made by tests/published_arms.py -->\n"
 
 
 class Published(NamedTuple):
-    """One arm: its file, and what its TOML says beside it."""
+    """An arm: its file, and the further keys of its TOML."""
 
     name: str
     urdf: str
@@ -295,7 +295,7 @@ def folder_of(package: str) -> Path:
 
 
 class Loading(NamedTuple):
-    """What it takes to load an arm, s of the processor's time."""
+    """Time to load an arm, s of the processor's time."""
 
     first: float
     """Without anything in the cache: its meshes are fitted, its pairs and its home are found."""
@@ -330,7 +330,7 @@ def whole_of_mjcf(file: Path, folder: Path) -> Any:
 
 
 class Measured:
-    """What one arm can do, in virtual time; each thing is looked at once, where it is asked for."""
+    """Capabilities of an arm, in virtual time; each is measured once, on its first use."""
 
     def __init__(self, published: Published, folder: Path) -> None:
         self.published = published

@@ -1,4 +1,4 @@
-"""The ranges in the annotations of options and tables, and what tests draw from them."""
+"""The ranges in the annotations of options and tables, and values that tests draw from them."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ class RemoteOperator(Operator):
         self.remote.direction = bench.direction
         self.deflected = self.holds = False
         self.let_go_s = -math.inf
-        """When the device told last that the hand has let go of the cap, or of the dead-man."""
+        """Time of the device's last report that the cap, or the dead-man, was released."""
         self._later: list[tuple[float, Callable[[], None]]] = []
         self._reported_s = -math.inf
         self._stalls_s = bench.now_s + network.stalls_every_s
@@ -114,7 +114,7 @@ class RemoteOperator(Operator):
         self.deflected = deflected
 
     def hold(self, holds: bool = True) -> None:
-        """Press the dead-man, or let go of it."""
+        """Press the dead-man, or release it."""
         if holds is not self.holds:
             self.holds = holds
             self.remote.press(HOLD, holds)
@@ -122,13 +122,13 @@ class RemoteOperator(Operator):
                 self.let_go_s = self.remote.now_s + STEP_S
 
     def act(self) -> None:
-        """The deliberate act, and motion after it."""
+        """Re-arm, and move after it."""
         for holds, deflected in ((False, False), (True, False), (True, True)):
             self.hold(holds)
             self.deflect(deflected)
             self.bench.run(SETTLED_S)
 
-    # -- what goes wrong -------------------------------------------------------------------------
+    # -- faults ----------------------------------------------------------------------------------
 
     def after(self, seconds: float, act: Callable[[], None]) -> None:
         """Do that so much later."""
@@ -203,14 +203,14 @@ OVERTAKEN_S = 0.06
 
 
 class Fault(NamedTuple):
-    """What goes wrong."""
+    """A fault and its duration."""
 
     act: Callable[[RemoteOperator, float], None]
     lasts_s: float = 0.0
     before: Callable[[RemoteOperator], None] = lambda pilot: None
-    """Of what is wrong from some time before on."""
+    """Begins a fault some time before."""
     by_hand: bool = False
-    """The hand ends the motion: what goes wrong does not."""
+    """The hand ends the motion, not the fault."""
 
 
 def _let_hold_go(pilot: RemoteOperator, _lasts_s: float) -> None:
@@ -256,15 +256,15 @@ FAULTS: dict[str, Fault] = {
 
 
 class Found(NamedTuple):
-    """One cell of the table, and what is to be asserted of it. Times are from the fault on, s."""
+    """A cell of the table, and the values to be asserted. Times are from the fault on, s."""
 
     fault: str
     network: str
     motion: Motion
     rest_by_s: float
-    """When the arm has to be at rest; inf: what goes wrong does not end its motion."""
+    """When the arm has to be at rest; inf: the fault does not end its motion."""
     unasked_m: float
-    """How far it was from where it came to rest, until the deliberate act."""
+    """How far it was from where it came to rest, until re-arming."""
     again_m: float
     """How far it went after that; nan: it had never stopped."""
 
@@ -284,14 +284,14 @@ def rest_by_s(pilot: RemoteOperator, fault: Fault, at_s: float) -> float:
         if came_s > max(at_s, fresh_s + max_age_s):
             return fresh_s + max_age_s + braked_s
         if came_s - made_s <= max_age_s:
-            # One that answers an old claim tells only when an answer was to come at the latest.
+            # An answer to an old claim shows only when an answer was due at the latest.
             fresh_s = max(fresh_s, min(came_s, asked_s + CLAIM_PERIOD_S + round_s))
     return math.inf
 
 
 def measured(network: str, faults: Iterable[str]) -> Iterator[Found]:
-    """What the arm did over one network after each of these faults, one run up being that of
-    all."""
+    """Yield the motion of the arm over one network after each of these faults, with one run-up
+    for all."""
     with JointStreamBench() as bench:
         pilot = RemoteOperator(bench, NETWORKS[network])
         bench.answer = pilot.tick
@@ -314,7 +314,7 @@ def measured(network: str, faults: Iterable[str]) -> Iterator[Found]:
             bench.run(fault.lasts_s)
             motion, by_s = bench.motion(at_s), rest_by_s(pilot, fault, at_s)
             if pilot.deflected:
-                # To rest and away again without a press is no deliberate act.
+                # To rest and away again without a press does not re-arm.
                 for deflected in (False, True):
                     pilot.deflect(deflected)
                     bench.run(SETTLED_S)

@@ -17,11 +17,11 @@ FOLDER = Path("tests") / "results"
 
 
 class Results(NamedTuple):
-    """One table, or those of one run."""
+    """A table, or the tables of a run."""
 
     name: str
     page: str
-    """Where the site has it, and what its columns mean: relative to the repository."""
+    """Page of the site with it and the meaning of its columns: relative to the repository."""
     command: str
     """It writes the file anew."""
 

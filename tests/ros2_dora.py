@@ -18,7 +18,7 @@ TIMEOUT_S = 120.0
 
 
 class Told(dict):
-    """What it saw; each as soon as it is there, where somebody looks for what it waits for."""
+    """Results; each is printed to stderr as soon as it is there, to show what is still missing."""
 
     def __setitem__(self, name, value):
         super().__setitem__(name, value)

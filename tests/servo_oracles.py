@@ -27,7 +27,7 @@ from cardan.gateway.servo.compiled import CompiledServo
 from cardan.gateway.servo.native import kernel_library
 from cardan.gateway.servo.options import Policy, ServoOptions
 from cardan.gateway.servo.servo import Servo
-from cardan.robots import Box, Capsule, arm_names, load_arm
+from cardan.robots import Capsule, OrientedBox, arm_names, load_arm
 from cardan.spatial import from_rotation_vector
 from cardan.types import Pose, Vector3
 
@@ -51,7 +51,7 @@ def surroundings(generator, count=6):
         if kind == 0:
             turned = from_rotation_vector(Vector3(*generator.uniform(-3, 3, 3)))
             size = Vector3(*generator.uniform(0.05, 0.5, 3))
-            yield Obstacle(f"box {index}", Box(Pose(where, turned), size))
+            yield Obstacle(f"box {index}", OrientedBox(Pose(where, turned), size))
         elif kind == 1:
             end = Vector3(*(np.array(where) + generator.uniform(-0.5, 0.5, 3)))
             yield Obstacle(f"capsule {index}", Capsule(where, end, generator.uniform(0.01, 0.2)))
@@ -110,7 +110,7 @@ def make_finest(model):
 
 
 class Distances(NamedTuple):
-    """What was found about distances."""
+    """Results of the comparison of distances."""
 
     checked: int
     farther: float
@@ -164,7 +164,7 @@ class Program(NamedTuple):
     least: np.ndarray
 
     def cost(self, x):
-        """What is minimized, the price of violated rows included."""
+        """Return the cost to be minimized, the price of violated rows included."""
         if len(self.rows):
             slack = np.maximum(0.0, self.least - self.rows @ x)
             size2 = np.einsum("ij,ji->i", self.rows, np.linalg.solve(self.hessian, self.rows.T))
@@ -288,7 +288,7 @@ def random_program(generator, degenerate=False):
 
 
 class Programs(NamedTuple):
-    """What was found about programs."""
+    """Results of the comparison of programs."""
 
     solved: int
     daqp: float
@@ -336,7 +336,7 @@ def programs(count, seed=0, degenerate=False):
 
 
 class Ticks(NamedTuple):
-    """What was found about whole ticks."""
+    """Results of the comparison of whole ticks."""
 
     ticks: int
     velocity: float

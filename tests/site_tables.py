@@ -25,12 +25,12 @@ from tests.result_tables import Results
 
 
 class SiteTable(NamedTuple):
-    """One table of a page of the site."""
+    """A table of a page of the site."""
 
     page: str
     """Relative to the repository."""
     what: str
-    """What it lists."""
+    """Contents, as a noun phrase."""
     make: Callable[[], str]
     command: str = ""
     """It prints the same; empty: this module does."""
@@ -38,7 +38,7 @@ class SiteTable(NamedTuple):
     """It has the table, in place of a command: relative to the repository."""
 
     def line(self, name: str) -> str:
-        """What the page in the repository has in its place."""
+        """Return the line that the page in the repository has in its place."""
         if self.file:
             file = posixpath.relpath(self.file, posixpath.dirname(self.page))
             return f"On the site: {self.what}. In the repository: [file]({file}).\n"

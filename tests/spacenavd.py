@@ -11,7 +11,7 @@ import time
 import pytest
 
 from cardan.protocols.spnav.codes import Code
-from cardan.protocols.spnav.records import Reply, encode_handshake, encode_request
+from cardan.protocols.spnav.records import ServerReply, encode_handshake, encode_request
 from cardan.protocols.spnav.streams import Handshake, ServerReader
 from cardan_serial_mice.peer import SerialPuckPeer, SerialPuckPeerOptions
 from tests.serving import in_a_thread
@@ -54,7 +54,7 @@ def asked(path, code):
             for value in reader.feed(data):
                 if isinstance(value, Handshake):
                     client.sendall(encode_request(code))
-                elif isinstance(value, Reply):
+                elif isinstance(value, ServerReply):
                     return value
     raise AssertionError("the daemon has hung up")
 

@@ -24,7 +24,7 @@ BESIDE = {
     "tests",
     *(path.parent.name for path in SOURCE_TREE.glob("plugins/*/*/__init__.py")),
 }
-"""What stands on the package, and is not there where only the package is installed."""
+"""Packages that build on this one, absent where only the package is installed."""
 PLUGINS = sorted(SOURCE_TREE.glob("plugins/cardan-*"))
 GROUPS = {
     "cardan.buses", "cardan.captures", "cardan.checks", "cardan.commands", "cardan.conform",
@@ -51,7 +51,7 @@ MAY_IMPORT = {
     "own_arm": {"own_arm", "gateway", *LEAVES},
     "demos": {"demos", "gateway", "drivers", "bus", *LEAVES},
     "sim_peers": {"sim_peers", "bus", "protocols", *LEAVES},
-    "conform": {"bus", "conform", "drivers", "protocols", "sim_peers", *LEAVES},
+    "conform": {"bus", "conform", "drivers", "protocols", "recording", "sim_peers", *LEAVES},
     "api": {"drivers", "gateway", *LEAVES},
     **dict.fromkeys(LEAVES, LEAVES),
     "__init__": {"api"},
@@ -154,7 +154,7 @@ GATEWAY_ROOMS = {
     "daemon": {"session", "arm", "servers"},
     "session": {"bus", "arm", "operator", "force", "motion", "kinematics", "servo"},
 }
-"""What each room of the gateway may import, besides itself."""
+"""Rooms that each room of the gateway may import, besides itself."""
 
 ARM_LIBRARIES = {"numpy", "pinocchio", "coal", "eigenpy", "daqp"}
 ARM_MODEL = (
@@ -203,14 +203,14 @@ for name in {names!r}:
     except ExtraMissingError as error:
         print(name, error, sep=": ")
 """
-"""What is None in sys.modules cannot be imported."""
+"""A module that is None in sys.modules cannot be imported."""
 
 
 NOT_AT_ONCE = {
     "asyncio", "cardan_dissect", "getpass", "hmac", "numpy", "rich", "scapy", "secrets", "ssl",
     "websockets", "zenoh",
 }  # fmt: skip
-"""What every command would begin later for, and only some need."""
+"""Modules that would delay the start of every command, and only some need."""
 
 
 BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")
@@ -296,7 +296,7 @@ def runs_a_driver(path):
 
 
 def strange_imports(path):
-    """What a module may not import, in words."""
+    """Yield the forbidden imports of a module, in words."""
     folder = str(path.relative_to(PACKAGE).parent)
     for name in imported(path):
         if any(fnmatch.fnmatchcase(name, each) for each in EXCEPTIONS.get(folder, ())):
@@ -312,7 +312,7 @@ def test_the_package_imports_nothing_that_stands_on_it():
 
 
 def outside(path):
-    """What a module imports of what stands on the package."""
+    """Return the packages that build on this one and that a module imports."""
     return {name.split(".")[0] for name in imported(path)} & BESIDE
 
 
@@ -525,7 +525,7 @@ SENTENCES = {
     "likewise: no sentence begins with Who": r"(?:\"\"\"|\. |# )Who (?!may\b)[a-z]+ ",
     "reports, gets, learns": r"\b(?:is|are|was|were|be|been) told of\b",
 }
-"""What is to be said instead of what a pattern finds."""
+"""Patterns of phrases to avoid, by the wording to use instead."""
 
 
 @pytest.mark.parametrize("instead", SENTENCES)
@@ -556,7 +556,7 @@ WITH_S = (
     "expert", "improv", "no", "pra", "prec", "prem", "prom", "ra", "rev", "r", "superv", "surpr",
     "w",
 )  # fmt: skip
-"""What -ise is right after."""
+"""Stems after which -ise is right."""
 NOT_OURS = (
     ".cancelled()", "CancelledError", "aria-labelledby", '"centre_m"', '"centre_rpy_deg"',
     '"device_centre_m"', "mapping.device_centre_m", r"\.centre_m", '"neighbours"',

@@ -13,7 +13,7 @@ from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.session.arm_assembly import make_arm
 from cardan.gateway.session.config import parse_config
 from cardan.robots import load_arm
-from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, Mode
+from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, EgmMode
 from tests.chain import PUSH, Chain
 from tests.fault_rig import EgmBench, EgmJointBench
 from tests.test_lost_time import SPEED_M_S, moving
@@ -32,7 +32,7 @@ def chain(mode, hand=PUSH, **more):
         }
     )
     arm = make_arm(config, AbbEgm(options))
-    return Chain(hand, arm=arm, egm=options, mode=Mode(mode), **more)
+    return Chain(hand, arm=arm, egm=options, mode=EgmMode(mode), **more)
 
 
 @pytest.mark.parametrize("mode", ["joint", "pose"])
@@ -125,7 +125,7 @@ def test_every_verb_with_default_options():
 @pytest.mark.parametrize("stall_s", [0.11, 0.12, 0.129, 0.132, 0.15, 0.19])
 @pytest.mark.parametrize("kind", [EgmBench, EgmJointBench], ids=lambda kind: kind.name)
 def test_a_process_that_stood_still_has_an_arm_go_no_faster(kind, stall_s):
-    """What waited meanwhile comes at once: less time than passed at the robot is agreed on."""
+    """Datagrams that waited come at once: the agreed time is less than passed at the robot."""
     with kind() as bench:
         moving(bench)
         since_s = bench.now_s

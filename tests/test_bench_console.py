@@ -1,4 +1,4 @@
-"""The console's benchmark and hold table: their places in the docs, and what the tables say."""
+"""The console's benchmark and hold table: their places in the docs, and the tables' contents."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The benchmark of a session at 1 kHz: what it runs, and its place in the docs."""
+"""The benchmark of a session at 1 kHz: its programs, and its place in the docs."""
 
 import signal
 from pathlib import Path

@@ -1,5 +1,5 @@
-"""What the servo is compared with in C: it builds, and does the same as ours. Peers in C++ take
-minutes to build: the benchmark itself holds them to the goal that they follow."""
+"""Programs in C that the servo is compared with: they build, and do the same as ours. Peers in C++
+take minutes to build: the benchmark itself holds them to the goal that they follow."""
 
 import ctypes
 import shutil

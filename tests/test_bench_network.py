@@ -1,4 +1,4 @@
-"""The network's benchmark: its place in the docs, and what its tables say of what was measured."""
+"""The network's benchmark: its place in the docs, and its tables of the measurements."""
 
 import pytest
 

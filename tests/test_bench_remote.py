@@ -12,7 +12,7 @@ pytestmark = pytest.mark.matrix
 
 
 def found(**of):
-    """One duration by name, s."""
+    """Return figures with a duration by name, s."""
     figures = Figures("")
     for name, seconds in of.items():
         figures.add({"local": remote.LOCAL, "share": remote.REMOTE}.get(name, name), seconds)

@@ -1,4 +1,4 @@
-"""The benchmark of many sessions: who plays their robots, the search, and its place in the docs."""
+"""The benchmark of many sessions: the simulated robots, the search, and its place in the docs."""
 
 import contextlib
 import socket
@@ -98,7 +98,7 @@ def test_the_template_is_a_robot_at_its_home():
 
 
 def test_sessions_read_it_the_short_way():
-    # As what a controller sends: joints, pose and clock. What lacks one goes the long way.
+    # As sent by a controller: joints, pose and clock. Without one of them, all goes the long way.
     reader = FeedbackReader()
     data, (*_, clock, _) = template()
     first = reader.read(data)

@@ -118,7 +118,7 @@ def test_two_who_ask_are_both_waited_for(bench):
 def test_a_motion_without_authority_breaks_a_rule(bench):
     bench.arm.asks("hand", bench.now_s)
     bench.lasts(TOLD_S - 0.2, FAST)
-    assert bench.rules == []  # What the session tells may be late.
+    assert bench.rules == []  # The session's reports may be late.
     bench.lasts(TOLD_S, FAST)
     assert bench.rules == ["moves without authority"]
 
@@ -329,7 +329,7 @@ def test_a_device_that_was_stopped_is_not_behind_its_hand():
     assert steps_of(script, 25.0, 1005.0) == in_time
 
 
-# -- what is left ---------------------------------------------------------------------------------
+# -- leftovers ------------------------------------------------------------------------------------
 
 
 def test_what_is_left_is_found(tmp_path):

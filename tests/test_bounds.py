@@ -54,7 +54,7 @@ REQUIRED = {
     "damping_n_s_m": 1.0,
     "contact": [],
 }
-"""What must be given, by key."""
+"""Required values, by key."""
 
 
 def numeric(kind: type[Any]) -> dict[str, Any]:

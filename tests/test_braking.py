@@ -1,4 +1,4 @@
-"""Braking bounds hold in discrete time, whatever the periods."""
+"""Braking bounds hold in discrete time, for all periods."""
 
 from hypothesis import given, strategies as st
 

@@ -20,7 +20,7 @@ ENVIRONMENT = {**os.environ, "NO_COLOR": "1", "COLUMNS": "120"}
 
 
 def cardan(*arguments, code=0, **options):
-    """Run the command to its end; returns what it said."""
+    """Run the command to its end; return its output."""
     done = subprocess.run(
         [sys.executable, "-m", "cardan", *map(str, arguments)],
         capture_output=True,

@@ -1,4 +1,4 @@
-"""What is wrong is said in one line with exit code 2, and what is broken leaves the rest."""
+"""Errors of commands: one line with exit code 2, and broken parts leave the rest usable."""
 
 import dataclasses
 import sys
@@ -110,7 +110,7 @@ def plugins(monkeypatch):
 
 @pytest.fixture
 def cardan(monkeypatch, capsys):
-    """The command, in this process; gives what it said."""
+    """The command, in this process; gives its output."""
 
     def run(*words, code=0):
         monkeypatch.setattr(sys, "argv", ["cardan", *map(str, words)])

@@ -1,4 +1,4 @@
-"""What the shell completes, and that `--install-completion` installs it."""
+"""Shell completion, and its installation by `--install-completion`."""
 
 import os
 import subprocess
@@ -105,7 +105,7 @@ def test_without_a_daemon_there_is_nothing(tmp_path):
 
 
 def complete(*words, **environment):
-    """What bash is told after these words, the last of which is being typed."""
+    """Return bash's completions after these words, the last of which is being typed."""
     done = subprocess.run(
         [sys.executable, "-m", "cardan"],
         env={

@@ -164,7 +164,7 @@ def test_a_suite_of_a_plug_in_that_is_not_installed_says_what_installs_it(monkey
 
 def test_suites_of_other_packages_are_there_and_broken_ones_are_named(output, monkeypatch):
     points = [
-        EntryPoint("another", "cardan.conform.egm.suite:Egm", registry.ENTRY_POINT_GROUP),
+        EntryPoint("another", "cardan.conform.egm.suite:EgmSuite", registry.ENTRY_POINT_GROUP),
         EntryPoint("broken", "nowhere:Suite", registry.ENTRY_POINT_GROUP),
     ]
     monkeypatch.setattr(registry.FINDER, "_installed", lambda: points)

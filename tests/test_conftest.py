@@ -248,7 +248,7 @@ UNMARKED = "import time\ndef test_computes(): ...\n"
 
 
 def collected(folder, *options):
-    """What pytest says that it would run of a folder's files, and all that it says."""
+    """Return the tests that pytest would run of a folder's files, and its whole output."""
     shutil.copy(CONFTEST, folder)
     (folder / "pytest.ini").write_text("[pytest]\ntestpaths=.\nmarkers =\n    real\n    matrix\n")
     words = ("--collect-only", "-q", "-p", "no:cacheprovider", *options)

@@ -15,13 +15,13 @@ from cardan.gateway.servers.console.site import FOLDER, Site
 
 ROOT = Path(__file__).parents[1]
 LARGEST_BYTES = 250_000
-"""What a browser gets at its first visit, as gzip."""
+"""Most bytes that a browser gets at its first visit, as gzip."""
 
 LIBRARIES = {"three", "uplot", "urdf-loader"}
 
 
 def tools_console(*words, checkout=ROOT, **environment):
-    """Exit code of tools/console in a checkout, and what it says."""
+    """Exit code of tools/console in a checkout, and its output."""
     done = subprocess.run(
         [sys.executable, checkout / "tools/console", *words],
         capture_output=True,

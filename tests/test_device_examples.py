@@ -31,7 +31,7 @@ GOES_ON_S = 1.5
 """How long a session goes on then: as long as the first strokes of every short script."""
 
 PRESSED_N = 0.4
-"""What is felt at least of a hand that presses against something; for plugins/."""
+"""Least force felt of a hand that presses against something; for plugins/."""
 
 SCRIPTS = {
     "gamepad-ur5-simulated.toml": "short",
@@ -61,7 +61,7 @@ LIGHTS = {
     "spacemouse-ur5-simulated.toml": ("LED on", "LED off"),
     "spnav-ur5-simulated.toml": ("LED on", "LED off"),
 }
-"""What the simulated device says when its light goes on, and when it goes out."""
+"""Output of the simulated device when its light goes on, and when it goes out."""
 
 STROKES = """
 0.1  axes 0 0 0.2 0 0 0 over 0.05

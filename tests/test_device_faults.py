@@ -47,7 +47,7 @@ class Subject:
         self._rng = random.Random(7)
 
     def passed(self, report, now_s):
-        """What becomes of a report: itself, something worse, or None."""
+        """Return the report itself, a corrupted one, or None."""
         if not self.fault:
             self.good_s = now_s
             return report

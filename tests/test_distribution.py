@@ -1,5 +1,5 @@
-"""What is released (`make dist`), installed in clean environments outside the checkout: it is small
-without the extra for arm models, whole, and runs."""
+"""Released files (`make dist`), installed in clean environments outside the checkout: small without
+the extra for arm models, whole, and running."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ pytestmark = [pytest.mark.matrix, pytest.mark.timeout(400)]
 
 ROOT = Path(__file__).parents[1]
 LARGEST_BYTES = 60_000_000
-"""What the package and all that it needs may take without extras, bytecode included."""
+"""Most bytes of the package and all that it needs, without extras, bytecode included."""
 
 UNREACHABLE = "Could not find a version that satisfies"
 """pip's words where there is no package registry."""
@@ -43,7 +43,7 @@ print(cardan.__file__)
 
 
 def run(*words: object, codes: tuple[int, ...] = (0,), folder: Path | None = None) -> str:
-    """What a command says outside the checkout; it must end with one of `codes`."""
+    """Return the output of a command outside the checkout; it must end with one of `codes`."""
     environment = {
         name: value for name, value in os.environ.items() if not name.startswith("PYTHON")
     }
@@ -63,7 +63,7 @@ def run(*words: object, codes: tuple[int, ...] = (0,), folder: Path | None = Non
 
 
 def occupied_bytes(folder: Path) -> int:
-    """What a folder occupies on the disk."""
+    """Return the bytes that a folder occupies on the disk."""
     return sum(os.lstat(file).st_blocks * 512 for file in folder.rglob("*"))
 
 

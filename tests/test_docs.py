@@ -72,7 +72,7 @@ def text(name: str) -> str:
 
 
 def section(page: str, heading: str) -> str:
-    """What stands under `heading`, its own sections included."""
+    """Return the text under `heading`, its own sections included."""
     found = re.search(rf"^(#+) {re.escape(heading)}\n", page, re.MULTILINE)
     assert found, f"there is no heading {heading!r}"
     rest = page[found.end() :]
@@ -309,7 +309,7 @@ PEERS = [
 
 
 def told_of(name: str) -> str:
-    """What the page of a simulated peer says under its heading, which names its command."""
+    """Return the page of a simulated peer under its heading, which names its command."""
     page = text(peers.load(name).page)
     heading = re.search(rf"^## (.*`cardan sim {name}`.*)$", page, re.MULTILINE)
     assert heading, f"no heading names `cardan sim {name}`"

@@ -100,7 +100,7 @@ def here(tmp_path, monkeypatch):
 
 
 def run(line, capsys):
-    """What the command prints."""
+    """Return the output of the command."""
     with contextlib.suppress(SystemExit):
         assert the_command_line()(shlex.split(line)[1:], standalone_mode=False) in (None, 0), line
     return capsys.readouterr().out

@@ -21,7 +21,7 @@ from tests.test_docs import PAGES, ROOT, blocks
 PYRIGHT = "1.1.414"
 PACKAGES = [str(each) for each in sorted(ROOT.glob("examples/packages/*"))]
 SOURCES = [str(ROOT), *map(str, sorted(ROOT.glob("plugins/cardan-*"))), *PACKAGES]
-"""Where the programs find what they import."""
+"""Where the programs find their imports."""
 EXAMPLES = [
     *(
         str(path)
@@ -62,7 +62,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def pyright(folder: Path, *words: str) -> list[dict[str, Any]]:
-    """What pyright finds in `folder`."""
+    """Return the diagnostics of pyright in `folder`."""
     program = installed("pyright", PYRIGHT) / "node_modules/.bin/pyright"
     command = [program, "--outputjson", "--pythonpath", sys.executable, "-p", folder, *words]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -1,4 +1,4 @@
-"""What `cardan devices drivers NAME` says of a driver's options."""
+"""Output of `cardan devices drivers NAME` about a driver's options."""
 
 from __future__ import annotations
 

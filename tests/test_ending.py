@@ -206,7 +206,7 @@ def test_a_demo_that_is_told_to_end_leaves_nothing_behind(number):
 
 @contextlib.contextmanager
 def unread(kind):
-    """A file descriptor to write to, and one that nobody reads until it is let go of."""
+    """Yield a file descriptor to read from, which nobody reads, and one to write to."""
     reading, writing = pty.openpty() if kind == "terminal" else os.pipe()
     try:
         yield reading, writing
@@ -351,7 +351,7 @@ def test_a_hand_at_a_terminal_that_is_not_read(tmp_path):
         with selectors.DefaultSelector() as selector:
             selector.register(reading, selectors.EVENT_READ)
             assert selector.select(WITHIN_S)
-        for _ in range(40):  # Each key changes what is shown.
+        for _ in range(40):  # Each key changes the display.
             os.write(reading, b"wsad")
             threading.Event().wait(0.02)
         assert program.end(signal.SIGINT) == 0
@@ -420,7 +420,7 @@ def test_closed_streams_are_no_robot_s_sockets():
     assert done.returncode == 0
 
 
-# -- what is logged -------------------------------------------------------------------------------
+# -- logs -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("words", [("run",), ("demo",), ("spnav",), ("force",), ("sim", "arm")])

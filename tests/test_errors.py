@@ -1,4 +1,4 @@
-"""One tree of errors: the docstring of cardan.errors and its page against what there is."""
+"""Tree of errors: the docstring of cardan.errors and its page against the classes."""
 
 import copy
 import importlib

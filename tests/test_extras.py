@@ -1,4 +1,4 @@
-"""Where an optional package is missing, one error says what needs it and what installs it."""
+"""Error about a missing optional package: it names the part that needs it, and the extra."""
 
 import pickle
 import re
@@ -58,7 +58,7 @@ NEEDED = [
         "_RuckigChaser(1.0, 1.0, 1.0, 0.004)",
     ),
 ]
-"""Packages, the extras that install them, and what needs them."""
+"""Packages, the extras that install them, and the features that need them."""
 
 WITHOUT = """
 import sys

@@ -1,6 +1,6 @@
-"""Every fault switch of both peers against the whole chain: what did the robot do, in numbers.
+"""Every fault switch of both peers against the whole chain: the motion of the robot, in numbers.
 
-The hand grips at 0.8 s and pulls at 50 mm/s from 1.1 s on; at 6.0 s it lets go of everything, grips
+The hand grips at 0.8 s and pulls at 50 mm/s from 1.1 s on; at 6.0 s it releases everything, grips
 anew at 6.5 s and pushes from 6.8 s on. All in virtual time.
 """
 
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.matrix
 
 SPEED_M_S = 0.05
 FIRST_PULL_M = 0.0424
-"""What the arm travels between 2.0 s and 2.9 s when all is well."""
+"""Travel of the arm between 2.0 s and 2.9 s when all is well."""
 
 HARMLESS_HAND = {
     "short-report": 10.0,
@@ -46,7 +46,7 @@ ELSEWHERE = {
 
 
 def within_limits(chain, speed_m_s=SPEED_M_S, hardest_m_s2=1.3):
-    """Whatever happened, the arm kept to its speed and started and stopped gently."""
+    """Check that the arm kept to its speed and started and stopped gently."""
     assert chain.fastest_m_s() <= 1.1 * speed_m_s
     assert chain.hardest_m_s2() <= hardest_m_s2
     return chain

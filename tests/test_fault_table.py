@@ -1,5 +1,5 @@
-"""The tables of tests/results/faults.md: they are what is measured, and nothing in them is too
-much."""
+"""The tables of tests/results/faults.md: they equal the measurements, and no value in them is too
+large."""
 
 import itertools
 import math
@@ -14,7 +14,7 @@ from tests.fault_rig import BENCHES
 pytestmark = [pytest.mark.matrix, pytest.mark.timeout(1200)]
 
 NEAR = (12.0, 0.6, 2.0, 0.15)
-"""ms, mm, mm/s, m/s²: what another computer's arithmetic may make of a number."""
+"""ms, mm, mm/s, m/s²: tolerance for another computer's arithmetic."""
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +78,7 @@ def test_a_measured_place_that_jumps_makes_nothing_faster_or_harder(rows):
 
 
 def test_what_stops_stops_soon(rows):
-    """Whatever ends the motion, the arm rests within a second; only a short stall does not."""
+    """A fault that ends motion brings the arm to rest within a second; a short stall may not."""
     for row in rows:
         if not re.search(r"stalls|jumps|^clock", row.fault):
             assert row.motion.stop_s < 1.0, row

@@ -1,4 +1,4 @@
-"""Files that a user names: what is read, and what is refused at once and in one line."""
+"""Files that a user names: those that are read, and those refused at once and in one line."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def in_child(*calls, leave=None):
 
 
 def forked(code, *words):
-    """What `code` prints as JSON, in a Python of its own."""
+    """Return the JSON that `code` prints in a Python of its own."""
     done = subprocess.run(
         [sys.executable, "-W", "ignore::DeprecationWarning", "-c", FORKED + code, *words],
         capture_output=True,

@@ -1,4 +1,4 @@
-"""What `--help` shows at 80 columns: all of it, in sections, each command on a line of its own."""
+"""Output of `--help` at 80 columns: all of it, in sections, each command on a line of its own."""
 
 import inspect
 import re
@@ -155,7 +155,7 @@ OF_OLD_UNITS = {"tests/doctor/test_daemon.py"}
 
 
 def texts():
-    """What of the source tree is read by people, and what starts the command."""
+    """Yield the files of the source tree that people read or that start the command."""
     folders = (
         "cardan",
         "docs",

@@ -1,4 +1,4 @@
-"""Every wait of an inbox ends, whatever its lock does."""
+"""Every wait of an inbox ends, for any behavior of its lock."""
 
 import itertools
 import re

@@ -41,14 +41,14 @@ def strange(times: object) -> None:
 
 @pytest.fixture
 def others(monkeypatch):
-    """What other packages have, each broken in its own way but two; one has the name of ours."""
+    """Commands of other packages, each broken in its own way but two; one has the name of ours."""
     points = [EntryPoint(name, target, "cardan.commands") for name, target in POINTS.items()]
     monkeypatch.setattr(installed, "entry_points", lambda group: points)
 
 
 @pytest.fixture
 def cardan(monkeypatch, capsys):
-    """The command, in this process; gives what it said."""
+    """The command, in this process; gives its output."""
 
     def run(*words, code=0):
         monkeypatch.setattr(sys, "argv", ["cardan", *words])

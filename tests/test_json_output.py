@@ -1,4 +1,4 @@
-"""Every command that prints what a program might read has --json."""
+"""Every command with output that a program might read has --json."""
 
 import contextlib
 import enum

@@ -1,4 +1,4 @@
-"""tools/kernel-vm: what it runs the machine by, and that a failure is told when it is there."""
+"""tools/kernel-vm: the choice of its machine's accelerator, and prompt reports of failures."""
 
 import os
 import subprocess

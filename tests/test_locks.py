@@ -1,4 +1,4 @@
-"""What make installs is in locks/, by version and hash; it has all that pyproject.toml asks for."""
+"""locks/ has all that make installs, by version and hash, and all that pyproject.toml asks for."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ PLUGINS = {
     path.parent.name: tomllib.loads(path.read_text(encoding="utf-8"))["project"]["dependencies"]
     for path in ROOT.glob("plugins/cardan-*/pyproject.toml")
 }
-"""What each plug-in of this repository needs."""
+"""Dependencies of each plug-in of this repository."""
 
 WRITE = "run `make lock`"
 
@@ -58,7 +58,7 @@ def environment(python: str) -> dict[str, str]:
 
 
 def versions(lock: str, variables: dict[str, str]) -> dict[str, str]:
-    """What a lock installs in such an environment: versions by name."""
+    """Return the packages that a lock installs in such an environment: versions by name."""
     found: dict[str, str] = {}
     for requirement, _ in entries(lock):
         if requirement.marker is None or requirement.marker.evaluate(variables):
@@ -69,13 +69,13 @@ def versions(lock: str, variables: dict[str, str]) -> dict[str, str]:
 
 
 def asked_for(extra: str) -> Iterator[Requirement]:
-    """What an extra of pyproject.toml needs, with what the extras and plug-ins that it names
-    need."""
+    """Yield the requirements of an extra of pyproject.toml, with those of the extras and plug-ins
+    that it names."""
     yield from needed_by(EXTRAS[extra])
 
 
 def needed_by(texts: Iterable[str]) -> Iterator[Requirement]:
-    """What such requirements come to."""
+    """Yield such requirements, with extras and plug-ins replaced by theirs."""
     for text in texts:
         requirement = Requirement(text)
         if requirement.name == "cardan":
@@ -155,7 +155,7 @@ def test_this_environment_is_the_locked_one():
 
 @pytest.mark.parametrize("installer", ["uv", "pip"])
 def test_what_is_installed_is_said_with_its_size_before_and_progress_is_shown(tmp_path, installer):
-    """What has to be downloaded takes most of the time of `make demo`."""
+    """Downloads take most of the time of `make demo`."""
     programs = tmp_path / "bin"
     programs.mkdir()
     for name in ("python", "uv"):

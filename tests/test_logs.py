@@ -62,7 +62,7 @@ def test_it_is_imported_by_every_python(module):
 
 
 def logged(monkeypatch):
-    """What is logged with fields, and with a traceback, as standard error has it."""
+    """Return lines logged with fields, and with a traceback, as standard error has them."""
     stream = io.StringIO()
     monkeypatch.setattr(sys, "stderr", stream)
     log = logging.getLogger("cardan.test")

@@ -1,4 +1,4 @@
-"""Whatever time is lost between two commands, no robot is faster or harder than it was asked to be.
+"""Time lost between two commands makes no robot faster or harder than it was asked to be.
 
 The core here is the simplest that goes on by one nominal period in each tick: a constant speed,
 reached with a ramp. All else is the real driver's and the simulated controller's, in virtual time.
@@ -123,7 +123,7 @@ ROBOTS = pytest.mark.parametrize("kind", BENCHES, ids=lambda kind: kind.name)
 
 
 def through_gaps(bench, core, pattern, longest_s):
-    """What the arm did while time was lost again and again."""
+    """Return the motion of the arm while time was lost again and again."""
     since_s = bench.now_s
     for share, rest_s, in_tick in pattern:
         gap_s = SHORTEST_S + share * (longest_s - SHORTEST_S)
@@ -158,7 +158,7 @@ def test_a_gap_is_not_made_up_for(kind, pattern):
 
 @ROBOTS
 def test_at_rest_the_arm_is_where_its_core_is(kind):
-    """What a gap has left between them is worked off, not quickly, and not for long."""
+    """The difference that a gap has left is worked off, not quickly, and not for long."""
     with kind() as bench:
         core = moving(bench)
         bench.stall(min(0.06, LONGEST_S[kind]))

@@ -1,4 +1,4 @@
-"""Whatever goes wrong between the MotoROS driver and its controller: it stops, and says why.
+"""Faults between the MotoROS driver and its controller: the driver stops, and says why.
 
 The rows of the tables in docs/motoman.md and docs/protocols/simple-message.md, with the
 bytes of the wire between both sides and time as an argument.
@@ -131,7 +131,7 @@ def test_stock_firmware_plays_for_50_ms_when_the_motion_connection_is_cut():
     assert speed(rig) == 0.0
     assert traveled(rig, at_s) <= SPEED * (0.050 + 2 * IPC_S)
     assert "motion connection was lost" in rig.session.end_reason
-    # What was left in the queue is not played when the driver is back: it stops first.
+    # Points left in the queue are not played when the driver is back: it stops first.
     assert_moves_only_when_enabled_anew(rig)
 
 

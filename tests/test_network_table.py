@@ -1,4 +1,4 @@
-"""The table of who judged what on the network says what the marks of tests say, and no more."""
+"""The table of judges on the network has the contents of the tests' marks, and no more."""
 
 import pytest
 

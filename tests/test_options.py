@@ -1,4 +1,4 @@
-"""Options are checked by their annotations, and errors name the key, the value, what is allowed."""
+"""Options are checked by their annotations; errors name the key, the value and the allowed ones."""
 
 from __future__ import annotations
 
@@ -284,7 +284,7 @@ def test_one_value_is_checked_likewise():
         check_value("number", 3, Annotated[float, CLOSED])
 
 
-# -- what is kept of what was given ----------------------------------------------------------------
+# -- storage of given values -----------------------------------------------------------------------
 
 
 ORIGIN = Point(1.0, 0.0)

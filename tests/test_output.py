@@ -1,4 +1,4 @@
-"""What is written to a reader that does not read, or has gone, holds nobody up."""
+"""Output to a reader that does not read, or has gone, holds no program up."""
 
 import contextlib
 import errno

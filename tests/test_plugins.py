@@ -30,7 +30,7 @@ POINTS = [
 
 
 class DeclaredError(ArithmeticError):
-    """What a class of the kind declares."""
+    """Attributes that a class of the kind declares."""
 
     summary = ""
     matches = ()
@@ -221,7 +221,7 @@ def test_a_shortage_in_use_is_no_fault_of_a_plug_in(finder):
 
 
 def plugins_entry_points():
-    """What is found by each group's entry points: of the groups of this source tree's own."""
+    """Yield the kind, name and folder of each entry point in this source tree's groups."""
     words = {
         "cardan.buses": "transport",
         "cardan.checks": "check",

@@ -1,4 +1,4 @@
-"""``import cardan``: its names, what it costs, keywords, and one way to open everything."""
+"""``import cardan``: its names, its cost, keywords, and one way to open everything."""
 
 import ast
 import dataclasses
@@ -22,7 +22,7 @@ DRIVERS = {name: registry.load(name) for name in registry.BUILT_IN}
 
 
 def in_a_new_python(code):
-    """What `code` prints as JSON."""
+    """Return the JSON that `code` prints."""
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
     )
@@ -52,7 +52,7 @@ NOT_FOR_A_CLASS = {
     "cardan.common.tables", "cardan.robots", "difflib", "importlib.metadata", "numpy", "scipy",
     "tomllib", "typer", "xml.etree.ElementTree",
 }  # fmt: skip
-"""What opens a driver, reads a file or words an error, not what a class is made of."""
+"""Modules to open a driver, read a file or word an error, not to define a class."""
 
 
 @pytest.mark.parametrize(

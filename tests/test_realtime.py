@@ -1,4 +1,4 @@
-"""What a session asks for, so that its loop is on time."""
+"""Requests of a session to the system that keep its loop on time."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""What is released: one version everywhere, notes for it, and no upload or tag by itself."""
+"""Releases: one version everywhere, notes for it, and no upload or tag by itself."""
 
 from __future__ import annotations
 

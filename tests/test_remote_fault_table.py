@@ -21,7 +21,7 @@ from tests.remote_fault_table import (
 from tests.test_fault_table import assert_are
 
 STILL_M = 5e-5
-"""What an arm that moves by less than 1 mm/s has before it until it rests: 0.0 mm."""
+"""Way of an arm that moves by less than 1 mm/s until it rests: 0.0 mm."""
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def assert_safe(row):
     assert row.motion.peak_m_s2 <= HARDEST_M_S2, row
     assert row.motion.back_m <= STILL_M, row
     assert row.unasked_m <= STILL_M, row
-    # One that has stopped goes on by the deliberate act, and by nothing else.
+    # A stopped arm goes on by re-arming, and by nothing else.
     assert math.isinf(row.motion.stop_s) or row.again_m >= AGAIN_M, row
 
 
@@ -62,7 +62,7 @@ def test_the_arm_is_at_rest_in_time_and_moves_only_when_asked(rows):
 @pytest.mark.matrix
 @pytest.mark.timeout(1200)
 def test_all_but_a_camera_ends_motion(rows):
-    """What a picture delays may still be young enough, where `max_age_s` is long."""
+    """A state delayed by a picture may still be young enough, where `max_age_s` is long."""
     assert {row.fault for row in rows if math.isinf(row.rest_by_s)} <= {CAMERA}
 
 

@@ -1,4 +1,4 @@
-"""What a computer does not give is said in a line."""
+"""A resource that the computer lacks is reported in a line."""
 
 from __future__ import annotations
 

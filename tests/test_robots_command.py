@@ -82,7 +82,7 @@ def here(tmp_path, monkeypatch):
 
 
 def cardan(capsys, *words):
-    """What the command prints."""
+    """Return the output of the command."""
     the_command_line()(list(words), standalone_mode=False)
     return capsys.readouterr().out
 

@@ -70,7 +70,7 @@ def panels(layout):
 
 
 class Client:
-    """Does by rosbridge what a line of `ros2` does by itself."""
+    """Does a `ros2` line's work by rosbridge."""
 
     def __init__(self, socket) -> None:
         self._socket, self._number = socket, 0
@@ -87,7 +87,7 @@ class Client:
                 return operation
 
     def results(self, seconds):
-        """What ~/result tells in this time."""
+        """Return the messages of ~/result in this time."""
         told = []
         with contextlib.suppress(TimeoutError):
             self.until(lambda operation: told.append(operation.get("msg")), seconds)
@@ -271,7 +271,7 @@ def test_the_layout_shows_what_a_session_publishes(bus):
 
 
 def told(*command):
-    """What a program prints."""
+    """Return the output of a program."""
     done = subprocess.run(
         [sys.executable, *map(str, command)],
         capture_output=True,
@@ -455,7 +455,7 @@ def test_two_computers_by_tls_and_who_may_do_what(made):
             for _ in range(20):  # Without its preset: each would be refused.
                 publisher.publish(b"\0\1\0\0" + bytes(48))
                 time.sleep(0.02)
-            # One that is let through is refused in words, and is the only one.
+            # A command that passes is refused in words, and is the only one.
             own = here.advertise(f"{ARM}/command/twist", "geometry_msgs/msg/Twist", False)
             own.publish(b"\0\1\0\0" + bytes(48))
             until(lambda: results)

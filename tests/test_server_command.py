@@ -205,7 +205,7 @@ def test_an_attached_router_ends_with_its_standard_input():
 SOMEBODY = discovery.Discovery(
     ["/arm/server"],
     {"/joint_states": discovery.Topic("sensor_msgs/msg/JointState", ("/arm/server",))},
-    {"/arm/server/stop": discovery.Service("std_srvs/srv/Trigger", ("/arm/server",))},
+    {"/arm/server/stop": discovery.ServiceInfo("std_srvs/srv/Trigger", ("/arm/server",))},
     1,
     1,
 )

@@ -59,7 +59,7 @@ def test_who_shares_is_told_of_each_change_once():
     ]
     counts["claims while another session has it"] += 1
     assert news.of(lost, "arm at robot", counts) == []
-    assert news.of(there(), "", counts) == ["the device is there", "used by nobody"]
+    assert news.of(there(), "", counts) == ["the device is there", "not in use"]
 
 
 def test_who_shares_is_told_of_the_router_and_of_others():

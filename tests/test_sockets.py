@@ -1,4 +1,4 @@
-"""Unix sockets at paths: whose they are, who may connect, and whom a program believes."""
+"""Unix sockets at paths: their owners, access control, and peers that a program trusts."""
 
 from __future__ import annotations
 

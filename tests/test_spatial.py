@@ -80,6 +80,14 @@ def test_nothing_to_normalize(bad):
         spatial.normalized(Quaternion(*bad))
 
 
+@pytest.mark.parametrize("length", [0.0, 1e-9, 0.3, 3.0])
+def test_an_orientation_turned_by_a_vector_is_the_product(length):
+    by = spatial.scale(Vector3(0.36, -0.48, 0.8), length)
+    q = spatial.normalized(Quaternion(0.3, -0.5, 0.7, 0.4))
+    expected = spatial.multiply(spatial.from_rotation_vector(by), q)
+    assert spatial.turned_by(q, by) == pytest.approx(expected, abs=1e-15)
+
+
 def test_limit_norm_keeps_direction():
     assert spatial.limit_norm(Vector3(3, 4, 0), 1.0) == pytest.approx((0.6, 0.8, 0))
     assert spatial.limit_norm(Vector3(0.3, 0.4, 0), 1.0) == (0.3, 0.4, 0)

@@ -1,4 +1,4 @@
-"""Tables become the options that they describe; errors name the whole key, and what is allowed."""
+"""Tables become the options that they describe; errors name the whole key and allowed values."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The robot of examples/packages/cardan-rail in virtual time: its axes rest, whatever fails.
 
 The driver, the gateway's controller, the simulated controller and a bad network between them; only
-sockets, threads and clocks are missing. What every template package has to show is elsewhere.
+sockets, threads and clocks are missing. Checks of every template package are elsewhere.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ from cardan_rail.simulated import FAULTS, RailController  # noqa: E402
 SPEED_M_S = 0.1
 ACCELERATION_M_S2 = 1.0
 GRIPS_S, PUSHES_S, FAILS_S, RESTS_S, ENDS_S = 0.4, 0.6, 1.5, 2.7, 4.5
-"""When the hand takes the dead-man, deflects the device, when something fails, and when the hand
-lets go of both."""
+"""Times when the hand takes the dead-man, deflects the device, when something fails, when the hand
+releases both, and the end."""
 
 REST_M_S = 0.001
 """As in tests/fault_rig.py. Lost time is worked off slower than this after the hand let go."""
@@ -131,7 +131,7 @@ class WiredRail(Rail):
 
 
 def hand(now_s):
-    """A hand that grips, pushes to the left, and lets go."""
+    """A hand that grips, pushes to the left, and releases."""
     y = 1.0 if PUSHES_S <= now_s < RESTS_S else 0.0
     held = frozenset({"left"} if GRIPS_S <= now_s < RESTS_S else ())
     return DeviceState(now_s, DeviceLink.LIVE, NEUTRAL._replace(y=y), held)

@@ -1,4 +1,4 @@
-"""Somebody else's package, installed: its driver, simulated peer and demo are in every list, and
+"""Third-party package, installed: its driver, simulated peer and demo are in every list, and
 its demo runs."""
 
 from textwrap import dedent
@@ -157,7 +157,7 @@ FILES = {
 
 @pytest.fixture
 def cardan(tmp_path):
-    """The command line, with the package installed; gives what it says."""
+    """The command line, with the package installed; gives its output."""
     site = tmp_path / "site"
     for name, text in FILES.items():
         file = site / name

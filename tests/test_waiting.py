@@ -1,4 +1,4 @@
-"""What is cut short as the computer stood still is done again; anything else counts as it is."""
+"""Acts cut short by a standstill of the computer are repeated; other results count as they are."""
 
 import pytest
 

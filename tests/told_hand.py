@@ -1,4 +1,4 @@
-"""A hand that does what `cardan conform` asks for, with a simulated device."""
+"""Simulated operator that follows the instructions of `cardan conform`, with a simulated device."""
 
 import math
 import queue

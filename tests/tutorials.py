@@ -34,7 +34,7 @@ UDP_PORT, TCP_PORT = "6510", "7447"
 
 @dataclass(frozen=True)
 class Step:
-    """One block: a file to write, or commands."""
+    """A block: a file to write, or commands."""
 
     file: str
     """Its name; empty: commands."""
@@ -48,7 +48,7 @@ class Step:
 
 
 def steps(page: str) -> Iterator[Step]:
-    """What the page has one do, in its order."""
+    """Yield the steps of the page, in its order."""
     end = 0
     for found in BLOCK.finditer(page):
         before = page[end : found.start()].rstrip().split("\n\n")[-1]
@@ -71,7 +71,7 @@ def words_of(command: str) -> list[str]:
 
 
 def said_here(command: str, folder: Path) -> str:
-    """What a command that opens nothing prints; a process of its own would take a second."""
+    """Return the output of a command that opens nothing; a process would take a second."""
     printed = io.StringIO()
     with chdir(folder), redirect_stdout(printed), suppress(SystemExit):
         assert the_command_line()(shlex.split(command)[1:], standalone_mode=False) in (None, 0), (
@@ -110,7 +110,7 @@ def aside(command: str, folder: Path, port: int) -> Iterator[None]:
 
 
 def wait_for(port: int, process: subprocess.Popen[str]) -> None:
-    """Until somebody listens at that TCP port of this computer."""
+    """Wait until a server listens at that TCP port of this computer."""
     end_s = time.monotonic() + LONGEST_S
     while time.monotonic() < end_s and process.poll() is None:
         with socket.socket() as probe:

@@ -1,4 +1,4 @@
-"""Waiting for what another thread or process does, with a bound; doing again what was cut short."""
+"""Bounded waits for other threads and processes, and repetition of acts that were cut short."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _T = TypeVar("_T")
 
 
 def until(found: Callable[[], _T], what: str = "it", within_s: float = WITHIN_S) -> _T:
-    """What `found` gives, once it gives something that is true."""
+    """Return the first true result of `found`; fail after `within_s`."""
     deadline_s = time.monotonic() + within_s
     while not (answer := found()):
         assert time.monotonic() < deadline_s, f"{what} did not happen"
@@ -36,9 +36,9 @@ def until(found: Callable[[], _T], what: str = "it", within_s: float = WITHIN_S)
 
 
 def done_again(act: Callable[[], _T], reason: Callable[[_T], str] = str) -> _T:
-    """What `act` gives, which is done again while the session says by `reason` of it, or as an
+    """Return the result of `act`. It is repeated while the session says by `reason` of it, or as an
     error, that it was cut short as the computer stood still, or, after that, that the robot is not
-    at rest yet. Anything else said stays as it is."""
+    at rest yet. Any other words stay as they are."""
     said = ""
     for _ in range(TRIES):
         again = (STOOD_STILL, MOVES_STILL) if said else (STOOD_STILL,)

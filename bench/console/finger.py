@@ -51,24 +51,24 @@ addEventListener("pointerdown", (e) => e.isTrusted && window.pressed.push(e.time
 
 
 class Delays(NamedTuple):
-    """Of one browser."""
+    """Delays of one browser."""
 
     delays_s: list[float]
     lost: int
     """Presses that moved nothing."""
     uncertain_s: float
-    """How well the page's clock is known."""
+    """Uncertainty of the page's clock."""
 
 
 class Controller(threading.Thread):
-    """A robot that obeys, and notes when it is told to move."""
+    """A robot that obeys, and records the times of commands to move."""
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(daemon=True)
         self._robot, self._over = robot, threading.Event()
         self._lock = threading.Lock()
         self._moves: list[float] = []
-        """Times of datagrams that say another place than the one before, monotonic."""
+        """Times of datagrams that command another place than the one before, monotonic s."""
 
     def run(self) -> None:
         with as_a_controller():
@@ -90,12 +90,12 @@ class Controller(threading.Thread):
         self.join()
 
     def first_move(self, since_s: float) -> float | None:
-        """When it was first told to move, from then on."""
+        """Return the time of the first command to move since `since_s`; None: there was none."""
         with self._lock:
             return next((each for each in self._moves if each >= since_s), None)
 
     def rests(self) -> bool:
-        """Whether it was told nothing of late."""
+        """Return True if no command to move came within the last REST_S."""
         with self._lock:
             return not self._moves or time.monotonic() - self._moves[-1] > REST_S
 

@@ -21,7 +21,7 @@ from studies.cartesian.rig import (
 VIEWERS = 20
 RATE_HZ = 30.0
 AIM = 1.1
-"""Times the p99 of the session that nobody watches."""
+"""Times the p99 of a session without viewers."""
 
 TOPICS = (
     *(
@@ -30,11 +30,11 @@ TOPICS = (
     ),
     "/joint_states",
 )
-"""What a page subscribes to, of one arm."""
+"""Topics of one arm that a page subscribes to."""
 
 
 def measure() -> Load:
-    """Turns with and without those that watch."""
+    """Measure turns with and without viewers."""
     with ExitStack() as stack:
         port, endpoint = free_ports(), free_endpoint()
         stack.enter_context(session(port, MODEL + network_table(endpoint, RATE_HZ)))

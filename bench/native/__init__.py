@@ -1,4 +1,4 @@
-"""What others do in C and C++, built from our sources here and from their libraries.
+"""Peers in C and C++ for comparison, built from our sources here and from their libraries.
 
     python -m bench.native          builds what is missing, and says what cannot be built
     make bench-peers                the same, with the Debian packages that it needs
@@ -170,11 +170,11 @@ PARTS: dict[str, tuple[tuple[str, ...], Callable[[Path], None]]] = {
     KDL: (("kdl.cpp", "peer.h"), _kdl),
     PINOCCHIO_DAQP: (("pinocchio_daqp.cpp", "peer.h"), _pinocchio_daqp),
 }
-"""What is built: of which of our sources, and how."""
+"""Parts to build: the sources of each, and its build function."""
 
 
 def _path(part: str) -> Path:
-    """Where it is, once it is built of what is there now."""
+    """Path of a part that is built from the present sources."""
     stamp = hashlib.sha256(repr((C, CPP, LISTS, WITH_DISTANCES, DISTANCES)).encode())
     for each in PARTS[part][0]:
         stamp.update((SOURCES / each).read_bytes())
@@ -206,7 +206,7 @@ def built(part: str) -> Path:
 
 
 class Peer:
-    """A step of somebody else's, from an arm's home on."""
+    """Step function of another library, beginning at an arm's home."""
 
     def __init__(self, part: str, arm: ArmKinematics) -> None:
         """Raises NotBuiltError."""
@@ -253,7 +253,7 @@ class Peer:
 
     @property
     def rows(self) -> int:
-        """How many pairs were in the program of the last step."""
+        """Number of pairs in the program of the last step."""
         count: int = self._library.peer_rows(self._peer)
         return count
 
@@ -278,8 +278,8 @@ class Peer:
 
 
 def kernel_step() -> Callable[[int, int, float], float]:
-    """Calls the tick at an address, of the kernel at another, and says how long it took, s: our own
-    kernel, as who writes C would call it. Raises NotBuiltError."""
+    """Return a function that calls the tick at an address, of the kernel at another: our own kernel
+    as a caller in C would see it. The function returns its duration, s. Raises NotBuiltError."""
     function = ctypes.CDLL(str(built(KERNEL))).kernel_step
     function.restype = ctypes.c_double
     function.argtypes = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_double)

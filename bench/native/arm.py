@@ -91,7 +91,7 @@ def peer_arm(arm: ArmKinematics) -> PeerArm:
 
 
 def peer_shape(solid: Solid) -> PeerShape:
-    """The same geometry that the servo in Python gives to Coal. ValueError: it is a half-space."""
+    """Return the geometry that the servo in Python gives to Coal. ValueError: a half-space."""
     if isinstance(solid.shape, HalfSpace):
         raise ValueError(f"{solid.name}: the peers know no half-space")
     shape, placement = coal_shape(solid.shape)

@@ -1,4 +1,4 @@
-"""What the network costs and how fast it is: publication, sessions, commands, rosbridge's clients.
+"""Cost and latency of the network: publication, sessions, commands, clients of rosbridge.
 
     python -m bench network [--pages] [--publication] [--session] [--command] [--clients]
 

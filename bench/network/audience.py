@@ -30,14 +30,14 @@ ANSWER_WITHIN_S = 20.0
 
 
 class Place(NamedTuple):
-    """Where clients connect, on this computer."""
+    """Address on this computer to which clients connect."""
 
     port: int
     path: str = "/"
 
 
 class Heard(NamedTuple):
-    """What arrived while they listened."""
+    """Messages that arrived while the clients listened."""
 
     messages: float
     """Of one client on average; of those that count, by the average length of a message."""

@@ -41,14 +41,14 @@ TOPICS = (
     *(f"/measured_{name}" for name in ("js", "cp", "cf")),
     *(f"/setpoint_{name}" for name in ("js", "cp", "cv")),
 )
-"""What a session with `other_names` publishes in each instant of an arm that is engaged."""
+"""Topics that a session with `other_names` publishes in each instant of an engaged arm."""
 
 SETTLE_S = 0.5
 """After clients have subscribed or left."""
 
 
 class Load(NamedTuple):
-    """What so many clients showed."""
+    """Measurement with a number of clients."""
 
     clients: int
     crawling: bool
@@ -57,9 +57,9 @@ class Load(NamedTuple):
     received_share: float
     ages_s: list[float]
     quiet_s: list[float]
-    """The session's answers while nobody listens, ..."""
+    """The session's answers without clients, ..."""
     loud_s: list[float]
-    """... and while they do."""
+    """... and with them."""
     grown_bytes: int
     """The server's memory, from before its clients came to their last turn."""
 
@@ -80,7 +80,7 @@ def server(name: str, endpoint: str) -> Iterator[tuple[int, int]]:
 
 
 def measure() -> list[Load]:
-    """One session and one server; clients of different numbers, one after the other."""
+    """Measure one session and one server with different numbers of clients in turn."""
     with ExitStack() as stack:
         port, endpoint = free_ports(), free_endpoint()
         names = 'other_names = ["servo", "crtk", "fzi"]'

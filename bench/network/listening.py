@@ -1,4 +1,4 @@
-"""Somebody who listens to everything that sessions publish, in a process of its own."""
+"""Subscriber to everything that sessions publish, in a process of its own."""
 
 from __future__ import annotations
 

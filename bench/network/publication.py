@@ -1,4 +1,4 @@
-"""What a session's process spends on the network in its loop, after the robot's answer has left."""
+"""Time that a session's loop spends on the network after the robot's answer has left."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How many sessions of 250 Hz a computer runs, and what each costs: `python -m bench sessions`.
+"""Number of sessions of 250 Hz that a computer runs, and their cost: `python -m bench sessions`.
 
     python -m bench sessions [COUNT]... [--pages] [--seconds=15]
 
@@ -42,7 +42,7 @@ AIM_COST, AIM_SESSIONS, AIM_MEMORY_MB = 0.045, 32, 30.0
 
 
 def good(row: Row) -> bool:
-    """Whether so many sessions are not too many."""
+    """Return True if the computer runs this number of sessions in time."""
     return row.played.missed_share <= ALLOWED_SHARE
 
 
@@ -91,7 +91,7 @@ def further_mb(rows: list[Row]) -> float | None:
 
 
 def verdicts(rows: list[Row]) -> list[str]:
-    """Whether the aims are met."""
+    """Compare the results with the aims."""
     best, worse = bounds({row.sessions: row for row in rows})
     mean, _ = spread(rows)
     tried = best >= AIM_SESSIONS or worse is not None

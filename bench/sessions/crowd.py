@@ -37,18 +37,18 @@ TIME_US = NUMBER * 1_000_000 + 999_999
 
 
 class Played(NamedTuple):
-    """What came of robots that were played for a while."""
+    """Counts of a crowd of robots that was played for a while."""
 
     sent: int
     """Control instants of all robots."""
     missed: int
-    """Those without an answer before the next one."""
+    """Instants without an answer before the next one."""
     worst: int
     """Most that one robot missed."""
     moved: int
     """Answers that moved their robot."""
     skipped: int
-    """Instants that the player was too late for; nobody is charged with them."""
+    """Instants that the player was too late for; they count for no session."""
     p50_s: float
     """From the datagram's leaving to the answer's arriving, by the kernel's stamp."""
     p99_s: float
@@ -63,8 +63,8 @@ class Played(NamedTuple):
 
 
 def template() -> tuple[bytes, tuple[int, int, int, int, int, int]]:
-    """What a robot at its home sends, and where in it the sequence number, the header's clock, the
-    measured and the planned joints, and their clocks stand."""
+    """Return the message of a robot at its home, and the offsets in it of the sequence number, the
+    header's clock, the measured and the planned joints, and their clocks."""
     joints = tuple(load_arm(ARM).home)
     pose = to_pose(kinematics(ARM).forward(np.array(joints)))
     home = EgmMotion(joints, EgmPose(pose.position, pose.orientation), time_us=TIME_US)
@@ -108,7 +108,7 @@ def build(folder: Path, *more: str) -> Path:
 
 
 class Crowd:
-    """The process, which serves a mouse in `folder` for each port, and plays when it is told to."""
+    """The process, which serves a mouse in `folder` for each port, and plays on request."""
 
     def __init__(self, folder: Path, ports: Sequence[int], *flags: str) -> None:
         """`flags` of the compiler, beside its own."""
@@ -127,7 +127,7 @@ class Crowd:
 
     @staticmethod
     def mouse(folder: Path, number: int) -> Path:
-        """Where the mouse of that number is."""
+        """Path of the mouse of that number."""
         return folder / f"{number}.mouse"
 
     @property

@@ -46,14 +46,14 @@ angular_speed_rad_s = 0.3
 
 
 class Row(NamedTuple):
-    """What was measured of a number of sessions. Shares of one processor."""
+    """Measurement of a number of sessions. Shares of one processor."""
 
     sessions: int
     each: tuple[float, ...]
     """Of each session's process."""
     daemon: float
     crowd: float
-    """Of who plays robots and operators."""
+    """Of the process that plays robots and operators."""
     others: float
     """Of everything else on this computer."""
     memory_mb: float
@@ -74,7 +74,7 @@ class Row(NamedTuple):
 
 
 class Lab:
-    """A daemon, and those who play its robots and operators."""
+    """A daemon, and the process that plays its robots and operators."""
 
     def __init__(
         self, client: ControlClient, crowd: Crowd, daemon: int, most: int, servo: str
@@ -107,7 +107,7 @@ class Lab:
         )
 
     def scheduling(self, name: str = "s00") -> str:
-        """How the system runs a session's loop."""
+        """Return the scheduling of a session's loop."""
         found: str = self._client.ask("snapshot", name)["scheduling"]
         return found
 

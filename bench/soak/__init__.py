@@ -4,7 +4,7 @@
 
 A daemon with four simulated arms, three simulated devices and two servers, each a process of its
 own; random hands move the devices, programs contend for the arms, and processes are killed,
-stopped, unplugged and fed with garbage. What must hold all the time is checked all the time. The
+stopped, unplugged and fed with garbage. The rules are checked all the time. The
 report is written into the folder again and again; SIGINT ends the run. Exit status 1: a rule was
 broken. With ``--page`` the report of a run that was made before becomes that of
 docs/measurements.md.

@@ -41,7 +41,7 @@ STREAM_S: Final = 0.02
 
 
 class Clients:
-    """All of them."""
+    """All programs."""
 
     def __init__(self, watch: Watch) -> None:
         self._watch, self._stop = watch, watch.stop
@@ -54,7 +54,7 @@ class Clients:
                 self._home[name] = list(arm.stat().pose)
 
     def run(self) -> None:
-        """One act after the other, until the run ends."""
+        """Perform random acts in turn until the run ends."""
         rng = random.Random(f"{self._watch.seed}-clients")
         acts: tuple[tuple[Callable[[str, random.Random], str], int], ...] = (
             (self._go_home, 4), (self._jog, 4), (self._contend, 3), (self._vanish, 2),

@@ -1,4 +1,4 @@
-"""What is done to the lab, and the operator who looks after its robots."""
+"""Faults injected into the lab, and the operator who looks after its robots."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ are enabled anew by a new session, and a GoFa's RAPID program is started anew.""
 
 
 class Faults:
-    """All of them."""
+    """All faults."""
 
     def __init__(self, watch: Watch) -> None:
         self._watch, self._lab, self._stop = watch, watch.lab, watch.stop
 
     def run(self) -> None:
-        """One fault after the other, until the run ends."""
+        """Inject random faults in turn until the run ends."""
         rng = random.Random(f"{self._watch.seed}-faults")
         acts: tuple[tuple[Callable[[random.Random], tuple[str, str]], int], ...] = (
             (self._unplug, 6), (self._kill_hand, 3), (self._stop_hand, 5),
@@ -117,12 +117,12 @@ class Faults:
                 self._watch.hand_gone(hand)
 
         if hand not in SILENCE_NOTICED:
-            # What it sent last goes on, also after the hand has let go.
+            # Its last report stays in effect, also after the hand has released the device.
             self._watch.hand_asks(hand, "held device")
         lasts_s = self._stop_for(self._lab.hands[hand].pid, rng, NOTICED_S, noticed)
         self._stop.wait(SETTLES_S)
         self._watch.hand_gone(hand, "held device")
-        # One that was held at rest was not missed, and goes on.
+        # A device held at rest was not missed, and goes on.
         self._watch.hand_goes_on(hand)
         return hand, f"for {lasts_s:g} s"
 

@@ -1,4 +1,4 @@
-"""What the hand of an operator does with each device: random scripts that begin and end at rest."""
+"""Random motion scripts of each device, as of an operator's hand; they begin and end at rest."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ PLUG: Final = {"mouse": "replug", "pad": "replug", "remote": "power-on"}
 
 
 def episode(hand: str, rng: random.Random) -> Episode:
-    """What a hand does next."""
+    """Choose the next motion script of a device."""
     lasts_s = round(rng.uniform(2.0, 10.0), 1)
     in_motion = rng.random() < 0.3
     script = _OF[hand](rng, lasts_s, lets_go_in_motion=in_motion)

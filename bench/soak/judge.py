@@ -1,7 +1,7 @@
-"""What must hold all the time, whatever happens to whom: judged by time, without clocks.
+"""Rules that must hold at all times under any fault, judged by time without clocks.
 
-All times are monotonic s. What robots really did is compared with what the soak itself has asked
-for, and with what sessions told; a violation is told once for each time that a rule is broken.
+All times are monotonic s. The true motion of robots is compared with the requests of the soak
+itself and with the reports of sessions. Each time that a rule is broken is reported once.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ REST_RAD_S: Final = 0.005
 """A joint that is slower rests: servos settle, and measured positions are rounded."""
 
 AT_REST_S: Final = 3.0
-"""From the moment when nobody asks an arm to move any more until it must be at rest. Ramps take
+"""From the moment when no source requests motion any more until the arm must be at rest. Ramps take
 less than 1 s, the slowest controller notices the death of its session within 1 s; the rest is for
 the processes of a computer with other work to do."""
 
 TOLD_S: Final = 1.5
-"""How far what a session told and what its robot did may be apart: it tells ten times a second, by
-two other processes."""
+"""Longest time between a robot's motion and the session's report of it: a session reports ten times
+a second, by way of two other processes."""
 
 RECOVERED_S: Final = 180.0
 """Within this all is as before after a fault. The daemon pauses for up to 30 s between starts, and
@@ -34,7 +34,7 @@ MOVED: Final = frozenset({"braking", "recovering"})
 """Phases in which an arm moves though no source has the authority."""
 
 ENGAGED: Final = frozenset({"holding", "moving"})
-"""Phases of an arm that somebody moves, or may move at once."""
+"""Phases of an arm that a source moves, or may move at once."""
 
 
 class Violation(NamedTuple):
@@ -50,7 +50,7 @@ Found = Callable[[Violation], None]
 
 
 class Told(NamedTuple):
-    """What a session has told of itself."""
+    """A session's report of itself."""
 
     time_s: float
     pid: int
@@ -66,12 +66,12 @@ class ArmJudge:
         self.name, self._sources, self._found = name, sources, found
         self._asking: set[str] = set()
         self._nobody_s = -math.inf
-        """Since when nobody asks."""
+        """Since when no source requests motion."""
         self._act_s = -math.inf
-        """When somebody began to ask last."""
+        """Time when a source last began to request motion."""
         self._told: deque[Told] = deque(maxlen=400)
         self._began_s: dict[int, float] = {}
-        """When each process of the session was first heard of."""
+        """Time of the first report of each process of the session."""
         self._broken: set[str] = set()
         """Rules that are broken now."""
         self.moving_s = 0.0
@@ -84,19 +84,19 @@ class ArmJudge:
     # -- what the soak does ----------------------------------------------------------------------
 
     def asks(self, who: str, now_s: float) -> None:
-        """Somebody acts deliberately, and may move the arm from now on."""
+        """A source acts deliberately, and may move the arm from now on."""
         self._asking.add(who)
         self._act_s = now_s
 
     def lets_go(self, who: str, now_s: float) -> None:
-        """They do not ask any more."""
+        """The source does not request motion any more."""
         if who in self._asking:
             self._asking.discard(who)
             if not self._asking:
                 self._nobody_s = now_s
 
     def void(self, now_s: float) -> None:
-        """A fault has ended all that anybody asked for: to move needs a new act."""
+        """A fault has ended all requests: motion needs a new act."""
         for who in tuple(self._asking):
             self.lets_go(who, now_s)
 
@@ -190,17 +190,17 @@ class ArmJudge:
 
 
 class RecoveryJudge:
-    """Whether all that runs is well again within RECOVERED_S after what was done to it."""
+    """Checks that every session and server recovers within RECOVERED_S after a fault."""
 
     def __init__(self, found: Found) -> None:
         self._found = found
         self._unwell_s: dict[str, float] = {}
         self._told: set[str] = set()
         self.took_s: list[tuple[str, float]] = []
-        """Every recovery: of whom, and how long it took."""
+        """Every recovery: name and duration."""
 
     def seen(self, who: str, problem: str, excused: bool, now_s: float) -> None:
-        """How it is: `problem` is empty while it is well; `excused`: it cannot be."""
+        """Take its state: `problem` is empty while it is well; `excused`: it cannot be well."""
         if not problem:
             since_s = self._unwell_s.pop(who, None)
             self._told.discard(who)
@@ -219,8 +219,8 @@ class RecoveryJudge:
 
 
 def problem_of(row: Mapping[str, Any], device_there: bool) -> str:
-    """What is wrong with a session or a server by its row; empty: nothing. A device is expected to
-    be live where it is `device_there` and this session has it."""
+    """Return the fault of a session or a server by its row; empty: none. A device is expected to
+    be live if it is `device_there` and this session has it."""
     if row["state"] != "running":
         return f"{row['state']}: {row['reason']}"
     if row["kind"] == "server":
@@ -235,14 +235,14 @@ def problem_of(row: Mapping[str, Any], device_there: bool) -> str:
 
 
 class Limit(NamedTuple):
-    """How much a figure may grow from the first quarter of a process's life to the last."""
+    """Largest growth of a figure from the first quarter of a process's life to the last."""
 
     share: float
     more: float
     why: str
 
     def exceeded(self, first: float, last: float) -> bool:
-        """Whether it grew by more."""
+        """Return True if it grew by more."""
         return last > first * (1.0 + self.share) + self.more
 
 
@@ -276,7 +276,7 @@ class Drift(NamedTuple):
 def drifts(
     who: str, pid: int, samples: Sequence[tuple[float, Mapping[str, float]]], long_s: float = LONG_S
 ) -> list[Drift]:
-    """How the figures of a process have changed; `samples` are its own, by time."""
+    """Return the changes of a process's figures; `samples`: its own, by time."""
     if not samples or samples[-1][0] - samples[0][0] < long_s:
         return []
     begin_s = samples[0][0] + min(WARM_UP_S, long_s / 4)

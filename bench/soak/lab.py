@@ -28,8 +28,8 @@ HANDS_OF: Final = {"mouse": ("gofa", "gp8"), "pad": ("ur5-a",), "remote": ("ur5-
 """Which arms each device can drive."""
 
 SILENCE_NOTICED: Final = frozenset({"mouse", "remote"})
-"""Devices that report all the time while they are deflected. A pad sends what changes: while it is
-stopped, nobody can know."""
+"""Devices that report all the time while they are deflected. A pad sends changes only: while it is
+stopped, its silence is no sign."""
 
 MARK: Final = "CARDAN_SOAK"
 """The environment variable that all processes of a soak have."""
@@ -150,11 +150,11 @@ port = {metrics}
 """
 
 SPEEDS_M_S: Final = (0.08, 0.1)
-"""What a reload changes."""
+"""Linear speed limits; a reload changes from one to the other."""
 
 
 def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    """A port of loopback that nobody has now."""
+    """Return a port of loopback that is not in use now."""
     with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
@@ -162,7 +162,7 @@ def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
 
 
 def free_ports(count: int) -> list[int]:
-    """Ports in a row that nobody has now."""
+    """Return consecutive ports that are not in use now."""
     while True:
         first = random.randrange(20000, 30000)
         try:
@@ -175,7 +175,7 @@ def free_ports(count: int) -> list[int]:
 
 
 class Kept:
-    """A process of the soak. What it says goes to a file of bounded size and to `line`."""
+    """A process of the soak. Its output goes to a file of bounded size and to `line`."""
 
     def __init__(
         self,

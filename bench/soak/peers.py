@@ -21,19 +21,19 @@ from typing import Any, Final
 from cardan.common.realtime import ask_for_real_time
 from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArmPeer
 from cardan.sim_peers.base import ScriptStep, SimulatedPeer
-from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, Mode
-from cardan.sim_peers.evdev.hand import ScriptedHand as PadHand
+from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, EgmMode
+from cardan.sim_peers.evdev.hand import ScriptedInput as PadHand
 from cardan.sim_peers.evdev.peer import EvdevPeer, EvdevPeerOptions
 from cardan.sim_peers.hand_peer import HandPeer
 from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
 from cardan.sim_peers.scripted import Hand
-from cardan.sim_peers.spacemouse import ScriptedHand as PuckHand, SpaceMousePeer
+from cardan.sim_peers.spacemouse import ScriptedPuck as PuckHand, SpaceMousePeer
 from cardan.sim_peers.spacemouse.peer import SpaceMousePeerOptions
 from cardan_wiimote.peer.hand import ScriptedHand as RemoteHand
 from cardan_wiimote.peer.peer import WiimotePeer, WiimotePeerOptions
 
 TOLD_S: Final = 0.05
-"""How often a robot tells its joints, and a device looks for what its hand is to do."""
+"""Period at which a robot reports its joints, and a device looks for its next motion script."""
 
 IDEAL: Final = PlantOptions(drive="ideal")
 """The controllers are looked at here, not the dynamics of an arm."""
@@ -45,7 +45,7 @@ Script = dict[str, Any]
 
 
 def _gofa(options: dict[str, Any]) -> tuple[SimulatedPeer, Joints]:
-    egm = EgmControllerPeer(EgmControllerOptions(mode=Mode.JOINT, **options))
+    egm = EgmControllerPeer(EgmControllerOptions(mode=EgmMode.JOINT, **options))
     return egm, lambda: egm.core.joints_rad
 
 
@@ -76,8 +76,8 @@ HANDS: Final = {"spacemouse": _spacemouse, "gamepad": _gamepad, "wiimote": _wiim
 
 
 def steps_of(script: Script, device_s: float, now_s: float) -> list[ScriptStep]:
-    """A script's steps in the device's time, `device_s` at the monotonic time `now_s`. What
-    was due before is done at once: a device that was stopped is not behind its hand."""
+    """A script's steps in the device's time, `device_s` at the monotonic time `now_s`. Steps
+    due before are performed at once: a device that was stopped does not lag behind its script."""
     begin_s = device_s + script["at_s"] - now_s
     return [
         ScriptStep(max(begin_s + float(time_s), 0.0), verb, tuple(map(str, words)))

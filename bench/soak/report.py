@@ -1,4 +1,4 @@
-"""What a soak has seen: kept in files from the beginning, so that a cut run has its report."""
+"""Observations of a soak, kept in files from the beginning: a cut run has its report, too."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ OUTCOMES_KEPT: Final = 8
 
 
 class Sample(NamedTuple):
-    """What a process takes at a time."""
+    """Resources that a process uses at a time."""
 
     time_s: float
     who: str
@@ -47,9 +47,9 @@ class Report:
     def __init__(self, folder: Path, seed: int, hours: float) -> None:
         self.folder, self.seed, self.hours = folder, seed, hours
         self.over = False
-        """Whether the run has ended, and all of it was taken down."""
+        """True once the run has ended and is recorded completely."""
         self.cut = ""
-        """What has ended it early."""
+        """Reason why the run ended early."""
         self.violations: list[Violation] = []
         self.errors: list[str] = []
         """Of the soak itself."""
@@ -118,7 +118,7 @@ class Report:
                 self._answers.append(took_s)
 
     def sample(self, sample: Sample) -> None:
-        """What a process takes now."""
+        """Record the resources that a process uses now."""
         with self._lock:
             self._rows.writerow(
                 [round(x, 4) if isinstance(x, float) else x for x in
@@ -151,7 +151,7 @@ class Report:
     def table(
         self, moves: dict[str, tuple[int, float]], took: list[tuple[str, float]]
     ) -> dict[str, Any]:
-        """All of it."""
+        """Return the whole report."""
         rules = Counter(each.rule for each in self.violations)
         recoveries: dict[str, list[float]] = defaultdict(list)
         for who, took_s in took:
@@ -277,7 +277,7 @@ def _limits() -> str:
 
 
 def _drift_rows(drift: list[dict[str, Any]]) -> list[str]:
-    """One row for the longest life of each name; what exceeds its limit is bold."""
+    """Return a row for the longest life of each name; a value beyond its limit is bold."""
     longest: dict[str, tuple[float, int]] = {}
     for each in drift:
         longest[each["who"]] = max(

@@ -1,4 +1,4 @@
-"""What processes take of the computer, from /proc, and what they leave behind."""
+"""Resources that processes use (from /proc), and those that they leave behind."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _TICKS_S = os.sysconf("SC_CLK_TCK")
 
 
 class Use(NamedTuple):
-    """What a process takes now."""
+    """Resources that a process uses now."""
 
     rss_mb: float
     fds: int
@@ -40,7 +40,7 @@ def use_of(pid: int) -> Use | None:
 
 
 def is_marked(pid: int, mark: str) -> bool:
-    """Whether the environment of a process has ``MARK=TOKEN``."""
+    """Return True if the environment of a process has ``MARK=TOKEN``."""
     with contextlib.suppress(OSError):
         return mark.encode() in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
     return False
@@ -73,8 +73,8 @@ def shared_memory(pid: int) -> set[str]:
 
 
 def left_behind(folder: Path, mark: str, mapped: set[str], within_s: float) -> list[str]:
-    """What a soak has left when all has ended: processes, sockets, shared memory, temporary files.
-    What is just ending gets a little time."""
+    """List the remains of a soak at its end: processes, sockets, shared memory, temporary files.
+    Processes that are just ending get a little time."""
     give_up_s = time.monotonic() + within_s
     while marked_processes(mark) and time.monotonic() < give_up_s:
         time.sleep(0.1)

@@ -31,7 +31,7 @@ ENDS_WITHIN_S: Final = 20.0
 
 
 class Soak:
-    """One run."""
+    """A run of the soak."""
 
     def __init__(self, folder: Path, seed: int, hours: float) -> None:
         self.watch = watch = Watch(folder, seed, hours)
@@ -84,7 +84,7 @@ class Soak:
         return len(self.report.violations) + grown
 
     def _guarded(self, call: Callable[[], None]) -> None:
-        """Runs a part of the soak; an error in it is told, and ends the run."""
+        """Runs a part of the soak; an error in it is reported, and ends the run."""
         try:
             call()
         except Exception as error:

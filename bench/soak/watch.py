@@ -1,4 +1,4 @@
-"""What is seen of the lab, and what was asked of it: both are given to the judges."""
+"""Observations of the lab and requests to it, passed on to the judges."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ second, and its processor may be busy."""
 
 
 class Watch:
-    """The lab, its judges, and who asks for motion. For many threads."""
+    """The lab, its judges, and the sources that request motion. Thread-safe."""
 
     def __init__(self, folder: Path, seed: int, hours: float) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.seed = folder.resolve(), seed
         token = f"{os.getpid()}-{time.time_ns()}"
         self.mark = f"{MARK}={token}"
-        """What all processes of the lab have in their environment."""
+        """Variable in the environment of all processes of the lab."""
         self.stop = threading.Event()
         """The run is to end."""
         self.lock = threading.RLock()
@@ -74,16 +74,16 @@ class Watch:
         pid: int | None = self.rows.get(name, {}).get("pid")
         return pid if pid is not None and is_marked(pid, self.mark) else None
 
-    # -- who asks for motion ---------------------------------------------------------------------
+    # -- requests for motion ---------------------------------------------------------------------
 
     def asks(self, arm: str, who: str) -> None:
-        """Somebody acts deliberately, and may move the arm from now on."""
+        """A source acts deliberately, and may move the arm from now on."""
         with self.lock:
             self.arms[arm].asks(who, time.monotonic())
 
     @contextlib.contextmanager
     def asking(self, arm: str, who: str) -> Iterator[None]:
-        """Somebody asks for motion, and does not any more at the end."""
+        """A source requests motion until the context ends."""
         try:
             self.asks(arm, who)
             yield
@@ -104,7 +104,7 @@ class Watch:
                 self.arms[arm].asks(who, time.monotonic())
 
     def hand_gone(self, hand: str, who: str = "hand") -> None:
-        """It does not any more."""
+        """A hand does not hold its dead-man any more."""
         with self.lock:
             for arm in HANDS_OF[hand]:
                 self.arms[arm].lets_go(who, time.monotonic())
@@ -119,7 +119,7 @@ class Watch:
 
     @contextlib.contextmanager
     def away(self, hand: str) -> Iterator[None]:
-        """A device is not there."""
+        """A device is absent until the context ends."""
         with self.lock:
             self._away[hand] += 1
             self.hand_gone(hand)
@@ -141,7 +141,7 @@ class Watch:
                 self._excused.subtract(names)
 
     def is_excused(self, name: str) -> bool:
-        """Whether it cannot be well now."""
+        """Return True if it cannot be well now."""
         return bool(self._excused[name])
 
     @contextlib.contextmanager

@@ -13,7 +13,7 @@ from cardan.bus.zenoh_network import BusNetwork
 from cardan.common.files import MODEL_BYTES
 from cardan.common.inbox import Inbox, InboxEmptyError
 from cardan.errors import ConfigurationError
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.names import RosNameError, checked_name
 
 TOPIC: Final = "/robot_description"
@@ -111,7 +111,7 @@ def _text(topic: str, publishers: Sequence[str], data: bytes) -> str:
             OPTION, f"what is published as {topic} is longer than {MODEL_BYTES / 2**20:g} MiB"
         )
     message = codec_of(TYPE).decode(data)
-    if isinstance(message, Malformed):
+    if isinstance(message, MalformedCdr):
         raise ConfigurationError(OPTION, f"what is published as {topic} is wrong: {message.reason}")
     text = _BEFORE_ROBOT.sub("", message["data"])
     if not text:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from cardan.bus.dds_options import SERVER_NODE
-from cardan.bus.network import Service, Topic
+from cardan.bus.network import ServiceInfo, Topic
 from cardan.bus.options import BusOptions
 from cardan.bus.router import router_address, routers_here
 from cardan.bus.zenoh_network import BusNetwork
@@ -28,7 +28,7 @@ class Discovery(NamedTuple):
 
     nodes: Sequence[str]
     topics: Mapping[str, Topic]
-    services: Mapping[str, Service]
+    services: Mapping[str, ServiceInfo]
     routers: int
     """How many routers are connected."""
     peers: int
@@ -142,9 +142,8 @@ def unseen(found: Discovery) -> str:
     if not any(name == f"/{SERVER_NODE}" for name in found.nodes):
         return ""
     return (
-        "`cardan net server dds` brings in the topics of DDS that somebody on the bus subscribes "
-        "to: others are not here, nor are they recorded; `cardan net echo`, `hz` and `record` miss "
-        "them."
+        "`cardan net server dds` imports only DDS topics that have a subscriber on the bus. Others "
+        "are neither listed here nor recorded; `cardan net echo`, `hz` and `record` miss them."
     )
 
 

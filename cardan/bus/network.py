@@ -18,7 +18,7 @@ class Topic(NamedTuple):
     """Whether a subscription begins with the last messages (transient local)."""
 
 
-class Service(NamedTuple):
+class ServiceInfo(NamedTuple):
     """A service that a node offers."""
 
     type: str
@@ -44,7 +44,7 @@ class Handle(Protocol):
         """Take it from the network; nothing calls back afterwards. Twice is fine."""
 
 
-class Publisher(Handle, Protocol):
+class PublisherHandle(Handle, Protocol):
     """Publishes on one topic."""
 
     def publish(self, cdr: bytes, sent_ns: int = 0) -> None:
@@ -74,7 +74,7 @@ class Network(Protocol):
     def topics(self) -> Mapping[str, Topic]:
         """All topics by name, actions' among them."""
 
-    def services(self) -> Mapping[str, Service]:
+    def services(self) -> Mapping[str, ServiceInfo]:
         """All services by name, actions' among them."""
 
     def nodes(self) -> Sequence[str]:
@@ -84,7 +84,7 @@ class Network(Protocol):
         """Have `heard` called with each message; None: of whatever type. A topic that is latched
         begins with its last messages. Raises NetworkError."""
 
-    def advertise(self, topic: str, type_name: str, latched: bool) -> Publisher:
+    def advertise(self, topic: str, type_name: str, latched: bool) -> PublisherHandle:
         """A publisher; `latched`: for later subscriptions too. Raises NetworkError."""
 
     def call(

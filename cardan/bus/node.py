@@ -245,7 +245,7 @@ class WaitingSubscription:
         self._subscriber.undeclare()
 
 
-class Presence:
+class MatchedEndpoints:
     """Publishers, subscribers or servers of one name, by the liveliness tokens of the bus.
 
     A node that closes or dies is gone from it at once; one whose computer vanishes, when its
@@ -471,10 +471,10 @@ class BusNode:
         key = f"{self.options.domain}{entity.name}/*/*"
         return WaitingSubscription(self, entity, key, depth)
 
-    def presence(self, kind: str, name: str) -> Presence:
+    def presence(self, kind: str, name: str) -> MatchedEndpoints:
         """Nodes with an endpoint of a `kind` (PUBLISHER, SUBSCRIPTION, SERVICE) with this name.
         Raises RosNameError."""
-        return Presence(self, kind, self.full_name_of(name))
+        return MatchedEndpoints(self, kind, self.full_name_of(name))
 
     def service(self, name: str, type_name: str, qos: Qos = DEFAULT_QOS) -> Service:
         """A server of a service. Raises InterfaceError or RosNameError."""

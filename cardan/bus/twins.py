@@ -34,7 +34,7 @@ _LOOK_S = 0.02
 _log = logging.getLogger(__name__)
 
 
-class Claim(NamedTuple):
+class NameClaim(NamedTuple):
     """Since when a node has its name. The smaller one is the elder's."""
 
     since_ns: int
@@ -48,7 +48,7 @@ class Claim(NamedTuple):
         return f"{CLAIM}/{domain}/{mangled(name)}/{self.zid}/{self.since_ns}/{host}"
 
     @classmethod
-    def parse(cls, key: str) -> Claim | None:
+    def parse(cls, key: str) -> NameClaim | None:
         """From a key expression; None if it is no claim's."""
         parts = key.split("/")
         if len(parts) != 6 or parts[0] != CLAIM or not parts[4].isdecimal() or len(parts[4]) > 20:
@@ -63,11 +63,11 @@ class Twins:
         """`key`: of the options of the network, which has the node's name."""
         self._node, self._key = node, key
         domain = node.options.domain
-        self._own = Claim(time.time_ns(), node.zid, socket.gethostname())
+        self._own = NameClaim(time.time_ns(), node.zid, socket.gethostname())
         self._nodes = node.watch_tokens(node_pattern(domain, node.namespace, node.name))
         self._claims = node.watch_tokens(f"{CLAIM}/{domain}/{mangled(node.full_name)}/**")
         self._zids: dict[str, str] = {}
-        self._claimed: dict[str, Claim] = {}
+        self._claimed: dict[str, NameClaim] = {}
         self._token: Any = None
 
     def begin(self) -> None:
@@ -105,11 +105,11 @@ class Twins:
                 )
             sleep(_LOOK_S)
 
-    def others(self) -> dict[str, Claim | None]:
+    def others(self) -> dict[str, NameClaim | None]:
         """Those that are there now, by the id of their Zenoh session; None: its start is unknown.
         Never blocks."""
         _take(self._nodes, self._zids, lambda key: getattr(Entity.parse(key), "zid", None))
-        _take(self._claims, self._claimed, Claim.parse)
+        _take(self._claims, self._claimed, NameClaim.parse)
         claims = {each.zid: each for each in self._claimed.values()}
         return {zid: claims.get(zid) for zid in self._zids.values() if zid != self._node.zid}
 

@@ -18,8 +18,8 @@ from cardan.bus.network import (
     Handle,
     Heard,
     NetworkError,
-    Publisher,
-    Service,
+    PublisherHandle,
+    ServiceInfo,
     Topic,
 )
 from cardan.bus.node import BusNode, ServiceRequest, Urgency, gid_of, words_of, zenoh_module
@@ -74,7 +74,7 @@ class BusNetwork:
         self._lock = threading.Lock()
         self._changed = threading.Condition(self._lock)
         self._topics: dict[str, Topic] | None = None
-        self._services: dict[str, Service] | None = None
+        self._services: dict[str, ServiceInfo] | None = None
         """Copies of the graph's tables, until it changes: a client that subscribes to all topics of
         a robot asks for them once for each."""
         self._watches: set[_Watch] = set()
@@ -153,7 +153,7 @@ class BusNetwork:
                 }
             return self._topics
 
-    def others(self) -> tuple[Mapping[str, Topic], Mapping[str, Service]]:
+    def others(self) -> tuple[Mapping[str, Topic], Mapping[str, ServiceInfo]]:
         """The topics and services of other processes alone."""
         ends: dict[str, list[Entity]] = {}
         servers: dict[str, list[Entity]] = {}
@@ -168,7 +168,7 @@ class BusNetwork:
             subscribers = [each for each in there if each.kind == SUBSCRIPTION]
             topics[name] = _topic(there[0].type_name, publishers, subscribers)
         services = {
-            name: Service(there[0].type_name, _nodes(there)) for name, there in servers.items()
+            name: ServiceInfo(there[0].type_name, _nodes(there)) for name, there in servers.items()
         }
         return topics, services
 
@@ -185,12 +185,12 @@ class BusNetwork:
             there = {each.zid for each in self._graph.entities() if each.full_node == node}
         return sorted(there - {own})
 
-    def services(self) -> Mapping[str, Service]:
+    def services(self) -> Mapping[str, ServiceInfo]:
         """All services by name."""
         with self._lock:
             if self._services is None:
                 self._services = {
-                    name: Service(servers[0].type_name, _nodes(servers))
+                    name: ServiceInfo(servers[0].type_name, _nodes(servers))
                     for name, servers in self._graph.by_name(SERVICE).items()
                 }
             return self._services
@@ -237,7 +237,9 @@ class BusNetwork:
                 declared.append(self._do(partial(self.node.declare_token, found)))
         return self._kept(_Declared(*declared))
 
-    def advertise(self, topic: str, type_name: str, latched: bool, mark: str = "") -> Publisher:
+    def advertise(
+        self, topic: str, type_name: str, latched: bool, mark: str = ""
+    ) -> PublisherHandle:
         """A publisher of `topic`; `mark`: the type's hash, where it is none of the types that
         Cardan knows and no other node has it. Raises NetworkError."""
         with self._lock:
@@ -349,7 +351,7 @@ class _Part(BusNetwork):
         """All topics by name."""
         return self._whole.topics()
 
-    def services(self) -> Mapping[str, Service]:
+    def services(self) -> Mapping[str, ServiceInfo]:
         """All services by name."""
         return self._whole.services()
 

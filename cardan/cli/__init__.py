@@ -58,8 +58,8 @@ app = typer.Typer(
     name=TOP,
     cls=OpenGroup,
     help="Drive a robot arm from a hand-held device. New here? `cardan demo` shows it without any "
-    "hardware. Then copy a file from examples/, `cardan check` it, and `cardan run` it. What a "
-    "message means: `cardan explain CODE`.",
+    "hardware. Then copy a file from examples/, `cardan check` it, and `cardan run` it. "
+    "`cardan explain CODE` explains a message.",
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_show_locals=False,
@@ -162,7 +162,7 @@ def demo(
         str,
         typer.Argument(
             metavar="NAME|FILE",
-            help="A demo, or an example file that is one.",
+            help="A demo, or an example file with a demo.",
             autocompletion=completion.demos,
         ),
     ] = "gofa",
@@ -248,7 +248,7 @@ def run(
     verbose: Verbose = False,
     log_level: Level = None,
 ) -> None:
-    """Join the device and the robot of a file, until Ctrl-C."""
+    """Connect the device and the robot of a file, until Ctrl-C."""
     from cardan.gateway.session.assembly import load_config
     from cardan.gateway.session.cautions import cautions
     from cardan.gateway.session.recorded import recorded, why_incomplete
@@ -316,7 +316,7 @@ def _final_problem(last: Snapshot) -> str:
 def check(file: ConfigFile, as_json: AsJson = False) -> None:
     """Check a configuration file without opening anything.
 
-    Of a session or of the daemon; says what it would do."""
+    The file is that of a session or of the daemon. Prints what they would do."""
     from cardan.common.tables import read_toml
     from cardan.gateway.daemon.config import is_of_daemon, read_layout
     from cardan.gateway.session.arm_assembly import disagreements

@@ -106,7 +106,7 @@ def network(
 ) -> None:
     """List the nodes, topics and services that are on the bus.
 
-    Joins it, looks for two seconds, and says what to do where nobody was met."""
+    Joins it, looks for two seconds, and says what to do if it finds no node."""
     from cardan.bus.discovery import discover, remedies, unseen
 
     options = bus_options(file, router)
@@ -155,7 +155,7 @@ def echo(
     router: Router = "",
 ) -> None:
     """Print the messages of a topic as JSON, one a line, until Ctrl-C."""
-    from cardan.protocols.ros2.cdr import Malformed, decoded
+    from cardan.protocols.ros2.cdr import MalformedCdr, decoded
     from cardan.protocols.ros2.interfaces import InterfaceError
     from cardan.protocols.ros2.messages import json_text
 
@@ -167,7 +167,7 @@ def echo(
             raise ConfigurationError(topic, f"its messages cannot be read: {error}") from None
         text = (
             f"cardan: no message of {name}: {message.reason}"
-            if isinstance(message, Malformed)
+            if isinstance(message, MalformedCdr)
             else json_text(name, message)
         )
         print(printable(text), flush=True)
@@ -185,7 +185,7 @@ def hz(
     router: Router = "",
     as_json: AsJson = False,
 ) -> None:
-    """Print how often and how evenly a topic is published.
+    """Print rate and jitter of a topic.
 
     Once a second, until Ctrl-C."""
     from cardan.common.histogram import LatencyHistogram
@@ -251,7 +251,7 @@ def _heard(name: str, options: BusOptions, seconds: float | None) -> Iterator[tu
 
 def messages(
     folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="Of a workspace: its src. Made if need be.")
+        Path, typer.Argument(metavar="FOLDER", help="A workspace's src folder; made if missing.")
     ],
 ) -> None:
     """Write the ROS 2 packages of Cardan's own messages.

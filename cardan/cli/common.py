@@ -59,13 +59,13 @@ class LogLevel(str, enum.Enum):
 
 
 Verbose = Annotated[
-    bool, typer.Option("--verbose", "-v", help="Log all there is: --log-level debug.")
+    bool, typer.Option("--verbose", "-v", help="Log everything: --log-level debug.")
 ]
 Level = Annotated[
     LogLevel | None,
     typer.Option(
         "--log-level",
-        help="What is logged on standard error; default: info of simulated peers, else warning.",
+        help="Lowest level on standard error; default: info for simulated peers, else warning.",
     ),
 ]
 

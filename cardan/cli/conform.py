@@ -19,7 +19,7 @@ from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from cardan.conform import Level, Report, Suite
+    from cardan.conform import Level, Suite, SuiteReport
 
 
 class Form(str, enum.Enum):
@@ -35,24 +35,24 @@ _WARNINGS = {
     1: "level 1 opens a session and holds: it sends messages, has the drives powered where the "
     "protocol can, and lets the session time out; nothing is to move",
     2: "level 2 moves: by 1 mm or 0.2 degrees at most, there and back",
-    3: "level 3 asks somebody to make faults by hand: to press the emergency stop, to pull a cable",
+    3: "level 3 asks you to make faults by hand: press the emergency stop, pull a cable",
 }
 
 
 def conform(
     protocol: Annotated[
-        str | None, typer.Argument(metavar="[PROTOCOL]", help="What is judged; see --list.")
+        str | None, typer.Argument(metavar="[PROTOCOL]", help="Protocol to judge; see --list.")
     ] = None,
     target: Annotated[
         str,
-        typer.Option(metavar="TARGET", help="The real thing; without it, its simulated peer."),
+        typer.Option(metavar="TARGET", help="The real one; default: its simulated peer."),
     ] = "",
     capture: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Judge what somebody recorded: pcap, pcapng or a log of a CAN bus. --target, "
-            "[HOST][:PORT] or a device as `cardan dissect` shows it, then says what of it.",
+            help="Judge a recording: pcap, pcapng, a log of a CAN bus, or a record.mcap of --save. "
+            "--target selects its part: [HOST][:PORT] or a device as `cardan dissect` shows it.",
         ),
     ] = None,
     level: Annotated[
@@ -80,24 +80,22 @@ def conform(
         typer.Option(min=0, show_default="0", help="Seed of the simulated peer."),
     ] = None,
     form: Annotated[
-        Form, typer.Option("--format", help="What the report is printed as.")
+        Form, typer.Option("--format", help="Format of the printed report.")
     ] = Form.TEXT,
     save: Annotated[
         Path | None,
         typer.Option(
-            metavar="FOLDER", help="Leave the report in all forms, a capture and a record there."
+            metavar="FOLDER", help="Folder for the report in all formats, a capture and a record."
         ),
     ] = None,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Write over a report that --save finds there.")
+        bool, typer.Option("--overwrite", help="Overwrite a report in the folder of --save.")
     ] = False,
     compare: Annotated[
         tuple[Path, Path] | None,
         typer.Option(metavar="A B", help="Compare two reports in JSON, then end."),
     ] = None,
-    list_: Annotated[
-        bool, typer.Option("--list", help="Print what can be judged, then end.")
-    ] = False,
+    list_: Annotated[bool, typer.Option("--list", help="Print the protocols, then end.")] = False,
     requirements: Annotated[
         bool,
         typer.Option("--requirements", help="Print the protocol's requirements, then end."),
@@ -107,14 +105,12 @@ def conform(
     ] = False,
     at_switch: Annotated[
         bool,
-        typer.Option(
-            "--i-am-at-the-enable-switch", help="Somebody is: levels 2 and 3 at a target need it."
-        ),
+        typer.Option("--i-am-at-the-enable-switch", help="Required by levels 2 and 3 at a target."),
     ] = False,
 ) -> None:
     """Judge a controller, a device or a driver by numbered requirements: its simulated peer in
-    virtual time, or the real thing at --target, or a --capture. Level 0, the default at a target,
-    only listens. Exit code 4 where a requirement is not met."""
+    virtual time, or the real one at --target, or a --capture. Level 0, the default at a target,
+    only listens. Exit code 4 if a requirement is not met."""
     from cardan.conform import registry
 
     if capture is not None:
@@ -180,7 +176,7 @@ def conform(
     if doubted:
         print(
             f"cardan: {', '.join(doubted)}: perhaps not met, but the capture does not show it; "
-            "judge one that is whole",
+            "judge a complete capture",
             file=sys.stderr,
         )
     if report.failed or doubted:
@@ -225,7 +221,7 @@ def _judged(
     yes: bool,
     at_switch: bool,
     save: Path | None,
-) -> tuple[Report, list[str]]:
+) -> tuple[SuiteReport, list[str]]:
     from cardan.conform import Level, run
 
     if target:

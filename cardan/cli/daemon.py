@@ -1,4 +1,4 @@
-"""``cardan daemon``: runs one, and asks one that runs."""
+"""``cardan daemon``: runs a daemon, and sends requests to a running one."""
 
 from __future__ import annotations
 
@@ -91,8 +91,8 @@ def serve(
 ) -> None:
     """Run many sessions and servers, each in its own process.
 
-    Until Ctrl-C: one that dies comes
-    back, its arm disarmed. Prints READY and the path of its socket once it serves."""
+    Runs until Ctrl-C. A session or server that dies is restarted, its arm disarmed. Prints READY
+    and the path of its socket once it serves."""
     from cardan.common.signals import on_ending
     from cardan.gateway.daemon.config import read_layout, read_layout_beside
     from cardan.gateway.daemon.daemon import Daemon
@@ -112,15 +112,12 @@ def serve(
 
 
 def ps(
-    name: Annotated[
-        str,
-        typer.Argument(metavar="[NAME]", help="One of them.", autocompletion=completion.units),
-    ] = "",
+    name: OfName = "",
     socket: Socket = "",
     as_json: AsJson = False,
 ) -> None:
-    """List the daemon's sessions and servers: what each does, who moves its arm, why it does not
-    move."""
+    """List the daemon's sessions and servers: state, source that moves the arm, reason why it does
+    not move."""
     from rich.console import Console
 
     from cardan.gateway.daemon.client import ControlClient
@@ -138,14 +135,14 @@ def ps(
 def top(
     socket: Socket = "",
     period_s: Annotated[
-        float, typer.Option("--period", metavar="S", help="How often it is shown anew.")
+        float, typer.Option("--period", metavar="S", help="Time between updates.")
     ] = 0.5,
     seconds: Seconds = None,
     as_json: AsJson = False,
 ) -> None:
     """Show what `cardan daemon ps` does, live.
 
-    Until Ctrl-C; as JSON an array a line. The daemon goes on after it."""
+    Until Ctrl-C; as JSON an array a line. The daemon keeps running."""
     from rich.console import Console
 
     from cardan.gateway.daemon.client import ControlClient
@@ -188,7 +185,7 @@ def start(name: Name, socket: Socket = "", as_json: AsJson = False) -> None:
 def stop(name: Name, socket: Socket = "", as_json: AsJson = False) -> None:
     """Stop a session or a server of the daemon.
 
-    The arm of a session brakes, holds, and is left."""
+    The arm of a session brakes and holds; then the session disconnects."""
     _order("stop", name, socket, as_json)
 
 
@@ -210,7 +207,7 @@ def switch(
         str,
         typer.Argument(
             metavar="[SESSION]",
-            help="Who gets it; default: the next one.",
+            help="Session that gets it; default: the next one.",
             autocompletion=completion.sharers,
         ),
     ] = "",
@@ -219,7 +216,7 @@ def switch(
 ) -> None:
     """Pass a shared operator device on to another session.
 
-    As soon as the arm of the one that has it rests."""
+    Takes effect as soon as the arm of its present session rests."""
     from cardan.gateway.daemon.client import ControlClient
 
     with ControlClient(socket) as client:
@@ -232,13 +229,13 @@ def switch(
 
 def reload(
     check: Annotated[
-        bool, typer.Option("--check", help="Say what would change, and change nothing.")
+        bool, typer.Option("--check", help="Print the changes, and make none.")
     ] = False,
     socket: Socket = "",
     as_json: AsJson = False,
 ) -> None:
-    """Have the daemon read its files anew: all that has changed takes effect, or nothing. A session
-    that has changed is restarted as soon as nobody has its arm; says what waits for that."""
+    """Make the daemon reload its files: all changes take effect, or none. A changed session is
+    restarted as soon as its arm is free; prints the changes that wait for that."""
     from cardan.gateway.daemon.changes import Change
     from cardan.gateway.daemon.client import RELOAD_S, ControlClient
 
@@ -259,7 +256,7 @@ def log(
     socket: Socket = "",
     as_json: AsJson = False,
 ) -> None:
-    """Print what the daemon's sessions and servers have said."""
+    """Print the log of the daemon's sessions and servers."""
     from cardan.gateway.daemon.client import ANSWER_S, ControlClient
 
     with ControlClient(socket, None if follow else ANSWER_S) as client:
@@ -279,8 +276,8 @@ def events(
     socket: Socket = "",
     as_json: AsJson = False,
 ) -> None:
-    """Print what happened in the daemon's sessions: who took the authority over an arm, what was
-    armed, stopped, lost, and why."""
+    """Print the events of the daemon's sessions: sources that took the authority over an arm, arms
+    that were armed, stopped or lost, and why."""
     from cardan.gateway.daemon.client import ANSWER_S, ControlClient
 
     with ControlClient(socket, None if follow else ANSWER_S) as client:
@@ -309,7 +306,7 @@ def arm(
         ),
     ],
     numbers: Annotated[
-        list[str] | None, typer.Argument(metavar="[VALUE]...", help="What the verb takes.")
+        list[str] | None, typer.Argument(metavar="[VALUE]...", help="Values of the verb.")
     ] = None,
     wait: Annotated[
         bool, typer.Option("--wait", help="Wait until a motion has ended; Ctrl-C stops it.")
@@ -320,7 +317,7 @@ def arm(
     socket: Socket = "",
     as_json: AsJson = False,
 ) -> None:
-    """Have an arm of the daemon carry out a verb: `stat`, `stop`, `movl
+    """Make an arm of the daemon execute a verb: `stat`, `stop`, `movl
     0.4 0 0.4 3.14 0 0 --wait` (m, then a rotation vector in rad), `get_parameters`,
     `set_parameter gain 0.1`. A motion that does not end by itself ends with this command."""
     from cardan.cli.verbs import as_plain, carry_out, in_words
@@ -348,14 +345,14 @@ service = typer.Typer(
 )
 System = Annotated[
     bool,
-    typer.Option("--system", help="Of the computer, begun when it starts; default: of this user."),
+    typer.Option("--system", help="Of the computer, started at boot; default: of this user."),
 ]
 Account = Annotated[
-    str, typer.Option("--user", metavar="NAME", help="Who it runs as, with --system; default: you.")
+    str, typer.Option("--user", metavar="NAME", help="Account for --system; default: yours.")
 ]
 Files = Annotated[
     list[Path] | None,
-    typer.Argument(metavar="[FILE|FOLDER]...", help="As `cardan daemon run` has it."),
+    typer.Argument(metavar="[FILE|FOLDER]...", help="As for `cardan daemon run`."),
 ]
 
 
@@ -380,8 +377,8 @@ def show(files: Files = None, system: System = False, user: Account = "") -> Non
 
 @service.command("install")
 def install_service(files: Files = None, system: System = False, user: Account = "") -> None:
-    """Write the unit, and start it. With --system it starts again with the computer, else at this
-    user's login."""
+    """Write the unit, and start it. With --system it starts again at boot, else at this user's
+    login."""
     from cardan.gateway.daemon.service import install
 
     for line in install(_service(files, system, user)):

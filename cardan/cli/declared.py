@@ -363,4 +363,4 @@ def listed(
     if as_json:
         raise ConfigurationError("--json", "goes with --list")
     if context.invoked_subcommand is None:
-        raise ConfigurationError(context.command_path, "which one? --list says what there is")
+        raise ConfigurationError(context.command_path, "name is missing: --list prints the names")

@@ -43,8 +43,7 @@ def _devices(context: typer.Context, as_json: AsJson = False) -> None:
 
 @devices.command("list")
 def list_devices(as_json: AsJson = False) -> None:
-    """List plugged-in operator devices, and what stands in their way. `cardan devices` does the
-    same."""
+    """List plugged-in operator devices and their problems. `cardan devices` does the same."""
     from cardan import api
 
     found = api.devices()
@@ -75,12 +74,12 @@ def list_devices(as_json: AsJson = False) -> None:
 def drivers(
     name: Annotated[
         str,
-        typer.Argument(metavar="[NAME]", help="One of them.", autocompletion=completion.drivers),
+        typer.Argument(metavar="[NAME]", help="A driver.", autocompletion=completion.drivers),
     ] = "",
     as_json: AsJson = False,
 ) -> None:
     """List the drivers, those of other installed packages included: the names that a
-    configuration's driver = "..." takes. Of one of them, its options too."""
+    configuration's driver = "..." takes. With NAME, its options too."""
     from cardan.drivers import registry
 
     if name:
@@ -147,8 +146,8 @@ def force(
     verbose: Verbose = False,
     log_level: Level = None,
 ) -> None:
-    """Be the force node of a session in another process: read its robot's states, and send it the
-    forces that the \\[force] and [\\[fixtures]] of FILE make of them. Prints READY once it does."""
+    """Run the force node of a session in another process: read its robot's states, and send it the
+    forces that the \\[force] and [\\[fixtures]] of FILE make of them. Prints READY once it runs."""
     from cardan.gateway.session.force_assembly import load_force
     from cardan.gateway.session.force_node import run_force_node
 

@@ -31,7 +31,7 @@ def doctor(
         list[Path] | None,
         typer.Argument(
             metavar="[FILE|FOLDER]...",
-            help="What is to run here, as `cardan run` and `cardan daemon run` take it.",
+            help="Files that are to run here, as for `cardan run` and `cardan daemon run`.",
         ),
     ] = None,
     as_json: AsJson = False,
@@ -44,9 +44,9 @@ def doctor(
     ] = False,
     socket: Socket = "",
 ) -> None:
-    """Examine this computer, and what the given files need of it. Prints each thing that is wrong,
-    why it matters, and the command that mends it. Moves and changes nothing, and sends nothing to a
-    robot: controllers are only listened to. Exit code 4 where something fails."""
+    """Examine this computer, and what the given files need of it. Prints each problem, why it
+    matters, and the command that fixes it. Moves and changes nothing, and sends nothing to a robot:
+    it only listens to controllers. Exit code 4 if a check fails."""
     from rich.console import Console
     from rich.text import Text
 

@@ -39,22 +39,22 @@ def pair(
         str | None,
         typer.Argument(
             metavar="[HOST]",
-            help="On the operator's computer: name or address of the robot's. Without, this is "
-            "the robot's, and waits five minutes for the other one.",
+            help="On the operator's computer: name or address of the robot's computer. On the "
+            "robot's computer: none; it waits five minutes for the other.",
             show_default=False,
         ),
     ] = None,
     code: Annotated[
-        str, typer.Option(metavar="CODE", help="Shown by the robot's computer; default: asks.")
+        str, typer.Option(metavar="CODE", help="Code on the robot's computer; default: asks.")
     ] = "",
     address: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Where the robot's computer waits.")
+        str, typer.Option(metavar="ADDRESS", help="Address where the robot's computer waits.")
     ] = "0.0.0.0",
     port: Annotated[
         int, typer.Option(min=1, max=65535, help="TCP port where it waits; the same on both.")
     ] = PORT,
     replace: Annotated[
-        bool, typer.Option("--replace", help="Pair anew: the old certificates are gone then.")
+        bool, typer.Option("--replace", help="Pair again, and replace the old certificates.")
     ] = False,
 ) -> None:
     """Pair the operator's computer with the robot's, by TLS.

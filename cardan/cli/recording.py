@@ -35,8 +35,8 @@ def record(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Record nothing: write what this record has, which was cut off or damaged, into a "
-            "whole one; without -o beside it, as NAME-repaired.mcap.",
+            help="Record nothing: repair this record, which was cut off or damaged; without -o "
+            "into NAME-repaired.mcap beside it.",
         ),
     ] = None,
     verbose: Verbose = False,
@@ -82,8 +82,8 @@ def replay(
         bool,
         typer.Option(
             "--commands",
-            help="Publish topics, too, that may command something, and those that somebody "
-            "publishes now. A live session takes from them what its arming sequence and its "
+            help="Publish topics, too, that may command something, and topics that have another "
+            "publisher now. A live session accepts from them what its arming sequence and its "
             "authority allow.",
         ),
     ] = False,
@@ -91,14 +91,14 @@ def replay(
         float,
         typer.Option(
             metavar="S",
-            help="Wait for no longer time without a message: a clock was set, or there was none.",
+            help="Longest wait between messages; longer gaps (a pause, a set clock) are cut to it.",
         ),
     ] = 60.0,
     verify: Annotated[
         bool,
         typer.Option(
             "--verify",
-            help="Publish nothing: put what the recorded sessions saw through the controller, and "
+            help="Publish nothing: feed the recorded inputs of sessions to the controller, and "
             "compare its commands with the recorded ones, bit for bit.",
         ),
     ] = False,
@@ -158,7 +158,7 @@ def plot(
         ),
     ] = None,
     arm: Annotated[
-        str, typer.Option(metavar="NODE", help="Which arm's, where a record has several.")
+        str, typer.Option(metavar="NODE", help="Arm to draw, if a record has several.")
     ] = "",
 ) -> None:
     """Draw a session: the path of the TCP, the following error, latencies and forces."""

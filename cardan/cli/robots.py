@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 robots = typer.Typer(
     name="robots",
     cls=CommandGroup,
-    help="List and show arms, and make the file of one's own.",
+    help="List and show arms, and make the file of your own.",
     no_args_is_help=True,
     rich_markup_mode="rich",
 )
@@ -94,8 +94,8 @@ def add(
     session: Session = None,
     router: Router = "",
 ) -> None:
-    """Make the arm of a robot's URDF known to Cardan: write its TOML and a picture beside it, say
-    what was taken from where, try its inverse, and end with a session that moves it simulated."""
+    """Add the arm of a robot's URDF: write its TOML and a picture beside it, print the source of
+    each value, try its inverse, and print a session that moves it simulated."""
     from cardan.bus.description import describe, topic_of
     from cardan.own_arm.added import (
         Published,
@@ -177,7 +177,7 @@ def _print_parts(parts: list[tuple[str, str]]) -> None:
 
 @robots.command("list")
 def list_(as_json: AsJson = False) -> None:
-    """List the arms there are: Cardan's, then the files of this folder that are one's own."""
+    """List the arms: Cardan's, then your own files in this folder."""
     from cardan.robots import arm_names, load_arm
 
     rows = []
@@ -209,14 +209,14 @@ def show(
         str,
         typer.Argument(
             metavar="NAME|FILE",
-            help="One of Cardan's arms, or the .toml, .urdf, .xacro or .xml of one's own.",
+            help="One of Cardan's arms, or the .toml, .urdf, .xacro or .xml of your own.",
             autocompletion=completion.robots,
         ),
     ],
     as_json: AsJson = False,
 ) -> None:
-    """Show an arm: its joints with their limits, its reach, home and TCP, its bodies, and what is
-    to be looked at."""
+    """Show an arm: its joints with their limits, its reach, home and TCP, its bodies, and
+    warnings."""
     from cardan.gateway.session.cautions import arm_cautions
     from cardan.own_arm.tried import pairs_watched, reach_of
     from cardan.robots import load_arm

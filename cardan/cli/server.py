@@ -41,7 +41,7 @@ def _server(
     list_: Annotated[bool, typer.Option("--list", help="Print the servers, then end.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show the sessions' bus in another protocol, or keep it together."""
+    """Serve the network in another protocol, or run its router."""
     listed(context, list_, registry, ("server", "what it does"), as_json)
 
 

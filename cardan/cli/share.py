@@ -50,7 +50,7 @@ def share(
         ),
     ] = "",
     name: Annotated[
-        str, typer.Option(metavar="NAME", help="What the robot's side calls it; default: DRIVER.")
+        str, typer.Option(metavar="NAME", help="Name on the robot's side; default: DRIVER.")
     ] = "",
     seconds: Seconds = None,
     verbose: Verbose = False,
@@ -58,7 +58,7 @@ def share(
 ) -> None:
     """Share an operator device with a session on another computer.
 
-    The driver there is `remote`. Prints READY and the topic once it does."""
+    The driver there is `remote`. Prints READY and the topic once it shares."""
     from cardan.common.serving import interruptible
     from cardan.gateway.bus.sharing import SharedConfig, ShareOptions, share_until
     from cardan.gateway.session.driver_assembly import make_device

@@ -27,13 +27,13 @@ from cardan.sim_peers import registry
 from cardan.sim_peers.base import parse_faults
 from cardan.sim_peers.command import PeerCommand
 
-Script = Annotated[str, typer.Option(metavar="NAME|FILE", help="Its motion; see --list-scripts.")]
+Script = Annotated[str, typer.Option(metavar="NAME|FILE", help="Its script; see --list-scripts.")]
 Fault = Annotated[
     list[str] | None,
     typer.Option(
         "--fault",
         metavar="NAME[=VALUE]",
-        help="A fault to have (repeatable); see --list-faults.",
+        help="A fault to simulate (repeatable); see --list-faults.",
     ),
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]

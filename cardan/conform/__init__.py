@@ -1,32 +1,36 @@
-"""Conformance: numbered requirements, judged on what went over a wire.
+"""Conformance: numbered requirements, judged on recorded wire traffic.
 
-The same requirements judge a simulated peer in virtual time and the real thing at ``--target``. A
-`Suite` of a protocol has them, reads a `Timeline` of wire events, and knows how to ask: its
-`Scenario` listens, holds, moves by a millimeter, or has somebody make faults by hand.
+The same requirements judge a simulated peer in virtual time and a real target at ``--target``. The
+`Suite` of a protocol holds them and decodes a `WireTimeline` of events. Its `Scenario` makes the
+traffic: it listens, holds, moves by a millimeter, or asks an operator to make faults by hand.
 """
 
-from cardan.conform.report import Report as Report, judged as judged
+from cardan.conform.report import SuiteReport as SuiteReport, judged as judged
 from cardan.conform.requirements import (
     Level as Level,
-    Outcome as Outcome,
     Requirement as Requirement,
     Requirements as Requirements,
     Verdict as Verdict,
+    VerdictOutcome as VerdictOutcome,
     failed as failed,
     not_applicable as not_applicable,
     not_seen as not_seen,
     passed as passed,
 )
 from cardan.conform.runner import (
-    Act as Act,
     Exchange as Exchange,
+    Pause as Pause,
     Scenario as Scenario,
-    Wait as Wait,
+    Step as Step,
     ask as ask,
     close as close,
     mark as mark,
     open_ as open_,
     send as send,
 )
-from cardan.conform.suite import Suite as Suite, Transport as Transport
-from cardan.conform.timeline import Event as Event, Kind as Kind, Timeline as Timeline
+from cardan.conform.suite import Suite as Suite, SuiteTransport as SuiteTransport
+from cardan.conform.timeline import (
+    Kind as Kind,
+    WireEvent as WireEvent,
+    WireTimeline as WireTimeline,
+)

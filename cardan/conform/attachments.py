@@ -1,32 +1,34 @@
-"""A timeline as files for other programs: a capture (pcap) and a record (MCAP)."""
+"""Export of a timeline for other programs: a capture (pcap) and a record (MCAP)."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 from cardan.common.extras import missing_extra
-from cardan.conform.requirements import V
-from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Event, Kind, Timeline
+from cardan.conform.requirements import Level, V
+from cardan.conform.suite import Suite, SuiteTransport
+from cardan.conform.timeline import Kind, WireEvent, WireTimeline
 from cardan.errors import CaptureError
 
 PCAP_MAGIC_NS = 0xA1B23C4D
+_MAGIC = b"\x89MCAP0\r\n"
 LINK_RAW_IP, LINK_SOCKETCAN = 101, 227
 SNAP_BYTES = 262_144
 JUDGED, OURS = bytes((192, 0, 2, 1)), bytes((192, 0, 2, 2))
-"""Addresses in captures: of the network that RFC 5737 keeps for documentation."""
+"""Addresses in captures, from the documentation network of RFC 5737."""
 FREE_PORT = 50_000
-"""The side without a known port has this one, or the one after for each further channel."""
+"""Port of the side without a known port; each further channel has the next one."""
 _UDP, _TCP = 17, 6
 _FIN, _SYN, _PUSH, _ACK = 0x01, 0x02, 0x08, 0x10
 _LONGEST_SEGMENT = 1400
 
 
-def pcap(suite: Suite[V], timeline: Timeline, start_ns: int) -> bytes | None:
-    """The capture, without real addresses; None where the protocol has no packets of a network.
+def pcap(suite: Suite[V], timeline: WireTimeline, start_ns: int) -> bytes | None:
+    """Return the capture, without real addresses; None if the protocol has no network packets.
 
     `start_ns` is the wall time of the timeline's zero, ns since the epoch.
     """
@@ -38,7 +40,7 @@ def pcap(suite: Suite[V], timeline: Timeline, start_ns: int) -> bytes | None:
     writers = {"udp": _datagrams, "tcp": _segments, "can": _frames}
     events = (suite.redacted(each) for each in timeline)
     packets = writers[transport.kind](transport, events)
-    # What came is stamped by the kernel, what was sent before it was read is not earlier for that.
+    # Received data have the kernel's earlier time stamp, data sent before the read have not.
     for time_s, packet in sorted(packets, key=lambda each: each[0]):
         time_ns = start_ns + round(time_s * 1e9)
         seconds, ns = divmod(time_ns, 1_000_000_000)
@@ -49,18 +51,18 @@ def pcap(suite: Suite[V], timeline: Timeline, start_ns: int) -> bytes | None:
 _Packets = Iterator[tuple[float, bytes]]
 
 
-def _frames(_transport: Transport, events: Iterator[Event]) -> _Packets:
+def _frames(_transport: SuiteTransport, events: Iterator[WireEvent]) -> _Packets:
     for event in events:
         if event.kind is Kind.DATA:
             yield event.time_s, event.data
 
 
-def _ports(transport: Transport, channel: str, note: str) -> tuple[int, int]:
-    """The judged one's port and ours."""
-    # Of a port of ours that several clients come to, each is a channel: "motion 2".
+def _ports(transport: SuiteTransport, channel: str, note: str) -> tuple[int, int]:
+    """Return the judged side's port and ours."""
+    # Each client of a port of ours is a channel: "motion 2".
     channel, _, client = channel.partition(" ")
     known = transport.ports.get(channel, 0)
-    # A client has a port of its own; what listens has the known one.
+    # A client has a port of its own; the listening side has the known one.
     digits = note.rpartition(":")[2] if channel in transport.ours else ""
     free = int(digits) if digits.isdigit() and 0 < int(digits) < 65536 else 0
     if not free:
@@ -70,7 +72,7 @@ def _ports(transport: Transport, channel: str, note: str) -> tuple[int, int]:
     return (free, known) if channel in transport.ours else (known, free)
 
 
-def _datagrams(transport: Transport, events: Iterator[Event]) -> _Packets:
+def _datagrams(transport: SuiteTransport, events: Iterator[WireEvent]) -> _Packets:
     theirs: dict[str, str] = {}
     for event in events:
         if event.kind is not Kind.DATA:
@@ -83,12 +85,14 @@ def _datagrams(transport: Transport, events: Iterator[Event]) -> _Packets:
         yield event.time_s, _ip(event.sent, _UDP, udp)
 
 
-def _segments(transport: Transport, events: Iterator[Event]) -> _Packets:
-    """TCP as it would have looked without loss: opened, acknowledged with data, closed."""
+def _segments(transport: SuiteTransport, events: Iterator[WireEvent]) -> _Packets:
+    """Yield TCP segments as without loss: opened, acknowledged with data, closed."""
     places: dict[str, list[int]] = {}
     opened: dict[str, int] = {}
 
-    def segment(event: Event, from_us: bool, flags: int, data: bytes = b"") -> tuple[float, bytes]:
+    def segment(
+        event: WireEvent, from_us: bool, flags: int, data: bytes = b""
+    ) -> tuple[float, bytes]:
         judged, ours = _ports(transport, event.channel, "")
         ours += 16 * (opened.get(event.channel, 1) - 1)
         source, target = (ours, judged) if from_us else (judged, ours)
@@ -136,33 +140,119 @@ def _checksum(data: bytes) -> int:
     return ~total & 0xFFFF
 
 
-def write_mcap(path: Path, suite: Suite[V], timeline: Timeline, start_ns: int) -> None:
-    """Write the record: a channel for each wire and direction, with its bytes, and one for marks.
+_METADATA = "cardan conform"
+"""Name of the metadata that make a record one of a timeline."""
+_METADATA_OPCODE = 0x0C
 
-    Raises ExtraMissingError without mcap, and CaptureError where `path` cannot be written.
+
+def write_mcap(
+    path: Path, suite: Suite[V], timeline: WireTimeline, start_ns: int, level: Level
+) -> None:
+    """Write the record of a timeline made on `level`: a channel for each wire and direction, with
+    its bytes, and one for marks.
+
+    Raises ExtraMissingError without mcap, and CaptureError if `path` cannot be written.
     """
     try:
         from mcap.writer import Writer
     except ImportError as error:
         raise missing_extra("a record", "mcap", "record", error) from error
+    facts = (suite.name, int(level), timeline.late_s, start_ns)
     try:
         with path.open("wb") as file:
             writer: Any = Writer(file)
             writer.start("", "cardan conform")
-            channels: dict[str, int] = {}
+            names = ("suite", "level", "late_s", "start_ns")
+            writer.add_metadata(_METADATA, dict(zip(names, map(str, facts), strict=True)))
+            channels: dict[tuple[str, ...], int] = {}
             for number, event in enumerate(map(suite.redacted, timeline)):
                 topic = f"/{suite.name}/" + "/".join(
                     filter(None, (event.channel, "to" if event.sent else "from"))
                 )
-                data, encoding = event.data, "application/octet-stream"
+                data, encoding, note = event.data, "application/octet-stream", event.note
                 if event.kind is not Kind.DATA:
-                    topic, encoding = f"/{suite.name}/events", "text/plain"
-                    words = (event.kind.value, event.channel, event.note)
-                    data = " ".join(filter(None, words)).encode()
-                if topic not in channels:
-                    channels[topic] = writer.register_channel(topic, encoding, 0)
+                    topic, encoding, note = f"/{suite.name}/events", "text/plain", ""
+                    data = " ".join(filter(None, (*_begin(event), event.note))).encode()
+                key = (topic, *_begin(event), "to" if event.sent else "from", note)
+                if key not in channels:
+                    metadata = {
+                        "kind": event.kind.value,
+                        "channel": event.channel,
+                        "sent": str(event.sent),
+                        "note": note,
+                    }
+                    channels[key] = writer.register_channel(topic, encoding, 0, metadata)
                 time_ns = start_ns + round(event.time_s * 1e9)
-                writer.add_message(channels[topic], time_ns, data, time_ns, number)
+                writer.add_message(channels[key], time_ns, data, time_ns, number)
             writer.finish()
     except OSError as error:
         raise CaptureError(f"{path} cannot be written: {error.strerror or error}") from None
+
+
+def _begin(event: WireEvent) -> tuple[str, ...]:
+    return event.kind.value, event.channel
+
+
+def is_mcap(path: Path) -> bool:
+    """Whether a file begins as an MCAP does; False for one that cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_MAGIC)) == _MAGIC
+    except OSError:
+        return False
+
+
+def read_mcap(path: Path, suite: Suite[V]) -> tuple[WireTimeline, Level]:
+    """Return the timeline of a record that :func:`write_mcap` wrote, and its level.
+
+    Raises ExtraMissingError without mcap, and CaptureError for any other file, and for a record of
+    another suite.
+    """
+    from cardan.recording.mcap_file import OtherRecord, RecordReader
+
+    reader = RecordReader(path)  # Raises ExtraMissingError.
+    from mcap.records import Channel, Message
+
+    timeline, level, start_ns = WireTimeline(), None, 0
+    events: dict[int, WireEvent] = {}
+    try:
+        for record in reader.records():
+            if isinstance(record, OtherRecord):
+                if record.opcode == _METADATA_OPCODE and level is None:
+                    level, start_ns = _facts(path, suite, timeline, record.body)
+            elif isinstance(record, Channel):
+                of = record.metadata
+                sent = of["sent"] == str(True)
+                events[record.id] = WireEvent(
+                    0.0, Kind(of["kind"]), sent, of["channel"], b"", of["note"]
+                )
+            elif isinstance(record, Message):
+                event, data = events[record.channel_id], record.data
+                event = event._replace(time_s=(record.log_time - start_ns) / 1e9, data=data)
+                if event.kind is not Kind.DATA:
+                    begin = " ".join(filter(None, _begin(event)))
+                    note = data.decode().removeprefix(begin).removeprefix(" ")
+                    event = event._replace(data=b"", note=note)
+                timeline.add(event)
+    except (KeyError, ValueError) as error:
+        if level is not None:
+            raise CaptureError(f"{path} is not as `--save` writes it: {error!r:.80}") from None
+    if level is None:
+        raise CaptureError(f"{path} has no bytes of a wire: only a record.mcap of --save has them")
+    timeline.start_ns, timeline.strays = start_ns, tuple(reader.problems)
+    return timeline, level
+
+
+def _facts(path: Path, suite: Suite[V], timeline: WireTimeline, body: bytes) -> tuple[Level, int]:
+    """Level and start, ns since the epoch, by the metadata."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.records import Metadata
+
+    metadata = Metadata.read(ReadDataStream(BytesIO(body)))
+    if metadata.name != _METADATA:
+        raise ValueError(metadata.name)
+    facts = metadata.metadata
+    if facts["suite"] != suite.name:
+        raise CaptureError(f"{path} is of {facts['suite']}: judge it by `cardan conform` of that")
+    timeline.late_s = float(facts["late_s"])
+    return Level(int(facts["level"])), int(facts["start_ns"])

@@ -1,19 +1,19 @@
-"""Two reports side by side: where the simulated peer is easier than the real thing."""
+"""Comparison of two reports: requirements on which the simulated peer is easier than the target."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.report import Report, Result
-from cardan.conform.requirements import Outcome
+from cardan.conform.report import Result, SuiteReport
+from cardan.conform.requirements import VerdictOutcome
 from cardan.errors import ConfigurationError
 
 EASIER_BY = 1.5
-"""A figure that is so many times as large in the other report is worth a mark."""
+"""Ratio of the figures in two reports from which on a difference is marked."""
 
 
-class Difference(NamedTuple):
-    """One requirement in both reports."""
+class ReportDifference(NamedTuple):
+    """A requirement in both reports."""
 
     id: str
     text: str
@@ -21,11 +21,11 @@ class Difference(NamedTuple):
     """None: that report does not have it."""
     second: Result | None
     remark: str
-    """Empty where they agree."""
+    """Empty if they agree."""
 
 
-def compare(first: Report, second: Report) -> tuple[Difference, ...]:
-    """Requirement by requirement. ConfigurationError for reports of two suites."""
+def compare(first: SuiteReport, second: SuiteReport) -> tuple[ReportDifference, ...]:
+    """Compare each requirement. Raises ConfigurationError for reports of two suites."""
     if first.suite != second.suite:
         raise ConfigurationError(
             "--compare", f"one report is of {first.suite}, the other of {second.suite}"
@@ -36,17 +36,17 @@ def compare(first: Report, second: Report) -> tuple[Difference, ...]:
     for name in sorted(one.keys() | other.keys()):
         a, b = one.get(name), other.get(name)
         text = (a or b or next(iter(first.results))).text
-        found.append(Difference(name, text, a, b, _remark(first, second, a, b)))
+        found.append(ReportDifference(name, text, a, b, _remark(first, second, a, b)))
     return tuple(found)
 
 
-def _remark(first: Report, second: Report, a: Result | None, b: Result | None) -> str:
+def _remark(first: SuiteReport, second: SuiteReport, a: Result | None, b: Result | None) -> str:
     if a is None or b is None:
         return "only in one of them"
     outcomes = (a.outcome, b.outcome)
-    if outcomes == (Outcome.PASSED, Outcome.FAILED):
+    if outcomes == (VerdictOutcome.PASSED, VerdictOutcome.FAILED):
         return _easier(first, second)
-    if outcomes == (Outcome.FAILED, Outcome.PASSED):
+    if outcomes == (VerdictOutcome.FAILED, VerdictOutcome.PASSED):
         return _easier(second, first)
     if a.figure is not None and b.figure is not None and a.unit == b.unit:
         low, high = abs(a.figure), abs(b.figure)
@@ -57,8 +57,8 @@ def _remark(first: Report, second: Report, a: Result | None, b: Result | None) -
     return "" if a.outcome is b.outcome else "one of them does not show it"
 
 
-def _easier(easy: Report, hard: Report) -> str:
-    """That `easy` asks less of a program than `hard` does."""
+def _easier(easy: SuiteReport, hard: SuiteReport) -> str:
+    """Return words that say that `easy` demands less of a program than `hard`."""
     if easy.simulated and not hard.simulated:
         return "THE SIMULATED PEER IS EASIER"
     if hard.simulated and not easy.simulated:
@@ -66,8 +66,8 @@ def _easier(easy: Report, hard: Report) -> str:
     return f"{easy.target} is easier"
 
 
-def as_text(first: Report, second: Report) -> str:
-    """The comparison for a terminal: what agrees in one line, each difference in its own."""
+def as_text(first: SuiteReport, second: SuiteReport) -> str:
+    """Return the comparison for a terminal: one line for all that agree, a few per difference."""
     differences = compare(first, second)
     lines = [f"A {first.target}", f"B {second.target}"]
     for each in differences:

@@ -1,4 +1,4 @@
-"""Has somebody move a device: what the scenarios of devices share."""
+"""Scenario base class for operator devices that a person moves on request."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from abc import abstractmethod
 from collections.abc import Iterator
 
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_
-from cardan.conform.timeline import Event, Kind
+from cardan.conform.runner import Pause, Scenario, Script, Step, ask, mark, open_
+from cardan.conform.timeline import Kind, WireEvent
 
 HAND_S = 30.0
-"""Somebody has so long to do what the list says."""
+"""Time for the operator to follow an instruction."""
 QUIET_S = 0.25
-"""A device that sends nothing for so long is at rest."""
+"""Silence after which a device is at rest."""
 LET_GO_S = 2.0
 
 Steps = tuple[tuple[str, str], ...]
-"""Names of phases, and what somebody is to do in each."""
+"""Names of phases, and the instruction to the operator in each."""
 
 PUSHES: Steps = (
     ("push", "Push the cap to the right, half way, and hold it."),
@@ -26,7 +26,7 @@ KEYS: Steps = (("press", "Press a button."), ("release", "Let the button go."))
 
 
 class HandScenario(Scenario):
-    """Of each motion there are the phases NAME, NAME-held, NAME-over and NAME-rest."""
+    """Scenario in which each motion has the phases NAME, NAME-held, NAME-over and NAME-rest."""
 
     def __init__(self, level: Level, seconds: float) -> None:
         self._level = level
@@ -35,13 +35,13 @@ class HandScenario(Scenario):
         self._heard_s = 0.0
         self._moved = self._pressed = self._gone = False
         self._key = ""
-        """What is to be done with a button now, as `KEYS` has it."""
+        """Current phase of `KEYS`: the button action now expected."""
 
     @abstractmethod
-    def _note(self, event: Event) -> None:
-        """Set `_moved` and `_pressed` where what came says so."""
+    def _note(self, event: WireEvent) -> None:
+        """Set `_moved` and `_pressed` if the data of `event` show it."""
 
-    def answer(self, event: Event) -> Iterator[Act]:
+    def answer(self, event: WireEvent) -> Iterator[Step]:
         if event.kind in (Kind.CLOSED, Kind.REFUSED):
             self._gone = True
         elif event.kind is Kind.DATA:
@@ -56,39 +56,39 @@ class HandScenario(Scenario):
         yield open_("")
         yield mark("rest")
         yield ask("rest", "Do not touch the device.")
-        yield Wait(rest_s)
+        yield Pause(rest_s)
 
     def _motions(self, rest_s: float, steps: Steps = PUSHES) -> Script:
         for name, how in steps:
             yield mark(name)
             self._moved = False
             yield ask(name, how)
-            yield Wait(self._hand_s, lambda: self._moved or self._gone)
+            yield Pause(self._hand_s, lambda: self._moved or self._gone)
             yield mark(f"{name}-held")
-            yield Wait(self._hold_s, lambda: self._gone)
+            yield Pause(self._hold_s, lambda: self._gone)
             yield mark(f"{name}-over")
             yield ask("let-go", "Let go.")
-            yield Wait(LET_GO_S, self._quiet)
+            yield Pause(LET_GO_S, self._quiet)
             yield mark(f"{name}-rest")
-            yield Wait(rest_s)
+            yield Pause(rest_s)
 
     def _keys(self) -> Script:
         for name, how in KEYS:
             yield mark(name)
             self._pressed, self._key = False, name
             yield ask(name, how)
-            yield Wait(self._hand_s, lambda: self._pressed or self._gone)
-        yield Wait(QUIET_S)
+            yield Pause(self._hand_s, lambda: self._pressed or self._gone)
+        yield Pause(QUIET_S)
 
     def _again(self) -> Script:
         yield mark("push-again")
         yield ask("push", "Push the cap once more.")
-        yield Wait(self._hold_s, lambda: self._gone)
+        yield Pause(self._hold_s, lambda: self._gone)
         yield ask("let-go", "Let go.")
-        yield Wait(LET_GO_S, self._quiet)
+        yield Pause(LET_GO_S, self._quiet)
 
     def _unplugged(self) -> Script:
         yield mark("unplug")
         yield ask("unplug", "Hold the cap deflected, and unplug the device.")
-        yield Wait(self._hand_s, lambda: self._gone)
-        yield Wait(QUIET_S)
+        yield Pause(self._hand_s, lambda: self._gone)
+        yield Pause(QUIET_S)

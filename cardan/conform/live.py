@@ -1,4 +1,4 @@
-"""Runs a scenario against a real target, in real time."""
+"""Runner of a scenario against a real target, in real time."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import select
 import time
 from collections.abc import Callable
 
-from cardan.conform.runner import Act, Exchange
+from cardan.conform.runner import Exchange, Step
 from cardan.conform.timeline import Kind
-from cardan.conform.transports import Wire, Wires
+from cardan.conform.transports import TargetWire, Wires
 from cardan.errors import DriverError
 
 
 class Live:
-    """A scenario and the wires of its target. `told` gets what somebody is to do by hand."""
+    """A scenario and the wires of its target. `told` gets the instructions to the operator."""
 
     def __init__(self, exchange: Exchange, wires: Wires, told: Callable[[str], None]) -> None:
         self._exchange, self._wires, self._told = exchange, wires, told
-        self._open: dict[str, Wire] = {}
+        self._open: dict[str, TargetWire] = {}
         self._any = False
         self._start_s = time.monotonic()
 
@@ -25,10 +25,10 @@ class Live:
         return time.monotonic() - self._start_s
 
     def run(self) -> None:
-        """Until the scenario is over.
+        """Run until the scenario is over.
 
-        Raises AddressError or DeviceAccessError where the first wire cannot be opened; of later
-        ones the refusal is an event.
+        Raises AddressError or DeviceAccessError if the first wire cannot be opened; a failure of
+        a later wire is an event.
         """
         exchange = self._exchange
         try:
@@ -63,7 +63,7 @@ class Live:
             wire.close()
             self._do(self._exchange.heard(self._now(), channel, kind=Kind.CLOSED))
 
-    def _do(self, acts: list[Act]) -> None:
+    def _do(self, acts: list[Step]) -> None:
         for act in acts:
             if act.kind is Kind.DATA:
                 wire = self._open.get(act.channel)
@@ -78,7 +78,7 @@ class Live:
             elif act.kind is Kind.ASKED:
                 self._told(act.note)
 
-    def _opened(self, channel: str) -> list[Act]:
+    def _opened(self, channel: str) -> list[Step]:
         try:
             wire = self._wires.open(channel)
         except DriverError as error:
@@ -90,6 +90,6 @@ class Live:
         self._open[channel] = wire
         acts = self._exchange.heard(self._now(), channel, kind=Kind.OPENED, note=wire.identity)
         self._do(acts)
-        # What came with the opening makes no `select` wake up.
+        # Data that arrived with the opening do not wake `select`.
         self._take(channel)
         return []

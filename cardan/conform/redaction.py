@@ -1,4 +1,4 @@
-"""Addresses and serial numbers taken out of what users may post."""
+"""Redaction of addresses and serial numbers in texts that users may post."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class Redaction:
         self._names: dict[str, str] = {}
 
     def hide(self, host: str) -> None:
-        """Have `host`, a name that does not look like an address, replaced as well."""
+        """Also replace `host`, a name that does not look like an address."""
         if host and host not in self._names and not is_loopback(host):
             self._names[host] = self._next("host")
 
     def __call__(self, text: str) -> str:
-        """`text` without addresses, serial numbers and users' folders."""
+        """Return `text` without addresses, serial numbers and users' folders."""
         text = _CANDIDATES.sub(self._address, text)
         for host in sorted(self._names, key=len, reverse=True):
             text = re.sub(rf"(?<![\w.-]){re.escape(host)}(?![\w-])", self._names[host], text)

@@ -1,4 +1,4 @@
-"""Finds suites by name: the built-in table, then the entry points of installed packages."""
+"""Registry of suites by name: a built-in table, then entry points of installed packages."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from cardan.conform.suite import Suite
 ENTRY_POINT_GROUP = "cardan.conform"
 
 BUILT_IN = {
-    "3dconnexion": "cardan.conform.connexion.suite:Connexion",
-    "egm": "cardan.conform.egm.suite:Egm",
-    "egm-driver": "cardan.conform.egm_driver.suite:EgmDriver",
-    "motoros": "cardan.conform.motoros.suite:Motoros",
-    "motoros-driver": "cardan.conform.motoros_driver.suite:MotorosDriver",
-    "ur-rtde": "cardan.conform.ur_rtde.suite:UrRtde",
+    "3dconnexion": "cardan.conform.connexion.suite:ConnexionSuite",
+    "egm": "cardan.conform.egm.suite:EgmSuite",
+    "egm-driver": "cardan.conform.egm_driver.suite:EgmDriverSuite",
+    "motoros": "cardan.conform.motoros.suite:MotorosSuite",
+    "motoros-driver": "cardan.conform.motoros_driver.suite:MotorosDriverSuite",
+    "ur-rtde": "cardan.conform.ur_rtde.suite:UrRtdeSuite",
 }
-"""Our own. Imported when they are asked for: each brings its simulated peer along. Other packages
+"""Suites of this package, imported on demand because each brings its simulated peer. Other packages
 add theirs by an entry point of the same form."""
 
 
@@ -31,5 +31,5 @@ names, load_all = FINDER.names, FINDER.load_all
 
 
 def load(name: str) -> Suite[Any]:
-    """The suite of that name; ConfigurationError names those there are."""
+    """Return the suite of that name. Raises ConfigurationError, which lists the known names."""
     return FINDER.load(name)()

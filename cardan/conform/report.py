@@ -1,4 +1,4 @@
-"""A report: the verdict on each requirement; as text, Markdown, JSON and JUnit."""
+"""Conformance report with a verdict on each requirement, as text, Markdown, JSON and JUnit."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from xml.etree import ElementTree
 
 from cardan import __version__
 from cardan.conform.redaction import Redaction
-from cardan.conform.requirements import Level, Outcome, T, V, Verdict, not_seen
+from cardan.conform.requirements import Level, T, V, Verdict, VerdictOutcome, not_seen
 from cardan.conform.suite import Suite
-from cardan.conform.timeline import Kind, Timeline
+from cardan.conform.timeline import Kind, WireTimeline
 from cardan.errors import ConfigurationError
 
 FORM = 1
-"""Of the JSON; another number for a form that a reader of this one would misread."""
+"""Version of the JSON format; incremented when a reader of the old format would misread the new."""
 DOUBTED = "not judged, perhaps not met: "
-"""Begins what is said of a requirement whose evidence is not whole."""
+"""Prefix of the words on a requirement with incomplete evidence."""
 _BYTES_SHOWN = 16
 _MARKS = {
-    Outcome.PASSED: "pass",
-    Outcome.FAILED: "FAIL",
-    Outcome.NOT_APPLICABLE: "n/a",
-    Outcome.NOT_SEEN: "-",
+    VerdictOutcome.PASSED: "pass",
+    VerdictOutcome.FAILED: "FAIL",
+    VerdictOutcome.NOT_APPLICABLE: "n/a",
+    VerdictOutcome.NOT_SEEN: "-",
 }
 
 
 @dataclass(frozen=True)
 class Result:
-    """One requirement of a report."""
+    """Verdict on a requirement in a report."""
 
     id: str
     level: int
     source: str
     text: str
-    outcome: Outcome
+    outcome: VerdictOutcome
     said: str
     evidence: tuple[str, ...] = ()
     """Events of the timeline in words."""
@@ -46,13 +46,13 @@ class Result:
 
 
 @dataclass(frozen=True)
-class Report:
-    """What came of judging one target once."""
+class SuiteReport:
+    """Result of judging a target once."""
 
     suite: str
     judges: str
     target: str
-    """Redacted; "simulated" with its faults, where there was none."""
+    """Redacted; without a target "simulated" with its faults."""
     simulated: bool
     level: int
     seconds: float
@@ -65,37 +65,37 @@ class Report:
     results: tuple[Result, ...]
 
     @property
-    def counts(self) -> Counter[Outcome]:
-        """How many requirements have each outcome."""
+    def counts(self) -> Counter[VerdictOutcome]:
+        """Number of requirements with each outcome."""
         return Counter(each.outcome for each in self.results)
 
     @property
     def failed(self) -> tuple[str, ...]:
         """Ids of the requirements that are not met."""
-        return tuple(each.id for each in self.results if each.outcome is Outcome.FAILED)
+        return tuple(each.id for each in self.results if each.outcome is VerdictOutcome.FAILED)
 
     @property
     def doubted(self) -> list[str]:
-        """Ids of those that a capture showed as not met, but may lack what would meet them."""
+        """Ids of requirements that fail in a capture that may lack the messages that meet them."""
         return [
             each.id
             for each in self.results
-            if each.outcome is Outcome.NOT_SEEN and each.said.startswith(DOUBTED)
+            if each.outcome is VerdictOutcome.NOT_SEEN and each.said.startswith(DOUBTED)
         ]
 
     def as_text(self) -> str:
-        """For a terminal: a line a requirement, evidence below those that are not met."""
+        """Return text for a terminal: a line per requirement, evidence below failed ones."""
         lines = [self._title()]
         for each in self.results:
             lines.append(f"{_MARKS[each.outcome]:4} {each.id:12} {each.text}")
             lines.append(f"     {'':12} {each.said}")
-            if each.outcome is Outcome.FAILED:
+            if each.outcome is VerdictOutcome.FAILED:
                 lines.append(f"     {'':12} source: {each.source}")
                 lines += [f"     {'':12} {line}" for line in each.evidence]
         return "\n".join([*lines, self._sum()]) + "\n"
 
     def as_markdown(self) -> str:
-        """For people: a table, and the evidence below it."""
+        """Return Markdown: a table, and the evidence below it."""
         lines = [
             f"# {self._title()}\n",
             f"Cardan {self.version}, level {self.level}, {self.seconds:.1f} s, "
@@ -115,19 +115,19 @@ class Report:
         return "\n".join([*lines, "", self._sum()]) + "\n"
 
     def as_json(self) -> str:
-        """For programs, and for `read`."""
+        """Return JSON for programs, and for `read`."""
         values = {"form": FORM, **asdict(self)}
         return json.dumps(values, indent=1, ensure_ascii=False, default=_in_json) + "\n"
 
     def as_junit(self) -> str:
-        """For continuous integration: a test case a requirement."""
+        """Return JUnit XML for continuous integration: a test case per requirement."""
         counts = self.counts
-        skipped = counts[Outcome.NOT_SEEN] + counts[Outcome.NOT_APPLICABLE]
+        skipped = counts[VerdictOutcome.NOT_SEEN] + counts[VerdictOutcome.NOT_APPLICABLE]
         root = ElementTree.Element(
             "testsuite",
             name=f"cardan conform {self.suite}",
             tests=str(len(self.results)),
-            failures=str(counts[Outcome.FAILED]),
+            failures=str(counts[VerdictOutcome.FAILED]),
             errors="0",
             skipped=str(skipped),
             time=f"{self.seconds:.3f}",
@@ -136,10 +136,10 @@ class Report:
             case = ElementTree.SubElement(
                 root, "testcase", classname=f"conform.{self.suite}", name=f"{each.id} {each.text}"
             )
-            if each.outcome is Outcome.FAILED:
+            if each.outcome is VerdictOutcome.FAILED:
                 failure = ElementTree.SubElement(case, "failure", message=each.said)
                 failure.text = "\n".join((f"source: {each.source}", *each.evidence))
-            elif each.outcome is not Outcome.PASSED:
+            elif each.outcome is not VerdictOutcome.PASSED:
                 why = f"{each.outcome.value}: {each.said}"
                 ElementTree.SubElement(case, "skipped", message=why)
         ElementTree.indent(root)
@@ -149,10 +149,10 @@ class Report:
         return f"{self.suite}: {self.judges} at {self.target}"
 
     def _sum(self) -> str:
-        return ", ".join(f"{self.counts[each]} {each.value}" for each in Outcome)
+        return ", ".join(f"{self.counts[each]} {each.value}" for each in VerdictOutcome)
 
 
-def _in_json(value: Outcome) -> str:
+def _in_json(value: VerdictOutcome) -> str:
     return value.value
 
 
@@ -162,16 +162,16 @@ def _cell(text: str) -> str:
 
 def judged(
     suite: Suite[V],
-    timeline: Timeline,
+    timeline: WireTimeline,
     level: Level,
     *,
     target: str = "",
     faults: Mapping[str, float] | None = None,
     version: str = __version__,
     redaction: Redaction | None = None,
-) -> Report:
-    """The report on `timeline`, which was made on `level` at `target` (empty: simulated, with
-    `faults`). Without `redaction` nothing is taken out."""
+) -> SuiteReport:
+    """Return the report on `timeline`, recorded on `level` at `target` (empty: simulated, with
+    `faults`). Without `redaction` nothing is removed."""
     clean = redaction or str
     seen = suite.decode(timeline)
     results = []
@@ -197,7 +197,7 @@ def judged(
     simulated = f"simulated {suite.peer}"
     if faults:
         simulated += f" with {', '.join(f'{name}={value:g}' for name, value in faults.items())}"
-    return Report(
+    return SuiteReport(
         suite.name,
         suite.judges,
         clean(target) if target else simulated,
@@ -210,7 +210,7 @@ def judged(
     )
 
 
-def _evidence(suite: Suite[V], timeline: Timeline, verdict: Verdict) -> list[str]:
+def _evidence(suite: Suite[V], timeline: WireTimeline, verdict: Verdict) -> list[str]:
     lines = []
     for number in verdict.evidence:
         event = suite.redacted(timeline.events[number])
@@ -228,30 +228,30 @@ def _evidence(suite: Suite[V], timeline: Timeline, verdict: Verdict) -> list[str
 
 
 _FROM_JSON: Mapping[str, Callable[[Any], Any]] = {
-    **{kind.__name__: kind for kind in (bool, float, int, str, Outcome)},
+    **{kind.__name__: kind for kind in (bool, float, int, str, VerdictOutcome)},
     "float | None": lambda value: None if value is None else float(value),
     "tuple[str, ...]": lambda value: tuple(map(str, value)),
     "tuple[Result, ...]": tuple,
     "Mapping[str, str]": lambda value: {str(key): str(each) for key, each in value.items()},
 }
-"""What makes of a value of JSON that of a field, by the field's type."""
+"""Conversion of a JSON value to a field's value, by the field's type."""
 
 
 def _made(kind: type[T], values: Mapping[str, Any]) -> T:
-    """A dataclass of what JSON has of its fields."""
+    """Return a dataclass made from the JSON values of its fields."""
     known = {each.name: _FROM_JSON[str(each.type)] for each in fields(kind)}  # type: ignore[arg-type]
     return kind(**{name: made(values[name]) for name, made in known.items()})
 
 
-def read(text: str, name: str) -> Report:
-    """A report that `as_json` wrote. ConfigurationError says what is wrong with it; `name` is the
-    file's."""
+def read(text: str, name: str) -> SuiteReport:
+    """Read a report that `as_json` wrote; `name` is the file's. Raises ConfigurationError, which
+    says what is wrong with it."""
     try:
         values: dict[str, Any] = json.loads(text)
         if values["form"] != FORM:
             raise ConfigurationError(name, f"a report of form {values['form']}; this reads {FORM}")
         results = tuple(_made(Result, each) for each in values["results"])
-        return _made(Report, {**values, "results": results})
+        return _made(SuiteReport, {**values, "results": results})
     except ConfigurationError:
         raise
     except KeyError as error:

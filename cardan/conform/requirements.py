@@ -1,4 +1,4 @@
-"""A numbered requirement, and the verdict on it."""
+"""Numbered requirements, and verdicts on them."""
 
 from __future__ import annotations
 
@@ -8,83 +8,83 @@ from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, TypeVar
 
+from cardan.errors import ExtraMissingError
+
 T = TypeVar("T")
 V = TypeVar("V")
-"""What a suite makes of a timeline for its judges to look at."""
+"""Decoded traffic of a suite: the argument of its judges."""
 W = TypeVar("W", "str", "str | None")
 J = TypeVar("J", "Verdict", "Findings")
-"""What a judge gives."""
+"""Return type of a judge."""
 Item = TypeVar("Item")
-"""One of what a requirement says something of."""
+"""Type of the things that a requirement judges one by one."""
 Wrongs = Iterable[tuple[int, str]]
-"""Numbers of events that show something wrong, and what."""
+"""Numbers of events that show a violation, and the violation in words."""
 
 
 class Level(enum.IntEnum):
-    """How much is asked of what is judged; each level includes those below it."""
+    """Intrusiveness of a run; each level includes those below it."""
 
     LISTEN = 0
     """Nothing is sent that could change anything."""
     HOLD = 1
     """The session is up, and nothing moves."""
     MOVE = 2
-    """Motions of at most 1 mm or 0.2 degrees; somebody is at the enable switch."""
+    """Motions of at most 1 mm or 0.2 degrees; an operator is at the enable switch."""
     BY_HAND = 3
-    """Somebody makes faults by hand, from a list."""
+    """An operator makes faults by hand, from a list."""
 
 
-class Outcome(enum.Enum):
-    """What became of a requirement."""
+class VerdictOutcome(enum.Enum):
+    """Result of judging a requirement."""
 
     PASSED = "passed"
     FAILED = "failed"
     NOT_APPLICABLE = "not applicable"
-    """It does not concern what is judged."""
+    """The requirement does not concern the judged side."""
     NOT_SEEN = "not seen"
-    """What it is about did not happen, or not on this level; or this computer was too late to tell
-    whose fault it was."""
+    """Its subject did not happen, not on this level, or this computer was too late to judge it."""
 
 
 class Verdict(NamedTuple):
-    """What a judge says of a timeline."""
+    """Result of a judge on a timeline."""
 
-    outcome: Outcome
+    outcome: VerdictOutcome
     said: str
-    """What was seen, in a few words, with its numbers."""
+    """The observation in a few words, with its numbers."""
     evidence: tuple[int, ...] = ()
     """Numbers of the timeline's events that show it, at most a few."""
     figure: float | None = None
-    """What was measured, where that is one number; the lower, the easier for the other side."""
+    """Measured value, if it is a single number; the lower, the easier for the other side."""
     unit: str = ""
 
 
 EVIDENCE_AT_MOST = 5
 NOTHING = "nothing came"
-"""Why nothing was seen, where a suite or a requirement does not say it otherwise."""
+"""Default reason of `VerdictOutcome.NOT_SEEN`, if neither suite nor requirement gives its own."""
 
 
 def passed(said: str, figure: float | None = None, unit: str = "") -> Verdict:
-    """It is met; `figure` where something was measured."""
-    return Verdict(Outcome.PASSED, said, (), figure, unit)
+    """Return the verdict of a met requirement; `figure` if a value was measured."""
+    return Verdict(VerdictOutcome.PASSED, said, (), figure, unit)
 
 
 def failed(
     said: str, evidence: Iterable[int] = (), figure: float | None = None, unit: str = ""
 ) -> Verdict:
-    """It is not met; the first few of `evidence` are kept."""
-    return Verdict(Outcome.FAILED, said, tuple(evidence)[:EVIDENCE_AT_MOST], figure, unit)
+    """Return the verdict of a violated requirement; the first few of `evidence` are kept."""
+    return Verdict(VerdictOutcome.FAILED, said, tuple(evidence)[:EVIDENCE_AT_MOST], figure, unit)
 
 
 def met(good: bool, said: str, evidence: Iterable[int] = ()) -> Verdict:
-    """Passed where it is `good`; else failed with the first few of `evidence`."""
+    """Return passed if `good`; else failed with the first few of `evidence`."""
     return passed(said) if good else failed(said, evidence)
 
 
 def at_most(
     limit: float, figure: float, unit: str, said: str, evidence: Iterable[int] = ()
 ) -> Verdict:
-    """Passed where what was measured is no more than `limit`; the first few of `evidence` are kept
-    where it is."""
+    """Return passed if `figure` is at most `limit`; else failed with the first of `evidence`."""
     if figure > limit:
         return failed(said, evidence, figure, unit)
     return passed(said, figure, unit)
@@ -93,8 +93,8 @@ def at_most(
 def none_wrong(
     wrong: Iterable[tuple[int, str]], of: int, good: str, nothing: str = NOTHING, what: str = ""
 ) -> Verdict:
-    """Failed by the first of what is `wrong`, each an event's number and why, of so many that could
-    have been and are called `what`; else `good`, or not seen where there was `nothing`."""
+    """Return failed with the first of `wrong`, event numbers and reasons; else passed: `good`, or
+    not seen: `nothing` if `of`, the number of judged things, is 0. `what` is their plural noun."""
     found = list(wrong)
     if found:
         return failed(
@@ -104,25 +104,25 @@ def none_wrong(
 
 
 class Words(NamedTuple):
-    """What is said of all that a requirement says something of."""
+    """Texts of the verdict on the things that a requirement judges one by one."""
 
     good: str
-    """Where none is wrong; ``{}`` is how many there were."""
+    """If none is wrong; ``{}`` is their number."""
     nothing: str | Verdict = ""
-    """Where there was none, or the verdict then; empty: the suite's words."""
+    """If there was none, or the verdict then; empty: the suite's words."""
     what: str = ""
-    """What the wrong ones are called."""
+    """Plural noun for the wrong things."""
     few: float = 0.0
-    """The share of them that may be wrong; a second ``{}`` of `good` is how many are."""
+    """The share of them that may be wrong; a second ``{}`` of `good` is their number."""
 
 
 Findings = Generator[tuple[int, str], None, "Words | Verdict"]
-"""Of each thing that a requirement says something of its event's number, and why it is wrong, empty
-where it is right; in the end the words for all of them, or a verdict that needs none of them."""
+"""For each judged thing its event's number and the reason why it is wrong (empty: it is right); at
+the end the texts for all of them, or a verdict that needs none of them."""
 
 
 def tallied(found: Verdict | Findings, nothing: str = NOTHING) -> Verdict:
-    """The verdict, by what was found one by one where that is not it itself."""
+    """Return `found` if it is a verdict; else the verdict on the findings, counted."""
     if isinstance(found, Verdict):
         return found
     wrong, count = [], 0
@@ -146,17 +146,17 @@ def tallied(found: Verdict | Findings, nothing: str = NOTHING) -> Verdict:
 
 
 def not_seen(said: str) -> Verdict:
-    """What it is about did not happen."""
-    return Verdict(Outcome.NOT_SEEN, said)
+    """Return the verdict on a requirement whose subject did not happen."""
+    return Verdict(VerdictOutcome.NOT_SEEN, said)
 
 
 def not_applicable(said: str) -> Verdict:
-    """It does not concern what is judged."""
-    return Verdict(Outcome.NOT_APPLICABLE, said)
+    """Return the verdict on a requirement that does not concern the judged side."""
+    return Verdict(VerdictOutcome.NOT_APPLICABLE, said)
 
 
 class SettledError(Exception):
-    """Ends a judge: what it has to say is known before it is through."""
+    """Ends a judge early with its verdict."""
 
     def __init__(self, verdict: Verdict) -> None:
         super().__init__(verdict.said)
@@ -164,26 +164,26 @@ class SettledError(Exception):
 
 
 def some(found: T | None, nothing: str) -> T:
-    """`found`, in a judge; where it is none, empty or false, the verdict is not seen: `nothing`."""
+    """Return `found`; if it is None, empty or false, end the judge: not seen, `nothing`."""
     if not found:
         raise SettledError(not_seen(nothing))
     return found
 
 
 def must(found: T | None, said: str, evidence: Iterable[int] = ()) -> T:
-    """`found`, in a judge; where it is none, empty or false, the verdict is failed."""
+    """Return `found`; if it is None, empty or false, end the judge: failed."""
     if not found:
         raise SettledError(failed(said, evidence))
     return found
 
 
 def apart(one: Iterable[float], other: Iterable[float]) -> float:
-    """How far two postures, or places, are apart in the part in which they are farthest."""
+    """Return the largest difference between two postures or positions in one component."""
     return max((abs(a - b) for a, b in zip(one, other, strict=False)), default=0.0)
 
 
 def number_of(item: Any) -> int:
-    """The number of the event by which `item` came; of a tuple of several, of the last of them."""
+    """Return the number of the event of `item`; of a tuple of several, of the last of them."""
     number = getattr(item, "number", None)
     if number is None:
         number = next(each.number for each in reversed(item) if hasattr(each, "number"))
@@ -192,43 +192,45 @@ def number_of(item: Any) -> int:
 
 @dataclass(frozen=True)
 class Over(Generic[V, Item]):
-    """What several requirements say something of one by one, and in which words: as in `Words`."""
+    """Things that several requirements judge one by one, and their texts as in `Words`."""
 
     of: Callable[[V], Iterable[Item]]
     good: str
     what: str = ""
     nothing: str | Verdict = ""
     unless: Callable[[V], Verdict | None] | None = None
-    """Where it gives a verdict, that is the verdict."""
+    """If it returns a verdict, that is the verdict."""
     few: float = 0.0
 
 
 @dataclass(frozen=True)
 class Requirement(Generic[V]):
-    """One thing that the other side must do."""
+    """A numbered obligation of the judged side."""
 
     id: str
-    """As EGM-104: never given anew to another one. The hundreds are the level."""
+    """As EGM-104: never reused for another requirement. The hundreds are the level."""
     level: Level
     source: str
     text: str
     judged: Callable[[V], Verdict]
     unless: Callable[[V], Verdict | None] | None
-    """Why it cannot be judged, where it cannot."""
+    """Verdict that replaces judging, if the requirement cannot be judged; else None."""
     late_s: float
-    """Where this computer was later than this, what seems a failure may be its own."""
+    """If this computer was later than this, an apparent failure may be its own."""
 
     def judge(self, seen: V) -> Verdict:
-        """What its judge says of `seen`."""
+        """Verdict of its judge on `seen`; a judge that needs a package that is missing has none."""
         try:
             return self.judged(seen)
         except SettledError as settled:
             return settled.verdict
+        except ExtraMissingError as missing:
+            return not_applicable(str(missing))
 
     def verdict(self, seen: V, late_s: float) -> Verdict:
-        """On `seen`, taken by a computer that was late by up to `late_s`."""
+        """Return the verdict on `seen`, recorded by a computer that was late by up to `late_s`."""
         found = (self.unless and self.unless(seen)) or self.judge(seen)
-        if found.outcome is Outcome.FAILED and late_s > self.late_s:
+        if found.outcome is VerdictOutcome.FAILED and late_s > self.late_s:
             late_ms = late_s * 1e3
             return not_seen(f"not judged: this computer was late by {late_ms:.0f} ms; {found.said}")
         return found
@@ -250,10 +252,10 @@ class Requirements(Generic[V]):
         late_s: float = math.inf,
         text: str = "",
     ) -> Callable[[Callable[[V], J]], Callable[[V], J]]:
-        """Decorates the judge of requirement `number`, whose hundreds are its level: it gives its
-        verdict, or yields what it finds of each thing in turn. Where `unless`
-        gives a verdict, that is the verdict. `late_s` is what this computer may be late by for a
-        failure to be the other side's. `text` is the requirement's, where one judge has several."""
+        """Decorate the judge of requirement `number`, whose hundreds are its level. The judge
+        returns its verdict, or yields its finding on each thing in turn. If `unless` returns a
+        verdict, that is the verdict. Beyond a lateness of `late_s` of this computer a failure is
+        not counted. `text` is the requirement's, if one judge has several."""
 
         def enter(judge: Callable[[V], J]) -> Callable[[V], J]:
             def judged(seen: V) -> Verdict:
@@ -276,8 +278,8 @@ class Requirements(Generic[V]):
         over: Over[V, Item],
         unless: Callable[[V], Verdict | None] | None = None,
     ) -> Callable[[Callable[[Item], W]], Callable[[Item], W]]:
-        """Decorates what says of one of `over` why it is wrong, empty where it is right; None where
-        it is none of those that the requirement is about. `unless` goes before that of `over`."""
+        """Decorate the check of an item of `over`: it returns why the item is wrong; empty: right;
+        None: not concerned by the requirement. `unless` overrides that of `over`."""
 
         def enter(wrong: Callable[[Item], W]) -> Callable[[Item], W]:
             def judge(seen: V) -> Findings:
@@ -294,5 +296,5 @@ class Requirements(Generic[V]):
         return enter
 
     def all(self) -> tuple[Requirement[V], ...]:
-        """In the order of their numbers."""
+        """Return the requirements in the order of their numbers."""
         return tuple(self._found[number] for number in sorted(self._found))

@@ -1,4 +1,4 @@
-"""Simulated targets and scenarios in virtual time: what the rigs of the suites share."""
+"""Base classes that connect a scenario to a simulated target in virtual time."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ClassVar, Generic, TypeVar
 
-from cardan.conform.runner import Act, Exchange
+from cardan.conform.runner import Exchange, Step
 from cardan.conform.timeline import Kind
 from cardan.sim_peers.base import FaultSwitch, check_faults
 from cardan.sim_peers.link import FaultyLink
 from cardan.sim_peers.tcp_servers import KindT, TcpServers
 
 LONGEST_S = 300.0
-"""Of a simulated run; a script that waits for what never comes ends before."""
+"""Longest simulated run; a script whose wait is never fulfilled ends before."""
 LOOK_S = 0.01
-"""How often a driver's core is looked at, at least."""
+"""Longest period at which a driver's core is polled."""
 NETWORK_S = 1e-4
-"""How long a piece is on its way."""
+"""Transmission time of a piece."""
 
 SentT = TypeVar("SentT")
 
 
 class Rig(ABC):
-    """Carries what is simulated and the scenario say, and has done what is asked by hand."""
+    """Carries data between the simulated side and the scenario, and acts as the operator."""
 
     step_s: ClassVar[float] = 1e-6
-    """Time goes on by this at least."""
+    """Smallest time step."""
 
     def __init__(self, exchange: Exchange) -> None:
         self._exchange = exchange
@@ -35,7 +35,7 @@ class Rig(ABC):
         self._flight: deque[tuple[float, Callable[[], None]]] = deque()
 
     def run(self) -> None:
-        """Until the scenario is over."""
+        """Run until the scenario is over."""
         exchange, flight = self._exchange, self._flight
         while not exchange.over and self._now_s < LONGEST_S:
             self._do(exchange.due(self._now_s))
@@ -51,16 +51,16 @@ class Rig(ABC):
             self._time_passed()
 
     def _later(self, seconds: float, act: Callable[[], None]) -> None:
-        """Do `act` so much later; what came before it is done before it."""
+        """Schedule `act` in `seconds`; acts are done in the order of these calls."""
         self._flight.append((self._now_s + seconds, act))
 
     def _hear(
         self, channel: str, data: bytes = b"", kind: Kind = Kind.DATA, note: str = ""
     ) -> None:
-        """Something that is simulated reaches the scenario."""
+        """Deliver an event of the simulated side to the scenario."""
         self._do(self._exchange.heard(self._now_s, channel, data, kind=kind, note=note))
 
-    def _do(self, acts: list[Act]) -> None:
+    def _do(self, acts: list[Step]) -> None:
         for act in acts:
             if act.kind is Kind.DATA:
                 self._take(act.data, act.channel)
@@ -73,33 +73,33 @@ class Rig(ABC):
 
     @abstractmethod
     def _take(self, data: bytes, channel: str) -> None:
-        """The scenario sends `data`."""
+        """Accept `data` from the scenario."""
 
     @abstractmethod
     def _by_hand(self, what: str) -> None:
-        """Somebody is asked to do `what`."""
+        """Do `what` as the operator would."""
 
     @abstractmethod
     def _turn(self) -> None:
-        """Whatever is simulated does by now."""
+        """Advance the simulated side to now."""
 
     @abstractmethod
     def _next_s(self) -> float:
-        """When `_turn` has something to do."""
+        """Time of the next call of `_turn`."""
 
     def _open(self, channel: str) -> None:
-        """The scenario opens `channel`."""
+        """Open `channel` for the scenario."""
         self._hear(channel, kind=Kind.OPENED)
 
     def _closed(self, channel: str) -> None:  # noqa: B027 - datagrams need none
-        """The scenario closes `channel`."""
+        """Close `channel` for the scenario."""
 
     def _time_passed(self) -> None:  # noqa: B027 - most only have turns
-        """It is later than it was."""
+        """Follow the clock after it has advanced."""
 
 
 class DriverRig(Rig):
-    """A driver's core and a scenario as its controller; what one of them sends takes its time."""
+    """A driver's core and a scenario as its controller, with transmission times."""
 
     def __init__(
         self, exchange: Exchange, faults: Mapping[str, float], switches: Iterable[FaultSwitch]
@@ -109,7 +109,7 @@ class DriverRig(Rig):
         self._faults = faults
 
     def _turn(self) -> None:
-        """A core that only answers has no time of its own."""
+        """Do nothing: a core that only answers has no time of its own."""
 
     def _next_s(self) -> float:
         return self._now_s + LOOK_S
@@ -128,7 +128,7 @@ class CyclicRig(Rig, Generic[SentT]):
         seed: int,
         garbage: bool = False,
     ) -> None:
-        """`faults`: those of the network; `garbage`: junk comes with what it sends."""
+        """`faults`: those of the network; `garbage`: insert junk into the sent data."""
         super().__init__(exchange)
         self._period_s = period_s
         self._cycles = 0
@@ -137,15 +137,15 @@ class CyclicRig(Rig, Generic[SentT]):
 
     @abstractmethod
     def _receive(self, data: bytes) -> None:
-        """What the scenario sent reaches the controller."""
+        """Deliver data of the scenario to the controller."""
 
     @abstractmethod
     def _cycle(self, due_s: float) -> Iterable[SentT]:
-        """What it sends in the cycle of `due_s`."""
+        """Return the data that the controller sends in the cycle of `due_s`."""
 
     @abstractmethod
     def _tell(self, sent: SentT) -> None:
-        """What it sent reaches the scenario."""
+        """Deliver data of the controller to the scenario."""
 
     def _take(self, data: bytes, channel: str) -> None:
         self._in.push(self._now_s, data)
@@ -175,7 +175,7 @@ class TcpRig(Rig, Generic[KindT]):
         self._numbers: dict[str, int] = {}
 
     def run(self) -> None:
-        """Until the scenario is over."""
+        """Run until the scenario is over."""
         self._servers.advance(0.0)
         super().run()
 
@@ -190,7 +190,7 @@ class TcpRig(Rig, Generic[KindT]):
         self._later(NETWORK_S, lambda: self._deliver(channel, data))
 
     def _deliver(self, channel: str, data: bytes) -> None:
-        """What we sent has come."""
+        """Deliver our data to the controller."""
         if channel in self._numbers:
             self._servers.data(self._numbers[channel], data, self._now_s)
             self._carry()
@@ -216,7 +216,7 @@ class TcpRig(Rig, Generic[KindT]):
     def _open(self, channel: str) -> None:
         number = None
         if not self._servers.silent:
-            # A channel's name begins with that of its port.
+            # A channel's name begins with its port's name.
             kind = next(each for each in self._servers.kinds if channel.startswith(each))
             number = self._servers.accepted(kind, self._now_s)
         if number is not None:

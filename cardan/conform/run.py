@@ -1,5 +1,4 @@
-"""Runs a suite: against its simulated peer in virtual time, or against a target; and keeps what
-came of it."""
+"""Runs of a suite on its simulated peer in virtual time, a target or a capture; result files."""
 
 from __future__ import annotations
 
@@ -12,19 +11,19 @@ from typing import Any
 
 from cardan.common.extras import missing_extra
 from cardan.common.plugins import entry_points
-from cardan.conform.attachments import pcap, write_mcap
+from cardan.conform.attachments import is_mcap, pcap, read_mcap, write_mcap
 from cardan.conform.live import Live
 from cardan.conform.redaction import Redaction
-from cardan.conform.report import Report, judged
+from cardan.conform.report import SuiteReport, judged
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Exchange
 from cardan.conform.suite import Suite
-from cardan.conform.timeline import Timeline
+from cardan.conform.timeline import WireTimeline
 from cardan.conform.transports import host_and_port
-from cardan.errors import CaptureError, ExtraMissingError
+from cardan.errors import CaptureError, ConfigurationError, ExtraMissingError
 
 CAPTURES = "cardan.captures"
-"""The entry points of what makes of a suite, a file and a target's words a timeline."""
+"""Entry points of functions that make a timeline from a suite, a capture file and a target."""
 LIVE_S = 10.0
 """Default length of a phase at a target."""
 
@@ -35,7 +34,7 @@ def simulated(
     faults: Mapping[str, float] | None = None,
     seed: int = 0,
     seconds: float | None = None,
-) -> tuple[Report, Timeline]:
+) -> tuple[SuiteReport, WireTimeline]:
     """Judge the suite's simulated peer, in virtual time."""
     exchange = Exchange(suite.scenario(level, suite.seconds if seconds is None else seconds))
     suite.simulate(exchange, faults or {}, seed)
@@ -49,11 +48,11 @@ def at(
     level: Level,
     told: Callable[[str], None],
     seconds: float = LIVE_S,
-) -> tuple[Report, Timeline]:
-    """Judge what is at `target`. `told` gets what somebody is to do by hand.
+) -> tuple[SuiteReport, WireTimeline]:
+    """Judge the device or program at `target`. `told` gets the instructions to the operator.
 
-    Raises ConfigurationError for a wrong target, AddressError or DeviceAccessError where it cannot
-    be opened.
+    Raises ConfigurationError for a wrong target, AddressError or DeviceAccessError if it cannot be
+    opened.
     """
     wires = suite.wires(target)
     redaction = Redaction()
@@ -65,29 +64,36 @@ def at(
     return report, exchange.timeline
 
 
-def captured(suite: Suite[Any], path: Path, target: str = "") -> tuple[Report, Timeline]:
-    """Judge what somebody else recorded. `target`, ``[HOST][:PORT]``, says which of its flows, and
-    where it is not at the usual port; or which device, as `cardan dissect` shows it.
+def captured(suite: Suite[Any], path: Path, target: str = "") -> tuple[SuiteReport, WireTimeline]:
+    """Judge recorded traffic: a capture, or a record of `save` on its level. `target`,
+    ``[HOST][:PORT]``, says which of a capture's flows, and where it is not at the usual port; or
+    which device, as `cardan dissect` shows it.
 
     Raises CaptureError for a file that cannot be read, ConfigurationError for one without such a
-    flow, and ExtraMissingError without the plug-in that reads captures.
+    flow, and ExtraMissingError without the plug-in that reads captures, or without mcap.
     """
-    point = next(iter(entry_points(CAPTURES)), None)
-    if point is None:
-        absent = ModuleNotFoundError("nothing installed reads captures")
-        raise missing_extra("judging a capture", "cardan-dissect", "dissect", absent)
-    timeline: Timeline = point.load()(suite, path, target)
-    report = judged(suite, timeline, suite.levels, target=path.name, redaction=Redaction())
+    level = suite.levels
+    if is_mcap(path):
+        if target:
+            raise ConfigurationError("--target", "a record of --save has one target: leave it out")
+        timeline, level = read_mcap(path, suite)
+    else:
+        point = next(iter(entry_points(CAPTURES)), None)
+        if point is None:
+            absent = ModuleNotFoundError("nothing installed reads captures")
+            raise missing_extra("judging a capture", "cardan-dissect", "dissect", absent)
+        timeline = point.load()(suite, path, target)
+    report = judged(suite, timeline, level, target=path.name, redaction=Redaction())
     return report, timeline
 
 
 def save(
-    folder: Path, suite: Suite[Any], report: Report, timeline: Timeline
-) -> tuple[Report, list[str]]:
-    """Write the report in all forms, the capture and the record into `folder`; the report with
-    their hashes, and what could not be attached and why. Raises CaptureError.
+    folder: Path, suite: Suite[Any], report: SuiteReport, timeline: WireTimeline
+) -> tuple[SuiteReport, list[str]]:
+    """Write the report in all forms, the capture and the record into `folder`; return the report
+    with their hashes, and each missing attachment with the reason. Raises CaptureError.
 
-    Simulated runs are stamped as of the epoch's zero, so that the same run gives the same bytes.
+    Simulated runs are stamped with the epoch's zero, so that the same run gives the same bytes.
     """
     missing = []
     now_ns = 0 if report.simulated else time.time_ns() - round(timeline.end_s * 1e9)
@@ -100,7 +106,7 @@ def save(
         else:
             (folder / "capture.pcap").write_bytes(capture)
         try:
-            write_mcap(folder / "record.mcap", suite, timeline, start_ns)
+            write_mcap(folder / "record.mcap", suite, timeline, start_ns, Level(report.level))
         except ExtraMissingError as error:
             missing.append(f"record.mcap: {error}")
         names = [name for name in ("capture.pcap", "record.mcap") if (folder / name).exists()]

@@ -1,4 +1,4 @@
-"""Asks what is judged: a scenario, run by whatever gives it times and events.
+"""Scenarios of a conformance test, and the runner that feeds them times and events.
 
 Sans-I/O. A live shell and a simulated peer in virtual time run the same scenarios.
 """
@@ -10,11 +10,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
-from cardan.conform.timeline import Event, Kind, Timeline
+from cardan.conform.timeline import Kind, WireEvent, WireTimeline
 
 
-class Act(NamedTuple):
-    """What a scenario wants done now."""
+class Step(NamedTuple):
+    """Action that a scenario requests now."""
 
     kind: Kind
     channel: str = ""
@@ -22,76 +22,76 @@ class Act(NamedTuple):
     note: str = ""
 
 
-class Wait(NamedTuple):
-    """Until `until` is true, but no longer than `seconds`."""
+class Pause(NamedTuple):
+    """Pause until `until` is true, but no longer than `seconds`."""
 
     seconds: float
     until: Callable[[], bool] | None = None
 
 
-def send(data: bytes, channel: str = "") -> Act:
+def send(data: bytes, channel: str = "") -> Step:
     """Send `data`."""
-    return Act(Kind.DATA, channel, data)
+    return Step(Kind.DATA, channel, data)
 
 
-def open_(channel: str) -> Act:
-    """Open the wire of that name."""
-    return Act(Kind.OPENED, channel)
+def open_(channel: str) -> Step:
+    """Open the wire named `channel`."""
+    return Step(Kind.OPENED, channel)
 
 
-def close(channel: str) -> Act:
-    """Close the wire of that name."""
-    return Act(Kind.CLOSED, channel)
+def close(channel: str) -> Step:
+    """Close the wire named `channel`."""
+    return Step(Kind.CLOSED, channel)
 
 
-def mark(phase: str) -> Act:
-    """A phase begins."""
-    return Act(Kind.MARK, note=phase)
+def mark(phase: str) -> Step:
+    """Begin a phase."""
+    return Step(Kind.MARK, note=phase)
 
 
-def ask(what: str, instruction: str) -> Act:
-    """Somebody is to do `what` by hand, as `instruction` says."""
-    return Act(Kind.ASKED, what, note=instruction)
+def ask(what: str, instruction: str) -> Step:
+    """Ask the operator to do `what` by hand, as `instruction` says."""
+    return Step(Kind.ASKED, what, note=instruction)
 
 
-Script = Iterator["Act | Wait"]
+Script = Iterator["Step | Pause"]
 
 END = "end"
-"""The phase after the script, which is empty: its mark says how long the last one was."""
+"""The empty phase after the script: its mark ends the last phase."""
 
 LOOK_S = 0.02
-"""How often a script looks at what it waits for, where nothing comes."""
+"""Polling period of a script's wait condition while nothing arrives."""
 
 
 class Scenario(ABC):
-    """One who asks. `script` is what it does by itself, `answer` what it does on an event."""
+    """Test scenario. `script` has its own actions, `answer` its reactions to events."""
 
     now_s = 0.0
     """Kept current by the exchange."""
 
     @abstractmethod
     def script(self) -> Script:
-        """Its acts and waits, from the start to the end."""
+        """Yield its steps and pauses, from the start to the end."""
 
-    def answer(self, event: Event) -> Iterable[Act]:
-        """What to do at once about `event`, which came from what is judged."""
+    def answer(self, event: WireEvent) -> Iterable[Step]:
+        """Return the immediate reactions to `event`, which came from the judged side."""
         return ()
 
 
 class Exchange:
-    """Runs a scenario, and keeps the timeline. Times are seconds since the start."""
+    """Runs a scenario, and records the timeline. Times are seconds since the start."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
-        self.timeline = Timeline()
+        self.timeline = WireTimeline()
         self.over = False
         self._script = scenario.script()
-        self._wait: Wait | None = None
+        self._wait: Pause | None = None
         self._until_s = 0.0
 
     @property
     def next_s(self) -> float:
-        """When `due` should be called next, at the latest."""
+        """Latest time at which `due` should be called next."""
         if self.over:
             return math.inf
         wait = self._wait
@@ -110,20 +110,20 @@ class Exchange:
         kind: Kind = Kind.DATA,
         note: str = "",
         late_s: float = 0.0,
-    ) -> list[Act]:
-        """Something came from what is judged, `late_s` before it was read; what to do about it."""
+    ) -> list[Step]:
+        """Record an event of the judged side, read `late_s` after it came; return the reactions."""
         self.scenario.now_s = now_s
         self.timeline.was_late(late_s)
-        event = Event(now_s - late_s, kind, False, channel, data, note)
+        event = WireEvent(now_s - late_s, kind, False, channel, data, note)
         self.timeline.add(event)
         acts = [] if self.over else list(self.scenario.answer(event))
         self._keep(now_s, acts)
         return acts + self.due(now_s)
 
-    def due(self, now_s: float) -> list[Act]:
-        """What the script wants done by `now_s`."""
+    def due(self, now_s: float) -> list[Step]:
+        """Return the script's actions due by `now_s`."""
         self.scenario.now_s = now_s
-        acts: list[Act] = []
+        acts: list[Step] = []
         while not self.over:
             wait = self._wait
             if wait is not None:
@@ -134,18 +134,18 @@ class Exchange:
             if step is None:
                 self.over = True
                 self._keep(now_s, [mark(END)])
-            elif isinstance(step, Wait):
+            elif isinstance(step, Pause):
                 self._wait, self._until_s = step, now_s + step.seconds
             else:
                 self._keep(now_s, [step])
                 acts.append(step)
                 if step.kind is Kind.OPENED:
-                    # What comes of it is an event; the script goes on after it.
+                    # The result of opening is an event; the script continues after it.
                     break
         return acts
 
-    def _keep(self, now_s: float, acts: Iterable[Act]) -> None:
+    def _keep(self, now_s: float, acts: Iterable[Step]) -> None:
         for act in acts:
             if act.kind is not Kind.OPENED:
-                event = Event(now_s, act.kind, True, act.channel, act.data, act.note)
+                event = WireEvent(now_s, act.kind, True, act.channel, act.data, act.note)
                 self.timeline.add(event)

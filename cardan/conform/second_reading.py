@@ -1,5 +1,5 @@
-"""A second description of a protocol, which shares nothing with the codec, as a second judge: scapy
-layers, where the plug-in cardan-dissect is installed."""
+"""Cross-check of the codec against an independent description of the protocol: scapy layers, if
+the plug-in cardan-dissect is installed."""
 
 from __future__ import annotations
 
@@ -10,10 +10,8 @@ from cardan.common.extras import missing_extra
 from cardan.common.plugins import entry_points
 from cardan.conform.requirements import (
     NOTHING,
-    SettledError,
     Verdict,
     failed,
-    not_applicable,
     passed,
     some,
 )
@@ -22,22 +20,21 @@ from cardan.conform.timeline import N
 ENTRY_POINT_GROUP = "cardan.second_descriptions"
 
 COMPARED = 60
-"""Messages that are read twice, from all over the timeline: scapy takes a millisecond for one."""
+"""Messages that are read twice, spread over the timeline: scapy takes a millisecond for each."""
 
 
 def second_description(name: str) -> Any:
-    """The module of layers that the entry point `name` gives, in a judge; where there is none, or
-    where it cannot be imported for want of a package, the verdict is not applicable."""
+    """Return the module of layers that the entry point `name` gives. Raises ExtraMissingError where
+    there is none, or where it cannot be imported for want of a package."""
     try:
         for point in entry_points(ENTRY_POINT_GROUP):
             if point.name == name:
                 return point.load()
         raise ModuleNotFoundError(f"nothing installed describes {name} a second time")
     except ModuleNotFoundError as error:
-        missing = missing_extra(
+        raise missing_extra(
             "a second description of the protocol", "cardan-dissect", "dissect", error
-        )
-        raise SettledError(not_applicable(str(missing))) from None
+        ) from None
 
 
 def read_twice(
@@ -48,8 +45,8 @@ def read_twice(
     nothing: str = NOTHING,
     compared: int = COMPARED,
 ) -> Verdict:
-    """Whether the layers `name` and the codec read some of `found`, which are called `what`, alike.
-    `differs` says what the layers read otherwise; empty: nothing."""
+    """Judge if the layers `name` and the codec decode a sample of `found` alike. `what` is their
+    plural noun; `differs` returns the difference in words; empty: none."""
     some(found, nothing)
     layers = second_description(name)
     chosen = found[:: max(1, len(found) // compared)]
@@ -60,6 +57,6 @@ def read_twice(
 
 
 def refused(layers: Any, layer: Any) -> str:
-    """That the layers refuse a message, where they find something wrong with it."""
+    """Return why the layers refuse a message; empty: they accept it."""
     wrong = layers.malformed(layer)
     return f"the layers refuse it: {wrong}" if wrong is not None else ""

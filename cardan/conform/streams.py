@@ -1,39 +1,39 @@
-"""The bytes of channels, cut into what is whole."""
+"""Reassembly of the byte streams of channels into whole messages."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from cardan.conform.timeline import Event
+from cardan.conform.timeline import WireEvent
 
 
-class Streams:
-    """A reader for each channel. One that fails is left for a new one."""
+class ChannelReaders:
+    """A message reader for each channel. A reader that fails is replaced by a new one."""
 
     def __init__(self, made: Callable[[str], Any], failed: Callable[[int, str, str], None]) -> None:
-        """`made` makes of a channel's name its reader, with `feed`, `take`, `pending_bytes` and
-        `failure`; `failed` gets the number of the event by which one failed, the channel, and
-        why."""
+        """`made` returns the reader for a channel's name, with `feed`, `take`, `pending_bytes` and
+        `failure`; `failed` gets the number of the event by which a reader failed, the channel, and
+        the reason."""
         self._made, self._failed = made, failed
         self._readers: dict[str, Any] = {}
         self._begun_s: dict[str, float] = {}
-        """When the first bytes came of what is not whole yet."""
+        """Arrival of the first bytes of each channel's incomplete message."""
 
     def begin(self, channel: str) -> None:
-        """What comes from now on has nothing to do with what came before."""
+        """Start the channel anew: bytes from now on do not continue earlier ones."""
         self._readers[channel] = self._made(channel)
         self._begun_s.pop(channel, None)
 
     def reader(self, channel: str) -> Any:
-        """That of a channel."""
+        """Return the reader of a channel."""
         if channel not in self._readers:
             self.begin(channel)
         return self._readers[channel]
 
-    def whole(self, number: int, event: Event) -> Iterator[tuple[float, Any]]:
-        """What is whole now of what comes on a channel, and when the first bytes of each came, s.
-        `number` is the event's."""
+    def whole(self, number: int, event: WireEvent) -> Iterator[tuple[float, Any]]:
+        """Yield the messages that `event` completes on its channel, each after the arrival time of
+        its first bytes, s. `number` is the event's."""
         channel, reader = event.channel, self.reader(event.channel)
         begun_s = self._begun_s.pop(channel, event.time_s)
         reader.feed(event.data)

@@ -1,4 +1,4 @@
-"""What a protocol's conformance is made of."""
+"""Base class of the conformance suites of protocols."""
 
 from __future__ import annotations
 
@@ -8,74 +8,73 @@ from typing import ClassVar, Generic, Literal, NamedTuple
 
 from cardan.conform.requirements import Level, Requirement, V
 from cardan.conform.runner import Exchange, Scenario
-from cardan.conform.timeline import Event, Timeline
+from cardan.conform.timeline import WireEvent, WireTimeline
 from cardan.conform.transports import TcpPorts, UdpPort, Wires, host_and_port
 from cardan.sim_peers import registry
 from cardan.sim_peers.base import FaultSwitch, parse_faults
 
 
-class Transport(NamedTuple):
-    """What a capture of it is written as."""
+class SuiteTransport(NamedTuple):
+    """Packet format in which the traffic is written to a capture."""
 
     kind: Literal["udp", "tcp", "can", "other"]
     """`other`: no packets of a network; the record has the bytes."""
     ports: Mapping[str, int] = {}
-    """Of each channel: the port that is known for it, on the side that listens."""
+    """Well-known port of each channel, on the listening side."""
     ours: frozenset[str] = frozenset()
-    """Of `ports`: those that we listen at, where the other side is the client."""
+    """Channels of `ports` on which we listen, with the other side as the client."""
     scenarios: frozenset[str] = frozenset()
-    """Of `ports`: those of clients that are as only our scenario is; no other's is one of them."""
+    """Channels of `ports` whose clients only our scenario has: no captured client is one."""
 
 
 class Suite(Generic[V]):
-    """The conformance of one side of one protocol: a declaration. It is never given bytes but by
-    timelines."""
+    """Declaration of the conformance of a side of a protocol. Bytes reach it only in timelines."""
 
     name: ClassVar[str]
-    """As ``cardan conform NAME`` has it."""
+    """NAME in ``cardan conform NAME``."""
     judges: ClassVar[str]
-    """The side that is judged: "the controller", "the driver"."""
+    """The judged side: "the controller", "the driver"."""
     speaks: ClassVar[str]
     """The protocol, one line."""
     target: ClassVar[str]
-    """What ``--target`` takes."""
+    """Values that ``--target`` takes."""
     peer: ClassVar[str]
-    """What is judged without a target: a simulated peer's name, a driver's, or an arm's."""
+    """Name of the simulated peer, driver or arm that is judged without a target."""
     levels: ClassVar[Level] = Level.BY_HAND
     """The highest level that has requirements."""
     harmless: ClassVar[Level] = Level.LISTEN
-    """The highest level that needs nobody's consent, and the default at a target."""
+    """The highest level that needs no consent, and the default at a target."""
     requirements: tuple[Requirement[V], ...]
-    transport: ClassVar[Transport]
+    transport: ClassVar[SuiteTransport]
     dissector: ClassVar[str] = ""
-    """Of a device without packets of a network: what finds its reports in a capture of USB or of
-    Bluetooth, as cardan-dissect and its plug-ins name it; empty: nothing does."""
+    """For a device without network packets: the dissector of its reports in a USB or Bluetooth
+    capture, as cardan-dissect and its plug-ins name it; empty: none."""
     fault_test_values: ClassVar[Mapping[str, float]] = {}
     """Values of fault switches with which a fault shows within the short time of a simulated run;
-    of the others it is the switch's own."""
+    the other switches use their default."""
     tried_on: ClassVar[Mapping[str, Level]] = {}
     """Fault switches that only show on this level."""
     undetectable_faults: ClassVar[Mapping[str, str]] = {}
     """Fault switches that no requirement can catch, and why."""
 
-    decoder: Callable[[Timeline], V]
-    """Makes of a timeline what the judges look at."""
+    decoder: Callable[[WireTimeline], V]
+    """Decodes a timeline for the judges."""
     asks: Callable[[Level, float], Scenario]
-    """Makes the scenario that asks on every level up to one, each for about so many seconds."""
+    """Makes the scenario of every level up to the given one, each for about so many seconds."""
     rig: ClassVar[str]
-    """``package.module:Class`` of what carries between a scenario and the simulated peer, which is
-    made of an exchange, faults and a seed, and `run`. A target is judged without it."""
+    """``package.module:Class`` of the connection between a scenario and the simulated peer, made
+    from an exchange, faults and a seed, with `run`. A target is judged without it."""
     seconds: ClassVar[float]
-    """How long a level of a simulated run takes, s of virtual time."""
+    """Duration of a level of a simulated run, s of virtual time."""
     own_faults: ClassVar[tuple[FaultSwitch, ...] | None] = None
-    """The fault switches of what is judged without a target; None: the simulated peer's."""
+    """Fault switches of the side judged without a target; None: the simulated peer's."""
 
-    def decode(self, timeline: Timeline) -> V:
-        """What the judges look at."""
+    def decode(self, timeline: WireTimeline) -> V:
+        """Return the decoded traffic for the judges."""
         return self.decoder(timeline)
 
     def scenario(self, level: Level, seconds: float) -> Scenario:
-        """Asks on every level up to `level`, each for about `seconds`."""
+        """Return the scenario of every level up to `level`, each for about `seconds`."""
         return self.asks(level, seconds)
 
     def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
@@ -84,8 +83,8 @@ class Suite(Generic[V]):
         getattr(importlib.import_module(module), name)(exchange, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
-        """The wires to `target`, ``HOST[:PORT]`` of the first of the transport's ports; nothing is
-        opened yet. ConfigurationError says what it takes."""
+        """Return the wires to `target`, ``HOST[:PORT]`` of the first of the transport's ports,
+        not opened yet. Raises ConfigurationError, which names valid targets."""
         kind, known, ours, _ = self.transport
         first = next(iter(known.values()))
         host, port = host_and_port(target, "--target", first)
@@ -96,24 +95,24 @@ class Suite(Generic[V]):
         return TcpPorts(host, ports, ours, home)
 
     def switches(self) -> tuple[FaultSwitch, ...]:
-        """The fault switches of what is judged without a target."""
+        """Return the fault switches of the side judged without a target."""
         if self.own_faults is not None:
             return self.own_faults
         return tuple(registry.load(self.peer).faults)
 
     def faults(self, words: Iterable[str]) -> dict[str, float]:
-        """``NAME[=VALUE]`` as values by name. Raises ScriptError, which names those there are."""
+        """Return ``NAME[=VALUE]`` as values by name. Raises ScriptError, which names known ones."""
         return parse_faults(words, self.switches())
 
-    def only_asks(self, event: Event) -> bool:
-        """Whether what we sent changes nothing in what is judged: level 0 sends nothing else."""
+    def only_asks(self, event: WireEvent) -> bool:
+        """True if our data change nothing on the judged side: level 0 sends nothing else."""
         return False
 
     def asks_it(self, frame: bytes) -> bool | None:
-        """Of a frame of a bus, which does not say whose it is: whether it goes to what is judged,
-        or comes from it; None: neither."""
+        """True if a bus frame, which names no sender, goes to the judged side, False if it comes
+        from there; None: neither."""
         return None
 
-    def redacted(self, event: Event) -> Event:
-        """`event` without serial numbers and addresses in its bytes."""
+    def redacted(self, event: WireEvent) -> WireEvent:
+        """Return `event` without serial numbers and addresses in its bytes."""
         return event

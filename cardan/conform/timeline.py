@@ -1,4 +1,4 @@
-"""What went over a wire, and when."""
+"""Timeline of wire events, with their times."""
 
 from __future__ import annotations
 
@@ -10,34 +10,34 @@ from cardan.conform.requirements import Requirement, V, Verdict
 
 
 class Kind(enum.Enum):
-    """What an event is."""
+    """Kind of a wire event."""
 
     DATA = "data"
     OPENED = "opened"
     CLOSED = "closed"
     """By the other side, or by us where it was `sent`."""
     REFUSED = "refused"
-    """What was to be opened could not be."""
+    """A wire could not be opened."""
     MARK = "mark"
     """A phase of the scenario begins; `note` is its name."""
     ASKED = "asked"
-    """Somebody was asked to do `note` by hand."""
+    """The operator was asked to do `note` by hand."""
 
 
-class Event(NamedTuple):
-    """One thing that happened."""
+class WireEvent(NamedTuple):
+    """Event on a wire, or of the scenario."""
 
     time_s: float
     """Since the start."""
     kind: Kind
     sent: bool = False
-    """By us, not by what is judged."""
+    """By us, not by the judged side."""
     channel: str = ""
-    """Which of its wires: a port's name, a pipe."""
+    """Name of the wire: a port's name, a pipe."""
     data: bytes = b""
     note: str = ""
-    """Of data, where it came from where that can change; of what was opened, words where its
-    beginning is not known; of others, words."""
+    """For data, the source address if it can change; for an opened wire, words if its beginning is
+    not known; for others, words."""
 
 
 class TimelinePhase(NamedTuple):
@@ -52,54 +52,53 @@ class TimelinePhase(NamedTuple):
 
     @property
     def number(self) -> int:
-        """Of the event that begins it."""
+        """Number of the event that begins it."""
         return self.first
 
 
 class UnaskedError(Exception):
-    """A judge wants what came of something that was asked for, and nobody asked for it: of a
-    timeline that somebody else recorded."""
+    """A judge needs the answer to a request that the timeline lacks, as captures of others may."""
 
 
-class Timeline:
+class WireTimeline:
     """Events in their order. Numbers of events count from 0."""
 
     start_ns: int | None = None
-    """The wall time of its zero, ns since the epoch, where it is a capture's."""
+    """The wall time of its zero, ns since the epoch, if it comes from a capture."""
     strays: tuple[str, ...] = ()
-    """What a capture has besides that is none of what is judged: words for each."""
+    """Traffic in a capture that is not of the judged side: words for each."""
 
     def __init__(self) -> None:
-        self.events: list[Event] = []
+        self.events: list[WireEvent] = []
         self.late_s = 0.0
-        """The longest time for which something that had come was not read, or something that was
-        due was not done: how late the computer was on which this was taken."""
+        """Largest delay of the recording computer: from arrival to reading, or from an action's due
+        time to the action."""
 
-    def __iter__(self) -> Iterator[Event]:
+    def __iter__(self) -> Iterator[WireEvent]:
         return iter(self.events)
 
     def __len__(self) -> int:
         return len(self.events)
 
-    def add(self, event: Event) -> None:
-        """Append what happened next."""
+    def add(self, event: WireEvent) -> None:
+        """Append the next event."""
         self.events.append(event)
 
     def was_late(self, seconds: float) -> None:
-        """Note that something was read, or done, so long after it could have been."""
+        """Record that a read or an action was late by `seconds`."""
         self.late_s = max(self.late_s, seconds)
 
     def verdict(self, requirement: Requirement[V], seen: V) -> Verdict:
-        """On `seen`, which a suite made of it."""
+        """Return the verdict on `seen`, which a suite decoded from this timeline."""
         return requirement.verdict(seen, self.late_s)
 
     @property
     def end_s(self) -> float:
-        """When the last event was; 0 for an empty one."""
+        """Time of the last event; 0 if there is none."""
         return self.events[-1].time_s if self.events else 0.0
 
     def phases(self) -> dict[str, TimelinePhase]:
-        """By name; of two of one name the later."""
+        """Return the phases by name; of two of one name the later."""
         marks = [(n, each) for n, each in enumerate(self.events) if each.kind is Kind.MARK]
         found = {}
         for index, (first, event) in enumerate(marks):
@@ -111,22 +110,22 @@ class Timeline:
         return found
 
 
-class Numbered(Protocol):
-    """Something that came, or was sent, by an event of a timeline."""
+class NumberedItem(Protocol):
+    """Item received or sent by an event of a timeline."""
 
     @property
     def number(self) -> int:
-        """Of its event."""
+        """Number of its event."""
 
 
-N = TypeVar("N", bound=Numbered)
+N = TypeVar("N", bound=NumberedItem)
 
 
 class Traffic:
-    """What the judges of any protocol look at: a timeline's phases. Of a protocol it is the base
-    of what has the decoded messages."""
+    """Phases and lost wires of a timeline, for the judges of any protocol. Base class of the
+    decoded traffic of each protocol."""
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: WireTimeline) -> None:
         self.events = timeline.events
         self.phases = timeline.phases()
         self.end_s = timeline.end_s
@@ -135,9 +134,9 @@ class Traffic:
             for number, each in enumerate(timeline)
             if each.kind in (Kind.CLOSED, Kind.REFUSED) and not each.sent
         ]
-        """Wires that what is judged closed or refused, by the numbers of events."""
+        """Wires that the judged side closed or refused, with the numbers of the events."""
         self.unread: list[tuple[int, str]] = []
-        """Numbers of events with what cannot be read of what is judged, and why."""
+        """Numbers of events with undecodable data of the judged side, and the reasons."""
 
     @property
     def lost(self) -> list[int]:
@@ -150,15 +149,15 @@ class Traffic:
         return [number for number, each in self.gone if each.kind is Kind.REFUSED]
 
     def phase(self, name: str) -> TimelinePhase | None:
-        """The phase of that name, if the scenario came to it."""
+        """Return the phase of that name, if the scenario reached it."""
         return self.phases.get(name)
 
     def inside(self, number: int, *names: str) -> bool:
-        """Whether an event is one of these phases."""
+        """True if an event belongs to one of these phases."""
         found = (self.phases[name] for name in names if name in self.phases)
         return any(phase.first <= number < phase.end for phase in found)
 
     def within(self, found: Iterable[N], *names: str) -> list[N]:
-        """What of `found` came, or was sent, in these phases."""
+        """Return the items of `found` that were received or sent in these phases."""
         inside = [self.phases[name] for name in names if name in self.phases]
         return [each for each in found if any(p.first <= each.number < p.end for p in inside)]

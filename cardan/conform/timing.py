@@ -1,4 +1,4 @@
-"""Judges when things come: steadily, and never silent in a hold."""
+"""Judges of arrival times: jitter, gaps in a hold, torn messages."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from itertools import pairwise
 from typing import Protocol
 
 from cardan.conform.requirements import Findings, Verdict, Words, failed, not_seen, passed
-from cardan.conform.timeline import Numbered, TimelinePhase
+from cardan.conform.timeline import NumberedItem, TimelinePhase
 
 
-class Timed(Numbered, Protocol):
-    """Something that came, and when."""
+class Timed(NumberedItem, Protocol):
+    """A received item with its time."""
 
     @property
     def time_s(self) -> float: ...
@@ -20,8 +20,8 @@ class Timed(Numbered, Protocol):
 def never_silent(
     held: Iterable[tuple[TimelinePhase | None, Sequence[Timed]]], most_s: float
 ) -> Verdict:
-    """Whether what came in these phases, from their beginnings to their ends, was never more than
-    `most_s` apart. A phase that the scenario did not come to is None."""
+    """Judge if items came at most `most_s` apart from the beginning to the end of each phase. A
+    phase that the scenario did not reach is None."""
     longest, wrong, count = 0.0, [], 0
     for phase, found in held:
         if phase is None:
@@ -42,18 +42,18 @@ def never_silent(
 
 
 class Begun(Timed, Protocol):
-    """Something that came, maybe in pieces."""
+    """A received item, possibly in pieces."""
 
     @property
     def begun_s(self) -> float:
-        """When its first bytes came."""
+        """Arrival of its first bytes."""
 
 
 WHOLE_WITHIN_S = 0.0005
 
 
 def not_torn(found: Iterable[Begun], good: str) -> Findings:
-    """Of each whether the rest was there half a millisecond after its first bytes, but for 1 %."""
+    """Judge if each was complete half a millisecond after its first bytes, except for 1 %."""
     for each in found:
         took_s = each.time_s - each.begun_s
         yield each.number, f"{took_s * 1e3:.1f} ms" if took_s > WHOLE_WITHIN_S else ""
@@ -64,8 +64,8 @@ STEADY_SHARE = 0.95
 
 
 def steady(off: Sequence[tuple[float, int]], most: float, unit: str, nothing: str) -> Verdict:
-    """Whether 95 % of what came was no more than `most` off its time: by how much each was, and
-    the number of its event."""
+    """Judge if 95 % of the items came within `most` of their time. `off` has each item's deviation
+    and its event's number."""
     if not off:
         return not_seen(nothing)
     figure = sorted(error for error, _ in off)[int(STEADY_SHARE * (len(off) - 1))]

@@ -20,51 +20,50 @@ CONNECT_S = 5.0
 WAITING_CLIENTS = 8
 
 
-class Wire(ABC):
+class TargetWire(ABC):
     """An open wire. `ended` once the other side has closed it."""
 
     ended = False
     identity = ""
-    """What the system says it is, where it says so: vendor and product as 046d:c626."""
+    """Vendor and product as 046d:c626, if the system knows them."""
     late_s = 0.0
-    """How long what `read` gave last had lain there, by the kernel's time stamp; 0 without one."""
+    """Time between arrival and reading of the last data, by the kernel's stamp; 0 without one."""
 
     @abstractmethod
     def fileno(self) -> int:
-        """What `select` waits for."""
+        """File descriptor for `select`."""
 
     @abstractmethod
     def read(self) -> Iterator[tuple[bytes, str]]:
-        """What is there already, each with where it came from. Never raises."""
+        """Yield the pending data, each with its source address. Never raises."""
 
-    def arrivals(self) -> Iterator[tuple[str, Wire]]:
-        """Clients that have come to a port that listens, each a wire by the name of its channel.
-        Never raises."""
+    def arrivals(self) -> Iterator[tuple[str, TargetWire]]:
+        """Accept clients of a listening port: yield channel name and wire of each. Never raises."""
         return iter(())
 
     @abstractmethod
     def write(self, data: bytes) -> None:
-        """Send. What cannot be sent is lost: a silent other side is a finding."""
+        """Send. Unsendable data are lost: a silent other side is a finding."""
 
     @abstractmethod
     def close(self) -> None:
-        """Never raises."""
+        """Close the wire. Never raises."""
 
 
 class Wires(ABC):
     """The wires of one target, by their channels."""
 
     @abstractmethod
-    def open(self, channel: str) -> Wire:
-        """Raises AddressError or DeviceAccessError, which say what to do."""
+    def open(self, channel: str) -> TargetWire:
+        """Open a wire. Raises AddressError or DeviceAccessError, which say what to do."""
 
     def close(self) -> None:  # noqa: B027
-        """Let go of what the wires share, after all of them are closed. Never raises."""
+        """Release the resources that the wires share, after all are closed. Never raises."""
 
 
-class _Udp(Wire):
-    """A UDP socket, whose datagrams the kernel stamps as they come. It is connected to one address,
-    or `listens` at a port of ours; what is sent then goes to whom was heard last."""
+class _Udp(TargetWire):
+    """A UDP socket with the kernel's receive time stamps. It is connected to one address, or
+    `listens` at a port of ours and then sends to the source of the last datagram."""
 
     def __init__(self, host: str, port: int, listens: bool) -> None:
         join = socket.socket.bind if listens else socket.socket.connect
@@ -102,12 +101,12 @@ class _Udp(Wire):
         self._socket.close()
 
 
-class _Ending(Wire):
-    """A wire whose reads end with one of nothing."""
+class _Ending(TargetWire):
+    """A wire that ends with an empty read."""
 
     @abstractmethod
     def _next(self) -> bytes:
-        """What has come, without waiting; OSError."""
+        """Read pending data without waiting. Raises OSError."""
 
     def read(self) -> Iterator[tuple[bytes, str]]:
         while not self.ended:
@@ -167,18 +166,18 @@ class FileWire(_Ending):
 
 
 class UdpPort(Wires):
-    """One UDP address of the target's, or a port of ours, which `listens` to a client."""
+    """A UDP address of the target, or a port of ours that `listens` to a client."""
 
     def __init__(self, host: str, port: int, listens: bool) -> None:
         self._place = host, port, listens
 
-    def open(self, channel: str) -> Wire:
+    def open(self, channel: str) -> TargetWire:
         return _Udp(*self._place)
 
 
-class _TcpListener(Wire):
-    """A TCP port of ours. Each client that comes is a wire of its own: "motion 2", the second to
-    any port."""
+class _TcpListener(TargetWire):
+    """A listening TCP port of ours. Each client is a wire of its own: "motion 2" is the second
+    client of any port."""
 
     def __init__(self, host: str, port: int, channel: str, numbers: Iterator[int]) -> None:
         problem = f"cannot listen on {host}:{port}"
@@ -191,17 +190,17 @@ class _TcpListener(Wire):
     def read(self) -> Iterator[tuple[bytes, str]]:
         return iter(())
 
-    def arrivals(self) -> Iterator[tuple[str, Wire]]:
+    def arrivals(self) -> Iterator[tuple[str, TargetWire]]:
         while True:
             try:
                 connection, _ = self._socket.accept()
                 connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            except OSError:  # nobody, or gone before it was taken
+            except OSError:  # no client, or gone before it was accepted
                 return
             yield f"{self._channel} {next(self._numbers)}", StreamWire(connection)
 
     def write(self, data: bytes) -> None:
-        """Nobody hears it: each client has a wire of its own."""
+        """Do nothing: each client has a wire of its own."""
 
     def close(self) -> None:
         self._socket.close()
@@ -214,8 +213,7 @@ def _listen(sock: socket.socket, address: Any) -> None:
 
 
 class TcpPorts(Wires):
-    """Ports of a host, each a channel by name; those that are `ours` are at `home`, for a client
-    that connects to them."""
+    """Ports of a host, each a named channel; those in `ours` listen at `home` for a client."""
 
     def __init__(
         self, host: str, ports: dict[str, int], ours: Container[str] = (), home: str = ""
@@ -223,7 +221,7 @@ class TcpPorts(Wires):
         self._host, self._ports, self._ours, self._home = host, ports, ours, home
         self._numbers = itertools.count(1)
 
-    def open(self, channel: str) -> Wire:
+    def open(self, channel: str) -> TargetWire:
         host, port = self._host, self._ports[channel]
         if channel in self._ours:
             return _TcpListener(self._home, port, channel, self._numbers)
@@ -241,7 +239,7 @@ class DeviceFile(Wires):
     def __init__(self, path: str) -> None:
         self._path = path
 
-    def open(self, channel: str) -> Wire:
+    def open(self, channel: str) -> TargetWire:
         try:
             descriptor = os.open(self._path, os.O_RDWR | os.O_NONBLOCK | os.O_NOCTTY)
         except OSError as error:
@@ -254,7 +252,7 @@ class DeviceFile(Wires):
 
 
 def _hid_identity(path: str) -> str:
-    """Vendor and product of a hidraw node, as the kernel's uevent has them; empty: unknown."""
+    """Return vendor and product of a hidraw node from the kernel's uevent; empty: unknown."""
     uevent = Path("/sys/class/hidraw") / Path(path).name / "device" / "uevent"
     try:
         text = uevent.read_text(encoding="ascii", errors="replace")
@@ -265,7 +263,7 @@ def _hid_identity(path: str) -> str:
 
 
 def host_and_port(target: str, key: str, port: int) -> tuple[str, int]:
-    """HOST, HOST:PORT or :PORT as it stands in `target`; ConfigurationError."""
+    """Parse HOST, HOST:PORT or :PORT in `target`. Raises ConfigurationError."""
     host, colon, digits = target.rpartition(":")
     if not colon:
         return target, port

@@ -9,7 +9,7 @@ from cardan.doctor.base import Check, Finding, Subject, caution, failure, good
 from cardan.errors import CardanError
 from cardan.gateway.daemon.client import ControlClient
 from cardan.gateway.daemon.restart_policy import UnitState
-from cardan.gateway.daemon.service import Service, installed, is_outdated
+from cardan.gateway.daemon.service import SystemdUnit, installed, is_outdated
 
 GROUP = "daemon"
 
@@ -37,7 +37,7 @@ def judge_units(rows: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
             yield good("unit", f"{who} is {row['state']}{reason}")
 
 
-def judge_absent(why: str, services: Sequence[Service]) -> Finding:
+def judge_absent(why: str, services: Sequence[SystemdUnit]) -> Finding:
     """Of a daemon that does not answer. `services`: units of it that are installed."""
     if services:
         systemctl = " ".join(services[0].systemctl)
@@ -52,7 +52,7 @@ def judge_absent(why: str, services: Sequence[Service]) -> Finding:
     return failure("daemon", why, "it cannot be asked", "ls -l its socket; the group of [daemon]")
 
 
-def judge_unit(service: Service) -> Finding:
+def judge_unit(service: SystemdUnit) -> Finding:
     """Of a unit that starts the daemon by its old name."""
     install = (
         "cardan daemon service install"

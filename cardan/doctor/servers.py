@@ -96,7 +96,7 @@ def web_options(entry: ServerEntry) -> WebOptions:
 def judge_door(
     name: str, entry: ServerEntry, own: str, now: datetime.datetime
 ) -> Iterator[Finding]:
-    """Whether a server can be served, and reached by those whom it is for. `own`: this computer's
+    """Findings on whether a server can start and its clients can reach it. `own`: this computer's
     name."""
     who = f"server {name}"
     try:
@@ -131,7 +131,7 @@ def judge_door(
             yield failure(
                 "certificate",
                 f"{who}: {options.certificate}: {error}",
-                "nobody can connect",
+                "no client can connect",
                 _MAKE_ONE.format(name=own),
             )
             return

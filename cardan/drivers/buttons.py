@@ -22,7 +22,8 @@ class ButtonEdges:
         self.held: frozenset[str] = frozenset()
         self.lost_edges = 0
         self._masked: frozenset[str] = frozenset()
-        self._events: deque[ButtonEvent] = deque(maxlen=MAX_EVENTS)
+        self.queued: deque[ButtonEvent] = deque(maxlen=MAX_EVENTS)
+        """Edges since the last call of `events`."""
 
     def set(self, labels: Sequence[str], now_s: float) -> None:
         """`labels` are down at `now_s`, no others. Queues the edges, releases first."""
@@ -42,8 +43,8 @@ class ButtonEdges:
 
     def events(self) -> list[ButtonEvent]:
         """Edges since the last call, oldest first."""
-        events = list(self._events)
-        self._events.clear()
+        events = list(self.queued)
+        self.queued.clear()
         return events
 
     def _show(self, labels: Sequence[str], now_s: float) -> None:
@@ -56,6 +57,6 @@ class ButtonEdges:
             for label in dict.fromkeys(labels)
             if label not in self.held
         ]
-        self.lost_edges += max(0, len(self._events) + len(edges) - MAX_EVENTS)
-        self._events.extend(edges)
+        self.lost_edges += max(0, len(self.queued) + len(edges) - MAX_EVENTS)
+        self.queued.extend(edges)
         self.held = held

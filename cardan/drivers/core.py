@@ -141,7 +141,7 @@ class DeviceCore(ABC):
 
     def events(self) -> list[ButtonEvent]:
         """Button edges since the last call, oldest first."""
-        return self._buttons.events()
+        return self._buttons.events() if self._buttons.queued else []
 
     def metrics(self, now_s: float) -> dict[str, float]:
         """Live figures by name: ages in s (inf: never), and counts."""

@@ -1,8 +1,8 @@
 """Drivers of controllers that send their state as a datagram in each of their cycles.
 
 A :class:`DatagramSession` has the protocol, without sockets, clocks and threads; a
-:class:`DatagramRobot` around it has the loop, and a :class:`Transport` the socket. Their parts that
-do not depend on how a protocol numbers its datagrams are :class:`AnsweringSession` and
+:class:`DatagramRobot` around it has the loop, and a :class:`DatagramTransport` the socket. Their
+parts that do not depend on how a protocol numbers its datagrams are :class:`AnsweringSession` and
 :class:`AnsweringRobot`.
 """
 
@@ -392,7 +392,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         return tuple(found)
 
 
-class Transport(Protocol):
+class DatagramTransport(Protocol):
     """A driver's connection to its controller."""
 
     def now(self) -> float:
@@ -561,13 +561,13 @@ class AnsweringRobot(LoopingRobot[AnsweringSessionT]):
 
 
 class DatagramRobot(AnsweringRobot[DatagramSessionT]):
-    """Driver by a :class:`Transport`; a subclass defines `_make_session` and `_join`."""
+    """Driver by a :class:`DatagramTransport`; a subclass defines `_make_session` and `_join`."""
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
         self._session = self._make_session()
-        self._transport: Transport | None = None
-        self._parents: Transport | None = None
+        self._transport: DatagramTransport | None = None
+        self._parents: DatagramTransport | None = None
         """In a forked child: kept, because closing a bus there would wait for its threads."""
 
     @abstractmethod
@@ -575,7 +575,7 @@ class DatagramRobot(AnsweringRobot[DatagramSessionT]):
         """A new session, from `self.options`."""
 
     @abstractmethod
-    def _join(self) -> Transport:
+    def _join(self) -> DatagramTransport:
         """Open the transport. Raises a DriverError."""
 
     def _acquire(self) -> None:
@@ -592,10 +592,10 @@ class DatagramRobot(AnsweringRobot[DatagramSessionT]):
         if isinstance(self._parents, UdpTransport):
             self._parents.close()
 
-    def _connection(self) -> Transport | None:
+    def _connection(self) -> DatagramTransport | None:
         return self._transport
 
-    def _joined(self) -> Transport:
+    def _joined(self) -> DatagramTransport:
         if self._transport is None:
             raise self._not_open()
         return self._transport

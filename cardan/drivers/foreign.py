@@ -38,10 +38,14 @@ class RobotCalls:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        if not isinstance(error, FAILURES) or isinstance(error, CardanError) or shortage(error):
-            return
-        _log.debug("it failed here", exc_info=error)
-        raise self.failed(reason(error)) from error
+        if isinstance(error, FAILURES):
+            self.judge(error)
+
+    def judge(self, error: BaseException) -> None:
+        """Raise a DriverError for an error of a driver's call, unless it is one of Cardan's."""
+        if not isinstance(error, CardanError) and not shortage(error):
+            _log.debug("it failed here", exc_info=error)
+            raise self.failed(reason(error)) from error
 
     def failed(self, problem: str) -> DriverError:
         """The error for a driver that breaks its interface."""

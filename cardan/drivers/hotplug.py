@@ -32,7 +32,7 @@ LISTEN_S: Final = 0.1
 """Period of checking whether to end."""
 
 
-class Arrivals:
+class HotplugMonitor:
     """Listener for devices that are plugged in, from its making until `close`."""
 
     def __init__(self) -> None:

@@ -13,7 +13,7 @@ from cardan.common.forks import IN_CHILD, give_up_in_children
 from cardan.common.resource_errors import shortage
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.core import DeviceCore
-from cardan.drivers.hotplug import Arrivals
+from cardan.drivers.hotplug import HotplugMonitor
 from cardan.errors import DeviceAccessError, DriverError, NotOpenError
 from cardan.types import ButtonEvent, DeviceState
 
@@ -195,7 +195,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
 
     def _run(self, stop: threading.Event, connected: bool) -> None:
         retry_s = RETRY_FIRST_S
-        arrivals: Arrivals | None = None
+        arrivals: HotplugMonitor | None = None
         try:
             while not stop.is_set():
                 # The device is tried again after any exception of a system's library: a reader
@@ -218,7 +218,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
                             retry_s = RETRY_FIRST_S
                         self._lose(_words(error))
                         connected = False
-                arrivals = arrivals or Arrivals()
+                arrivals = arrivals or HotplugMonitor()
                 if arrivals.wait(retry_s, stop):
                     retry_s = RETRY_FIRST_S
                     stop.wait(SETTLE_S)

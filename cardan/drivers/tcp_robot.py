@@ -50,7 +50,7 @@ ChannelT = TypeVar("ChannelT", bound=str)
 TaskT = TypeVar("TaskT", bound=str)
 
 
-class Connection:
+class ConnectionState:
     """State of a connection: whether it is up, since when, and when to retry."""
 
     def __init__(self) -> None:
@@ -89,7 +89,9 @@ class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
     def __init__(self, channels: Iterable[ChannelT]) -> None:
         self.losses = 0
         """Times that the controller fell silent."""
-        self._links: dict[ChannelT, Connection] = {name: Connection() for name in channels}
+        self._links: dict[ChannelT, ConnectionState] = {
+            name: ConnectionState() for name in channels
+        }
         self._out: list[tuple[ChannelT, bytes]] = []
         """Messages to send, in order."""
         self._closing: list[ChannelT] = []
@@ -213,7 +215,7 @@ def _begin_to_connect(sock: socket.socket, address: Any) -> None:
         raise OSError(code, os.strerror(code))
 
 
-class Link:
+class TcpConnection:
     """A socket, from the attempt to connect on."""
 
     def __init__(self, sock: socket.socket, now_s: float) -> None:
@@ -237,7 +239,7 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
     def __init__(self, options: Any = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
         self._session = self._make_session()
-        self._links: dict[ChannelT, Link] = {}
+        self._links: dict[ChannelT, TcpConnection] = {}
         self._behind = False
         """A connection has not taken everything yet."""
         self._address = ""
@@ -373,10 +375,10 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
         except AddressError as error:
             session.connect_failed(channel, str(error), now_s)
             return
-        self._links[channel] = Link(sock, now_s)
+        self._links[channel] = TcpConnection(sock, now_s)
 
     def _finish_connecting(
-        self, session: TcpSessionT, channel: ChannelT, link: Link, now_s: float
+        self, session: TcpSessionT, channel: ChannelT, link: TcpConnection, now_s: float
     ) -> None:
         code = link.socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if code == 0 and now_s < link.deadline_s:
@@ -387,7 +389,7 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
         reason = os.strerror(code) if code else f"no answer for {_CONNECT_TIMEOUT_S:g} s"
         session.connect_failed(channel, reason, now_s)
 
-    def _receive(self, session: TcpSessionT, channel: ChannelT, link: Link) -> None:
+    def _receive(self, session: TcpSessionT, channel: ChannelT, link: TcpConnection) -> None:
         try:
             data = link.socket.recv(_RECEIVE_BYTES)
         except BlockingIOError:
@@ -438,7 +440,7 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
                 self._push(session, channel, link)
         self._behind = any(link.backlog for link in self._links.values())
 
-    def _push(self, session: TcpSessionT, channel: ChannelT, link: Link) -> None:
+    def _push(self, session: TcpSessionT, channel: ChannelT, link: TcpConnection) -> None:
         try:
             del link.backlog[: link.socket.send(link.backlog)]
         except BlockingIOError:

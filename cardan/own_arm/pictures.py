@@ -11,7 +11,7 @@ from cardan.common.arm_libraries import np, pin
 from cardan.common.extras import missing_extra
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.base import FloatArray
-from cardan.robots import ArmModel, Box, Capsule, Shape
+from cardan.robots import ArmModel, Capsule, OrientedBox, Shape
 from cardan.robots.arm_bodies import pinocchio_model, to_se3
 
 COLUMNS, ROWS = 34, 14
@@ -123,12 +123,12 @@ def draw(arm: ArmModel, poses: Sequence[Posed], picture: Path) -> None:
 
 def _outlines(shape: Shape, frame: Any, across: int, up: int) -> list[FloatArray]:
     """Polygons in the plane, which together are the shape's shadow."""
-    if isinstance(shape, Box):
+    if isinstance(shape, OrientedBox):
         return _box_outlines(shape, frame, across, up)
     return _capsule_outlines(shape, frame, across, up)
 
 
-def _box_outlines(box: Box, frame: Any, across: int, up: int) -> list[FloatArray]:
+def _box_outlines(box: OrientedBox, frame: Any, across: int, up: int) -> list[FloatArray]:
     placed = frame * to_se3(box.pose)
     half = 0.5 * np.array(box.size_m)
     outlines = []

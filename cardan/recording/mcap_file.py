@@ -196,8 +196,8 @@ def _metadata(topic: RecordedTopic) -> dict[str, str]:
     }
 
 
-class Place(NamedTuple):
-    """Place in a record at which reading can begin, too."""
+class RecordPosition(NamedTuple):
+    """Position in a record at which reading can begin, too."""
 
     log_ns: int
     """Of the first message from there on."""
@@ -232,7 +232,7 @@ class RecordReader:
         MOST_DAMAGE of them."""
         self.left_out: dict[str, int] = {}
         """Messages that are not in CDR, by their encoding; empty: their topic is not described."""
-        self.places: list[Place] = []
+        self.places: list[RecordPosition] = []
         """In the order of the file; as far as it was read from its beginning."""
         self._schemas: dict[int, str] = {}
         self._topics: dict[int, RecordedTopic] = {}
@@ -257,7 +257,7 @@ class RecordReader:
         ended = [f"the file ends early: {self.cut_off}"] if self.cut_off else []
         return damaged + others + ended
 
-    def messages(self, place: Place | None = None) -> Iterator[RecordedMessage]:
+    def messages(self, place: RecordPosition | None = None) -> Iterator[RecordedMessage]:
         """Messages from a place of `places` on, in the order of the file; None: all. Raises
         CaptureError for a file that is no MCAP."""
         from mcap.records import Channel, Message, Schema
@@ -279,7 +279,7 @@ class RecordReader:
                     others[record.id] = record.message_encoding or "no encoding"
             elif isinstance(record, Message):
                 if place is None and _is_news(places, offset, record.log_time):
-                    places.append(Place(record.log_time, offset))
+                    places.append(RecordPosition(record.log_time, offset))
                 topic = topics.get(record.channel_id)
                 if topic is None:
                     encoding = others.get(record.channel_id, "")
@@ -295,7 +295,7 @@ class RecordReader:
         for _, record in self._read(None):
             yield record
 
-    def _read(self, place: Place | None) -> Iterator[tuple[int, Record]]:
+    def _read(self, place: RecordPosition | None) -> Iterator[tuple[int, Record]]:
         self.cut_off, self.damage = "", []
         try:
             stream = open_file(self.path)
@@ -311,7 +311,9 @@ class RecordReader:
         if len(self.damage) < MOST_DAMAGE:
             self.damage.append(f"at byte {offset} {why}")
 
-    def _records(self, stream: BinaryIO, place: Place | None) -> Iterator[tuple[int, Record]]:
+    def _records(
+        self, stream: BinaryIO, place: RecordPosition | None
+    ) -> Iterator[tuple[int, Record]]:
         """Records of the data section and of its chunks, each with the offset at which reading it
         begins."""
         from mcap.opcode import Opcode
@@ -472,7 +474,7 @@ class _End(NamedTuple):
         return cls(True, True, tuple(sorted(chunks)), topics, messages)
 
 
-def _is_news(places: list[Place], offset: int, log_ns: int) -> bool:
+def _is_news(places: list[RecordPosition], offset: int, log_ns: int) -> bool:
     if not places:
         return True
     far = log_ns >= places[-1].log_ns + PLACE_NS

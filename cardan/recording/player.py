@@ -21,7 +21,7 @@ from typing import Any, Final, NamedTuple, TextIO
 from cardan.common.inbox import Inbox, InboxEmptyError
 from cardan.common.text_sanitizer import printable
 from cardan.errors import CaptureError, CardanError
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.interfaces import InterfaceError
 from cardan.protocols.ros2.messages import json_text
 from cardan.recording.mcap_file import RecordedMessage, RecordedTopic, RecordReader
@@ -159,7 +159,7 @@ def _texts(messages: Iterable[RecordedMessage]) -> list[str]:
             decoded = codec_of(topic.type_name).decode(each.data)
         except InterfaceError:
             continue
-        if isinstance(decoded, Malformed):
+        if isinstance(decoded, MalformedCdr):
             continue
         text = f"[{json.dumps(topic.name)},{json_text(topic.type_name, decoded)}]"
         left -= len(text)

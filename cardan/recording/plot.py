@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from cardan.common.extras import missing_extra
 from cardan.errors import CaptureError, OptionError
-from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, codec_of
 from cardan.recording.arms import (
     POSE,
     RAW_ROBOT,
@@ -140,7 +140,7 @@ def _take(
 ) -> None:
     try:
         decoded = codec_of(message.topic.type_name).decode(message.data)
-        if not isinstance(decoded, Malformed):
+        if not isinstance(decoded, MalformedCdr):
             take(series, decoded, message.log_ns)
     except (ValueError, KeyError, TypeError):
         return  # Another node's topic of that name.

@@ -20,7 +20,7 @@ from cardan.bus.options import BusOptions
 from cardan.common.resource_errors import shortage
 from cardan.common.serving import interruptible
 from cardan.errors import DriverError, OptionError
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.names import RosNameError, checked_name, type_of_dds
 from cardan.protocols.ros2.type_hash import UNSUPPORTED
 from cardan.protocols.ros2.zenoh import (
@@ -367,7 +367,7 @@ class Recorder:
             return
         self._configured.add((topic.name, heard.data))
         message = _STRING.decode(heard.data)
-        if not isinstance(message, Malformed):
+        if not isinstance(message, MalformedCdr):
             name = topic.name[1:].replace("/", ".")
             writer.attach(f"{name}.json", message["data"], heard.log_ns)
 

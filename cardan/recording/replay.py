@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from cardan.bus.network import NetworkError, Publisher
+from cardan.bus.network import NetworkError, PublisherHandle
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.common.serving import interruptible
@@ -223,7 +223,7 @@ def replay(
     with interruptible() as interrupted, BusNetwork(options, NAME) as network:
         _meet(network, interrupted)
         held_back: dict[str, str] = {}
-        publishers: dict[RecordedTopic, Iterator[Publisher]] = {}
+        publishers: dict[RecordedTopic, Iterator[PublisherHandle]] = {}
         for topic in wanted:
             why = "" if commands else why_held_back(topic, arms, network)
             try:
@@ -268,7 +268,7 @@ def _meet(network: BusNetwork, interrupted: threading.Event) -> None:
     interrupted.wait(SETTLE_S)  # Peers are discovered one by one.
 
 
-def _advertise(network: BusNetwork, topic: RecordedTopic) -> list[Publisher]:
+def _advertise(network: BusNetwork, topic: RecordedTopic) -> list[PublisherHandle]:
     """Publishers that take turns: one, or if several nodes published a latched topic, one for each:
     a later subscription gets the last message of each."""
     known = known_definition(topic.type_name, topic.type_hash)
@@ -282,7 +282,7 @@ def _advertise(network: BusNetwork, topic: RecordedTopic) -> list[Publisher]:
 
 def _publish(
     messages: Iterable[tuple[float, RecordedMessage]],
-    publishers: Mapping[RecordedTopic, Iterator[Publisher]],
+    publishers: Mapping[RecordedTopic, Iterator[PublisherHandle]],
     rate: float,
     interrupted: threading.Event,
 ) -> int:

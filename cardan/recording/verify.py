@@ -25,7 +25,7 @@ from cardan.gateway.arm.cycle_record import (
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.session.assembly import make_controller, make_robot, make_verbs
 from cardan.gateway.session.config import SessionConfig, parse_config
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.recording.arms import CONFIGURATION
 from cardan.recording.mcap_file import RecordReader
 from cardan.recording.replay_requests import REPEAT, repeat
@@ -239,4 +239,4 @@ def _why(number: int, request: RecordedRequest) -> str:
 
 def _text(data: bytes) -> str:
     message = codec_of(_STRING).decode(data)
-    return "" if isinstance(message, Malformed) else str(message["data"])
+    return "" if isinstance(message, MalformedCdr) else str(message["data"])

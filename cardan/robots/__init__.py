@@ -11,9 +11,9 @@ from cardan.robots.arm_model import (
     ArmJoint as ArmJoint,
     ArmModel as ArmModel,
     BodyShape as BodyShape,
-    Box as Box,
     Capsule as Capsule,
     JointKind as JointKind,
+    OrientedBox as OrientedBox,
     Shape as Shape,
     SixWeights as SixWeights,
 )

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal
 from cardan.common.bounds import Length, Point, Range
 from cardan.common.options import Options
 from cardan.errors import ConfigurationError, below
-from cardan.robots.arm_model import Box, Capsule, Shape, Task
+from cardan.robots.arm_model import Capsule, OrientedBox, Shape, Task
 from cardan.robots.urdf import LARGEST_NUMBER
 from cardan.types import Vector3
 
@@ -47,7 +47,7 @@ class SolidTable(Options):
     def shape(self) -> Shape | None:
         """The box or the capsule; None where it is neither."""
         if self.box is not None:
-            return Box.between(*(Vector3(*corner) for corner in self.box))
+            return OrientedBox.between(*(Vector3(*corner) for corner in self.box))
         if self.capsule is not None:
             start, end, radius_m = self.capsule
             return Capsule(Vector3(*start), Vector3(*end), radius_m)

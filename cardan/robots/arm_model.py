@@ -52,7 +52,7 @@ class ArmJoint(NamedTuple):
     """N·m or N; infinite where it is not published."""
 
 
-class Inertia(NamedTuple):
+class BodyInertia(NamedTuple):
     """Mass of one body, in the body's frame."""
 
     mass_kg: float
@@ -69,14 +69,14 @@ class Capsule(NamedTuple):
     radius_m: float
 
 
-class Box(NamedTuple):
+class OrientedBox(NamedTuple):
     """A box about its `pose`."""
 
     pose: Pose
     size_m: Vector3
 
     @classmethod
-    def between(cls, low: Vector3, high: Vector3) -> Box:
+    def between(cls, low: Vector3, high: Vector3) -> OrientedBox:
         """Make an axis-aligned box by two corners, lowest first, m. Raises ConfigurationError."""
         size = subtract(high, low)
         if min(size) <= 0.0:
@@ -86,7 +86,7 @@ class Box(NamedTuple):
         return cls(Pose(scale(add(low, high), 0.5), IDENTITY), size)
 
 
-Shape = Capsule | Box
+Shape = Capsule | OrientedBox
 Moments = tuple[float, float, float, float, float, float]
 Weight = Annotated[float, bounds.NOT_NEGATIVE]
 SixWeights = tuple[Weight, Weight, Weight, Weight, Weight, Weight]
@@ -123,7 +123,7 @@ class ArmModel(NamedTuple):
     """Pose of the flange in the last body."""
     tcp: Pose
     """Tool center point without any further tool, in the last body."""
-    inertias: tuple[Inertia, ...]
+    inertias: tuple[BodyInertia, ...]
     """Inertias of bodies 1 to n; zero where the URDF gives none."""
     shapes: tuple[BodyShape, ...]
     """Shapes of the arm, and of links fixed to its base (body 0)."""

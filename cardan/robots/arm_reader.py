@@ -17,17 +17,17 @@ from cardan.robots.arm_limits import limited_by, limits_of
 from cardan.robots.arm_model import (
     ArmJoint,
     ArmModel,
+    BodyInertia,
     BodyShape,
-    Box,
     Capsule,
-    Inertia,
     JointKind,
+    OrientedBox,
     Shape,
 )
 from cardan.robots.fit_cache import fit_mesh
 from cardan.robots.mesh_files import FoundMesh
 from cardan.robots.telescope import swept
-from cardan.robots.urdf import LOOSE, Limits, Place, Tree, arm_form, normal_form
+from cardan.robots.urdf import LOOSE, Limits, Origin, Tree, arm_form, normal_form
 from cardan.spatial import compose, norm, rotate, scale, subtract, transform
 from cardan.types import IDENTITY_POSE, ZERO3, Pose, Quaternion, Vector3
 
@@ -168,11 +168,11 @@ def _urdf_of(tree: Tree, chain: Chain, limits: Mapping[str, Limits], model: Any,
     data, numbers = model.createData(), {name: number for number, name in enumerate(tree.links)}
     pin.framesForwardKinematics(model, data, q)
 
-    def place(outer: str, inner: str) -> Place:
+    def place(outer: str, inner: str) -> Origin:
         frames = [model.getFrameId(f"link_{numbers[name]}") for name in (outer, inner)]
         there = data.oMf[frames[0]].actInv(data.oMf[frames[1]])
         turned = pin.rpy.matrixToRpy(there.rotation)
-        return Place(tuple(there.translation.tolist()), tuple(turned.tolist()))
+        return Origin(tuple(there.translation.tolist()), tuple(turned.tolist()))
 
     return arm_form(
         tree,
@@ -271,24 +271,24 @@ def _home(joints: list[ArmJoint], given: tuple[float, ...] | None, tree: Tree) -
 # Bodies
 
 
-def _inertia(inertia: Any) -> Inertia:
+def _inertia(inertia: Any) -> BodyInertia:
     if inertia.mass == 0.0:
-        return Inertia(0.0, ZERO3, (0.0,) * 6)
+        return BodyInertia(0.0, ZERO3, (0.0,) * 6)
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia.inertia.tolist()
-    return Inertia(inertia.mass, _vector(inertia.lever), (xx, xy, xz, yy, yz, zz))
+    return BodyInertia(inertia.mass, _vector(inertia.lever), (xx, xy, xz, yy, yz, zz))
 
 
 def _placed(shape: Shape, pose: Pose) -> Shape:
     """`shape` in the frame that `pose` is in."""
-    if isinstance(shape, Box):
-        return Box(compose(pose, shape.pose), shape.size_m)
+    if isinstance(shape, OrientedBox):
+        return OrientedBox(compose(pose, shape.pose), shape.size_m)
     return Capsule(transform(pose, shape.start), transform(pose, shape.end), shape.radius_m)
 
 
 def _shape(geometry: Any, pose: Pose) -> Shape:
     """A cylinder counts as the capsule around it: 500 times cheaper than a mesh, and safe."""
     if isinstance(geometry, coal.Box):
-        return Box(pose, _vector(2.0 * geometry.halfSide))
+        return OrientedBox(pose, _vector(2.0 * geometry.halfSide))
     half = 0.0 if isinstance(geometry, coal.Sphere) else geometry.halfLength
     end = Vector3(0.0, 0.0, half)
     return _placed(Capsule(scale(end, -1.0), end, geometry.radius), pose)
@@ -382,7 +382,7 @@ def _without_end_caps(shapes: list[Shape]) -> list[Shape]:
             for c in long
         )
 
-    return [c for c in shapes if isinstance(c, Box) or c.start != c.end or not swallowed(c)]
+    return [c for c in shapes if isinstance(c, OrientedBox) or c.start != c.end or not swallowed(c)]
 
 
 def _segment_distance(capsule: Capsule, point: Vector3) -> float:

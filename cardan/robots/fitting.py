@@ -16,7 +16,7 @@ from typing import Final, Literal, NamedTuple, cast
 
 from cardan.common.arm_libraries import np, npt, pin
 from cardan.errors import ConfigurationError
-from cardan.robots.arm_model import Box, Capsule, Shape
+from cardan.robots.arm_model import Capsule, OrientedBox, Shape
 from cardan.types import Pose, Quaternion, Vector3
 
 How = Literal["tight", "coarse"]
@@ -375,7 +375,7 @@ class _BoxPiece(NamedTuple):
         turn = pin.Quaternion(self.axes.T.copy())
         turn.normalize()
         orientation = Quaternion(float(turn.w), float(turn.x), float(turn.y), float(turn.z))
-        return Box(Pose(_vector(center), orientation), _vector(size))
+        return OrientedBox(Pose(_vector(center), orientation), _vector(size))
 
 
 class _CapsulePiece(NamedTuple):

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from cardan.errors import ConfigurationError
-from cardan.robots.arm_model import Box, Capsule, JointKind, Shape
+from cardan.robots.arm_model import Capsule, JointKind, OrientedBox, Shape
 from cardan.robots.urdf import Tree, TreeJoint
 from cardan.spatial import (
     add,
@@ -106,11 +106,11 @@ def swept(shape: Shape, direction: Vector3, sweep: Sweep) -> Shape:
     """Return a shape that contains `shape` throughout its sweep along a unit vector."""
     longer = sweep.high - sweep.low
     moved = scale(direction, 0.5 * (sweep.low + sweep.high))
-    if isinstance(shape, Box):
+    if isinstance(shape, OrientedBox):
         along = rotate(conjugate(shape.pose.orientation), direction)
         size = Vector3(*(s + abs(a) * longer for s, a in zip(shape.size_m, along, strict=True)))
         pose = Pose(add(shape.pose.position, moved), shape.pose.orientation)
-        return Box(pose, size)
+        return OrientedBox(pose, size)
     middle = add(scale(add(shape.start, shape.end), 0.5), moved)
     axis = subtract(shape.end, shape.start)
     along_m = abs(dot(axis, direction)) + longer
@@ -122,7 +122,7 @@ def swept(shape: Shape, direction: Vector3, sweep: Sweep) -> Shape:
     x = scale(across, 1.0 / across_m)
     around = 2.0 * shape.radius_m
     size = Vector3(across_m + around, around, along_m + around)
-    return Box(Pose(middle, from_axes(x, cross(direction, x))), size)
+    return OrientedBox(Pose(middle, from_axes(x, cross(direction, x))), size)
 
 
 def _row(tree: Tree, path: Sequence[TreeJoint], leader: TreeJoint) -> list[TreeJoint]:

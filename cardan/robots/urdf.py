@@ -552,15 +552,15 @@ def normal_form(
     return ET.tostring(robot, encoding="unicode")
 
 
-class Place(NamedTuple):
-    """Place of an <origin>, m and rad."""
+class Origin(NamedTuple):
+    """An <origin>: a pose, m and rad."""
 
     xyz: tuple[float, ...]
     rpy: tuple[float, ...]
 
 
 def arm_form(
-    tree: Tree, held: Mapping[str, Place], root: Place | None, limits: Mapping[str, Limits]
+    tree: Tree, held: Mapping[str, Origin], root: Origin | None, limits: Mapping[str, Limits]
 ) -> str:
     """The file with the joints in `held` fixed, each at its place, and those in `limits` with
     these. Where `root` is a place, that is of the root in a link that all hangs on."""
@@ -590,7 +590,7 @@ def _text(*values: float) -> str:
     return " ".join(repr(value if abs(value) > 1e-100 else 0.0) for value in values)
 
 
-def _put_place(joint: ET.Element, place: Place) -> None:
+def _put_place(joint: ET.Element, place: Origin) -> None:
     ET.SubElement(joint, "origin", xyz=_text(*place.xyz), rpy=_text(*place.rpy))
 
 

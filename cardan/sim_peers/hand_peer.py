@@ -37,7 +37,7 @@ class HandOptions(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class NodeOptions(HandOptions):
+class DeviceNodeOptions(HandOptions):
     """Options of a device that programs open at a path: a socket, or a serial port."""
 
     everybody: bool = option(False, "Let every user of this machine open it, not its owner alone.")

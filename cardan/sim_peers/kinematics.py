@@ -24,7 +24,7 @@ AXES = 6
 _DEG = math.pi / 180.0
 
 
-class DhLink(NamedTuple):
+class DhTransform(NamedTuple):
     """A link, A = Rz(offset + q)·Tz(d)·Tx(a)·Rx(alpha), alpha as its exact cosine and sine."""
 
     offset: float
@@ -34,10 +34,10 @@ class DhLink(NamedTuple):
     sin_alpha: float
 
 
-class ArmModel(NamedTuple):
+class SixAxisArm(NamedTuple):
     """A six-axis arm: geometry and limits of its axes."""
 
-    links: tuple[DhLink, ...]
+    links: tuple[DhTransform, ...]
     lower: tuple[float, ...]
     upper: tuple[float, ...]
     velocity: tuple[float, ...]
@@ -52,14 +52,14 @@ the published 36.9 m/s² at the TCP at full reach."""
 
 _GOFA_SPEED_DEG_S = (125.0, 125.0, 140.0, 200.0, 200.0, 200.0)
 
-GOFA = ArmModel(
+GOFA = SixAxisArm(
     links=(
-        DhLink(0.0, 0.265, 0.0, 0.0, -1.0),
-        DhLink(-90.0 * _DEG, 0.0, 0.444, 1.0, 0.0),
-        DhLink(0.0, 0.0, 0.110, 0.0, -1.0),
-        DhLink(0.0, 0.470, 0.0, 0.0, 1.0),
-        DhLink(0.0, 0.0, 0.080, 0.0, -1.0),
-        DhLink(180.0 * _DEG, 0.101, 0.0, 1.0, 0.0),
+        DhTransform(0.0, 0.265, 0.0, 0.0, -1.0),
+        DhTransform(-90.0 * _DEG, 0.0, 0.444, 1.0, 0.0),
+        DhTransform(0.0, 0.0, 0.110, 0.0, -1.0),
+        DhTransform(0.0, 0.470, 0.0, 0.0, 1.0),
+        DhTransform(0.0, 0.0, 0.080, 0.0, -1.0),
+        DhTransform(180.0 * _DEG, 0.101, 0.0, 1.0, 0.0),
     ),
     lower=tuple(v * _DEG for v in (-180.0, -180.0, -225.0, -180.0, -180.0, -180.0)),
     upper=tuple(v * _DEG for v in (180.0, 180.0, 85.0, 180.0, 180.0, 180.0)),
@@ -68,22 +68,22 @@ GOFA = ArmModel(
 )
 """CRB 15000-5/0.95."""
 
-UR_LINKS: Mapping[str, tuple[DhLink, ...]] = {
+UR_LINKS: Mapping[str, tuple[DhTransform, ...]] = {
     "ur5": (
-        DhLink(0.0, 0.089159, 0.0, 0.0, 1.0),
-        DhLink(0.0, 0.0, -0.425, 1.0, 0.0),
-        DhLink(0.0, 0.0, -0.39225, 1.0, 0.0),
-        DhLink(0.0, 0.10915, 0.0, 0.0, 1.0),
-        DhLink(0.0, 0.09465, 0.0, 0.0, -1.0),
-        DhLink(0.0, 0.0823, 0.0, 1.0, 0.0),
+        DhTransform(0.0, 0.089159, 0.0, 0.0, 1.0),
+        DhTransform(0.0, 0.0, -0.425, 1.0, 0.0),
+        DhTransform(0.0, 0.0, -0.39225, 1.0, 0.0),
+        DhTransform(0.0, 0.10915, 0.0, 0.0, 1.0),
+        DhTransform(0.0, 0.09465, 0.0, 0.0, -1.0),
+        DhTransform(0.0, 0.0823, 0.0, 1.0, 0.0),
     ),
     "ur5e": (
-        DhLink(0.0, 0.1625, 0.0, 0.0, 1.0),
-        DhLink(0.0, 0.0, -0.425, 1.0, 0.0),
-        DhLink(0.0, 0.0, -0.3922, 1.0, 0.0),
-        DhLink(0.0, 0.1333, 0.0, 0.0, 1.0),
-        DhLink(0.0, 0.0997, 0.0, 0.0, -1.0),
-        DhLink(0.0, 0.0996, 0.0, 1.0, 0.0),
+        DhTransform(0.0, 0.1625, 0.0, 0.0, 1.0),
+        DhTransform(0.0, 0.0, -0.425, 1.0, 0.0),
+        DhTransform(0.0, 0.0, -0.3922, 1.0, 0.0),
+        DhTransform(0.0, 0.1333, 0.0, 0.0, 1.0),
+        DhTransform(0.0, 0.0997, 0.0, 0.0, -1.0),
+        DhTransform(0.0, 0.0996, 0.0, 1.0, 0.0),
     ),
 }
 
@@ -100,7 +100,7 @@ class Frames(NamedTuple):
     """The tool's z axis, base frame."""
 
 
-def forward(joints: Sequence[float], links: Sequence[DhLink] = GOFA.links) -> Frames:
+def forward(joints: Sequence[float], links: Sequence[DhTransform] = GOFA.links) -> Frames:
     """TCP pose and joint axes at `joints` (rad)."""
     xx, xy, xz = 1.0, 0.0, 0.0
     yx, yy, yz = 0.0, 1.0, 0.0

@@ -9,7 +9,7 @@ from typing import Generic, NamedTuple, TypeVar, cast
 V = TypeVar("V", bound=tuple[float, ...])
 
 
-class Ramp(NamedTuple):
+class VectorRamp(NamedTuple):
     """Ramp to `goal` from the present vector."""
 
     goal: tuple[float | None, ...]
@@ -58,7 +58,7 @@ class VectorMotion(Generic[V]):
             ends_s.append(self._begin_s + self._over_s)
         return min(self._now_s + self._period_s, *ends_s) if ends_s else math.inf
 
-    def start(self, begin_s: float, stroke: Ramp | SinePeriods) -> None:
+    def start(self, begin_s: float, stroke: VectorRamp | SinePeriods) -> None:
         """Begin a stroke at `begin_s`."""
         if isinstance(stroke, SinePeriods):
             self._swings.append((begin_s, stroke))

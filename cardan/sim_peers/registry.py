@@ -12,13 +12,13 @@ ENTRY_POINT_GROUP = "cardan.sim_peers"
 BUILT_IN = {
     "abb-gofa": "cardan.sim_peers.egm_controller.udp:AbbGofa",
     "arm": "cardan.sim_peers.arm.command:Arm",
-    "gamepad": "cardan.sim_peers.evdev.peer:Gamepad",
-    "keyboard": "cardan.sim_peers.evdev.peer:Keyboard",
+    "gamepad": "cardan.sim_peers.evdev.peer:GamepadCommand",
+    "keyboard": "cardan.sim_peers.evdev.peer:KeyboardCommand",
     "motoman-gp8": "cardan.sim_peers.motoros_controller.tcp:MotomanGp8",
     "phone": "cardan.sim_peers.handheld.peer:PhonePage",
-    "ros2-arm": "cardan.sim_peers.ros2_arm.peer:Ros2Arm",
+    "ros2-arm": "cardan.sim_peers.ros2_arm.peer:Ros2ArmCommand",
     "ros2-device": "cardan.sim_peers.ros2_device.peer:Ros2Device",
-    "spacemouse": "cardan.sim_peers.spacemouse.peer:SpaceMouse",
+    "spacemouse": "cardan.sim_peers.spacemouse.peer:SpaceMouseCommand",
     "ur": "cardan.sim_peers.ur_controller.tcp:Ur",
     "xr": "cardan.sim_peers.handheld.peer:XrPage",
 }

@@ -9,7 +9,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from cardan.errors import ScriptError
 from cardan.sim_peers.base import ScriptStep
-from cardan.sim_peers.motion_profile import Ramp, SinePeriods, V, VectorMotion
+from cardan.sim_peers.motion_profile import SinePeriods, V, VectorMotion, VectorRamp
 
 A = TypeVar("A")
 D = TypeVar("D")
@@ -80,7 +80,7 @@ def setting(attribute: str, value: Any) -> Act[Any]:
     return lambda device, _: setattr(device, attribute, value)
 
 
-def moving(motion: VectorMotion[V], stroke: Ramp | SinePeriods) -> Act[Any]:
+def moving(motion: VectorMotion[V], stroke: VectorRamp | SinePeriods) -> Act[Any]:
     """A step that begins a stroke."""
     return lambda _, at_s: motion.start(at_s, stroke)
 
@@ -158,7 +158,7 @@ class StepWords:
             raise self.error(f"{' '.join(self.left)!r} is too much; usage: {self.usage}")
 
 
-class Timeline(Generic[A]):
+class ScriptTimeline(Generic[A]):
     """A script's actions in the order of time, again from the start where it says ``loop``.
 
     `read` turns a step's words into actions and their times, s; those after the loop come at the
@@ -229,7 +229,7 @@ class ScriptHand(ABC, Generic[D]):
         start_s: float = 0.0,
     ) -> None:
         self._motions = motions
-        self._timeline = Timeline(steps, verbs, self._timed, start_s)
+        self._timeline = ScriptTimeline(steps, verbs, self._timed, start_s)
 
     @abstractmethod
     def _read(self, words: StepWords) -> Act[D]:

@@ -32,7 +32,7 @@ Events = deque[tuple[float, str]]
 
 
 @dataclass(eq=False)
-class Connection(Generic[KindT]):
+class ServerConnection(Generic[KindT]):
     """Connection of a client."""
 
     number: int
@@ -43,7 +43,7 @@ class Connection(Generic[KindT]):
     """Pieces to write."""
 
 
-ConnectionT = TypeVar("ConnectionT", bound=Connection[Any])
+ConnectionT = TypeVar("ConnectionT", bound=ServerConnection[Any])
 
 
 class TcpServers(ABC, Generic[KindT, ConnectionT]):

@@ -26,7 +26,7 @@ PLUGINS = ("lerobot", "lerobot_teleoperator_cardan", "lerobot_robot_cardan")
 
 
 def free_port(kind: socket.SocketKind) -> int:
-    """A port of this computer that nobody has now."""
+    """Return a port of this computer that is not in use now."""
     with socket.socket(type=kind) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

@@ -1,4 +1,4 @@
-"""What a Leap service sends to a client that sees one hand.
+"""Messages of a simulated Leap service that tracks one hand.
 
 It prints:
 

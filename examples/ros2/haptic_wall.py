@@ -13,7 +13,7 @@ from cardan.bus.options import ROUTER, BusOptions
 from cardan.protocols.ros2.cdr import codec_of
 
 WALL_M = 0.0
-"""Where the wall is along x, which is forward."""
+"""Position of the wall along x, which is forward."""
 
 STIFFNESS_N_M = 60.0
 """Over a network, at 200 Hz; a fixture of a session is evaluated at 1000."""

@@ -14,7 +14,7 @@ MODULES = ("robots", "universal_robots", "devices", "peers", "captures", "texts"
 
 @cache
 def targets() -> MappingProxyType[str, Target]:
-    """All of them, in the order of their modules."""
+    """All targets, in the order of their modules."""
     found: dict[str, Target] = {}
     for module in MODULES:
         for target in import_module(f"fuzz.targets.{module}").TARGETS:

@@ -1,4 +1,4 @@
-"""What cameras send to be shown by pages in a browser."""
+"""Streams of cameras that pages in a browser show."""
 
 from __future__ import annotations
 

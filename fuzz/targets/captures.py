@@ -1,4 +1,4 @@
-"""What reads captures and records: pcap, pcapng, every dissector, MCAP."""
+"""Readers of captures and records: pcap, pcapng, every dissector, MCAP."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What targets share."""
+"""Shared parts of the targets."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def text_of(data: bytes) -> str:
 def joined_streams(
     feed: Callable[[], Callable[[bytes], Iterable[Any]]], data: bytes
 ) -> tuple[Any, ...]:
-    """What a reader finds in a stream; asserts that it does in any pieces."""
+    """Return the items that a reader finds in a stream; assert the same for any split of it."""
     whole = tuple(feed()(data))
     take = feed()
     same(tuple(each for piece in pieces_of(data) for each in take(piece)), whole)
@@ -91,7 +91,7 @@ class Clients:
         self.heard()
 
     def heard(self) -> bytes:
-        """What was written since; clients whose connections were ended are gone."""
+        """Return the bytes written since the last call; forget clients whose connections ended."""
         said = b"".join(data for _, data in self._servers.outgoing())
         ended = {*self._servers.closing(), *self._servers.aborting()}
         self._numbers = {kind: each for kind, each in self._numbers.items() if each not in ended}

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cardan.drivers.core import DeviceCore
-from cardan.drivers.evdev.nodes import Snapshot
+from cardan.drivers.evdev.nodes import EvdevState
 from cardan.drivers.gamepad import GamepadCore, GamepadOptions
 from cardan.drivers.keyboard import KeyboardCore, KeyboardOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
@@ -59,7 +59,7 @@ def checked_state(state: DeviceState) -> DeviceState:
 
 
 def told(core: DeviceCore, now_s: float) -> tuple[str, ...]:
-    """What a core says of itself, after looking at all of it."""
+    """Check a core's state, events and metrics; return its diagnosis."""
     checked_state(core.state(now_s))
     core.events()
     core.metrics(now_s)
@@ -78,7 +78,7 @@ def _connexion(data: bytes) -> object:
     encoders: dict[type, Callable[..., bytes]] = {
         connexion.Translation: connexion.encode_translation,
         connexion.Rotation: connexion.encode_rotation,
-        connexion.Motion: connexion.encode_motion,
+        connexion.MotionReport: connexion.encode_motion,
         connexion.Battery: connexion.encode_battery,
     }
     if type(found) in encoders:
@@ -230,7 +230,7 @@ def _spnav_requests() -> Iterator[bytes]:
     )
 
 
-_DATA = (records.Reply, spnav_server.ClientRequest)
+_DATA = (records.ServerReply, spnav_server.ClientRequest)
 
 
 def _spnav_strings(packets: Packets) -> object:
@@ -359,7 +359,7 @@ def _wiimote_blocks() -> Iterator[bytes]:
 
 @cache
 def _wiimote_said() -> tuple[Packets, Packets]:
-    """What a simulated remote and the driver send each other."""
+    """Packets between a simulated remote and the driver."""
     reports: list[bytes] = []
     outputs: list[bytes] = []
     for plus in (False, True):
@@ -404,7 +404,7 @@ def _handheld(data: bytes) -> object:
     if isinstance(found, handheld_frames.OperatorFrame):
         again = handheld_frames.decode_frame(handheld_frames.encode_frame(found))
         assert isinstance(again, handheld_frames.OperatorFrame), again
-        if isinstance(found.body, handheld_frames.Xr):
+        if isinstance(found.body, handheld_frames.XrFrame):
             # It is of length 1 in doubles, and rounded to floats again.
             turn = found.body.orientation
             again = again._replace(body=again.body._replace(orientation=turn))
@@ -560,7 +560,7 @@ def _evdev(data: bytes) -> object:
     if isinstance(rumble, evdev_requests.Rumble):
         same(evdev_requests.decode_rumble(evdev_requests.encode_rumble(rumble)), rumble)
     call = evdev_requests.decode_call(data)
-    if isinstance(call, evdev_requests.Call):
+    if isinstance(call, evdev_requests.IoctlCall):
         same(evdev_requests.decode_call(evdev_requests.encode_call(call)), call)
     evdev_requests.decode_id(data)
     evdev_requests.decode_absinfo(data)
@@ -582,7 +582,9 @@ def _evdev_packets() -> Iterator[bytes]:
         ]
     )
     yield evdev_requests.encode_rumble(evdev_requests.Rumble(3, 0x8000, 0x4000, 250))
-    yield evdev_requests.encode_call(evdev_requests.Call(evdev_requests.EVIOCGKEY, 0, b"\x01" * 96))
+    yield evdev_requests.encode_call(
+        evdev_requests.IoctlCall(evdev_requests.EVIOCGKEY, 0, b"\x01" * 96)
+    )
     yield evdev_requests.encode_id(evdev_requests.InputId(3, 0x45E, 0x28E, 0x110))
     yield uinput.begin_upload(7) + evdev_requests.encode_rumble(evdev_requests.Rumble(3, 1, 2, 3))
     yield evdev_requests.encode_absinfo(evdev_requests.AbsInfo(0, -32768, 32767, 16, 128, 0))
@@ -597,7 +599,7 @@ def _evdev_core(packets: Packets) -> object:
             GamepadCore(GamepadOptions()) if model.is_gamepad else KeyboardCore(KeyboardOptions())
         )
         now_s = 10.0
-        held = Snapshot(frozenset(), {code: info.value for code, info in model.axes.items()})
+        held = EvdevState(frozenset(), {code: info.value for code, info in model.axes.items()})
         core.on_opened(evdev_bench.describe(model), held, now_s)
         for data in packets:
             now_s += 0.004

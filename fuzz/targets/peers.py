@@ -185,7 +185,7 @@ def _evdev(packets: Packets) -> object:
     for data in packets:
         now_s += 0.01
         call = evdev_requests.decode_call(data)
-        if isinstance(call, evdev_requests.Call):
+        if isinstance(call, evdev_requests.IoctlCall):
             answer = device.call("a client", call.request, call.argument, now_s)
             found.append(answer.result >= 0)
         else:
@@ -275,11 +275,11 @@ def _spnav_server(packets: Packets) -> object:
 
 
 def _mouse_hand(steps: Any) -> object:
-    return mouse_hand.ScriptedHand(steps, connexion.MODELS[0])
+    return mouse_hand.ScriptedPuck(steps, connexion.MODELS[0])
 
 
 def _evdev_hand(steps: Any) -> object:
-    return evdev_hand.ScriptedHand(steps, SimulatedInput(EVDEV_MODELS[0]))
+    return evdev_hand.ScriptedInput(steps, SimulatedInput(EVDEV_MODELS[0]))
 
 
 _HANDS: tuple[tuple[Mapping[str, str], Mapping[str, str], Callable[[Any], object]], ...] = (

@@ -38,7 +38,7 @@ _MOTION = egm.EgmMotion(_SIX, _POSE, (0.1,), 1_700_000_000_000_000, None)
 def egm_state(seqno: int, **changed: Any) -> bytes:
     """A controller's datagram."""
     fields: dict[str, Any] = {
-        "header": egm.EgmHeader(seqno, 4 * seqno, egm.MessageType.DATA),
+        "header": egm.EgmHeader(seqno, 4 * seqno, egm.EgmMessageType.DATA),
         "feed_back": _MOTION,
         "planned": _MOTION,
         "motor_state": egm.MotorState.ON,
@@ -67,11 +67,11 @@ def _robots() -> Iterator[bytes]:
 
 
 def _sensors() -> Iterator[bytes]:
-    header = egm.EgmHeader(7, 28, egm.MessageType.CORRECTION)
+    header = egm.EgmHeader(7, 28, egm.EgmMessageType.CORRECTION)
     speed = egm.EgmSpeedRef(_SIX, None, ())
     yield egm.encode_sensor(egm.EgmSensor(header, _MOTION, None, None))
     yield egm.encode_sensor(egm.EgmSensor(header, _MOTION, speed, egm.EgmRapidData(None, (1.0,))))
-    path = egm.EgmHeader(8, 32, egm.MessageType.PATH_CORRECTION)
+    path = egm.EgmHeader(8, 32, egm.EgmMessageType.PATH_CORRECTION)
     yield egm.encode_path_corr(egm.EgmSensorPathCorr(path, Vector3(0.0, 0.0025, -0.001), 1))
     yield from (worked.S1, worked.S2, worked.S3, worked.S4, worked.C1)
 
@@ -221,7 +221,7 @@ def _io_replies() -> Iterator[tuple[bytes, ...]]:
 
 @cache
 def _rig_packets() -> tuple[tuple[bytes, ...], ...]:
-    """What a simulated controller sends a session, each after a byte for its channel."""
+    """Packets that a simulated controller sends a session, each after a byte for its channel."""
     found = []
     for mode in ("velocity", "stream"):
         rig = Rig({"mode": mode})

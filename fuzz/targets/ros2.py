@@ -12,7 +12,7 @@ from cardan.errors import CardanError
 from cardan.gateway.bus.remote import parse_address
 from cardan.protocols.ros2 import names, zenoh
 from cardan.protocols.ros2.actions import Goals
-from cardan.protocols.ros2.cdr import CdrError, Codec, Malformed, codec_of
+from cardan.protocols.ros2.cdr import CdrError, Codec, MalformedCdr, codec_of
 from cardan.protocols.ros2.definitions import TEXT
 from cardan.protocols.ros2.interfaces import (
     FILES,
@@ -90,7 +90,7 @@ def _cdr(data: bytes) -> object:
     codec: Codec = codec_of(name)
     found = codec.decode(body)
     codec.exact(body)
-    if isinstance(found, Malformed):
+    if isinstance(found, MalformedCdr):
         return found.reason[len(name) :]
     encoded = codec.encode(found)
     again = codec.decode(encoded)
@@ -101,7 +101,7 @@ def _cdr(data: bytes) -> object:
 
 
 def _message_json(data: bytes) -> object:
-    """What a program gives as JSON, after the name of the type."""
+    """A message as JSON of a program, after the name of the type."""
     try:
         table = json.loads(data)
     except (ValueError, RecursionError):
@@ -247,7 +247,7 @@ def _parameters(data: bytes) -> object:
     server = ParameterServer(_DECLARED)
     which = (*_SERVICES, "SetParameters")[data[0] % 5] if data else "GetParameters"
     request = codec_of(f"rcl_interfaces/srv/{which}_Request").decode(data[1:])
-    if isinstance(request, Malformed):
+    if isinstance(request, MalformedCdr):
         return which
     if which == "SetParameters":
         try:
@@ -292,7 +292,7 @@ def _goals(packets: Packets) -> object:
         if goal is not None and packet[16:17] > b"\x80":
             goals.execute(goal)
         request = codec.decode(packet[17:])
-        if not isinstance(request, Malformed):
+        if not isinstance(request, MalformedCdr):
             answer, going = goals.cancel(request)
             response.encode(answer)
             found.append((answer["return_code"], len(going) > 0))
@@ -358,7 +358,7 @@ def _ros_arm_packets() -> Iterator[Packets]:
 
 @cache
 def _served() -> tuple[tuple[str, str], ...]:
-    """What an arm subscribes to and serves, with the types."""
+    """Topics that an arm subscribes to and services that it offers, with their types."""
     return tuple(bus_rig.Bench(("servo", "crtk", "fzi", "cmd_vel", "yarp")).node.types.items())
 
 

@@ -1,4 +1,4 @@
-"""What comes as text or JSON: the daemon's requests, verbs, tokens, doors, and files of a user."""
+"""Inputs as text or JSON: the daemon's requests, verbs, tokens, access checks, a user's files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from cardan.gateway.servers.tokens import Role, Tokens, parse_tokens
 from cardan.gateway.session.config import SessionConfig, parse_config
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.protocols.rosbridge import operations, rosapi
-from cardan.protocols.rosbridge.session import Session
+from cardan.protocols.rosbridge.session import RosbridgeSession
 from cardan.robots import limits_in, parse_urdf
 from cardan.robots.arm_file import ArmFile
 from cardan.robots.arm_loader import FOLDER
@@ -81,7 +81,7 @@ def _control_stream(data: bytes) -> object:
 
 
 def _server_lines(data: bytes) -> object:
-    """What a server writes: lines, and figures in some of them."""
+    """Output of a server: lines, and figures in some of them."""
     said: list[str] = []
     lines = Lines(said.append)
     for at in range(0, len(data), 700):
@@ -94,7 +94,7 @@ def _server_lines(data: bytes) -> object:
 
 
 class _Program:
-    """A connection of the daemon's that keeps what it is told."""
+    """A connection of the daemon's that keeps the bytes written to it."""
 
     def __init__(self) -> None:
         self.told: list[bytes] = []
@@ -334,13 +334,13 @@ def _tokens(data: bytes) -> object:
 def _rosbridge(packets: Packets) -> object:
     """A client's frames, the first byte of each for text or binary: fragments, levels, anything;
     a good operation is understood afterwards."""
-    session, now_s = Session(100_000), 10.0
+    session, now_s = RosbridgeSession(100_000), 10.0
     found: list[object] = []
     for data in packets:
         now_s += 0.01
         asked = session.receive(text_of(data) if data[:1] != b"\xff" else data, now_s)
         found.append(asked)
-        if isinstance(asked, operations.Refused):
+        if isinstance(asked, operations.RefusedOperation):
             session.status("error", asked.id, asked.reason)
             json.dumps(asked.id)
     good = session.receive('{"op": "advertise", "topic": "/a", "type": "b/C"}', now_s + 5.0)
@@ -510,13 +510,13 @@ def _arm_file(data: bytes) -> object:
 
 
 def _snapshot(data: bytes) -> object:
-    """What a session tells; a daemon or a view of another version may not know its fields."""
+    """Snapshot of a session; a daemon or a view of another version may not know its fields."""
     Snapshot.from_bytes(data).to_bytes()
     return True
 
 
 def _doctor(data: bytes) -> object:
-    """What the doctor reads of other programs."""
+    """Texts of other programs that the doctor reads."""
     text = text_of(data)
     results: list[object] = []
     readers: tuple[Callable[[], object], ...] = (

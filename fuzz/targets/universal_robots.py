@@ -29,7 +29,7 @@ from tests.drivers.ur_rig import Rig
 _NAMES = ("timestamp", "actual_q")
 _TYPES = ("DOUBLE", "VECTOR6D")
 _TOLD = tuple(name for name in OUTPUTS if "_register_" not in name)
-"""What a controller computes."""
+"""Outputs that a controller computes."""
 _WRITTEN = (
     "standard_digital_output_mask",
     "standard_digital_output",
@@ -142,7 +142,7 @@ def _realtime_streams() -> Iterator[bytes]:
 
 
 def _dashboard_feed() -> Callable[[bytes], Iterable[Any]]:
-    reader = dashboard.LineReader()
+    reader = dashboard.DashboardReader()
 
     def feed(data: bytes) -> Iterator[Any]:
         reader.feed(data)
@@ -261,7 +261,7 @@ _READS = b"\0\0\0\7<text>(1.5, -2)"
 
 
 def _script(data: bytes) -> object:
-    """What a program does for a while; whatever it is, the controller takes the next one."""
+    """Run a program for a while; whatever it does, the controller must accept the next program."""
     found = parse(text_of(data))
     controller = UrController(UrControllerOptions(running=True, program_start_s=0.0))
     now_s = 0.0
@@ -329,8 +329,8 @@ def _session(packets: Packets) -> object:
 
 @cache
 def _recorded() -> tuple[Packets, Packets]:
-    """What a session hears of the simulated controller from its beginning on, and RTDE's part of
-    the first states."""
+    """Packets of the simulated controller to a session from its beginning on, and the first ones
+    of RTDE alone."""
     rig = Rig()
     said: list[bytes] = []
     greeting: list[bytes] = []

@@ -107,7 +107,7 @@ TRANSPORTS: dict[str, Callable[[str], AbstractContextManager[Put]]] = {
     "rosbridge": _rosbridge,
     "DDS": _dds,
 }
-"""What joins the bus at an endpoint, by name."""
+"""Functions that join the bus at an endpoint, by the name of the transport."""
 
 
 class Delays(NamedTuple):
@@ -136,12 +136,12 @@ class Trial:
 
     @property
     def trials(self) -> int:
-        """How many there were."""
+        """Number of trials."""
         return len(self.delays_s) + self.lost
 
     @property
     def obeys(self) -> bool:
-        """Whether the arm moved at one of the last two commands."""
+        """True if the arm moved at one of the last two commands."""
         return self._ignored < 2
 
     def begin(self) -> None:
@@ -182,7 +182,7 @@ class Trial:
 
 
 def left_out() -> str:
-    """Why a transport cannot be measured here; empty: all can."""
+    """Reason why a transport cannot be measured here; empty: all can."""
     lacking = [name for name in ("cardan_dds", "cyclonedds") if find_spec(name) is None]
     if not lacking:
         return ""
@@ -227,7 +227,7 @@ def _run(trials: list[Trial], count: int) -> None:
     clock, chance = time.perf_counter, random.Random(0)
     begin_s = clock()
     due: list[tuple[float, int, Trial, bool]] = []
-    """When, whose turn, whether to publish."""
+    """Time, order, trial, and whether it publishes."""
     for number, each in enumerate(trials):
         due.append((begin_s + number * PERIOD_S / len(trials), number, each, False))
         due.append((begin_s + STREAM_PERIOD_S, number + len(trials), each, True))

@@ -39,8 +39,8 @@ def datagram(
     force: EgmMeasuredForce | None = None,
     time_ms: int | None = None,
 ) -> bytes:
-    """What a RobotWare 7 controller sends in this cycle (joints, pose, clock, states); its ms clock
-    shows `time_ms` where cycles do not come every 4 ms."""
+    """Return the message of a RobotWare 7 controller in this cycle (joints, pose, clock, states).
+    `time_ms`: its ms clock, if cycles do not come every 4 ms."""
     motion = at._replace(time_us=1_700_000_000_000_000 + cycle * 4000)
     tm_ms = 1_000_000 + (cycle * 4 if time_ms is None else time_ms)
     header = EgmHeader(seqno=cycle, tm_ms=tm_ms, mtype=2)
@@ -65,7 +65,7 @@ def _gofa() -> ArmKinematics:
 
 
 def obeyed(answer: bytes, before: EgmMotion) -> EgmMotion:
-    """Where a robot is that does at once what it is told; the TCP of joints is that of the GoFa."""
+    """Return the position of a robot that obeys at once; the TCP of joints is that of the GoFa."""
     told = decode_from_pc(answer)
     if not isinstance(told, EgmSensor) or told.planned is None:
         return before

@@ -11,7 +11,7 @@ from studies.result import Drawn
 
 
 def draw(found: dict[str, Delays]) -> Iterator[Drawn]:
-    """How many commands have moved the robot after which time."""
+    """Cumulative number of commands that moved the robot, over time."""
     figure, axes = plt.subplots(figsize=(7.0, 3.4), layout="constrained")
     for name, each in found.items():
         ordered = 1e3 * np.sort(np.array(each.delays_s))

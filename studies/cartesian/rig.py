@@ -42,7 +42,7 @@ def network_table(endpoint: str, rate_hz: float = 50.0, more: str = "") -> str:
 
 
 class Robot:
-    """A controller whose robot is at once where it is told to be."""
+    """A controller whose robot obeys at once."""
 
     def __init__(self, port: int) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

@@ -45,13 +45,13 @@ def run(quick: bool) -> Result:
 
 
 def tables(found: dict[str, command.Delays]) -> tuple[Table, ...]:
-    """One."""
+    """Return the only table."""
     note = f"The robot asks each {1e3 * PERIOD_S:g} ms."
     return (table_of("From a topic to the robot's datagram", command.table(found), note),)
 
 
 def figures(found: dict[str, command.Delays]) -> tuple[Figure, ...]:
-    """What reports are compared by."""
+    """Figures by which reports are compared."""
     made = []
     for name, each in found.items():
         for words, share in (("median", 0.5), ("p99", 0.99)):

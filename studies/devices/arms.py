@@ -12,7 +12,7 @@ from studies.thesis.rig import DT_S, Array, Metronome, Rig
 
 ARMS = ("asibot", "amor", "teo_right_arm", "ur5", "gofa_crb15000_5")
 PUBLISHED = {"asibot", "amor", "teo_right_arm"}
-"""What the paper moved, too."""
+"""Arms that the paper moved, too."""
 
 RATE_HZ = 50.0
 SPEED_M_S = 0.05
@@ -23,7 +23,7 @@ LONGEST_S = 0.5
 
 
 class Moved(NamedTuple):
-    """One arm, moved up by one kind of commands."""
+    """Result of moving an arm up by one kind of commands."""
 
     arm: str
     joints: int
@@ -33,7 +33,7 @@ class Moved(NamedTuple):
     reached_m: float
     """On ideal drives."""
     drop_m: float
-    """How far the arm with its dynamics came down while nothing moved it, after the motion."""
+    """Descent of the arm with its dynamics while nothing moved it, after the motion."""
     refusals: int
 
 
@@ -107,7 +107,7 @@ def table(found: Sequence[Moved]) -> Table:
 
 
 def figures(found: Sequence[Moved]) -> list[Figure]:
-    """What reports are compared by."""
+    """Figures by which reports are compared."""
     made = []
     for each in found:
         name = f"{each.arm}, {each.commands}"

@@ -10,7 +10,7 @@ from studies.result import Drawn
 
 
 def draw(found: Sequence[Driven]) -> Iterator[Drawn]:
-    """How old the newest report is in a control instant, and how fast the session answers."""
+    """Age of the newest report in a control instant, and response time of the session."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 3.6), layout="constrained")
     for each in found:
         points = within(each.runs[-1])

@@ -39,7 +39,7 @@ COMMANDS = {Mode.RATE: "velocity", Mode.POSITION: "position", Mode.ABSOLUTE: "ab
 
 
 class Driven(NamedTuple):
-    """What became of one device's sessions."""
+    """Result of the sessions of one device."""
 
     device: Device
     commands: str
@@ -120,7 +120,7 @@ _NOTE = (
 
 
 def figures(found: Sequence[Driven]) -> list[Figure]:
-    """What reports are compared by: means of the runs."""
+    """Figures by which reports are compared: means of the runs."""
     made = []
     for each in found:
         name = each.device.name

@@ -13,11 +13,11 @@ DEMO = "omni"
 
 
 class Drawing(NamedTuple):
-    """What became of it."""
+    """Result of the drawing."""
 
     last: Snapshot
     budget_j: float
-    """What passivity allows in one engagement."""
+    """Energy that passivity allows in one engagement."""
     problems: tuple[str, ...]
 
 

@@ -1,4 +1,4 @@
-"""Whether what went before a contact lets the tick give more in it.
+"""Effect of events before a contact on the energy that the tick gives in it.
 
 A loop that keeps books of energy may be fed in advance: what it took in while nothing was touched
 would hide an unstable contact for as long. Here a hand stirs in free air, or leans on a wall that
@@ -38,7 +38,7 @@ STIR_M = 0.05
 FREE_M = 0.06
 """Height over the wall meanwhile."""
 CONTACT_S = 4.0
-"""How long the contact is watched."""
+"""Duration of the observed contact."""
 PASSIVE = (100.0, Link())
 """Stiffness, N/m, and link of a wall that returns what it is given."""
 LEAN_N = 1.9
@@ -47,7 +47,7 @@ LEAN_S = 2.0
 
 
 class Before(NamedTuple):
-    """What goes before."""
+    """Events before a contact."""
 
     name: str
     stir_s: float = 0.0
@@ -60,7 +60,7 @@ class Before(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """The wall then."""
+    """The wall that the hand then touches."""
 
     hand: Hand
     stiffness_n_m: float
@@ -79,16 +79,16 @@ CONTACTS = (Contact(LIGHTLY, 400.0, Link(0.01)), Contact(HELD, 400.0, Link(0.05)
 
 
 class Found(NamedTuple):
-    """What became of one contact. Energies are the simulation's own."""
+    """Result of one contact. Energies are the simulation's own."""
 
     before: Before
     contact: Contact
     given_j: float
     """Most net energy given to the hand since the contact began, at any time."""
     surplus_j: float
-    """What the tick had on its books when the contact began."""
+    """Energy on the tick's books when the contact began."""
     bound_j: float
-    """What it may be: the budget, a surplus, and what the sensors hid since, at that time."""
+    """Bound at that time: the budget, a surplus, and the energy that the sensors hid since."""
     margin_j: float
     """Least of bound less energy since."""
     restless_m_s: float
@@ -96,8 +96,8 @@ class Found(NamedTuple):
 
 
 def _motion(before: Before, hand: Hand) -> tuple[list[tuple[float, Vector3]], float]:
-    """Where the hand wants the stylus by time, in HDAPI's frame: y is up; and when the contact
-    begins."""
+    """Return the hand's desired positions of the stylus by time, in HDAPI's frame (y is up), and
+    the time when the contact begins."""
     points = [(0.0, Vector3(0.0, FREE_M, 0.0))]
     turn_s = 2.0 * math.pi * STIR_M / (math.sqrt(2.0) * STIR_M_S)
     turns = round(before.stir_s / turn_s)
@@ -159,10 +159,10 @@ def run(limits: TickLimits, before: Before, contact: Contact) -> tuple[Trace, in
 
 
 def find(limits: TickLimits, before: Before, contact: Contact) -> Found:
-    """Run it and see what the contact gave."""
+    """Run a contact and return its result."""
     trace, begins = run(limits, before, contact)
     surplus_j = float(trace.surplus_j[begins - 1])
-    # What the books have at the beginning is of the motion until a tick before it.
+    # The books at the beginning cover the motion until a tick before it.
     given, hidden = trace.given_j[begins - 2 : -1], hidden_j(trace)[begins - 2 : -1]
     given, hidden = given - given[0], hidden - hidden[0]
     bound = limits.energy_budget_j + max(0.0, surplus_j) + np.maximum(0.0, hidden)

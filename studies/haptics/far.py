@@ -19,7 +19,7 @@ from studies.haptics.stability import HELD, LIGHTLY, OURS, PLAIN, Hand, Verdict,
 from studies.side_by_side import side_by_side
 
 DELAYS_S = (0.0, 0.01, 0.05, 0.1, 0.2)
-"""One way."""
+"""Per direction."""
 LOSS, JITTER = 0.05, 0.5
 """Lost each way; jitter as a share of the delay."""
 STIFFNESS_N_M = 400.0
@@ -64,7 +64,7 @@ class FarWall:
 
 
 class Point(NamedTuple):
-    """One delay."""
+    """Result at one delay."""
 
     hand: Hand
     delay_s: float
@@ -75,7 +75,7 @@ class Point(NamedTuple):
     alone_n_m: float
     """Force over depth where the hand rests, with our tick and without the law."""
     felt_n_m: float
-    """The same with ours."""
+    """The same ratio with the law."""
 
 
 def run(limits: TickLimits, hand: Hand, link: Link, law: bool) -> Trace:

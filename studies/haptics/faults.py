@@ -1,4 +1,4 @@
-"""What the hand feels when something breaks: the same press on a wall, and a fault in the midst.
+"""Forces on the hand when something breaks: the same press on a wall with a fault during it.
 
 A hand holds the stylus on a wall of 300 N/m with about 0.9 N; every 4 ms a command comes, until at
 `FAULT_S` something goes wrong. The tick has its default limits; time is virtual.
@@ -81,7 +81,7 @@ class Scene:
             values[0] = NAN
 
     def command(self, now_s: float) -> None:
-        """What the gateway does in its cycle."""
+        """Send a command as the gateway does in its cycle."""
         if not self.sending:
             return
         self._sequence += 1
@@ -116,7 +116,7 @@ class Fault(NamedTuple):
     name: str
     begin: Callable[[Scene], None]
     dead_s: float = math.inf
-    """How long after its beginning the force has to be zero at the latest."""
+    """Longest time after its beginning until the force has to be zero."""
     device_cuts: bool = False
     """The device itself takes its force away at once, whatever is sent."""
     forbidden: str = ""
@@ -200,7 +200,7 @@ FAULTS = (
 
 
 class FaultResponse(NamedTuple):
-    """What the hand felt from the fault on."""
+    """Force on the hand from the fault on."""
 
     fault: Fault
     before_n: float
@@ -212,7 +212,7 @@ class FaultResponse(NamedTuple):
     fall_n_ms: float
     """Fastest decline, where the motors were still on."""
     zero_s: float
-    """When what is felt was first zero, after the fault; infinite: never."""
+    """Time after the fault when the force felt was first zero; infinite: never."""
     forbidden_s: float
     """From the first tick that gave the fault's `forbidden` to the first after which no force was
     sent any more; infinite: no tick gave it, or force was sent to the end."""

@@ -31,8 +31,8 @@ JOINT_QUANTUM_RAD = 2.0 * np.pi / 15000
 
 
 def _misplaced_m() -> float:
-    """How far from the truth encoders can put the tip, in the middle of the workspace: no joint is
-    more than half a quantum off, and the worst of the eight corners counts."""
+    """Return the tip's largest error by encoders, in the middle of the workspace: each joint is at
+    most half a quantum off, and the worst of the eight corners counts."""
     jacobian = np.array(kinematics(Vector3(0.0, 0.7420, 0.5531))[1]).reshape(3, 3)
     corners = [
         jacobian @ (0.5 * JOINT_QUANTUM_RAD * np.array(signs))
@@ -45,7 +45,7 @@ MISPLACED_M = _misplaced_m()
 
 
 class Trace(NamedTuple):
-    """What happened, a row a tick; hand frame, true values."""
+    """Record of a run, a row per tick; hand frame, true values."""
 
     times_s: Array
     position_m: Array
@@ -53,19 +53,19 @@ class Trace(NamedTuple):
     sent_n: Array
     """Force in the frame that ended last."""
     felt_n: Array
-    """What the motors exert."""
+    """Force of the motors."""
     measured_m: Array
-    """The position as the tick was told it."""
+    """The position as the tick received it."""
     given_j: Array
     """Work of the motors on the stylus so far, by the simulation."""
     believed_j: Array
-    """The same by the tick's own books."""
+    """The same work by the tick's own books."""
     surplus_j: Array
-    """What the tick has on its books, for it to give back; below 0: given."""
+    """Energy on the tick's books that it may give back; below 0: given."""
     damping_n_s_m: Array
     """Of the passivity controller."""
     states: list[tuple[OperatingState, str]]
-    """And the reason why the force is not as commanded."""
+    """State, and the reason why the force is not as commanded."""
 
 
 class Rig:

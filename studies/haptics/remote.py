@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 
 class Link(NamedTuple):
-    """One way of a channel, and how often both its ends look."""
+    """A channel in one direction, and the period at which both its ends look."""
 
     delay_s: float = 0.0
     jitter_s: float = 0.0
@@ -30,7 +30,7 @@ class Link(NamedTuple):
 
 
 class Channel(Generic[T]):
-    """What is sent arrives later, or never."""
+    """Transmission with delay, jitter and loss."""
 
     def __init__(self, link: Link, seed: int) -> None:
         self._link = link
@@ -113,14 +113,14 @@ class RemoteWall:
 
     @property
     def robot_position(self) -> Vector3:
-        """Where the robot is."""
+        """Position of the robot."""
         return self._robot.position
 
     def cycle(self, stylus: Vector3, now_s: float) -> MeasuredForce | None:
         """Send the stylus's position; the newest force that has come back, stamped on arrival.
 
         Nobody here can know how old the force was when it arrived: the two ends share no clock.
-        What was overtaken by something newer is dropped at either end.
+        An item that a newer one has overtaken is dropped at either end.
         """
         self._sent += 1
         self._there.send((self._sent, stylus), now_s)

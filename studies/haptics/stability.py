@@ -45,14 +45,14 @@ DROOP_N = 0.2
 
 
 class Hand(NamedTuple):
-    """What holds the stylus, and how it goes to the wall at z = 0."""
+    """Model of the hand that holds the stylus, and its motion to the wall at z = 0."""
 
     name: str
     mass_kg: float
     damping_n_s_m: float
     stiffness_n_m: float
     depth_m: float
-    """How far into the wall it wants."""
+    """Desired depth in the wall."""
     gripped: bool = True
     push_n: float = 0.0
     """Beside it, on the stylus: a weight."""
@@ -86,35 +86,35 @@ HANDS = (HELD, LIGHTLY, UNHELD)
 
 
 class Verdict(NamedTuple):
-    """What became of one run. Energies are the simulation's own."""
+    """Result of a run. Energies are the simulation's own."""
 
     given_j: float
     """Most net energy that the motors had given to the hand at any time."""
     bound_j: float
-    """What it may be at that time: the budget, and what the sensors hid by then."""
+    """Bound of `given_j` at that time: the budget, and the energy that the sensors hid by then."""
     margin_j: float
     """Least of bound less energy over all times; below 0: violated."""
     hidden_j: float
     """Most that the sensors hid from the books at any time."""
     harder_j: float
-    """What tick.h allows beside the budget for true accelerations above 100 m/s² in the run."""
+    """Energy that tick.h allows beside the budget for true accelerations > 100 m/s² in the run."""
     restless_m_s: float
     """RMS speed in the last half second."""
     peak_n: float
 
     @property
     def passive(self) -> bool:
-        """The bound was kept at all times."""
+        """True if the bound was kept at all times."""
         return self.margin_j >= 0.0
 
     @property
     def settled(self) -> bool:
-        """It came to rest."""
+        """True if the stylus came to rest."""
         return self.restless_m_s <= RESTLESS_M_S
 
     @property
     def stable(self) -> bool:
-        """Both."""
+        """True if it is passive and settled."""
         return self.passive and self.settled
 
 
@@ -129,8 +129,8 @@ def harder_j(trace: Trace, limits: TickLimits) -> Array:
 
 
 def hidden_j(trace: Trace) -> Array:
-    """How much more than its books say the tick gave until each tick, for what its sensors and
-    motors are; exact, and of either sign.
+    """Return the energy that the tick gave until each tick beyond its books, because of its sensors
+    and motors; exact, and of either sign.
 
     The tick is told y(k) = x(k-1) + q(k): a tick old, and quantized. It books at least
     F(k-2) . (y(k) - y(k-1)). That is the true work but for F(k-2) . (q(k) - q(k-1)), and but for
@@ -226,7 +226,7 @@ def remote(
 
 
 class Push(NamedTuple):
-    """What is pushed: where the plain loop still is well, and where it no longer is."""
+    """A pushed parameter: the plain loop is stable at `calm`, and no longer at `pushed`."""
 
     name: str
     hand: Hand
@@ -265,7 +265,7 @@ def compare(hand: Hand, stiffness_n_m: float, link: Link) -> Compared:
 
 GRID_STIFFNESSES = tuple(float(k) for k in np.geomspace(20.0, 4000.0, 14))
 GRID_DELAYS_S = (0.0, 0.005, 0.01, 0.02, 0.035, 0.05, 0.075, 0.1)
-"""One way."""
+"""Per direction."""
 
 
 def grid(hand: Hand) -> list[Compared]:
@@ -275,9 +275,9 @@ def grid(hand: Hand) -> list[Compared]:
 
 
 JITTERS_S = (0.0, 0.01, 0.02, 0.05, 0.1)
-"""One way."""
+"""Per direction."""
 LOSSES = (0.0, 0.2, 0.4, 0.6, 0.8)
-"""Each way."""
+"""Per direction."""
 CHANNEL_STIFFNESS_N_M = 140.0
 CHANNEL_DELAY_S = 0.01
 PERIODS_S = (0.004, 0.008, 0.012, 0.015, 0.018)
@@ -338,7 +338,7 @@ def table(found: list[tuple[Push, Compared, Compared]]) -> str:
 
 
 def summary(what: str, points: list[Compared]) -> str:
-    """One line on a grid over `what`."""
+    """Return a line of text on a grid over `what`."""
     unstable = [one for one in points if not one.plain.stable]
     kept = sum(one.ours.passive for one in points)
     rest = sum(one.ours.settled for one in points)

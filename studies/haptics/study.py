@@ -28,7 +28,7 @@ HOW = (
 
 
 class Grids(NamedTuple):
-    """What a whole report has beside the pushes."""
+    """Measurements that a whole report has beside the pushes."""
 
     hands: list[list[Compared]]
     """Over stiffness and delay, for each way to hold the stylus."""
@@ -46,7 +46,7 @@ def pushes() -> list[tuple[Push, Compared, Compared]]:
 
 
 def grids() -> Grids:
-    """All of them."""
+    """Measure all grids."""
     return Grids(
         [stability.grid(hand) for hand in (HELD, LIGHTLY)],
         stability.channel_grid(),
@@ -120,7 +120,7 @@ def _tables(
 
 
 def drawing_table(drawn: drawing.Drawing) -> Table:
-    """What was drawn, and what was felt."""
+    """Return the table of the drawing: path and forces."""
     last = drawn.last
 
     def ms(seconds: float | None) -> str:

@@ -1,4 +1,4 @@
-"""What linear theory says of a sampled, delayed wall: the lines that the measurements are held to.
+"""Linear theory of a sampled, delayed wall: reference lines for the measurements.
 
 Sources: Colgate and Schenkel 1997 (a passive sampled wall); Gil, Sánchez, Hulin, Preusche and
 Hirzinger 2009 (a stable delayed one); Diolaiti, Niemeyer, Barbagli and Salisbury 2006 (friction).

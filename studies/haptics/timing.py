@@ -1,8 +1,8 @@
-"""The tick in real time: how even, how dear, and how old the force is that it sends.
+"""The tick in real time: jitter, cost, and age of the force that it sends.
 
 The simulated libHD runs its own thread at 1 kHz. A probe in C stands between the scheduler and the
 callback, and notes when it was called, what it cost and what it sent: the same for the compiled
-tick and for one in Python. Whatever is compared is measured in turns within one run.
+tick and for one in Python. Compared variants are measured in turns within one run.
 """
 
 from __future__ import annotations
@@ -161,7 +161,7 @@ class Live:
 
 
 class PythonTick:
-    """What a callback in Python does at least: read, a wall, send."""
+    """Minimal callback in Python: read, compute a wall, send."""
 
     def __init__(self, functions: dict[str, int], handle: int, fifo: bool) -> None:
         def function(name: str) -> Any:
@@ -343,7 +343,7 @@ def _keep(again: Any, seconds: float) -> None:
 
 
 def _first_change(ticks: Any, start_s: float) -> float:
-    """When a frame ended whose force differs from the last one before `start_s` by 0.02 N."""
+    """End of the first frame whose force differs by 0.02 N from the last one before `start_s`."""
     first = int(np.searchsorted(ticks["begin_s"], start_s))
     before = ticks["force_n"][first - 1]
     change = np.linalg.norm(ticks["force_n"][first - 1 :] - before, axis=1)
@@ -445,7 +445,7 @@ def verdicts(
 
 
 def load_words() -> str:
-    """How busy the machine has been: what is called idle is so only if nothing else ran."""
+    """Load of the machine in words: the case "idle" is idle only if nothing else ran."""
     return (
         f"Load in the minute before: {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors, "
         "of which this benchmark made at most 1."
@@ -463,8 +463,8 @@ class Timing(NamedTuple):
 
 
 def measure_tick() -> Timing:
-    """How even, how old and how dear. Raises CalledProcessError or FileNotFoundError without a C
-    compiler."""
+    """Measure jitter, age and cost of the tick. Raises CalledProcessError or FileNotFoundError
+    without a C compiler."""
     with tempfile.TemporaryDirectory() as directory:
         probe = compile_probe(Path(directory))
         found = evenness(probe)
@@ -484,7 +484,7 @@ def law_table(alone: dict[int, Array]) -> str:
 
 
 def measure() -> str:
-    """All of it, as Markdown."""
+    """Measure everything; return it as Markdown."""
     load = load_words()
     found, fixture_s, measured_s, alone = measure_tick()
     session_s = session_age()

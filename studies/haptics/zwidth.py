@@ -28,7 +28,7 @@ from studies.side_by_side import side_by_side
 VISCOUS_N_S_M = 0.1
 """Of the simulated device."""
 LATE_S = TICK_S
-"""How old a position is when the tick gets it."""
+"""Age of a position when the tick gets it."""
 WEIGHT_N = DROOP_N - UNHELD.push_n
 """The stylus's own and what is hung on it."""
 HOLDS_WITHIN_M = 0.001
@@ -39,7 +39,7 @@ DAMPINGS_N_S_M = (0.0, 0.1, 0.5, 1.0, 2.0)
 
 
 def rendered(limits: TickLimits, hand: Hand, stiffness_n_m: float, damping_n_s_m: float) -> bool:
-    """Whether the stylus comes to rest at that wall, or calms down, and the wall holds."""
+    """Return True if the stylus comes to rest at that wall, or calms down, and the wall holds."""
     trace = local(limits, hand, stiffness_n_m, damping_n_s_m, SECONDS)
     verdict = judge(trace, limits)
     if not verdict.settled:
@@ -111,7 +111,7 @@ def _width(damping_n_s_m: float) -> Width:
 
 
 def measure(dampings: tuple[float, ...] = DAMPINGS_N_S_M) -> list[Width]:
-    """All of them."""
+    """Measure the width for each damping."""
     return side_by_side(_width, [(damping,) for damping in dampings])
 
 

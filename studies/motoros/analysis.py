@@ -19,7 +19,7 @@ Find = Callable[[float, Array, Array, float], float]
 
 
 class PushDelays(NamedTuple):
-    """One push."""
+    """Delays of one push."""
 
     delays: Delays
     device_to_command_s: float
@@ -31,7 +31,7 @@ class PushDelays(NamedTuple):
 
 
 class Result(NamedTuple):
-    """One run."""
+    """Result of a run."""
 
     mode: str
     plant: str

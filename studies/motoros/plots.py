@@ -40,7 +40,7 @@ def _motion(recording: Recording) -> Any:
     origin_s = recording.pushes[0] - 1.0
     every = slice(None, None, 4)
     times_s = recording.times_s[every] - origin_s
-    # What the mouse asks for, on the scale of the goal.
+    # The mouse's requested motion, on the scale of the goal.
     scale = np.ptp(recording.goal) / np.ptp(recording.device)
     signals = (
         (recording.goal[0] + scale * recording.device, DEVICE, "device"),

@@ -1,4 +1,4 @@
-"""What Baklouti et al. 2021 measured (Applied Sciences 11(16), 7190, tables 1 and 2), s."""
+"""Delays measured by Baklouti et al. 2021 (Applied Sciences 11(16), 7190, tables 1 and 2), s."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ WORDS = {
     "stream": "endless trajectory",
     "velocity": "velocity mode",
 }
-"""What each mode sends."""
+"""Names of the motion that each mode sends."""
 
 
 class Delays(NamedTuple):

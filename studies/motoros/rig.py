@@ -1,9 +1,9 @@
 """A session that drives a simulated GP8's first axis from a simulated SpaceMouse, recorded.
 
 Mouse and controller are processes of their own, over a Unix socket and over TCP; the session is
-the one of ``cardan run``. What the mouse says is recorded where it arrives on its socket, the goal
-where the session hands it to the driver, the command and the joint in each interpolation period by
-the controller. All clocks are this machine's monotonic one.
+the one of ``cardan run``. The mouse's reports are recorded where they arrive on its socket, the
+goal where the session hands it to the driver, the command and the joint in each interpolation
+period by the controller. All clocks are this machine's monotonic one.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import Session, make_session
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.subprocesses import launched
-from cardan.protocols.connexion import Motion, Translation, decode_input
+from cardan.protocols.connexion import MotionReport, Translation, decode_input
 from cardan.types import JointCommand
 
 Array = npt.NDArray[np.float64]
@@ -35,7 +35,7 @@ MODES = ("standard", "stream", "velocity")
 TWO_POINT = "studies.motoros.two_point:TwoPointMotoros"
 PLANTS = ("paper", "ideal")
 LAGS_S = {"standard": 1.2, "stream": 0.4, "velocity": 0.4}
-"""What each mode may be behind in good order."""
+"""Largest normal lag of each mode."""
 
 MODEL = "spacemouse-pro"
 DEFLECTION = 0.8
@@ -63,19 +63,19 @@ def hand_script(pushes: int) -> str:
 
 
 class Recording(NamedTuple):
-    """One run on one grid of times, GRID_S apart; joint 1 in rad."""
+    """A run, resampled to one grid of times, GRID_S apart; joint 1 in rad."""
 
     mode: str
     plant: str
     times_s: Array
     device: Array
-    """What the mouse asked for so far: its deflection, integrated, times the joint's speed."""
+    """Motion requested by the mouse so far: its integrated deflection times the joint's speed."""
     goal: Array
-    """What the session told the driver."""
+    """Goal that the session gave the driver."""
     command: Array
-    """Where the controller commanded its drives."""
+    """Position that the controller commanded its drives."""
     measured: Array
-    """Where the joint was."""
+    """Position of the joint."""
     pushes: Array
     """Beginning of each push as it arrived from the mouse, s."""
     snapshot: Snapshot
@@ -98,7 +98,7 @@ class _Tap:
             while report := self._socket.recv(LARGEST_REPORT):
                 now_s = time.monotonic()
                 found = decode_input(report)
-                if isinstance(found, (Motion, Translation)):
+                if isinstance(found, (MotionReport, Translation)):
                     # Counts towards the operator; 350 is full deflection.
                     self.reports.append((now_s, -found.y / 350.0))
 

@@ -46,7 +46,7 @@ def measure(runs: Sequence[tuple[str, str]], pushes: int = PUSHES) -> list[tuple
 
 
 def recorded(mode: str, plant: str, pushes: int) -> tuple[Recording, Run]:
-    """One run; again where a busy machine was not ready when the hand pushed."""
+    """Record a run; again if a busy machine was not ready when the hand pushed."""
     for left in reversed(range(TRIES)):
         try:
             recording = record(mode, plant, pushes)
@@ -151,7 +151,7 @@ _NOTE = (
 
 
 def figures(runs: list[Run]) -> tuple[Figure, ...]:
-    """What reports are compared by."""
+    """Figures by which reports are compared."""
     made = []
     for one in runs:
         name, once = f"{WORDS[one.mode]}, {one.plant} plant", len(one.phases) == 1

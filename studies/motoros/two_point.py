@@ -1,7 +1,7 @@
 """Stock MotoROS as its usual driver uses it: a trajectory for each goal, at rest at both ends.
 
-It serves for comparison; every goal waits until the robot rests (motoman issue 386). What was sent
-is played to its end, whatever the operator does meanwhile.
+It serves for comparison; every goal waits until the robot rests (motoman issue 386). A sent
+trajectory is played to its end, whatever the operator does meanwhile.
 """
 
 from __future__ import annotations

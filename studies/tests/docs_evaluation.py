@@ -1,4 +1,4 @@
-"""What docs/evaluation.md shows of a report: ``python -m studies.tests.docs_evaluation FOLDER``.
+"""Write a report into docs/evaluation.md: ``python -m studies.tests.docs_evaluation FOLDER``.
 
 Its tables stand between the page's markers, its pictures are in docs/images/evaluation. Needs
 Pillow, which comes with matplotlib.

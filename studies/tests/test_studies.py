@@ -11,7 +11,7 @@ import pytest
 from cardan.demos.demo import choose_demo
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
-from cardan.gateway.session.supervisor import Outcome
+from cardan.gateway.session.supervisor import SessionExit
 from cardan_omni.driver.limits import TickLimits
 from studies.cartesian import study as cartesian
 from studies.cartesian.command import Delays
@@ -166,7 +166,7 @@ def test_a_device_moves_for_as_long_as_its_demo_needs(monkeypatch):
 
     def supervise(config, seconds, **_):
         lengths.append(seconds)
-        return Outcome(0, Snapshot(cycles=1, path_m=0.1))
+        return SessionExit(0, Snapshot(cycles=1, path_m=0.1))
 
     @contextlib.contextmanager
     def hardware(demo, seconds):

@@ -126,7 +126,7 @@ class Wander(NamedTuple):
     refusals: int
     stops: int
     crossings: tuple[int, int]
-    """How often forearm and wrist roll went over an odd multiple of pi."""
+    """Number of crossings of an odd multiple of pi by forearm and wrist roll."""
     path_m: float
 
 

@@ -29,10 +29,10 @@ RATE_HZ = 20.0
 GAP_M = 0.1
 """From the arm to the wall at the start."""
 INTO_M = 0.1
-"""How far past contact the commands go."""
+"""Distance past contact to which the commands go."""
 SAFETY_M = 0.01
 OWN_M = 0.005
-"""What the servo keeps to obstacles, and between the arm's own bodies."""
+"""Distances that the servo keeps to obstacles, and between the arm's own bodies."""
 JUMP_M = 0.18
 JUMP_GAP_M = 0.03
 THIN_M = 0.005
@@ -61,7 +61,7 @@ class Stop(NamedTuple):
 
     trace: Trace
     back_s: float
-    """When the way back began."""
+    """Time when the way back began."""
     final_m: float
     """Clearance at the end of the stay."""
     smallest_m: float
@@ -162,7 +162,7 @@ def slide(drive: Drive) -> Slide:
 
 
 class Jump(NamedTuple):
-    """One pose on the other side of a thin wall."""
+    """Result of commanding a pose on the other side of a thin wall."""
 
     trace: Trace
     answer: str
@@ -176,7 +176,7 @@ class Jump(NamedTuple):
 
 
 def jump(drive: Drive) -> Jump:
-    """One pose 0.18 m on, with the wall in between."""
+    """Command a pose 0.18 m away, with the wall in between."""
     obstacle = wall(JUMP_GAP_M, low=True)
     rig = Rig("ur5", drive, obstacles=(obstacle,))
     driving: Streams = rig.streams("pose")

@@ -44,7 +44,7 @@ RAMP = 0.03
 TRACK_1_S = 4.0
 """Natural frequency of the tracking filter."""
 GATE_M = 0.015
-"""What is farther from the prediction is taken for an outlier, unless the next one agrees."""
+"""A measurement farther from the prediction is taken for an outlier, unless the next one agrees."""
 
 BOXES = tuple(
     box_obstacle(
@@ -57,7 +57,7 @@ BOXES = tuple(
 
 
 def course(times_s: Array, duration_s: float = DURATION_S) -> Array:
-    """Where the hand really is (time × 3): it starts and ends at rest in the middle."""
+    """True position of the hand (time × 3): it starts and ends at rest in the middle."""
     share = np.clip(times_s / duration_s, 0.0, 1.0)
     ramp = RAMP
     # Constant pace between two smooth ends.
@@ -77,7 +77,7 @@ def course(times_s: Array, duration_s: float = DURATION_S) -> Array:
 
 
 def camera(times_s: Array) -> Array:
-    """What the camera reports at its times: the course, noise, and now and then an outlier."""
+    """Return the camera's measurements at its times: the course, noise, and rare outliers."""
     generator = np.random.default_rng(SEED)
     seen = course(times_s) + generator.normal(0.0, NOISE_M, (len(times_s), 3))
     wrong = np.flatnonzero(generator.random(len(times_s)) < OUTLIER_SHARE)
@@ -103,7 +103,7 @@ class Tracker:
         self._suspect: Array | None = None
 
     def take(self, seen: Array) -> Array:
-        """What to send after one image."""
+        """Take the position of an image; return the position to send."""
         self.position = self.position + self.velocity * self._period_s
         off = seen - self.position
         if np.linalg.norm(off) > GATE_M and (
@@ -118,19 +118,19 @@ class Tracker:
 
     @property
     def ahead(self) -> Array:
-        """Where the hand will be when the next image comes."""
+        """Predicted position of the hand when the next image comes."""
         predicted: Array = self.position + self.velocity * self._period_s
         return predicted
 
 
 class Course(NamedTuple):
-    """How one run of the course went."""
+    """Result of one run of the course."""
 
     name: str
     trace: Trace
     sent_s: Array
     sent_m: Array
-    """What was streamed."""
+    """Streamed positions."""
     delays_s: Array
     """Of each image: until the output is nearest to where the hand was at its time."""
     correlation_s: float

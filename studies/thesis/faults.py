@@ -1,4 +1,4 @@
-"""What may happen to a stream of poses on its way: silence, clocks, NaN, order, bursts (UR5)."""
+"""Transmission faults of a stream of poses: silence, clocks, NaN, order, bursts (UR5)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SPEED_M_S = 0.1
 RATE_HZ = 50.0
 LENGTH_M = 0.3
 AT_S = 1.0
-"""When it happens."""
+"""Time of the fault."""
 HOUR_S = 3600.0
 
 
@@ -29,7 +29,7 @@ class Packet(NamedTuple):
 
 
 class Fault(NamedTuple):
-    """What became of the line."""
+    """Result of the line under a fault."""
 
     name: str
     reached_m: float
@@ -42,7 +42,7 @@ class Fault(NamedTuple):
     stop_s: float
     """From the last command taken until the TCP rested, where it stopped; else NaN."""
     run_on_m: float
-    """And how far it went in that time."""
+    """Distance in that time."""
     message: str
     trace: Trace
 

@@ -57,12 +57,12 @@ class Delays(NamedTuple):
 
 
 class Line(NamedTuple):
-    """How one line went. Positions are along its axis and across, relative to its start, m."""
+    """Result of one line. Positions are along its axis and across, relative to its start, m."""
 
     name: str
     times_s: Array
     program_m: Array
-    """Where the program's line is."""
+    """Position on the program's line."""
     output_m: Array
     """time × 3: where the TCP was."""
     delays: Delays
@@ -73,7 +73,7 @@ class Line(NamedTuple):
 
 
 def program(times_s: Array, length_m: float) -> Array:
-    """How far the program's line is."""
+    """Return the position on the program's line, m."""
     return np.clip(SPEED_M_S * times_s, 0.0, length_m)
 
 
@@ -163,7 +163,7 @@ def held(length_m: float) -> Line:
 
 
 def shaped(length_m: float) -> Line:
-    """The same through the jerk-limited shaper, damping 1.0, without an arm behind it."""
+    """The line through the jerk-limited shaper, damping 1.0, without an arm behind it."""
     shaper = PoseShaper(SHAPER, damping=1.0)
     shaper.place(Pose(Vector3(0.0, 0.0, 0.0), IDENTITY))
     times_s = _times(length_m)

@@ -53,7 +53,7 @@ STIFF = ControllerOptions(
 
 
 class Row(NamedTuple):
-    """One line of a table."""
+    """A line of a table."""
 
     what: str
     published: str
@@ -65,7 +65,7 @@ class Row(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """What was recorded, a row for each cycle; positions in the base frame."""
+    """Record of a run, a row for each cycle; positions in the base frame."""
 
     times_s: Array
     """Since the record began."""
@@ -156,7 +156,7 @@ class Shaped:
         self.target = to_pose(pin.SE3(rotation, position))
 
     def tick(self, state: RobotState) -> RobotCommand:
-        """One control instant."""
+        """Compute the command of one control instant."""
         servo, shaper = self.servo, self._shaper
         if shaper.pose is None:
             self._follower.place(state)
@@ -198,7 +198,7 @@ class Session:
         """Nothing is to be chosen."""
 
     def tick(self, state: RobotState) -> RobotCommand:
-        """One control instant."""
+        """Compute the command of one control instant."""
         if not self._placed:
             self._follower.place(state)
             self._reference.place(self._follower.measured(state))
@@ -265,7 +265,7 @@ class Rig:
             self.driver.send(driving.tick(next(self._cycles)))
 
     def placement(self, driving: Driving) -> SE3:
-        """Where the TCP is told to be."""
+        """Return the commanded placement of the TCP."""
         return driving.servo.placement
 
     def run(self, driving: Driving, seconds: float, operator: Callable[[float], None]) -> Trace:
@@ -323,7 +323,7 @@ PUBLISHED_TRAJECTORY_S = 0.5
 def published_mechanism(
     command_times_s: Array, commands: Array, times_s: Array, phase_s: float = 0.025
 ) -> Array:
-    """What the published interface makes of `commands` (time × axes), on an ideal arm.
+    """Simulate the published interface with `commands` (time × axes), on an ideal arm.
 
     Every 0.1 s the newest command becomes a trajectory of one point, at rest there 0.5 s later, in
     place of the one before: a quintic from the present position, speed and acceleration (what the
@@ -397,7 +397,7 @@ def quantiles_ms(delays_s: Array) -> str:
 
 
 def both(text: Callable[[Found], str], ideal: Found, dynamic: Found) -> tuple[str, str]:
-    """The same figure of both drives."""
+    """A figure of both drives."""
     return text(ideal), text(dynamic)
 
 

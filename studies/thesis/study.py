@@ -73,7 +73,7 @@ def _eight_s(quick: bool) -> float:
 
 
 def measure(quick: bool = False) -> Measured:
-    """All of it; `quick`: shorter ways, one axis, no disturbed stream, no shaper alone."""
+    """Measure everything; `quick`: shorter ways, one axis, no disturbed stream, no shaper alone."""
     found = side_by_side(_one, [(drive, quick) for drive in DRIVES])
     return Measured(
         [each.straight for each in found],
@@ -153,7 +153,7 @@ def _indented(words: str) -> str:
 
 
 def figures(found: Measured) -> tuple[Figure, ...]:
-    """What reports are compared by."""
+    """Figures by which reports are compared."""
     made: list[Figure] = []
 
     def both(name: str, unit: str, values: list[float], **more: object) -> None:

@@ -1,1 +1,1 @@
-"""What people do with all of Cardan, done by programs: at the page, at rosbridge, in a lab."""
+"""Acceptance tests: programs use all of Cardan as its users do, by page, by rosbridge, in a lab."""

@@ -30,7 +30,7 @@ RAISED_MM = 60.0
 """From where the arm is then to the goal: upwards, where nothing is in the way."""
 
 MISSED_MM = 2.0
-"""How far from its goal an arm may come to rest: the page lets go once it is within 0.5 mm."""
+"""How far from its goal an arm may come to rest: the page releases it once it is within 0.5 mm."""
 
 REST_S = 30.0
 """Longest time from the end of a hold until the page shows that the arm rests."""
@@ -78,13 +78,13 @@ def use_console(
 
 
 class Person:
-    """Somebody at the page, until `over` is set."""
+    """Simulated user of the page, until `over` is set."""
 
     def __init__(
         self, address: str, folder: Path, say: _Say, over: threading.Event, still_s: float = STILL_S
     ) -> None:
         self.done: list[str] = []
-        """What went as it should."""
+        """Steps that succeeded."""
         self._address, self._folder, self._say, self._over = address, folder, say, over
         self._still_s = still_s
         self._failed = ""
@@ -92,7 +92,7 @@ class Person:
         """The page's own line about why nothing moves, when the time was over."""
 
     def problems(self) -> list[str]:
-        """What was not as it should be."""
+        """List the steps that failed."""
         missing = [each for each in ("jogged", "at rest", "at the goal") if each not in self.done]
         if self._failed:
             return [f"at the page: {self._failed}"]
@@ -199,7 +199,7 @@ class Person:
                 tab.mouse("mouseReleased", at)
 
     def _enable(self, tab: Tab) -> None:
-        """The deliberate act."""
+        """Re-arm."""
         self._wait(tab, "!document.querySelector('.enable').disabled")
         if tab.value("document.body.dataset.state") == "watching":
             tab.click(".enable")

@@ -1,9 +1,9 @@
-"""What happens in a lab of four arms and three devices.
+"""Acceptance test of a lab of four arms and three devices.
 
 The simulated devices and robots, and `cardan daemon run` with the lab's file, are processes as any
-other program would start them. What the lab's people do is done here, from outside: a device is
-unplugged and plugged in again, a session killed, a key of the file changed, a device passed on.
-What is seen of it is judged.
+other program would start them. This module does from outside the work of the lab's users: it
+unplugs a device and plugs it in again, kills a session, changes a key of the file, passes a device
+on. It judges the result by the published state.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ UNPLUGGED_S: Final = 1.5
 """How long a device stays away."""
 
 MOVED_M: Final = 0.01
-"""What the TCP of each arm moves at least: a stroke is 4 cm."""
+"""Least motion of each arm's TCP: a stroke is 4 cm."""
 
 STOOD_M: Final = 0.001
-"""What the TCP of an arm at rest moves at most: noise of its encoders."""
+"""Greatest motion of the TCP of an arm at rest: noise of its encoders."""
 
 SETTLES_S: Final = 1.0
 """Time until a disarmed arm is where it was told to stop, to some 0.1 mm: the position law of EGM
@@ -56,11 +56,11 @@ LIFT_M: Final = 0.05
 """How far the verb moves its arm."""
 
 SLOWER: Final = 0.8
-"""What the changed configuration makes of a speed."""
+"""Factor that the changed configuration applies to a speed."""
 
 
 class Roles(NamedTuple):
-    """Which session is to show what."""
+    """Session or device of each role."""
 
     unplugged: str
     """Its device is unplugged, and plugged in again."""
@@ -101,7 +101,7 @@ def live_in_lab(say: Callable[[str], None] = print) -> list[str]:
 
 
 class Hardware:
-    """What stands in for the lab's hardware, and its file."""
+    """Simulated hardware of the lab, and its file."""
 
     def __init__(self, demo: Demo, peers: Peers, layout: Layout) -> None:
         self.sessions = tuple(layout.sessions)
@@ -149,7 +149,7 @@ def _roles_of(demo: Demo, layout: Layout) -> Roles:
 
 
 class Arm:
-    """What is seen of an arm."""
+    """Observed state of an arm."""
 
     def __init__(self) -> None:
         self.row: view.Row = {}
@@ -202,7 +202,7 @@ class Lab:
         """Arms that must stand, by session, and where they do."""
         self._done: list[str] = []
 
-    # -- what happens ----------------------------------------------------------------------------
+    # -- events ----------------------------------------------------------------------------------
 
     def perform(self) -> None:
         """All of it."""
@@ -323,7 +323,7 @@ class Lab:
         self._until(f"the hand moves {second}", lambda: "hand" in other.moved_by)
         self._done.append(f"{device} went from {first} to {second}")
 
-    # -- what is seen ----------------------------------------------------------------------------
+    # -- observations ----------------------------------------------------------------------------
 
     def _until(self, what: str, found: Callable[[], bool], within_s: float = STEP_S) -> None:
         give_up_s = time.monotonic() + within_s
@@ -352,7 +352,7 @@ class Lab:
                 break
 
     def left_behind(self, folder: Path) -> list[str]:
-        """What should not be there any more, once all has ended; and what each arm did wrong."""
+        """List files and processes left after the end, and the errors of each arm."""
         found = [
             f"{name} was {1e3 * arm.error_max_m:.0f} mm away from its reference"
             for name, arm in self._arms.items()
@@ -365,7 +365,7 @@ class Lab:
         return found
 
     def summary(self) -> list[str]:
-        """What happened, in lines."""
+        """Return the events as lines of text."""
         lines = ["what happened:", *(f"  {each}" for each in self._done)]
         for name, arm in self._arms.items():
             by = " and ".join(sorted(arm.moved_by - {""})) or "nobody"
@@ -393,6 +393,6 @@ def _runs(pid: int) -> bool:
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
-    except PermissionError:  # Somebody else's, with the same number.
+    except PermissionError:  # Another user's process with the same id.
         return False
     return True

@@ -23,14 +23,14 @@ from cardan.errors import CardanError
 from cardan.gateway.session.recorded import recorded
 from cardan.gateway.session.session import EXIT_OK
 from cardan.gateway.session.subprocesses import Launched, launched
-from cardan.gateway.session.supervisor import Outcome, supervise
+from cardan.gateway.session.supervisor import SessionExit, supervise
 from tests.acceptance.rosbridge_program import RosbridgeProgram, Vector
 
 BEFORE_AND_AFTER_S = 3.0
-"""Of the session's time, what the program leaves for the arm to be seen, and to be stopped."""
+"""Part of the session's time that the program leaves for the arm to be seen, and to be stopped."""
 
 MOVED_M = 0.02
-"""What the TCP moves at least."""
+"""Least motion of the TCP."""
 
 REPLAY_RATE = 4.0
 """How much faster than the session its record is shown on the network."""
@@ -76,8 +76,8 @@ def run_on_the_network(folder: Path, seconds: float, say: _Say = print) -> list[
 
 
 def _with_program(
-    program: RosbridgeProgram, seconds: float, run: Callable[[], Outcome]
-) -> tuple[Outcome, list[str]]:
+    program: RosbridgeProgram, seconds: float, run: Callable[[], SessionExit]
+) -> tuple[SessionExit, list[str]]:
     """Run the session, and the program beside it."""
     problems: list[str] = []
     over = threading.Event()
@@ -115,7 +115,7 @@ def _judge_program(program: RosbridgeProgram) -> list[str]:
     return problems
 
 
-def _judge_record(recorder: Launched, path: Path, outcome: Outcome, say: _Say) -> list[str]:
+def _judge_record(recorder: Launched, path: Path, outcome: SessionExit, say: _Say) -> list[str]:
     """Whether the record is complete, and the control core gives the same commands again."""
     problems = []
     for line in recorder.lines:

@@ -1,5 +1,5 @@
 """A program at ``cardan net server rosbridge``, as a page in a browser would be one: it streams
-twists, and watches what becomes of them."""
+twists, and watches their results."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class RosbridgeProgram:
         self.targets: dict[int, Vector] = {}
         """Commanded ones."""
         self.results: list[Mapping[str, Any]] = []
-        """What ~/result told."""
+        """Messages of ~/result."""
         self.sent = 0
         """Twists that were published."""
         self._answers: dict[str, Mapping[str, Any]] = {}

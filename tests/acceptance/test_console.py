@@ -1,4 +1,4 @@
-"""A person at the console's page: what is found fault with, and the whole of it by a browser."""
+"""Simulated user of the console's page: the faults that it reports, and a run in a browser."""
 
 import threading
 
@@ -14,7 +14,7 @@ SHOWN = "At rest. Enable motion to move it."
 
 
 def person(tmp_path, done=()):
-    """One who has not begun, and who did all that is `done`."""
+    """Return a user who has not begun, and has already completed the steps `done`."""
     made = Person("http://127.0.0.1:9/", tmp_path, lambda _line: None, threading.Event())
     made.done += done
     made._shown = SHOWN

@@ -1,4 +1,4 @@
-"""What happens in a lab: what is found fault with, and the whole of it."""
+"""Acceptance test of a lab: the faults that it reports, and a whole run."""
 
 import os
 import re
@@ -75,7 +75,7 @@ def test_what_is_seen_of_an_arm():
 
 
 class Told:
-    """A daemon that tells what it is given; no arm, no process."""
+    """A daemon that reports given values; no arm, no process."""
 
     def __init__(self, rows):
         self.rows = rows

@@ -1,4 +1,4 @@
-"""A program at rosbridge: what is found fault with, and the whole of it."""
+"""Program at rosbridge: the faults that it reports, and a whole run."""
 
 import itertools
 import re
@@ -11,7 +11,7 @@ import pytest
 from cardan.errors import DriverError
 from cardan.gateway.session.session import EXIT_OK
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.gateway.session.supervisor import Outcome
+from cardan.gateway.session.supervisor import SessionExit
 from tests.acceptance import network, rosbridge_program
 from tests.acceptance.network import run_on_the_network
 from tests.acceptance.rosbridge_program import RosbridgeProgram
@@ -34,7 +34,7 @@ def test_a_program_at_rosbridge_moves_the_robot_and_the_record_is_exact(tmp_path
 
 
 class Program:
-    """What a demo's program saw, all of it well."""
+    """Observations of a demo's program, all without a fault."""
 
     results: ClassVar = [
         {"command": "twist", "outcome": "refused", "success": False, "reason": "choose it"},
@@ -108,7 +108,7 @@ def test_a_program_asks_again_for_a_stream_that_was_refused(monkeypatch):
 def test_what_a_record_may_lack(monkeypatch, tmp_path, code, replayed, words):
     monkeypatch.setattr(network, "_cardan", lambda *_: replayed)
     recorder = SimpleNamespace(code=code, lines=("9 messages dropped",), complaints="")
-    outcome = Outcome(EXIT_OK, Snapshot(cycles=500))
+    outcome = SessionExit(EXIT_OK, Snapshot(cycles=500))
     said = []
     found = network._judge_record(recorder, tmp_path, outcome, said.append)
     assert len(found) == (words is not None), found

@@ -1,4 +1,4 @@
-"""Looking around on the bus says who is there, and what to do where nobody is."""
+"""Discovery on the bus lists the nodes, or advises what to do if there are none."""
 
 import pytest
 
@@ -52,7 +52,7 @@ def test_where_nobody_answers_it_says_what_to_start(options, words):
 def test_where_dds_is_joined_it_says_what_is_not_seen():
     assert unseen(NOBODY._replace(nodes=("/arm",))) == ""
     said = unseen(NOBODY._replace(nodes=("/arm", "/cardan_dds_server")))
-    assert "somebody on the bus subscribes to" in said
+    assert "have a subscriber on the bus" in said
     assert "recorded" in said
 
 

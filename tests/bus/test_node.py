@@ -120,7 +120,7 @@ def test_a_ring_keeps_the_newest(bus):
     polled = []
 
     def last():
-        publisher.put(text("last"), 0)  # A full link drops what is put.
+        publisher.put(text("last"), 0)  # A full link drops messages.
         received = heard.poll()
         polled.append(received)
         return received is not None and received.data == text("last")
@@ -323,7 +323,7 @@ def test_an_attachment_is_what_rmw_zenoh_reads():
 
 
 def test_what_is_seen_on_the_bus_can_be_used_at_once(monkeypatch):
-    """The token, by which others see an endpoint, is declared after what it stands for."""
+    """The token, by which others see an endpoint, is declared after the endpoint."""
     declared = []
     for name in ("declare_publisher", "declare_subscriber", "declare_queryable", "declare_token"):
         plain = getattr(BusNode, name)

@@ -1,5 +1,5 @@
-"""Two computers that pair by a code: what each then has, whom the router lets in, and who is
-refused."""
+"""Pairing of two computers by a code: the files of each, and the clients that the router then
+admits or refuses."""
 
 import contextlib
 import json

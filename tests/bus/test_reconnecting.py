@@ -141,7 +141,7 @@ def test_a_third_peer_that_goes_is_not_looked_for(pair):
     robot, _ = pair
     zid = THIRD + 24 * "1"
     peers = robot._opened().info.peers_zid
-    # One that could be connected to would stay where that was just happening.
+    # A third peer that listened would stay connected to peers that were just connecting to it.
     with robot._reconnector._joined("peer", zid):
         until(lambda: zid in map(str, peers()), "a connection to the third peer")
     until(lambda: zid not in map(str, peers()), "its end")
@@ -172,7 +172,7 @@ def test_one_that_is_found_again_before_it_was_missed_is_worth_a_word(caplog):
 
 
 def test_one_that_a_slow_router_does_not_tell_of_is_still_looked_for():
-    """What it does not answer in time comes as an error."""
+    """Missing answers arrive as an error."""
     reconnector = Reconnector(zenoh, Mock(), Mock())
     reconnector._lost["1f"] = 0.0
     client = Mock()

@@ -5,7 +5,7 @@ from collections import deque
 import pytest
 
 from cardan.bus.options import BusOptions
-from cardan.bus.twins import GONE_S, MEET_S, Claim, Twins
+from cardan.bus.twins import GONE_S, MEET_S, NameClaim, Twins
 from cardan.errors import ConfigurationError
 from cardan.protocols.ros2.zenoh import NODE, Entity
 
@@ -185,7 +185,7 @@ def test_until_the_other_tells_since_when_no_command_is_taken(bus):
 
 
 def test_a_claim_is_read_as_it_was_written_and_nothing_else_is():
-    claim = Claim(5, "a1", "lab pc/1")
-    assert Claim.parse(claim.key(3, NAME)) == Claim(5, "a1", "lab_pc_1")
+    claim = NameClaim(5, "a1", "lab pc/1")
+    assert NameClaim.parse(claim.key(3, NAME)) == NameClaim(5, "a1", "lab_pc_1")
     for each in ("", "@ros2_lv/0/a/0/0/NN", claim.key(3, NAME) + "/more", "@cardan_lv/0/n/a/-1/h"):
-        assert Claim.parse(each) is None
+        assert NameClaim.parse(each) is None

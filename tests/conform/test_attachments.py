@@ -7,9 +7,12 @@ import json
 
 import pytest
 
-from cardan.conform import Event, Kind, Level, Timeline, registry
+from cardan.conform import Kind, Level, WireEvent, WireTimeline, registry
 from cardan.conform.attachments import pcap
-from cardan.conform.run import save, simulated
+from cardan.conform.report import judged
+from cardan.conform.run import captured, save, simulated
+from cardan.errors import CaptureError, ConfigurationError
+from cardan.recording.mcap_file import RecordWriter
 from cardan_dissect import dissect_file
 
 
@@ -101,8 +104,62 @@ def test_a_simulated_run_saved_twice_gives_the_same_bytes(tmp_path):
 
 
 def test_real_addresses_do_not_get_into_a_capture():
-    timeline = Timeline()
-    timeline.add(Event(0.5, Kind.DATA, False, "", b"\x01", "10.9.8.7:49000"))
+    timeline = WireTimeline()
+    timeline.add(WireEvent(0.5, Kind.DATA, False, "", b"\x01", "10.9.8.7:49000"))
     data = pcap(registry.load("egm"), timeline, 0)
     assert bytes((10, 9, 8, 7)) not in data
     assert (49000).to_bytes(2, "big") in data
+
+
+def results(report):
+    return [(each.id, each.outcome, each.said) for each in report.results]
+
+
+@pytest.mark.parametrize(
+    ("suite", "level", "fault"),
+    [
+        ("egm", Level.MOVE, {}),
+        ("motoros", Level.HOLD, {"stale-reply": 1.0}),
+        ("3dconnexion", Level.HOLD, {}),
+        ("egm-driver", Level.HOLD, {}),
+    ],
+)
+def test_a_kept_record_is_judged_as_its_run_was(suite, level, fault, tmp_path):
+    found = registry.load(suite)
+    report, timeline = simulated(found, level, fault, seconds=1.0)
+    timeline.was_late(0.25)
+    save(tmp_path, found, report, timeline)
+    again, read = captured(found, tmp_path / "record.mcap")
+    assert [e._replace(time_s=0.0) for e in read] == [
+        found.redacted(e)._replace(time_s=0.0) for e in timeline
+    ]
+    assert [e.time_s for e in read] == pytest.approx([e.time_s for e in timeline], abs=1e-9)
+    assert (read.late_s, again.level, read.strays) == (0.25, int(level), ())
+    assert results(again) == results(judged(found, timeline, level))
+    assert len(report.failed) >= len(fault)
+
+
+def test_a_record_that_is_of_something_else_is_not_judged(tmp_path):
+    found = registry.load("3dconnexion")
+    save(tmp_path, found, *simulated(found, Level.LISTEN, seconds=1.0))
+    path = tmp_path / "record.mcap"
+    with pytest.raises(CaptureError, match="is of 3dconnexion: judge it by `cardan conform` of"):
+        captured(registry.load("egm"), path)
+    with pytest.raises(ConfigurationError, match="one target: leave it out"):
+        captured(found, path, "192.0.2.1")
+    of_a_session = RecordWriter(tmp_path / "session.mcap")
+    of_a_session.finish()
+    with pytest.raises(CaptureError, match=r"no bytes of a wire: only a record\.mcap of --save"):
+        captured(found, tmp_path / "session.mcap")
+
+
+def test_of_a_damaged_record_it_is_said_what_is_missing(tmp_path):
+    found = registry.load("3dconnexion")
+    save(tmp_path, found, *simulated(found, Level.LISTEN, seconds=1.0))
+    path = tmp_path / "record.mcap"
+    path.write_bytes(path.read_bytes()[:-40])
+    _, timeline = captured(found, path)
+    assert "the file ends early" in timeline.strays[0]
+    path.write_bytes(path.read_bytes()[:60])
+    with pytest.raises(CaptureError):
+        captured(found, path)

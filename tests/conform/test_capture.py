@@ -1,4 +1,4 @@
-"""What somebody else recorded, judged offline."""
+"""Offline verdicts on captures from other sources."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import struct
 import pytest
 
 from cardan.cli import app
-from cardan.conform import Level, Outcome, registry
+from cardan.conform import Level, VerdictOutcome, registry
 from cardan.conform.report import DOUBTED, read
 from cardan.conform.run import captured, save, simulated
-from cardan.conform.timeline import Kind, Timeline
+from cardan.conform.timeline import Kind, WireTimeline
 from cardan.errors import CaptureError, ConfigurationError, ExtraMissingError
 from tests.captures import MOTOMAN, require
 
 UNASKED = "nobody asked for it in this capture"
 OF_OUR_OWN = {"ur-rtde": {"UR-003", "UR-007", "UR-015", "UR-027", "UR-103"}}
-"""What only the scenario's second and third client ask for."""
+"""Requirements that only the scenario's second and third client test."""
 
 SOURCE, DESTINATION = 16 + 20, 16 + 22
 """Where the ports are in a packet with its head."""
@@ -63,7 +63,7 @@ def verdicts(path, name, target=""):
 
 
 def failures(found):
-    return {each.id for each in found.values() if each.outcome is Outcome.FAILED}
+    return {each.id for each in found.values() if each.outcome is VerdictOutcome.FAILED}
 
 
 @pytest.mark.matrix
@@ -80,9 +80,9 @@ def test_a_capture_of_a_run_is_judged_as_the_run_was(name, fault, failed, tmp_pa
     for each in report.results:
         of_capture = found[each.id]
         if of_capture.said == UNASKED:
-            assert of_capture.outcome is Outcome.NOT_APPLICABLE
+            assert of_capture.outcome is VerdictOutcome.NOT_APPLICABLE
         elif each.id in OF_OUR_OWN.get(name, ()):
-            assert of_capture.outcome is Outcome.NOT_SEEN
+            assert of_capture.outcome is VerdictOutcome.NOT_SEEN
         elif each.level <= Level.HOLD:
             assert of_capture.outcome is each.outcome, (each, of_capture)
             compared += 1
@@ -93,7 +93,7 @@ def test_a_capture_of_a_run_is_judged_as_the_run_was(name, fault, failed, tmp_pa
 def test_the_capture_of_a_right_controller_passes_what_needs_nobody_to_ask(tmp_path):
     _, path = recorded(tmp_path, "motoros", level=Level.LISTEN, seconds=1.0)
     found = verdicts(path, "motoros")
-    passed = {each.id for each in found.values() if each.outcome is Outcome.PASSED}
+    passed = {each.id for each in found.values() if each.outcome is VerdictOutcome.PASSED}
     assert {"MOTO-002", "MOTO-005", "MOTO-006", "MOTO-009"} <= passed
     assert not failures(found)
     assert found["MOTO-105"].said == UNASKED
@@ -112,7 +112,7 @@ def packets_of(path):
 
 @pytest.fixture
 def driver_without_a_stop(tmp_path):
-    """A capture of a driver that starts motion without stopping what was before."""
+    """A capture of a driver that starts motion without stopping the one before."""
     return recorded(tmp_path, "motoros-driver", {"no-stop": 1.0})[1]
 
 
@@ -126,7 +126,7 @@ def test_of_a_connection_without_its_beginning_no_failure_is_judged(driver_witho
     assert not failures(found)
     said = found["MOTOPC-109"].said
     assert said.startswith(f"{DOUBTED}the capture lacks the beginning of a connection; ")
-    assert found["MOTOPC-102"].outcome is Outcome.PASSED
+    assert found["MOTOPC-102"].outcome is VerdictOutcome.PASSED
     assert found["MOTOPC-102"].said.endswith(", in what the capture has")
 
 
@@ -136,7 +136,7 @@ def test_of_a_connection_that_lacks_bytes_no_failure_is_judged(last, driver_with
     path = driver_without_a_stop
     head, packets = packets_of(path)
     if last:
-        # What was sent before a connection was closed: nothing comes after it.
+        # The last packet before a connection was closed: nothing comes after it.
         end = next(n for n, each in enumerate(packets) if each[16 + 33] & 0x01)
     else:
         end = len(packets) // 2
@@ -168,7 +168,7 @@ def test_what_a_capture_of_datagrams_begins_with_fails_nothing(tmp_path):
     assert not failures(found)
     words = "not judged: the capture may begin in the middle of it; "
     assert found["JSPC-101"].said.startswith(words)
-    assert found["JSPC-102"].outcome is Outcome.PASSED
+    assert found["JSPC-102"].outcome is VerdictOutcome.PASSED
 
 
 def test_packets_that_the_capturing_program_lost_are_no_failure(tmp_path):
@@ -207,7 +207,7 @@ def test_a_request_that_the_end_left_open_is_not_unanswered(tmp_path):
     asked = [n for n, each in enumerate(packets) if each[16 + 22 : 16 + 24] == b"\xc4\x40"]
     last = next(n for n in reversed(asked) if len(packets[n]) > 16 + 40)
     path.write_bytes(head + b"".join(packets[: last + 1]))
-    assert verdicts(path, "motoros")["MOTO-101"].outcome is Outcome.PASSED
+    assert verdicts(path, "motoros")["MOTO-101"].outcome is VerdictOutcome.PASSED
 
 
 def test_a_candump_log_is_judged(tmp_path):
@@ -244,14 +244,14 @@ def test_a_client_that_asks_for_no_version_of_rtde_has_the_oldest(tmp_path):
     of_old = [each for each in timeline if each.channel == "rtde-1"]
     version = [n for n, each in enumerate(of_old) if each.data[2:3] == b"V"]
     assert len(version) == 2
-    silent = Timeline()
+    silent = WireTimeline()
     for number, each in enumerate(of_old):
         if number not in version:
             silent.add(each._replace(channel="rtde"))
     save(tmp_path, suite, report, silent)
     found = verdicts(tmp_path / "capture.pcap", "ur-rtde")
     assert not failures(found)
-    assert found["UR-002"].outcome is Outcome.PASSED
+    assert found["UR-002"].outcome is VerdictOutcome.PASSED
     assert found["UR-001"].said == found["UR-004"].said == "it was not asked"
     assert suite.decode(silent).states
 
@@ -267,7 +267,7 @@ def test_of_a_connection_of_rtde_without_its_beginning_the_newest_version_is_rea
     begun = {n for n in of_it if n <= with_bytes[1]}
     path.write_bytes(head + b"".join(p for n, p in enumerate(packets) if n not in begun))
     found = verdicts(path, "ur-rtde")
-    assert found["UR-002"].outcome is Outcome.PASSED
+    assert found["UR-002"].outcome is VerdictOutcome.PASSED
     assert found["UR-005"].said.endswith(", in what the capture has")
 
 
@@ -290,8 +290,8 @@ def test_a_flow_at_another_port_is_found_by_what_it_says_and_judged_by_target(tm
         ConfigurationError, match=r"looks like EGM, .*read it with .*--target :7777"
     ):
         verdicts(path, "egm")
-    assert verdicts(path, "egm", ":7777")["EGM-002"].outcome is Outcome.PASSED
-    assert verdicts(path, "egm", "192.0.2.1:7777")["EGM-002"].outcome is Outcome.PASSED
+    assert verdicts(path, "egm", ":7777")["EGM-002"].outcome is VerdictOutcome.PASSED
+    assert verdicts(path, "egm", "192.0.2.1:7777")["EGM-002"].outcome is VerdictOutcome.PASSED
     with pytest.raises(ConfigurationError, match=r"UDP 7777 of 192\.0\.2\.9"):
         verdicts(path, "egm", "192.0.2.9:7777")
 
@@ -304,7 +304,7 @@ def test_of_two_controllers_one_must_be_chosen(tmp_path):
     path.write_bytes(head + b"".join(packets + others))
     with pytest.raises(ConfigurationError, match=r"192\.0\.2\.1, 192\.0\.2\.7: give one as HOST"):
         verdicts(path, "egm")
-    assert verdicts(path, "egm", "192.0.2.7")["EGM-010"].outcome is Outcome.PASSED
+    assert verdicts(path, "egm", "192.0.2.7")["EGM-010"].outcome is VerdictOutcome.PASSED
 
 
 def moved(packet, at, value):

@@ -1,4 +1,4 @@
-"""What is said of drivers that end, and of references that leap."""
+"""Verdicts on drivers that end, and on references that leap."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from types import SimpleNamespace
 
 import pytest
 
-from cardan.conform import Level, Outcome, registry
-from cardan.conform.egm.decoded import Answer, Robot
+from cardan.conform import Level, VerdictOutcome, registry
+from cardan.conform.egm.decoded import Robot, SensorDatagram
 from cardan.conform.egm_driver.requirements import (
     a_session_begins_where_the_arm_is,
     references_do_not_leap,
 )
 from cardan.conform.run import simulated
-from cardan.protocols.egm import EgmHeader, EgmMotion, EgmRobot, EgmSensor, MessageType
+from cardan.protocols.egm import EgmHeader, EgmMessageType, EgmMotion, EgmRobot, EgmSensor
 from cardan.protocols.egm.messages import EgmPose
 from cardan.spatial import Quaternion, Vector3
 
 
 def answer(joint_deg=0.0, x_m=0.0):
-    """One that commands this position of the first joint and of the TCP."""
+    """Return an answer that commands this position of the first joint and of the TCP."""
     joints = (math.radians(joint_deg), *(0.0,) * 5)
     pose = EgmPose(Vector3(x_m, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0))
-    header = EgmHeader(1, 1, MessageType.CORRECTION)
-    return Answer(2, 0.0, EgmSensor(header, EgmMotion(joints, pose)))
+    header = EgmHeader(1, 1, EgmMessageType.CORRECTION)
+    return SensorDatagram(2, 0.0, EgmSensor(header, EgmMotion(joints, pose)))
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_a_driver_that_has_ended_is_not_judged_by_what_comes_later():
     found = {each.id: each for each in report.results}
     for number in (113, 114, 115, 301):
         verdict = found[f"EGMPC-{number}"]
-        assert verdict.outcome is Outcome.NOT_SEEN
+        assert verdict.outcome is VerdictOutcome.NOT_SEEN
         assert verdict.said == "not judged: it had ended (EGMPC-112)"
 
 

@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from cardan.conform import Level, Outcome, registry, run
+from cardan.conform import Level, VerdictOutcome, registry, run
 from cardan.conform.motoros_driver import scenario
 from cardan.conform.motoros_driver.simulated import MotorosDriverRig
 from cardan.conform.report import judged
@@ -32,9 +32,9 @@ def test_a_client_of_trajectories_meets_what_concerns_it():
     found = outcomes()
     velocity = [each for name, each in found.items() if name.startswith("MOTOPC-14")]
     assert len(velocity) == 8
-    assert set(velocity) == {Outcome.NOT_APPLICABLE}
-    assert found["MOTOPC-126"] is Outcome.PASSED
-    assert found["MOTOPC-301"] is Outcome.PASSED
+    assert set(velocity) == {VerdictOutcome.NOT_APPLICABLE}
+    assert found["MOTOPC-126"] is VerdictOutcome.PASSED
+    assert found["MOTOPC-301"] is VerdictOutcome.PASSED
 
 
 @pytest.mark.matrix

@@ -1,4 +1,4 @@
-"""Reports in all forms, read back, compared, and without what users keep to themselves."""
+"""Reports in all forms, read back, compared, and without users' private data."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from cardan.conform import Level, Outcome, registry
+from cardan.conform import Level, VerdictOutcome, registry
 from cardan.conform.comparison import as_text, compare
 from cardan.conform.redaction import Redaction
 from cardan.conform.report import read
@@ -95,7 +95,7 @@ def test_a_failure_that_a_late_computer_can_have_made_is_not_judged():
     late, other = requires.all()
     assert late.verdict(None, 0.1) == failed("after 70 ms")
     found = late.verdict(None, 0.2)
-    assert found.outcome is Outcome.NOT_SEEN
+    assert found.outcome is VerdictOutcome.NOT_SEEN
     assert found.said == "not judged: this computer was late by 200 ms; after 70 ms"
     assert other.verdict(None, 9.0) == failed("cut")
 
@@ -202,5 +202,5 @@ def test_bytes_and_times_are_no_addresses():
 
 def test_levels_that_were_not_run_are_not_seen(good):
     last = good.results[-1]
-    assert (last.level, last.outcome) == (3, Outcome.NOT_SEEN)
+    assert (last.level, last.outcome) == (3, VerdictOutcome.NOT_SEEN)
     assert last.said == "level 3 was not run"

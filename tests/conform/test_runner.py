@@ -11,8 +11,8 @@ import pytest
 from cardan.conform import (
     Exchange,
     Kind,
+    Pause,
     Scenario,
-    Wait,
     ask,
     close,
     mark,
@@ -35,17 +35,17 @@ from cardan.conform.requirements import (
 
 
 class Echo(Scenario):
-    """Opens a wire, waits for what comes, at most a second, and answers everything twice."""
+    """Opens a wire, waits for messages, at most a second, and answers everything twice."""
 
     heard = False
 
     def script(self):
         yield open_("wire")
         yield mark("wait")
-        yield Wait(1.0, lambda: self.heard)
+        yield Pause(1.0, lambda: self.heard)
         yield mark("more")
         yield ask("hand", "Wave.")
-        yield Wait(0.5)
+        yield Pause(0.5)
         yield send(b"end", "wire")
         yield close("wire")
 

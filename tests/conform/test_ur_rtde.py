@@ -7,7 +7,7 @@ import io
 
 import pytest
 
-from cardan.conform import Event, Kind, Level, Outcome, judged, registry, run
+from cardan.conform import Kind, Level, VerdictOutcome, WireEvent, judged, registry, run
 from cardan.conform.runner import Exchange
 from cardan.conform.transports import TcpPorts
 from cardan.conform.ur_rtde import scenario
@@ -24,7 +24,7 @@ OTHER = "def other():\n  while True:\n    sync()\n  end\nend\n"
 
 
 def test_it_asks_for_what_our_driver_asks_for():
-    """The suite does not import the driver, and judges what the driver needs."""
+    """The suite does not import the driver, and judges the features that the driver needs."""
     options = UrRtdeOptions()
     assert scenario.STATES == feed.STATES
     assert options.servoing == scenario.SERVOING
@@ -48,15 +48,15 @@ def test_a_cb3_meets_what_concerns_it():
     report, _, _ = ran(Level.BY_HAND, robot="ur5")
     assert report.failed == ()
     found = outcomes(report)
-    without = {name for name, each in found.items() if each is Outcome.NOT_APPLICABLE}
+    without = {name for name, each in found.items() if each is VerdictOutcome.NOT_APPLICABLE}
     assert without == {"UR-107", "UR-302", "UR-303"}
-    assert Outcome.NOT_SEEN not in found.values()
+    assert VerdictOutcome.NOT_SEEN not in found.values()
 
 
 def test_a_robot_that_runs_already_is_not_switched_on():
     report, timeline, _ = ran(Level.HOLD, running=True)
     assert report.failed == ()
-    assert outcomes(report)["UR-108"] is Outcome.PASSED
+    assert outcomes(report)["UR-108"] is VerdictOutcome.PASSED
     asked = [each.data for each in timeline if each.sent and each.channel == "dashboard"]
     assert b"power on\n" not in asked
     assert b"brake release\n" not in asked
@@ -99,7 +99,7 @@ def test_in_local_control_no_program_is_sent():
 
 
 class _Busy(UrRig):
-    """Somebody's program runs from the beginning."""
+    """Rig on which another client's program runs from the beginning."""
 
     def run(self):
         self._servers.advance(0.0)
@@ -111,7 +111,7 @@ def test_a_program_of_somebody_else_is_left_alone():
     report, timeline, made = ran(Level.MOVE, _Busy, running=True)
     assert uploads(timeline) == []
     assert made._controller.program_name == "other"
-    assert outcomes(report)["UR-109"] is Outcome.NOT_SEEN
+    assert outcomes(report)["UR-109"] is VerdictOutcome.NOT_SEEN
 
 
 @pytest.mark.parametrize(
@@ -129,7 +129,7 @@ def test_a_program_of_somebody_else_is_left_alone():
     ],
 )
 def test_what_only_asks_is_told_from_what_does(data, channel, asks):
-    assert SUITE.only_asks(Event(0.0, Kind.DATA, True, channel, data)) is asks
+    assert SUITE.only_asks(WireEvent(0.0, Kind.DATA, True, channel, data)) is asks
 
 
 @pytest.mark.matrix
@@ -145,7 +145,7 @@ def test_a_controller_is_judged_over_tcp():
     found = outcomes(report)
     # Not those of times: this computer may stand still at any moment.
     for number in (1, 2, 3, 4, 6, 7, 11, 16, 17, 18, 21, 23, 24, 25, 26, 28, 30, 32, 33):
-        assert found[f"UR-{number:03}"] is Outcome.PASSED, report.as_text()
+        assert found[f"UR-{number:03}"] is VerdictOutcome.PASSED, report.as_text()
     assert not report.simulated
     assert told == []
 

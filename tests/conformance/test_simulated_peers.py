@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from cardan.conform import Level, Outcome, registry
+from cardan.conform import Level, VerdictOutcome, registry
 from cardan.conform.run import simulated
 from cardan_omni.peer import available
 from tests import conformance_tables as tables, site_tables
@@ -23,11 +23,11 @@ SUITES = [
 def test_a_peer_without_faults_meets_every_requirement(suite):
     report = tables.sound(suite)
     assert report.failed == ()
-    unseen = [each.id for each in report.results if each.outcome is Outcome.NOT_SEEN]
+    unseen = [each.id for each in report.results if each.outcome is VerdictOutcome.NOT_SEEN]
     assert unseen == [], "a requirement that nothing ever meets holds nobody to anything"
     ids = [each.id for each in report.results]
     assert ids == [each.id for each in registry.load(suite).requirements]
-    not_met = {each.id for each in report.results if each.outcome is not Outcome.PASSED}
+    not_met = {each.id for each in report.results if each.outcome is not VerdictOutcome.PASSED}
     assert not_met == tables.DO_NOT_APPLY & {*ids}
 
 

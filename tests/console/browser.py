@@ -50,7 +50,7 @@ FLAGS = (
     "--accept-lang=en-US",
     # The page's own rules about hidden pages are judged, not the browser's about idle ones.
     "--disable-background-timer-throttling",
-    # A name of somebody else's that leads to this computer.
+    # A foreign host name that resolves to this computer.
     f"--host-resolver-rules=MAP {REBOUND} 127.0.0.1",
     "--remote-debugging-port=0",
 )
@@ -62,7 +62,7 @@ def find_chromium() -> str | None:
 
 
 class Tab:
-    """One page of the browser."""
+    """Page of the browser."""
 
     def __init__(self, connection: ClientConnection) -> None:
         self._connection = connection
@@ -70,7 +70,7 @@ class Tab:
         self.events: list[dict[str, Any]] = []
 
     def tell(self, method: str, **parameters: Any) -> int:
-        """Give a command, whose answer nobody waits for; its number."""
+        """Send a command without waiting for its answer; return its number."""
         number = next(self._ids)
         self._connection.send(json.dumps({"id": number, "method": method, "params": parameters}))
         return number
@@ -90,7 +90,7 @@ class Tab:
             return result
 
     def value(self, expression: str) -> Any:
-        """The value of an expression in the page. Raises RuntimeError for what it throws."""
+        """The value of an expression in the page. Raises RuntimeError for its exceptions."""
         answer = self.ask(
             "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
         )
@@ -119,7 +119,7 @@ class Tab:
         )
 
     def photograph(self, path: Path) -> None:
-        """Write what the page shows as a PNG file."""
+        """Write a screenshot of the page as a PNG file."""
         path.write_bytes(base64.b64decode(self.ask("Page.captureScreenshot")["data"]))
 
     def center(self, selector: str) -> tuple[float, float]:
@@ -177,7 +177,7 @@ class Tab:
         return base64.b64decode(shot["data"])
 
     def complaints(self) -> list[str]:
-        """What the page's console, its policy or an exception said so far."""
+        """Return the messages of the page's console, its policy and exceptions so far."""
         self.value("1")
         found = []
         for event in self.events:
@@ -202,7 +202,7 @@ class Browser:
 
     @contextlib.contextmanager
     def control(self) -> Iterator[Tab]:
-        """What concerns the whole browser."""
+        """Connect to the target that controls the whole browser."""
         with urllib.request.urlopen(f"{self._http}/version", timeout=WAIT_S) as answer:
             address = json.load(answer)["webSocketDebuggerUrl"]
         with _connected(address) as connection:
@@ -311,7 +311,7 @@ def chromium(program: str, folder: Path, flags: Sequence[str] = ()) -> Iterator[
         try:
             yield Browser(int(port), process.pid)
         finally:
-            # In good order: it has let go of its profile when its process has ended.
+            # In good order: the browser has released its profile when its process has ended.
             with (
                 contextlib.suppress(OSError, WebSocketException, subprocess.TimeoutExpired),
                 connect(f"ws://127.0.0.1:{port}{path}", open_timeout=LEAVE_S) as connection,

@@ -1,5 +1,5 @@
-"""What all tests of the console's page share: one browser, one robot, its session, the server. They
-end with the last of these tests: a browser draws for as long as it runs."""
+"""Fixtures shared by all tests of the console's page: browser, robot, its session, the server.
+They end with the last of these tests: a browser draws for as long as it runs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def built():
 
 @pytest.fixture(scope="package")
 def browser(tmp_path_factory):
-    """One for all tests; each opens pages of its own."""
+    """Browser for all tests; each test opens its own pages."""
     program = find_chromium()
     if program is None:
         pytest.skip("no Chromium is installed: tools/debian-packages judges")

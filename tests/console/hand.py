@@ -1,4 +1,4 @@
-"""What a person does on the page: enable, hold, let go."""
+"""Actions of an operator on the page: enable, hold, release."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def enable(page: Tab) -> None:
 
 
 class Hand(NamedTuple):
-    """A way to hold a button, and to let go of it."""
+    """A way to hold a button, and to release it."""
 
     press: Callable[[Tab, str], Place]
     """Returns where it is."""

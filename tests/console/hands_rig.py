@@ -52,7 +52,7 @@ router = "{endpoint}"
 
 
 class Session:
-    """What a session tells."""
+    """Published state of a session."""
 
     def __init__(self, network: BusNetwork, name: str) -> None:
         self._snapshot: Snapshot | None = None
@@ -94,7 +94,7 @@ class Session:
 
 
 class Hands(NamedTuple):
-    """What runs."""
+    """Running server and sessions."""
 
     server: ServerProcess
     phone: Session

@@ -35,7 +35,7 @@ SPEED_PERCENT = 40
 RAMP_S = 0.1
 """From that speed at the 1 m/s² of an arm's streams."""
 TRAIL_S = 0.1
-"""What the simulated drives are behind, with the page's next frame and the way to the session."""
+"""Lag of the simulated drives, with the page's next frame and the way to the session."""
 BOUND_S = FRESH_S + RAMP_S + TRAIL_S
 """Longest stop of an arm whose page has fallen silent."""
 UNSEEN_S = 0.85
@@ -53,7 +53,7 @@ STALL_S = 1.0
 
 
 class Bench(NamedTuple):
-    """What a row is tried with."""
+    """Test bench of a row."""
 
     browser: Browser
     rig: Rig
@@ -82,9 +82,9 @@ class End(NamedTuple):
     """False: it ends as another one does, and is in the table alone, to keep the tests short."""
     bound_s: float = BOUND_S
     logged: str = ""
-    """Pattern of what the page itself must have been told, in EVENTS' words."""
+    """Pattern of events that the page itself must have received, in EVENTS' words."""
     unheard: str = ""
-    """Pattern of what it must not have been told."""
+    """Pattern of events that it must not have received."""
 
 
 EVENTS = """
@@ -332,8 +332,8 @@ def bench(browser: Browser, folder: Path) -> Iterator[Bench]:
 
 
 class Pages:
-    """One page after the other, a new one where the old one is gone: what has ended a hold must not
-    keep the next one from being begun."""
+    """Pages in sequence, each used until it is gone: the end of a hold must not keep the next hold
+    from starting."""
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
@@ -356,7 +356,7 @@ class Pages:
 
 
 def tried(bench: Bench, pages: Pages, end: End, watched_s: float) -> Stop:
-    """Hold, end it, and see what the arm does until `watched_s` after that."""
+    """Hold, end the hold, and measure the arm's motion until `watched_s` after that."""
     page, tcp = pages.get(), bench.rig.tcp
     until(lambda: not tcp.moving, "rest")
     began_s = time.monotonic()
@@ -389,7 +389,7 @@ def _runs(bench: Bench, began_s: float) -> bool:
 
 
 def rows(bench: Bench) -> dict[str, list[Stop]]:
-    """What the arm does after each end."""
+    """Measure the stops of the arm after each end of a hold."""
     pages = Pages(bench)
     try:
         found: dict[str, list[Stop]] = {}

@@ -41,7 +41,7 @@ SCREENS = {
 }
 
 MOVING = ".picture, .readout, .why, .link, .authority, output, .number, .mark, .stop, .enable"
-"""What is different each time, or drawn without a graphics card: it is left out of comparisons."""
+"""Elements that differ each time, or need a graphics card: left out of comparisons."""
 
 BLOCK_PX = 40
 """Pictures are compared by the mean colors of squares of this size: fonts differ between systems
@@ -109,7 +109,7 @@ def shown(browser: Browser, address: str, screen: Screen) -> Iterator[Tab]:
 
 
 def masks(page: Tab) -> list[list[float]]:
-    """Where what moves is: x, y, width and height."""
+    """Places of the elements that move: x, y, width and height."""
     found: list[list[float]] = page.value(
         f"[...document.querySelectorAll({json.dumps(MOVING)})].map(each => {{"
         "const b = each.getBoundingClientRect();"

@@ -30,8 +30,8 @@ class Proxy:
 
     @contextlib.contextmanager
     def stalled(self, *, up: bool = True, down: bool = True) -> Iterator[None]:
-        """What is sent meanwhile arrives afterwards, all at once: what the page sends (`up`), and
-        what it is sent (`down`)."""
+        """Hold data back and deliver it afterwards, all at once: from the page (`up`), and to the
+        page (`down`)."""
         ways = [way for way, wanted in ((self._up, up), (self._down, down)) if wanted]
         for way in ways:
             way.clear()
@@ -110,7 +110,7 @@ class Proxy:
         over.release()
 
     def _end(self, client: socket.socket, server: socket.socket, over: threading.Semaphore) -> None:
-        # One way may go on after the other has ended, but not for ever after an error.
+        # A direction may go on after the other has ended, but not for ever after an error.
         over.acquire()
         over.acquire(timeout=5.0)
         with self._lock:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.robots import load_arm
-from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, Mode
+from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, EgmMode
 from tests.serving import free_endpoint, free_udp_port
 
 MODEL = "gofa_crb15000_5"
@@ -64,15 +64,15 @@ takes up the last tenths of a millimeter for half a second more."""
 
 
 class Stop(NamedTuple):
-    """What an arm did after something had happened."""
+    """Motion of an arm after an event."""
 
     speed_m_s: float
-    """What it had."""
+    """Speed at the event."""
     time_s: float
     """Until it moved for the last time."""
     distance_m: float
     again_m: float
-    """What it moved after it had come to rest."""
+    """Motion after the arm had come to rest."""
 
 
 class TcpWatch(threading.Thread):
@@ -131,7 +131,7 @@ class TcpWatch(threading.Thread):
         return self.speed() > STANDS_M_S
 
     def stop_since(self, at_s: float) -> Stop:
-        """What it did from then until now."""
+        """Return the motion from `at_s` until now."""
         with self._lock:
             began = int(np.searchsorted(self._times, at_s - WINDOW_S))
             # On a busy computer nothing may have been seen for so long.
@@ -173,7 +173,7 @@ def _again(times: list[float], away: list[float], commands: list[int]) -> float:
 
 
 class Rig(NamedTuple):
-    """What runs."""
+    """Running robot and its session."""
 
     peer: EgmControllerPeer
     tcp: TcpWatch
@@ -187,7 +187,9 @@ def robot_and_session(folder: Path, more: str = "") -> Iterator[Rig]:
     endpoint, port = free_endpoint(), free_udp_port()
     path = folder / "session.toml"
     path.write_text(SESSION.format(port=port, model=MODEL, endpoint=endpoint) + more)
-    options = EgmControllerOptions(pc_port=port, mode=Mode("joint"), comm_timeout_s=COMM_TIMEOUT_S)
+    options = EgmControllerOptions(
+        pc_port=port, mode=EgmMode("joint"), comm_timeout_s=COMM_TIMEOUT_S
+    )
     command = [sys.executable, "-m", "cardan", "run", str(path), "--seconds", "3000"]
     with EgmControllerPeer(options) as peer:
         tcp = TcpWatch(peer)

@@ -1,4 +1,4 @@
-"""The browser's driver: what it says of one that does not start, and that none outlives it."""
+"""Driver of the browser: its error for a browser that does not start, and none outlives it."""
 
 import signal
 import subprocess

@@ -17,11 +17,11 @@ from tests.waiting import until
 pytestmark = pytest.mark.matrix  # A browser that draws by software.
 
 LATE_S = 1.0
-"""What a busy computer adds: none of these programs has a core of its own, in a test."""
+"""Allowance for a busy computer: none of these programs has a core of its own, in a test."""
 WATCHED_S = 0.6
-"""After what went wrong was over."""
+"""Time after the end of a fault."""
 AGAIN_M = 0.003
-"""What the position loop of the controller takes up after it first stands."""
+"""Distance that the controller's position loop still closes after it first stands."""
 
 
 @pytest.mark.real
@@ -36,7 +36,7 @@ def test_nothing_moves_before_the_deliberate_act(bench, page):
 
 @pytest.mark.real
 def test_a_script_of_the_page_cannot_hold(bench, page):
-    """Only what a person does counts."""
+    """Only acts of a person count."""
     enable(page)
     at_s = time.monotonic()
     page.value(
@@ -125,7 +125,7 @@ def test_a_touch_goes_on_sending_while_the_browser_looks_for_a_gesture(bench, pa
 
 
 def test_a_second_finger_on_another_button_moves_nothing_else(bench, page):
-    """One hold at a time: it goes on as it is, and the second finger keeps nothing alive."""
+    """Only the first hold counts: it goes on as it is; the second finger keeps nothing alive."""
     tcp = bench.rig.tcp
     at = hold(page, FINGER, jog("X", -1), lambda: tcp.moving)
     other = page.value(

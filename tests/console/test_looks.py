@@ -1,4 +1,4 @@
-"""How the console's page looks: what is legible, named, colored and in reach, on each screen."""
+"""Look of the console's page: legibility, names, colors and reach of its parts, on each screen."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_a_long_reason_ends_between_two_lines_and_is_whole_where_it_is_pressed(p
 
 
 def test_the_reason_moves_no_control_on_a_phone(phone):
-    """What is under a finger stays there, however much there is to say."""
+    """A control under a finger stays there, however long the reason is."""
     tops = phone.value(
         "(e => { const found = []; const inner = e.querySelector('*') ?? e;"
         f"for (const text of ['Ready', {LONG_REASON!r}]) {{ inner.textContent = text;"

@@ -1,4 +1,4 @@
-"""The console's page in a real browser: what is around the arm, goals, and two people."""
+"""The console's page in a real browser: surroundings of the arm, goals, and two users."""
 
 from __future__ import annotations
 
@@ -97,8 +97,8 @@ def press_until(page, words, watched, expression):
 
 
 def ask_and_hand_over(one, other):
-    """One person enables motion, the other asks for the arm and gets it. All is done again where it
-    came to nothing: an arm that stood still with its computer is nobody's for a moment."""
+    """Enable motion on page `one`, then request the arm on page `other` and get it. Repeat both if
+    they fail: an arm that stood still with its computer has no owner for a moment."""
     end_s = time.monotonic() + WAIT_S
     has_it = f"{AUTHORITY}.startsWith('Authorityyou')"
     while not other.value(has_it):
@@ -114,7 +114,7 @@ def ask_and_hand_over(one, other):
 
 
 def wanted(page, label, value):
-    """Give a slider's number, and what the page says of the goal then."""
+    """Set a slider's number; return the page's text about the goal."""
     page.value(
         f"(e => {{ e.value = {value}; e.dispatchEvent(new Event('change')) }})"
         f"(document.querySelector('input[type=number][aria-label^=\"{label},\"]'))"
@@ -259,7 +259,7 @@ def test_after_a_stop_of_whomever_the_page_is_enabled_anew_before_the_arm_moves(
 
 
 def presses_in_vain(page, moving):
-    """Press what would move the arm: nothing does."""
+    """Press the buttons that would move the arm: none does."""
     at = page.center(jog("X"))
     page.mouse("mousePressed", at)
     end_s = time.monotonic() + 1.0

@@ -1,4 +1,4 @@
-"""What the tests take for an arm's rest."""
+"""Detection of an arm's rest in the tests of the page."""
 
 import pytest
 

@@ -149,7 +149,7 @@ def test_a_page_from_elsewhere_does_not_come_in(bench, guarded, browser):
 
 
 def test_a_name_that_is_not_the_servers_shows_nothing(bench, browser):
-    """DNS rebinding: a name of somebody else's that leads here."""
+    """DNS rebinding: a foreign host name that resolves to this computer."""
     with browser.open(f"http://{REBOUND}:{bench.server.port}/") as page:
         page.until("document.body?.textContent.includes('the Host header names another server')")
         assert page.value("location.host").startswith(REBOUND)

@@ -1,4 +1,4 @@
-"""The console's demo: the page waits for a person, who need not come."""
+"""The console's demo: the page waits for a user, who need not come."""
 
 import os
 import shutil
@@ -12,7 +12,7 @@ from cardan.gateway.session.session import EXIT_OK
 
 
 def demo(seconds, tmp_path, path, *packages):
-    """What ``cardan demo console`` says, and its exit code, where programs are found by `path`, and
+    """Return the output of ``cardan demo console`` and its exit code. Programs are found by `path`,
     Python's packages in the folders `packages` before all others."""
     done = subprocess.run(
         [sys.executable, "-m", "cardan", "demo", "console", "--seconds", str(seconds)],

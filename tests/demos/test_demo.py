@@ -1,4 +1,4 @@
-"""The demos: what they join, and what they find fault with."""
+"""The demos: the programs that they join, and the faults that they report."""
 
 import contextlib
 import dataclasses
@@ -30,7 +30,7 @@ from cardan.errors import ConfigurationError, DriverError
 from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.subprocesses import launched
-from cardan.gateway.session.supervisor import Outcome
+from cardan.gateway.session.supervisor import SessionExit
 from tests.gateway.force.fakes import FakeHaptic
 
 MOVED = Snapshot(cycles=1000, path_m=0.1, error_max_m=0.004, metrics={})
@@ -187,7 +187,7 @@ def pretend(monkeypatch, last):
     """A session that ends with this snapshot; nothing runs."""
     monkeypatch.setattr(Peers, "start", lambda *_: None)
     monkeypatch.setattr(demo, "with_server", lambda *_: contextlib.nullcontext(Served()))
-    monkeypatch.setattr(demo, "supervise", lambda *_, **__: Outcome(EXIT_OK, last))
+    monkeypatch.setattr(demo, "supervise", lambda *_, **__: SessionExit(EXIT_OK, last))
 
 
 def test_what_found_fault_with_is_said(monkeypatch, capsys):

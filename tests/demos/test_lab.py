@@ -1,4 +1,4 @@
-"""The demo of a lab: what it refuses, what it finds fault with, and what it leaves behind."""
+"""The demo of a lab: its refusals, the faults that it reports, and its clean-up."""
 
 import os
 import signal
@@ -38,7 +38,7 @@ class Served:
 
 
 class Failed(Served):
-    """One that has ended by itself."""
+    """Process that has ended by itself."""
 
     code, complaints = 3, "another one has the socket"
 
@@ -51,7 +51,7 @@ def seen(**values):
 
 
 class Told:
-    """What a daemon tells of an arm that is there, and has moved."""
+    """Status from a daemon about an arm that is there and has moved."""
 
     def __init__(self, _path):
         pass

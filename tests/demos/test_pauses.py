@@ -24,7 +24,7 @@ class Clock:
 
 
 def watched(monkeypatch, late_s):
-    """What is noticed on one processor whose sleeps are late by these."""
+    """Return the longest pause noticed on one processor whose sleeps are late by `late_s`."""
     clock = Clock(late_s)
     monkeypatch.setattr(pauses, "time", clock)
     monkeypatch.setattr(pauses, "_processors", lambda: [set()])

@@ -1,4 +1,4 @@
-"""A demo moves a robot with nobody at hand: it runs only what is simulated throughout."""
+"""Unattended demos move a robot: they run only configurations that are simulated throughout."""
 
 import shlex
 from dataclasses import dataclass

@@ -7,7 +7,7 @@ import pytest
 from cardan.doctor import daemon
 from cardan.doctor.base import Subject
 from cardan.doctor.daemon import Running, judge_absent, judge_units
-from cardan.gateway.daemon.service import Service, make_service
+from cardan.gateway.daemon.service import SystemdUnit, make_service
 from tests.doctor.told import told
 
 
@@ -34,7 +34,7 @@ def test_units():
 
 
 def test_no_daemon():
-    service = Service(Path("/etc/systemd/system/cardan.service"), "", False)
+    service = SystemdUnit(Path("/etc/systemd/system/cardan.service"), "", False)
     assert told(Running, judge_absent("no daemon runs here (x)", [])) == [("good", "daemon")]
     silent = judge_absent("the daemon at x does not answer: Permission denied", [])
     assert told(Running, silent) == [("failure", "daemon")]
@@ -44,7 +44,7 @@ def test_no_daemon():
 
 
 def test_where_none_runs(tmp_path, monkeypatch):
-    none = Service(tmp_path / "none", "", True)
+    none = SystemdUnit(tmp_path / "none", "", True)
     monkeypatch.setattr(daemon, "installed", lambda system: none)
     found = Running.look(Subject(socket=str(tmp_path / "cardan.sock")))
     assert told(Running, found) == [("good", "daemon")]
@@ -55,7 +55,7 @@ def test_where_none_runs(tmp_path, monkeypatch):
     ["python -m cardan serve /etc/cardan", "/usr/bin/cardan  serve", "/bin/cardan -v serve a.toml"],
 )
 def test_a_unit_of_before_the_command_had_its_name(start, tmp_path, monkeypatch):
-    units = [Service(tmp_path / name, "", name == "mine") for name in ("mine", "system")]
+    units = [SystemdUnit(tmp_path / name, "", name == "mine") for name in ("mine", "system")]
     monkeypatch.setattr(daemon, "installed", lambda system: units[system])
     subject = Subject(socket=str(tmp_path / "cardan.sock"))
     for unit in units:

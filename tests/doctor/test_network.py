@@ -1,4 +1,4 @@
-"""The bus of the files: who is met, and what ROS 2 programs of this shell would do."""
+"""The bus of the files: the nodes on it, and the behavior of this shell's ROS 2 programs."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Scheduling, memory, frequency, clock, load: by what the kernel says of them."""
+"""Scheduling, memory, frequency, clock and load, as the kernel reports them."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What all findings have to be, whichever check tells them."""
+"""Requirements for the findings of all checks."""
 
 from cardan.doctor.base import Finding, Level
 

@@ -8,12 +8,12 @@ from typing import Any
 
 from cardan.protocols.egm import (
     EgmHeader,
+    EgmMessageType,
     EgmMotion,
     EgmPose,
     EgmRobot,
     EgmSensor,
     MCIState,
-    MessageType,
     MotorState,
     RapidState,
     decode_from_pc,
@@ -51,7 +51,7 @@ class Controller:
             external_joints=None if self.external is None else tuple(self.external),
             time_us=self.clock_us,
         )
-        header = EgmHeader(self.seqno, self.clock_us // 1000 & 0xFFFFFFFF, MessageType.DATA)
+        header = EgmHeader(self.seqno, self.clock_us // 1000 & 0xFFFFFFFF, EgmMessageType.DATA)
         parts: dict[str, Any] = {
             "header": header,
             "feed_back": motion,

@@ -1,6 +1,6 @@
 """A simulated pad or keyboard wired to a driver's core, in virtual time."""
 
-from cardan.drivers.evdev.nodes import Description, Snapshot
+from cardan.drivers.evdev.nodes import EvdevDeviceInfo, EvdevState
 from cardan.drivers.gamepad import GamepadCore, GamepadOptions
 from cardan.drivers.keyboard import KeyboardCore, KeyboardOptions
 from cardan.protocols.evdev.events import encode_events
@@ -13,7 +13,7 @@ BY_KEY = {model.key: model for model in MODELS}
 
 
 def describe(model):
-    return Description(
+    return EvdevDeviceInfo(
         model.name,
         model.id.vendor,
         model.id.product,
@@ -38,7 +38,7 @@ class Bench:
             self.core = KeyboardCore(options or KeyboardOptions(ramp_s=0.0))
         self.mangle = mangle or (lambda packet: [packet])
         self.answers = True
-        """Whether the device can be asked what it holds."""
+        """Whether the device answers queries of its state."""
         self.read = True
         """Whether the reader runs."""
         self.now_s = 0.0
@@ -57,7 +57,7 @@ class Bench:
             ).value
             for code in self.model.axes
         }
-        return Snapshot(keys, values)
+        return EvdevState(keys, values)
 
     def open(self):
         self.core.on_opened(describe(self.model), self.snapshot(), self.now_s)

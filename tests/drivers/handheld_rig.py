@@ -51,12 +51,12 @@ class Bench:
         return self
 
     def live(self):
-        """A hand that is aligned and has let go."""
+        """A hand that is aligned and has released the dead-man."""
         self.run(0.3)
         return self
 
     def held(self, axes=None):
-        """One that holds, and is then deflected."""
+        """Hold the dead-man, then deflect the axes."""
         self.live()
         self.device.press("hold")
         self.run(0.1)

@@ -43,7 +43,7 @@ def received(kind, message, sequence=1, sender=1, key_type=None):
 
 
 class Link(NamedTuple):
-    """One direction of a network."""
+    """Direction of a network."""
 
     delay_s: float = 0.0003
     jitter_s: float = 0.0
@@ -53,18 +53,18 @@ class Link(NamedTuple):
 
     @property
     def slowest_s(self):
-        """What passes takes no longer, but for stalls and what else fills it."""
+        """Longest transit time, without stalls and other traffic."""
         return self.delay_s + self.jitter_s
 
 
 LAN = Link()
 
 AHEAD_BYTES = 1 << 16
-"""What else passes is ahead of a state by no more: docs/remote.md, of pictures."""
+"""Most other traffic queued ahead of a state: docs/remote.md, of pictures."""
 
 
 class Way:
-    """What is on its way in one direction."""
+    """Data in transit in one direction."""
 
     def __init__(self, link, chosen):
         self.link, self._chosen = link, chosen

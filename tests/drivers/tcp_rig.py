@@ -1,7 +1,7 @@
-"""What joins a session over several TCP connections to simulated servers, in virtual time."""
+"""Connection of a session over several TCP connections to simulated servers, in virtual time."""
 
 LATENCY_S = 1.5e-4
-"""One way. With it a request is answered in the 0.3 ms that were seen on a real line."""
+"""One-way latency. With it a request is answered in 0.3 ms, as seen on a real line."""
 
 
 class TcpRig:

@@ -1,4 +1,4 @@
-"""Button edges: none lost, none reordered, all released when nobody can tell any more."""
+"""Button edges: none lost, none reordered, all released when their state is unknown."""
 
 from hypothesis import given, strategies as st
 

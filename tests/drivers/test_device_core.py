@@ -1,4 +1,4 @@
-"""What the cores of all devices share: link, buttons, counts, and the words about them."""
+"""Tests common to the cores of all devices: link, buttons, counts, and the texts about them."""
 
 from typing import ClassVar
 

@@ -507,7 +507,7 @@ def test_what_it_does_not_take_goes_the_long_way() -> None:
 
 @pytest.mark.parametrize("mode", ["joint", "pose"])
 def test_nothing_is_left_behind(mode: str) -> None:
-    """What is made in a cycle is let go of, and what is lent is given back."""
+    """A cycle frees every object that it makes, and returns every borrowed reference."""
     session = EgmSession(AbbEgmOptions(mode=mode), 0.0)  # type: ignore[arg-type]
     controller = Controller(seqno=1000)
     controller.fields = {"measured_force": EgmMeasuredForce((1.0,) * 6, True)}

@@ -57,7 +57,7 @@ class Peer:
         self.socket.setblocking(False)
         try:
             while True:
-                with contextlib.suppress(ConnectionRefusedError):  # It comes before what is there.
+                with contextlib.suppress(ConnectionRefusedError):  # It comes before the data.
                     answers.append(self.socket.recv(2048))
         except BlockingIOError:
             self.socket.settimeout(WITHIN_S)

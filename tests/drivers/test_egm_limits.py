@@ -1,4 +1,4 @@
-"""Whatever the limiters are asked for, what comes out is inside position, speed, acceleration."""
+"""Output of the limiters for any input: inside position, speed and acceleration limits."""
 
 from __future__ import annotations
 

@@ -24,12 +24,12 @@ from cardan.protocols.egm import (
     EgmCollisionInfo,
     EgmHeader,
     EgmMeasuredForce,
+    EgmMessageType,
     EgmMotion,
     EgmPose,
     EgmRapidData,
     EgmSensorPathCorr,
     MCIState,
-    MessageType,
     MotorState,
     RapidState,
     decode_from_pc,
@@ -83,12 +83,12 @@ class Bench:
         self.controller = Controller()
 
     def hear(self, source: tuple[str, int] = PEER) -> RobotState | None:
-        """One period later, one datagram."""
+        """Receive a datagram, a period later."""
         self.now_s += PERIOD_S
         return self.session.receive(self.controller.datagram(), source, self.now_s)
 
     def cycle(self, command: RobotCommand = HOLD) -> bytes:
-        """One datagram and its answer; the robot goes where it is told."""
+        """Receive a datagram and answer it; the robot moves to the commanded place."""
         assert self.hear() is not None
         answer = self.session.reply(command, self.now_s + 1e-4)
         self.session.answered(self.now_s + 1e-4)
@@ -179,11 +179,11 @@ class TestBeginning:
         for k in range(3):
             tm_ms = bench.controller.clock_us // 1000 & 0xFFFFFFFF
             header = sensor_of(bench.cycle()).header
-            assert header == EgmHeader(k, tm_ms, MessageType.CORRECTION)
+            assert header == EgmHeader(k, tm_ms, EgmMessageType.CORRECTION)
 
     def test_a_missing_clock_is_replaced_by_our_own(self) -> None:
         bench = Bench()
-        bench.controller.fields["header"] = EgmHeader(0, None, MessageType.DATA)
+        bench.controller.fields["header"] = EgmHeader(0, None, EgmMessageType.DATA)
         header = sensor_of(bench.cycle()).header
         assert header is not None
         assert header.tm_ms == int((bench.now_s + 1e-4) * 1000)
@@ -410,11 +410,11 @@ class TestSequence:
     def test_without_clocks_the_distance_decides(self, back: int, new_session: bool) -> None:
         bench = Bench()
         bench.controller.fields = {
-            "header": EgmHeader(1000, None, MessageType.DATA),
+            "header": EgmHeader(1000, None, EgmMessageType.DATA),
             "feed_back": EgmMotion(joints=HOME),
         }
         bench.cycle()
-        bench.controller.fields["header"] = EgmHeader(1000 - back, None, MessageType.DATA)
+        bench.controller.fields["header"] = EgmHeader(1000 - back, None, EgmMessageType.DATA)
         state = bench.hear()
         assert (state is not None) == new_session
         assert bench.session.sessions == 1 + new_session
@@ -806,7 +806,7 @@ class TestCommands:
         assert last.pos == pytest.approx((0.0, 0.005, -0.02), abs=1e-6)
         assert last.age_ms == round(1.4 * 39)
         assert last.header is not None
-        assert last.header.mtype == MessageType.PATH_CORRECTION
+        assert last.header.mtype == EgmMessageType.PATH_CORRECTION
         with pytest.raises(CommandError, match="outputs"):
             bench.session.set_outputs(True)
 
@@ -1104,7 +1104,7 @@ class TestBadBytes:
 
     @pytest.mark.parametrize("mode", ["pose", "joint"])
     def test_a_place_that_no_arm_comes_to_in_a_period_is_no_state(self, mode: str) -> None:
-        """One such reading changes nothing."""
+        """A single such reading changes nothing."""
         bench, twin = Bench(mode=mode).started(), Bench(mode=mode).started()
         command = pose_target(0.1) if mode == "pose" else joint_target(0.1)
         for k in range(20):
@@ -1220,8 +1220,8 @@ class TestBadBytes:
         ("mode", "fields", "words"),
         [
             ("joint", {"header": None}, "sequence number"),
-            ("joint", {"header": EgmHeader(None, 1, MessageType.DATA)}, "sequence number"),
-            ("joint", {"header": EgmHeader(0, 1, MessageType.CORRECTION)}, "mtype"),
+            ("joint", {"header": EgmHeader(None, 1, EgmMessageType.DATA)}, "sequence number"),
+            ("joint", {"header": EgmHeader(0, 1, EgmMessageType.CORRECTION)}, "mtype"),
             ("joint", {"feed_back": None}, "feedBack"),
             ("joint", {"feed_back": EgmMotion(joints=HOME[:4])}, "6 joints"),
             ("joint", {"feed_back": EgmMotion(cartesian=EgmPose(POSITION, ORIENTATION))}, "joints"),

@@ -240,7 +240,7 @@ def test_a_third_partys_pad_by_xone(kernel, tmp_path, monkeypatch):
             wait_for(lambda: not pad.state().buttons, "not released")
 
 
-# -- what is no gamepad, though it looks like one or is sold as one
+# -- devices that are no gamepads, though they look like one or are sold as one
 
 JOYSTICK = BY_KEY["logitech-f310-d"]
 SWITCH = "set the switch on its back to X"
@@ -354,7 +354,7 @@ class Plugs:
         return PluggedLink(self, path)
 
 
-class PluggedLink(links.Link):
+class PluggedLink(links.EvdevLink):
     def __init__(self, plugs, path):
         self.plugs, self.path, self.model = plugs, path, plugs.models[path]
         self.device = SimulatedInput(self.model)
@@ -403,7 +403,7 @@ def test_another_pad_does_not_take_the_place_of_one_that_was_unplugged(monkeypat
         wait_for(lambda: pad.state().link is DeviceLink.NEEDS_NEUTRAL, "not picked up again")
         assert pad._core.description.name == first.name
     plugs.models = {"/dev/input/event3": second}
-    with pad:  # a new session takes what there is
+    with pad:  # a new session takes the devices that are there
         assert pad._core.description.name == second.name
 
 
@@ -564,7 +564,7 @@ class Slow:
         self.listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.listener.bind(path)
         self.listener.listen(1)
-        self.link = links.SocketLink(path)
+        self.link = links.EvdevSocketLink(path)
         self.sock, _ = self.listener.accept()
 
     def answer(self):
@@ -607,7 +607,7 @@ def test_late_answers_are_no_garbage(tmp_path):
 
 def test_an_answer_that_nobody_asked_for_is_garbage(tmp_path):
     slow = Slow(str(tmp_path / "s"))
-    answer = requests.encode_call(requests.Call(requests.EVIOCGID, 0, bytes(8)))
+    answer = requests.encode_call(requests.IoctlCall(requests.EVIOCGID, 0, bytes(8)))
     slow.sock.send(answer)
     assert slow.link.read(0.1) == answer
     slow.close()

@@ -164,7 +164,7 @@ def test_nobody_reads_it(model):
 
 
 def test_a_reader_that_was_late_finds_out_by_itself():
-    """Nobody asked for the state meanwhile; what queued up does not move anything."""
+    """The state was not read meanwhile; queued events move nothing."""
     bench = deflected("xbox-360")
     bench.now_s += 0.5
     bench.core.on_packet(

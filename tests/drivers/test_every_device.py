@@ -1,4 +1,4 @@
-"""What every operator device keeps to, whatever it is."""
+"""Contract of all operator devices."""
 
 import dataclasses
 import inspect

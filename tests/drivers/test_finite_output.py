@@ -1,4 +1,4 @@
-"""Whatever limits are accepted and whatever is asked for, no driver sends what is not finite."""
+"""No driver sends values that are not finite, for all accepted limits and all commands."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
 from cardan.errors import CommandError
-from cardan.protocols.egm import Malformed, decode_from_pc
+from cardan.protocols.egm import MalformedEgmMessage, decode_from_pc
 from cardan.protocols.joint_stream import (
     ArmCommand,
     ArmState,
@@ -95,7 +95,7 @@ def commands(number: st.SearchStrategy[float]) -> st.SearchStrategy[RobotCommand
 
 
 def flat(values: Any) -> list[float]:
-    """Every number in what a decoder gives."""
+    """Every number in the result of a decoder."""
     if isinstance(values, (int, float)):
         return [float(values)]
     if isinstance(values, (tuple, list)):
@@ -160,7 +160,7 @@ def egm_answers(bench: Bench, command: RobotCommand, cycles: int) -> None:
             answer = bench.session.hold(bench.now_s)
         bench.session.answered(bench.now_s)
         told = decode_from_pc(answer)
-        assert not isinstance(told, Malformed), told
+        assert not isinstance(told, MalformedEgmMessage), told
         assert all_finite(told), told
         if bench.options.mode != "path-correction":
             bench.controller.follow(answer)

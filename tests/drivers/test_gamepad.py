@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.drivers.evdev.nodes import Description, Snapshot
+from cardan.drivers.evdev.nodes import EvdevDeviceInfo, EvdevState
 from cardan.drivers.gamepad import GamepadCore, GamepadOptions
 from cardan.protocols.evdev import codes as c
 from cardan.protocols.evdev.events import InputEvent, encode_events
@@ -102,14 +102,14 @@ def bluetooth_xbox():
     axes = dict.fromkeys((c.ABS_X, c.ABS_Y, c.ABS_Z, c.ABS_RZ), stick)
     axes |= dict.fromkeys((c.ABS_BRAKE, c.ABS_GAS), trigger)
     keys = frozenset({c.BTN_SOUTH, c.BTN_NORTH})
-    return Description("Xbox Wireless Controller", 0x045E, 0x0B13, keys, axes, frozenset())
+    return EvdevDeviceInfo("Xbox Wireless Controller", 0x045E, 0x0B13, keys, axes, frozenset())
 
 
 def test_a_pad_with_its_right_stick_elsewhere():
     core = GamepadCore(GamepadOptions(layout="triggers"))
     values = dict.fromkeys((c.ABS_X, c.ABS_Y, c.ABS_Z, c.ABS_RZ), 32768)
     core.on_opened(
-        bluetooth_xbox(), Snapshot(frozenset(), {**values, c.ABS_BRAKE: 0, c.ABS_GAS: 0}), 0.0
+        bluetooth_xbox(), EvdevState(frozenset(), {**values, c.ABS_BRAKE: 0, c.ABS_GAS: 0}), 0.0
     )
     tap(core)
     assert core.state(0.0).link is DeviceLink.LIVE
@@ -126,7 +126,7 @@ RIGHT_AT = {"RX": (c.ABS_RX, c.ABS_RY), "Z": (c.ABS_Z, c.ABS_RZ)}
 
 def unknown_pad(keys=(c.BTN_SOUTH,), axes=None, vendor=0x1234, product=1, driver="hid-generic"):
     axes = axes or dict.fromkeys(SIX, BYTE)
-    return Description("Pad", vendor, product, frozenset(keys), axes, frozenset(), driver)
+    return EvdevDeviceInfo("Pad", vendor, product, frozenset(keys), axes, frozenset(), driver)
 
 
 def at_rest(right):
@@ -141,13 +141,13 @@ def test_an_unknown_pads_axes_are_told_by_where_they_rest(right, heard):
     core = GamepadCore(GamepadOptions())
     rest = at_rest(right)
     before = rest if heard else dict.fromkeys(SIX, 0)
-    core.on_opened(unknown_pad(), Snapshot(frozenset(), before), 0.0)
+    core.on_opened(unknown_pad(), EvdevState(frozenset(), before), 0.0)
     feed(core, (1, c.BTN_SOUTH, 1), *((3, code, value) for code, value in rest.items()))
     feed(core, (1, c.BTN_SOUTH, 0))
     assert core.state(0.0).link is DeviceLink.LIVE
     feed(core, (3, right[1], 0))
     assert core.state(0.0).axes == (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-    # What was told at rest stays, however the axes are later.
+    # The assignment found at rest stays, whatever positions the axes have later.
     feed(core, *((3, code, 128) for code in SIX), (3, right[0], 0), (3, right[1], 0))
     assert core.state(0.0).axes == (0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
 
@@ -157,7 +157,7 @@ def test_an_unknown_pads_axes_are_told_by_where_they_rest(right, heard):
 def test_a_stick_that_is_held_while_it_is_opened_is_no_trigger(right, held):
     core = GamepadCore(GamepadOptions())
     deflected = at_rest(right) | dict(zip(right, held, strict=True))
-    core.on_opened(unknown_pad(), Snapshot(frozenset(), deflected), 0.0)
+    core.on_opened(unknown_pad(), EvdevState(frozenset(), deflected), 0.0)
     tap(core)
     assert core.state(0.0).link is DeviceLink.NEEDS_NEUTRAL
     feed(core, *((3, code, 128) for code in right))
@@ -168,11 +168,13 @@ def test_a_stick_that_is_held_while_it_is_opened_is_no_trigger(right, held):
 
 @pytest.mark.parametrize("driver", ["playstation", "sony", "xpad", "xone-gip-gamepad"])
 def test_the_kernels_own_drivers_say_what_is_what(driver):
-    """Whatever is held: here the triggers half-way, and the stick in its corner."""
+    """Held controls do not matter: here the triggers half-way, and the stick in its corner."""
     core = GamepadCore(GamepadOptions())
     held = dict.fromkeys(SIX, 128) | {c.ABS_RX: 0, c.ABS_RY: 0}
     core.on_opened(
-        unknown_pad(vendor=0x054C, product=0x09CC, driver=driver), Snapshot(frozenset(), held), 0.0
+        unknown_pad(vendor=0x054C, product=0x09CC, driver=driver),
+        EvdevState(frozenset(), held),
+        0.0,
     )
     tap(core)
     assert core.state(0.0).link is DeviceLink.NEEDS_NEUTRAL
@@ -197,7 +199,7 @@ def test_north_and_west_are_where_they_are_with_each_driver_of_the_pad(vendor, d
     core = GamepadCore(GamepadOptions())
     keys = (c.BTN_SOUTH, c.BTN_NORTH, c.BTN_WEST)
     pad = unknown_pad(keys, vendor=vendor, driver=driver)
-    core.on_opened(pad, Snapshot(frozenset(), at_rest((c.ABS_RX, c.ABS_RY))), 0.0)
+    core.on_opened(pad, EvdevState(frozenset(), at_rest((c.ABS_RX, c.ABS_RY))), 0.0)
     tap(core)
     for code, label in ((c.BTN_NORTH, "north"), (c.BTN_WEST, "west")):
         feed(core, (1, code, 1))
@@ -220,7 +222,7 @@ COUNTED = range(c.BTN_SOUTH, c.BTN_SOUTH + 14)
 def test_buttons_that_were_counted_are_those_of_the_pad(vendor, product, labels):
     core = GamepadCore(GamepadOptions())
     rest = at_rest(RIGHT_AT["Z" if vendor == 0x054C else "RX"])
-    core.on_opened(unknown_pad(COUNTED, None, vendor, product), Snapshot(frozenset(), rest), 0.0)
+    core.on_opened(unknown_pad(COUNTED, None, vendor, product), EvdevState(frozenset(), rest), 0.0)
     tap(core)
     for at, label in labels.items():
         feed(core, (1, c.BTN_SOUTH + at, 1))
@@ -231,7 +233,7 @@ def test_buttons_that_were_counted_are_those_of_the_pad(vendor, product, labels)
 
 def test_counted_buttons_of_an_unknown_pad_are_said_to_be_a_guess():
     core = GamepadCore(GamepadOptions())
-    core.on_opened(unknown_pad(COUNTED), Snapshot(frozenset(), at_rest(RIGHT_AT["Z"])), 0.0)
+    core.on_opened(unknown_pad(COUNTED), EvdevState(frozenset(), at_rest(RIGHT_AT["Z"])), 0.0)
     tap(core)
     assert any("try the dead-man" in words for words in core.diagnosis(0.0))
 
@@ -241,8 +243,8 @@ def test_triggers_that_are_buttons_move_all_the_same():
     keys = frozenset({c.BTN_SOUTH, c.BTN_TL2, c.BTN_TR2})
     core = GamepadCore(GamepadOptions(layout="triggers"))
     core.on_opened(
-        Description("Pro Controller", 0x057E, 0x2009, keys, axes, frozenset()),
-        Snapshot(frozenset(), dict.fromkeys(axes, 0)),
+        EvdevDeviceInfo("Pro Controller", 0x057E, 0x2009, keys, axes, frozenset()),
+        EvdevState(frozenset(), dict.fromkeys(axes, 0)),
         0.0,
     )
     tap(core)
@@ -262,7 +264,7 @@ def test_a_stick_held_while_it_is_opened_does_not_move():
 
 
 def test_a_button_held_while_it_is_opened_counts_once_it_was_up():
-    """Nobody could tell whether the dead-man was let go meanwhile."""
+    """A release of the dead-man meanwhile could not be seen."""
     bench = Bench()
     bench.press("left-shoulder")
     bench.core.events()

@@ -1,4 +1,4 @@
-"""Phones and headset controllers: what a hand means, and what disarms it."""
+"""Phones and headset controllers: meaning of a hand's motion, and causes of disarming."""
 
 import math
 
@@ -8,7 +8,7 @@ from cardan.demos.examples import free_ports
 from cardan.drivers.bus_devices import Phone, Xr
 from cardan.drivers.handheld import HandheldOptions, PhoneOptions, XrOptions
 from cardan.errors import DeviceNotFoundError, OptionError
-from cardan.protocols.handheld.frames import Gamepad, OperatorFrame, Part, encode_frame
+from cardan.protocols.handheld.frames import BodyPart, GamepadFrame, OperatorFrame, encode_frame
 from cardan.sim_peers.handheld import FAULTS, PagePeer, PagePeerOptions, XrPeerOptions
 from cardan.sim_peers.handheld.core import FULL_WAY_M, SimulatedHand
 from cardan.sim_peers.handheld.peer import wrapped
@@ -25,7 +25,7 @@ TIPPED = (0.0, 0.0, 0.0, 0.2, -0.3, 0.5)
 PLAIN = {"dead_zone": 0.0}
 
 
-# -- what it means --------------------------------------------------------------------------------
+# -- meaning of its motion ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -122,7 +122,7 @@ def test_the_other_hand_is_another_device(part):
     bench.run(1.0)
     assert bench.state.link is DeviceLink.STALE
     bench = Bench("xr", part=part)
-    bench.device = SimulatedHand("xr", {}, part=Part[part.upper()])
+    bench.device = SimulatedHand("xr", {}, part=BodyPart[part.upper()])
     assert bench.live().state.link is DeviceLink.LIVE
 
 
@@ -159,7 +159,7 @@ def test_another_page_has_to_align_anew():
     assert "Align" in bench.state.reason
 
 
-# -- what disarms ---------------------------------------------------------------------------------
+# -- causes of disarming --------------------------------------------------------------------------
 
 
 def let_go_and_hold(bench):
@@ -258,7 +258,7 @@ def test_frames_with_numbers_that_are_none_are_counted():
         (b"\0\1\0\0", "cut short"),
         (wrapped(b"", 0.0), "header"),
         (wrapped(b"\xc1" * 64, 0.0), "flags"),
-        (wrapped(encode_frame(OperatorFrame(Gamepad(0, 0, 0, 0), True)), 0.0), "gamepad"),
+        (wrapped(encode_frame(OperatorFrame(GamepadFrame(0, 0, 0, 0), True)), 0.0), "gamepad"),
         (wrapped(b"", -1.0), "age"),
         (wrapped(b"", math.nan), "age"),
     ],
@@ -350,7 +350,7 @@ def test_an_alignment_is_void_after_a_leap_of_its_reference(kind, held, leaps, w
     if held:
         bench.device.release("hold")
         bench.run(0.1)
-    # The hand lets go and holds again: forward would go sideways.
+    # The hand releases and holds again: forward would go sideways.
     state = bench.held(HALF).state
     assert (state.link, state.axes, state.pose) == (DeviceLink.NEEDS_NEUTRAL, NEUTRAL, None)
     assert words in state.reason

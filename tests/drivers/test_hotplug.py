@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from cardan.drivers.hotplug import Arrivals
+from cardan.drivers.hotplug import HotplugMonitor
 from tests.protocols.test_uevent import KERNEL, udev
 
 NEVER = threading.Event()
@@ -14,7 +14,7 @@ NEVER = threading.Event()
 
 @pytest.fixture
 def told():
-    """Arrivals whose socket has been told some datagrams."""
+    """Monitor whose socket has been told some datagrams."""
     with contextlib.ExitStack() as stack:
 
         def make(*datagrams):
@@ -23,7 +23,7 @@ def told():
             for data in datagrams:
                 writing.send(data)
             stack.callback(writing.close)
-            arrivals = Arrivals()
+            arrivals = HotplugMonitor()
             arrivals.close()
             arrivals._socket = reading
             stack.callback(arrivals.close)
@@ -48,7 +48,7 @@ def test_other_events_do_not(told, data):
 def test_it_ends_when_it_is_told_to():
     stop = threading.Event()
     stop.set()
-    arrivals = Arrivals()
+    arrivals = HotplugMonitor()
     assert not arrivals.wait(60.0, stop)
     arrivals.close()
 
@@ -58,7 +58,7 @@ def test_without_the_kernels_word_it_waits_as_long(monkeypatch):
         raise PermissionError
 
     monkeypatch.setattr("cardan.drivers.hotplug.socket.socket", refuse)
-    arrivals = Arrivals()
+    arrivals = HotplugMonitor()
     assert not arrivals.told
     assert not arrivals.wait(0.01, NEVER)
     arrivals.close()

@@ -110,7 +110,7 @@ def next_speed(axis, position, before, wanted, target, dt_s):
 
 
 def script(seed, longest_s):
-    """What is asked in each period, which differ, and of how a target moves: half of it steps."""
+    """Yield the verb, duration, rates and target steps of each period; half of the targets move."""
     rng = random.Random(seed)
     for _ in range(8):
         verb = rng.choice(("track", "track", "tracking", "drive", "brake", "reset", "coast"))
@@ -265,7 +265,7 @@ steps = st.tuples(*[st.sampled_from((-1.0, -0.4, 0.0, 0.3, 1.0))] * 3)
 def test_walls_come_first_and_the_rest_as_far_as_it_fits(place, now, step):
     at = Vector3(*(share * wall for share, wall in zip(place, BOX[1], strict=True)))
     limiter = point()
-    # What may be there: a velocity that the period before allowed.
+    # A possible initial state: a velocity that the period before allowed.
     limiter.reset(at, [0.28 * v for v in now])
     before = limiter.velocity
     change = 2.0 * DT_S / max(1.0, math.hypot(*step))

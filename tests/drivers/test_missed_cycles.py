@@ -77,7 +77,7 @@ def test_a_speed_that_was_lost_comes_back_gently():
 
 
 def speeds_of(lost, velocities, before):
-    """What the robot is told, for commands that change their speed."""
+    """Return the speeds sent to the robot, for commands that change their speed."""
     found = []
     for v in velocities:
         lost.step([v * PERIOD_S, 0.0], (before, 0.0), (v, 0.0), PERIOD_S)
@@ -96,7 +96,7 @@ def test_a_robot_that_has_stopped_is_not_moved_back_while_its_command_brakes():
     lost.passed(5.0, apart=(-0.5, 0.0), slip=(-0.1, 0.0))
     found = speeds_of(lost, [*ramp(0.1, 0.0), *[0.0] * 250], 0.1)
     assert min(found) >= 0.0
-    assert max(found) < 0.5 * 0.1  # What it takes to get to where the command rests.
+    assert max(found) < 0.5 * 0.1  # Needed to reach the place where the command rests.
     assert not any(found[-200:])
     assert lost.offset[0] == pytest.approx(0.0, abs=1e-9)
 

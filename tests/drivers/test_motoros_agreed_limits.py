@@ -60,7 +60,7 @@ def test_what_is_sent_as_float32_is_not_above_their_limit(theirs):
         ((-0.5, 9.0), (-0.5, 1.0)),
         ((-9.0, 9.0), (-1.0, 1.0)),
         ((-1.0, 1.0), (-1.0, 1.0)),
-        # What is no range, or has nothing in common with ours, is none.
+        # Limits that are no range, or that do not overlap with ours, are ignored.
         ((0.5, 0.5), (-1.0, 1.0)),
         ((0.5, -0.5), (-1.0, 1.0)),
         ((1.0, 3.0), (-1.0, 1.0)),

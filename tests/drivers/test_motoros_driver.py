@@ -97,7 +97,7 @@ def test_it_connects_is_enabled_moves_and_leaves_the_robot_at_rest(mode):
         assert peer.servers.counters.pieces == 0
         metrics = robot.metrics()
         assert metrics["commands"] > 2
-        # One at a time, half of them took as long or longer; the histogram is 5 % coarse.
+        # Requests are sent one at a time: half took p50 or longer; the histogram is 5 % coarse.
         requests = robot._session.requests.latency.count
         lasted_s = time.monotonic() - begin_s
         assert 0.0 < metrics["request_p50_s"] * requests / 2 < 1.05 * lasted_s

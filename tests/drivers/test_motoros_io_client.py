@@ -1,4 +1,4 @@
-"""Inputs, outputs and registers: what is sent, what is made of answers, and of none."""
+"""Inputs, outputs and registers: requests, results of answers, and of missing ones."""
 
 from __future__ import annotations
 

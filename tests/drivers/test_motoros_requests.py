@@ -1,4 +1,4 @@
-"""One request at a time, and no reply is trusted that is not the request's own."""
+"""Requests go one at a time, and a reply is trusted only if it is the request's own."""
 
 import math
 
@@ -10,7 +10,7 @@ from cardan.protocols.simple_message import (
     JointFeedback,
     JointTrajPtFull,
     JointVelocity,
-    Malformed,
+    MalformedMessage,
     MotionCommand,
     MotionReply,
     VelocityInfo,
@@ -72,7 +72,7 @@ def test_a_reply_nobody_asked_for_is_not_trusted():
 @pytest.mark.parametrize(
     ("answer", "words"),
     [
-        (Malformed("prefix 3"), "prefix 3"),
+        (MalformedMessage("prefix 3"), "prefix 3"),
         (reply(MotionReply(0, 1, COUNT, 0, 0)), "CHECK_QUEUE_CNT"),
         (reply(MotionReply(0, 2, STOP, 0, 0)), "sequence"),
         (topic(MotionReply(0, 1, STOP, 0, 0)), "communication type"),
@@ -89,7 +89,7 @@ def test_a_reply_to_something_else_is_named_and_not_delivered(answer, words):
 
 
 def test_the_reply_before_sent_again_is_seen():
-    """What MotoROS does with a command that it does not know."""
+    """MotoROS answers so to a command that it does not know."""
     asked = Asked().control(STOP)
     first = asked.sent()
     stale = reply(MotionReply(0, first.sequence, STOP, 0, 0))

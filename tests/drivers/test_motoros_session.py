@@ -17,7 +17,7 @@ from cardan.protocols.simple_message import (
     ByteOrder,
     JointFeedback,
     RobotStatus,
-    Wire,
+    WireFormat,
     topic,
     wire,
 )
@@ -117,7 +117,7 @@ def test_a_byte_order_that_is_told_wrongly_is_named():
 def test_reals_of_eight_bytes_are_not_motoros():
     feed = StateFeed(MotorosOptions())
     body = JointFeedback(0, 2, 0.0, ZEROS, ZEROS, ZEROS)
-    feed.received(Wire(ByteOrder.LITTLE, 8).encode(topic(body)), 1.0)
+    feed.received(WireFormat(ByteOrder.LITTLE, 8).encode(topic(body)), 1.0)
     assert "8 bytes" in feed.failure
     assert not feed.heard
 
@@ -171,7 +171,7 @@ def test_enabling_makes_a_new_session_whose_commands_move_the_robot(mode):
 
 @pytest.mark.parametrize("mode", MODES)
 def test_added_latency_is_small(mode):
-    """From the control instant to the middle of what is commanded for it."""
+    """From the control instant to the middle of the motion commanded for it."""
     run = rig(mode).ready()
     start_s, home = run.now_s, run.states[-1].joints
     run.trace.clear()
@@ -255,7 +255,7 @@ def test_the_guide_and_the_robot_agree_after_rest(mode):
     assert run.controller.measured_rad(0) == pytest.approx(target, abs=3e-4)
 
 
-# -- what ends it ---------------------------------------------------------------------------------
+# -- causes of its end ----------------------------------------------------------------------------
 
 
 HANDS = {

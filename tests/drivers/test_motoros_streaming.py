@@ -34,7 +34,7 @@ LIMITS = JointLimits((-3.0,) * 6, (3.0,) * 6, (2.0,) * 6, (10.0,) * 6)
 
 
 class Bench:
-    """One way to move, and replies as stock MotoROS would give them."""
+    """A kind of motion, and replies as stock MotoROS would give them."""
 
     def __init__(self, kind, **options):
         self.options = MotorosOptions(**options)

@@ -1,4 +1,4 @@
-"""Whatever the guide is asked for, what comes out is inside range, speed and acceleration."""
+"""Output of the trajectory limiter for any input: inside range, speed and acceleration."""
 
 from __future__ import annotations
 

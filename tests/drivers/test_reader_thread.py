@@ -170,7 +170,7 @@ def test_one_that_is_away_is_looked_for_within_a_second_however_long_it_was(monk
         def close(self):
             pass
 
-    monkeypatch.setattr(reader_thread, "Arrivals", Untold)
+    monkeypatch.setattr(reader_thread, "HotplugMonitor", Untold)
     with (device := Device(Patient(), plugged=False)):
         assert device.connected.wait(PATIENCE_S)
     assert waits_s[0] == RETRY_FIRST_S

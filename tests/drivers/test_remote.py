@@ -1,4 +1,4 @@
-"""A device on another computer: its age, its edges, and who has it."""
+"""A device on another computer: its age, its edges, and its owner."""
 
 import math
 
@@ -153,7 +153,7 @@ def test_a_press_that_is_too_old_arms_nothing_and_a_release_lets_go():
     bench.press("grip")
     bench.run(0.1)
     bench.heard.clear()
-    # Only what has edges is lost, for as long as they are repeated.
+    # Only states with edges are lost, for as long as these are repeated.
     bench.mangle = lambda message: message | {"edges": [], "buttons": ["grip"]}
     bench.press("hold")
     bench.press("grip", False)
@@ -206,7 +206,7 @@ def test_a_link_that_is_cut_in_one_direction_stops_in_time(way, playout_ms):
 
 
 SEEDS_NOW = {"-lan": 0, "-lte": 1, "playout-lan": 2, "playout-lte": 3}
-"""One for each link with every change; in the matrix, all for all."""
+"""Seed of each link that runs with every change; in the matrix, all seeds run for all links."""
 
 
 @pytest.mark.matrix(
@@ -242,7 +242,7 @@ def test_no_clock_that_goes_back_makes_a_press_younger(lie_s):
     bench.device = bench.device._replace(stamp_s=bench.there_s)
     bench.down.cut = False
     bench.run(0.2, lambda: bench.move(0.0))
-    # One whose edges seem to be of the future is not used until they are acknowledged, or past.
+    # A state whose edges seem to be of the future is unused until they are acknowledged or past.
     assert (bench.state.buttons, bench.heard) == (frozenset(), [])
     bench.run(1.0)
     assert (bench.state.buttons, bench.heard) == (frozenset(), [])
@@ -306,7 +306,7 @@ def test_echoes_of_what_was_not_asked_are_refused():
     assert any("answer what was not asked" in line for line in bench.core.diagnosis(bench.now_s))
 
 
-# -- what the device there does -------------------------------------------------------------------
+# -- behavior of the remote device ----------------------------------------------------------------
 
 
 def test_a_device_that_is_lost_there_is_lost_here_with_its_reason():
@@ -376,7 +376,7 @@ def test_light_is_given_again_to_a_device_that_was_unplugged():
     assert bench.share.feedback_due(bench.there_s) is None
 
 
-# -- who has it -----------------------------------------------------------------------------------
+# -- owner ----------------------------------------------------------------------------------------
 
 
 def claim(lessee=5, asked_s=1.0, wanted=True, **more):
@@ -485,7 +485,7 @@ def test_a_process_that_shares_anew_counts_from_rest(lie_s):
     bench.device = bench.device._replace(stamp_s=bench.there_s)
     seen = []
     bench.run(0.5, lambda: seen.append(bench.state))
-    # What came before is as old as max_age_s at most.
+    # States sent before are at most as old as max_age_s.
     assert not any(any(state.axes) or state.buttons for state in seen[80:])
     assert bench.state.link is DeviceLink.NEEDS_NEUTRAL
     assert bench.core.protocol_errors()["malformed"] == 0
@@ -606,7 +606,7 @@ def test_a_stranger_cannot_fill_the_memory_with_words():
 
 
 class Decoding:
-    """A codec that notes what it decodes."""
+    """A codec that records decoded messages."""
 
     def __init__(self, codec, decoded):
         self._codec, self._decoded = codec, decoded

@@ -25,7 +25,7 @@ from cardan.drivers.remote.shared import (
     STATE_TYPE,
     Claim,
     HapticFeedback,
-    Order,
+    RemoteHapticCommand,
     Shared,
     UnusableError,
     claim_message,
@@ -98,7 +98,7 @@ def over(kind, message):
 
 
 def claim(command=COMMAND):
-    order = Order(command, 12.5)
+    order = RemoteHapticCommand(command, 12.5)
     return Claim(7, "arm", 1.0, True, 0, DeviceFeedback(), order)
 
 

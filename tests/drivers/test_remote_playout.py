@@ -9,7 +9,7 @@ from typing import NamedTuple
 import pytest
 
 from cardan.drivers.remote import Remote, RemoteOptions
-from cardan.drivers.remote.playout import Motion, Playout
+from cardan.drivers.remote.playout import MotionSample, Playout
 from cardan.drivers.remote.shared import CLAIM_PERIOD_S
 from cardan.errors import OptionError
 from cardan.types import IDENTITY, NEUTRAL, Axes, DeviceLink, Pose, Vector3
@@ -49,20 +49,20 @@ NETWORKS = {
 
 
 class Played(NamedTuple):
-    """What came of it, after the first second: s."""
+    """Timing results, without the first second: s."""
 
     arrived_error: list
     """Of the spacing of states on arrival against that of their stamps, absolute."""
     played_error: list
-    """The same of what was played."""
+    """The same of the states played."""
     added: list
     """From arrival to play."""
     ages: list
-    """Of what was shown, each step."""
+    """Of the states shown, each step."""
 
 
 def played(network, seconds=20.0, seed=1, period_s=PERIOD_S, x=lambda t: 0.5):
-    """Play what a hand that is never at rest sends."""
+    """Play the states of a hand that is never at rest."""
     way = Way(network.link, random.Random(seed))
     playout = Playout(network.playout_s, MAX_AGE_S)
     arrived, shown = {}, {}
@@ -79,14 +79,14 @@ def played(network, seconds=20.0, seed=1, period_s=PERIOD_S, x=lambda t: 0.5):
             way.send(sent, now_s)
         for number in way.arrived(now_s):
             if number <= newest:
-                continue  # As the core does with what comes twice or late.
+                continue  # As the core does with states that come twice or late.
             newest = number
             made_s = number * period_s
             there_s = OFFSET_S + made_s * (1.0 + network.drift)
             axes = NEUTRAL._replace(x=x(made_s))
             arrived[number] = now_s
             playout.heard(there_s, now_s)
-            playout.take(Motion(there_s, made_s, made_s, axes), now_s, at_once=False)
+            playout.take(MotionSample(there_s, made_s, made_s, axes), now_s, at_once=False)
         playout.advance(now_s)
         if playout.shown is not None:
             made_s = playout.shown.made_s
@@ -136,7 +136,9 @@ def test_motion_is_stretched_and_shortened_by_a_tenth_at_most():
         sent_s = number * PERIOD_S
         transit_s = 0.02 + (0.05 * (number % 2) if 500 <= number < 1000 else 0.0)
         playout.heard(sent_s, sent_s + transit_s)
-        playout.take(Motion(sent_s, sent_s, sent_s, NEUTRAL._replace(x=0.5)), sent_s, at_once=False)
+        playout.take(
+            MotionSample(sent_s, sent_s, sent_s, NEUTRAL._replace(x=0.5)), sent_s, at_once=False
+        )
         while playout.due_s < math.inf:
             due_s = playout.due_s
             playout.advance(due_s)
@@ -148,7 +150,7 @@ def test_motion_is_stretched_and_shortened_by_a_tenth_at_most():
     assert max(spans) <= 1.1 + 1e-9
 
 
-# -- what does not wait ---------------------------------------------------------------------------
+# -- states that do not wait ----------------------------------------------------------------------
 
 
 def moved(bench, seconds, each=lambda: None, amplitude=0.5):
@@ -169,7 +171,7 @@ def moved(bench, seconds, each=lambda: None, amplitude=0.5):
 
 
 def waiting(down=LTE.link, **options):
-    """One whose motion waits for tens of ms."""
+    """Bench whose motion waits for tens of ms."""
     bench = Bench(down, max_age_s=MAX_AGE_S, playout_ms=80.0, **options).live()
     bench.press()
     bench.run(0.3)
@@ -208,7 +210,7 @@ def test_rest_does_not_wait():
         now_s = 0.01 * number
         playout.heard(now_s, now_s + 0.1 * (number == 0))
         axes = NEUTRAL if number == 4 else NEUTRAL._replace(x=0.5)
-        playout.take(Motion(now_s, now_s, now_s, axes), now_s, at_once=number == 0)
+        playout.take(MotionSample(now_s, now_s, now_s, axes), now_s, at_once=number == 0)
         assert (playout.due_s == math.inf) is (number in (0, 4))
     assert playout.shown.axes == NEUTRAL
     assert playout.shown.made_s == now_s
@@ -232,7 +234,7 @@ def test_rest_of_the_axes_does_not_wait_for_a_pose():
         now_s = 0.01 * number
         playout.heard(now_s, now_s + 0.1 * (number == 0))
         axes = NEUTRAL if number == 4 else NEUTRAL._replace(x=0.5)
-        motion = Motion(now_s, now_s, now_s, axes, pose)
+        motion = MotionSample(now_s, now_s, now_s, axes, pose)
         playout.take(motion, now_s, at_once=number == 0)
     found = []
     for step in range(200):
@@ -277,7 +279,7 @@ def test_what_waits_gives_way_before_it_is_too_old():
         arrives_s = sent_s + 0.1 * (number == 0)
         playout.heard(sent_s, sent_s)
         playout.heard(sent_s, sent_s + 0.1)
-        motion = Motion(sent_s, sent_s, sent_s, NEUTRAL._replace(x=0.5))
+        motion = MotionSample(sent_s, sent_s, sent_s, NEUTRAL._replace(x=0.5))
         playout.take(motion, arrives_s, at_once=number == 0)
         for step in range(20):
             now_s = sent_s + 0.001 * step

@@ -1,4 +1,4 @@
-"""What all robot drivers share: opening, the one loop, leaving the robot safe, and checks."""
+"""Tests common to all robot drivers: opening, the one loop, leaving the robot safe, checks."""
 
 from __future__ import annotations
 

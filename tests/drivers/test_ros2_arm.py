@@ -1,5 +1,5 @@
-"""The driver of ROS 2 arms: what it takes for a state of its arm, and what it sends, in virtual
-time."""
+"""The driver of ROS 2 arms: messages that it accepts as states of its arm, and its commands, in
+virtual time."""
 
 import itertools
 import math
@@ -315,7 +315,7 @@ def test_what_is_heard_first_may_be_the_wrong_one():
 def test_a_process_that_stood_still_does_not_take_the_second_publisher_for_the_arms():
     ours = session()
     sent_by_two(ours, until_s=2.0)
-    # What waited meanwhile is read at once, and the second one's comes first.
+    # Messages queued meanwhile are read at once, the second publisher's first.
     assert ours.receive(message((0.0,) * 6, sequence=50, stamp_s=9.0, sender=2), 6.0) is None
     state = ours.receive(message(sequence=600, stamp_s=11.0), 6.001)
     assert state.joints == pytest.approx(HOME)

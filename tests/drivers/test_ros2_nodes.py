@@ -1,4 +1,4 @@
-"""Operator devices that ROS 2's nodes read: what is an operator, and what is none."""
+"""Operator devices that ROS 2's nodes read: data that show an operator, and data that do not."""
 
 import math
 

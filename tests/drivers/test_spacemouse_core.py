@@ -1,4 +1,4 @@
-"""The core in virtual time: whom it believes, and what it says."""
+"""The core in virtual time: plausibility of reports, and texts of states."""
 
 import contextlib
 import dataclasses

@@ -141,7 +141,7 @@ def test_unplug_and_replug():
 
 
 def test_bursts_never_move_late():
-    """A stalled line stops the robot; what queued up behind the stall does not move it."""
+    """A stalled line stops the robot; reports queued behind the stall do not move it."""
     bench = faulty("burst")
     bench.touch()
     bench.run(4.0, DEFLECTION)

@@ -57,7 +57,7 @@ def frozen_clock(monkeypatch):
 
 
 class FakePuck:
-    """What is plugged in: one interface of a device, as hidapi shows it."""
+    """Plugged-in interface of a device, as hidapi shows it."""
 
     def __init__(
         self, model, path=b"/dev/null", usage=(1, 8), serial="", descriptor=None, interface=0
@@ -610,7 +610,7 @@ def test_a_bug_in_the_reader_is_no_silent_death(usb, monkeypatch):
     mouse.close()
 
 
-# -- what stands in the way --------------------------------------------------------------------
+# -- obstacles to opening ----------------------------------------------------------------------
 
 
 def test_what_is_plugged_in_for_everybody(usb, monkeypatch):

@@ -1,4 +1,4 @@
-"""Raw USB: pyusb itself over a stand-in of libusb that knows what is plugged in."""
+"""Raw USB: pyusb itself over a stand-in of libusb that knows the plugged devices."""
 
 import errno
 import sys
@@ -37,7 +37,7 @@ UP = encode_motion(0, 0, -175, 0, 0, 0)
 
 
 class Interface:
-    """One interface of a plugged device."""
+    """Interface of a plugged device."""
 
     def __init__(self, subclass=0, protocol=0, endpoint=0x81):
         self.subclass = subclass
@@ -78,7 +78,7 @@ class Puck:
 
 
 class FakeLibusb(usb.backend.IBackend):
-    """What pyusb asks of libusb."""
+    """Stand-in for the functions of libusb that pyusb calls."""
 
     def __init__(self, pucks):
         self.pucks = pucks

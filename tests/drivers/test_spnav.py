@@ -84,7 +84,7 @@ class Hand(SimulatedPeer):
         self.server.close()
 
     def touch(self, driver):
-        """Deflect, let go, and wait until the driver believes in it."""
+        """Deflect, release, and wait until the driver trusts the device."""
         start_s = time.monotonic()
         self.axes = (0.2, 0.0, 0.0, 0.0, 0.0, 0.0)
         deadline_s = time.monotonic() + TIMEOUT_S
@@ -410,8 +410,8 @@ def test_what_spacenavd_repeats_by_itself_is_no_sign_of_life(tmp_path, monkeypat
         def only_repeats(state):
             return not live(state) and "repeat-interval" in state.reason
 
-        # How soon is a matter of the core, in virtual time. A daemon that stands still itself is
-        # told of as one, until it repeats again.
+        # Tests of the core, in virtual time, check how soon. A stopped daemon is reported as such,
+        # until it repeats again.
         state = until(driver, only_repeats)
         assert (state.link, state.axes) == (DeviceLink.STALE, REST)
         assert state.buttons == frozenset()
@@ -461,12 +461,12 @@ FIRST_KEY = min(serial_model_by_key("magellan").buttons.items())[1]
 
 
 def push(axis, deflection):
-    """One axis, deflected."""
+    """Return six axes of which one is deflected."""
     return tuple(deflection if i == axis else 0.0 for i in range(6))
 
 
 class Told:
-    """What the daemon sends to a client of version 0, one record each 16 ms of virtual time."""
+    """Data from the daemon to a client of version 0, one record each 16 ms of virtual time."""
 
     def __init__(self, client):
         client.settimeout(TIMEOUT_S)

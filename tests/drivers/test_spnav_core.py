@@ -1,4 +1,4 @@
-"""What the driver makes of a spacenavd socket, in virtual time: trust, faults, handshake."""
+"""Spacenavd driver core in virtual time: plausibility of its data, faults, handshake."""
 
 import struct
 
@@ -498,7 +498,7 @@ def test_a_dead_device_behind_a_daemon_that_repeats_is_stale_in_time(version, pe
 
 
 def test_a_dead_device_whose_daemon_is_read_in_pieces_is_stale_in_time():
-    """The reader may get what a daemon repeats in a burst, after a pause."""
+    """The reader may get repeats of a daemon in a burst, after a pause."""
     daemon = Daemon()
     daemon.arm()
     daemon.motion(PUSH)
@@ -545,7 +545,7 @@ def test_a_device_held_at_its_stop_is_not_taken_for_a_repeat(period_s):
 
 @pytest.mark.parametrize("held_up_s", [0.04, 0.095])
 def test_motions_that_were_held_up_are_not_taken_for_repeats(held_up_s):
-    """A busy machine gives what a device sent meanwhile in a burst, again and again."""
+    """A busy machine delivers reports of a device in a burst, again and again."""
     daemon = Daemon()
     daemon.arm()
     daemon.motion(FULL)

@@ -1,4 +1,4 @@
-"""The ways to take a device's states: read(), iteration, callbacks; woken by who reads it."""
+"""The ways to take a device's states: read(), iteration, callbacks; woken by the reader thread."""
 
 import socket
 import threading
@@ -86,7 +86,7 @@ def free_tcp_port():
 
 
 def waits(device):
-    """Returns once somebody waits for the device."""
+    """Return once a reader waits for the device."""
     end_s = time.monotonic() + PATIENCE_S
     while not device._changed._waiters:
         assert time.monotonic() < end_s

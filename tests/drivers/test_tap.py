@@ -11,7 +11,7 @@ from cardan.drivers.motoros import Motoros
 from cardan.drivers.sim_arm import SimArm
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.drivers.spnav import Spnav
-from cardan.drivers.tcp_robot import Link as TcpLink
+from cardan.drivers.tcp_robot import TcpConnection
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions
 from cardan.types import HoldCommand
 
@@ -99,7 +99,7 @@ def test_messages_of_motoros_with_their_connection(tap):
     robot.tap = tap
     with ours, theirs:
         ours.setblocking(False)
-        link = TcpLink(ours, 0.0)
+        link = TcpConnection(ours, 0.0)
         robot._links["state"] = link
         theirs.send(b"\0\0\0\4abcd")
         robot._receive(robot._session, "state", link)

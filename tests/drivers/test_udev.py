@@ -1,4 +1,4 @@
-"""The udev rules cover what the drivers open, and give no more away than that."""
+"""The udev rules cover the devices that the drivers open, and give access to no others."""
 
 import pytest
 

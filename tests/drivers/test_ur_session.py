@@ -9,7 +9,7 @@ from cardan.drivers.ur_rtde import UrRtdeOptions
 from cardan.drivers.ur_rtde.session import UrSession
 from cardan.errors import CommandError, OptionError
 from cardan.protocols.ur.primary import text_message
-from cardan.protocols.ur.program import FIRST_WAIT_S, Order, program
+from cardan.protocols.ur.program import FIRST_WAIT_S, ProgramCommand, program
 from cardan.protocols.ur.script import Program, parse
 from cardan.protocols.ur.states import SafetyMode
 from cardan.types import (
@@ -29,7 +29,7 @@ ACCELERATION = 5.0
 STOP = 5.0
 TURN = JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0))
 SERVO = 0.03
-"""What servoj is behind a ramp by, s."""
+"""Lag of servoj behind a ramp, s."""
 
 
 def turning(**controller):
@@ -286,7 +286,7 @@ def test_the_program_is_understood_with_every_option():
         assert isinstance(parse(program(options.servoing, 2**31 - 1, 0.002)), Program)
 
 
-# -- what stops it ---------------------------------------------------------------------------------
+# -- causes of a stop ------------------------------------------------------------------------------
 
 EVENTS = {
     "protective stop": (lambda c: c.protective_stop("a person"), "protective stop: look for"),
@@ -459,7 +459,7 @@ def test_a_command_that_was_meant_for_an_earlier_run_does_not_act():
     rig.alive = False
     registers = rig.controller.registers
     for beat in range(100):
-        registers.input_int[24:27] = [old, 10_000 + beat, Order.FOLLOW]
+        registers.input_int[24:27] = [old, 10_000 + beat, ProgramCommand.FOLLOW]
         registers.input_double[24:36] = [at + 0.001 * beat, *HOME[1:], 0.5, 0.0, 0.0, 0.0, 0.0, 0.0]
         rig.run(0.002)
     assert place(rig) == pytest.approx(at, abs=1e-6)
@@ -485,7 +485,7 @@ def test_a_jump_in_the_registers_ends_the_program():
     rig.stall(0.001)  # what is underway arrives
     rig.alive = False
     token, beat = registers.input_int[24:26]
-    registers.input_int[24:27] = [token, beat + 1, Order.FOLLOW]
+    registers.input_int[24:27] = [token, beat + 1, ProgramCommand.FOLLOW]
     registers.input_double[24] = place(rig) + 0.5
     rig.run(0.5)
     assert not rig.controller.has_program
@@ -507,7 +507,7 @@ def test_a_program_that_gets_no_first_command_ends():
 
 def test_a_program_that_answers_no_more_is_noticed():
     rig = turning()
-    # Somebody else's program, which leaves the registers as they are.
+    # Another client's program, which leaves the registers as they are.
     rig.controller._program = None
     rig.run(1.0)
     assert rig.session.phase == "idle"
@@ -620,7 +620,7 @@ def test_options_that_are_refused(options, words):
         UrRtdeOptions(**options)
 
 
-# -- what is said ----------------------------------------------------------------------------------
+# -- messages --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("stop", ["protective_stop", "safeguard_stop"])

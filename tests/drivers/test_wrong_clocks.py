@@ -19,7 +19,7 @@ from tests.fault_rig import (
 from tests.fault_table import FAULTS, measured
 
 FASTEST = 1.05
-"""Of what is commanded."""
+"""Highest share of the commanded speed."""
 SAID_S = 0.6
 """Until the arm rests; a clock that is too slow is sure after 1 to 1.5 s, and brakes then."""
 
@@ -29,9 +29,9 @@ SLOW = "0.5 times as fast"
 
 JUMP = "jumps ahead by 0.14 s"
 SLOW_NOW = (EgmBench, JointStreamBench, Ros2Bench, UrBench)
-"""One bench of each driver that looks at such a clock."""
+"""A bench of each driver that looks at such a clock."""
 JUMP_NOW = (*SLOW_NOW, MotorosStreamBench)
-"""One bench of each driver."""
+"""A bench of each driver."""
 
 
 def clocks_now(kind):
@@ -54,7 +54,7 @@ CASES = [
 
 @functools.cache
 def moved(kind, clocks):
-    """What an arm did after each of these faults of its controller's clock."""
+    """Return the motion of an arm after each of these faults of its controller's clock."""
     motions = measured("twist", [FAULTS[f"clock {name}"] for name in clocks], kind)
     return dict(zip(clocks, motions, strict=True))
 

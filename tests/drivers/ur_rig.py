@@ -73,7 +73,7 @@ class Rig(TcpRig):
             self._carry_from_session()
 
     def _deliver(self):
-        """What has arrived; what a process that stands still does not read waits."""
+        """Deliver data that has arrived; data for a process that stands still waits."""
         now_s = self.now_s
         flight, self._flight, due = self._flight, [], []
         for item in flight:

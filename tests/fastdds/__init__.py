@@ -1,4 +1,4 @@
-"""A node of ROS 2's default middleware (eProsima Fast DDS, from Debian), which judges what is told
+"""A node of ROS 2's default middleware (eProsima Fast DDS, from Debian), which judges messages sent
 to it over DDS. It is a program in C++, built when it is first needed.
 """
 
@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.messages import completed
 from cardan.protocols.ros2.type_hash import type_hash
 from tests.judge_node import JudgeNode
@@ -51,7 +51,7 @@ class FastNode(JudgeNode):
         super().__init__([program(), str(domain), discovery, str(gid_length), name])
         self.name = name
 
-    # -- what it does ----------------------------------------------------------------------------
+    # -- actions ---------------------------------------------------------------------------------
 
     def do(self, *words: object) -> None:
         """Have it carry out a command of node.cpp."""
@@ -96,18 +96,18 @@ class FastNode(JudgeNode):
         """Offer a service that always answers the same."""
         self.do("server", service, type_name, _encoded(f"{type_name}_Response", reply).hex())
 
-    # -- what it has met -------------------------------------------------------------------------
+    # -- observations ----------------------------------------------------------------------------
 
     def heard(self, topic: str, type_name: str, count: int = 1) -> dict[str, Any]:
         """The newest message of a topic, when there are `count` of them."""
         sample = self.wait("sample", count, topic=topic)
         message = codec_of(type_name).decode(bytes.fromhex(sample["cdr"]))
-        assert not isinstance(message, Malformed), message.reason
+        assert not isinstance(message, MalformedCdr), message.reason
         return message
 
 
 def user_data(event: dict[str, Any]) -> dict[str, str]:
-    """The pairs in the user_data of what was seen."""
+    """The pairs in the user_data of the entities seen."""
     pairs = (each.split("=", 1) for each in event["user_data"].split(";") if each)
     return dict(pairs)
 

@@ -42,7 +42,7 @@ LONGEST_PERIOD_S = 0.02
 START = Pose(Vector3(0.5, 0.0, 0.4), from_euler_zyx(math.pi, 0.0, 0.3))
 HAND = Pose(Vector3(0.1, -0.2, 0.3), from_euler_zyx(0.1, 0.2, 0.3))
 DEFLECTIONS = (0.3, -0.2, 0.1, 0.0, 0.4, 1.0)
-"""What an Omni shows at rest."""
+"""Deflections that an Omni reports at rest."""
 HAND_SPEED_M_S, HAND_SPEED_RAD_S = 2.0, 8.0
 ROUNDING = 1e-6
 
@@ -93,7 +93,7 @@ class HandRig:
         self.velocity = None
         """Linear and angular, from the two newest commands."""
 
-    # -- what the operator does ----------------------------------------------------------------
+    # -- actions of the operator ---------------------------------------------------------------
 
     def press(self, *names):
         for name in names:
@@ -186,7 +186,7 @@ class HandRig:
         assert norm(twist.angular) <= limits.angular_acceleration_rad_s2 * dt_s + ROUNDING
         self.velocity = twist.linear, twist.angular
 
-    # -- what came of it -----------------------------------------------------------------------
+    # -- results -------------------------------------------------------------------------------
 
     @property
     def tcp(self):

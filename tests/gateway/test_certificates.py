@@ -1,4 +1,4 @@
-"""What is read of a certificate, held against openssl and Python's own reader."""
+"""Fields read from a certificate, held against openssl and Python's own reader."""
 
 import contextlib
 import datetime

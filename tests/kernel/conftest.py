@@ -61,7 +61,7 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """What the fault table gets, and the paths through the kernel that were exercised."""
+    """Print the rows for the fault table, and the paths through the kernel that were exercised."""
     if _fault_rows:
         terminalreporter.section("for the fault table")
         for row in _fault_rows:

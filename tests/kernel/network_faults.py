@@ -74,7 +74,7 @@ def held_up(snapshot: Snapshot, name: str) -> bool:
 
 
 class Course:
-    """One fault after the other, each while the arm moves steadily."""
+    """Faults in sequence, each while the arm moves steadily."""
 
     def __init__(self, loopback: Callable[..., None]) -> None:
         self._loopback = loopback

@@ -115,7 +115,7 @@ def computer(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 
 class Lab:
-    """The service, and who asks it."""
+    """The service, and its client."""
 
     def __init__(self, socket: str, *systemctl: str, **options: Any) -> None:
         self.socket = socket
@@ -165,7 +165,7 @@ def journal(unit: str, *matches: str) -> list[dict[str, Any]]:
 
 
 def explained() -> str:
-    """What the service, systemd and the processes say, for the reader of a failed test."""
+    """Return the words of the service, systemd and the processes, to explain a failed test."""
     said = ("journalctl", "--no-pager", "-n", "60", "_TRANSPORT=stdout", "+", "_TRANSPORT=journal")
     shown = ("ps", "-eo", "pid,ppid,user,stat,time,supgrp,args", "--ppid", "2", "-N")
     node = ("sh", "-c", "ls -l /dev/hidraw*; udevadm info --query=all /dev/hidraw0")
@@ -176,7 +176,7 @@ def explained() -> str:
 
 
 def systemds_words() -> str:
-    """What systemd itself has said of the service."""
+    """Return systemd's own messages about the service."""
     return run("journalctl", "--no-pager", "-o", "cat", "_PID=1", f"UNIT={NAME}")
 
 

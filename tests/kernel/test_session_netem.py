@@ -124,7 +124,7 @@ def test_a_session_moves_through_delay_and_loss_and_brakes_when_all_is_lost(
     assert lost[-1].phase == "no robot"
     assert not any(lost[-1].twist)
     assert len({tuple(snapshot.reference) for snapshot in lost[-5:]}) == 1
-    # It is back: no step in what is commanded, and motion only after a new grip.
+    # It is back: no step in the commands, and motion only after a new grip.
     assert again
     assert fastest(again) < 1.1 * SPEED_M_S, story(again)
     assert any("silent" in snapshot.message for snapshot in (*dead, *again)), story(dead + again)
@@ -136,7 +136,7 @@ def fastest(snapshots: list[Snapshot]) -> float:
 
 
 def story(snapshots: list[Snapshot]) -> str:
-    """What changed from snapshot to snapshot."""
+    """Return the changes from snapshot to snapshot."""
     lines = []
     for s in snapshots:
         words = f"{s.phase} ({s.message}), robot {s.robot_link} ({s.hold_reason}), hand "

@@ -164,7 +164,7 @@ def open_and_say() -> str:
 
 
 def as_nobody(ask: Callable[[], str]) -> str:
-    """What `ask` says in a process without any rights."""
+    """Return the answer of `ask` in a process without any rights."""
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:

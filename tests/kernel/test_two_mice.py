@@ -126,7 +126,7 @@ def test_two_of_a_model_are_told_apart_by_serial_and_found_within_a_second(mice)
             wait_for(lambda name=name: drivers[name].state().link is DeviceLink.LOST)
             mice[name].plug(serials[name])
             assert mice[name].until_opened() < FOUND_WITHIN_S
-            # What is held as it comes is not at rest: nothing is armed by it.
+            # A mouse that is held as it appears is not at rest: it arms nothing.
             mice[name].say(200, down=True)
             driver = drivers[name]
             held = wait_for(

@@ -21,7 +21,7 @@ from tests.serving import in_a_thread
 
 RULES = Path("/run/udev/rules.d/70-cardan.rules")
 DEBIANS = ("50-udev-default.rules", "60-input-id.rules")
-"""What ours build on: the mode of USB devices, and what kind of input device it is."""
+"""Rules that ours build on: the mode of USB devices, and the kind of an input device."""
 
 
 def udevadm(*words: str) -> str:
@@ -46,7 +46,7 @@ def rules(modules: Callable[..., None]) -> Iterator[None]:
 
 
 def properties(path: str) -> str:
-    """What udevd knows of a node."""
+    """Return udevd's properties of a node."""
     return udevadm("info", "--query=property", path)
 
 

@@ -13,7 +13,7 @@ PLUGINS = Path(__file__).parents[2] / "plugins"
 FOLDERS = sorted(file.parent for file in PLUGINS.glob("lerobot_*/pyproject.toml"))
 
 collect_ignore = [] if interface.is_installed() else ["test_interface.py"]
-"""What only LeRobot itself can judge: `make test-lerobot`."""
+"""Tests that only LeRobot itself can judge: `make test-lerobot`."""
 
 
 def forget():
@@ -25,7 +25,7 @@ def forget():
 
 @pytest.fixture
 def lerobot(monkeypatch, tmp_path):
-    """What the distributions import of LeRobot: its own, or what stands in for it."""
+    """Modules of LeRobot that the distributions import: its own, or stand-ins."""
     if not interface.is_installed():
         for name, module in interface.stand_ins().items():
             monkeypatch.setitem(sys.modules, name, module)

@@ -1,4 +1,4 @@
-"""What LeRobot publishes of its teleoperators and robots, as data, and stand-ins made of it.
+"""Public interface of LeRobot's teleoperators and robots, as data, and stand-ins made of it.
 
 Read from lerobot 0.4.4 and 0.6.1; test_interface.py holds it against the LeRobot that is installed,
 where one is (`make test-lerobot`).

@@ -1,4 +1,4 @@
-"""What the tests take for LeRobot's interface is that of the LeRobot that is installed.
+"""The tests' data about LeRobot's interface against the LeRobot that is installed.
 
 Only `make test-lerobot` runs these, in an environment that has one.
 """

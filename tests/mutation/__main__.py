@@ -44,7 +44,7 @@ PREPARED = (
     *("numpy", "pinocchio", "coal", "daqp", "scipy", "typer", "rich", "websockets", "serial"),
     *("google.protobuf", "zenoh", "cbor2", "asyncio", "unittest.mock"),
 )
-"""What many tests import: loaded once, before processes are forked. Nothing of the package."""
+"""Modules that many tests import: loaded once, before processes are forked. None of the package."""
 
 KILLED, SURVIVED, ENDLESS, UNSUITED = "killed", "survived", "endless", "unsuited"
 """ENDLESS: longer than the time limit, which counts as killed. UNSUITED: not to be exchanged in a
@@ -91,7 +91,7 @@ Functions = dict[tuple[str, tuple[str, int, str]], list[types.FunctionType]]
 def functions_that_are_there() -> Functions:
     """All, by file and by name, first line and scope."""
     found: Functions = defaultdict(list)
-    gc.unfreeze()  # What collecting made: conftest.py.
+    gc.unfreeze()  # Objects made while collecting: conftest.py.
     for each in gc.get_objects():
         if type(each) is types.FunctionType:
             found[each.__code__.co_filename, _key(each.__code__)].append(each)
@@ -347,7 +347,7 @@ def may_not_survive(mutant: Mutant) -> bool:
 
 
 def module_of(path: str) -> str:
-    """What the file at `path` is imported as."""
+    """Return the name by which the file at `path` is imported."""
     return path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
 
 
@@ -514,7 +514,7 @@ def carry_out(
         with contextlib.suppress(ImportError):
             importlib.import_module(name)
     with tempfile.TemporaryDirectory() as folder:
-        # What a mutant writes elsewhere than it should is not the user's.
+        # A mutant that writes to a wrong place must not reach the user's files.
         for name in ("HOME", "XDG_STATE_HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
             os.environ[name] = folder
         scratch = Path(folder)

@@ -1,4 +1,4 @@
-"""What is mutated, which tests it has, and which mutants are no other program."""
+"""Mutated areas, their tests, and equivalent mutants."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ OPERATORS: dict[type[ast.AST], tuple[type[ast.AST], ...]] = {
     ast.Or: (ast.And,),
     ast.USub: (ast.UAdd,),
 }
-"""What stands instead of each operator: the border of a comparison is moved, its sense turned."""
+"""Replacements of each operator: the border of a comparison is moved, its sense turned."""
 
 NAMES = {"min": "max", "max": "min", "any": "all", "all": "any"}
 
@@ -48,7 +48,7 @@ FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 
 class Mutant(NamedTuple):
-    """One change of one file."""
+    """A change of a file."""
 
     path: str
     """Relative to the repository."""
@@ -103,7 +103,7 @@ def variants(node: ast.AST) -> Iterator[ast.AST]:
         if node.guard is not None:
             yield changed(guard=ast.Constant(True))
     elif isinstance(node, ast.MatchOr):
-        for index in range(len(node.patterns)):  # One is left out: another stands there twice.
+        for index in range(len(node.patterns)):  # Leaves a pattern out: another stands there twice.
             other = node.patterns[index - 1]
             yield changed(patterns=[*node.patterns[:index], other, *node.patterns[index + 1 :]])
     elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
@@ -130,7 +130,7 @@ def header(statement: ast.stmt) -> str:
 
 
 def shown(node: ast.AST) -> str:
-    """What is no statement, as written; a case without what it holds."""
+    """Return the text of a node that is no statement; of a case without its body."""
     text = ast.unparse(node).strip()
     return text.partition("\n")[0] if isinstance(node, ast.match_case) else text
 

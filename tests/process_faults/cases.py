@@ -1,4 +1,4 @@
-"""What goes wrong while the arm moves: the declared cases, and what each must come to."""
+"""Faults while the arm moves: the declared cases, and the required outcome of each."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ GONE_S = 0.1
 STALE_S = 0.3
 """Silence of a device after which it is taken for gone: the longest of those here."""
 LATE_S = 0.5
-"""What a computer with other work to do may add to all bounds."""
+"""Allowance in all bounds for a computer with other work to do."""
 
 WATCH_S = 2.0
 GOES_ON_S = 1.0
@@ -51,12 +51,12 @@ BACK_S = 25.0
 
 
 class Outcome(enum.Enum):
-    """What the arm does."""
+    """Reaction of the arm."""
 
     STOPS = "stops"
     GOES_ON = "goes on"
     EITHER = "either"
-    """What a stall of a few milliseconds does depends on where it begins."""
+    """The effect of a stall of a few milliseconds depends on where it begins."""
 
 
 Act = Callable[[Lab, contextlib.ExitStack], None]
@@ -66,7 +66,7 @@ Within = Callable[[Pair], float]
 
 
 class Case(NamedTuple):
-    """One thing that goes wrong, for one pair."""
+    """A fault, for a pair of device and robot."""
 
     name: str
     group: str

@@ -20,7 +20,7 @@ from cardan.common.realtime import ask_for_real_time
 from cardan.sim_peers.arm import SimulatedArmOptions, SimulatedArmPeer
 from cardan.sim_peers.arm.options import PlantOptions
 from cardan.sim_peers.base import ScriptStep, SimulatedPeer, parse_script
-from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, Mode
+from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, EgmMode
 from cardan.sim_peers.evdev import hand as pad
 from cardan.sim_peers.evdev.peer import EvdevPeer, EvdevPeerOptions
 from cardan.sim_peers.hand_peer import HandPeer
@@ -48,7 +48,7 @@ LISTEN_S = 0.02
 
 
 def _gofa(mode: str, port: int) -> tuple[SimulatedPeer, Callable[[], Sequence[float]]]:
-    options = EgmControllerOptions(pc_port=port, mode=Mode(mode), comm_timeout_s=COMM_TIMEOUT_S)
+    options = EgmControllerOptions(pc_port=port, mode=EgmMode(mode), comm_timeout_s=COMM_TIMEOUT_S)
     peer = EgmControllerPeer(options)
     return peer, lambda: peer.core.joints_rad
 
@@ -118,12 +118,12 @@ def _mouse(place: str, script: str) -> HandPeer[Any, Any]:
 HANDS: dict[str, Hand] = {
     "spacemouse": Hand(
         _mouse,
-        lambda steps, device: puck.ScriptedHand(steps, device.model),
+        lambda steps, device: puck.ScriptedPuck(steps, device.model),
         puck.SCRIPT_VERBS,
     ),
     "gamepad": Hand(
         lambda place, script: EvdevPeer(EvdevPeerOptions(path=place, script=script)),
-        pad.ScriptedHand,
+        pad.ScriptedInput,
         pad.SCRIPT_VERBS,
     ),
     "wiimote": Hand(
@@ -133,7 +133,7 @@ HANDS: dict[str, Hand] = {
     ),
     "ros2-device": Hand(
         lambda place, script: NodePeer(NodePeerOptions(port=int(place), script=script)),
-        lambda steps, device: puck.ScriptedHand(steps, device.model),
+        lambda steps, device: puck.ScriptedPuck(steps, device.model),
         puck.SCRIPT_VERBS,
     ),
 }

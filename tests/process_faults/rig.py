@@ -1,4 +1,4 @@
-"""A robot, a device and a daemon between them, each a process of its own, and what the arm did."""
+"""A robot, a device and a daemon between them, each a process of its own, and the arm's motion."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from tests.serving import free_tcp_port, free_udp_port
 from tests.test_cli import ENVIRONMENT
 
 SPEED_M_S = 0.1
-"""What the hand asks for, as in the table of virtual time."""
+"""Speed that the hand requests, as in the table of virtual time."""
 AT_SPEED = 0.85
 """Share of it that counts as having it."""
 STEADY_S = 0.25
@@ -52,11 +52,11 @@ ROOM_M = 0.12
 READY_S = 120.0
 """Longest wait for anything to begin, on a machine that has other work."""
 STROKE_S = 1.6
-"""Longest time from the deliberate act to a steady speed; then the hand tries again."""
+"""Longest time from re-arming to a steady speed; then the hand tries again."""
 SWING_S = 1.2
 """From one turn of a hand that moves the arm to and fro to the next."""
 PAUSE_S = 0.3
-"""The hand keeps still for so long before and after it has let go."""
+"""The hand keeps still for so long before and after its release."""
 
 
 class Pair(NamedTuple):
@@ -72,12 +72,11 @@ class Pair(NamedTuple):
     configured: Callable[[Lab], dict[str, Any]]
     """The session's tables."""
     push: tuple[str, str]
-    """What the hand does to move the arm to one side, and back; the dead-man's button included."""
+    """Steps of the hand that move the arm to one side, and back, with the dead-man's button."""
     rest: str
-    """What it does to let go of all."""
+    """Steps that release everything."""
     touch: str
-    """What it does for the driver to see it, and for the robot's drives to be on; it lets go after.
-    """
+    """Steps that make the driver see it and the robot's drives turn on, and release it again."""
     dies_s: float
     """Longest time until the arm rests that nobody commands any more: watchdog and braking of its
     controller. docs/faults.md, a killed session."""
@@ -182,7 +181,7 @@ def _value(value: Any) -> str:
 
 
 class Motion(NamedTuple):
-    """What the arm did from a fault on."""
+    """Motion of the arm from a fault on."""
 
     had_m_s: float
     """Its speed at the fault."""
@@ -219,7 +218,7 @@ class Trace:
         self.points.append(point)
 
     def read(self) -> None:
-        """Take what has been noted meanwhile."""
+        """Read the new rows."""
 
     def speeds(self, since_s: float, until_s: float) -> list[tuple[float, float]]:
         """Time and mean speed over WINDOW_S before it, of each sample of the time."""
@@ -260,7 +259,7 @@ class Trace:
         return float(self.points[-1][axis] - self.points[begin][axis])
 
     def motion(self, at_s: float, until_s: float) -> Motion:
-        """What it did between a fault and the hand's next act."""
+        """Return the motion between a fault and the hand's next act."""
         self.read()
         before = self.speeds(at_s - STEADY_S, at_s)
         found = self.speeds(at_s, until_s)
@@ -347,7 +346,7 @@ class Child:
         return self.process.poll() is None
 
     def said(self) -> str:
-        """What it has said, in this process's life."""
+        """Return the output of the running process, without that of earlier ones."""
         with self.log.open("rb") as file:
             file.seek(self.begins)
             return file.read().decode(errors="replace")
@@ -378,7 +377,7 @@ class Child:
 def wait(
     found: Callable[[], Any], what: str, within_s: float = READY_S, poll_s: float = 0.02
 ) -> Any:
-    """What `found` gives, once that is true."""
+    """Return the first true result of `found`."""
     end_s = time.monotonic() + within_s
     while not (answer := found()):
         if time.monotonic() > end_s:
@@ -413,7 +412,7 @@ def words_of(pid: int) -> str:
 
 
 class Lab:
-    """One pair, and the daemon or the command that joins it."""
+    """A pair of device and robot, and the daemon or the command that joins them."""
 
     def __init__(self, pair: Pair, *, run: bool = False) -> None:
         """`run`: by ``cardan run`` instead of the daemon."""
@@ -537,13 +536,13 @@ class Lab:
             threading.Thread(target=self._follow, daemon=True).start()
 
     def _follow(self) -> None:
-        """Keep what the daemon tells of its events."""
+        """Keep the daemon's messages about its events."""
         with contextlib.suppress(CardanError, OSError), ControlClient(self.socket, None) as client:
             for event in client.events("events", "", True):
                 self.told.append(event)
 
     def revive(self) -> list[str]:
-        """Start what does not run; their names."""
+        """Start the programs that do not run; return their names."""
         found = []
         if self.daemon is not None and self.daemon.alive and self._deaths >= 2:
             self.end_daemon()  # Its pauses have grown.
@@ -626,7 +625,7 @@ class Lab:
         return [event for event in told if event not in kept]
 
     def records(self) -> list[str]:
-        """What is wrong with the record of a run that has been hit: it can be read, and lacks no
+        """List the errors in the record of a run with a fault: it must be readable, and lack no
         more than the time between two flushes."""
         file = self.file_of_record
         if file is None:
@@ -680,7 +679,7 @@ class Lab:
                 raise TimeoutError(f"{self.pair.name}: nothing moves the arm; {self.why()}")
 
     def why(self) -> str:
-        """What is said about the arm's rest."""
+        """Return the reported reason for the arm's rest."""
         assert self.daemon is not None
         if not self.run:
             with contextlib.suppress(CardanError, OSError):

@@ -37,7 +37,7 @@ HAD_M_S = 0.8 * SPEED_M_S
 TRIES = 4
 """How often a case is tried where other work of the computer has stopped the arm before."""
 SAID = 110
-"""Characters of what was said."""
+"""Most characters of a message in the table."""
 
 NETWORK = "network"
 """The group of the rows that the kernel's tests make."""
@@ -47,7 +47,7 @@ LIVE_S = 1.0
 
 
 class Row(NamedTuple):
-    """What one case came to."""
+    """Result of a case."""
 
     key: str
     group: str
@@ -62,19 +62,19 @@ class Row(NamedTuple):
     again: bool
     said: str
     back_s: float | None
-    """Until the session was live again by itself, its arm disarmed; None: it had not ended, or
-    somebody has to start it."""
+    """Until the session was live again by itself, its arm disarmed; None: it had not ended, or a
+    user has to start it."""
     moves_s: float | None
-    """Until the deliberate act moved the arm again, once all that was killed had been started."""
+    """Until re-arming moved the arm again, once all that was killed had been started."""
     started: list[str]
-    """What had to be started by hand for it."""
+    """Programs that had to be started by hand for it."""
     lost: int
     """Events that were reported and are not in the log."""
     wrong: list[str]
 
 
 def judged(case: Case, motion: Motion, lost: int, problems: Iterable[str] = ()) -> list[str]:
-    """What of it is not as it must be, in words."""
+    """List the violations of the case's requirements, in words."""
     wrong = list(problems)
     if motion.again:
         wrong.append(f"moved again by itself at {1e3 * motion.again_m_s:.0f} mm/s")
@@ -94,7 +94,7 @@ def judged(case: Case, motion: Motion, lost: int, problems: Iterable[str] = ()) 
 
 
 def said_of(lab: Lab, since_s: float) -> str:
-    """What the event log, or the command, says of it."""
+    """Return the words of the event log, or of the command, about the time since `since_s`."""
     assert lab.daemon is not None
     words: list[str] = []
     if lab.run:
@@ -121,7 +121,7 @@ class Series:
             lab.__exit__()
 
     def go(self, case: Case) -> Row:
-        """One case; tried again where the arm did not move steadily before."""
+        """Run a case; repeat it if the arm did not move steadily before."""
         for _ in range(TRIES - 1):
             with contextlib.suppress(TimeoutError):
                 return self._go(case)
@@ -154,7 +154,7 @@ class Series:
             said = said_of(lab, wall_s)
             if case.dies:
                 lab.died()
-            # What other work of this computer stops is another fault.
+            # A stop by other work of this computer is another fault.
             slow = case.outcome is Outcome.GOES_ON and "supervises" in said
             if motion.had_m_s > HAD_M_S and not (slow and attempt + 1 < TRIES):
                 break
@@ -227,7 +227,7 @@ def run(
                 (pair, with_run), mine = series.pop(0)
             one = Series(pair, with_run)
             try:
-                # What needs nothing started anew comes first, a minute's standstill last.
+                # Cases that need no program started anew come first, a minute's standstill last.
                 for case in sorted(mine, key=lambda each: (each.long, each.ends)):
                     try:
                         row = one.go(case)
@@ -324,7 +324,7 @@ def _in_order(known: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def measured(cases: Sequence[Case], labs: int, file: Path | None) -> dict[str, Any]:
-    """What the cases came to, and of the others what `file` has; kept there after each case."""
+    """Run the cases; return their results and the others of `file`, saved there after each case."""
     known: dict[str, dict[str, Any]] = {}
     found: dict[str, Any] = {"loads": []}
     if file is not None and file.exists():

@@ -82,7 +82,7 @@ def usual_robots(euler):
 
 
 usual_robot = usual_robots(st.none()) | usual_robots(vector)
-"""What a controller of a six-axis robot sends in every cycle."""
+"""Message of a six-axis robot's controller in every cycle."""
 
 speed_ref = st.builds(EgmSpeedRef, maybe(up_to_six), maybe(six), maybe(up_to_six))
 sensor = st.builds(

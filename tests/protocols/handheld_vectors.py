@@ -9,13 +9,13 @@ import random
 from pathlib import Path
 
 from cardan.protocols.handheld.frames import (
-    Gamepad,
+    BodyPart,
+    GamepadFrame,
     JogJoints,
     JogTwist,
     OperatorFrame,
-    Part,
-    Phone,
-    Xr,
+    PhoneFrame,
+    XrFrame,
     encode_frame,
 )
 from cardan.protocols.handheld.motion import drag_on_screen
@@ -39,31 +39,31 @@ FRAMES = {
         JogJoints((0.5, 0.0, -0.25, 0.0, 0.0, 1.5)), True, channel=255, sequence=1, time_us=1
     ),
     "jog of one joint": OperatorFrame(JogJoints((-0.125,)), True),
-    "phone without sensors": OperatorFrame(Phone(None), False, tracking=False),
+    "phone without sensors": OperatorFrame(PhoneFrame(None), False, tracking=False),
     "phone, all there is": OperatorFrame(
-        Phone(
+        PhoneFrame(
             Vector3(350, -45, 20.5), -0.5, 0.75, Vector3(0.125, -2, 0.5),
             Vector3(0.5, 9.75, -0.25), 0b101, 3, 255,
         ),
         True, True, True, 1, 1000, 5_000_000,
     ),
     "phone, angles alone, hidden": OperatorFrame(
-        Phone(Vector3(10, 20, 30)), False, visible=False, channel=1, sequence=4
+        PhoneFrame(Vector3(10, 20, 30)), False, visible=False, channel=1, sequence=4
     ),
     "left hand": OperatorFrame(
-        Xr(
-            Part.LEFT, Vector3(-0.25, 1.5, -0.5), Quaternion(1, 0, 0, 0), 0b1, 0.5, -0.5, 0.75,
+        XrFrame(
+            BodyPart.LEFT, Vector3(-0.25, 1.5, -0.5), Quaternion(1, 0, 0, 0), 0b1, 0.5, -0.5, 0.75,
             0.25, 7,
         ),
         True, sequence=9, time_us=9_000,
     ),
     "right hand, lost": OperatorFrame(
-        Xr(Part.RIGHT, Vector3(0, 0, 0), Quaternion(0, 0, 0, 1)), False, tracking=False
+        XrFrame(BodyPart.RIGHT, Vector3(0, 0, 0), Quaternion(0, 0, 0, 1)), False, tracking=False
     ),
     "viewer": OperatorFrame(
-        Xr(Part.VIEWER, Vector3(1, 2, 3), Quaternion(0.5, -0.5, 0.5, 0.5), 0b1110000), True
+        XrFrame(BodyPart.VIEWER, Vector3(1, 2, 3), Quaternion(0.5, -0.5, 0.5, 0.5), 0b1110000), True
     ),
-    "gamepad": OperatorFrame(Gamepad(-1, 1, 0.5, -0.25, 0.125, 1, 1 << 16 | 1 << 4), True),
+    "gamepad": OperatorFrame(GamepadFrame(-1, 1, 0.5, -0.25, 0.125, 1, 1 << 16 | 1 << 4), True),
 }  # fmt: skip
 
 HEAD = "c1{kind:02x}0700" + "00000000" + "0000000000000000"
@@ -95,7 +95,7 @@ def body_table(body):
     """A frame's body as JSON has it."""
     if isinstance(body, JogTwist):
         return {"linear": body.linear, "angular": body.angular, "frame": body.frame.value}
-    if isinstance(body, Xr):
+    if isinstance(body, XrFrame):
         w, x, y, z = body.orientation
         table = {**body._asdict(), "part": body.part.word}
         return {**table, "orientation": {"w": w, "x": x, "y": y, "z": z}}

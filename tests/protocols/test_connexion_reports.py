@@ -11,7 +11,7 @@ from cardan.protocols.connexion import (
     LongPress,
     LongPressBits,
     MalformedReport,
-    Motion,
+    MotionReport,
     Rotation,
     Translation,
     decode_input,
@@ -30,14 +30,14 @@ from cardan.protocols.connexion import (
 )
 
 INPUT_VALUES = (
-    Translation, Rotation, Motion, ButtonBits, KeysDown, LongPress, LongPressBits, Battery,
+    Translation, Rotation, MotionReport, ButtonBits, KeysDown, LongPress, LongPressBits, Battery,
     MalformedReport,
 )  # fmt: skip
 
 WORKED = [
     ("01 78 00 d3 ff 2c 01", Translation(120, -45, 300)),
     ("02 a2 fe 08 00 40 00", Rotation(-350, 8, 64)),
-    ("01 2e ff 21 00 ff ff 5e 01 a2 fe 80 00", Motion(-210, 33, -1, 350, -350, 128)),
+    ("01 2e ff 21 00 ff ff 5e 01 a2 fe 80 00", MotionReport(-210, 33, -1, 350, -350, 128)),
     ("03 00 10 00 02 00 00", ButtonBits(1 << 12 | 1 << 25)),
     ("03 03 00", ButtonBits(0b11)),
     ("1c 0d 00 67 00 00 00 00 00 00 00 00 00", KeysDown((13, 103))),
@@ -103,9 +103,9 @@ def test_length_tells_the_family():
     split, one = encode_translation(1, 2, 3), encode_motion(1, 2, 3, 4, 5, 6)
     assert decode_input(split) == Translation(1, 2, 3)
     assert decode_input(split + bytes(5)) == MalformedReport("too short", 0x01)
-    assert decode_input(split + bytes(6)) == Motion(1, 2, 3, 0, 0, 0)
+    assert decode_input(split + bytes(6)) == MotionReport(1, 2, 3, 0, 0, 0)
     assert decode_input(one[:12]) == MalformedReport("too short", 0x01)
-    assert decode_input(one + bytes(51)) == Motion(1, 2, 3, 4, 5, 6)
+    assert decode_input(one + bytes(51)) == MotionReport(1, 2, 3, 4, 5, 6)
 
 
 def test_missing_button_bytes_are_zero():

@@ -11,6 +11,7 @@ from cardan.protocols.egm import (
     EgmCollisionInfo,
     EgmHeader,
     EgmMeasuredForce,
+    EgmMessageType,
     EgmMotion,
     EgmPose,
     EgmRapidData,
@@ -19,9 +20,8 @@ from cardan.protocols.egm import (
     EgmSensorPathCorr,
     EgmSpeedRef,
     Fault,
-    Malformed,
+    MalformedEgmMessage,
     MCIState,
-    MessageType,
     MotorState,
     RapidState,
 )
@@ -41,13 +41,13 @@ POS = Vector3(0.5975, 0.0, 0.83775)
 ORIENT = Quaternion(0.5, 0.0, 0.8660254037844386, 0.0)
 FORCE = (1.5, -2.25, 10.0, 0.125, 0.0, -0.5)
 POSE = EgmPose(POS, ORIENT, Vector3(math.pi, math.pi / 3, math.pi))
-CORRECTION = MessageType.CORRECTION
+CORRECTION = EgmMessageType.CORRECTION
 
 WORKED_ROBOTS = {
     "R0": (
         R0,
         EgmRobot(
-            header=EgmHeader(0, 0, MessageType.DATA),
+            header=EgmHeader(0, 0, EgmMessageType.DATA),
             feed_back=EgmMotion(joints=JOINTS),
             motor_state=MotorState.ON,
             mci_state=MCIState.STOPPED,
@@ -58,7 +58,7 @@ WORKED_ROBOTS = {
     "R1": (
         R1,
         EgmRobot(
-            header=EgmHeader(300, 1210, MessageType.DATA),
+            header=EgmHeader(300, 1210, EgmMessageType.DATA),
             feed_back=EgmMotion(JOINTS, POSE, None, 1_700_000_001_208_000),
             planned=EgmMotion((HALF_DEGREE, *JOINTS[1:]), POSE, None, 1_700_000_001_212_032),
             motor_state=MotorState.ON,
@@ -73,7 +73,7 @@ WORKED_ROBOTS = {
     "F6": (
         R0 + F6,
         EgmRobot(
-            header=EgmHeader(0, 0, MessageType.DATA),
+            header=EgmHeader(0, 0, EgmMessageType.DATA),
             feed_back=EgmMotion(joints=JOINTS),
             motor_state=MotorState.ON,
             mci_state=MCIState.STOPPED,
@@ -85,7 +85,7 @@ WORKED_ROBOTS = {
     "F7": (
         R0 + F7,
         EgmRobot(
-            header=EgmHeader(0, 0, MessageType.DATA),
+            header=EgmHeader(0, 0, EgmMessageType.DATA),
             feed_back=EgmMotion(joints=JOINTS),
             motor_state=MotorState.ON,
             mci_state=MCIState.STOPPED,
@@ -123,7 +123,7 @@ WORKED_SENSORS = {
     ),
 }
 WORKED_PATH_CORR = EgmSensorPathCorr(
-    EgmHeader(5, 240, MessageType.PATH_CORRECTION), Vector3(0.0, 0.0025, -0.001), 1
+    EgmHeader(5, 240, EgmMessageType.PATH_CORRECTION), Vector3(0.0, 0.0025, -0.001), 1
 )
 
 
@@ -183,7 +183,7 @@ def test_known_states_come_as_their_enums_and_unknown_ones_as_numbers():
     short = egm.decode_robot(R1)
     general = egm.decode_robot(R0)
     for robot in (short, general):
-        assert type(robot.header.mtype) is MessageType
+        assert type(robot.header.mtype) is EgmMessageType
         assert type(robot.motor_state) is MotorState
         assert type(robot.mci_state) is MCIState
         assert type(robot.rapid_exec_state) is RapidState
@@ -343,7 +343,7 @@ def test_a_repeated_field_after_the_usual_start_is_merged():
 
 def test_absent_header_numbers_are_none():
     robot = egm.decode_robot(tagged(1, b"\x18\x02") + tagged(2, b""))
-    assert robot == EgmRobot(EgmHeader(None, None, MessageType.DATA), EgmMotion())
+    assert robot == EgmRobot(EgmHeader(None, None, EgmMessageType.DATA), EgmMotion())
 
 
 def test_every_optional_field_of_robotware_7_16():
@@ -423,7 +423,7 @@ BAD_ROBOTS = {
 @pytest.mark.parametrize(("data", "fault"), BAD_ROBOTS.values(), ids=BAD_ROBOTS)
 def test_bad_robots_are_refused_with_a_reason(data, fault):
     refused = egm.decode_robot(data)
-    assert isinstance(refused, Malformed)
+    assert isinstance(refused, MalformedEgmMessage)
     assert refused.fault is fault
     assert refused.detail
 
@@ -463,7 +463,7 @@ BAD_FROM_PC = {
 @pytest.mark.parametrize(("data", "fault"), BAD_FROM_PC.values(), ids=BAD_FROM_PC)
 def test_bad_messages_from_a_pc_are_refused_with_a_reason(data, fault):
     refused = egm.decode_from_pc(data)
-    assert isinstance(refused, Malformed)
+    assert isinstance(refused, MalformedEgmMessage)
     assert refused.fault is fault
     assert refused.detail
 
@@ -498,15 +498,17 @@ def test_every_cut_of_a_datagram_is_typed():
     whole = egm.decode_robot(R1)
     for end in range(len(R1)):
         found = egm.decode_robot(R1[:end])
-        assert isinstance(found, EgmRobot | Malformed)
+        assert isinstance(found, EgmRobot | MalformedEgmMessage)
         assert found != whole
     for end in range(len(S4)):
-        assert isinstance(egm.decode_from_pc(S4[:end]), EgmSensor | Malformed)
+        assert isinstance(egm.decode_from_pc(S4[:end]), EgmSensor | MalformedEgmMessage)
 
 
 def test_random_bytes_are_typed():
     source = random.Random(20)
     for _ in range(3000):
         data = source.randbytes(source.randrange(0, 80))
-        assert isinstance(egm.decode_robot(data), EgmRobot | Malformed)
-        assert isinstance(egm.decode_from_pc(data), EgmSensor | EgmSensorPathCorr | Malformed)
+        assert isinstance(egm.decode_robot(data), EgmRobot | MalformedEgmMessage)
+        assert isinstance(
+            egm.decode_from_pc(data), EgmSensor | EgmSensorPathCorr | MalformedEgmMessage
+        )

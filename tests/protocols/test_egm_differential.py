@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 
 from cardan.protocols import egm
-from cardan.protocols.egm import Malformed
+from cardan.protocols.egm import MalformedEgmMessage
 from tests.examples import examples
 from tests.protocols.worked import C1, F6, F7, R0, R1, S1, S2, S3, S4
 
@@ -22,7 +22,7 @@ def agree(data, decode, expect):
     try:
         expected = expect(data)
     except oracle.RefusedError:
-        assert isinstance(found, Malformed), found
+        assert isinstance(found, MalformedEgmMessage), found
         return False
     oracle.assert_same(found, expected)
     return True
@@ -108,7 +108,7 @@ def one_bit_turned(data):
 
 def test_every_cut():
     accepted = {end for end in range(len(R1) + 1) if agree_on_robot(R1[:end])}
-    # What is left is whole at the end of each top-level field from feedBack on.
+    # The rest is whole if cut at the end of a top-level field from feedBack on.
     assert sorted(accepted) == [179, 348, 352, 356, 358, 362, 420, 429, 431]
     for data in (S4, C1):
         for end in range(len(data) + 1):

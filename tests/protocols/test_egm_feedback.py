@@ -1,4 +1,4 @@
-"""What an answer depends on, read the long way and by likeness, held against the full decoder."""
+"""Fields that an answer depends on, read in full and by likeness, against the full decoder."""
 
 import math
 
@@ -10,13 +10,13 @@ from cardan.protocols.egm import (
     EgmFeedback,
     EgmHeader,
     EgmMeasuredForce,
+    EgmMessageType,
     EgmMotion,
     EgmRobot,
     Fault,
     FeedbackReader,
-    Malformed,
+    MalformedEgmMessage,
     MCIState,
-    MessageType,
     MotorState,
     RapidState,
     decode_feedback,
@@ -44,7 +44,7 @@ def same(found, expected):
 
 
 def feedback_of(robot):
-    """What `decode_feedback` must make of it; None where it must refuse."""
+    """Return the expected result of `decode_feedback`; None where it must refuse."""
     header, motion = robot.header, robot.feed_back
     if header is None or header.seqno is None or motion is None:
         return None
@@ -75,7 +75,7 @@ def agree(data):
     full, short = decode_robot(data), decode_feedback(data)
     if isinstance(full, EgmRobot):
         expected = feedback_of(full)
-        return isinstance(short, Malformed) if expected is None else same(short, expected)
+        return isinstance(short, MalformedEgmMessage) if expected is None else same(short, expected)
     return True
 
 
@@ -88,7 +88,7 @@ def test_any_robot_is_the_same_both_ways(robot):
 @bounded
 @given(messages | spoilt(values.usual_robot.map(encode_robot)))
 def test_any_bytes_are_the_same_both_ways(data):
-    assert isinstance(decode_feedback(data), EgmFeedback | Malformed)
+    assert isinstance(decode_feedback(data), EgmFeedback | MalformedEgmMessage)
     assert agree(data)
 
 
@@ -117,14 +117,14 @@ def test_what_no_answer_may_depend_on_is_refused(data, fault):
     taught.read(R1)
     taught.learn()
     for refused in (decode_feedback(data), taught.read(data)):
-        assert isinstance(refused, Malformed)
+        assert isinstance(refused, MalformedEgmMessage)
         assert refused.fault is fault
         assert refused.detail
 
 
 def test_what_no_answer_depends_on_is_not_looked_at():
     bad = R1 + tagged(3, tagged(3, b"\x09" + double(math.nan)))
-    assert isinstance(decode_robot(bad), Malformed)
+    assert isinstance(decode_robot(bad), MalformedEgmMessage)
     assert decode_feedback(bad) == decode_feedback(R1)
 
 
@@ -174,7 +174,7 @@ def taught_by(*datagrams):
         USUAL._replace(measured_force=None),
         USUAL._replace(utilization_rate=None),
         USUAL._replace(measured_force=None, utilization_rate=None, planned=None),
-        USUAL._replace(header=EgmHeader(2**32 - 1, 0, MessageType.DATA)),
+        USUAL._replace(header=EgmHeader(2**32 - 1, 0, EgmMessageType.DATA)),
     ],
 )
 def test_a_datagram_like_one_before_is_known(robot, only_by_likeness):
@@ -187,7 +187,7 @@ def test_a_datagram_like_one_before_is_known(robot, only_by_likeness):
 
 def test_values_may_all_be_others(only_by_likeness):
     other = USUAL._replace(
-        header=EgmHeader(9000, 9999, MessageType.DATA),
+        header=EgmHeader(9000, 9999, EgmMessageType.DATA),
         feed_back=USUAL.feed_back._replace(joints=FORCE, time_us=1_700_000_999_999_000),
         planned=USUAL.planned._replace(joints=FORCE),
         mci_convergence_met=False,
@@ -209,7 +209,7 @@ def test_values_may_all_be_others(only_by_likeness):
         {"motor_state": MotorState.OFF},
         {"mci_state": MCIState.STOPPED},
         {"rapid_exec_state": RapidState.STOPPED},
-        {"header": EgmHeader(300, 1210, MessageType.UNDEFINED)},
+        {"header": EgmHeader(300, 1210, EgmMessageType.UNDEFINED)},
     ],
 )
 def test_a_change_of_state_is_seen(change):

@@ -16,7 +16,7 @@ from cardan.protocols.evdev import (
     requests,
     uinput,
 )
-from cardan.protocols.evdev.events import EVENT_BYTES, InputEvent, Malformed
+from cardan.protocols.evdev.events import EVENT_BYTES, InputEvent, MalformedPacket
 
 pytestmark = pytest.mark.skipif(
     struct.calcsize("@l") != 8 or sys.byteorder != "little",
@@ -99,7 +99,7 @@ def test_events_come_back(frame):
 @given(st.binary(max_size=200))
 def test_no_bytes_raise(data):
     value = evdev_events.decode_events(data)
-    assert isinstance(value, Malformed) == (not data or len(data) % EVENT_BYTES != 0)
+    assert isinstance(value, MalformedPacket) == (not data or len(data) % EVENT_BYTES != 0)
     requests.decode_rumble(data)
     requests.decode_call(data)
     requests.decode_absinfo(data)
@@ -133,7 +133,7 @@ def test_masks_come_back(keys):
 )  # fmt: skip
 def test_calls_come_back_and_are_never_taken_for_events(number, result, data):
     size = requests.argument_bytes(number)
-    call = requests.Call(number, result, data.draw(st.binary(min_size=size, max_size=size)))
+    call = requests.IoctlCall(number, result, data.draw(st.binary(min_size=size, max_size=size)))
     packet = requests.encode_call(call)
     assert len(packet) % EVENT_BYTES
     assert requests.decode_call(packet) == call

@@ -1,4 +1,4 @@
-"""What pages send of hands: bytes, orientations, motions."""
+"""Messages of pages about hands: bytes, orientations, motions."""
 
 import itertools
 import json
@@ -8,16 +8,16 @@ import pytest
 from hypothesis import assume, given, strategies as st
 
 from cardan.protocols.handheld.frames import (
+    BodyPart,
     JogTwist,
-    Malformed,
+    MalformedFrame,
     OperatorFrame,
-    Part,
-    Phone,
-    Xr,
+    PhoneFrame,
+    XrFrame,
     decode_frame,
     encode_frame,
 )
-from cardan.protocols.handheld.motion import Held, Sample, Yaw, drag_on_screen, leap
+from cardan.protocols.handheld.motion import Held, PoseSample, Yaw, drag_on_screen, leap
 from cardan.protocols.handheld.orientation import (
     from_angles,
     heading_rad,
@@ -68,7 +68,7 @@ def test_a_frame_comes_back_as_it_was(name):
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_is_no_frame_is_refused(name):
-    assert isinstance(decode_frame(bytes.fromhex(REFUSED[name])), Malformed)
+    assert isinstance(decode_frame(bytes.fromhex(REFUSED[name])), MalformedFrame)
 
 
 def test_the_vectors_of_the_page_are_those_of_this_codec():
@@ -97,7 +97,7 @@ def test_a_frame_with_a_wrong_byte_is_refused_or_fine(frame, data):
 def test_a_frame_that_is_cut_is_refused(frame, length):
     data = encode_frame(frame)
     assume(length < len(data))
-    assert isinstance(decode_frame(data[:length]), Malformed)
+    assert isinstance(decode_frame(data[:length]), MalformedFrame)
 
 
 def test_buttons_have_the_names_of_their_bits():
@@ -149,11 +149,11 @@ def test_a_small_turn_is_a_small_turn_wherever_the_phone_is(q, axis, angle):
 @pytest.mark.parametrize("beta", [90.0, -90.0])
 def test_an_upright_phone_turns_steadily_though_its_angles_do_not(beta):
     start = from_angles(30, beta, 0)
-    held, before = Held(Sample(0.0, start)), None
+    held, before = Held(PoseSample(0.0, start)), None
     for step in range(-40, 41):
         # Through the singular pose, about the axis that lies across the phone and then along it.
         q = multiply(multiply(start, about(X, 0.5 * step)), about(Y, 0.25 * step))
-        turn = held.turn(Sample(0.0, from_angles(*to_angles(q))))
+        turn = held.turn(PoseSample(0.0, from_angles(*to_angles(q))))
         if before is not None:
             assert norm(subtract(turn, before)) < math.radians(0.8)
         before = turn
@@ -162,12 +162,12 @@ def test_an_upright_phone_turns_steadily_though_its_angles_do_not(beta):
 @pytest.mark.parametrize("side", [90.0, -90.0])
 def test_a_phone_on_its_edge_turns_steadily_though_alpha_and_beta_jump(side):
     start = from_angles(200, 15, math.copysign(85.0, side))
-    held = Held(Sample(0.0, start))
+    held = Held(PoseSample(0.0, start))
     angles, turned = [], []
     for step in range(21):
         q = multiply(start, about(Y, math.copysign(0.5 * step, side)))
         angles.append(to_angles(q))
-        turned.append(norm(held.turn(Sample(0.0, from_angles(*angles[-1])))))
+        turned.append(norm(held.turn(PoseSample(0.0, from_angles(*angles[-1])))))
     assert max(abs(b[0] - a[0]) for a, b in itertools.pairwise(angles)) > 100
     assert turned == pytest.approx([math.radians(0.5 * step) for step in range(21)], abs=1e-6)
 
@@ -184,7 +184,7 @@ def test_aligned_a_turn_is_along_the_robots_axes_wherever_north_is(north, tilt):
     turned = from_rotation_vector(Vector3(0.0, 0.0, north))
     rest, tipped = (multiply(turned, from_angles(0, tilt + each, 0)) for each in (0, 5))
     yaw = Yaw.of_phone(multiply(turned, IDENTITY))
-    turn = yaw.vector(Held(Sample(0.0, rest)).turn(Sample(0.0, tipped)))
+    turn = yaw.vector(Held(PoseSample(0.0, rest)).turn(PoseSample(0.0, tipped)))
     # Nose up is the negative turn about y, which is to the left.
     assert turn == pytest.approx((0.0, -math.radians(5), 0.0), abs=1e-9)
 
@@ -225,15 +225,15 @@ def test_a_hand_that_points_along_the_robot_is_its_x_axis():
 
 
 def test_a_turn_goes_on_beyond_half_a_turn():
-    held = Held(Sample(0.0, IDENTITY))
-    angles = [held.turn(Sample(0.0, about(Z, degrees))).z for degrees in range(0, 300, 10)]
+    held = Held(PoseSample(0.0, IDENTITY))
+    angles = [held.turn(PoseSample(0.0, about(Z, degrees))).z for degrees in range(0, 300, 10)]
     assert angles == pytest.approx([math.radians(each) for each in range(0, 300, 10)])
 
 
 def test_the_way_since_it_was_held():
-    held = Held(Sample(0.0, IDENTITY, X))
-    assert held.way(Sample(1.0, IDENTITY, Y)) == (-1.0, 1.0, 0.0)
-    assert held.way(Sample(1.0, IDENTITY)) == (0.0, 0.0, 0.0)
+    held = Held(PoseSample(0.0, IDENTITY, X))
+    assert held.way(PoseSample(1.0, IDENTITY, Y)) == (-1.0, 1.0, 0.0)
+    assert held.way(PoseSample(1.0, IDENTITY)) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -251,8 +251,8 @@ def test_the_way_since_it_was_held():
     ],
 )
 def test_leaps(dt_s, way_m, angle_deg, leaps):
-    before = Sample(5.0, IDENTITY, Vector3(0, 0, 0))
-    now = Sample(5.0 + dt_s, about(X, angle_deg), Vector3(way_m, 0, 0))
+    before = PoseSample(5.0, IDENTITY, Vector3(0, 0, 0))
+    now = PoseSample(5.0 + dt_s, about(X, angle_deg), Vector3(way_m, 0, 0))
     assert bool(leap(before, now)) is leaps
 
 
@@ -275,7 +275,7 @@ def test_a_message_of_teleop_is_a_frame_of_the_viewer():
     pose = decode_teleop(json.dumps(TELEOP))
     assert pose == TeleopPose(Vector3(0.1, 1.2, -0.3), IDENTITY, True, False, True, 0.5)
     frame = pose.frame(7, 1000, 2)
-    assert frame.body == Xr(Part.VIEWER, Vector3(0.1, 1.2, -0.3), IDENTITY, 1 << 5)
+    assert frame.body == XrFrame(BodyPart.VIEWER, Vector3(0.1, 1.2, -0.3), IDENTITY, 1 << 5)
     assert (frame.hold, frame.held_buttons, frame.sequence) == (True, ("b",), 7)
     assert decode_frame(encode_frame(frame)).held_buttons == ("b",)
 
@@ -299,7 +299,7 @@ def test_teleops_log_is_nothing_and_other_text_is_not_teleops():
 )
 def test_a_message_of_teleop_that_is_none_is_refused(change):
     message = {"type": "pose", "data": {**TELEOP["data"], **change}}
-    assert isinstance(decode_teleop(json.dumps(message)), Malformed)
+    assert isinstance(decode_teleop(json.dumps(message)), MalformedFrame)
 
 
 def test_only_true_holds():
@@ -308,4 +308,6 @@ def test_only_true_holds():
 
 
 def test_a_phone_without_sensors_has_no_angles():
-    assert decode_frame(encode_frame(OperatorFrame(Phone(None), False))).body.angles_deg is None
+    assert (
+        decode_frame(encode_frame(OperatorFrame(PhoneFrame(None), False))).body.angles_deg is None
+    )

@@ -13,7 +13,7 @@ from cardan.protocols.joint_stream import (
     ArmCommand,
     ArmState,
     ControlMode,
-    Malformed,
+    MalformedDatagram,
     decode_command,
     decode_state,
     encode_command,
@@ -64,7 +64,7 @@ def test_states_come_back(state):
     data = encode_state(state)
     assert decode_state(data) == state
     assert len(data) <= MAX_DATAGRAM_BYTES
-    assert isinstance(decode_command(data), Malformed)
+    assert isinstance(decode_command(data), MalformedDatagram)
 
 
 @given(commands())
@@ -72,21 +72,21 @@ def test_commands_come_back(case):
     command, joints = case
     data = encode_command(command, joints)
     assert decode_command(data) == command
-    assert isinstance(decode_state(data), Malformed)
+    assert isinstance(decode_state(data), MalformedDatagram)
 
 
 @given(st.binary(max_size=600))
 def test_junk_is_a_reason(data):
-    assert isinstance(decode_state(data), Malformed)
-    assert isinstance(decode_command(data), Malformed)
+    assert isinstance(decode_state(data), MalformedDatagram)
+    assert isinstance(decode_command(data), MalformedDatagram)
 
 
 @given(states(), st.data())
 def test_cut_or_damaged_never_raises(state, data):
     whole = bytearray(encode_state(state))
     cut = data.draw(st.integers(0, len(whole) - 1))
-    assert isinstance(decode_state(bytes(whole[:cut])), Malformed)
-    assert isinstance(decode_state(bytes(whole) + b"x"), Malformed)
+    assert isinstance(decode_state(bytes(whole[:cut])), MalformedDatagram)
+    assert isinstance(decode_state(bytes(whole) + b"x"), MalformedDatagram)
     whole[cut] ^= data.draw(st.integers(1, 255))
     decode_state(bytes(whole))
     decode_command(bytes(whole))
@@ -125,15 +125,15 @@ def test_positions_without_speeds_travel_with_zeros():
 def test_a_wrong_header_is_named(offset, byte, reason):
     data = bytearray(encode_command(ArmCommand(1, 1, 0.0, ControlMode.TORQUE, (1.0,)), 1))
     data[offset] = byte
-    assert decode_command(bytes(data)) == Malformed(reason)
+    assert decode_command(bytes(data)) == MalformedDatagram(reason)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_what_is_not_finite_is_malformed(bad):
     data = encode_command(ArmCommand(1, 1, 0.0, ControlMode.TORQUE, (bad,)), 1)
-    assert decode_command(data) == Malformed("a number is not finite")
+    assert decode_command(data) == MalformedDatagram("a number is not finite")
     data = encode_command(ArmCommand(1, 1, bad, ControlMode.HOLD), 1)
-    assert decode_command(data) == Malformed("the stamp is not finite")
+    assert decode_command(data) == MalformedDatagram("the stamp is not finite")
 
 
 ONE = ArmState(
@@ -143,9 +143,9 @@ ONE = ArmState(
 
 def test_a_bad_state_is_malformed():
     for change in ({"period_s": 0.0}, {"pose": (0, 0, 0, 2, 0, 0, 0)}, {"velocities": (math.nan,)}):
-        assert isinstance(decode_state(encode_state(ONE._replace(**change))), Malformed)
+        assert isinstance(decode_state(encode_state(ONE._replace(**change))), MalformedDatagram)
     data = encode_state(ONE._replace(reason="x"))
-    assert decode_state(data[:-1] + b"\xff") == Malformed("the reason is not UTF-8")
+    assert decode_state(data[:-1] + b"\xff") == MalformedDatagram("the reason is not UTF-8")
 
 
 def test_a_long_reason_is_cut_between_characters():

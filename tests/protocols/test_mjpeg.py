@@ -1,4 +1,4 @@
-"""Streams of pictures are taken apart, whatever the pieces they come in."""
+"""Streams of pictures are parsed from any pieces."""
 
 from __future__ import annotations
 

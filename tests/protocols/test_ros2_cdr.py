@@ -6,7 +6,7 @@ import struct
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.protocols.ros2.cdr import CdrError, Malformed, Template, codec_of
+from cardan.protocols.ros2.cdr import CdrError, MalformedCdr, Template, codec_of
 from cardan.protocols.ros2.interfaces import (
     DUMMY_MEMBER,
     FLOATS,
@@ -78,8 +78,8 @@ def test_the_byte_of_an_empty_message_at_the_end_may_be_missing():
     message = {"goal_id": {"uuid": bytes(range(16))}, "goal": {DUMMY_MEMBER: 0}}
     data = goal.encode(message)
     assert goal.decode(data) == goal.decode(data[:-1]) == message
-    assert isinstance(goal.decode(data[:-2]), Malformed)
-    assert isinstance(codec_of("std_srvs/srv/Trigger_Request").decode(data[:3]), Malformed)
+    assert isinstance(goal.decode(data[:-2]), MalformedCdr)
+    assert isinstance(codec_of("std_srvs/srv/Trigger_Request").decode(data[:3]), MalformedCdr)
 
 
 def test_big_endian_is_read():
@@ -212,8 +212,8 @@ def example_of(field, number):
 def test_any_bytes_are_a_message_or_a_reason(name, data):
     for head in (b"", b"\0\1\0\0", b"\0\0\0\0"):
         decoded = codec_of(name).decode(head + data)
-        assert isinstance(decoded, (dict, Malformed))
-        if isinstance(decoded, Malformed):
+        assert isinstance(decoded, (dict, MalformedCdr))
+        if isinstance(decoded, MalformedCdr):
             assert decoded.reason
 
 
@@ -235,13 +235,13 @@ def test_a_message_that_was_cut_or_changed_is_never_an_error(data):
         encoded = encoded[:at]
     else:
         encoded[at] = data.draw(st.integers(0, 255))
-    assert isinstance(codec_of(name).decode(bytes(encoded)), (dict, Malformed))
+    assert isinstance(codec_of(name).decode(bytes(encoded)), (dict, MalformedCdr))
 
 
 @pytest.mark.parametrize("cut", range(84))
 def test_a_pose_that_was_cut_is_no_pose(cut):
     data = codec_of(POSE).encode(completed(POSE, VECTORS[0][1]))
-    assert isinstance(codec_of(POSE).decode(data[:cut]), Malformed)
+    assert isinstance(codec_of(POSE).decode(data[:cut]), MalformedCdr)
 
 
 @pytest.mark.parametrize("count", [0xFFFFFFFF, 0x7FFFFFFF, 1 << 20])
@@ -249,7 +249,7 @@ def test_counts_that_the_bytes_cannot_hold_take_no_memory(count):
     data = b"\0\1\0\0" + bytes(8) + struct.pack("<I", count) + bytes(64)
     for name in (ARRAY, JOINTS, "tf2_msgs/msg/TFMessage"):
         head = data if name != "tf2_msgs/msg/TFMessage" else data[:4] + data[12:]
-        assert isinstance(codec_of(name).decode(head), Malformed)
+        assert isinstance(codec_of(name).decode(head), MalformedCdr)
 
 
 def test_what_follows_a_message_is_told():
@@ -258,7 +258,7 @@ def test_what_follows_a_message_is_told():
 
 
 def test_a_text_with_nul_in_it_is_none():
-    """What has been decoded can be encoded, and so answered with."""
+    """Every decoded message can be encoded, and thus be an answer."""
     codec = codec_of("std_msgs/msg/String")
     head = b"\0\1\0\0\6\0\0\0"
     assert "NUL" in codec.decode(head + b"j\0\0_1\0").reason
@@ -269,7 +269,7 @@ def test_a_text_with_nul_in_it_is_none():
 def test_other_encodings_are_told():
     body = bytes(56)
     for head in (b"\0\2\0\0", b"\0\6\0\0", b"", b"\0", b"\0\1"):
-        assert isinstance(codec_of("geometry_msgs/msg/Pose").decode(head + body[:0]), Malformed)
+        assert isinstance(codec_of("geometry_msgs/msg/Pose").decode(head + body[:0]), MalformedCdr)
 
 
 @pytest.mark.parametrize(

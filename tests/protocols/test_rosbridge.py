@@ -24,7 +24,7 @@ from cardan.protocols.rosbridge.delivery import (  # noqa: E402
     Delivery,
     Subscriptions,
 )
-from cardan.protocols.rosbridge.forms import Sample, UnreadableError, fragments  # noqa: E402
+from cardan.protocols.rosbridge.forms import EncodedMessage, UnreadableError, fragments  # noqa: E402
 from cardan.protocols.rosbridge.fragments import (  # noqa: E402
     LIFETIME_S,
     MAX_OPERATIONS,
@@ -36,14 +36,14 @@ from cardan.protocols.rosbridge.operations import (  # noqa: E402
     CallService,
     Fragment,
     Publish,
-    Refused,
+    RefusedOperation,
     SendActionGoal,
     Subscribe,
     Unsubscribe,
     parse_operation,
 )
 from cardan.protocols.rosbridge.png import png_of  # noqa: E402
-from cardan.protocols.rosbridge.session import MAX_PUBLICATIONS_PER_S, Session  # noqa: E402
+from cardan.protocols.rosbridge.session import MAX_PUBLICATIONS_PER_S, RosbridgeSession  # noqa: E402
 
 
 def parsed(**fields):
@@ -114,7 +114,7 @@ def test_null_is_as_good_as_absent():
 )
 def test_what_is_no_operation_is_refused_with_a_reason(text, reason):
     refused = parse_operation(text)
-    assert isinstance(refused, Refused)
+    assert isinstance(refused, RefusedOperation)
     assert reason in refused.reason
 
 
@@ -144,7 +144,7 @@ def test_nothing_that_is_sent_raises(text):
     ),
 )
 def test_no_field_raises(op, fields):
-    Session(1000).receive(json.dumps({**fields, "op": op}), 0.0)
+    RosbridgeSession(1000).receive(json.dumps({**fields, "op": op}), 0.0)
 
 
 # -- fragments ------------------------------------------------------------------------------------
@@ -189,7 +189,7 @@ def test_an_operation_has_one_number_of_parts():
 
 
 def test_a_session_takes_fragments_but_none_in_fragments():
-    session = Session(1000)
+    session = RosbridgeSession(1000)
     text = json.dumps({"op": "unsubscribe", "topic": "/t"})
     for number in (0, 1):
         data = text[:10] if number == 0 else text[10:]
@@ -221,7 +221,7 @@ def test_a_tiny_fragment_size_does_not_make_a_flood():
 
 
 def test_status_messages_come_only_after_a_level_was_set():
-    session = Session(1000)
+    session = RosbridgeSession(1000)
     assert session.status("error", "i", "no") is None
     session.receive('{"op":"set_level","level":"warning"}', 0.0)
     assert json.loads(session.status("error", "i", "no")) == {
@@ -234,17 +234,17 @@ def test_status_messages_come_only_after_a_level_was_set():
 
 
 def test_a_flood_of_publications_is_refused_for_the_rest_of_the_second():
-    session = Session(1000)
+    session = RosbridgeSession(1000)
     text = json.dumps({"op": "publish", "topic": "/t", "msg": {}})
     asked = [session.receive(text, 0.5) for _ in range(MAX_PUBLICATIONS_PER_S + 1)]
     assert isinstance(asked[-2], Publish)
-    assert isinstance(asked[-1], Refused)
+    assert isinstance(asked[-1], RefusedOperation)
     assert isinstance(session.receive('{"op":"unsubscribe","topic":"/t"}', 0.6), Unsubscribe)
     assert isinstance(session.receive(text, 1.5), Publish)
 
 
 def test_binary_frames_are_refused():
-    assert "JSON text" in Session(1000).receive(b"\xa0", 0.0).reason
+    assert "JSON text" in RosbridgeSession(1000).receive(b"\xa0", 0.0).reason
 
 
 # -- messages -------------------------------------------------------------------------------------
@@ -292,7 +292,9 @@ JOINTS = "sensor_msgs/msg/JointState"
 
 
 def sample(type_name=JOINTS, stamp_ns=3_000_000_004, **fields):
-    return Sample(type_name, codec_of(type_name).encode(completed(type_name, fields)), stamp_ns)
+    return EncodedMessage(
+        type_name, codec_of(type_name).encode(completed(type_name, fields)), stamp_ns
+    )
 
 
 def test_json_is_encoded_once_for_all():
@@ -317,7 +319,7 @@ def test_cbor_has_typed_arrays():
 
 
 def test_cbor_raw_has_the_bytes_of_the_network_whatever_they_are():
-    (frame,) = Sample(None, b"\x00\x01\x00\x00rest", 3_000_000_004).frames("/t", "cbor-raw")
+    (frame,) = EncodedMessage(None, b"\x00\x01\x00\x00rest", 3_000_000_004).frames("/t", "cbor-raw")
     assert cbor2.loads(frame) == {
         "op": "publish",
         "topic": "/t",
@@ -330,7 +332,7 @@ def test_a_message_of_a_later_revision_has_all_its_fields(later):
     name = "control_msgs/action/FollowJointTrajectory_FeedbackMessage"
     kind = revised(name) if later else name
     given = {"joint_names": ["a"], **({"index": 7} if later else {})}
-    each = Sample(name, codec_of(kind).encode(completed(kind, {"feedback": given})), 0)
+    each = EncodedMessage(name, codec_of(kind).encode(completed(kind, {"feedback": given})), 0)
     for message in (
         json.loads(each.frames("/f", "none")[0])["msg"],
         cbor2.loads(each.frames("/f", "cbor")[0])["msg"],
@@ -341,9 +343,9 @@ def test_a_message_of_a_later_revision_has_all_its_fields(later):
 
 def test_bytes_that_are_no_message_are_said_to_be_none():
     with pytest.raises(UnreadableError, match="too few"):
-        Sample(JOINTS, b"\x00\x01\x00\x00", 0).frames("/t", "none")
+        EncodedMessage(JOINTS, b"\x00\x01\x00\x00", 0).frames("/t", "none")
     with pytest.raises(UnreadableError, match="not known"):
-        Sample(None, b"\x00\x01\x00\x00", 0).frames("/t", "none")
+        EncodedMessage(None, b"\x00\x01\x00\x00", 0).frames("/t", "none")
 
 
 def unpacked(text):

@@ -232,7 +232,7 @@ def test_arbitrary_bytes_give_a_message_or_a_reason(data):
 def test_every_length_of_every_type_gives_a_message_or_a_reason(msg_type, data):
     frame = struct.pack("<4i", len(data) + 12, msg_type, 2, 0) + data
     found = sm.wire().decode(frame)
-    if isinstance(found, sm.Malformed):
+    if isinstance(found, sm.MalformedMessage):
         assert found.msg_type == msg_type
         assert found.reason
     else:
@@ -255,7 +255,7 @@ def test_every_length_of_every_type_gives_a_message_or_a_reason(msg_type, data):
 )
 def test_what_is_wrong_is_named(data, words):
     found = sm.wire().decode(data)
-    assert (isinstance(found, sm.Malformed) and words in found.reason) or not words
+    assert (isinstance(found, sm.MalformedMessage) and words in found.reason) or not words
 
 
 @pytest.mark.parametrize(
@@ -279,7 +279,7 @@ def test_shared_bodies_must_say_their_type():
     with pytest.raises(ValueError, match="say which"):
         sm.request(sm.ReadIo(10010))
     with pytest.raises(ValueError, match="real_bytes"):
-        sm.Wire(real_bytes=2)
+        sm.WireFormat(real_bytes=2)
     with pytest.raises(ValueError, match="11 joints"):
         sm.joints10([0.0] * 11)
 

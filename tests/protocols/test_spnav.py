@@ -19,11 +19,11 @@ from cardan.protocols.spnav.records import (
     Button,
     ConfigChange,
     DeviceChange,
-    Malformed,
-    Motion,
+    MalformedRecord,
+    MotionEvent,
     RawAxis,
     RawButton,
-    Reply,
+    ServerReply,
     decode_handshake,
     decode_server_record,
     encode_handshake,
@@ -72,7 +72,7 @@ def test_worked_motion():
         "00000000 64000000 38ffffff 2c010000 f6ffffff 14000000 e2ffffff 10000000"
     )
     assert encode_motion((100, -200, 300, -10, 20, -30), 16) == record
-    assert decode_server_record(record) == Motion(100, -200, 300, -10, 20, -30, 16)
+    assert decode_server_record(record) == MotionEvent(100, -200, 300, -10, 20, -30, 16)
 
 
 @little
@@ -127,12 +127,12 @@ def test_other_events():
 )
 def test_nonsense_from_a_server_is_named(words, reason):
     record = struct.pack("=8i", *words, *(0,) * (8 - len(words)))
-    assert decode_server_record(record) == Malformed(reason, words[0])
+    assert decode_server_record(record) == MalformedRecord(reason, words[0])
 
 
 def test_records_of_another_length_are_named():
-    assert decode_server_record(bytes(31)) == Malformed("of the wrong length", 0)
-    assert decode_request(bytes(33)) == Malformed("of the wrong length", 0)
+    assert decode_server_record(bytes(31)) == MalformedRecord("of the wrong length", 0)
+    assert decode_request(bytes(33)) == MalformedRecord("of the wrong length", 0)
 
 
 @given(st.binary(max_size=40))
@@ -143,7 +143,7 @@ def test_decoding_never_raises(data):
 
 @given(st.tuples(*[int32] * 6), st.integers(0, 2**31 - 1))
 def test_motion_round_trip(counts, period_ms):
-    assert decode_server_record(encode_motion(counts, period_ms)) == Motion(*counts, period_ms)
+    assert decode_server_record(encode_motion(counts, period_ms)) == MotionEvent(*counts, period_ms)
 
 
 def test_motion_beyond_32_bits_is_clamped():
@@ -162,7 +162,7 @@ def test_request_and_reply_round_trip(code, data):
 
 def test_a_request_without_libspnavs_tag_is_the_same_request():
     assert decode_request(struct.pack("=8i", 0x2003, *(0,) * 7)).code == Code.DEV_NBUTTONS
-    assert isinstance(decode_server_record(encode_reply(0x2003, (15,))), Reply)
+    assert isinstance(decode_server_record(encode_reply(0x2003, (15,))), ServerReply)
 
 
 @pytest.mark.parametrize(
@@ -213,8 +213,8 @@ def test_a_continuation_out_of_order_is_malformed_and_the_next_string_is_not():
     )
     assembler = StringAssembler()
     assert assembler.take(first) is None
-    assert isinstance(assembler.take(third), Malformed)
-    assert isinstance(assembler.take(second), Malformed)
+    assert isinstance(assembler.take(third), MalformedRecord)
+    assert isinstance(assembler.take(second), MalformedRecord)
     assert assembler.take(decode_request(encode_string(0x1000, "y")[0]).data) == "y"
 
 
@@ -246,10 +246,10 @@ def test_a_server_is_read_in_any_pieces(sizes):
         + encode_reply(REQUEST_TAG | Code.DEV_NAXES, (6,))
     )
     assert in_pieces(ServerReader(), data, sizes) == [
-        Motion(1, 2, 3, 4, 5, 6, 8),
+        MotionEvent(1, 2, 3, 4, 5, 6, 8),
         Handshake(1),
         Button(1, True),
-        Reply(REQUEST_TAG | Code.DEV_NAXES, (6, 0, 0, 0, 0, 0, 0)),
+        ServerReply(REQUEST_TAG | Code.DEV_NAXES, (6, 0, 0, 0, 0, 0, 0)),
     ]
 
 

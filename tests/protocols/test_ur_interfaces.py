@@ -167,15 +167,15 @@ def test_what_is_in_the_sub_packages():
 
 @given(st.binary(max_size=80))
 def test_a_state_that_is_cut_is_none(data):
-    robot_state.sub_packages(primary.Package(primary.ROBOT_STATE, data))
-    assert robot_state.sub_packages(primary.Package(primary.ROBOT_MESSAGE, data)) is None
+    robot_state.sub_packages(primary.PrimaryPackage(primary.ROBOT_STATE, data))
+    assert robot_state.sub_packages(primary.PrimaryPackage(primary.ROBOT_MESSAGE, data)) is None
 
 
 def test_a_sub_package_that_says_it_is_longer():
     head = struct.pack(">iB", 9, 1)
-    assert robot_state.sub_packages(primary.Package(16, head)) is None
-    assert robot_state.sub_packages(primary.Package(16, head + b"abc")) is None
-    assert robot_state.sub_packages(primary.Package(16, head + b"abcd")) == {1: b"abcd"}
+    assert robot_state.sub_packages(primary.PrimaryPackage(16, head)) is None
+    assert robot_state.sub_packages(primary.PrimaryPackage(16, head + b"abc")) is None
+    assert robot_state.sub_packages(primary.PrimaryPackage(16, head + b"abcd")) == {1: b"abcd"}
 
 
 # -- messages --------------------------------------------------------------------------------------

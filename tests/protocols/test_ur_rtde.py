@@ -1,4 +1,4 @@
-"""RTDE packets: worked bytes of the vendor's guide, pieces, what is malformed, recipes."""
+"""RTDE packets: worked bytes of the vendor's guide, pieces, malformed packets, recipes."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from cardan.protocols.ur.rtde import (
     ControllerVersion,
     ControlRequest,
     Data,
-    Malformed,
+    MalformedPayload,
     PacketReader,
     PacketType,
     Recipe,
-    Setup,
+    RecipeSetup,
     SetupReply,
-    Text,
     TextLevel,
+    TextMessage,
 )
 from cardan.protocols.ur.variables import INPUTS, OUTPUTS
 from tests.examples import examples
@@ -37,17 +37,17 @@ WORKED = [
     (
         rtde.ask_outputs(125.0, ["actual_q", "timestamp"]),
         "001d4f405f400000000000" + b"actual_q,timestamp".hex(),
-        Setup(PacketType.OUTPUTS, ("actual_q", "timestamp"), 125.0),
+        RecipeSetup(PacketType.OUTPUTS, ("actual_q", "timestamp"), 125.0),
     ),
     (
         rtde.ask_inputs(["speed_slider_mask"]),
         "001449" + b"speed_slider_mask".hex(),
-        Setup(PacketType.INPUTS, ("speed_slider_mask",)),
+        RecipeSetup(PacketType.INPUTS, ("speed_slider_mask",)),
     ),
     (
         rtde.text("hi", "me", TextLevel.WARNING),
         "000a4d" + "026869" + "026d65" + "02",
-        Text("hi", "me", 2),
+        TextMessage("hi", "me", 2),
     ),
 ]
 REPLIES = [
@@ -102,7 +102,7 @@ def test_a_controllers_packets(made, worked, read):
         (ord("O"), b"", SetupReply(PacketType.OUTPUTS, 0, ())),
         (ord("I"), b"\2INT32", SetupReply(PacketType.INPUTS, 2, ("INT32",))),
         (ord("U"), b"\2\1", Data(0, b"\2\1")),
-        (ord("M"), b"\1no", rtde.Text("no", "", 1)),
+        (ord("M"), b"\1no", rtde.TextMessage("no", "", 1)),
         (ord("V"), b"\1", Accepted(PacketType.PROTOCOL_VERSION, True)),
     ],
 )
@@ -112,7 +112,7 @@ def test_a_controllers_packets_in_version_1(kind, payload, read):
 
 def test_a_list_that_ends_with_a_comma():
     found = rtde.read_request(PacketType.INPUTS, b"speed_slider_mask,")
-    assert found == Setup(PacketType.INPUTS, ("speed_slider_mask",))
+    assert found == RecipeSetup(PacketType.INPUTS, ("speed_slider_mask",))
 
 
 @given(st.lists(st.integers(1, 40)))
@@ -148,7 +148,7 @@ def test_a_size_that_no_packet_has():
 )
 def test_what_no_client_means(kind, payload, reason):
     found = rtde.read_request(kind, payload)
-    assert isinstance(found, Malformed)
+    assert isinstance(found, MalformedPayload)
     assert reason in found.reason
 
 
@@ -165,7 +165,7 @@ def test_what_no_client_means(kind, payload, reason):
 )
 def test_what_no_controller_means(kind, payload, reason):
     found = rtde.read_reply(kind, payload)
-    assert isinstance(found, Malformed)
+    assert isinstance(found, MalformedPayload)
     assert reason in found.reason
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from cardan.protocols.ur import dashboard, primary
-from cardan.protocols.ur.script import DEEPEST, LARGEST, Program, Refused, parse, tree
+from cardan.protocols.ur.script import DEEPEST, LARGEST, ParseFailure, Program, parse, tree
 from cardan.protocols.ur.states import RobotMode
 from tests.examples import examples
 
@@ -14,7 +14,7 @@ from tests.examples import examples
 
 
 def test_lines_in_pieces():
-    reader = dashboard.LineReader()
+    reader = dashboard.DashboardReader()
     found = []
     for piece in (b"Conn", b"ected: x\r\nRobot", b"mode: IDLE\n", b"tr"):
         reader.feed(piece)
@@ -24,11 +24,11 @@ def test_lines_in_pieces():
 
 
 def test_a_line_without_end():
-    reader = dashboard.LineReader()
+    reader = dashboard.DashboardReader()
     reader.feed(b"x" * (dashboard.LONGEST_LINE + 1))
     assert reader.take() is None
     assert "this is no dashboard" in reader.failure
-    whole = dashboard.LineReader()
+    whole = dashboard.DashboardReader()
     whole.feed(b"x" * (dashboard.LONGEST_LINE + 1) + b"\nmore\n")
     assert whole.take() is None
     assert whole.failure == reader.failure
@@ -97,8 +97,8 @@ def test_what_is_no_package():
 @settings(max_examples=examples(50))
 @given(st.integers(0, 255), st.binary(max_size=60))
 def test_no_package_raises(kind, content):
-    primary.read_message(primary.Package(kind, content))
-    primary.read_mode(primary.Package(kind, content))
+    primary.read_message(primary.PrimaryPackage(kind, content))
+    primary.read_mode(primary.PrimaryPackage(kind, content))
 
 
 # -- URScript --------------------------------------------------------------------------------------
@@ -160,7 +160,7 @@ def test_a_program():
 )
 def test_what_is_not_understood_is_named(text, line, reason):
     found = parse(text)
-    assert isinstance(found, Refused)
+    assert isinstance(found, ParseFailure)
     assert (found.line, reason in found.reason) == (line, True), found
 
 

@@ -24,7 +24,7 @@ from cardan.protocols.ros2.type_hash import type_hash
 from cardan.recording.mcap_file import RecordedMessage, RecordedTopic, RecordWriter
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.scripted import play
-from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedHand, SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedPuck, SimulatedSpaceMouse
 from tests.serving import PATIENT
 from tests.waiting import WITHIN_S, until
 
@@ -48,7 +48,7 @@ HAND = """
 2.4 neutral
 2.6 release left
 """
-"""Touch, let go, grip, move about, let go."""
+"""Touch, release, grip, move about, release."""
 
 
 class Puck:
@@ -58,7 +58,7 @@ class Puck:
         model = model_by_key("spacenavigator")
         self._clock = clock
         self._puck = SimulatedSpaceMouse(model, jitter_lsb=1, seed=1)
-        self._hand = ScriptedHand(parse_script(hand, SCRIPT_VERBS), model)
+        self._hand = ScriptedPuck(parse_script(hand, SCRIPT_VERBS), model)
         self._core = SpaceMouseCore(SpaceMouseOptions(), model)
         self._core.on_opened(0.0, model)
 

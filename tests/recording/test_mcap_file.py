@@ -1,4 +1,4 @@
-"""Records as files: what others read in them, and what is left of one that was cut off."""
+"""Records as files: as other programs read them, and the rest of one that was cut off."""
 
 import contextlib
 import io
@@ -58,7 +58,7 @@ def messages():
 
 
 def read_on(stream):
-    """What mcap's own reader finds in a file without an end."""
+    """Return the messages that mcap's own reader finds in a file without an end."""
     rows = []
     with contextlib.suppress(EndOfFile):
         rows.extend(NonSeekingReader(stream).iter_messages(log_time_order=False))

@@ -1,4 +1,4 @@
-"""A record is shown to one who looks, and nothing of it comes onto the bus."""
+"""A record is shown to its viewer, and nothing of it comes onto the bus."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def show(path):
 
 
 def values(shown):
-    """What was shown, by topic."""
+    """Return the values shown, by topic."""
     return {name: message["data"] for name, message in map(json.loads, shown)}
 
 

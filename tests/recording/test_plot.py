@@ -1,4 +1,4 @@
-"""Pictures of records: what is in them, and what is said where something is missing."""
+"""Pictures of records: their contents, and the messages about missing data."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""The recorder on a bus: everything is there, in others' hands too, and what is missing is said."""
+"""The recorder on a bus: records are complete, also to other programs, and gaps are reported."""
 
 import json
 import os
@@ -153,7 +153,7 @@ def test_a_session_is_recorded_whole(tmp_path):
     with recorder:
         with live_session(endpoint) as session:
             until(lambda: session.snapshot.cycles > 400)
-            # Some are told once a second, and only while somebody listens.
+            # Some topics are published once a second, and only while they have subscribers.
             until(lambda: topics_of(recorder) >= WHOLE, "every topic")
         report = recorder.close()
     assert report.complete, report.lines()

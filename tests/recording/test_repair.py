@@ -1,4 +1,4 @@
-"""`cardan net record --repair`: a whole file of what one has that was cut off or damaged."""
+"""`cardan net record --repair`: a whole file from one that was cut off or damaged."""
 
 import struct
 import tracemalloc

@@ -156,7 +156,7 @@ def quietly(*_):
     pass
 
 
-# -- what is held back ---------------------------------------------------------------------------
+# -- commands that are held back -----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("shown", [STATE, CONFIGURATION, CAMERA, topic("/tf", publishers=ARM)])
@@ -346,7 +346,7 @@ def test_messages_in_another_encoding_are_told(tmp_path):
 
 
 def going(path, session, jogs):
-    """A record in which somebody sent an arm 3 cm down, after another had jogged it so often."""
+    """Record in which a client sent an arm 3 cm down, after another had jogged it `jogs` times."""
     x, y, z, *turn = until(lambda: session.snapshot.pose)
     pose = {
         "position": {"x": x, "y": y, "z": z - 0.03},
@@ -360,7 +360,7 @@ def going(path, session, jogs):
 
 @contextlib.contextmanager
 def asked(tmp_path, commands, jogs=20, **tables):
-    """A live session, and what it answered to such a record."""
+    """A live session, and its answers to such a record."""
     endpoint = free_endpoint()
     network = {"router": "", "listen": [endpoint]}
     with (

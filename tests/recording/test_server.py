@@ -1,4 +1,4 @@
-"""The recorder as a server: where its files go, and what it tells of them."""
+"""The recorder as a server: places of its files, and its messages about them."""
 
 import threading
 

@@ -118,8 +118,8 @@ STILL = "0.1 axes 0.3 0 0 0 0 0\n0.2 neutral\n"
 
 
 def streaming(kind, command):
-    """What a program asks for that chooses the stream `kind` and streams what `command` gives at a
-    cycle, every fifth one; some are refused. Then it goes."""
+    """Return a program that chooses the stream `kind` and streams the command of every fifth cycle
+    by `command`; some are refused. Then it releases the arm."""
     verbs = []
 
     def ask(number, controller):

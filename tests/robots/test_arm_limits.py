@@ -46,7 +46,7 @@ def load(tmp_path):
 
 
 def asked(load, urdf, toml=""):
-    """What the error says, and the lines to paste in it."""
+    """Return the text of the error, and its lines to paste."""
     with pytest.raises(ConfigurationError) as caught:
         load(urdf, toml)
     said = str(caught.value)
@@ -147,7 +147,7 @@ effort.a = 7
         7.0,
     )
     assert (s.velocity, s.lower, s.upper, s.effort) == (0.2, -0.1, 2.0, 5.0)
-    # What a session publishes has them, too.
+    # The description that a session publishes has them, too.
     assert limits_in(arm.urdf, arm.joint_names) == arm.limits
     model = pin.buildModelFromXML(arm.urdf)
     assert model.upperPositionLimit.tolist() == pytest.approx(arm.upper)
@@ -221,7 +221,7 @@ LIMITS = st.builds(
     )
 )
 def test_what_is_proposed_is_always_enough(limits):
-    """One answer, and the arm loads."""
+    """The arm loads with the proposed lines."""
     urdf = chain(*(joint(f"j.{n}", *each) for n, each in enumerate(limits)))
     tree = read_tree(urdf)
     try:

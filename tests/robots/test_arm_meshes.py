@@ -10,7 +10,7 @@ import pytest
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import CollisionModel
-from cardan.robots import Box, Capsule, load_arm
+from cardan.robots import Capsule, OrientedBox, load_arm
 from cardan.spatial import from_euler_zyx, rotate, subtract, transform
 from cardan.types import Pose, Vector3
 
@@ -85,7 +85,7 @@ def test_a_mesh_is_covered_where_the_link_has_it(own, how):
         assert any(holds(each.shape, corner, 1e-9) for each in cover)
     # A box is covered by a box, and no other place is taken.
     (box,) = (each.shape for each in cover)
-    assert isinstance(box, Box)
+    assert isinstance(box, OrientedBox)
     assert sorted(box.size_m) == pytest.approx([0.2, 0.2, 0.2], abs=1e-3)
     assert arm.links_without_body().startswith("1 of 2 links have no body: hand")
     CollisionModel(ArmKinematics(arm))

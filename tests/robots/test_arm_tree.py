@@ -13,7 +13,7 @@ from hypothesis import given, strategies as st
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.session.cautions import arm_cautions as cautions
-from cardan.robots import Box, limits_in, load_arm
+from cardan.robots import OrientedBox, limits_in, load_arm
 from cardan.robots.arm_chain import chain_of
 from cardan.robots.arm_file import ArmFile
 from cardan.robots.arm_reader import build_arm
@@ -255,7 +255,7 @@ def test_an_arm_may_end_before_the_tree_does(arm_of):
     arm = arm_of('tcp = "l/fore"\nbase = "torso"\nflange = "l/fore"')
     assert arm.joint_names == CHAIN[:2]
     assert_same_places(arm, "torso", "l/fore", AT_REST)
-    # What hangs on its end goes along.
+    # Links that hang on its end go along.
     assert {"l/hand", "l/left_finger"} <= {shape.name for shape in arm.shapes if shape.body == 2}
 
 
@@ -298,7 +298,7 @@ def test_every_body_is_where_the_whole_tree_has_it(arm_of):
     assert {f"{shape.name}_0" for shape in arm.shapes} == there.keys()
     for shape in arm.shapes:
         body, center = bodies[shape.body], there[f"{shape.name}_0"]
-        if isinstance(shape.shape, Box):
+        if isinstance(shape.shape, OrientedBox):
             here = body * as_se3(shape.shape.pose)
             np.testing.assert_allclose(here.homogeneous, center.homogeneous, atol=1e-9)
         else:

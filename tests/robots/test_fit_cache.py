@@ -1,4 +1,4 @@
-"""A mesh is fitted once, whatever is in the cache's folder."""
+"""A mesh is fitted once, for all contents of the cache's folder."""
 
 import os
 
@@ -7,7 +7,7 @@ import pytest
 from cardan.common.files import cache_folder
 from cardan.errors import ConfigurationError
 from cardan.robots import fit_cache
-from cardan.robots.arm_model import Box, Capsule
+from cardan.robots.arm_model import Capsule, OrientedBox
 from cardan.robots.fit_cache import fit_mesh
 from cardan.robots.fitting import Fit, fit
 from cardan.types import Pose, Quaternion, Vector3
@@ -24,7 +24,9 @@ f 2 3 4
 FOUND = Fit(
     (
         Capsule(Vector3(0.1, 0.2, 0.3), Vector3(0.0, 0.0, 0.1), 0.05),
-        Box(Pose(Vector3(0.1, 1e-17, 3.0), Quaternion(0.6, 0.8, 0.0, 0.0)), Vector3(0.1, 0.2, 0.3)),
+        OrientedBox(
+            Pose(Vector3(0.1, 1e-17, 3.0), Quaternion(0.6, 0.8, 0.0, 0.0)), Vector3(0.1, 0.2, 0.3)
+        ),
     ),
     0.123456789,
     0.00321,

@@ -1,4 +1,4 @@
-"""Covers of capsules and boxes contain the hull of what they cover, and not much more."""
+"""Covers of capsules and boxes contain the hull of the covered mesh, and not much more."""
 
 import itertools
 import math
@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 
 from cardan.errors import ConfigurationError
-from cardan.robots.arm_model import Box, Capsule
+from cardan.robots.arm_model import Capsule, OrientedBox
 from cardan.robots.fitting import MOST_PIECES, OVER_M, OVER_SHARE, THINNEST_M, Hull, fit
 from tests.examples import examples
 
@@ -101,7 +101,7 @@ def test_all_of_the_hull_is_covered(seed, how):
 
 
 def coal_shape(shape):
-    if isinstance(shape, Box):
+    if isinstance(shape, OrientedBox):
         position, (w, x, y, z), _ = shape.pose
         turn = coal.Transform3s(np.array(quaternion_matrix(w, x, y, z)), np.array(position))
         return coal.Box(*shape.size_m), turn
@@ -188,7 +188,7 @@ def test_a_box_is_one_box():
     turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
     found = fit((CUBE * (1.0, 2.0, 4.0)) @ turn + 0.5, "tight")
     (box,) = found.shapes
-    assert isinstance(box, Box)
+    assert isinstance(box, OrientedBox)
     assert sorted(box.size_m) == pytest.approx([0.2, 0.4, 0.8], abs=1e-4)
     assert found.over_share < 0.01
     assert found.over_m < 1e-4

@@ -1,4 +1,4 @@
-"""Arms whose description is an MJCF. What MuJoCo 4.0.0 says of them stands here as numbers."""
+"""Arms whose description is an MJCF. The numbers about them are results of MuJoCo 4.0.0."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.own_arm.added import add, toml_beside
-from cardan.robots import Box, Capsule, load_arm, parse_urdf
+from cardan.robots import Capsule, OrientedBox, load_arm, parse_urdf
 from cardan.robots.mjcf import urdf_of
 from cardan.robots.urdf import read_tree
 
@@ -98,7 +98,7 @@ MUJOCO = {
 """Of each posture, where the site is, m, and the rows of its matrix."""
 
 WEIGHTS = (4.3883201856, -1.3309732166, 10.9000179604, -1.5542132231, 0.0383444546)
-"""What gravity does to the joints at home, N·m and N."""
+"""Load of gravity on the joints at home, N·m and N."""
 
 SPEEDS = """
 [velocity_deg_s]
@@ -192,7 +192,7 @@ def test_bodies(trial):
     for shape in trial.shapes:
         by_link.setdefault(shape.name, []).append(shape.shape)
     floor, base = by_link["world"][0], by_link["base"]
-    assert isinstance(floor, Box)
+    assert isinstance(floor, OrientedBox)
     assert floor.pose.position.z + floor.size_m.z / 2 == pytest.approx(0.0)
     assert len(base) == 1, "what touches nothing is not kept from anything"
     turret = by_link["turret"][0]
@@ -391,7 +391,7 @@ def test_meshes_are_found(loaded, tmp_path):
     (tmp_path / "parts/sub/tube.obj").write_text(corners + faces, encoding="utf-8")
     arm = loaded(mjcf('<geom type="mesh" mesh="tube" pos="0 0 0.1"/>', head))
     assert arm.missing_meshes == ()
-    assert any(isinstance(each.shape, Box) for each in arm.shapes)
+    assert any(isinstance(each.shape, OrientedBox) for each in arm.shapes)
 
 
 def test_a_body_that_is_only_seen_is_one_that_is_not_known(loaded):

@@ -11,7 +11,7 @@ pytest.importorskip("pinocchio", reason="pin is not installed: pip install carda
 import pinocchio as pin
 
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.robots import Box, load_arm
+from cardan.robots import OrientedBox, load_arm
 from cardan.robots.arm_bodies import to_se3
 from cardan.robots.mesh_files import find_mesh
 from cardan.robots.meshes import points_in
@@ -82,7 +82,7 @@ def test_our_own_file_is_the_published_arm(published, tmp_path):
     for one, other in zip(ours.joints, theirs.joints, strict=True):
         assert (one.lower, one.upper) == (other.lower, other.upper)
         assert (one.velocity, one.effort) == (other.velocity, other.effort)
-    # What hangs on the last link may be more than we have.
+    # Their last link may carry more than ours.
     for one, other in zip(ours.inertias[:-1], theirs.inertias, strict=False):
         assert one.mass_kg == other.mass_kg
         assert one.center_m == pytest.approx(other.center_m, abs=1e-9)
@@ -123,7 +123,7 @@ def placed(element, points):
 
 def inside(shape, points):
     """Of each point, whether it is in a capsule or a box."""
-    if isinstance(shape, Box):
+    if isinstance(shape, OrientedBox):
         local = (points - shape.pose.position) @ to_se3(shape.pose).rotation
         return (np.abs(local) <= 0.5 * np.array(shape.size_m)).all(axis=1)
     along, offset = np.subtract(shape.end, shape.start), points - shape.start

@@ -13,7 +13,7 @@ import pinocchio as pin
 import pytest
 
 from cardan.common.tables import keys_of
-from cardan.robots import Box, Capsule, JointKind, arm_names, load_arm
+from cardan.robots import Capsule, JointKind, OrientedBox, arm_names, load_arm
 from cardan.robots.arm_file import ArmFile, CollisionTable, ShapeTable
 from cardan.robots.arm_model import Task
 
@@ -748,7 +748,7 @@ def test_bodies_are_those_of_the_tables(name):
     arm, given = load_arm(name), CAPSULES[name]
     fixed = {"torso", "head", "hip"}
     found = [shape for shape in arm.shapes if shape.name not in fixed]
-    boxes = [shape for shape in found if isinstance(shape.shape, Box)]
+    boxes = [shape for shape in found if isinstance(shape.shape, OrientedBox)]
     assert len(found) == len(given) + len(boxes)
     for box, (body, center, size) in zip(boxes, BOXES.get(name, ()), strict=True):
         assert box.body == body
@@ -787,7 +787,7 @@ def distances(arm, q):
     placements, _ = bodies(arm, q)
     solids = []
     for shape in arm.shapes:
-        if isinstance(shape.shape, Box):
+        if isinstance(shape.shape, OrientedBox):
             geometry = coal.Box(*shape.shape.size_m)
             local = of_pose(shape.shape.pose)
         else:

@@ -1,4 +1,4 @@
-"""Three published descriptions out of small wheels, as they are: what every change is tried on."""
+"""Three published descriptions out of small wheels, as they are: tried with every change."""
 
 import importlib.metadata
 

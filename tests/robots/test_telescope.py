@@ -11,7 +11,7 @@ from hypothesis import given, strategies as st
 
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.robots import Box, Capsule, load_arm, parse_urdf
+from cardan.robots import Capsule, OrientedBox, load_arm, parse_urdf
 from cardan.robots.arm_bodies import to_se3
 from cardan.robots.telescope import Sweep, swept
 from cardan.types import Pose, Quaternion, Vector3
@@ -140,7 +140,7 @@ def points(shape, rng):
     for _ in range(20):
         out = rng.normal(size=3)
         out /= np.linalg.norm(out)
-        if isinstance(shape, Box):
+        if isinstance(shape, OrientedBox):
             at = 0.5 * out / np.abs(out).max() * np.array(shape.size_m)
             yield to_se3(shape.pose).act(at)
         else:
@@ -150,7 +150,7 @@ def points(shape, rng):
 
 
 def contains(shape, point):
-    if isinstance(shape, Box):
+    if isinstance(shape, OrientedBox):
         local = to_se3(shape.pose).actInv(point)
         return bool((np.abs(local) <= 0.5 * np.array(shape.size_m) + 1e-9).all())
     start, axis = np.array(shape.start), np.array(shape.end) - np.array(shape.start)
@@ -169,7 +169,7 @@ def test_what_is_swept_contains_the_shape_all_along(direction, axis, is_box, low
     if is_box:
         turned = pin.Quaternion(pin.exp3(np.array(axis))).coeffs().tolist()
         at = Pose(Vector3(0.1, 0.2, 0.3), Quaternion(turned[3], *turned[:3]))
-        shape = Box(at, Vector3(0.1, 0.2, 0.3))
+        shape = OrientedBox(at, Vector3(0.1, 0.2, 0.3))
     larger = swept(shape, way, Sweep("j", low, low + longer))
     moved = (low + share * longer) * np.array(way)
     for point in points(shape, np.random.default_rng(3)):

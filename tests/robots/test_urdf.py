@@ -1,4 +1,4 @@
-"""URDF files as other programs read them: what these take is taken, what they refuse refused."""
+"""URDF files as other programs read them: accepted and refused as by these."""
 
 from __future__ import annotations
 

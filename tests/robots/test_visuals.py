@@ -1,4 +1,4 @@
-"""Visual meshes are kept as a browser draws them; what cannot be shown is said."""
+"""Visual meshes are kept as a browser draws them; those that cannot be shown are reported."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from cardan.sim_peers.backends.base import DeviceBackend
 
 
 class BareShell:
-    """What a backend uses of its peer. `now_s` is the device's time."""
+    """The part of a peer that its backend uses. `now_s` is the device's time."""
 
     refused_until_s = 0.0
 
@@ -28,6 +28,6 @@ class BareShell:
         """There is nothing to play."""
 
     def serve(self, backend: DeviceBackend, timeout_s: float) -> None:
-        """One turn of the loop."""
+        """Run the loop once."""
         backend.wait(timeout_s)
         backend.attend(time.monotonic())

@@ -8,13 +8,13 @@ from collections.abc import Callable
 from cardan.protocols.egm import decode_robot, encode_path_corr, encode_sensor
 from cardan.protocols.egm.messages import (
     EgmHeader,
+    EgmMessageType,
     EgmMotion,
     EgmPose,
     EgmRobot,
     EgmSensor,
     EgmSensorPathCorr,
     EgmSpeedRef,
-    MessageType,
 )
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions
 from cardan.types import Quaternion, Vector3
@@ -74,7 +74,7 @@ class Pc:
             self.step(reply)
         return self.received[before:]
 
-    def header(self, mtype: int = MessageType.CORRECTION) -> EgmHeader:
+    def header(self, mtype: int = EgmMessageType.CORRECTION) -> EgmHeader:
         self.seqno += 1
         return EgmHeader(self.seqno, round(self.now_s * 1e3), mtype)
 
@@ -115,11 +115,11 @@ class Pc:
 
 
 def echo(message: EgmRobot) -> EgmSensor:
-    """Answer with what was measured: hold still, as a PC should at first."""
+    """Answer with the measured position: hold still, as a PC should at first."""
     assert message.feed_back is not None
     assert message.header is not None
     return EgmSensor(
-        EgmHeader(message.header.seqno, message.header.tm_ms, MessageType.CORRECTION),
+        EgmHeader(message.header.seqno, message.header.tm_ms, EgmMessageType.CORRECTION),
         EgmMotion(
             joints=message.feed_back.joints,
             cartesian=message.feed_back.cartesian._replace(euler=None)

@@ -99,7 +99,7 @@ def path_correction(client: Any) -> list[Any]:
 
 def silence(client: Any) -> list[Any]:
     """Until its input ends, and what came by then is read."""
-    # Whatever the controller says in its virtual time lies here until it is read.
+    # The controller's messages in its virtual time are kept here until they are read.
     client.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
     states = [receive(client)]
     for _ in range(20):

@@ -1,10 +1,10 @@
-"""What the tests of the simulated SpaceMouse share: running it in virtual time."""
+"""Simulated SpaceMouse in virtual time, for its tests."""
 
 from __future__ import annotations
 
 from cardan.protocols.connexion import model_by_key
 from cardan.sim_peers.base import parse_script
-from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedHand, SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedPuck, SimulatedSpaceMouse
 
 Stamped = list[tuple[float, bytes]]
 
@@ -27,7 +27,7 @@ def run(device: SimulatedSpaceMouse, until_s: float) -> Stamped:
 
 def perform(device: SimulatedSpaceMouse, script: str, until_s: float) -> Stamped:
     """Every report of `device` in the hand of `script`, with its time."""
-    hand = ScriptedHand(parse_script(script, SCRIPT_VERBS), device.model)
+    hand = ScriptedPuck(parse_script(script, SCRIPT_VERBS), device.model)
     reports: Stamped = []
     while (due_s := min(device.next_due_s, hand.next_due_s)) <= until_s:
         device.skip_to(due_s)

@@ -1,4 +1,4 @@
-"""Who may open a simulated device: its owner alone, whatever the umask, or everybody when asked."""
+"""Access to a simulated device: its owner alone, whatever the umask, or everybody when asked."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def umask(request):
 
 
 def mode(path):
-    """The mode of what programs open at `path`."""
+    """The mode of the file that programs open at `path`."""
     return stat.S_IMODE(os.stat(path).st_mode)
 
 

@@ -11,7 +11,7 @@ from cardan.errors import ConfigurationError, ScriptError
 from cardan.protocols.joint_stream import (
     ArmCommand,
     ControlMode,
-    Malformed,
+    MalformedDatagram,
     decode_state,
     encode_command,
 )
@@ -24,7 +24,7 @@ SPEED = (0.2, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Client:
-    """Commands an arm cycle by cycle and keeps what it sends."""
+    """Commands an arm cycle by cycle and keeps its messages."""
 
     def __init__(self, faults=(), drive="dynamic", **options):
         self.arm = SimulatedArm(
@@ -65,7 +65,7 @@ class Client:
             self.cycle += 1
             for data in self.arm.cycle(self.now_s):
                 state = decode_state(data)
-                if isinstance(state, Malformed):
+                if isinstance(state, MalformedDatagram):
                     self.junk += 1
                 else:
                     self.states.append(state)

@@ -11,12 +11,12 @@ import pytest
 
 from cardan.errors import ConfigurationError
 from cardan.robots import load_arm, parse_urdf
-from cardan.sim_peers.arm import ArmPlant, Ball, DriveMode, Plane, PlantOptions
+from cardan.sim_peers.arm import ArmPlant, Ball, DriveMode, PlantOptions, TouchPlane
 from cardan.types import Vector3
 
 FRICTIONLESS = {"viscous_friction_1_s": 0.0, "coulomb_friction_rad_s2": 0.0}
 STRETCHED = tuple(map(math.radians, (0.0, 60.0, 10.0, 5.0, 30.0, 0.0)))
-FLOOR = Plane(Vector3(0.0, 0.0, 0.0), Vector3(0.0, 0.0, 2.0))
+FLOOR = TouchPlane(Vector3(0.0, 0.0, 0.0), Vector3(0.0, 0.0, 2.0))
 
 
 def gofa(**options):
@@ -323,7 +323,7 @@ def test_at_rest_on_a_plane_the_force_is_the_weight_and_the_depth_weight_over_st
     plant.command_torques((0.0,))
     z = run(plant, 3.0)[0]
     assert z == pytest.approx(0.02 - 2.0 * 9.81 / 1e4, abs=1e-7)
-    # What the TCP exerts on the world points down.
+    # The force of the TCP on the world points down.
     assert plant.wrench.force == pytest.approx((0.0, 0.0, -2.0 * 9.81), abs=1e-3)
     assert plant.wrench.torque == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
 
@@ -348,7 +348,7 @@ def test_contact_never_pulls():
 def test_an_arm_that_is_driven_into_a_plane_pushes_and_rubs():
     plant = gofa(gravity_feedforward=True)
     tcp = plant.pose.position
-    floor = Plane(Vector3(0.0, 0.0, tcp.z - 0.03), Vector3(0.0, 0.0, 1.0))
+    floor = TouchPlane(Vector3(0.0, 0.0, tcp.z - 0.03), Vector3(0.0, 0.0, 1.0))
     plant, free = gofa(gravity_feedforward=True, planes=(floor,)), plant
     for _ in range(150):
         for each in (plant, free):
@@ -363,7 +363,7 @@ def test_an_arm_that_is_driven_into_a_plane_pushes_and_rubs():
 
 
 def test_capsules_touch_when_asked():
-    plane = Plane(Vector3(0.0, 0.0, 0.0), Vector3(0.0, 0.0, -1.0))  # everything above z = 0
+    plane = TouchPlane(Vector3(0.0, 0.0, 0.0), Vector3(0.0, 0.0, -1.0))  # everything above z = 0
     alone = gofa(planes=(plane,), contact_radius_m=0.0)
     whole = gofa(planes=(plane,), contact_radius_m=0.0, body_contact=True)
     for plant in (alone, whole):
@@ -416,7 +416,7 @@ def test_bad_options_name_the_key():
         ({"drive": "no"}, "drive"),
         ({"step_s": 0.1}, "step_s"),
         ({"payload_kg": math.nan}, "payload_kg"),
-        ({"planes": (Plane(Vector3(0, 0, 0), Vector3(0, 0, 0)),)}, "planes"),
+        ({"planes": (TouchPlane(Vector3(0, 0, 0), Vector3(0, 0, 0)),)}, "planes"),
         ({"balls": (Ball(Vector3(0, 0, 0), 0.0),)}, "balls"),
     ):
         with pytest.raises(ConfigurationError) as raised:

@@ -1,4 +1,4 @@
-"""Scripts and fault switches: what is read, and what is refused with a reason."""
+"""Scripts and fault switches: valid ones, and those that are refused with a reason."""
 
 import contextlib
 import gc

@@ -1,4 +1,4 @@
-"""Every simulated peer has its command, and the command offers what the peer declares."""
+"""Every simulated peer has its command, and the command offers the peer's options."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WIDE = {"COLUMNS": "400", "NO_COLOR": "1", "TERM": "dumb"}
 
 
 def said(*words: str, code: int = 0) -> str:
-    """What ``cardan sim`` with these words prints."""
+    """Return the output of ``cardan sim`` with these words."""
     outcome = CliRunner().invoke(sim, words, env=WIDE, catch_exceptions=False)
     assert outcome.exit_code == code, outcome.output
     return outcome.output
@@ -88,7 +88,7 @@ def test_an_unknown_peer_is_refused():
     assert "No such command 'toaster'" in said("toaster", code=2)
 
 
-# -- somebody else's ------------------------------------------------------------------------------
+# -- third parties' -------------------------------------------------------------------------------
 
 
 class Color(enum.Enum):

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.matrix
 
 
 class Echo(DatagramPeer):
-    """Sends its cycle's number in each cycle, and keeps what it is sent."""
+    """Sends its cycle's number in each cycle, and keeps received datagrams."""
 
     def __init__(self, to: tuple[str, int], period_s: float = 0.002, **network) -> None:
         super().__init__(period_s, **network)

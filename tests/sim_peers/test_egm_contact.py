@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from cardan.cli import sim
 from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
 from cardan.errors import ConfigurationError, ScriptError
-from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, Surface
+from cardan.sim_peers.egm_controller import ContactSurface, EgmController, EgmControllerOptions
 from cardan.sim_peers.egm_controller.contact import tcp_velocity, touch
 from cardan.sim_peers.kinematics import forward
 from cardan.spatial import norm, rotate, subtract
@@ -18,7 +18,7 @@ from tests.sim_peers.egm_pc import Pc
 
 DOWN_DEG = (0.0, 20.0, 30.0, 0.0, 40.0, 0.0)
 """The tool points straight down, TCP 0.292 m above the base."""
-TABLE = Surface(0.28, stiffness_n_m=1000.0, damping_n_s_m=20.0, friction=0.3)
+TABLE = ContactSurface(0.28, stiffness_n_m=1000.0, damping_n_s_m=20.0, friction=0.3)
 
 speeds = st.floats(-1.0, 1.0)
 
@@ -82,15 +82,15 @@ def test_nothing_is_felt_above_the_surface():
     assert mean_force(pressing(-0.005)) == pytest.approx([0.0, 0.0, 0.0], abs=0.15)
 
 
-@pytest.mark.matrix("base-exerted--1.0", "tool-felt--1.0")
+@pytest.mark.matrix("base-exerted--1.0", "tool-reaction--1.0")
 @pytest.mark.parametrize(
     ("frame", "sense", "sign"),
     [
         # Pressing down: along the tool's z, against the base's.
         ("tool", "exerted", 1.0),
         ("base", "exerted", -1.0),
-        ("tool", "felt", -1.0),
-        ("base", "felt", 1.0),
+        ("tool", "reaction", -1.0),
+        ("base", "reaction", 1.0),
     ],
 )
 def test_a_pen_pressed_on_a_table_in_every_convention(frame, sense, sign):
@@ -150,9 +150,9 @@ def test_a_wall_that_is_none_is_refused(line, tmp_path):
 @pytest.mark.parametrize(
     "bad",
     [
-        {"surface": Surface(math.nan)},
-        {"surface": Surface(0.2, stiffness_n_m=-1.0)},
-        {"surface": Surface(0.2, friction=math.inf)},
+        {"surface": ContactSurface(math.nan)},
+        {"surface": ContactSurface(0.2, stiffness_n_m=-1.0)},
+        {"surface": ContactSurface(0.2, friction=math.inf)},
         {"force_frame": "world"},
         {"force_sense": "pulled"},
         {"collision_force_n": -1.0},

@@ -1,4 +1,4 @@
-"""What the simulated controller fills, release by release."""
+"""Fields that the simulated controller fills, release by release."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import math
 import pytest
 
 from cardan.protocols.egm.messages import (
+    EgmMessageType,
     EgmRapidData,
     EgmSensor,
     MCIState,
-    MessageType,
     RapidState,
 )
 from cardan.sim_peers.egm_controller import ROBOTWARE
@@ -45,7 +45,7 @@ def test_what_abb_libegm_demands_is_always_there(robotware):
         message = run(robotware, script=script).last
         assert message.header.seqno is not None
         assert message.header.tm_ms is not None
-        assert message.header.mtype == MessageType.DATA
+        assert message.header.mtype == EgmMessageType.DATA
         for motion in (message.feed_back, message.planned):
             assert len(motion.joints) == 6
             assert motion.cartesian.pos is not None

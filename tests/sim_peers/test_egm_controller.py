@@ -11,13 +11,13 @@ from cardan.errors import ConfigurationError, ScriptError
 from cardan.protocols.egm import encode_sensor
 from cardan.protocols.egm.messages import (
     EgmHeader,
+    EgmMessageType,
     EgmMotion,
     EgmPose,
     EgmSensor,
     EgmSensorPathCorr,
     EgmSpeedRef,
     MCIState,
-    MessageType,
     MotorState,
     RapidState,
 )
@@ -59,7 +59,7 @@ def test_first_datagrams_of_a_session():
     pc = Pc(mode="joint")
     first, second = pc.run(3 * TS, echo)[:2]
     assert (first.header.seqno, second.header.seqno) == (0, 1)
-    assert first.header.mtype == MessageType.DATA
+    assert first.header.mtype == EgmMessageType.DATA
     assert second.header.tm_ms - first.header.tm_ms == 4
     assert first.mci_state == MCIState.RUNNING
     assert first.motor_state == MotorState.ON

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from cardan.sim_peers.egm_controller.motion import ControlLaw, JointMove, RampDown, Servo
+from cardan.sim_peers.egm_controller.motion import ControlLaw, JointMove, RampDown, ServoAxes
 from cardan.sim_peers.kinematics import (
     GOFA,
     Differential,
@@ -20,7 +20,7 @@ UNLIMITED = GOFA._replace(velocity=(math.inf,) * 6, acceleration=(math.inf,) * 6
 
 
 def servo(arm=UNLIMITED, delay_s=0.0, start=(0.0,) * 6):
-    return Servo(arm, TS, delay_s, start)
+    return ServoAxes(arm, TS, delay_s, start)
 
 
 def follow(cycles, gain, filter_hz=None, cap_deg_s=math.inf, reference=lambda t: 1.0, feed=0.0):
@@ -96,7 +96,7 @@ def test_the_arm_is_the_servo_delay_behind_the_plan(delay_s):
 
 def test_encoders_are_noisy_and_the_same_for_the_same_seed():
     def measured(seed):
-        arm = Servo(GOFA, TS, 0.016, (0.0,) * 6, noise_rad=1e-6, seed=seed)
+        arm = ServoAxes(GOFA, TS, 0.016, (0.0,) * 6, noise_rad=1e-6, seed=seed)
         values = []
         for _ in range(5):
             arm.drive([0.0] * 6)

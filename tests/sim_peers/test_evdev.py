@@ -26,7 +26,7 @@ from cardan.sim_peers.evdev import (
     SCRIPTS,
     EvdevPeer,
     EvdevPeerOptions,
-    ScriptedHand,
+    ScriptedInput,
     SimulatedInput,
 )
 from cardan.sim_peers.evdev.backends import UinputBackend
@@ -243,7 +243,7 @@ def test_built_in_scripts_play_to_their_end_and_let_everything_go(kind, name, mo
     device = make(model)
     if device.model.is_gamepad != (kind == "gamepad"):
         return
-    hand = ScriptedHand(parse_script(SCRIPTS[kind][name], SCRIPT_VERBS), device)
+    hand = ScriptedInput(parse_script(SCRIPTS[kind][name], SCRIPT_VERBS), device)
     frames = play(device, hand, 60.0)
     assert frames
     assert [f.time_s for f in frames] == sorted(f.time_s for f in frames)
@@ -255,7 +255,7 @@ def test_built_in_scripts_play_to_their_end_and_let_everything_go(kind, name, mo
 
 def test_taps_go_on_for_ever():
     device = make("keyboard")
-    hand = ScriptedHand(parse_script(SCRIPTS["keyboard"]["taps"], SCRIPT_VERBS), device)
+    hand = ScriptedInput(parse_script(SCRIPTS["keyboard"]["taps"], SCRIPT_VERBS), device)
     presses = [
         pair for pair in values(play(device, hand, 21.0), evdev_events.EV_KEY) if pair[1] == 1
     ]
@@ -277,7 +277,7 @@ def test_taps_go_on_for_ever():
 )
 def test_scripts_that_make_no_sense(model, line, words):
     with pytest.raises(ScriptError, match=words):
-        ScriptedHand(parse_script(line, SCRIPT_VERBS), make(model))
+        ScriptedInput(parse_script(line, SCRIPT_VERBS), make(model))
 
 
 @pytest.mark.parametrize(
@@ -361,7 +361,9 @@ def test_grabbed_events_reach_one_client_alone(tmp_path):
     script.write_text("0.3 hold a for 0.1")
     options = EvdevPeerOptions(kind="keyboard", path=path, script=str(script))
     with in_a_thread(EvdevPeer(options)), connect(path) as mine, connect(path) as other:
-        request = evdev_requests.Call(evdev_requests.EVIOCGRAB, 0, evdev_requests.encode_int(1))
+        request = evdev_requests.IoctlCall(
+            evdev_requests.EVIOCGRAB, 0, evdev_requests.encode_int(1)
+        )
         mine.send(evdev_requests.encode_call(request))
         assert evdev_requests.decode_call(mine.recv(4096)).result == 0
         assert len(evdev_events.decode_events(mine.recv(4096))) == 3
@@ -427,7 +429,7 @@ def test_uinput_makes_the_device_and_serves_the_kernel(fake_uinput):
         assert setup[8:].startswith(b"Microsoft X-Box 360 pad\0")
 
         def kernel_says(*events):
-            """What the kernel would put before the maker of the device."""
+            """Send events to the maker of the device, as the kernel would."""
             fd = os.open(root / "dev/uinput", os.O_RDWR | os.O_NONBLOCK)
             os.write(
                 fd,

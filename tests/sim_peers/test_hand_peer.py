@@ -40,7 +40,7 @@ class Waiting(selectors.SelectSelector):
 
 
 class Device:
-    """Sends something every 0.5 s, and does what its script says."""
+    """Sends something every 0.5 s, and follows its script."""
 
     def __init__(self, done) -> None:
         self.plugged = True

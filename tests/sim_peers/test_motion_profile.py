@@ -7,12 +7,12 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.sim_peers.motion_profile import Ramp, SinePeriods, VectorMotion
+from cardan.sim_peers.motion_profile import SinePeriods, VectorMotion, VectorRamp
 
 values = st.floats(-10.0, 10.0)
 pairs = st.tuples(values, values)
 durations = st.floats(0.01, 5.0)
-ramps = st.builds(Ramp, pairs, st.just(0.0) | durations, st.booleans())
+ramps = st.builds(VectorRamp, pairs, st.just(0.0) | durations, st.booleans())
 swings = st.builds(
     SinePeriods, pairs, durations, st.integers(1, 4), st.sampled_from((0.0, math.pi / 2, -1.0))
 )
@@ -20,7 +20,7 @@ swings = st.builds(
 
 def test_a_ramp_is_linear_and_stays_at_its_goal():
     motion = VectorMotion((1.0, 0.0))
-    motion.start(2.0, Ramp((3.0, -1.0), 4.0))
+    motion.start(2.0, VectorRamp((3.0, -1.0), 4.0))
     assert motion.at(2.0) == (1.0, 0.0)
     assert motion.at(3.0) == (1.5, -0.25)
     assert motion.at(6.0) == motion.at(60.0) == (3.0, -1.0)
@@ -28,13 +28,13 @@ def test_a_ramp_is_linear_and_stays_at_its_goal():
 
 def test_a_ramp_without_a_time_is_there_at_once():
     motion = VectorMotion((1.0,))
-    motion.start(2.0, Ramp((3.0,)))
+    motion.start(2.0, VectorRamp((3.0,)))
     assert motion.at(2.0) == (3.0,)
 
 
 def test_a_gentle_ramp_starts_and_ends_without_speed():
     motion = VectorMotion((0.0,), gentle=True)
-    motion.start(0.0, Ramp((2.0,), 1.0))
+    motion.start(0.0, VectorRamp((2.0,), 1.0))
     assert motion.at(0.5) == pytest.approx((1.0,))
     assert motion.at(0.01)[0] == pytest.approx(0.0, abs=1e-3)
     assert motion.at(0.99)[0] == pytest.approx(2.0, abs=1e-3)
@@ -42,8 +42,8 @@ def test_a_gentle_ramp_starts_and_ends_without_speed():
 
 def test_a_component_without_a_goal_goes_on_to_where_it_was_going():
     motion = VectorMotion((0.0, 0.0))
-    motion.start(0.0, Ramp((1.0, None), 1.0))
-    motion.start(0.5, Ramp((None, 4.0), 1.0))
+    motion.start(0.0, VectorRamp((1.0, None), 1.0))
+    motion.start(0.5, VectorRamp((None, 4.0), 1.0))
     assert motion.at(0.5) == (0.5, 0.0)
     assert motion.at(1.0) == (0.75, 2.0)
     assert motion.at(1.5) == (1.0, 4.0)
@@ -51,7 +51,7 @@ def test_a_component_without_a_goal_goes_on_to_where_it_was_going():
 
 def test_swings_add_up_on_top_of_a_ramp_and_end_after_whole_periods():
     motion = VectorMotion((0.0,))
-    motion.start(0.0, Ramp((1.0,), 1.0))
+    motion.start(0.0, VectorRamp((1.0,), 1.0))
     motion.start(0.0, SinePeriods((0.5,), 4.0))
     motion.start(0.0, SinePeriods((0.25,), 4.0, times=2, phase_rad=math.pi))
     assert motion.at(1.0) == pytest.approx((1.25,))
@@ -63,7 +63,7 @@ def test_swings_add_up_on_top_of_a_ramp_and_end_after_whole_periods():
 def test_the_next_sample_is_a_period_on_or_the_end_of_a_stroke():
     motion = VectorMotion((0.0,), 0.3)
     assert motion.next_due_s == math.inf
-    motion.start(0.0, Ramp((1.0,), 0.5))
+    motion.start(0.0, VectorRamp((1.0,), 0.5))
     motion.start(0.0, SinePeriods((0.5,), 0.7))
     due = []
     while motion.next_due_s < math.inf:

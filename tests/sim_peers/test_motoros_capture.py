@@ -24,7 +24,7 @@ from cardan.protocols.simple_message import (
     MotionCommand,
     MotionCtrl,
     MotionResult,
-    Wire,
+    WireFormat,
     joints10,
     request,
 )
@@ -55,11 +55,11 @@ TIMES_S = (
 )
 BUSY = (0, 0, 0, 0, 0, 4, 8, 9, 12, 15)
 """How often each point was refused."""
-WIRE = Wire(ByteOrder.BIG)
+WIRE = WireFormat(ByteOrder.BIG)
 
 
 class Real(NamedTuple):
-    """What the capture holds. Times in s."""
+    """Contents of the capture. Times in s."""
 
     points: list[bytes]
     """Each once, as sent."""
@@ -186,7 +186,7 @@ class Replay:
             kept.append((self.now_s, WIRE.decode(data)))
 
     def ask(self, data, until_s=1.0):
-        """One request; the time its reply took in the servers, and the reply."""
+        """Send a request; return the time its reply took in the servers, and the reply."""
         sent_s = self.now_s
         self.servers.data(self.motion, data, sent_s)
         self.poll()

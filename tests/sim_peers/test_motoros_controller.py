@@ -588,7 +588,7 @@ def test_times_beyond_all_measure_do_no_harm():
     assert not cell.moving()
 
 
-# -- what ends motion (4.4) ------------------------------------------------------------------------
+# -- causes of the end of motion (4.4) -------------------------------------------------------------
 
 STOPS = {
     "emergency stop": (lambda it, t: it.emergency_stop(t), 5003),

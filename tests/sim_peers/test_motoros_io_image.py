@@ -14,7 +14,7 @@ from cardan.protocols.simple_message import (
     ReadIo,
     ReadRegister,
     ReplyCode,
-    Wire,
+    WireFormat,
     WriteIo,
     WriteRegister,
     request,
@@ -128,7 +128,7 @@ def test_other_messages_are_not_answered(image):
 
 @given(address=WORDS, value=WORDS)
 def test_any_numbers_get_an_answer_that_can_be_sent(address, value):
-    image, wire = IoImage(dict), Wire()
+    image, wire = IoImage(dict), WireFormat()
     for msg_type in (2003, 2005, 2007, 2009, 2012, 2013):
         body = {
             2003: ReadIo(address),

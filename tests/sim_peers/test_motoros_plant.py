@@ -1,4 +1,4 @@
-"""What lies between command and feedback of the simulated Motoman arm."""
+"""Plant of the simulated Motoman arm, from command to feedback."""
 
 from __future__ import annotations
 

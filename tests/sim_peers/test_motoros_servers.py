@@ -28,7 +28,7 @@ from cardan.protocols.simple_message import (
     ReadRegister,
     SelectTool,
     VelocityInfoRequest,
-    Wire,
+    WireFormat,
     WriteIo,
     WriteIoReply,
     WriteRegister,
@@ -60,7 +60,7 @@ class World:
         self.options = MotorosControllerOptions(**{"servo_on": True, **options})
         self.controller = MotorosController(self.options)
         self.servers = MotorosServers(self.controller, self.options)
-        self.wire = Wire(ByteOrder.BIG if self.options.big_endian else ByteOrder.LITTLE)
+        self.wire = WireFormat(ByteOrder.BIG if self.options.big_endian else ByteOrder.LITTLE)
         self.now_s = START_S
         self.came = defaultdict(list)
         self.closed = {}
@@ -209,7 +209,7 @@ def test_a_client_that_is_reset_while_it_starts_the_velocity_mode_leaves_it_off(
 
 
 def test_a_client_that_closes_while_it_starts_the_velocity_mode_leaves_it_off():
-    """What it sent is served to its end, as a server that is busy sees a FIN only then."""
+    """Its requests are served to their end: a busy server sees a FIN only then."""
     world = World(servo_on=False)
     motion = world.connect("motion")
     world.send(motion, request(MotionCtrl(0, 1, MotionCommand.START_VEL_MODE)))
@@ -371,7 +371,7 @@ def test_a_wrong_prefix_ends_the_connection_after_what_came_before(prefix):
 def test_a_wrong_byte_order_ends_the_connection():
     world = World(big_endian=True)
     motion = world.connect("motion")
-    world.raw(motion, Wire(ByteOrder.LITTLE).encode(READY))
+    world.raw(motion, WireFormat(ByteOrder.LITTLE).encode(READY))
     assert motion in world.closed
     assert not world.take(motion)
 
@@ -849,7 +849,7 @@ VALID = [
 
 @st.composite
 def mutated(draw):
-    data = bytearray(Wire().encode(draw(st.sampled_from(VALID))))
+    data = bytearray(WireFormat().encode(draw(st.sampled_from(VALID))))
     for _ in range(draw(st.integers(0, 4))):
         data[draw(st.integers(0, len(data) - 1))] = draw(st.integers(0, 255))
     return bytes(data[: draw(st.integers(1, len(data)))]) if draw(st.booleans()) else bytes(data)

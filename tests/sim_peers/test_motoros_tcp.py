@@ -26,7 +26,7 @@ from cardan.protocols.simple_message import (
     MotionCtrl,
     ReadIo,
     RobotStatus,
-    Wire,
+    WireFormat,
     request,
 )
 from cardan.sim_peers.motoros_controller import (
@@ -50,7 +50,7 @@ class Client:
     def __init__(self, port, byte_order=ByteOrder.LITTLE, host="127.0.0.1"):
         self.link = socket.create_connection((host, port), timeout=WITHIN_S)
         self.link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.wire = Wire(byte_order)
+        self.wire = WireFormat(byte_order)
         self.reader = FrameReader(byte_order)
 
     def __enter__(self):
@@ -152,7 +152,7 @@ def test_a_client_that_reads_nothing_is_dropped_and_the_others_are_served():
         small.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         small.settimeout(WITHIN_S)
         small.connect(("127.0.0.1", peer.motion_port))
-        data = Wire().encode(READY) * 500
+        data = WireFormat().encode(READY) * 500
 
         def flood():
             deadline_s = time.monotonic() + WITHIN_S

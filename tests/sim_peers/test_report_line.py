@@ -1,4 +1,4 @@
-"""What lies between a simulated device and its host."""
+"""Line between a simulated device and its host."""
 
 from __future__ import annotations
 

@@ -10,8 +10,8 @@ from hypothesis import given, strategies as st
 
 from cardan.errors import ScriptError
 from cardan.sim_peers.base import ScriptStep, parse_script
-from cardan.sim_peers.motion_profile import Ramp, SinePeriods, VectorMotion
-from cardan.sim_peers.scripted import ScriptHand, StepWords, Timeline, calling, moving
+from cardan.sim_peers.motion_profile import SinePeriods, VectorMotion, VectorRamp
+from cardan.sim_peers.scripted import ScriptHand, ScriptTimeline, StepWords, calling, moving
 
 VERBS = {"go": "go X Y [over SECONDS]", "note": "note WORD", "loop": "loop"}
 
@@ -20,7 +20,7 @@ def words(text: str) -> StepWords:
     return StepWords(ScriptStep(1.5, "go", tuple(text.split())), VERBS)
 
 
-def timeline(text: str, start_s: float = 0.0) -> Timeline[str]:
+def timeline(text: str, start_s: float = 0.0) -> ScriptTimeline[str]:
     def read(words: StepWords) -> list[tuple[float, str]]:
         word = words.word("WORD")
         after_s = words.number("SECONDS", 0.0) if words.keyword("twice") else None
@@ -28,7 +28,7 @@ def timeline(text: str, start_s: float = 0.0) -> Timeline[str]:
         again = [] if after_s is None else [(words.time_s + after_s, word.upper())]
         return [(words.time_s, word), *again]
 
-    return Timeline(parse_script(text, VERBS), VERBS, read, start_s)
+    return ScriptTimeline(parse_script(text, VERBS), VERBS, read, start_s)
 
 
 class TestWords:
@@ -134,7 +134,7 @@ def test_a_hand_deflects_and_acts_when_each_is_due():
 
         def _read(self, words):
             if words.verb == "go":
-                return moving(self.motion, Ramp(words.numbers("XY", -9, 9), words.over()))
+                return moving(self.motion, VectorRamp(words.numbers("XY", -9, 9), words.over()))
             return calling("append", words.word("WORD"))
 
     steps = parse_script("1 go 1 2 over 1\n1.5 note half\n2 note end", VERBS)

@@ -16,7 +16,7 @@ from cardan.protocols.connexion import (
     Battery,
     KeysDown,
     MalformedReport,
-    Motion,
+    MotionReport,
     decode_input,
     to_robot_axes,
 )
@@ -50,7 +50,7 @@ def test_one_device_sends_whole_motions_every_16_ms() -> None:
     assert len(reports) == 7
     assert all(len(report) == 13 and report[0] == 1 for _, report in reports)
     assert reports[-1][0] == pytest.approx(0.096)
-    assert decode_input(reports[0][1]) == Motion(0, -175, 0, 0, 0, -70)
+    assert decode_input(reports[0][1]) == MotionReport(0, -175, 0, 0, 0, -70)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from cardan.sim_peers.scripted import play
 from cardan.sim_peers.spacemouse import (
     SCRIPT_VERBS,
     SCRIPTS,
-    ScriptedHand,
+    ScriptedPuck,
     SimulatedSpaceMouse,
 )
 from tests.sim_peers.spacemouse_virtual import make, motions, perform, run
@@ -26,8 +26,8 @@ FULL_SPEED = (0.1,) * 3 + (0.4,) * 3
 """m/s and rad/s that the gateway makes of full deflection in the demonstration."""
 
 
-def hand(script: str, model: str = "spacenavigator") -> ScriptedHand:
-    return ScriptedHand(parse_script(script, SCRIPT_VERBS), model_by_key(model))
+def hand(script: str, model: str = "spacenavigator") -> ScriptedPuck:
+    return ScriptedPuck(parse_script(script, SCRIPT_VERBS), model_by_key(model))
 
 
 def trace(name: str, until_s: float) -> list[tuple[float, tuple[float, ...], tuple[str, ...]]]:
@@ -158,7 +158,7 @@ def test_scripts_come_from_files_too(tmp_path: Path) -> None:
     file = tmp_path / "mine.txt"
     file.write_text("0.5 press left  # the dead-man\n")
     steps = load_script(str(file), SCRIPTS, SCRIPT_VERBS)
-    reports = play(make(), ScriptedHand(steps, model_by_key("spacenavigator")), 1.0)
+    reports = play(make(), ScriptedPuck(steps, model_by_key("spacenavigator")), 1.0)
     assert reports == [b"\x03\x01\x00"]
 
 
@@ -167,7 +167,7 @@ def test_scripts_come_from_files_too(tmp_path: Path) -> None:
 def test_built_in_scripts_play_on_every_model_with_two_buttons(name: str, model: object) -> None:
     device = SimulatedSpaceMouse(model)  # type: ignore[arg-type]
     steps = load_script(name, SCRIPTS, SCRIPT_VERBS)
-    assert play(device, ScriptedHand(steps, model), 30.0)  # type: ignore[arg-type]
+    assert play(device, ScriptedPuck(steps, model), 30.0)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("name", SCRIPTS)

@@ -77,7 +77,7 @@ def advance(peer: SpaceMousePeer, seconds: float) -> None:
 
 
 class Reader:
-    """Collects what a client receives."""
+    """Collects the messages that a client receives."""
 
     def __init__(self, client: socket.socket) -> None:
         self.client = client

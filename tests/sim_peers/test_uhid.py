@@ -44,7 +44,7 @@ PUCK = HidIdentity("puck", BUS_USB, 0x256F, 0xC635, b"\x05\x01\x09\x08", "here",
 
 
 def event(kind: int, body: bytes = b"") -> bytes:
-    """What the kernel gives: always a whole struct uhid_event."""
+    """Return an event as the kernel gives it: always a whole struct uhid_event."""
     return (struct.pack("=I", kind) + body).ljust(EVENT_BYTES, b"\0")
 
 
@@ -150,7 +150,7 @@ class Kernel:
         self._sock.send(data)
 
     def got(self) -> list[tuple[int, bytes]]:
-        """(type, body) of what was written."""
+        """(type, body) of each event written."""
         events = []
         with contextlib.suppress(BlockingIOError):
             while data := self._sock.recv(EVENT_BYTES):

@@ -45,7 +45,7 @@ class Queue(PacketClient):
 
 
 class Bench:
-    """A server that notes what it hears."""
+    """A server that records received messages."""
 
     def __init__(self, path: str, selector: selectors.BaseSelector) -> None:
         self.heard: list[bytes] = []

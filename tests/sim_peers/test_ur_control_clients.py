@@ -33,7 +33,7 @@ STILL = [0.0] * 6
 
 
 class Arm:
-    """Both interfaces of ur_rtde, and what the arm does."""
+    """Both interfaces of ur_rtde, and the arm's motion."""
 
     def __init__(self, address):
         self.address = address

@@ -332,7 +332,7 @@ def test_one_client_has_a_register_until_it_goes():
     world.servers.eof(first, world.now_s)
     (theirs,) = replies(world.say(second, ask_inputs(["input_int_register_24"])))
     assert theirs.recipe == 1
-    # What was written stays.
+    # The written value stays.
     assert world.controller.registers.input_int[24] == -5
 
 

@@ -10,14 +10,14 @@ from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.protocols.ur.states import RobotMode, RuntimeState, SafetyMode
 from cardan.robots import load_arm
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions
-from cardan.sim_peers.ur_controller.actions import Wait
+from cardan.sim_peers.ur_controller.actions import Sleep
 from cardan.sim_peers.ur_controller.dynamics import ROTORS_KG_M2
 from cardan.sim_peers.ur_controller.kinematics import frame_of, pose_of
-from cardan.sim_peers.ur_controller.motion import ControlMode
+from cardan.sim_peers.ur_controller.motion import UrControlMode
 from cardan.sim_peers.ur_controller.motion_functions import motion_functions
 from cardan.sim_peers.ur_controller.pose_functions import pose_functions
 from cardan.sim_peers.ur_controller.telemetry import Telemetry
-from cardan.sim_peers.ur_controller.values import Pose
+from cardan.sim_peers.ur_controller.values import UrPose
 from cardan.spatial import (
     compose,
     conjugate,
@@ -75,7 +75,7 @@ class Arm:
 
     def wait(self, seconds):
         for _ in range(round(seconds / self.dt_s)):
-            if self.frame(Wait(seconds)):
+            if self.frame(Sleep(seconds)):
                 break
         return self
 
@@ -168,11 +168,11 @@ def test_the_jacobian_is_that_of_the_model():
 def test_functions_of_kinematics():
     arm = Arm()
     here = arm.call("get_forward_kin")
-    assert isinstance(here, Pose)
+    assert isinstance(here, UrPose)
     assert here == pytest.approx(arm.call("get_actual_tcp_pose"))
     q = arm.call("get_inverse_kin", here, [0.1, -1.5, 1.5, -1.5, -1.5, 0.1])
     assert q == pytest.approx(HOME, abs=1e-9)
-    far = Pose((3.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    far = UrPose((3.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     assert not arm.call("get_inverse_kin_has_solution", far)
     assert arm.call("get_inverse_kin_has_solution", here)
     with pytest.raises(ValueError, match=r"no joints have the TCP at p\[3, 0, 0"):
@@ -180,18 +180,18 @@ def test_functions_of_kinematics():
     assert arm.call("is_within_safety_limits", here)
     assert not arm.call("is_within_safety_limits", far)
     assert not arm.call("is_within_safety_limits", [7.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    arm.call("set_tcp", Pose((0.0, 0.0, 0.1, 0.0, 0.0, 0.0)))
+    arm.call("set_tcp", UrPose((0.0, 0.0, 0.1, 0.0, 0.0, 0.0)))
     assert arm.call("get_tcp_offset") == (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)
     lower = arm.call("get_actual_tcp_pose")
     assert lower[2] == pytest.approx(here[2] - 0.1)
     assert arm.call("get_actual_tool_flange_pose") == pytest.approx(here)
-    assert arm.call("get_forward_kin", list(HOME), tcp=Pose((0.0,) * 6)) == pytest.approx(here)
+    assert arm.call("get_forward_kin", list(HOME), tcp=UrPose((0.0,) * 6)) == pytest.approx(here)
     assert arm.call("get_inverse_kin", lower) == pytest.approx(HOME, abs=1e-9)
 
 
 def test_functions_of_poses():
     arm = Arm()
-    a, b = Pose((0.1, 0.2, 0.3, 0.4, -0.5, 0.6)), Pose((-0.3, 0.1, 0.2, 0.0, 0.7, -0.2))
+    a, b = UrPose((0.1, 0.2, 0.3, 0.4, -0.5, 0.6)), UrPose((-0.3, 0.1, 0.2, 0.0, 0.7, -0.2))
     both = arm.call("pose_trans", a, b)
     assert arm.call("pose_trans", arm.call("pose_inv", a), both) == pytest.approx(b)
     assert arm.call("inv", a) == arm.call("pose_inv", a)
@@ -203,7 +203,7 @@ def test_functions_of_poses():
     rpy = arm.call("rotvec2rpy", list(a[3:]))
     assert arm.call("rpy2rotvec", rpy) == pytest.approx(a[3:])
     assert arm.call("rpy2rotvec", [0.0, 0.0, 1.0]) == pytest.approx([0.0, 0.0, 1.0])
-    lifted = arm.call("wrench_trans", Pose((0.0, 0.0, 0.1, 0.0, 0.0, 0.0)), [1.0, 0, 0, 0, 0, 0])
+    lifted = arm.call("wrench_trans", UrPose((0.0, 0.0, 0.1, 0.0, 0.0, 0.0)), [1.0, 0, 0, 0, 0, 0])
     assert lifted == pytest.approx([1.0, 0.0, 0.0, 0.0, -0.1, 0.0])
 
 
@@ -319,7 +319,7 @@ def test_a_blend_of_lines_goes_on_without_rest(angle):
     assert np.linalg.norm(arm.tips[-1] - corner) == pytest.approx(r, abs=1e-3)
     radians = math.radians(angle)
     way = 0.2 * np.array([math.sin(radians), math.cos(radians), 0.0])
-    second = Pose((*(corner + way).tolist(), *first[3:]))
+    second = UrPose((*(corner + way).tolist(), *first[3:]))
     arm.do("movel", second, a, v)
     assert arm.tips[-1] == pytest.approx(second[:3], abs=1e-9)
     speeds, accelerations = arm.tool()
@@ -352,12 +352,12 @@ def test_moves_of_all_kinds_blend(order):
         if kind == "l":
             goal = frame_of(arm.call("get_target_waypoint"))
             goal = pose_of(goal)
-            goal = Pose((goal[0], goal[1] + 0.1, goal[2] - 0.08 * sideways, *goal[3:]))
+            goal = UrPose((goal[0], goal[1] + 0.1, goal[2] - 0.08 * sideways, *goal[3:]))
             arm.do("movel", goal, r=r)
         elif kind == "c":
             at = arm.call("get_target_waypoint")
-            via = Pose((at[0] + 0.05, at[1] + 0.05, *at[2:]))
-            goal = Pose((at[0], at[1] + 0.1, *at[2:]))
+            via = UrPose((at[0] + 0.05, at[1] + 0.05, *at[2:]))
+            goal = UrPose((at[0], at[1] + 0.1, *at[2:]))
             arm.do("movec", via, goal, r=r)
         else:
             q = list(arm.motion.target_q)
@@ -374,7 +374,7 @@ def test_moves_of_all_kinds_blend(order):
 
 
 def test_a_move_whose_successor_never_comes_stops_at_its_waypoint():
-    for end in (Wait(1.0), None):
+    for end in (Sleep(1.0), None):
         arm = Arm()
         goal = arm.pose(y=0.2)
         arm.do("movel", goal, r=0.05)
@@ -402,7 +402,7 @@ def test_a_successor_that_comes_late_is_blended_with_what_is_left():
 def test_blends_that_overlap_skip_the_move():
     arm = Arm()
     start = arm.motion.target_tcp_pose()
-    points = [Pose((start[0], start[1] + y, *start[2:])) for y in (0.2, 0.25, 0.45)]
+    points = [UrPose((start[0], start[1] + y, *start[2:])) for y in (0.2, 0.25, 0.45)]
     arm.do("movel", points[0], r=0.05)
     assert arm.do("movel", points[1], r=0.05) == pytest.approx(arm.dt_s)
     assert any(b"Overlapping Blends" in message for message in arm.controller.messages)
@@ -417,7 +417,7 @@ def test_many_short_blends():
     start, made = arm.motion.target_tcp_pose(), random.Random(4)
     for _ in range(25):
         way = [made.uniform(-0.15, 0.15) for _ in range(3)]
-        goal = Pose((*(a + b for a, b in zip(start[:3], way, strict=True)), *start[3:]))
+        goal = UrPose((*(a + b for a, b in zip(start[:3], way, strict=True)), *start[3:]))
         arm.do("movel", goal, r=made.choice([0.0, 0.01, 0.03]))
         assert not arm.why
     arm.wait(1.0)
@@ -506,7 +506,7 @@ def test_what_is_left_of_a_blend_ends_with_a_stop():
 def test_telemetry_follows_the_motion():
     controller = UrController(UrControllerOptions(running=True))
     telemetry = Telemetry(controller)
-    controller.functions["set_tcp"].do(Pose((0.0, 0.0, 0.1, 0.0, 0.0, 0.0)), "")
+    controller.functions["set_tcp"].do(UrPose((0.0, 0.0, 0.1, 0.0, 0.0, 0.0)), "")
     controller.functions["set_payload"].do(1.25, [0.0, 0.0, 0.05])
     action = controller.functions["movej"].do([1.0, *HOME[1:]], 1.4, 1.05, 0, 0)
     poses = []
@@ -614,7 +614,7 @@ def test_steady_and_history():
 
 # -- force, contact, freedrive ---------------------------------------------------------------------
 
-DOWN = (Pose((0.0,) * 6), [0, 0, 1, 0, 0, 0])
+DOWN = (UrPose((0.0,) * 6), [0, 0, 1, 0, 0, 0])
 LIMITS = [0.1, 0.1, 0.05, 0.3, 0.3, 0.3]
 
 
@@ -631,7 +631,7 @@ def test_force_mode_presses_with_what_is_asked(robot, asked_n):
     arm = table(robot=robot)
     arm.call("zero_ftsensor")
     arm.call("force_mode", *DOWN, [0, 0, -asked_n, 0, 0, 0], 2, LIMITS)
-    assert arm.motion.control_mode is ControlMode.FORCE
+    assert arm.motion.control_mode is UrControlMode.FORCE
     arm.wait(0.25)
     assert arm.call("get_target_tcp_speed")[2] == pytest.approx(-0.05, abs=1e-6)
     arm.wait(1.5)
@@ -649,7 +649,7 @@ def test_force_mode_presses_with_what_is_asked(robot, asked_n):
 
 def test_force_mode_without_contact_moves_on_at_its_limit():
     arm = Arm()
-    frame = Pose((0.0, 0.0, 0.0, 0.0, 0.0, math.pi / 2))
+    frame = UrPose((0.0, 0.0, 0.0, 0.0, 0.0, math.pi / 2))
     arm.call("force_mode", frame, [1, 0, 0, 0, 0, 0], [3.0, 0, 0, 0, 0, 0], 2, LIMITS)
     start = arm.motion.target_tcp_pose()
     arm.wait(1.0)
@@ -689,7 +689,7 @@ def test_force_mode_that_is_left_during_a_move_does_not_leap():
             arm.frame(action)
             action = arm.motion.left_of(action, arm.dt_s)
         else:
-            arm.frame(Wait(1.0))
+            arm.frame(Sleep(1.0))
     assert action is None
     assert np.abs(np.diff(arm.qd, axis=0)).max() < 0.1
     assert arm.motion.target_tcp_pose()[1] == pytest.approx(goal[1])
@@ -817,10 +817,10 @@ def test_torques_move_the_arm_as_its_dynamics_have_it():
         qd = qd + changes * arm.dt_s
         q = q + qd * arm.dt_s
         assert motion.target_q == pytest.approx(q, abs=1e-9)
-    assert motion.control_mode is ControlMode.TORQUE
+    assert motion.control_mode is UrControlMode.TORQUE
     assert np.abs(qd).max() > 0.1
     arm.wait(0.5)
-    assert motion.control_mode is ControlMode.POSITION
+    assert motion.control_mode is UrControlMode.POSITION
     assert not motion.moving
 
 
@@ -870,7 +870,7 @@ def test_what_torques_cannot_be():
 def test_freedrive():
     arm = Arm()
     arm.call("freedrive_mode")
-    assert arm.motion.control_mode is ControlMode.TEACH
+    assert arm.motion.control_mode is UrControlMode.TEACH
     with pytest.raises(ValueError, match="freedrive"):
         arm.call("movej", list(HOME))
     at = list(arm.motion.target_q)
@@ -878,7 +878,7 @@ def test_freedrive():
     assert arm.motion.target_q == at
     assert arm.call("get_freedrive_status") == 0
     arm.call("end_freedrive_mode")
-    assert arm.motion.control_mode is ControlMode.POSITION
+    assert arm.motion.control_mode is UrControlMode.POSITION
     arm.do("movej", [0.0, -1.2, 1.2, -1.5, 0.0, 0.0])
     arm.wait(0.2)
     assert arm.call("get_freedrive_status") == 2
@@ -886,7 +886,7 @@ def test_freedrive():
 
 def test_payload_and_gravity():
     arm = Arm()
-    arm.call("set_tcp", Pose((0.0, 0.0, 0.2, 0.0, 0.0, 0.0)))
+    arm.call("set_tcp", UrPose((0.0, 0.0, 0.2, 0.0, 0.0, 0.0)))
     arm.call("set_payload", 1.5)
     assert arm.call("get_target_payload") == 1.5
     assert arm.call("get_target_payload_cog") == [0.0, 0.0, 0.2]
@@ -937,7 +937,7 @@ def test_a_program_whose_last_move_has_a_blend_ends_at_its_waypoint():
 
 def test_a_program_takes_its_modes_with_it():
     controller = program("  freedrive_mode()\n  sleep(0.1)", 1.0)
-    assert controller.motion.control_mode is ControlMode.POSITION
+    assert controller.motion.control_mode is UrControlMode.POSITION
     controller = program("  protective_stop()\n  sleep(1)", 1.0)
     assert controller.safety is SafetyMode.PROTECTIVE_STOP
     controller = program("  powerdown()\n  sleep(1)", 1.0)
@@ -964,11 +964,11 @@ ODD = [
     [0.1] * 6,
     [0.0] * 6,
     [[0.0]] * 6,
-    Pose((0.0,) * 6),
-    Pose((math.nan,) * 6),
-    Pose((0.3, 0.2, 0.4, 0.0, 3.0, 0.0)),
-    Pose((1e6,) * 6),
-    Pose((0.0, 0.0)),
+    UrPose((0.0,) * 6),
+    UrPose((math.nan,) * 6),
+    UrPose((0.3, 0.2, 0.4, 0.0, 3.0, 0.0)),
+    UrPose((1e6,) * 6),
+    UrPose((0.0, 0.0)),
     None,
 ]
 

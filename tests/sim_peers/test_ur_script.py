@@ -1,4 +1,4 @@
-"""URScript in the simulated controller: what programs compute, their threads, and their sockets."""
+"""URScript in the simulated controller: results of programs, their threads, and their sockets."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from cardan.sim_peers.ur_controller.language import TOO_MUCH_BEHIND, TOO_MUCH_TI
 from cardan.sim_peers.ur_controller.machine import MOST_STEPS, Machine
 from cardan.sim_peers.ur_controller.operators import text
 from cardan.sim_peers.ur_controller.tcp import UrControllerPeer
-from cardan.sim_peers.ur_controller.values import Pose
+from cardan.sim_peers.ur_controller.values import UrPose
 
 
 class World:
-    """A controller in virtual time, and what its program prints."""
+    """A controller in virtual time, and the output of its program."""
 
     def __init__(self, program, frames=0, **options):
         self.controller = UrController(
@@ -74,7 +74,7 @@ def failure(body, frames=60):
     return world.events
 
 
-# -- what is computed ------------------------------------------------------------------------------
+# -- computations ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,7 @@ def failure(body, frames=60):
         ("[[1,2],[3,4]][1, 0]", 3),
         ("[[1,2],[3,4]][1][0]", 3),
         ("p[1,2,3,4,5,6][2]", 3.0),
-        ("p[1,2,3,4,5,6]", Pose((1.0, 2.0, 3.0, 4.0, 5.0, 6.0))),
+        ("p[1,2,3,4,5,6]", UrPose((1.0, 2.0, 3.0, 4.0, 5.0, 6.0))),
         ('"abc"[1]', "b"),
         ("struct(a=1, b=[2, 3]).b[1]", 3),
         ("sin(d2r(90))", 1.0),
@@ -169,7 +169,7 @@ c = changed(a)"""
 
 
 def test_scopes():
-    """The script manual's own examples, by what they give."""
+    """The script manual's own examples, by their results."""
     before = """
 a = 0
 def mine():
@@ -330,7 +330,7 @@ def test_a_thread_that_never_lets_time_pass(body):
 
 
 def test_a_long_program_is_compiled_in_portions_and_begins_then():
-    """What comes after it waits, and what runs goes on."""
+    """Later uploads wait, and the running program goes on."""
     world = World(lines("n = 0\nwhile True:\n  n = n + 1\n  sync()\nend"), 5)
     long = lines('textmsg("long")\n' + "x = [1, -2 * (3 + 4)]\n" * 1_000 + "sync()")
     world.controller.upload(long)

@@ -50,7 +50,7 @@ def messages(world, number):
     return [m for each in packages(world, number) if (m := read_message(each)) is not None]
 
 
-# -- what is sent ----------------------------------------------------------------------------------
+# -- messages sent ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("robot", ["ur5e", "ur5"])

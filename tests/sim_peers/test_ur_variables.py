@@ -14,9 +14,9 @@ from cardan.protocols.ur.rtde import (
     PacketReader,
     PacketType,
     Recipe,
-    Setup,
-    Text,
+    RecipeSetup,
     TextLevel,
+    TextMessage,
     ask_inputs,
     ask_outputs,
     ask_version,
@@ -30,15 +30,15 @@ from cardan.protocols.ur.variables import INPUT_VARIABLES, OUTPUT_VARIABLES, OUT
 from cardan.robots import load_arm
 from cardan.robots.arm_bodies import pinocchio_model
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
-from cardan.sim_peers.ur_controller.dynamics import Dynamics, Load
+from cardan.sim_peers.ur_controller.dynamics import Dynamics, RigidBody
 from cardan.sim_peers.ur_controller.kinematics import frame_of
 from cardan.sim_peers.ur_controller.motion import Payload
 from cardan.sim_peers.ur_controller.telemetry import Telemetry
-from cardan.sim_peers.ur_controller.values import Pose
+from cardan.sim_peers.ur_controller.values import UrPose
 from cardan.spatial import rotate, rotation_between
 
 UP = 9.82
-LOAD = Load(2.0, (0.01, 0.02, 0.05), (0.01, 0.02, 0.03, 0.001, 0.002, 0.003))
+LOAD = RigidBody(2.0, (0.01, 0.02, 0.05), (0.01, 0.02, 0.03, 0.001, 0.002, 0.003))
 MOVING = """def moving():
   speedj([0.4, 0.2, -0.3, 0.5, 0.1, 0.2], 2.0, 0.6)
   stopj(2.0)
@@ -47,7 +47,7 @@ end
 
 
 class World:
-    """A controller with a program, and what it tells."""
+    """A controller with a program, and its reports."""
 
     def __init__(self, program="", **options):
         self.controller = UrController(
@@ -183,13 +183,13 @@ def test_an_arm_that_is_none_of_urs_has_no_such_dynamics():
         Dynamics(load_arm("gofa_crb15000_5"))
 
 
-# -- what follows the motion -----------------------------------------------------------------------
+# -- values that follow the motion -----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", ["actual", "target"])
 def test_speeds_and_accelerations_are_those_of_the_poses(kind):
     world = World(MOVING).run(0.02)
-    world.controller.functions["set_tcp"].do(Pose((0.0, 0.05, 0.1, 0.2, 0.0, 0.0)), "")
+    world.controller.functions["set_tcp"].do(UrPose((0.0, 0.05, 0.1, 0.2, 0.0, 0.0)), "")
     poses, speeds, accelerations = world.record(
         0.8, f"{kind}_TCP_pose", f"{kind}_TCP_speed", f"{kind}_TCP_acceleration"
     )
@@ -407,8 +407,8 @@ def test_version_1_has_neither_a_frequency_nor_a_number_of_outputs():
     assert Recipe(None, names, ("DOUBLE", "INT32")).unpack(values)["robot_mode"] == 7
     said = packet(PacketType.TEXT, b"\2hello")
     assert said == text("hello", "nobody", TextLevel.WARNING, 1)
-    assert read_request(ord("M"), b"\2hello", 1) == Text("hello", "", 2)
-    assert read_request(ord("O"), b"a,b", 1) == Setup(PacketType.OUTPUTS, ("a", "b"))
+    assert read_request(ord("M"), b"\2hello", 1) == TextMessage("hello", "", 2)
+    assert read_request(ord("O"), b"a,b", 1) == RecipeSetup(PacketType.OUTPUTS, ("a", "b"))
 
 
 @pytest.mark.parametrize(

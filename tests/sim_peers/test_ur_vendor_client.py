@@ -46,7 +46,7 @@ def rtde_control_loop():
   end
 end
 """
-"""What rtde_control_loop.urp, the example's program for the pendant, does."""
+"""Equivalent of rtde_control_loop.urp, the example's program for the pendant."""
 
 pytestmark = [
     pytest.mark.matrix,

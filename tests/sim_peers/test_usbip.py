@@ -14,7 +14,7 @@ from hypothesis import given, strategies as st
 from cardan.errors import AddressError, OptionError, ScriptError
 from cardan.protocols.connexion import model_by_key
 from cardan.protocols.connexion.descriptors import descriptor_for
-from cardan.sim_peers.backends.usbip import ENDPOINT_REPORTS, Setup, Speed, UsbipSession
+from cardan.sim_peers.backends.usbip import ENDPOINT_REPORTS, SetupPacket, Speed, UsbipSession
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
 
@@ -71,7 +71,7 @@ class Puck:
     def control(self, setup: str, length: int = 0, data: bytes = b"") -> bytes | None:
         """The device's answer without USB/IP; None: it stalls."""
         kind, request, value, target, size = struct.unpack("<BBHHH", bytes.fromhex(setup))
-        return self.usb.control(Setup(kind, request, value, target, length or size), data)
+        return self.usb.control(SetupPacket(kind, request, value, target, length or size), data)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -277,7 +277,7 @@ class Host:
         self.sock.settimeout(0.002)
 
     def get(self, size: int) -> bytes:
-        """What the peer sends, in whole."""
+        """Return the next `size` bytes from the peer; fewer after 5 s."""
         said = b""
         end_s = time.monotonic() + 5.0
         while len(said) < size and time.monotonic() < end_s:

@@ -64,7 +64,7 @@ def _plain(message):
 
 @contextmanager
 def announcing(dds):
-    """What waits until a subscription is known to others; over Zenoh nothing has to.
+    """Yield a function that waits until others know a subscription; over Zenoh it need not wait.
 
     RustDDS 0.14.3 has room for 64 commands to its discovery thread, and two of them for each
     subscription. It drops those that find no room (`discovery_command.try_send`, dds/pubsub.rs),

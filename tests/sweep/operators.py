@@ -1,7 +1,7 @@
-"""Programs of others with which somebody watches and commands an arm, each in a process of its own.
+"""Third-party programs that watch and command an arm, each in a process of its own.
 
-What `tools/ros2` installs away from our environment runs by its own Python, and nothing of ours
-reaches it, nor what it sets for itself us.
+Programs that `tools/ros2` installs away from our environment run by their own Python: nothing of
+ours reaches them, and none of their settings reaches us.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Operator(JudgeNode):
         self.say(json.dumps({"do": what, **how}, default=list))  # of bytes
 
     def watch(self) -> None:
-        """Hear what the arm tells of itself."""
+        """Subscribe to the arm's reports."""
         self._since_s = time.time()
         for topic, kind in HEARD.items():
             self.do("subscribe", topic=topic, kind=kind)
@@ -107,12 +107,12 @@ class Operator(JudgeNode):
         ]
 
     def status(self) -> dict[str, str]:
-        """What `/diagnostics` says of the arm."""
+        """Return the arm's values in `/diagnostics`."""
         rows = {row["name"].rpartition(" ")[2]: row for row in self.newest(DIAGNOSTICS)["status"]}
         return {each["key"]: each["value"] for each in rows["arm"]["values"]}
 
     def graph(self) -> dict[str, Any]:
-        """What it sees now."""
+        """Return the graph that it sees now."""
         known = len(self.found("graph"))
         self.do("graph")
         return self.wait("graph", known + 1)
@@ -152,7 +152,7 @@ class Operator(JudgeNode):
         until(lambda: (verb, "done") in self.results(), verb)
 
     def stream(self, speed: float) -> None:
-        """Move the arm, until somebody ends it."""
+        """Move the arm by a stream that goes on until it is ended."""
         self.wait_for_authority()
         self.advertise(VELOCITY, TWIST)
         begun = self.z()

@@ -1,4 +1,4 @@
-"""What a judge is to do, as JSON: for programs in processes of their own."""
+"""Task of a judge, as JSON: for programs in processes of their own."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.network_table import Coverage, Row, rows
 NAMESPACE, NODE = "/left", "/left/arm"
 RESULT = f"{NODE}/result"
 RUMBLED = "rumble"
-"""What the stick of the sweep has as its result."""
+"""Command in the results of the sweep's stick."""
 REPEAT_S = 0.5
 """After this a command that has no result is sent again: the session may not have met its publisher
 yet."""
@@ -46,7 +46,7 @@ GOALS: dict[str, dict[str, Any]] = {"~/action/movv": {"xdot": {"linear": {"x": 9
 
 
 class Plan(NamedTuple):
-    """What a judge does, in this order; each but `hear` in turn, and `hear` from the beginning."""
+    """Task of a judge, in this order; each but `hear` in turn, and `hear` from the beginning."""
 
     commands: list[tuple[str, str, dict[str, Any], str, str]]
     """Topic, type, message; the command and a part of the reason that its result has."""
@@ -68,7 +68,7 @@ def full_name(name: str) -> str:
 
 
 def wanted_rows() -> set[Row]:
-    """What the session of the sweep has on the graph."""
+    """Return the rows that the session of the sweep has on the graph."""
     return {row for row in rows() if row.name not in NOT_OF_A_STICK}
 
 
@@ -81,7 +81,7 @@ def verbs() -> dict[str, str]:
 
 
 def plan(every: Collection[Row], mark: Coverage) -> Plan:
-    """What a judge has to do for its mark."""
+    """Return the task of a judge for its mark."""
     known, asked = verbs(), mark.rows(every)
     commands = []
     for row in asked:
@@ -93,7 +93,7 @@ def plan(every: Collection[Row], mark: Coverage) -> Plan:
         for row in asked
         if row.kind == "service"
     ]
-    # A client by packets is a source of its own, which gets the arm when the network lets go of it.
+    # A client by packets is a source of its own, which gets the arm when the network releases it.
     services.sort(key=lambda each: not each[0].endswith("/release"))
     actions = [
         (full_name(row.name), row.type_name, GOALS.get(row.name, {}))

@@ -14,7 +14,7 @@ TIMEOUT_S = 120.0
 
 
 def plain(value):
-    """What json takes of a status, or of a message."""
+    """Return a status, or a message, as a value that json takes."""
     return getattr(value, "value", None) or dict(value)
 
 

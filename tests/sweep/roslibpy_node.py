@@ -22,7 +22,7 @@ class Judge:
         self.publishers, self.subscriptions = {}, {}
 
     def subscribe(self, topic, kind, latched=False):
-        """What is latched comes without being asked for."""
+        """Subscribe to a topic. Latched messages come without being asked for."""
         del latched
         self.subscriptions[topic] = roslibpy.Topic(self.ros, topic, kind)
         self.subscriptions[topic].subscribe(

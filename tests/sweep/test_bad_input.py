@@ -1,4 +1,4 @@
-"""What is no command, sent to a live session over Zenoh and by rosbridge: it is refused with a
+"""Invalid commands, sent to a live session over Zenoh and by rosbridge: each is refused with a
 reason at its sender, counted, and moves nothing."""
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ STAT = "cardan_msgs/srv/Stat"
 
 
 class Watch:
-    """What the session says of its commands, by a node that sends none."""
+    """Reports of the session about its commands, read by a node that sends none."""
 
     def __init__(self, session):
         self._diagnostics = session.node.subscription("/diagnostics", DIAGNOSTICS, 1)

@@ -35,7 +35,7 @@ class Program(FastNode):
         return [codec_of(COMMAND_RESULT).decode(bytes.fromhex(each["cdr"])) for each in found]
 
     def stream(self, topic, z_m_s):
-        """Move the arm, until somebody ends it."""
+        """Move the arm by a stream that goes on until it is ended."""
         begun = self.z()
         self.publish(topic, TWIST, {"linear": {"z": z_m_s}}, count=100_000, period_ms=20)
         until_streamed(
@@ -81,7 +81,7 @@ def test_its_twist_moves_the_arm_while_it_is_there(program, session):
     session.choose("none")  # Its first command chooses the stream.
     program.stream(topic, -0.05)
     program.kill()
-    # What it published is fresh for 0.1 s; then the arm brakes, though DDS takes it for alive.
+    # Its last command is fresh for 0.1 s; then the arm brakes, though DDS takes it for alive.
     session.rest()
 
 

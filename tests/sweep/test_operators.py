@@ -42,7 +42,7 @@ REST_WITHIN_S = 1.0
 NONE_WITHIN_S = 2.0
 SERVER = "/cardan_dds_server"
 NAMELESS = "_CREATED_BY_BARE_DDS_APP_"
-"""What rmw_fastrtps of Kilted calls the node of each endpoint of Cyclone DDS."""
+"""Name that rmw_fastrtps of Kilted gives the node of each endpoint of Cyclone DDS."""
 
 
 @pytest.fixture(scope="module")

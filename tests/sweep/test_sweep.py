@@ -30,13 +30,13 @@ ROSLIB = ("node", "--input-type=module", "-e", MODULE, "--")
 
 @pytest.fixture
 def judgment(request, session):
-    """The mark of a test, and what its judge has to do for it."""
+    """The mark of a test, and the task of its judge."""
     mark = Coverage(**request.node.get_closest_marker("shown_on").kwargs)
     return plan(network_table.rows(), mark)
 
 
 def told(session, command, asked, **more):
-    """What a judge in a process of its own has to tell; the arm moves when it has commanded."""
+    """Return the report of a judge in its own process; the arm moves when it has commanded."""
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, **more
     ) as judge:
@@ -154,7 +154,7 @@ def test_fast_dds(session, judgment, domain, discovery):
 
 
 def met(session, asked, node):
-    """What a node over Fast DDS has to tell."""
+    """Return the report of a node over Fast DDS."""
     told_result = "cardan_msgs/msg/CommandResult"
     for name, type_name in {**dict(asked.hear), RESULT: told_result}.items():
         node.subscribe(name, type_name, latched=name.endswith(LATCHED))

@@ -61,7 +61,7 @@ RUMBLE = "sensor_msgs/msg/JoyFeedback"
 
 @contextmanager
 def statuses(endpoint: str) -> Iterator[Callable[[Callable[[Any], bool], str], Any]]:
-    """What waits for a status of the arm, and gives it."""
+    """Yield a function that waits for a status of the arm, and returns it."""
     with BusNode(BusOptions(router=endpoint, listen=()), "waits") as node:
         heard = node.subscription(f"{NODE}/state/status", STATUS, 8)
 
@@ -94,7 +94,7 @@ def await_rest(endpoint: str) -> None:
 
 
 class World:
-    """A session with a stick at which somebody rests a hand."""
+    """A session with a stick on which an operator rests a hand."""
 
     def __init__(self, endpoint: str) -> None:
         self.endpoint = endpoint
@@ -117,7 +117,7 @@ class World:
             each.start()
 
     def wait(self, wanted: set[Row]) -> set[Row]:
-        """What the session has, once that is what is wanted, or for TIMEOUT_S."""
+        """Return the session's rows once they are `wanted`, or after TIMEOUT_S."""
         until_s = time.monotonic() + TIMEOUT_S
         while (found := self.rows()) != wanted and time.monotonic() < until_s:
             threading.Event().wait(0.02)
@@ -136,7 +136,7 @@ class World:
         while not self._over.wait(FEED_PERIOD_S):
             count += 1
             now_ns = time.time_ns()
-            # A key that means nothing shows that somebody is there.
+            # A key without a meaning shows that the operator is there.
             message = {"axes": [0.0] * 8, "buttons": [*[0] * 11, int(count % 20 < 2)]}
             self._publisher.put(codec_of(JOY).encode(completed(JOY, message)), now_ns)
             while self._feedback.poll() is not None:
@@ -153,7 +153,7 @@ class World:
             count += 1
             way = 0.01 if count % 2 else -0.01
             gain = {"type": 3, "double_value": 1.0 + 0.01 * (count % 50)}
-            # Network and packets are two sources: each lets go of the arm for the other one.
+            # Network and packets are two sources: each releases the arm for the other one.
             self._ask(count, "release")
             self._call("set_parameters", SET, {"parameters": [{"name": "gain", "value": gain}]})
             self._call("release", "std_srvs/srv/Trigger", {})
@@ -176,7 +176,7 @@ class World:
         assert all(each["successful"] for each in answer["results"]), answer
 
     def rest(self) -> None:
-        """Wait until the arm has come to rest, whatever moved it."""
+        """Wait until the arm has come to rest, after any motion."""
         await_rest(self.endpoint)
 
     def _ask(self, number: int, verb: str, **more: Any) -> None:
@@ -192,7 +192,7 @@ class World:
         return None if reply is None else codec_of(f"{kind}_Response").decode(reply)
 
     def rows(self) -> set[Row]:
-        """What the session has on the graph, by the names that the table has for it."""
+        """Return the session's rows on the graph, by the names in the table."""
 
         def own(name: str) -> str:
             if name.startswith(f"{NODE}/"):

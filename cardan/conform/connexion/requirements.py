@@ -1,11 +1,11 @@
-"""What a 3Dconnexion device that speaks HID must do."""
+"""Requirements of a 3Dconnexion device that speaks HID."""
 
 from __future__ import annotations
 
 from itertools import pairwise, takewhile
 from typing import Any
 
-from cardan.conform.connexion.decoded import ConnexionTraffic, Report
+from cardan.conform.connexion.decoded import ConnexionTraffic, DeviceReport
 from cardan.conform.requirements import (
     Findings,
     Over,
@@ -42,7 +42,7 @@ RATE = "captures of SpaceNavigator and SpaceMouse Wireless"
 PERIOD_S = {connexion.Family.SPLIT: 0.008, connexion.Family.ONE: 0.016}
 PERIOD_TOLERANCE = 0.15
 LINK_LOST_S = 0.1
-"""Six periods: a driver takes a deflected device that is silent for so long to be gone."""
+"""Six periods: after this silence of a deflected device a driver considers it gone."""
 LENGTHS = {
     BATTERY_ID: {3},
     KEYS_DOWN_ID: {KEY_ARRAY_BYTES},
@@ -74,25 +74,25 @@ def deflection_is_reported(seen: ConnexionTraffic) -> Verdict:
     return passed(f"{len(found)} reports") if found else failed("none came")
 
 
-REPORTS: Over[ConnexionTraffic, Report] = Over(lambda seen: seen.reports, "{} reports")
+REPORTS: Over[ConnexionTraffic, DeviceReport] = Over(lambda seen: seen.reports, "{} reports")
 
 
 @requires.each(3, DESCRIPTOR, REPORTS)
-def report_ids_are_known(each: Report) -> str:
+def report_ids_are_known(each: DeviceReport) -> str:
     """Reports have the ids 1, 2, 3, 16h, 17h, 1Ch and 1Dh, and no others."""
     bad = each.value if isinstance(each.value, MalformedReport) else None
     return f"id {bad.report_id:#04x}" if bad and bad.reason == UNKNOWN_ID else ""
 
 
 @requires.each(4, DESCRIPTOR, REPORTS)
-def reports_are_not_short(each: Report) -> str:
+def reports_are_not_short(each: DeviceReport) -> str:
     """No report is shorter than its id has it, and every value is one that it can have."""
     bad = each.value if isinstance(each.value, MalformedReport) else None
     return f"id {bad.report_id:#04x}, {bad.reason}" if bad and bad.reason != UNKNOWN_ID else ""
 
 
 @requires.each(5, DESCRIPTOR, REPORTS)
-def reports_are_not_padded(each: Report) -> str:
+def reports_are_not_padded(each: DeviceReport) -> str:
     """No report is longer than its id has it."""
     size = len(each.raw)
     long = each.raw and size > max(LENGTHS.get(each.raw[0], {size}))
@@ -102,7 +102,9 @@ def reports_are_not_padded(each: Report) -> str:
 @requires(6, f"{DESCRIPTOR}: ids 1 and 2 of 7 bytes, or id 1 of 13")
 def the_family_is_one(seen: ConnexionTraffic) -> Verdict:
     """All motion comes in halves (ids 1 and 2), or all of it whole (id 1 of 13 bytes)."""
-    whole = some([isinstance(each.value, connexion.Motion) for each in seen.motions], _NOTHING)
+    whole = some(
+        [isinstance(each.value, connexion.MotionReport) for each in seen.motions], _NOTHING
+    )
     odd = [each.number for each, one in zip(seen.motions, whole, strict=True) if one != whole[0]]
     return failed("both kinds come", odd) if odd else passed("whole" if whole[0] else "halves")
 
@@ -117,8 +119,8 @@ def the_family_is_the_models(seen: ConnexionTraffic) -> Verdict:
     return met(family is seen.model.family, said, [seen.motions[0].number])
 
 
-def _moving(seen: ConnexionTraffic) -> list[list[Report]]:
-    """Motion reports of each time that it was held deflected."""
+def _moving(seen: ConnexionTraffic) -> list[list[DeviceReport]]:
+    """Return the motion reports of each phase in which it was held deflected."""
     held = ([each for each in seen.during(name) if each.is_motion] for name in HELD)
     return [each for each in held if len(each) > 1]
 
@@ -186,9 +188,9 @@ def counts_are_in_range(seen: ConnexionTraffic) -> Verdict:
     return at_most(top, float(most), "counts", f"{most} counts at most", beyond)
 
 
-def _mean(found: list[Report], kind: type, at: int) -> list[float]:
+def _mean(found: list[DeviceReport], kind: type, at: int) -> list[float]:
     rows = [each.counts for each in found if isinstance(each.value, kind)]
-    whole = [each.counts for each in found if isinstance(each.value, connexion.Motion)]
+    whole = [each.counts for each in found if isinstance(each.value, connexion.MotionReport)]
     rows = [row[at : at + 3] for row in whole] if whole else rows
     return [sum(axis) / len(rows) for axis in zip(*rows, strict=True)] if rows else []
 
@@ -218,8 +220,8 @@ def buttons_are_told(seen: ConnexionTraffic) -> Verdict:
     return passed("pressed and let go") if not up[-1] else failed("it stays down")
 
 
-def _buttons(found: list[Report]) -> list[bool]:
-    """Whether any is down, report by report."""
+def _buttons(found: list[DeviceReport]) -> list[bool]:
+    """Return for each report of buttons if any is down."""
     kinds = connexion.ButtonBits, connexion.KeysDown
     return [any(each.value) for each in found if isinstance(each.value, kinds)]
 
@@ -248,7 +250,7 @@ def it_stays(seen: ConnexionTraffic) -> Verdict:
 def both_descriptions_agree(seen: ConnexionTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same axes and buttons."""
 
-    def differs(each: Report, layers: Any) -> str:
+    def differs(each: DeviceReport, layers: Any) -> str:
         layer = layers.ConnexionInput(each.raw)
         if layer.id != each.raw[0]:
             return "another id"

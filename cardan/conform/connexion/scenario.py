@@ -1,22 +1,22 @@
-"""Has somebody move a 3Dconnexion device, and reads what it sends."""
+"""Scenario in which an operator moves a 3Dconnexion device."""
 
 from __future__ import annotations
 
 from cardan.conform.hands import HandScenario
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Script, Wait, mark, send
-from cardan.conform.timeline import Event
+from cardan.conform.runner import Pause, Script, mark, send
+from cardan.conform.timeline import WireEvent
 from cardan.protocols import connexion
 
 REST_S = 0.5
 
 
 class ConnexionScenario(HandScenario):
-    """Reads; only from level 1 on it sends, to the LED."""
+    """Reads the reports; only from level 1 on it writes, to the LED."""
 
-    def _note(self, event: Event) -> None:
+    def _note(self, event: WireEvent) -> None:
         value = connexion.decode_input(event.data)
-        if isinstance(value, (connexion.Translation, connexion.Rotation, connexion.Motion)):
+        if isinstance(value, (connexion.Translation, connexion.Rotation, connexion.MotionReport)):
             self._moved = self._moved or any(value)
         elif isinstance(value, (connexion.ButtonBits, connexion.KeysDown)):
             self._pressed = True
@@ -29,7 +29,7 @@ class ConnexionScenario(HandScenario):
             yield mark("led")
             for on in (True, False, True):
                 yield send(connexion.encode_led(on))
-                yield Wait(0.1)
+                yield Pause(0.1)
             yield from self._again()
         if self._level >= Level.BY_HAND:
             yield from self._unplugged()

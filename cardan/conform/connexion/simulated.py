@@ -17,7 +17,7 @@ _REST = (0.0,) * 6
 
 
 class ConnexionRig(Rig):
-    """Has the device moved as a person would who does what is asked."""
+    """Moves the simulated device as an operator who follows the instructions."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         super().__init__(exchange)

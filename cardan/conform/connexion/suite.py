@@ -8,12 +8,12 @@ from typing import ClassVar
 from cardan.conform.connexion.decoded import ConnexionTraffic
 from cardan.conform.connexion.requirements import requires
 from cardan.conform.connexion.scenario import ConnexionScenario
-from cardan.conform.suite import Suite, Transport
+from cardan.conform.suite import Suite, SuiteTransport
 from cardan.conform.transports import DeviceFile, Wires
 
 
-class Connexion(Suite[ConnexionTraffic]):
-    """A SpaceMouse or its kin, report by report."""
+class ConnexionSuite(Suite[ConnexionTraffic]):
+    """A 3Dconnexion device such as a SpaceMouse, report by report."""
 
     name = "3dconnexion"
     judges = "the device"
@@ -21,13 +21,13 @@ class Connexion(Suite[ConnexionTraffic]):
     target = "/dev/hidrawN of the device, which `cardan devices` names"
     peer = "spacemouse"
     requirements = requires.all()
-    transport = Transport("other")
+    transport = SuiteTransport("other")
     dissector = "connexion"
     decoder = ConnexionTraffic
     asks = ConnexionScenario
     rig = "cardan.conform.connexion.simulated:ConnexionRig"
     seconds = 1.2
-    # Before it is let go for the first time; and without an end.
+    # Times, s, before the first release of the cap; the silence does not end.
     fault_test_values: ClassVar[Mapping[str, float]] = {
         "silence": 0.9,
         "unplug": 1.0,

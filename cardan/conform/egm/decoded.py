@@ -1,4 +1,4 @@
-"""What judges of EGM look at: the datagrams of a timeline, decoded once, and their sessions."""
+"""Decoded EGM datagrams of a timeline and their sessions, for the judges."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from cardan.conform.timeline import Kind, Timeline, Traffic
+from cardan.conform.timeline import Kind, Traffic, WireTimeline
 from cardan.protocols import egm
 
 _WRAP = 1 << 32
 _OVERTAKEN_AT_MOST = 16
-"""A sequence number that falls by no more than this was overtaken; by more, it begins anew."""
+"""A sequence number that decreases by up to this was overtaken; by more, a session begins."""
 
 
 def step(before: int, after: int) -> int:
-    """How far a 32-bit counter went, with its sign."""
+    """Return the signed step of a 32-bit counter."""
     return (after - before + _WRAP // 2) % _WRAP - _WRAP // 2
 
 
@@ -31,43 +31,43 @@ class Robot(NamedTuple):
 
     @property
     def seqno(self) -> int | None:
-        """As in its header."""
+        """Sequence number in its header; None without one."""
         return None if self.message.header is None else self.message.header.seqno
 
     @property
     def running(self) -> bool:
-        """Whether guidance acts."""
+        """True if guidance acts."""
         return self.message.mci_state == egm.MCIState.RUNNING
 
     @property
     def motors_on(self) -> bool:
-        """Whether it says so."""
+        """True if it reports motors on."""
         return self.message.motor_state == egm.MotorState.ON
 
     @property
     def joints(self) -> tuple[float, ...]:
-        """Measured, rad; empty where absent."""
+        """Measured joints, rad; empty if absent."""
         return joints_of(self.message.feed_back)
 
     @property
     def position(self) -> tuple[float, ...]:
-        """Measured, m; empty where absent."""
+        """Measured TCP position, m; empty if absent."""
         return place_of(self.message.feed_back)
 
 
 def joints_of(motion: egm.EgmMotion | None) -> tuple[float, ...]:
-    """Rad; empty where absent."""
+    """Return the joints, rad; empty if absent."""
     return () if motion is None else motion.joints or ()
 
 
 def place_of(motion: egm.EgmMotion | None) -> tuple[float, ...]:
-    """Of the TCP, m; empty where absent."""
+    """Return the TCP position, m; empty if absent."""
     pose = None if motion is None else motion.cartesian
     return () if pose is None else tuple(pose.pos or ())
 
 
 def not_normal(motion: egm.EgmMotion | None) -> str | None:
-    """How long a motion's quaternion is where that is not 1, to 1e-3; None: there is none."""
+    """Return a wrong length of a motion's quaternion; empty: 1, to 1e-3; None: no quaternion."""
     pose = None if motion is None else motion.cartesian
     if pose is None or pose.orient is None:
         return None
@@ -75,7 +75,7 @@ def not_normal(motion: egm.EgmMotion | None) -> str | None:
     return f"length {length:.4f}" if abs(length - 1.0) > 1e-3 else ""
 
 
-class Answer(NamedTuple):
+class SensorDatagram(NamedTuple):
     """A datagram of a PC."""
 
     number: int
@@ -84,14 +84,14 @@ class Answer(NamedTuple):
 
 
 class EgmTraffic(Traffic):
-    """The datagrams of a timeline; `robot_sends` says whether we are the controller."""
+    """The datagrams of a timeline; `robot_sends`: we are the controller."""
 
-    def __init__(self, timeline: Timeline, robot_sends: bool = False) -> None:
+    def __init__(self, timeline: WireTimeline, robot_sends: bool = False) -> None:
         super().__init__(timeline)
         self.robots: list[Robot] = []
-        self.answers: list[Answer] = []
+        self.answers: list[SensorDatagram] = []
         self.junk: list[tuple[int, float]] = []
-        """What we sent that is not EGM, with its times."""
+        """Sent datagrams that are not EGM, with their times."""
         for index, event in enumerate(timeline):
             if event.kind is not Kind.DATA:
                 continue
@@ -99,7 +99,7 @@ class EgmTraffic(Traffic):
             if event.sent == robot_sends:
                 decode = egm.decode_robot
             message = decode(event.data)
-            if isinstance(message, egm.Malformed):
+            if isinstance(message, egm.MalformedEgmMessage):
                 if not event.sent:
                     self.unread.append((index, message.detail))
                 else:
@@ -107,15 +107,15 @@ class EgmTraffic(Traffic):
             elif isinstance(message, egm.EgmRobot):
                 self.robots.append(Robot(index, event.time_s, event.note, message))
             else:
-                self.answers.append(Answer(index, event.time_s, message))
+                self.answers.append(SensorDatagram(index, event.time_s, message))
 
     def during(self, *names: str) -> list[Robot]:
-        """The controller's datagrams of these phases."""
+        """Return the controller's datagrams of these phases."""
         return self.within(self.robots, *names)
 
     @cached_property
     def sessions(self) -> list[list[Robot]]:
-        """Runs of datagrams whose sequence numbers go on."""
+        """Runs of datagrams with continuous sequence numbers."""
         found: list[list[Robot]] = []
         newest: int | None = None
         for each in self.robots:
@@ -133,7 +133,7 @@ class EgmTraffic(Traffic):
         return found
 
     def steps(self) -> Iterator[tuple[Robot, Robot, int]]:
-        """Neighbors in a session, and how far the sequence number went between them."""
+        """Yield neighbors in a session, and the step of the sequence number between them."""
         for session in self.sessions:
             for one, other in pairwise(session):
                 assert one.seqno is not None

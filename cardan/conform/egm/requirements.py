@@ -1,4 +1,4 @@
-"""What a controller must do in Externally Guided Motion."""
+"""Requirements of a controller in Externally Guided Motion."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from cardan.conform.requirements import (
 )
 from cardan.conform.second_reading import read_twice, refused
 from cardan.conform.timing import steady
-from cardan.protocols.egm import MessageType, RapidState
+from cardan.protocols.egm import EgmMessageType, RapidState
 from cardan.protocols.egm.messages import EgmMotion
 from cardan.spatial import from_euler_zyx
 
@@ -39,27 +39,27 @@ LIBEGM = "ros-industrial/abb_libegm, src/egm_common_auxiliary.cpp"
 LAW = f"{MANUAL}, control law and latency"
 
 PERIODS_S = (0.004032, 0.004)
-"""Of a real and of a virtual controller."""
+"""Periods of a real and of a virtual controller."""
 PERIOD_TOLERANCE = 0.003
 JITTER_MS = 1.5
 GAP_PERIODS = 12
-"""Longest time without a datagram, in periods; abb_libegm gives a controller up sooner or later."""
+"""Longest time without a datagram, in periods; abb_libegm times out sooner or later."""
 CLOCK_STEP_S = 0.05
 ACTS_WITHIN_S = 0.06
 """The manual's 20 ms from writing a reference until it affects the robot, 20 ms of the servo's lag,
 and the time in which half a millimeter begun at the default gain is more than noise."""
 IN_TIME_S = 0.1
-"""The first answers may meet a run that ends for want of earlier ones."""
+"""The first answers may meet a run that is timing out without earlier ones."""
 LATE_ANSWERS_S = 0.1
-"""A run that ends while answers are later than this may have ended for want of them."""
+"""A run that ends while answers are later than this may have timed out."""
 FULL_S = 0.25
-"""In this time what a controller sends fills the buffer of a socket that nobody reads."""
+"""Time in which a controller's datagrams fill the buffer of an unread socket."""
 LARGEST_BYTES = 1113
 HELD_WITHIN_M, HELD_WITHIN_RAD = 5e-4, math.radians(0.1)
 MOVED_M, MOVED_RAD = 2e-5, math.radians(4e-3)
-"""A motion is seen from here on, above an encoder's noise."""
+"""Smallest displacement that counts as motion, above an encoder's noise."""
 ENOUGH = 50
-"""Datagrams without which a rate says nothing."""
+"""Fewest datagrams for which a rate is judged."""
 
 _NOTHING = "no datagrams of the controller"
 _NEVER_RAN = "the MCI never ran"
@@ -90,7 +90,7 @@ def headers_are_whole(each: Robot) -> str:
     header = each.message.header
     if header is None or header.seqno is None or header.tm_ms is None:
         return "seqno or tm is missing"
-    return f"mtype {header.mtype:d}" if header.mtype != MessageType.DATA else ""
+    return f"mtype {header.mtype:d}" if header.mtype != EgmMessageType.DATA else ""
 
 
 def _sequence(seen: EgmTraffic, wrong: Iterable[tuple[int, str]], what: str) -> Verdict:
@@ -190,7 +190,7 @@ def a_session_has_one_source(seen: EgmTraffic) -> Verdict:
 
 
 def _period_s(found: list[Robot]) -> float:
-    """The mean period, by their sequence numbers; not a number where these do not advance."""
+    """Return the mean period by sequence numbers; NaN if these do not advance."""
     first, last = found[0], found[-1]
     cycles = step(first.seqno or 0, last.seqno or 0)
     return (last.time_s - first.time_s) / cycles if cycles > 0 else math.nan
@@ -234,7 +234,7 @@ def the_wall_clock_runs(seen: EgmTraffic) -> Verdict:
 
 
 def _complete(motion: EgmMotion | None, name: str) -> str:
-    """What `motion` lacks of what clients need; empty: nothing."""
+    """Return the first field that clients need and `motion` lacks, in words; empty: none."""
     if motion is None:
         return f"no {name}"
     if motion.joints is None or len(motion.joints) != 6:
@@ -349,8 +349,7 @@ def both_descriptions_agree(seen: EgmTraffic) -> Verdict:
 
 
 def _hold(seen: EgmTraffic) -> list[Robot]:
-    """What comes in the hold, from the first datagram on with which guidance runs and has been
-    answered."""
+    """Return the datagrams of the hold from the first with running and answered guidance on."""
     found = seen.during("hold")
     first = next((a.time_s for a in seen.answers if found and a.number > found[0].number), math.inf)
     began = (n for n, each in enumerate(found) if each.running and each.time_s > first + IN_TIME_S)
@@ -457,7 +456,7 @@ def junk_changes_nothing(seen: EgmTraffic) -> Verdict:
 
 
 def _progress(found: list[Robot], still: Robot) -> Iterator[tuple[Robot, float]]:
-    """How far each is from `still`, in shares of the step, along what moved."""
+    """Yield each with its distance from `still`, of the TCP or the last joint, in steps."""
     for each in found:
         by_position = apart(still.position, each.position) / STEP_M
         by_joints = apart(still.joints[5:6], each.joints[5:6]) / STEP_RAD
@@ -465,7 +464,7 @@ def _progress(found: list[Robot], still: Robot) -> Iterator[tuple[Robot, float]]
 
 
 def _stepped(seen: EgmTraffic) -> tuple[Robot, list[Robot]] | None:
-    """The last datagram before the step, and those after it."""
+    """Return the last datagram before the step, and those after it."""
     found = [each for each in seen.during("step") if each.running]
     before = [each for each in seen.robots if found and each.number < found[0].number]
     return (before[-1], found) if before and len(found) > ENOUGH else None
@@ -475,7 +474,7 @@ _NO_STEP = "no step was made"
 
 
 def _moved(one: Robot, other: Robot) -> bool:
-    """Whether what is measured or planned is another place."""
+    """True if the measured or planned position of TCP or joints differs."""
     m, n = one.message.planned, other.message.planned
     far_m = max(apart(one.position, other.position), apart(place_of(m), place_of(n)))
     far_rad = max(apart(one.joints, other.joints), apart(joints_of(m), joints_of(n)))

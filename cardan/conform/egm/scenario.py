@@ -1,4 +1,4 @@
-"""Asks a controller: listens, holds, steps by half a millimeter, and has it stopped by hand."""
+"""Scenario for an EGM controller: listen, hold, step by half a millimeter, stop by hand."""
 
 from __future__ import annotations
 
@@ -6,36 +6,35 @@ import math
 from collections.abc import Iterator
 
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_, send
-from cardan.conform.timeline import Event, Kind
+from cardan.conform.runner import Pause, Scenario, Script, Step, ask, mark, open_, send
+from cardan.conform.timeline import Kind, WireEvent
 from cardan.protocols import egm
 
 STEP_M = 0.0005
 STEP_RAD = math.radians(0.1)
-"""Of the last joint; the program's mode decides which of the two acts."""
+"""Step of the last joint; the program's mode decides which of the two steps acts."""
 STEP_S = 1.2
 """Five time constants of the default gain."""
 QUIET_S = 0.5
 """A run is over after this time without a datagram."""
 ENDS_S = 3.0
-"""A run that is left alone ends within this time, and the next begins: three times RAPID's own
-CommTimeout."""
+"""An unanswered run ends in this time, and the next begins: three times RAPID's CommTimeout."""
 HAND_S = 60.0
-"""Somebody has so long to do what the list says."""
+"""Time for the operator to follow an instruction."""
 
 JUNK = (b"\x00", b"GET / HTTP/1.1\r\n\r\n", bytes(range(255, 55, -1)), b"\x0a\x06\x08")
 """Nothing, another protocol, noise, and the beginning of a message."""
 
 
 class EgmScenario(Scenario):
-    """A PC that does no harm. It answers each datagram at once, with the position that it holds."""
+    """A harmless PC. It answers each datagram at once, with the position that it holds."""
 
     def __init__(self, level: Level, seconds: float) -> None:
         self._level = level
         self._seconds = seconds
         self._answering = False
         self._shift = 0.0
-        """Share of the step that is asked for."""
+        """Commanded share of the step."""
         self._hold: egm.EgmMotion | None = None
         self._newest: egm.EgmRobot | None = None
         self._newest_s = -math.inf
@@ -44,49 +43,49 @@ class EgmScenario(Scenario):
     def script(self) -> Script:
         yield open_("")
         yield mark("listen")
-        # Long enough to meet the next run, where the one before ends for want of answers.
-        yield Wait(0.6 * self._seconds)
+        # Long enough to meet the next run if the run before times out without answers.
+        yield Pause(0.6 * self._seconds)
         if self._level >= Level.HOLD:
             yield from self._holding()
         if self._level >= Level.MOVE:
             self._answering = True
             yield mark("step")
             self._shift = 1.0
-            yield Wait(STEP_S)
+            yield Pause(STEP_S)
             yield mark("back")
             self._shift = 0.0
-            yield Wait(STEP_S)
+            yield Pause(STEP_S)
         if self._level >= Level.BY_HAND:
             yield mark("estop")
             yield ask("estop", "Press the emergency stop.")
-            yield Wait(HAND_S, lambda: self._quiet() or not self._motors())
-            yield Wait(QUIET_S)
+            yield Pause(HAND_S, lambda: self._quiet() or not self._motors())
+            yield Pause(QUIET_S)
             yield mark("released")
             instruction = "Release it, switch the motors on and start the program."
             yield ask("release", instruction)
-            yield Wait(HAND_S, self._runs)
-            yield Wait(QUIET_S)
+            yield Pause(HAND_S, self._runs)
+            yield Pause(QUIET_S)
 
     def _holding(self) -> Script:
         patience_s = max(self._seconds, ENDS_S)
         yield mark("hold")
         self._answering = True
-        yield Wait(patience_s, self._runs)
-        yield Wait(self._seconds)
+        yield Pause(patience_s, self._runs)
+        yield Pause(self._seconds)
         yield mark("junk")
         for data in JUNK:
             yield send(data)
-            yield Wait(0.05)
+            yield Pause(0.05)
         yield mark("silence")
         self._answering = False
-        yield Wait(patience_s, lambda: self._quiet() or not self._runs())
+        yield Pause(patience_s, lambda: self._quiet() or not self._runs())
         yield mark("again")
         self._hold = None
         self._answering = True
-        yield Wait(patience_s, self._runs)
-        yield Wait(QUIET_S)
+        yield Pause(patience_s, self._runs)
+        yield Pause(QUIET_S)
 
-    def answer(self, event: Event) -> Iterator[Act]:
+    def answer(self, event: WireEvent) -> Iterator[Step]:
         if event.kind is not Kind.DATA:
             return
         message = egm.decode_robot(event.data)
@@ -98,7 +97,7 @@ class EgmScenario(Scenario):
         if self._answering and message.feed_back is not None and message.header is not None:
             self._hold = self._hold or message.feed_back
             self._seqno += 1
-            header = egm.EgmHeader(self._seqno, message.header.tm_ms, egm.MessageType.CORRECTION)
+            header = egm.EgmHeader(self._seqno, message.header.tm_ms, egm.EgmMessageType.CORRECTION)
             yield send(egm.encode_sensor(egm.EgmSensor(header, self._reference(self._hold))))
 
     def _begins(self, message: egm.EgmRobot) -> bool:

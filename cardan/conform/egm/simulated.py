@@ -1,4 +1,4 @@
-"""The simulated controller and a scenario in virtual time, with the network between them."""
+"""Simulated controller and scenario in virtual time, with a network between them."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ _FIRST_PORT = 49_152
 
 
 class EgmRig(CyclicRig[bytes]):
-    """A controller whose program runs EGM again by itself, as many do: nobody is there to start
-    it."""
+    """A controller whose program restarts EGM by itself, as many do, without an operator."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         options = EgmControllerOptions(script="teleop-retry", faults=faults, seed=seed)

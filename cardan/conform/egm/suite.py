@@ -1,4 +1,4 @@
-"""The suite of a controller that speaks Externally Guided Motion."""
+"""Suite of a controller that speaks Externally Guided Motion."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import ClassVar
 from cardan.conform.egm.decoded import EgmTraffic
 from cardan.conform.egm.requirements import requires
 from cardan.conform.egm.scenario import EgmScenario
-from cardan.conform.suite import Suite, Transport
+from cardan.conform.suite import Suite, SuiteTransport
 
 PORT = 6510
 
 
-class Egm(Suite[EgmTraffic]):
+class EgmSuite(Suite[EgmTraffic]):
     """An ABB controller in Externally Guided Motion."""
 
     name = "egm"
@@ -22,12 +22,12 @@ class Egm(Suite[EgmTraffic]):
     target = "[HOST]:PORT to listen at, as the controller's UdpUc device has it; 0.0.0.0:6510"
     peer = "abb-gofa"
     requirements = requires.all()
-    transport = Transport("udp", {"": PORT}, frozenset(("",)))
+    transport = SuiteTransport("udp", {"": PORT}, frozenset(("",)))
     decoder = EgmTraffic
     asks = EgmScenario
     rig = "cardan.conform.egm.simulated:EgmRig"
     seconds = 3.0
-    # While it is held.
+    # Times, s, in the hold.
     fault_test_values: ClassVar[Mapping[str, float]] = {
         "pause": 0.9,
         "restart": 3.0,

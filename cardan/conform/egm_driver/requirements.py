@@ -1,4 +1,4 @@
-"""What a driver must do that guides a controller over EGM."""
+"""Requirements of a driver that guides a controller over EGM."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 from cardan.conform.controllers import had_ended
 from cardan.conform.egm.decoded import (
-    Answer,
     EgmTraffic,
     Robot,
+    SensorDatagram,
     joints_of,
     not_normal,
     place_of,
@@ -38,7 +38,7 @@ from cardan.conform.requirements import (
     some,
 )
 from cardan.conform.second_reading import read_twice, refused
-from cardan.protocols.egm import EgmSensor, EgmSensorPathCorr, MessageType
+from cardan.protocols.egm import EgmMessageType, EgmSensor, EgmSensorPathCorr
 from cardan.protocols.egm.messages import EgmMotion
 
 LIBEGM = "ros-industrial/abb_libegm, src/egm_base_interface.cpp"
@@ -48,7 +48,7 @@ ANSWERED_SHARE = 0.95
 ANSWER_WITHIN_S = 0.004
 NEAR_M, NEAR_RAD = 5e-4, math.radians(0.05)
 LEAP_M, LEAP_RAD = 0.004, math.radians(1.0)
-"""Of one cycle: 1 m/s and 250 degrees a second."""
+"""Largest step in one cycle: 1 m/s and 250 degrees a second."""
 SPEED_M_S, SPEED_RAD_S = 1e-6, 1e-6
 FAREWELLS = 3
 SILENT_AFTER_S = 0.1
@@ -57,25 +57,25 @@ _NOTHING = "no answers came"
 requires: Requirements[EgmTraffic] = Requirements("EGMPC", _NOTHING)
 
 ASKS = {"run": "EGMPC-101", "junk": "EGMPC-112"}
-"""Phases in which it is to answer, and what requires it."""
+"""Phases in which the driver must answer, and the requirement of each."""
 
 
 def _ended_before(phase: str) -> Callable[[EgmTraffic], Verdict | None]:
     return lambda seen: had_ended(seen, phase, seen.robots, seen.answers, ASKS)
 
 
-ANSWERS: Over[EgmTraffic, Answer] = Over(lambda seen: seen.answers, "{} answers")
+ANSWERS: Over[EgmTraffic, SensorDatagram] = Over(lambda seen: seen.answers, "{} answers")
 
 
 class Pair(NamedTuple):
-    """A datagram of ours, and what came before the next one."""
+    """A datagram of ours, and the answers before the next one."""
 
     robot: Robot
-    answers: list[Answer]
+    answers: list[SensorDatagram]
 
 
 def _pairs(seen: EgmTraffic, *phases: str) -> list[Pair]:
-    """Those of the phases; junk and old datagrams are none."""
+    """Return the pairs of the phases, without junk and old datagrams."""
     found = [Pair(robot, []) for robot in seen.robots]
     for answer in seen.answers:
         before = bisect(seen.robots, answer.number, key=number_of)
@@ -88,22 +88,22 @@ def _pairs(seen: EgmTraffic, *phases: str) -> list[Pair]:
 
 
 def _answered(found: Sequence[Pair]) -> float:
-    """The share of datagrams that were answered."""
+    """Return the share of answered datagrams."""
     return sum(bool(each.answers) for each in found) / max(1, len(found))
 
 
-def _planned(answer: Answer) -> EgmMotion | None:
+def _planned(answer: SensorDatagram) -> EgmMotion | None:
     message = answer.message
     return message.planned if isinstance(message, EgmSensor) else None
 
 
 def _apart(motion: EgmMotion, robot: Robot) -> tuple[float, float]:
-    """How far a reference is from what was measured: m, rad."""
+    """Return the distance of a reference from the measured position: m, rad."""
     return apart(place_of(motion), robot.position), apart(joints_of(motion)[:6], robot.joints)
 
 
-def _speed(answer: Answer) -> float:
-    """The largest part of its speed reference, m/s or rad/s."""
+def _speed(answer: SensorDatagram) -> float:
+    """Return the largest component of its speed reference, m/s or rad/s."""
     speed = answer.message.speed_ref if isinstance(answer.message, EgmSensor) else None
     if speed is None:
         return 0.0
@@ -127,10 +127,10 @@ def answers_are_messages(seen: EgmTraffic) -> Verdict:
 
 
 @requires.each(103, f"{SCHEMA}, EgmHeader.mtype", ANSWERS)
-def answers_have_their_type(answer: Answer) -> str:
+def answers_have_their_type(answer: SensorDatagram) -> str:
     """mtype is CORRECTION, or PATH_CORRECTION of a path correction."""
     path = isinstance(answer.message, EgmSensorPathCorr)
-    wanted = MessageType.PATH_CORRECTION if path else MessageType.CORRECTION
+    wanted = EgmMessageType.PATH_CORRECTION if path else EgmMessageType.CORRECTION
     mtype = None if answer.message.header is None else answer.message.header.mtype
     return "" if mtype == wanted else f"mtype {mtype}"
 
@@ -152,7 +152,7 @@ def one_answer_is_enough(seen: EgmTraffic) -> Verdict:
     found = _pairs(seen, "run", "started")
     several = [each.answers for each in found if len(each.answers) > 1]
     wrong = [(answers[1].number, f"{len(answers)} answers") for answers in several]
-    # An answer that was just late stands beside the next one.
+    # A slightly late answer stands beside the next one.
     if len(wrong) <= 0.01 * len(found):
         wrong = []
     return none_wrong(
@@ -182,7 +182,7 @@ def answers_are_in_time(seen: EgmTraffic) -> Verdict:
 @requires.each(
     107, f"{SCHEMA}; {MANUAL}: planned or speedRef of the mode, else the last one counts", ANSWERS
 )
-def every_answer_has_a_reference(answer: Answer) -> str:
+def every_answer_has_a_reference(answer: SensorDatagram) -> str:
     """Every answer has a position or a speed, in joints or of the TCP, or a path correction."""
     m = answer.message
     if isinstance(m, EgmSensorPathCorr):
@@ -201,13 +201,13 @@ QUATERNIONS = replace(ANSWERS, good="{} quaternions", unless=_none_sent)
 
 
 @requires.each(108, f"{SCHEMA}, EgmQuaternion", QUATERNIONS)
-def quaternions_are_normal(answer: Answer) -> str | None:
+def quaternions_are_normal(answer: SensorDatagram) -> str | None:
     """Every quaternion has the length 1, to 1e-3."""
     return not_normal(_planned(answer))
 
 
 def _beyond(far_m: float, far_rad: float, most_m: float, most_rad: float) -> str:
-    """What of a way is more than it may be, and by how much; empty: nothing."""
+    """Return the distances beyond their limits in words; empty: none."""
     found = []
     if far_m > most_m:
         found.append(f"{far_m * 1e3:.2f} of at most {most_m * 1e3:g} mm")
@@ -217,8 +217,8 @@ def _beyond(far_m: float, far_rad: float, most_m: float, most_rad: float) -> str
     return " and ".join(found)
 
 
-def _strays(robot: Robot, answer: Answer) -> str:
-    """How an answer is not the measured position without speed; empty: it is."""
+def _strays(robot: Robot, answer: SensorDatagram) -> str:
+    """Return the difference of an answer from the measured position at rest; empty: none."""
     motion = _planned(answer)
     if motion is not None and (far := _beyond(*_apart(motion, robot), NEAR_M, NEAR_RAD)):
         return f"away by {far}"
@@ -239,8 +239,8 @@ def a_session_begins_where_the_arm_is(seen: EgmTraffic) -> Findings:
     return Words("{} sessions")
 
 
-def _neighbors(seen: EgmTraffic) -> Iterator[tuple[Answer, Answer]]:
-    """Answers that follow each other, without a session that began between them."""
+def _neighbors(seen: EgmTraffic) -> Iterator[tuple[SensorDatagram, SensorDatagram]]:
+    """Yield consecutive answers without a new session between them."""
     starts = [session[0].number for session in seen.sessions]
     for one, other in pairwise(seen.answers):
         if not any(one.number < start < other.number for start in starts):
@@ -248,7 +248,7 @@ def _neighbors(seen: EgmTraffic) -> Iterator[tuple[Answer, Answer]]:
 
 
 @requires.each(110, LAW, Over(_neighbors, "{} steps"))
-def references_do_not_leap(each: tuple[Answer, Answer]) -> str | None:
+def references_do_not_leap(each: tuple[SensorDatagram, SensorDatagram]) -> str | None:
     """From answer to answer the reference goes no further than 4 mm and 1 degree."""
     a, b = map(_planned, each)
     if a is None or b is None:
@@ -265,7 +265,7 @@ def references_do_not_leap(each: tuple[Answer, Answer]) -> str | None:
 def it_follows_while_commands_do_not_act(seen: EgmTraffic) -> Findings:
     """While the MCI is not RUNNING, answers are the measured position without speed, so that
     going on is no jump."""
-    # The first ones may have been on their way.
+    # The first answers may have been in flight.
     for robot, answers in _pairs(seen, "stopped")[25:]:
         if not robot.running:
             for answer in answers:
@@ -297,7 +297,7 @@ def old_datagrams_are_not_answered(seen: EgmTraffic) -> Verdict:
     echoed = Counter(each.message.header.tm_ms for each in seen.answers if each.message.header)
     twice = {tm_ms for tm_ms in again if echoed[tm_ms] > 1}
     inside = seen.within(seen.answers, "old")
-    # It echoes tm, which tells what it answers, however late.
+    # The echoed tm identifies the answered datagram, however late.
     wrong = [e.number for e in inside if e.message.header and e.message.header.tm_ms in twice]
     must(not wrong, f"{len(wrong)} answers to what came twice", wrong)
     fresh = len({each.seqno for each in seen.during("old")})
@@ -341,7 +341,7 @@ def a_new_port_is_followed(seen: EgmTraffic) -> Verdict:
 def both_descriptions_agree(seen: EgmTraffic) -> Verdict:
     """A second reader, the scapy layers, finds nothing wrong in the answers either."""
 
-    def differs(each: Answer, layers: Any) -> str:
+    def differs(each: SensorDatagram, layers: Any) -> str:
         return refused(layers, layers.EgmFromPc(seen.events[each.number].data))
 
     return read_twice(seen.answers, "egm", differs, "answers", _NOTHING, 30)

@@ -1,4 +1,4 @@
-"""Is a controller to a driver: runs, stops, restarts, falls silent, and lets junk in between."""
+"""Scenario that is a driver's controller: run, stop, restart, silence, junk."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from collections.abc import Iterator
 from cardan.conform.controllers import COME, KEPT, CyclicController
 from cardan.conform.egm.scenario import JUNK
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Act, Script, Wait, ask, mark, open_, send
-from cardan.conform.timeline import Event, Kind
+from cardan.conform.runner import Pause, Script, Step, ask, mark, open_, send
+from cardan.conform.timeline import Kind, WireEvent
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions
 
 FIRST, SECOND = "first", "second"
-"""Ports of ours: that of the controller before and after its restart."""
+"""Ports of ours: the controller's before and after its restart."""
 SILENT_S = 1.0
 STOPPED_S = 0.4
 SETTLE_S = 0.1
 
 
-class ControllerScenario(CyclicController):
-    """The simulated controller in the hands of a script. Nothing real moves."""
+class EgmControllerScenario(CyclicController):
+    """The simulated controller, run by a script. Nothing real moves."""
 
     def __init__(self, level: Level, seconds: float) -> None:
         super().__init__()
@@ -30,7 +30,7 @@ class ControllerScenario(CyclicController):
         self._channel = FIRST
         self._heard = False
 
-    def answer(self, event: Event) -> Iterator[Act]:
+    def answer(self, event: WireEvent) -> Iterator[Step]:
         if event.kind is Kind.DATA and event.channel == self._channel:
             self._heard = True
             self._core.receive(event.data)
@@ -57,11 +57,11 @@ class ControllerScenario(CyclicController):
         for _ in range(5):
             yield from self._cycles(0.05)
             yield send(self._sent[-KEPT], self._channel)
-            yield Wait(0.002)
+            yield Pause(0.002)
             yield send(self._sent[-1], self._channel)
-            yield Wait(0.002)
+            yield Pause(0.002)
         yield mark("silence")
-        yield Wait(SILENT_S)
+        yield Pause(SILENT_S)
         yield mark("restarted")
         self._core.do("controller-restart")
         self._channel = SECOND

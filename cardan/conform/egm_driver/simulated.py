@@ -1,4 +1,4 @@
-"""Our own driver, with the defects it is told to have, and a scenario in virtual time."""
+"""Our own driver with selected defects, and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ _CHANNELS = {port: channel for channel, port in _PORTS.items()}
 
 
 class EgmDriverRig(DriverRig):
-    """Gives the driver's core what the scenario sends, and the scenario what it answers, with the
-    defects between them."""
+    """Connects the driver's core to the scenario, with the defects between them."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         super().__init__(exchange, faults, FAULTS)
@@ -54,7 +53,7 @@ class EgmDriverRig(DriverRig):
         self._send(self._defects.unasked(self._now_s), FIRST)
 
     def _by_hand(self, what: str) -> None:
-        """The driver's program ends, with a last message where it owes one."""
+        """End the driver's program, with a last message if an answer is pending."""
         words = self._defects.last(self._session.final_command(self._now_s))
         if words is not None:
             self._send((words,), SECOND)

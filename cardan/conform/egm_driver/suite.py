@@ -1,4 +1,4 @@
-"""The suite of a driver that guides a controller over EGM."""
+"""Suite of a driver that guides a controller over EGM."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import ClassVar
 from cardan.conform.egm.decoded import EgmTraffic
 from cardan.conform.egm.suite import PORT
 from cardan.conform.egm_driver.requirements import requires
-from cardan.conform.egm_driver.scenario import FIRST, SECOND, ControllerScenario
+from cardan.conform.egm_driver.scenario import FIRST, SECOND, EgmControllerScenario
 from cardan.conform.requirements import Level
-from cardan.conform.suite import Suite, Transport
+from cardan.conform.suite import Suite, SuiteTransport
 from cardan.sim_peers.egm_client import FAULTS
 
 
-class EgmDriver(Suite[EgmTraffic]):
+class EgmDriverSuite(Suite[EgmTraffic]):
     """A driver that guides an ABB controller: Cardan is the controller, and nothing real moves."""
 
     name = "egm-driver"
@@ -25,11 +25,11 @@ class EgmDriver(Suite[EgmTraffic]):
     peer = "abb_egm"
     harmless = Level.HOLD
     requirements = requires.all()
-    transport = Transport("udp", {FIRST: PORT, SECOND: PORT})
+    transport = SuiteTransport("udp", {FIRST: PORT, SECOND: PORT})
     decoder = staticmethod(partial(EgmTraffic, robot_sends=True))
-    asks = ControllerScenario
+    asks = EgmControllerScenario
     rig = "cardan.conform.egm_driver.simulated:EgmDriverRig"
     own_faults = FAULTS
     seconds = 0.6
-    # Traffic where it is ended, which only level 3 does.
+    # These faults show when the driver is ended, which only level 3 does.
     tried_on: ClassVar[Mapping[str, Level]] = {"leaves-moving": Level.BY_HAND}

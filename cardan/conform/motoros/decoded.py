@@ -1,19 +1,19 @@
-"""What judges of MotoROS look at: the messages of a timeline, and which reply answers what."""
+"""Decoded MotoROS messages of a timeline, and requests with their replies, for the judges."""
 
 from __future__ import annotations
 
 from typing import NamedTuple, TypeVar
 
-from cardan.conform.streams import Streams
-from cardan.conform.timeline import Event, Kind, Timeline, Traffic
+from cardan.conform.streams import ChannelReaders
+from cardan.conform.timeline import Kind, Traffic, WireEvent, WireTimeline
 from cardan.protocols import simple_message as sm
 
 
-class Heard(NamedTuple):
+class ReceivedMessage(NamedTuple):
     """A message of the controller."""
 
     number: int
-    """Of the event that completed it."""
+    """Number of the event that completed it."""
     begun_s: float
     time_s: float
     channel: str
@@ -22,29 +22,29 @@ class Heard(NamedTuple):
 
 
 B = TypeVar("B")
-Status = tuple[Heard, sm.RobotStatus]
-"""What was told, and what told it."""
+Status = tuple[ReceivedMessage, sm.RobotStatus]
+"""A message with its robot status."""
 
 
-class Exchange(NamedTuple):
-    """A request of ours, and what came next on its wire."""
+class MotorosExchange(NamedTuple):
+    """A request of ours, and the next message on its wire."""
 
     number: int
     time_s: float
     channel: str
     request: sm.Message | None
-    """None: what was sent on purpose is no message, or a piece of one."""
+    """None: the data were deliberately no message, or a piece of one."""
     raw: bytes
-    reply: Heard | None
+    reply: ReceivedMessage | None
 
     @property
     def body(self) -> sm.Body | None:
-        """Of the request."""
+        """Body of the request."""
         return None if self.request is None else self.request.body
 
     @property
     def motion(self) -> sm.MotionReply | None:
-        """The reply, where it is one of motion."""
+        """The reply, if it is a motion reply."""
         body = None if self.reply is None else self.reply.message.body
         return body if isinstance(body, sm.MotionReply) else None
 
@@ -52,13 +52,13 @@ class Exchange(NamedTuple):
 class MotorosTraffic(Traffic):
     """The messages of a timeline."""
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: WireTimeline) -> None:
         super().__init__(timeline)
-        self.heard: list[Heard] = []
-        self.asked: list[Exchange] = []
+        self.heard: list[ReceivedMessage] = []
+        self.asked: list[MotorosExchange] = []
         self.order: sm.ByteOrder | None = None
-        streams = Streams(lambda _: sm.FrameReader(), self._failed)
-        open_requests: dict[str, tuple[int, Event]] = {}
+        streams = ChannelReaders(lambda _: sm.FrameReader(), self._failed)
+        open_requests: dict[str, tuple[int, WireEvent]] = {}
         for index, event in enumerate(timeline):
             channel = event.channel
             if event.kind is Kind.OPENED:
@@ -82,35 +82,37 @@ class MotorosTraffic(Traffic):
     def _take(
         self,
         index: int,
-        event: Event,
+        event: WireEvent,
         begun_s: float,
         order: sm.ByteOrder,
         frame: bytes,
-        open_requests: dict[str, tuple[int, Event]],
+        open_requests: dict[str, tuple[int, WireEvent]],
     ) -> None:
         self.order = self.order or order
         message = sm.wire(order).decode(frame)
-        if isinstance(message, sm.Malformed):
+        if isinstance(message, sm.MalformedMessage):
             self._failed(index, event.channel, message.reason)
             return
-        heard = Heard(index, begun_s, event.time_s, event.channel, message, frame)
+        heard = ReceivedMessage(index, begun_s, event.time_s, event.channel, message, frame)
         self.heard.append(heard)
         self._exchange(open_requests.pop(event.channel, None), heard)
 
-    def _exchange(self, asked: tuple[int, Event] | None, reply: Heard | None) -> None:
+    def _exchange(self, asked: tuple[int, WireEvent] | None, reply: ReceivedMessage | None) -> None:
         if asked is None:
             return
         number, sent = asked
         request = sm.wire(self.order or sm.ByteOrder.LITTLE).decode(sent.data)
-        known = None if isinstance(request, sm.Malformed) else request
-        self.asked.append(Exchange(number, sent.time_s, sent.channel, known, sent.data, reply))
+        known = None if isinstance(request, sm.MalformedMessage) else request
+        self.asked.append(
+            MotorosExchange(number, sent.time_s, sent.channel, known, sent.data, reply)
+        )
 
-    def exchanges(self, phase: str) -> list[Exchange]:
-        """What was asked in a phase."""
+    def exchanges(self, phase: str) -> list[MotorosExchange]:
+        """Return the requests of a phase."""
         return self.within(self.asked, phase)
 
-    def requests(self, kind: type, phase: str = "", **fields: int) -> list[Exchange]:
-        """What was asked with a body of a kind that has these fields, in a phase; empty: in any."""
+    def requests(self, kind: type, phase: str = "", **fields: int) -> list[MotorosExchange]:
+        """Return the requests of a phase (empty: any) with a body of `kind` with these fields."""
         return [
             each
             for each in (self.exchanges(phase) if phase else self.asked)
@@ -118,14 +120,16 @@ class MotorosTraffic(Traffic):
             and all(getattr(each.body, name) == value for name, value in fields.items())
         ]
 
-    def _told(self, kind: type[B], phase: str) -> list[tuple[Heard, B]]:
+    def _told(self, kind: type[B], phase: str) -> list[tuple[ReceivedMessage, B]]:
         found = self.within(self.heard, phase) if phase else self.heard
         return [(e, e.message.body) for e in found if isinstance(e.message.body, kind)]
 
     def statuses(self, phase: str = "") -> list[Status]:
-        """Those of a phase; empty: all."""
+        """Return the robot statuses of a phase; empty: all."""
         return self._told(sm.RobotStatus, phase)
 
-    def feedback(self, phase: str = "", group: int = 0) -> list[tuple[Heard, sm.JointFeedback]]:
-        """That of a group in a phase; empty: all."""
+    def feedback(
+        self, phase: str = "", group: int = 0
+    ) -> list[tuple[ReceivedMessage, sm.JointFeedback]]:
+        """Return the joint feedback of a group in a phase; empty: all."""
         return [each for each in self._told(sm.JointFeedback, phase) if each[1].group == group]

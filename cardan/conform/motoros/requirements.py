@@ -1,4 +1,4 @@
-"""What a controller with MotoROS must do on its three ports."""
+"""Requirements of a controller with MotoROS on its three ports."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
-from cardan.conform.motoros.decoded import Exchange, Heard, MotorosTraffic
+from cardan.conform.motoros.decoded import MotorosExchange, MotorosTraffic, ReceivedMessage
 from cardan.conform.motoros.scenario import STEP_RAD, STEP_S, UNKNOWN_TYPE
 from cardan.conform.requirements import (
     Findings,
@@ -56,8 +56,8 @@ requires: Requirements[MotorosTraffic] = Requirements("MOTO")
 _UNANSWERED = "nothing was answered"
 _OTHERWISE = "it was not answered by a motion reply"
 _NO_STATUS, _NO_FEEDBACK = "no status came", "no feedback came"
-Echoed = tuple[Exchange, sm.MotionReply]
-"""An order, and the reply that names it."""
+Echoed = tuple[MotorosExchange, sm.MotionReply]
+"""A command, and the reply that names it."""
 
 
 # -- level 0: the state port ----------------------------------------------------------------------
@@ -171,7 +171,7 @@ def messages_are_not_torn(seen: MotorosTraffic) -> Findings:
 def both_descriptions_agree(seen: MotorosTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same types, groups and positions."""
 
-    def differs(each: Heard, layers: Any) -> str:
+    def differs(each: ReceivedMessage, layers: Any) -> str:
         layer = layers.SimpleMessage(each.raw)
         if wrong := refused(layers, layer):
             return wrong
@@ -203,10 +203,10 @@ _LAYERS_HAVE = {
 """Fields of the codec, and the layers' names for them."""
 
 
-# -- level 1: asked, and held ---------------------------------------------------------------------
+# -- level 1: requests, and hold ------------------------------------------------------------------
 
 
-def _control(seen: MotorosTraffic, command: C, phase: str = "") -> list[Exchange]:
+def _control(seen: MotorosTraffic, command: C, phase: str = "") -> list[MotorosExchange]:
     return seen.requests(sm.MotionCtrl, phase, command=command)
 
 
@@ -301,7 +301,7 @@ def points_are_refused_before_the_start(seen: MotorosTraffic) -> Verdict:
 
 
 def _echoed(seen: MotorosTraffic, command: C, phase: str = "") -> list[Echoed]:
-    """Orders of a command with the replies that name it."""
+    """Return the requests with `command` with the replies that name it."""
     pairs = [(each, each.motion) for each in _control(seen, command, phase)]
     return [(each, reply) for each, reply in pairs if reply and reply.command == command]
 
@@ -404,7 +404,7 @@ def an_empty_queue_is_said_to_be(seen: MotorosTraffic) -> Findings:
     return Words("{} times", "it was not answered")
 
 
-def _velocities(seen: MotorosTraffic, phase: str) -> list[Exchange]:
+def _velocities(seen: MotorosTraffic, phase: str) -> list[MotorosExchange]:
     found = seen.requests(sm.JointVelocity, phase)
     return [e for e in found if e.request and e.request.comm_type == sm.CommType.SERVICE_REQUEST]
 
@@ -434,7 +434,7 @@ def the_velocity_mode_says_what_it_is(seen: MotorosTraffic) -> Verdict:
 
 
 def _in_velocity_mode(phase: str) -> Callable[[MotorosTraffic], Verdict | None]:
-    """Why nothing can be judged of velocities in a phase; None: it can."""
+    """Return an `unless`: its verdict if velocities cannot be judged in a phase; None: they can."""
 
     def why(seen: MotorosTraffic) -> Verdict | None:
         if seen.phase(phase) is None:
@@ -450,8 +450,8 @@ def _in_velocity_mode(phase: str) -> Callable[[MotorosTraffic], Verdict | None]:
     return why
 
 
-def _motion(found: list[Exchange], nothing: str = "it was not answered") -> sm.MotionReply:
-    """The answer to the first of these requests, which is one of motion."""
+def _motion(found: list[MotorosExchange], nothing: str = "it was not answered") -> sm.MotionReply:
+    """Return the motion reply to the first of these requests."""
     return some(found[0].motion if found else None, nothing)
 
 
@@ -459,8 +459,8 @@ def _words(reply: sm.MotionReply) -> str:
     return f"result {reply.result}, subcode {reply.subcode}"
 
 
-def _answered(found: list[Exchange], *wanted: tuple[int, int]) -> Verdict:
-    """Whether the first of these was answered by one of these results and subcodes."""
+def _answered(found: list[MotorosExchange], *wanted: tuple[int, int]) -> Verdict:
+    """Judge if the first of these was answered by one of these results and subcodes."""
     reply = _motion(found)
     return met((reply.result, reply.subcode) in wanted, _words(reply), [found[0].number])
 
@@ -488,15 +488,15 @@ def old_velocities_are_refused(seen: MotorosTraffic) -> Verdict:
 # -- level 2: micro-motion ------------------------------------------------------------------------
 
 
-def _point(seen: MotorosTraffic, phase: str, sequence: int) -> list[Exchange]:
+def _point(seen: MotorosTraffic, phase: str, sequence: int) -> list[MotorosExchange]:
     return seen.requests(sm.JointTrajPtFull, phase, sequence=sequence)
 
 
 _NO_POINT = "no point was taken"
 
 
-def _taken(seen: MotorosTraffic, phase: str = "out", nothing: str = _NO_POINT) -> Exchange:
-    """The point that moves an axis in a phase, which was taken."""
+def _taken(seen: MotorosTraffic, phase: str = "out", nothing: str = _NO_POINT) -> MotorosExchange:
+    """Return the accepted point that moves an axis in a phase."""
     found = _point(seen, phase, 1)
     some(_motion(found, nothing).result == R.SUCCESS, nothing)
     return found[0]
@@ -532,7 +532,7 @@ def a_trajectory_takes_its_time(seen: MotorosTraffic) -> Verdict:
 
 
 def _reached(seen: MotorosTraffic, phase: str, nothing: str) -> Verdict:
-    """Whether an axis turned during a phase as far as it was to, where its point was answered."""
+    """Judge if an axis turned in a phase as far as commanded, if its point was answered."""
     asked, found = _point(seen, phase, 1), [body.pos for _, body in seen.feedback(phase)]
     _motion(asked, nothing)
     some(len(found) >= 2, nothing)

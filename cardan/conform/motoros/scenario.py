@@ -1,4 +1,4 @@
-"""Asks MotoROS: listens to its states, asks one thing at a time, and moves one axis a little."""
+"""Scenario for MotoROS: listen to states, send single requests, and move one axis a little."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import math
 from collections.abc import Iterator
 
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_, send
-from cardan.conform.streams import Streams
-from cardan.conform.timeline import Event, Kind
+from cardan.conform.runner import Pause, Scenario, Script, Step, ask, mark, open_, send
+from cardan.conform.streams import ChannelReaders
+from cardan.conform.timeline import Kind, WireEvent
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import MessageType as T, MotionCommand as C
 
 STEP_RAD = math.radians(0.2)
-"""Of the last axis, which only turns the flange."""
+"""Step of the last axis, which only turns the flange."""
 STEP_S = 0.1
 UNKNOWN_TYPE = 3900
-"""No firmware that is known has it."""
+"""A type that no known firmware has."""
 REPLY_S = 0.6
-"""A controller that answers no sooner is taken not to answer."""
+"""Timeout of a reply."""
 START_S = 12.0
 """START_TRAJ_MODE may power the drives and start a job."""
 POLL_S = 0.02
@@ -36,7 +36,7 @@ class MotorosScenario(Scenario):
         self._level = level
         self._seconds = seconds
         self._order = sm.ByteOrder.LITTLE
-        self._streams = Streams(lambda _: sm.FrameReader(), lambda *_: None)
+        self._streams = ChannelReaders(lambda _: sm.FrameReader(), lambda *_: None)
         self._reply: sm.Message | None = None
         self._status: sm.RobotStatus | None = None
         self._feedback: sm.JointFeedback | None = None
@@ -44,9 +44,9 @@ class MotorosScenario(Scenario):
         self._lost: set[str] = set()
         self._axes = 6
 
-    # -- what comes in ----------------------------------------------------------------------------
+    # -- received messages ------------------------------------------------------------------------
 
-    def answer(self, event: Event) -> Iterator[Act]:
+    def answer(self, event: WireEvent) -> Iterator[Step]:
         channel = event.channel
         if event.kind is Kind.OPENED:
             self._streams.begin(channel)
@@ -70,12 +70,12 @@ class MotorosScenario(Scenario):
         elif isinstance(body, sm.JointFeedback) and body.group == 0:
             self._feedback = body
 
-    # -- what is asked ----------------------------------------------------------------------------
+    # -- requests ---------------------------------------------------------------------------------
 
     def script(self) -> Script:
         yield open_("state")
         yield mark("listen")
-        yield Wait(self._seconds / 3.0)
+        yield Pause(self._seconds / 3.0)
         if self._level < Level.HOLD:
             return
         yield from self._asking()
@@ -101,7 +101,7 @@ class MotorosScenario(Scenario):
             self._axes = min(max(self._reply.body.axes, 1), 10)
         yield from self._asked(sm.Raw(b""), UNKNOWN_TYPE)
         yield from self._asked(sm.Raw(bytes(8)), int(T.MOTO_MOTION_CTRL))
-        # Sequence 0 of a group that no controller has.
+        # Sequence 0 of a group that exists on no controller.
         point = sm.JointTrajPtFull(9, 0, _POSITION, 0.0, sm.ZEROS, sm.ZEROS, sm.ZEROS)
         yield from self._asked(point)
         yield from self._asked(sm.ReadIo(FIRST_OUTPUT), T.MOTO_READ_IO_BIT, channel="io")
@@ -110,28 +110,28 @@ class MotorosScenario(Scenario):
         data = sm.wire(self._order).encode(sm.request(sm.Empty(), T.PING))
         self._reply = None
         yield send(data[:6], "motion")
-        yield Wait(0.03)
+        yield Pause(0.03)
         yield send(data[6:], "motion")
-        yield Wait(REPLY_S, self._answered)
+        yield Pause(REPLY_S, self._answered)
 
     def _holding(self) -> Script:
         yield mark("start")
         yield from self._ordered(C.START_TRAJ_MODE, START_S)
-        yield Wait(0.05)
+        yield Pause(0.05)
         yield mark("hold")
         yield from self._point(0, 0.0)
         end_s = self.now_s + self._seconds
         while self.now_s < end_s and "motion" not in self._lost:
             yield from self._ordered(C.CHECK_QUEUE_CNT)
-            yield Wait(POLL_S)
+            yield Pause(POLL_S)
             yield from self._ordered(C.CHECK_MOTION_READY)
-            yield Wait(POLL_S)
+            yield Pause(POLL_S)
         yield mark("velocity")
         yield from self._start_velocity()
         if self._succeeded():
             yield from self._velocity(0, 0.0)
-            # Longer than the watchdog waits.
-            yield Wait(3.0 * WATCHDOG_MS * 1e-3)
+            # Longer than the watchdog's timeout.
+            yield Pause(3.0 * WATCHDOG_MS * 1e-3)
             yield from self._velocity(1, 0.0)
             yield from self._point(0, 0.0)
             yield from self._velocity(0, 0.0)
@@ -142,20 +142,20 @@ class MotorosScenario(Scenario):
     def _moving(self) -> Script:
         yield mark("trajectory")
         yield from self._ordered(C.START_TRAJ_MODE, START_S)
-        yield Wait(0.1)
+        yield Pause(0.1)
         for name, shift in (("out", STEP_RAD), ("back", -STEP_RAD)):
             yield mark(name)
             yield from self._point(0, 0.0)
             if self._succeeded():
                 yield from self._point(1, STEP_S, shift)
-                # Not at once: the queue is filled an interpolation period later.
+                # The queue is filled one interpolation period later.
                 end_s = self.now_s + 10.0 * STEP_S
-                yield Wait(0.5 * POLL_S)
+                yield Pause(0.5 * POLL_S)
                 while self.now_s < end_s and self._queue_left():
                     yield from self._ordered(C.CHECK_QUEUE_CNT)
-                    yield Wait(0.5 * POLL_S)
-            yield Wait(0.5)
-            yield Wait(3.0, lambda: self._status is None or self._status.in_motion != 1)
+                    yield Pause(0.5 * POLL_S)
+            yield Pause(0.5)
+            yield Pause(3.0, lambda: self._status is None or self._status.in_motion != 1)
         yield mark("stream")
         yield from self._start_velocity()
         if self._succeeded():
@@ -164,24 +164,24 @@ class MotorosScenario(Scenario):
             for sequence in range(1, count + 1):
                 body = self._velocity_body(sequence, speed)
                 yield send(sm.wire(self._order).encode(sm.topic(body)), "motion")
-                yield Wait(VELOCITY_S)
+                yield Pause(VELOCITY_S)
             yield mark("deserted")
-            yield Wait(5.0 * WATCHDOG_MS * 1e-3)
+            yield Pause(5.0 * WATCHDOG_MS * 1e-3)
             yield from self._velocity(count + 1, 0.0)
             yield from self._ordered(C.STOP_VEL_MODE)
 
     def _by_hand(self) -> Script:
         yield mark("estop")
         yield ask("estop", "Press the emergency stop.")
-        yield Wait(HAND_S, lambda: self._status is not None and self._status.e_stopped == 1)
-        yield Wait(0.1)
+        yield Pause(HAND_S, lambda: self._status is not None and self._status.e_stopped == 1)
+        yield Pause(0.1)
         yield from self._ordered(C.CHECK_MOTION_READY)
         yield mark("released")
         yield ask("release", "Release the emergency stop.")
-        yield Wait(HAND_S, lambda: self._status is not None and self._status.e_stopped == 0)
-        yield Wait(0.3)
+        yield Pause(HAND_S, lambda: self._status is not None and self._status.e_stopped == 0)
+        yield Pause(0.3)
 
-    # -- one thing --------------------------------------------------------------------------------
+    # -- single requests --------------------------------------------------------------------------
 
     def _answered(self) -> bool:
         return self._reply is not None or "motion" in self._lost
@@ -196,7 +196,7 @@ class MotorosScenario(Scenario):
     ) -> Script:
         self._reply = None
         yield send(sm.wire(self._order).encode(sm.request(body, msg_type)), channel)
-        yield Wait(s, self._answered)
+        yield Pause(s, self._answered)
 
     def _ordered(self, command: C, seconds: float = REPLY_S, data: sm.Joints = sm.ZEROS) -> Script:
         self._sequence += 1
@@ -209,7 +209,7 @@ class MotorosScenario(Scenario):
         at = sm.ZEROS if self._feedback is None else self._feedback.pos
         axis = self._axes - 1
         at = (*at[:axis], at[axis] + shift, *at[axis + 1 :])
-        # The half millisecond: times are cut to whole milliseconds.
+        # Half a millisecond, because times are truncated to whole milliseconds.
         time_s += 0.0005 if time_s else 0.0
         yield from self._asked(
             sm.JointTrajPtFull(0, sequence, _POSITION, time_s, at, sm.ZEROS, sm.ZEROS)

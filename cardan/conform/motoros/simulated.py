@@ -1,4 +1,4 @@
-"""The simulated controller's servers and a scenario in virtual time."""
+"""Servers of the simulated controller, and a scenario in virtual time."""
 
 from __future__ import annotations
 

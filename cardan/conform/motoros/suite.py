@@ -1,4 +1,4 @@
-"""The suite of a controller that runs MotoROS."""
+"""Suite of a controller that runs MotoROS."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import ClassVar
 from cardan.conform.motoros.decoded import MotorosTraffic
 from cardan.conform.motoros.requirements import requires
 from cardan.conform.motoros.scenario import MotorosScenario
-from cardan.conform.suite import Suite, Transport
+from cardan.conform.suite import Suite, SuiteTransport
 from cardan.protocols.simple_message import IO_PORT, MOTION_PORT, STATE_PORT
 
 
-class Motoros(Suite[MotorosTraffic]):
+class MotorosSuite(Suite[MotorosTraffic]):
     """A Motoman controller that runs MotoROS, in trajectory mode and in velocity mode."""
 
     name = "motoros"
@@ -21,7 +21,7 @@ class Motoros(Suite[MotorosTraffic]):
     target = "HOST[:PORT] of the controller; PORT is that of motion, 50240, the next two follow it"
     peer = "motoman-gp8"
     requirements = requires.all()
-    transport = Transport("tcp", {"motion": MOTION_PORT, "state": STATE_PORT, "io": IO_PORT})
+    transport = SuiteTransport("tcp", {"motion": MOTION_PORT, "state": STATE_PORT, "io": IO_PORT})
     decoder = MotorosTraffic
     asks = MotorosScenario
     rig = "cardan.conform.motoros.simulated:MotorosRig"

@@ -1,5 +1,4 @@
-"""What judges of a client of MotoROS look at: its messages, how they came, and what they were
-answered."""
+"""Decoded messages of a MotoROS client, their pieces and answers, for the judges."""
 
 from __future__ import annotations
 
@@ -12,8 +11,8 @@ from functools import cached_property
 from typing import NamedTuple, TypeVar
 
 from cardan.conform.motoros_driver.scenario import port_of
-from cardan.conform.streams import Streams
-from cardan.conform.timeline import Event, Kind, Timeline, TimelinePhase, Traffic
+from cardan.conform.streams import ChannelReaders
+from cardan.conform.timeline import Kind, TimelinePhase, Traffic, WireEvent, WireTimeline
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import MessageType as T
 
@@ -23,7 +22,7 @@ VELOCITY_TYPES = frozenset((T.MOTO_JOINT_VELOCITY, T.MOTO_JOINT_VELOCITY_EX))
 
 
 class Answered(NamedTuple):
-    """What came back on the wire as the next message."""
+    """Answer to a request: the next message back on its wire."""
 
     number: int
     time_s: float
@@ -34,44 +33,44 @@ class Said(NamedTuple):
     """A message of the client."""
 
     place: int
-    """Among all of them."""
+    """Index among all of them."""
     number: int
-    """Of the event that completed it."""
+    """Number of the event that completed it."""
     time_s: float
     channel: str
     message: sm.Message
     raw: bytes
     whole: bool
-    """It came in one piece, with nothing else in it."""
+    """True if it came in a piece of its own."""
     owed: int
-    """Requests before it on its connection that were not answered yet."""
+    """Earlier requests on its connection without an answer yet."""
     answered: Answered | None = None
 
     @property
     def is_topic(self) -> bool:
-        """Nothing answers it: a speed, sent as a topic."""
+        """True for a speed sent as a topic, which gets no answer."""
         topic = self.message.comm_type == sm.CommType.TOPIC
         return topic and self.message.msg_type in VELOCITY_TYPES
 
     @property
     def answer(self) -> sm.Body | None:
-        """What was said in answer."""
+        """Body of the answer."""
         return None if self.answered is None else self.answered.message.body
 
     @property
     def reply(self) -> sm.MotionReply | None:
-        """The answer, where it is one of motion."""
+        """The answer, if it is a motion reply."""
         return self.answer if isinstance(self.answer, sm.MotionReply) else None
 
     @property
     def command(self) -> int:
-        """Of a MOTION_CTRL; 0 for others."""
+        """Command of a MOTION_CTRL; 0 for others."""
         body = self.message.body
         return body.command if isinstance(body, sm.MotionCtrl) else 0
 
     @property
     def point(self) -> sm.JointTrajPtFull | None:
-        """A point; of one for several groups that of the first."""
+        """Trajectory point; of several groups the first group's."""
         body = self.message.body
         if isinstance(body, sm.JointTrajPtFullEx) and body.points:
             first = body.points[0]
@@ -80,7 +79,7 @@ class Said(NamedTuple):
 
     @property
     def velocity(self) -> sm.JointVelocity | None:
-        """Speeds; of those for several groups the first's."""
+        """Speeds; of several groups the first group's."""
         body = self.message.body
         if isinstance(body, sm.JointVelocityEx) and body.commands:
             first = body.commands[0]
@@ -89,19 +88,19 @@ class Said(NamedTuple):
 
 
 Neighbors = tuple[Said, sm.JointTrajPtFull, Said, sm.JointTrajPtFull]
-"""Two points of a trajectory, one after the other, and what said them."""
+"""Two consecutive points of a trajectory, each after its message."""
 
 
-class Link(NamedTuple):
+class DriverConnection(NamedTuple):
     """A connection of the client."""
 
     channel: str
     number: int
     opened_s: float
     closed_s: float
-    """Infinite where it was open at the end."""
+    """Infinite if it was open at the end."""
     ended: int
-    """Number of the event that closed it; -1 where none did."""
+    """Number of the event that closed it; -1: none."""
     by_us: bool
 
     @property
@@ -113,7 +112,7 @@ class Link(NamedTuple):
 class DriverTraffic(Traffic):
     """The messages of a timeline in which we are the controller."""
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: WireTimeline) -> None:
         super().__init__(timeline)
         self.said: list[Said] = []
         self.disordered: list[tuple[int, str]] = []
@@ -121,14 +120,14 @@ class DriverTraffic(Traffic):
         self.pieces: list[tuple[int, str]] = []
         """Reads that were not one message each."""
         self.strays: list[int] = []
-        """What was sent to the state port."""
-        self.links: list[Link] = []
+        """Numbers of events with data to the state port."""
+        self.links: list[DriverConnection] = []
         self.feedback: list[tuple[int, sm.JointFeedback]] = []
-        """What was reported of group 0, by the number of the event."""
+        """Reported feedback of group 0, with the number of the event."""
         self.statuses: list[tuple[int, sm.RobotStatus]] = []
-        """What was told, by the number of the event."""
+        """Reported status, with the number of the event."""
         self._readers: dict[str, sm.FrameReader] = {}
-        self._ours = Streams(lambda _: sm.FrameReader(), lambda *_: None)
+        self._ours = ChannelReaders(lambda _: sm.FrameReader(), lambda *_: None)
         self._waiting: dict[str, deque[int]] = {}
         self._orders = [
             (number, order)
@@ -137,13 +136,13 @@ class DriverTraffic(Traffic):
             for order in [sm.detect_byte_order(event.data[:4].ljust(4, b"\0"))]
             if order is not None and len(event.data) >= 16
         ]
-        open_links: dict[str, Link] = {}
+        open_links: dict[str, DriverConnection] = {}
         for number, event in enumerate(timeline):
             channel = event.channel
             if channel == port_of(channel):
                 continue
             if event.kind is Kind.OPENED:
-                link = Link(channel, number, event.time_s, math.inf, -1, False)
+                link = DriverConnection(channel, number, event.time_s, math.inf, -1, False)
                 open_links[channel] = link
             elif event.kind is Kind.CLOSED and channel in open_links:
                 link = open_links.pop(channel)
@@ -158,11 +157,11 @@ class DriverTraffic(Traffic):
         self.links.sort(key=lambda each: each.number)
 
     def _order_at(self, number: int) -> sm.ByteOrder:
-        """The controller's, as its states have it."""
+        """Return the controller's byte order, as its states have it."""
         first = self._orders[0][1] if self._orders else sm.ByteOrder.LITTLE
         return _newest(self._orders, number) or first
 
-    def _heard(self, number: int, event: Event) -> None:
+    def _heard(self, number: int, event: WireEvent) -> None:
         channel, data = event.channel, event.data
         if port_of(channel) == "state":
             self.strays.append(number)
@@ -184,7 +183,7 @@ class DriverTraffic(Traffic):
         topics = True
         for frame in frames:
             message = sm.wire(order).decode(frame)
-            if isinstance(message, sm.Malformed):
+            if isinstance(message, sm.MalformedMessage):
                 self.unread.append((number, message.reason))
                 topics = False
                 continue
@@ -202,12 +201,12 @@ class DriverTraffic(Traffic):
             self.unread.append((number, reader.failure))
             del self._readers[channel]
 
-    def _told(self, number: int, event: Event) -> None:
+    def _told(self, number: int, event: WireEvent) -> None:
         channel = event.channel
         for _, frame in self._ours.whole(number, event):
             order = self._ours.reader(channel).byte_order or sm.ByteOrder.LITTLE
             message = sm.wire(order).decode(frame)
-            if isinstance(message, sm.Malformed):
+            if isinstance(message, sm.MalformedMessage):
                 continue
             if port_of(channel) == "state":
                 body = message.body
@@ -222,24 +221,24 @@ class DriverTraffic(Traffic):
                 said = self.said[index]
                 self.said[index] = said._replace(answered=Answered(number, event.time_s, message))
 
-    # -- where ------------------------------------------------------------------------------------
+    # -- queries ----------------------------------------------------------------------------------
 
     def named(self, *names: str) -> list[TimelinePhase]:
-        """The phases of these names, of each controller in turn."""
+        """Return the phases of these names, of each controller in turn."""
         return [phase for name, phase in self.phases.items() if name.partition(" ")[2] in names]
 
     def during(self, *names: str) -> list[Said]:
-        """What was said in phases of these names."""
+        """Return the client's messages in phases of these names."""
         return self.within(self.said, *(phase.name for phase in self.named(*names)))
 
     def after(self, phase: TimelinePhase, seconds: float) -> list[Said]:
-        """What was said in a phase from so many seconds on."""
+        """Return the client's messages in a phase after its first `seconds`."""
         since_s = phase.start_s + seconds
         return [s for s in self.said if phase.first <= s.number < phase.end and s.time_s > since_s]
 
     @cached_property
     def motion(self) -> dict[str, list[Said]]:
-        """What was said on each connection to the motion port."""
+        """Messages on each connection to the motion port."""
         found: dict[str, list[Said]] = {
             each.channel: [] for each in self.links if each.port == "motion"
         }
@@ -250,7 +249,7 @@ class DriverTraffic(Traffic):
 
     @cached_property
     def points(self) -> list[tuple[Said, sm.JointTrajPtFull]]:
-        """All points, those that were sent again too."""
+        """All points, including repeated ones."""
         return [(each, point) for each in self.said if (point := each.point) is not None]
 
     @cached_property
@@ -259,7 +258,7 @@ class DriverTraffic(Traffic):
         return [(each, body) for each in self.said if (body := each.velocity) is not None]
 
     def neighbors(self) -> Iterator[Neighbors]:
-        """Points of one trajectory that were accepted one after the other."""
+        """Yield consecutive accepted points of one trajectory."""
         for messages in self.motion.values():
             before: tuple[Said, sm.JointTrajPtFull] | None = None
             for said in messages:
@@ -275,20 +274,20 @@ class DriverTraffic(Traffic):
                 before = said, point
 
     def feedback_before(self, number: int) -> sm.JointFeedback | None:
-        """The newest that was told before an event."""
+        """Return the newest joint feedback before an event."""
         return _newest(self.feedback, number)
 
     def status_before(self, number: int) -> sm.RobotStatus | None:
-        """The newest that was told before an event."""
+        """Return the newest status before an event."""
         return _newest(self.statuses, number)
 
 
 def _newest(found: list[tuple[int, B]], number: int) -> B | None:
-    """The last of those that have numbers below `number`."""
+    """Return the last item with a number below `number`."""
     place = bisect.bisect_left(found, number, key=operator.itemgetter(0))
     return found[place - 1][1] if place else None
 
 
 def _harmless(command: int) -> bool:
-    """CHECK_MOTION_READY and CHECK_QUEUE_CNT end no trajectory."""
+    """True for CHECK_MOTION_READY and CHECK_QUEUE_CNT, which end no trajectory."""
     return command in (200101, 200102)

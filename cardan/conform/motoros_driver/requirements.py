@@ -1,4 +1,4 @@
-"""What a client of MotoROS must do that moves an arm."""
+"""Requirements of a MotoROS client that moves an arm."""
 
 from __future__ import annotations
 
@@ -9,7 +9,12 @@ from itertools import pairwise
 from typing import Any
 
 from cardan.conform.motoros.requirements import CONTROLLER, MESSAGES, SERVER, STATES, VELOCITY
-from cardan.conform.motoros_driver.decoded import VELOCITY_TYPES, DriverTraffic, Link, Said
+from cardan.conform.motoros_driver.decoded import (
+    VELOCITY_TYPES,
+    DriverConnection,
+    DriverTraffic,
+    Said,
+)
 from cardan.conform.motoros_driver.scenario import (
     ANSWERED_WITHIN_S,
     ROBOT,
@@ -46,15 +51,15 @@ ENDS = f"{CONTROLLER}: queues are emptied, START_TRAJ_MODE is needed"
 AGAIN = "ISO 13850: resetting an emergency stop only permits a restart"
 
 PIECES_SHARE = 0.01
-"""TCP may merge and cut on the way to us."""
+"""Tolerated share of merged or split messages, as TCP may merge and split."""
 ARM = load_arm(ROBOT)
 NEAR_RAD = 1e-3
-"""30 pulses of the GP8's coarsest axis."""
+"""Corresponds to 30 pulses of the GP8's coarsest axis."""
 STILL_RAD_S = 1e-6
 EDGE_RAD = 0.02
-"""An arm at its stop may be measured beyond it."""
+"""Tolerance beyond a joint's range: an arm at its stop may be measured beyond it."""
 TOO_FAST = 1.1
-"""Of an axis's speed: the controller executes no faster increments."""
+"""Factor on an axis's speed: the controller executes no faster increments."""
 SAMPLES = 8
 STOPPED_WITHIN_S = 0.15
 """Ten polls of the inputs take 0.1 s, the next status comes 25 ms later."""
@@ -85,7 +90,7 @@ _NEVER_STARTED = "motion was never started"
 
 
 def _unused(seen: DriverTraffic) -> Verdict | None:
-    """The client moves the arm, and does not by the velocity mode."""
+    """Return not applicable if the client moves the arm without the velocity mode; else None."""
     unused = bool(seen.points) and not seen.velocities
     return not_applicable("it does not use the velocity mode") if unused else None
 
@@ -94,7 +99,7 @@ def _unused(seen: DriverTraffic) -> Verdict | None:
 
 
 def _not_to(found: Iterable[str]) -> str:
-    """Which of its ports it did not connect to; empty: to both."""
+    """Return the required ports without a connection in words; empty: none."""
     missing = sorted({"motion", "state"} - set(found))
     return f"not to {' and '.join(missing)}" if missing else ""
 
@@ -187,8 +192,8 @@ def stop_motion_comes_first(seen: DriverTraffic) -> Findings:
 
 
 def _started(messages: list[Said]) -> Iterator[tuple[Said, str]]:
-    """Points and speeds of a connection with the mode that was on by what was answered: "points",
-    "speeds" or ""."""
+    """Yield points and speeds of a connection with the mode that the answers had confirmed:
+    "points", "speeds" or ""."""
     mode = ""
     for each in messages:
         reply = each.reply
@@ -214,7 +219,7 @@ def motion_is_started_first(seen: DriverTraffic) -> Findings:
     for messages in seen.motion.values():
         for each, mode in _started(messages):
             wanted = "points" if each.point is not None else "speeds"
-            # A topic may have been on its way while the answer was.
+            # A topic may have been in flight at the same time as the answer.
             good = mode == wanted or (each.is_topic and _answered_lately(each, messages))
             yield each.number, "" if good else f"{wanted} in mode {mode or 'none'}"
     return Words("{} points and speeds", _NEVER_STARTED)
@@ -251,7 +256,7 @@ def points_are_complete(seen: DriverTraffic) -> Findings:
 
 
 def _finite(*values: float) -> str:
-    """That one of them is not finite; empty: all are."""
+    """Return words if one of them is not finite; else empty."""
     return "" if all(map(math.isfinite, values)) else "a number that is not finite"
 
 
@@ -286,7 +291,7 @@ def time_goes_on(seen: DriverTraffic) -> Findings:
 
 
 def _outside(positions: sm.Joints) -> str:
-    """Which joint is out of its range; empty: none."""
+    """Return the first joint out of its range in words; empty: none."""
     for joint, (q, each) in enumerate(zip(positions, ARM.joints, strict=False), 1):
         if not each.lower - EDGE_RAD <= q <= each.upper + EDGE_RAD:
             return f"joint {joint} at {q:.3f} rad"
@@ -294,7 +299,7 @@ def _outside(positions: sm.Joints) -> str:
 
 
 def _too_fast(speeds: Iterable[float], share: float = 1.0) -> str:
-    """Which joint is faster than it can be; empty: none."""
+    """Return the first joint beyond its maximum speed in words; empty: none."""
     for joint, (v, most) in enumerate(zip(speeds, ARM.velocity, strict=False), 1):
         if abs(v) > share * most + 1e-3:
             return f"joint {joint} at {v:.2f} rad/s"
@@ -310,7 +315,7 @@ def points_are_within_the_arm(seen: DriverTraffic) -> Findings:
 
 
 def _steepest(one: sm.JointTrajPtFull, other: sm.JointTrajPtFull) -> list[float]:
-    """The highest speed of each joint on MotoROS's cubic from point to point, rad/s."""
+    """Return the peak speed of each joint on MotoROS's cubic from point to point, rad/s."""
     span = other.time - one.time
     if span <= 0.0:
         return []
@@ -332,7 +337,7 @@ def the_way_between_is_within_the_arm(seen: DriverTraffic) -> Findings:
 
 
 def _with_next(seen: DriverTraffic, result: R) -> list[tuple[Said, Said | None]]:
-    """Points that were answered so, each with the next one on its connection."""
+    """Return the points with this answer, each with the next one on its connection."""
     return [
         (each, next((m for m in messages[n + 1 :] if m.point is not None), None))
         for messages in seen.motion.values()
@@ -435,7 +440,7 @@ def the_watchdog_can_be_had(seen: DriverTraffic) -> Findings:
 
 
 def _streams(seen: DriverTraffic) -> Iterator[tuple[Said, int, int | None]]:
-    """Speeds with their sequence, and that of those before them since START_VEL_MODE, or 0."""
+    """Yield speeds, their sequence and the one before since START_VEL_MODE or a 0, if any."""
     for messages in seen.motion.values():
         before = None
         for each in messages:
@@ -512,7 +517,7 @@ def the_watchdog_is_fed(seen: DriverTraffic) -> Verdict:
 
 
 def _moving(body: sm.JointTrajPtFull | sm.JointVelocity) -> str:
-    """That a point or speeds have a speed; empty: they are at rest."""
+    """Return the speed of a point or of speeds in words; empty: at rest."""
     speed = max(map(abs, body.vel))
     return f"{speed:.3g} rad/s" if speed > STILL_RAD_S else ""
 
@@ -533,11 +538,11 @@ def speeds_are_taken(seen: DriverTraffic) -> Findings:
     return Words("{} answers", _NO_SPEEDS)
 
 
-# -- what befalls it -------------------------------------------------------------------------------
+# -- disturbances ----------------------------------------------------------------------------------
 
 
 def _moves(found: Iterable[Said]) -> Iterator[tuple[int, str]]:
-    """Points that go somewhere, and speeds that are not zero."""
+    """Yield points that move the arm, and nonzero speeds."""
     before = None
     for each in found:
         point, body = each.point, each.velocity
@@ -621,8 +626,8 @@ def an_unanswered_request_ends_the_connection(seen: DriverTraffic) -> Verdict:
     return none_wrong(wrong, len(phases), f"{len(phases)} of them", NOT_MOVED)
 
 
-def _link_in(seen: DriverTraffic, phase: TimelinePhase) -> Link | None:
-    """The motion connection that was open when a phase began."""
+def _link_in(seen: DriverTraffic, phase: TimelinePhase) -> DriverConnection | None:
+    """Return the motion connection that was open when a phase began."""
     found = [e for e in seen.links if e.port == "motion" and e.number < phase.first]
     return found[-1] if found and found[-1].closed_s >= phase.start_s else None
 
@@ -652,7 +657,7 @@ def the_reply_before_is_not_the_answer(seen: DriverTraffic) -> Verdict:
 
 
 def _came_again(seen: DriverTraffic, what: str, port: str) -> Verdict:
-    """Whether a connection that ended in a phase was made again."""
+    """Judge if a connection that ended in a phase was restored."""
     phases = some(seen.named(what, f"{what} over"), NOT_MOVED)
     firsts = [phase for phase in phases if not phase.name.endswith("over")]
     wrong = []

@@ -1,5 +1,4 @@
-"""Is a controller with MotoROS to a client: four of them, one after the other, and what befalls
-them."""
+"""Scenario that is a MotoROS client's controller: several firmwares in turn, with disturbances."""
 
 from __future__ import annotations
 
@@ -8,8 +7,8 @@ from typing import NamedTuple
 
 from cardan.conform.controllers import COME
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Act, Scenario, Script, Wait, ask, close, mark, open_, send
-from cardan.conform.timeline import Event, Kind
+from cardan.conform.runner import Pause, Scenario, Script, Step, ask, close, mark, open_, send
+from cardan.conform.timeline import Kind, WireEvent
 from cardan.protocols.simple_message import ActiveMode
 from cardan.sim_peers.motoros_controller import (
     MotorosController,
@@ -23,13 +22,13 @@ ROBOT = "gp8"
 """The arm of the controllers."""
 SERVO_ON_S = 0.2
 STREAMS_WITHIN_S = 0.3
-"""A client whose newest command is no older than this moves the arm, or holds it; or it plays."""
+"""A client streams if its newest command is no older than this, or a trajectory plays."""
 GREETED_S = 0.3
 TRIES = 3
 STOPPED_S = 0.5
 SILENT_S = 0.6
 ANSWERED_WITHIN_S = 5.0
-"""So long a request is left unanswered, unless its client gives up sooner."""
+"""Time for which a request stays unanswered, unless its client times out sooner."""
 LATE_MS = 60.0
 BUSY = 5
 WRONG_REPLIES_S = 0.8
@@ -42,37 +41,37 @@ def _never() -> bool:
 
 
 def port_of(channel: str) -> str:
-    """Of "motion 3", the third connection that came to any port: "motion"."""
+    """Return the port of a channel: "motion" of "motion 3", the third connection to any port."""
     return channel.partition(" ")[0]
 
 
-class Stop(NamedTuple):
-    """What ends motion at the controller, and what takes it back."""
+class Halt(NamedTuple):
+    """Stop of motion at the controller, and its release."""
 
     begin: Callable[[MotorosController, float], None]
     end: Callable[[MotorosController, float], None]
 
 
 def _nothing(_controller: MotorosController, _now_s: float) -> None:
-    """What START_TRAJ_MODE takes back itself."""
+    """Do nothing: START_TRAJ_MODE itself releases the stop."""
 
 
 STOPS = {
-    "estop": Stop(MotorosController.emergency_stop, MotorosController.release_emergency_stop),
-    "alarm": Stop(lambda it, now_s: it.alarm(FAULT_ALARM, now_s), MotorosController.reset_alarm),
-    "teach": Stop(
+    "estop": Halt(MotorosController.emergency_stop, MotorosController.release_emergency_stop),
+    "alarm": Halt(lambda it, now_s: it.alarm(FAULT_ALARM, now_s), MotorosController.reset_alarm),
+    "teach": Halt(
         lambda it, now_s: it.mode("teach", now_s), lambda it, now_s: it.mode("play", now_s)
     ),
-    "hold": Stop(lambda it, now_s: it.hold(True, now_s), lambda it, now_s: it.hold(False, now_s)),
-    "servo-off": Stop(
+    "hold": Halt(lambda it, now_s: it.hold(True, now_s), lambda it, now_s: it.hold(False, now_s)),
+    "servo-off": Halt(
         lambda it, now_s: it.servo(False, now_s), lambda it, now_s: it.servo(True, now_s)
     ),
-    "pfl": Stop(MotorosController.collaborative_stop, _nothing),
+    "pfl": Halt(MotorosController.collaborative_stop, _nothing),
 }
 
 
 class Firmware(NamedTuple):
-    """One of the controllers, and what befalls it."""
+    """A controller, and the disturbances it goes through."""
 
     name: str
     velocity_mode: bool
@@ -108,15 +107,14 @@ FIRMWARE = (
         ),
     ),
 )
-"""The one with a velocity mode is an extension of MotoROS; without it any client has something to
-speak to."""
+"""The velocity mode is an extension of MotoROS; controllers without it serve any client."""
 
 
-class ControllerScenario(Scenario):
-    """The simulated controllers in the hands of a script. Nothing real moves.
+class MotorosControllerScenario(Scenario):
+    """The simulated controllers, run by a script. Nothing real moves.
 
-    A port that is open listens; each client that comes to it is a channel of its own, with a
-    number after the port's name.
+    An open port listens; each client that connects is a channel of its own, with a number after
+    the port's name.
     """
 
     def __init__(self, level: Level, seconds: float) -> None:
@@ -125,15 +123,15 @@ class ControllerScenario(Scenario):
         self._controller = MotorosController()
         self._servers = MotorosServers(self._controller, self._controller.options)
         self._numbers: dict[str, int] = {}
-        """Those of the servers, by the channels of clients."""
+        """Connection numbers of the servers, by the channels of clients."""
         self._came_s = 0.0
-        """When the newest client of the motion port came."""
+        """Connection time of the newest client of the motion port."""
         self._mute = False
-        """The state port says nothing."""
+        """True while the state port is silent."""
 
-    # -- what comes in ----------------------------------------------------------------------------
+    # -- received data ----------------------------------------------------------------------------
 
-    def answer(self, event: Event) -> Iterator[Act]:
+    def answer(self, event: WireEvent) -> Iterator[Step]:
         channel, now_s, servers = event.channel, self.now_s, self._servers
         kind: PortKind | None = next((k for k in PORT_KINDS if k == port_of(channel)), None)
         if kind is None or channel == kind:
@@ -153,8 +151,8 @@ class ControllerScenario(Scenario):
                 servers.eof(self._numbers.pop(channel), now_s)
         yield from self._written()
 
-    def _written(self) -> Iterator[Act]:
-        """What the servers write and close."""
+    def _written(self) -> Iterator[Step]:
+        """Yield the servers' writes and closes."""
         servers = self._servers
         channels = {number: channel for channel, number in self._numbers.items()}
         for number, data in servers.outgoing():
@@ -171,7 +169,7 @@ class ControllerScenario(Scenario):
         return any(port_of(each) == port for each in self._numbers)
 
     def _streams(self) -> bool:
-        """Whether commands of the client act."""
+        """True if commands of the client act."""
         controller = self._controller
         if controller.active_mode is ActiveMode.NONE or not self._connected():
             return False
@@ -196,7 +194,7 @@ class ControllerScenario(Scenario):
                 yield from self._ended(firmware, last)
 
     def _power_up(self, firmware: Firmware) -> Script:
-        """Another controller comes up in the place of the one before."""
+        """Replace the controller by the next one."""
         for channel in tuple(self._numbers):
             yield close(channel)
         self._numbers.clear()
@@ -293,13 +291,13 @@ class ControllerScenario(Scenario):
     def _behaves(
         self, faults: dict[str, float], seconds: float, until: Callable[[], bool] = _never
     ) -> Script:
-        """Serve with these faults for so long, or until `until`."""
+        """Serve with these faults for `seconds`, or until `until`."""
         self._servers.behave(faults)
         yield from self._serve(seconds, until)
         self._servers.behave({})
 
     def _refused_start(self) -> Script:
-        """A first point is refused as of an arm that sags: motion is begun once more."""
+        """Refuse a first point as for a sagging arm: the client starts motion once more."""
         yield from self._hang_up("motion")
         yield from self._serve(COME * self._seconds, self._connected)
         yield from self._serve(GREETED_S)
@@ -328,7 +326,7 @@ class ControllerScenario(Scenario):
             yield ask("begin", "Start the driver's program again.")
 
     def _serve(self, seconds: float, until: Callable[[], bool] = _never) -> Script:
-        """Serve for so long, or until `until`."""
+        """Serve for `seconds`, or until `until`."""
         end_s = self.now_s + seconds
         while not until():
             self._servers.advance(self.now_s)
@@ -336,4 +334,4 @@ class ControllerScenario(Scenario):
             if self.now_s >= end_s:
                 return
             next_s = min(max(self._servers.next_s, self.now_s + 1e-4), end_s)
-            yield Wait(next_s - self.now_s)
+            yield Pause(next_s - self.now_s)

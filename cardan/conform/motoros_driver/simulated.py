@@ -1,4 +1,4 @@
-"""Our own driver, with the defects it is told to have, and a scenario in virtual time."""
+"""Our own driver with selected defects, and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SWING_S = 1.0
 
 
 class MotorosDriverRig(DriverRig):
-    """Joins the driver's core to the scenario, with its defects between them."""
+    """Connects the driver's core to the scenario, with the defects between them."""
 
     def __init__(
         self,
@@ -40,7 +40,7 @@ class MotorosDriverRig(DriverRig):
         self._session = self._new_session()
         self._listens: set[str] = set()
         self._links: dict[Channel, str] = {}
-        """Channels of the connections that stand."""
+        """Channels of the open connections."""
         self._joined = 0
         self._readers: dict[str, sm.FrameReader] = {}
         self._ended = self._leaving = False
@@ -85,7 +85,7 @@ class MotorosDriverRig(DriverRig):
             self._hear(name, kind=Kind.OPENED)
             self._send(name, self._defects.connected(kind, self._order))
 
-    # -- what the controller says -----------------------------------------------------------------
+    # -- data of the controller -------------------------------------------------------------------
 
     def _take(self, data: bytes, channel: str) -> None:
         self._later(NETWORK_S, lambda: self._arrived(channel, data))
@@ -115,7 +115,7 @@ class MotorosDriverRig(DriverRig):
             del self._readers[channel]
             self._session.received(kind, data, self._now_s)
 
-    # -- what the driver says ---------------------------------------------------------------------
+    # -- data of the driver -----------------------------------------------------------------------
 
     def _turn(self) -> None:
         if self._ended:
@@ -134,7 +134,7 @@ class MotorosDriverRig(DriverRig):
             self._leave()
 
     def _wanted(self, state: RobotState) -> RobotCommand:
-        """The last joint swings there and back."""
+        """Return the command: the last joint swings back and forth, or all hold."""
         if state.hold_reason or self._leaving:
             return HoldCommand()
         speed = SPEED_RAD_S * math.sin(2.0 * math.pi * self._now_s / SWING_S)
@@ -146,7 +146,7 @@ class MotorosDriverRig(DriverRig):
         return min(self._session.next_s, self._now_s + LOOK_S)
 
     def _misbehave(self) -> None:
-        """What a driver with these defects does of itself."""
+        """Do what a driver with these defects does spontaneously."""
         faults, session, now_s = self._faults, self._session, self._now_s
         idle = session.phase is MotionPhase.IDLE and session.requests.idle
         status = session.feed.status
@@ -161,7 +161,7 @@ class MotorosDriverRig(DriverRig):
             self._send(name, self._defects.asked_again(self._order, now_s))
 
     def _carry(self) -> None:
-        """What the driver sends and closes."""
+        """Carry out the driver's writes and closes."""
         session = self._session
         for kind in session.closing():
             name = self._links.pop(kind, None)
@@ -174,7 +174,7 @@ class MotorosDriverRig(DriverRig):
                 self._send(self._links[kind], (Sent(data),))
                 continue
             message = sm.wire(self._order).decode(data)
-            assert not isinstance(message, sm.Malformed)
+            assert not isinstance(message, sm.MalformedMessage)
             said = self._defects.said(message, self._order, self._leaving, self._now_s)
             self._send(self._links[kind], said)
 
@@ -187,13 +187,13 @@ class MotorosDriverRig(DriverRig):
             self._later(late_s, partial(self._comes, name, each))
 
     def _comes(self, name: str, sent: Sent) -> None:
-        """Something that was said has come, or is taken for an answer."""
+        """Deliver a sent message, or give it to the driver as a pretended answer."""
         if not sent.pretended:
             self._hear(name, sent.data)
         elif self._kind(name) == "motion":
             self._session.received("motion", sent.data, self._now_s)
 
-    # -- what is done by hand ---------------------------------------------------------------------
+    # -- actions of the operator ------------------------------------------------------------------
 
     def _by_hand(self, what: str) -> None:
         if what == "enable":
@@ -209,7 +209,7 @@ class MotorosDriverRig(DriverRig):
             self._session = self._new_session()
 
     def _leave(self) -> None:
-        """The program is over."""
+        """End the driver's program."""
         self._ended = True
         if "stays" not in self._faults:
             for name in self._links.values():

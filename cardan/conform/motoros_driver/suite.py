@@ -1,4 +1,4 @@
-"""The suite of a client that moves an arm by MotoROS."""
+"""Suite of a client that moves an arm by MotoROS."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import ClassVar
 
 from cardan.conform.motoros_driver.decoded import DriverTraffic
 from cardan.conform.motoros_driver.requirements import requires
-from cardan.conform.motoros_driver.scenario import ControllerScenario
+from cardan.conform.motoros_driver.scenario import MotorosControllerScenario
 from cardan.conform.requirements import Level
-from cardan.conform.suite import Suite, Transport
+from cardan.conform.suite import Suite, SuiteTransport
 from cardan.protocols.simple_message import IO_PORT, MOTION_PORT, STATE_PORT
 from cardan.sim_peers.motoros_client import FAULTS
 
 
-class MotorosDriver(Suite[DriverTraffic]):
+class MotorosDriverSuite(Suite[DriverTraffic]):
     """A driver of a Motoman GP8 under MotoROS: Cardan is the controller, first one with velocity
     mode, then an FS100, then a YRC1000, and nothing real moves."""
 
@@ -25,17 +25,17 @@ class MotorosDriver(Suite[DriverTraffic]):
     peer = "motoros"
     harmless = Level.HOLD
     requirements = requires.all()
-    transport = Transport(
+    transport = SuiteTransport(
         "tcp",
         {"motion": MOTION_PORT, "state": STATE_PORT, "io": IO_PORT},
         frozenset(("motion", "state", "io")),
     )
     decoder = DriverTraffic
-    asks = ControllerScenario
+    asks = MotorosControllerScenario
     rig = "cardan.conform.motoros_driver.simulated:MotorosDriverRig"
     own_faults = FAULTS
     seconds = 0.6
-    # Traffic where it is ended, which only level 3 does.
+    # These faults show when the driver is ended, which only level 3 does.
     tried_on: ClassVar[Mapping[str, Level]] = {
         "leaves-moving": Level.BY_HAND,
         "leaves-mode-on": Level.BY_HAND,

@@ -1,2 +1,1 @@
-"""Conformance of a Universal Robots controller: RTDE, programs over the primary interface, and the
-dashboard."""
+"""Conformance of a Universal Robots controller: RTDE, programs by primary interface, dashboard."""

@@ -1,5 +1,4 @@
-"""What judges of a Universal Robots controller look at: packets, packages and lines of a timeline,
-decoded once."""
+"""Decoded packets, packages and lines of a Universal Robots controller, for the judges."""
 
 from __future__ import annotations
 
@@ -7,45 +6,44 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, NoReturn
 
-from cardan.conform.streams import Streams
-from cardan.conform.timeline import Event, Kind, Timeline, Traffic, UnaskedError
+from cardan.conform.streams import ChannelReaders
+from cardan.conform.timeline import Kind, Traffic, UnaskedError, WireEvent, WireTimeline
 from cardan.protocols.ur import rtde
-from cardan.protocols.ur.dashboard import LineReader
+from cardan.protocols.ur.dashboard import DashboardReader
 from cardan.protocols.ur.primary import (
     MessageKind,
-    Package,
     PackageReader,
+    PrimaryPackage,
     RobotMessage,
     read_message,
 )
 from cardan.protocols.ur.realtime import RealtimeReader
 
 RTDE, SECOND, OLD = "rtde", "rtde-2", "rtde-1"
-"""Channels: the connection that is judged, another client's beside it, and that of a client that
-speaks version 1 of the protocol."""
+"""Channels: the judged connection, another client's, and a client's with protocol version 1."""
 PRIMARY, SECONDARY, REALTIME = "primary", "secondary", "realtime"
 """The client interfaces."""
 REVERSE = "reverse"
-"""A port of ours, which a program of ours comes to."""
+"""A port of ours, to which a program of ours connects."""
 TOKEN = re.compile(r"write_output_integer_register\(\d+, (\d{2,})\)")
-"""In a program: what it writes first, so that it is known to run."""
+"""The first register write of a program, with the token that shows that it runs."""
 _OF_A_VERSION = frozenset((rtde.PacketType.OUTPUTS, rtde.PacketType.DATA, rtde.PacketType.TEXT))
-"""What has another form in another version of RTDE."""
+"""Packets whose format depends on the version of RTDE."""
 _NAME = re.compile(r"def (\w+)\(\)")
 _READERS: Mapping[str, Callable[[], Any]] = {
     PRIMARY: PackageReader,
     SECONDARY: PackageReader,
     REALTIME: RealtimeReader,
-    "dashboard": LineReader,
+    "dashboard": DashboardReader,
 }
-"""What cuts a channel's bytes, where it is not RTDE."""
+"""Message readers of the channels that are not RTDE."""
 
 
-class Heard(NamedTuple):
-    """A packet of the controller's."""
+class ReceivedPacket(NamedTuple):
+    """A packet of the controller."""
 
     number: int
-    """Of the event that completed it."""
+    """Number of the event that completed it."""
     begun_s: float
     time_s: float
     channel: str
@@ -53,28 +51,28 @@ class Heard(NamedTuple):
     raw: bytes
 
 
-class Exchange(NamedTuple):
+class RtdeExchange(NamedTuple):
     """A request of ours, and its reply."""
 
     number: int
     time_s: float
     channel: str
-    asked: rtde.ControlRequest | rtde.Setup
-    reply: Heard | None
+    asked: rtde.ControlRequest | rtde.RecipeSetup
+    reply: ReceivedPacket | None
 
 
-Answered = tuple[Exchange, rtde.Setup, rtde.SetupReply]
-"""A request for a recipe, and what it was answered."""
+Answered = tuple[RtdeExchange, rtde.RecipeSetup, rtde.SetupReply]
+"""A request for a recipe, and its answer."""
 
 
 class Values(dict[str, Any]):
-    """Of a package, by their names. UnaskedError for one that its recipe does not have."""
+    """Values of a package by name. UnaskedError for a name that its recipe does not have."""
 
     def __missing__(self, name: str) -> NoReturn:
         raise UnaskedError(name)
 
 
-class State(NamedTuple):
+class DataPackage(NamedTuple):
     """A data package, by the names of its recipe."""
 
     number: int
@@ -88,20 +86,20 @@ class OutputStream(NamedTuple):
     channel: str
     start_s: float
     end_s: float
-    states: list[State]
+    states: list[DataPackage]
 
 
-class Told(NamedTuple):
+class ReceivedPackage(NamedTuple):
     """A package of the primary or the secondary interface."""
 
     number: int
     begun_s: float
     time_s: float
-    package: Package
+    package: PrimaryPackage
     message: RobotMessage | None
 
 
-class Sample(NamedTuple):
+class RealtimePacket(NamedTuple):
     """A packet of the real-time interface."""
 
     number: int
@@ -109,8 +107,8 @@ class Sample(NamedTuple):
     packet: bytes
 
 
-class Line(NamedTuple):
-    """A request to the dashboard server, and what it said; before any request, its greeting."""
+class DashboardLine(NamedTuple):
+    """A request to the dashboard server and its answer; before any request, the greeting."""
 
     number: int
     time_s: float
@@ -120,8 +118,8 @@ class Line(NamedTuple):
     said: str | None
 
 
-class Upload(NamedTuple):
-    """A program of ours, or a line."""
+class SentProgram(NamedTuple):
+    """A program or a line that we sent."""
 
     number: int
     time_s: float
@@ -132,47 +130,47 @@ class Upload(NamedTuple):
 
 
 class _Connection:
-    """What is known of an RTDE connection while it is open."""
+    """State of an open RTDE connection."""
 
     def __init__(self, version: int) -> None:
         self.ours = rtde.PacketReader()
         self.version = version
-        self.open: list[tuple[int, float, rtde.ControlRequest | rtde.Setup]] = []
+        self.open: list[tuple[int, float, rtde.ControlRequest | rtde.RecipeSetup]] = []
         self.outputs: rtde.Recipe | None = None
         self.inputs: dict[int, rtde.Recipe] = {}
-        self.stream: list[State] | None = None
+        self.stream: list[DataPackage] | None = None
         self.stream_s = 0.0
 
 
 class UrTraffic(Traffic):
     """The bytes of a timeline."""
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: WireTimeline) -> None:
         super().__init__(timeline)
-        self.heard: list[Heard] = []
-        self.asked: list[Exchange] = []
-        self.states: list[State] = []
-        """Of the connection that is judged."""
+        self.heard: list[ReceivedPacket] = []
+        self.asked: list[RtdeExchange] = []
+        self.states: list[DataPackage] = []
+        """States of the judged connection."""
         self.strays: list[tuple[int, float, str]] = []
-        """Data packages that nothing had been started for."""
+        """Data packages without a start before."""
         self.streams: list[OutputStream] = []
         self.recipes: dict[int, rtde.Recipe] = {}
-        """Of each data package, by its event's number: those of the judged connection."""
-        self.commands: list[State] = []
-        """What we wrote, by the names of its recipe."""
-        self.told: list[Told] = []
-        """By the primary interface."""
-        self.secondary: list[Told] = []
-        self.samples: list[Sample] = []
-        self.lines: list[Line] = []
-        self.uploads: list[Upload] = []
+        """Recipe of each data package of the judged connection, by its event's number."""
+        self.commands: list[DataPackage] = []
+        """Inputs that we wrote, by the names of their recipe."""
+        self.told: list[ReceivedPackage] = []
+        """Packages of the primary interface."""
+        self.secondary: list[ReceivedPackage] = []
+        self.samples: list[RealtimePacket] = []
+        self.lines: list[DashboardLine] = []
+        self.uploads: list[SentProgram] = []
         self.opened: list[str] = []
         self.old: set[str] = set()
-        """Channels on which an older version of RTDE is spoken."""
-        self.called: list[tuple[int, Event]] = []
-        """Programs of ours that came to our port, and what they sent."""
+        """Channels that use an older version of RTDE."""
+        self.called: list[tuple[int, WireEvent]] = []
+        """Connections and data of our programs at our port."""
         self._connections: dict[str, _Connection] = {}
-        self._streams = Streams(
+        self._streams = ChannelReaders(
             lambda channel: _READERS.get(channel, rtde.PacketReader)(),
             lambda number, _, reason: self.unread.append((number, reason)),
         )
@@ -187,7 +185,7 @@ class UrTraffic(Traffic):
 
     # -- events -----------------------------------------------------------------------------------
 
-    def _take(self, number: int, event: Event) -> None:
+    def _take(self, number: int, event: WireEvent) -> None:
         channel = event.channel
         if channel.startswith(REVERSE):
             if channel != REVERSE and not event.sent:
@@ -196,8 +194,8 @@ class UrTraffic(Traffic):
             self.opened.append(channel)
             self._streams.begin(channel)
             if channel.startswith(RTDE):
-                # A controller speaks the oldest until another is agreed on. What was before the
-                # beginning of a capture is not known.
+                # A controller uses the oldest version until another is agreed on. Traffic before a
+                # capture's beginning is unknown.
                 self._connections[channel] = _Connection(
                     rtde.VERSION if event.note else rtde.VERSIONS[0]
                 )
@@ -211,10 +209,12 @@ class UrTraffic(Traffic):
             elif channel in (PRIMARY, SECONDARY):
                 into = self.told if channel == PRIMARY else self.secondary
                 for begun_s, found in self._streams.whole(number, event):
-                    into.append(Told(number, begun_s, event.time_s, found, read_message(found)))
+                    into.append(
+                        ReceivedPackage(number, begun_s, event.time_s, found, read_message(found))
+                    )
             elif channel == REALTIME:
                 for _, found in self._streams.whole(number, event):
-                    self.samples.append(Sample(number, event.time_s, found))
+                    self.samples.append(RealtimePacket(number, event.time_s, found))
             elif channel in self._connections:
                 connection = self._connections[channel]
                 if event.sent:
@@ -228,7 +228,7 @@ class UrTraffic(Traffic):
             return
         self._stream_ends(channel, connection, now_s)
         for number, time_s, asked in connection.open:
-            self.asked.append(Exchange(number, time_s, channel, asked, None))
+            self.asked.append(RtdeExchange(number, time_s, channel, asked, None))
 
     def _stream_ends(self, channel: str, connection: _Connection, now_s: float) -> None:
         if connection.stream is not None:
@@ -238,25 +238,27 @@ class UrTraffic(Traffic):
 
     # -- RTDE -------------------------------------------------------------------------------------
 
-    def _sent(self, number: int, event: Event, connection: _Connection) -> None:
+    def _sent(self, number: int, event: WireEvent, connection: _Connection) -> None:
         connection.ours.feed(event.data)
         while (found := connection.ours.take()) is not None:
-            asked: rtde.Asked | rtde.Malformed = rtde.read_request(*found, connection.version)
-            if isinstance(asked, (rtde.ControlRequest, rtde.Setup)):
+            asked: rtde.Asked | rtde.MalformedPayload = rtde.read_request(
+                *found, connection.version
+            )
+            if isinstance(asked, (rtde.ControlRequest, rtde.RecipeSetup)):
                 connection.open.append((number, event.time_s, asked))
             elif isinstance(asked, rtde.Data) and asked.recipe in connection.inputs:
                 values = connection.inputs[asked.recipe].unpack(asked.values)
                 if values is not None and event.channel == RTDE:
-                    self.commands.append(State(number, event.time_s, Values(values)))
+                    self.commands.append(DataPackage(number, event.time_s, Values(values)))
 
-    def _received(self, number: int, event: Event, connection: _Connection) -> None:
+    def _received(self, number: int, event: WireEvent, connection: _Connection) -> None:
         for begun_s, (kind, payload) in self._streams.whole(number, event):
             reply = rtde.read_reply(kind, payload, connection.version)
-            if isinstance(reply, rtde.Malformed):
+            if isinstance(reply, rtde.MalformedPayload):
                 self.unread.append((number, reply.reason))
                 continue
             raw = rtde.packet(rtde.PacketType(kind), payload)
-            heard = Heard(number, begun_s, event.time_s, event.channel, reply, raw)
+            heard = ReceivedPacket(number, begun_s, event.time_s, event.channel, reply, raw)
             self.heard.append(heard)
             if connection.version != rtde.VERSION and kind in _OF_A_VERSION:
                 self.old.add(event.channel)
@@ -265,7 +267,7 @@ class UrTraffic(Traffic):
             else:
                 self._reply(heard, connection)
 
-    def _data(self, heard: Heard, data: rtde.Data, connection: _Connection) -> None:
+    def _data(self, heard: ReceivedPacket, data: rtde.Data, connection: _Connection) -> None:
         recipe = connection.outputs
         if recipe is None or data.recipe != (recipe.number or 0):
             self.unread.append((heard.number, f"a data package of recipe {data.recipe}"))
@@ -275,7 +277,7 @@ class UrTraffic(Traffic):
             size = len(data.values)
             self.unread.append((heard.number, f"a data package of {size} bytes, not {recipe.size}"))
             return
-        state = State(heard.number, heard.time_s, Values(values))
+        state = DataPackage(heard.number, heard.time_s, Values(values))
         if connection.stream is None:
             self.strays.append((heard.number, heard.time_s, heard.channel))
         else:
@@ -284,17 +286,21 @@ class UrTraffic(Traffic):
             self.states.append(state)
             self.recipes[heard.number] = recipe
 
-    def _reply(self, heard: Heard, connection: _Connection) -> None:
+    def _reply(self, heard: ReceivedPacket, connection: _Connection) -> None:
         reply = heard.reply
-        if isinstance(reply, rtde.Text):
+        if isinstance(reply, rtde.TextMessage):
             return
         kind = getattr(reply, "kind", rtde.PacketType.CONTROLLER_VERSION)
         place = next((n for n, each in enumerate(connection.open) if each[2].kind is kind), None)
         if place is None:
             return
         number, time_s, asked = connection.open.pop(place)
-        self.asked.append(Exchange(number, time_s, heard.channel, asked, heard))
-        if isinstance(reply, rtde.SetupReply) and isinstance(asked, rtde.Setup) and reply.recipe:
+        self.asked.append(RtdeExchange(number, time_s, heard.channel, asked, heard))
+        if (
+            isinstance(reply, rtde.SetupReply)
+            and isinstance(asked, rtde.RecipeSetup)
+            and reply.recipe
+        ):
             try:
                 numbered = connection.version != 1 or reply.kind is rtde.PacketType.INPUTS
                 recipe = rtde.Recipe(reply.recipe if numbered else None, asked.names, reply.types)
@@ -317,13 +323,13 @@ class UrTraffic(Traffic):
 
     # -- client interfaces and dashboard ----------------------------------------------------------
 
-    def _uploaded(self, number: int, event: Event) -> None:
+    def _uploaded(self, number: int, event: WireEvent) -> None:
         text = event.data.decode("utf-8", "replace")
         name, token = _NAME.search(text), TOKEN.search(text)
         known = name.group(1) if name else "", int(token.group(1)) if token else 0
-        self.uploads.append(Upload(number, event.time_s, event.channel, *known))
+        self.uploads.append(SentProgram(number, event.time_s, event.channel, *known))
 
-    def _dashboard(self, number: int, event: Event) -> None:
+    def _dashboard(self, number: int, event: WireEvent) -> None:
         if event.sent:
             self._unanswered_line()
             words = event.data.decode("utf-8", "replace").strip()
@@ -331,31 +337,31 @@ class UrTraffic(Traffic):
             return
         for _, line in self._streams.whole(number, event):
             request, _, words = self._asked_line
-            self.lines.append(Line(number, event.time_s, request, words, line))
+            self.lines.append(DashboardLine(number, event.time_s, request, words, line))
             self._answered = True
 
     def _unanswered_line(self) -> None:
         number, time_s, words = self._asked_line
         if words and not self._answered:
-            self.lines.append(Line(number, time_s, number, words, None))
+            self.lines.append(DashboardLine(number, time_s, number, words, None))
 
-    # -- looking ----------------------------------------------------------------------------------
+    # -- queries ----------------------------------------------------------------------------------
 
-    def during(self, *names: str) -> list[State]:
-        """The states of these phases."""
+    def during(self, *names: str) -> list[DataPackage]:
+        """Return the states of these phases."""
         return self.within(self.states, *names)
 
-    def sent_during(self, *names: str) -> list[State]:
-        """The commands of these phases."""
+    def sent_during(self, *names: str) -> list[DataPackage]:
+        """Return the commands of these phases."""
         return self.within(self.commands, *names)
 
     def messages(self, *kinds: MessageKind, during: Sequence[str] = ()) -> list[RobotMessage]:
-        """Those of the primary interface, of these kinds; in these phases, or in all."""
+        """Return the primary interface's messages of these kinds; in these phases, or in all."""
         found = self.within(self.told, *during) if during else self.told
         return [each.message for each in found if each.message and each.message.kind in kinds]
 
-    def exchanges(self, kind: rtde.PacketType, *names: str) -> list[Exchange]:
-        """Requests of a kind in these phases; without any, in all."""
+    def exchanges(self, kind: rtde.PacketType, *names: str) -> list[RtdeExchange]:
+        """Return the requests of a kind in these phases; without any, in all."""
         return [
             each
             for each in self.asked
@@ -364,16 +370,16 @@ class UrTraffic(Traffic):
 
     def setups(
         self, kind: rtde.PacketType, *names: str
-    ) -> list[tuple[Exchange, rtde.Setup, rtde.SetupReply]]:
-        """Those requests for recipes that were answered."""
+    ) -> list[tuple[RtdeExchange, rtde.RecipeSetup, rtde.SetupReply]]:
+        """Return the answered requests for recipes."""
         return [
             (each, each.asked, each.reply.reply)
             for each in self.exchanges(kind, *names)
-            if isinstance(each.asked, rtde.Setup)
+            if isinstance(each.asked, rtde.RecipeSetup)
             and each.reply is not None
             and isinstance(each.reply.reply, rtde.SetupReply)
         ]
 
-    def said(self, asked: str) -> list[Line]:
-        """What the dashboard server answered to a request, each time; None where it did not."""
+    def said(self, asked: str) -> list[DashboardLine]:
+        """Return the dashboard server's answers to a request; `said` is None where it had none."""
         return [each for each in self.lines if each.asked == asked]

@@ -1,4 +1,4 @@
-"""What a Universal Robots controller must do with inputs and programs: levels 1 to 3."""
+"""Requirements of a Universal Robots controller on inputs and programs: levels 1 to 3."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from itertools import pairwise
 
 from cardan.conform.requirements import (
     Findings,
-    Outcome,
     Verdict,
+    VerdictOutcome,
     Words,
     apart,
     at_most,
@@ -23,7 +23,7 @@ from cardan.conform.requirements import (
     some,
 )
 from cardan.conform.timeline import Kind
-from cardan.conform.ur_rtde.decoded import State, Upload, UrTraffic
+from cardan.conform.ur_rtde.decoded import DataPackage, SentProgram, UrTraffic
 from cardan.conform.ur_rtde.requirements import (
     BOARD,
     CLIENT,
@@ -58,7 +58,7 @@ from cardan.conform.ur_rtde.scenario import (
 )
 from cardan.protocols.ur import dashboard
 from cardan.protocols.ur.primary import MessageKind
-from cardan.protocols.ur.program import Report
+from cardan.protocols.ur.program import ProgramStatus
 from cardan.protocols.ur.rtde import IN_USE, NOT_FOUND, PacketType
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
 from cardan.protocols.ur.variables import INPUTS as INPUT_TYPES
@@ -67,7 +67,7 @@ SCRIPT = "UR's script manual"
 
 BEGINS_WITHIN_S = 1.0
 OBEYED_S, OBEYED_CYCLES = 0.01, 2.0
-"""Two ways over a network, and the cycles in which a command and its report wait."""
+"""Network round trip, and the cycles for which a command and its report wait."""
 UNOBEYED_S = 0.3
 STILL_RAD = math.radians(0.02)
 WATCHDOG_LATE_S = 0.05
@@ -179,8 +179,8 @@ def power_and_brakes_obey(seen: UrTraffic) -> Verdict:
     return passed(f"after {took_s:.1f} s", took_s, "s")
 
 
-def _programs(seen: UrTraffic, *phases: str) -> list[Upload]:
-    """Those that are to be begun; in these phases, or in all but where none may be."""
+def _programs(seen: UrTraffic, *phases: str) -> list[SentProgram]:
+    """Return the programs that must start, in these phases; without any, in all but "local"."""
     return [
         each
         for each in seen.uploads
@@ -189,19 +189,19 @@ def _programs(seen: UrTraffic, *phases: str) -> list[Upload]:
     ]
 
 
-def first(states: Sequence[State], name: str, value: int) -> State | None:
-    """The first state with that value."""
+def first(states: Sequence[DataPackage], name: str, value: int) -> DataPackage | None:
+    """Return the first state with that value."""
     return next((each for each in states if each.values[name] == value), None)
 
 
-def _before(seen: UrTraffic, phase: str) -> list[State]:
-    """The states that came before a phase; none where the scenario did not come to it."""
+def _before(seen: UrTraffic, phase: str) -> list[DataPackage]:
+    """Return the states before a phase; none if the scenario did not reach it."""
     found = seen.phase(phase)
     return [] if found is None else [s for s in seen.states if s.number < found.first]
 
 
-def after(seen: UrTraffic, time_s: float) -> list[State]:
-    """The states since then."""
+def after(seen: UrTraffic, time_s: float) -> list[DataPackage]:
+    """Return the states after `time_s`."""
     return [each for each in seen.states if each.time_s > time_s]
 
 
@@ -246,8 +246,8 @@ def runtime_state_says_what_runs(seen: UrTraffic) -> Verdict:
     return met(took_s > 0.9 * SLEEP_S and last == RuntimeState.STOPPED, said, [playing[-1].number])
 
 
-def _begun(seen: UrTraffic, phase: str, name: str = "") -> Upload:
-    """The first program of a phase, of that name where one is given, which was begun."""
+def _begun(seen: UrTraffic, phase: str, name: str = "") -> SentProgram:
+    """Return the first started program of a phase, of that name if given."""
     found = [each for each in _programs(seen, phase) if name in ("", each.name)]
     begun = found and first(seen.during(phase), TOKEN, found[0].token)
     return some(found if begun else None, "none was begun")[0]
@@ -274,8 +274,8 @@ def wrong_programs_are_refused_in_words(seen: UrTraffic) -> Verdict:
     return passed(f"line {words[0].line}: {words[0].text!r}")
 
 
-def _follows(state: State) -> bool:
-    return bool(state.values[REPORT] == Report.FOLLOWS)
+def _follows(state: DataPackage) -> bool:
+    return bool(state.values[REPORT] == ProgramStatus.FOLLOWS)
 
 
 @requires(114, f"{GUIDE}: robot_mode, safety_mode, runtime_state, target_speed_fraction")
@@ -325,8 +325,8 @@ def commands_are_obeyed(seen: UrTraffic) -> Verdict:
     )
 
 
-def _farthest(states: Sequence[State], joints: slice = slice(None)) -> float:
-    """How far any of the joints was from where it is in the first state, rad."""
+def _farthest(states: Sequence[DataPackage], joints: slice = slice(None)) -> float:
+    """Return the largest distance of any joint from its first position, rad."""
     first = states[0].values["actual_q"][joints]
     return max(apart(each.values["actual_q"][joints], first) for each in states)
 
@@ -340,9 +340,9 @@ def held_it_stands(seen: UrTraffic) -> Verdict:
     return met(far < STILL_RAD, f"{math.degrees(far):.4f} degrees at most")
 
 
-def _ended(seen: UrTraffic, phase: str) -> tuple[float, State] | None:
-    """How long after the phase's begin the driver's program reported another than that it follows,
-    and the state that says so."""
+def _ended(seen: UrTraffic, phase: str) -> tuple[float, DataPackage] | None:
+    """Return the time from a phase's beginning until the driver's program stopped following, s, and
+    the state that reports it."""
     begun, found = seen.phase(phase), seen.during(phase)
     before = _before(seen, phase)
     if begun is None or not found or not before or not _follows(before[-1]):
@@ -352,11 +352,11 @@ def _ended(seen: UrTraffic, phase: str) -> tuple[float, State] | None:
 
 
 def _watchdog(seen: UrTraffic, phase: str) -> Verdict:
-    """Whether the program's own watchdog ended it in time, with the arm at rest after it."""
+    """Judge if the program's own watchdog ended it in time, with the arm at rest after it."""
     found = some(_ended(seen, phase), _NONE_FOLLOWED)
     took_s, state = found
     report = state.values[REPORT]
-    must(report == Report.ENDED_BY_WATCHDOG, f"it reports {report}", [state.number])
+    must(report == ProgramStatus.ENDED_BY_WATCHDOG, f"it reports {report}", [state.number])
     said = f"after {took_s * 1e3:.0f} ms"
     if took_s > SERVOING.watchdog_s + WATCHDOG_LATE_S:
         return failed(said, [state.number], took_s * 1e3, "ms")
@@ -380,7 +380,7 @@ def an_order_ends_the_program(seen: UrTraffic) -> Verdict:
     some(seen.sent_during("order"), _NONE_FOLLOWED)
     last = seen.during("order")[-1].values
     said = f"report {last[REPORT]}, runtime state {last[RUNTIME]}"
-    ended = (last[REPORT], last[RUNTIME]) == (Report.ENDED_BY_ORDER, RuntimeState.STOPPED)
+    ended = (last[REPORT], last[RUNTIME]) == (ProgramStatus.ENDED_BY_ORDER, RuntimeState.STOPPED)
     return met(ended, said, [state.number])
 
 
@@ -399,14 +399,14 @@ def a_program_replaces_another(seen: UrTraffic) -> Verdict:
 # -- level 2: micro-motion ------------------------------------------------------------------------
 
 
-def _last_joint(states: Sequence[State], name: str = "actual_q") -> list[float]:
-    """How far the last joint was from where it is in the first state, rad, in each."""
+def _last_joint(states: Sequence[DataPackage], name: str = "actual_q") -> list[float]:
+    """Return the last joint's offset from its position in the first state, rad, in each state."""
     first = states[0].values[name][-1]
     return [each.values[name][-1] - first for each in states]
 
 
 def _unmoved(seen: UrTraffic) -> Verdict | None:
-    """Why nothing can be judged of the motion there; None: it can."""
+    """Return a verdict if the motion in the phase "out" cannot be judged; None: it can."""
     if not seen.sent_during("out"):
         return not_seen("it was not tried")
     return not_seen(NO_STATES) if len(seen.during("out")) < 2 else None
@@ -472,7 +472,7 @@ def deserted_in_motion_it_stops(seen: UrTraffic) -> Verdict:
     later, having gone on no farther than it had to."""
     verdict = _watchdog(seen, "deserted")
     found, ended = seen.during("deserted"), _ended(seen, "deserted")
-    if ended is None or verdict.outcome is not Outcome.PASSED:
+    if ended is None or verdict.outcome is not VerdictOutcome.PASSED:
         return verdict
     far = abs(_last_joint(found)[-1])
     after = [each for each in found if each.time_s > ended[1].time_s + 0.1]
@@ -509,7 +509,7 @@ def the_speed_slider_is_told(seen: UrTraffic) -> Verdict:
 
 
 def _never_local(seen: UrTraffic) -> Verdict | None:
-    """Why nothing can be judged of local control; None: it can."""
+    """Return a verdict if local control cannot be judged; None: it can."""
     if seen.phase("local") is not None:
         return None
     if _has_remote_control(seen):
@@ -534,7 +534,7 @@ def local_control_takes_no_programs(seen: UrTraffic) -> Verdict:
     return passed("it was not") if state is None else failed("it was", [state.number])
 
 
-def _emergency(seen: UrTraffic) -> list[State]:
+def _emergency(seen: UrTraffic) -> list[DataPackage]:
     stops = (SafetyMode.ROBOT_EMERGENCY_STOP, SafetyMode.SYSTEM_EMERGENCY_STOP)
     return [each for each in seen.during("estop") if each.values["safety_mode"] in stops]
 

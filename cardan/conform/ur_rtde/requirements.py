@@ -1,4 +1,4 @@
-"""What a Universal Robots controller must tell a client that only reads: level 0."""
+"""Requirements of a Universal Robots controller for a client that only reads: level 0."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ from cardan.conform.ur_rtde.decoded import (
     REVERSE,
     RTDE,
     SECOND,
-    Exchange,
-    Heard,
+    DataPackage,
     OutputStream,
-    State,
-    Told,
+    ReceivedPackage,
+    ReceivedPacket,
+    RtdeExchange,
     UrTraffic,
     Values,
 )
@@ -57,14 +57,14 @@ BOARD = "UR's dashboard server pages"
 DRIVER = "docs/universal-robots.md"
 
 FEWEST = 30
-"""States, to say anything of their times."""
+"""Fewest states whose times are judged."""
 PERIOD_SHARE = 0.02
 JITTER_S, JITTER_SHARE = 0.0015, 0.05
 LEFT_OUT_SHARE = 0.01
 CLOCK_SHARE, CLOCK_S = 0.01, 0.02
 STATE_PERIOD_S, STATE_PERIOD_SHARE = 0.1, 0.1
 MODE_FOLLOWS_S = 0.3
-"""The interfaces tell of one moment at different times."""
+"""Tolerance, because the interfaces report one moment at different times."""
 
 requires: Requirements[UrTraffic] = Requirements("UR")
 NO_STATES = "no states came"
@@ -72,24 +72,24 @@ _NOT_OPENED = "it was not opened"
 
 
 def cycle_s(seen: UrTraffic) -> float:
-    """The period of its control loop, by the version that it tells."""
+    """Return the period of its control loop, by the version that it reports."""
     return 1.0 / rtde.control_rate_hz(version_of(seen))
 
 
 def version_of(seen: UrTraffic) -> rtde.ControllerVersion | None:
-    """The version of its software, where it told one."""
+    """Return the reported version of its software, if any."""
     found = (each.reply for each in seen.heard if isinstance(each.reply, rtde.ControllerVersion))
     return next(found, None)
 
 
-def accepted(exchange: Exchange) -> bool | None:
-    """What was answered; None: nothing was."""
+def accepted(exchange: RtdeExchange) -> bool | None:
+    """Return the answer; None: there was none."""
     reply = None if exchange.reply is None else exchange.reply.reply
     return reply.accepted if isinstance(reply, rtde.Accepted) else None
 
 
-def versions(seen: UrTraffic, version: int) -> list[Exchange]:
-    """Requests for a version of the protocol."""
+def versions(seen: UrTraffic, version: int) -> list[RtdeExchange]:
+    """Return the requests for a version of the protocol."""
     return [
         each
         for each in seen.exchanges(rtde.PacketType.PROTOCOL_VERSION)
@@ -98,11 +98,11 @@ def versions(seen: UrTraffic, version: int) -> list[Exchange]:
 
 
 def streams(seen: UrTraffic, channel: str = RTDE) -> list[OutputStream]:
-    """Those of a connection."""
+    """Return the output streams of a connection."""
     return [each for each in seen.streams if each.channel == channel]
 
 
-# -- level 0: what it tells -----------------------------------------------------------------------
+# -- level 0: RTDE outputs ------------------------------------------------------------------------
 
 
 @requires(1, f"{GUIDE}: protocol version 2")
@@ -177,7 +177,7 @@ def outputs_are_as_documented(seen: UrTraffic) -> Verdict:
 
 
 def refused(seen: UrTraffic, kind: rtde.PacketType, name: str, word: str, *phases: str) -> Verdict:
-    """Whether a recipe with a name was refused with `word`."""
+    """Judge if a recipe with a name was refused with `word`."""
     found = [each for each in seen.setups(kind, *phases) if name in each[1].names]
     some(found, "it was not answered")
     exchange, asked, reply = found[-1]
@@ -200,7 +200,7 @@ def states_come_from_start_to_pause(seen: UrTraffic) -> Verdict:
     wrong = [
         (number, "a package outside")
         for number, time_s, _ in seen.strays
-        # One that was on its way meets the answer.
+        # A package in flight may arrive after the answer.
         if not any(end_s <= time_s < end_s + 2.0 * period_s for end_s in ends)
     ]
     empty = [each for each in seen.streams if not each.states]
@@ -210,8 +210,8 @@ def states_come_from_start_to_pause(seen: UrTraffic) -> Verdict:
     return none_wrong(wrong, count + len(wrong), f"{len(seen.streams)} streams", NO_STATES)
 
 
-def _steps(seen: UrTraffic) -> list[tuple[State, State]]:
-    """Neighbors in the streams of the connection that is judged."""
+def _steps(seen: UrTraffic) -> list[tuple[DataPackage, DataPackage]]:
+    """Return the neighbors in the streams of the judged connection."""
     return [pair for each in streams(seen) for pair in pairwise(each.states)]
 
 
@@ -225,8 +225,8 @@ def the_period_is_the_control_loop_s(seen: UrTraffic) -> Verdict:
     return met(abs(period_s / cycle_s(seen) - 1.0) < PERIOD_SHARE, said, [found[-1].number])
 
 
-def _advance_s(pair: tuple[State, State]) -> float:
-    """By how much its clock goes on from one state to the other."""
+def _advance_s(pair: tuple[DataPackage, DataPackage]) -> float:
+    """Return the advance of its clock from one state to the other."""
     return float(pair[1].values["timestamp"] - pair[0].values["timestamp"])
 
 
@@ -286,8 +286,10 @@ def packets_are_not_torn(seen: UrTraffic) -> Findings:
     return not_torn(seen.heard, "{} packets, {} in pieces")
 
 
-def _uneven(pairs: list[tuple[State, State]], off: Callable[[float], bool], few: float) -> Wrongs:
-    """States that are `off` by their clock, where more than `few` are."""
+def _uneven(
+    pairs: list[tuple[DataPackage, DataPackage]], off: Callable[[float], bool], few: float
+) -> Wrongs:
+    """Yield states that are `off` by their clock, if more than `few` are."""
     wrong = [(p[1].number, f"{_advance_s(p) * 1e3:.1f} ms") for p in pairs if off(_advance_s(p))]
     return wrong if len(wrong) > few else []
 
@@ -313,7 +315,7 @@ def states_are_plausible(seen: UrTraffic) -> Findings:
 
 
 def _implausible(values: Values) -> str:
-    """What a state has that cannot be; empty: nothing."""
+    """Return the first implausible value of a state in words; empty: none."""
     for name, value in values.items():
         if not all(map(math.isfinite, value if isinstance(value, tuple) else (value,))):
             return f"{name} is not finite"
@@ -337,8 +339,8 @@ def bits_say_what_modes_say(seen: UrTraffic) -> Verdict:
     return none_wrong(wrong, len(seen.states), f"{len(seen.states)} states", NO_STATES)
 
 
-def _contradictions(each: State) -> Wrongs:
-    """What a state's bits say otherwise than its modes."""
+def _contradictions(each: DataPackage) -> Wrongs:
+    """Yield contradictions between a state's bits and its modes."""
     v = each.values
     mode, safety, bits = v["robot_mode"], v["safety_mode"], v["safety_status_bits"]
     power = bool(v["robot_status_bits"] & StatusBit.POWER_ON)
@@ -363,15 +365,15 @@ def connections_last(seen: UrTraffic) -> Verdict:
     return none_wrong(wrong, count, f"{len(seen.opened)} connections", "none was")
 
 
-def _version_first(found: Sequence[Told]) -> RobotMessage:
-    """The message of the version, with which what comes on a client interface is to begin."""
+def _version_first(found: Sequence[ReceivedPackage]) -> RobotMessage:
+    """Return the version message, which must come first on a client interface."""
     first = must(found, "nothing came")[0]
     version = first.message and first.message.kind == MessageKind.VERSION and first.message
     return must(version or None, f"first a package of type {first.package.kind}", [first.number])
 
 
 def _ten_times_a_second(times: Sequence[float]) -> Verdict:
-    """Whether robot states came so at these times."""
+    """Judge if robot states came ten times a second."""
     period_s = (times[-1] - times[0]) / (len(times) - 1)
     said = f"{period_s * 1e3:.1f} ms"
     return met(abs(period_s / STATE_PERIOD_S - 1.0) < STATE_PERIOD_SHARE, said)
@@ -394,8 +396,8 @@ def robot_states_come_ten_times_a_second(seen: UrTraffic) -> Verdict:
     return _ten_times_a_second(times)
 
 
-def near(seen: UrTraffic, time_s: float) -> list[State]:
-    """States of about that time."""
+def near(seen: UrTraffic, time_s: float) -> list[DataPackage]:
+    """Return the states of about that time."""
     time_of = attrgetter("time_s")
     first = bisect_right(seen.states, time_s - MODE_FOLLOWS_S, key=time_of)
     return seen.states[first : bisect_left(seen.states, time_s + MODE_FOLLOWS_S, key=time_of)]
@@ -461,12 +463,12 @@ def both_descriptions_agree(seen: UrTraffic) -> Verdict:
 
 REALTIME = "UR's guide to the real-time interface"
 SAME_RAD = 0.01
-"""Two interfaces tell of one moment at different times."""
+"""Tolerance, because two interfaces report one moment at different times."""
 
 
 def _documented(names: Sequence[str], found: Mapping[str, tuple[int, str]], asked: int) -> Wrongs:
-    """Of `names` those that were not given as their documented types; `asked`: the event's number
-    by which they were asked for."""
+    """Yield those of `names` whose types are not the documented ones; `asked`: the number of the
+    event that requested them."""
     for name in names:
         number, kind = found.get(name, (asked, ""))
         if kind != OUTPUT_TYPES[name]:
@@ -597,13 +599,13 @@ def the_dashboard_answers_in_its_words(seen: UrTraffic) -> Findings:
 
 
 def readings_differ(seen: UrTraffic) -> Verdict:
-    """Whether the layers and the codec read the controller's packets alike."""
+    """Judge if the layers and the codec decode the controller's packets alike."""
 
-    def differs(each: Heard, layers: Any) -> str:
+    def differs(each: ReceivedPacket, layers: Any) -> str:
         layer = layers.RtdeReply(each.raw)
         return layers.malformed(layer) or _difference(seen, each, layer, layers)
 
-    # The layers are of version 2; of what is no data there is little.
+    # The layers are of version 2; packets other than data are few.
     heard = [each for each in seen.heard if each.channel not in seen.old]
     data = [each for each in heard if isinstance(each.reply, Data)]
     chosen = [each for each in heard if not isinstance(each.reply, Data)]
@@ -611,8 +613,8 @@ def readings_differ(seen: UrTraffic) -> Verdict:
     return read_twice(chosen, "rtde", differs, "packets", compared=max(1, len(chosen)))
 
 
-def _difference(seen: UrTraffic, heard: Heard, layer: object, layers: Any) -> str:
-    """What a layer says otherwise; empty: nothing."""
+def _difference(seen: UrTraffic, heard: ReceivedPacket, layer: object, layers: Any) -> str:
+    """Return the layer's difference from the codec in words; empty: none."""
     reply = heard.reply
     if isinstance(reply, SetupReply):
         read = getattr(layer, "recipe", None), layers.listed(getattr(layer, "types", b""))

@@ -1,4 +1,4 @@
-"""Asks a Universal Robots controller: reads its states, sends programs, turns one joint a little.
+"""Scenario for a Universal Robots controller: read states, send programs, turn a joint a little.
 
 The program that follows registers is the one that our driver sends.
 """
@@ -10,9 +10,9 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import Any
 
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Act, Scenario, Script, Wait, ask, close, mark, open_, send
-from cardan.conform.streams import Streams
-from cardan.conform.timeline import Event, Kind
+from cardan.conform.runner import Pause, Scenario, Script, Step, ask, close, mark, open_, send
+from cardan.conform.streams import ChannelReaders
+from cardan.conform.timeline import Kind, WireEvent
 from cardan.conform.ur_rtde.decoded import (
     OLD,
     PRIMARY,
@@ -25,8 +25,8 @@ from cardan.conform.ur_rtde.decoded import (
 from cardan.protocols.ur import dashboard, rtde
 from cardan.protocols.ur.program import (
     JOINTS,
-    Order,
-    Report,
+    ProgramCommand,
+    ProgramStatus,
     Servoing,
     input_names,
     nobody,
@@ -37,7 +37,7 @@ from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, Safety
 from cardan.protocols.ur.variables import OUTPUT_VARIABLES
 
 SERVOING = Servoing()
-"""As the driver's when nothing is chosen: its registers, its program's watchdog."""
+"""The driver's defaults: its registers, its program's watchdog."""
 STATES = (
     "timestamp",
     "target_q",
@@ -50,28 +50,28 @@ STATES = (
     "speed_scaling",
     "target_speed_fraction",
 )
-"""What the driver asks for."""
+"""Outputs that the driver requests."""
 STATE_TIMEOUT_S = 0.1
-"""The driver takes the link for lost then, when nothing is chosen."""
+"""The driver's default timeout, after which the link counts as lost."""
 FIRST = SERVOING.first_register
 INPUTS = input_names(FIRST)
 TOKEN, REPORT, BEAT = report_names(FIRST)
 LAST_JOINT = INPUTS[3 + JOINTS - 1]
-"""Where it is to be."""
+"""Input of the last joint's target."""
 OUTPUTS = (*STATES, "robot_status_bits", "safety_status_bits", TOKEN, REPORT, BEAT)
 
 FUTURE_VERSION = 99
 UNKNOWN = "cardan_has_no_such_variable"
 SPARE_INPUT = "input_double_register_47"
-"""Nobody's yet: another client takes it, goes, and comes again."""
+"""A free input: another client takes it, disconnects, and connects again."""
 SLOWER = 10
-"""The other client asks for so many times fewer packages."""
+"""Divisor of the package rate of the other client."""
 SAYS = "cardan conform"
 LINE = "a line"
 WRONG = "cardan_wrong"
 RAISES, CALLS = "cardan_raises", "cardan_calls"
 RAISES_AT = 4
-"""The line of that program that fails."""
+"""Number of the line of that program that fails."""
 ANSWER = "heard"
 ASKING = (dashboard.ROBOT_MODE, dashboard.SAFETY_STATUS, dashboard.REMOTE_CONTROL)
 WORDED = (
@@ -82,37 +82,37 @@ WORDED = (
     "isProgramSaved",
     "PolyscopeVersion",
 )
-"""Asked once, for the words of the answers."""
+"""Requests sent once, for the words of the answers."""
 OLD_OUTPUTS = ("timestamp", "actual_q")
 RECIPE_NAMES = 64
-"""Of the published variables, asked for at once."""
+"""Published variables per request."""
 REVERSE_PORT = 50010
-"""Ours, which a program opens a socket to."""
+"""A port of ours, to which a program opens a socket."""
 NONSENSE = "cardan has no such request"
 
 STEP_RAD = math.radians(0.2)
-"""Of the last joint, which only turns the flange."""
+"""Step of the last joint, which only turns the flange."""
 STEP_S = 0.4
 DESERTED_RAD_S = math.radians(0.5)
 DESERTED_S = 0.2
 
 REPLY_S = 1.0
-"""What the driver waits for an answer."""
+"""The driver's timeout of an answer."""
 BEGIN_S = 2.0
 END_S = 1.5
 POWER_S = 40.0
 HAND_S = 60.0
 LINE_S = 0.3
 CALL_S = 5.0
-"""Programs wait for an answer for 2 s, where they say nothing else."""
+"""Programs wait for an answer for 2 s by default."""
 SLEEP_S = 0.2
 
 _Path = Callable[[float], tuple[float, float]]
-"""Where the last joint is from where it began, rad, and its speed, at a time since then."""
+"""The last joint's offset from its start, rad, and its speed, rad/s, at a time since then, s."""
 
 
 def _there(by_rad: float) -> _Path:
-    """Half a cosine, from rest to rest."""
+    """Return a path of half a cosine by `by_rad`, from rest to rest."""
 
     def at(time_s: float) -> tuple[float, float]:
         phase = math.pi * min(max(time_s / STEP_S, 0.0), 1.0)
@@ -127,24 +127,24 @@ def _steady(speed_rad_s: float) -> _Path:
 
 
 def _program(name: str, token: int, *lines: str) -> str:
-    """A program that first writes `token`, by which it is known to run."""
+    """Return a program that first writes `token`, which shows that it runs."""
     begin = f"write_output_integer_register({FIRST}, {token})"
     return "\n  ".join((f"def {name}():", begin, *lines)) + "\nend\n"
 
 
 def says(token: int) -> str:
-    """A program that moves nothing: it says something, and waits."""
+    """Return a program that moves nothing: it sends a text message, and waits."""
     return _program("cardan_says", token, f'textmsg("{SAYS} ", {token})', f"sleep({SLEEP_S})")
 
 
 def raises(token: int) -> str:
-    """A program that begins, and fails when it has run a little."""
+    """Return a program that starts, and fails shortly after."""
     lines = "local cardan_list = [1, 2]", f'textmsg("{SAYS} ", cardan_list[5])'
     return _program(RAISES, token, *lines)
 
 
 def calls(token: int, host: str, port: int) -> str:
-    """A program that opens a socket to `host`, and says what it hears there."""
+    """Return a program that reads a line from a socket to `host` into a text message."""
     return _program(
         CALLS,
         token,
@@ -157,7 +157,7 @@ def calls(token: int, host: str, port: int) -> str:
 
 
 def published(version: rtde.ControllerVersion | None) -> tuple[str, ...]:
-    """The output variables that a controller of that version has."""
+    """Return the output variables that a controller of that version has."""
     if version is None:
         return ()
     found = ((name, each.since(version.major)) for name, each in OUTPUT_VARIABLES.items())
@@ -168,16 +168,16 @@ _WRONG = f"def {WRONG}():\n  cardan_has_no_such_function(1)\nend\n"
 
 
 class UrScenario(Scenario):
-    """A client that asks one thing at a time, and answers states as the driver does."""
+    """A client that has one request open at a time, and answers states as the driver does."""
 
     def __init__(self, level: Level, seconds: float, home: str = "127.0.0.1") -> None:
         """`home`: our address, as the controller reaches it."""
         self._level = level
         self._seconds = seconds
         self._home = home
-        self._streams = Streams(lambda _: rtde.PacketReader(), lambda *_: None)
+        self._streams = ChannelReaders(lambda _: rtde.PacketReader(), lambda *_: None)
         self._reply: rtde.Reply | None = None
-        self._said = dashboard.LineReader()
+        self._said = dashboard.DashboardReader()
         self._lines = 0
         self._line = ""
         self._remote = self._local = False
@@ -192,9 +192,9 @@ class UrScenario(Scenario):
         self._path: _Path | None = None
         self._path_s = 0.0
 
-    # -- what comes in ----------------------------------------------------------------------------
+    # -- received data ----------------------------------------------------------------------------
 
-    def answer(self, event: Event) -> Iterator[Act]:
+    def answer(self, event: WireEvent) -> Iterator[Step]:
         channel = event.channel
         if event.kind is Kind.OPENED:
             self._streams.begin(channel)
@@ -211,13 +211,13 @@ class UrScenario(Scenario):
             return iter((send(f"{ANSWER}\n".encode(), channel),))
         return iter(())
 
-    def _packets(self, event: Event) -> Iterator[Act]:
+    def _packets(self, event: WireEvent) -> Iterator[Step]:
         channel, fresh = event.channel, False
         for _, (kind, payload) in self._streams.whole(0, event):
             reply = rtde.read_reply(kind, payload, 1 if channel == OLD else rtde.VERSION)
             if isinstance(reply, rtde.Data):
                 fresh = self._state(channel, reply) or fresh
-            elif not isinstance(reply, (rtde.Malformed, rtde.Text)):
+            elif not isinstance(reply, (rtde.MalformedPayload, rtde.TextMessage)):
                 self._reply = reply
         if fresh and self._path is not None:
             yield from self._follow(*self._path(self.now_s - self._path_s))
@@ -231,18 +231,20 @@ class UrScenario(Scenario):
             self._values = values
         return values is not None
 
-    def _follow(self, shift: float, speed: float) -> Iterator[Act]:
+    def _follow(self, shift: float, speed: float) -> Iterator[Step]:
         still = [0.0] * (JOINTS - 1)
         goal = [*self._base[:-1], self._base[-1] + shift]
-        yield from self._write(Order.FOLLOW, goal, [*still, speed])
+        yield from self._write(ProgramCommand.FOLLOW, goal, [*still, speed])
 
-    def _write(self, order: Order, goal: Sequence[float], speeds: Sequence[float]) -> Iterator[Act]:
+    def _write(
+        self, order: ProgramCommand, goal: Sequence[float], speeds: Sequence[float]
+    ) -> Iterator[Step]:
         if self._inputs is not None:
             self._beat += 1
             values = [self._token, self._beat, int(order), *goal, *speeds]
             yield send(self._inputs.pack(values), RTDE)
 
-    # -- what is asked ----------------------------------------------------------------------------
+    # -- requests ---------------------------------------------------------------------------------
 
     def script(self) -> Script:
         yield from self._listening()
@@ -259,7 +261,7 @@ class UrScenario(Scenario):
         yield from self._told_lines()
         if self._inputs is not None:
             yield send(self._inputs.pack(nobody(self._beat + 1)), RTDE)
-            yield Wait(0.05)
+            yield Pause(0.05)
 
     def _listening(self) -> Script:
         yield open_(RTDE)
@@ -272,13 +274,13 @@ class UrScenario(Scenario):
         self._outputs = yield from self._recipe(rtde.ask_outputs(rate_hz, OUTPUTS), OUTPUTS)
         yield mark("listen")
         yield from self._asked(rtde.packet(rtde.PacketType.START))
-        yield Wait(self._seconds / 3.0)
+        yield Pause(self._seconds / 3.0)
         yield mark("pause")
         yield from self._asked(rtde.packet(rtde.PacketType.PAUSE))
-        yield Wait(0.1)
+        yield Pause(0.1)
         yield mark("go on")
         yield from self._asked(rtde.packet(rtde.PacketType.START))
-        yield Wait(0.1)
+        yield Pause(0.1)
         yield mark("other")
         yield open_(SECOND)
         yield from self._asked(rtde.ask_version(FUTURE_VERSION), SECOND)
@@ -286,7 +288,7 @@ class UrScenario(Scenario):
         yield from self._asked(rtde.ask_outputs(1.0, ("timestamp", UNKNOWN)), SECOND)
         yield from self._asked(rtde.ask_outputs(rate_hz / SLOWER, ("timestamp",)), SECOND)
         yield from self._asked(rtde.packet(rtde.PacketType.START), SECOND)
-        yield Wait(0.4)
+        yield Pause(0.4)
         yield close(SECOND)
         yield from self._published()
         yield from self._version_1()
@@ -294,12 +296,12 @@ class UrScenario(Scenario):
         yield open_(PRIMARY)
         yield open_(SECONDARY)
         yield open_(REALTIME)
-        yield Wait(0.5)
+        yield Pause(0.5)
         yield close(REALTIME)
         yield close(SECONDARY)
         yield mark("dashboard")
         yield open_("dashboard")
-        yield Wait(REPLY_S, lambda: self._lines > 0 or "dashboard" in self._lost)
+        yield Pause(REPLY_S, lambda: self._lines > 0 or "dashboard" in self._lost)
         yield from self._told_lines()
         for words in WORDED:
             yield from self._requested(words)
@@ -320,7 +322,7 @@ class UrScenario(Scenario):
             names = ",".join(OLD_OUTPUTS).encode()
             yield from self._asked(rtde.packet(rtde.PacketType.OUTPUTS, names), OLD)
             yield from self._asked(rtde.packet(rtde.PacketType.START), OLD)
-            yield Wait(0.3)
+            yield Pause(0.3)
         yield close(OLD)
 
     def _told_lines(self) -> Script:
@@ -337,16 +339,16 @@ class UrScenario(Scenario):
         self._reply = None
         yield mark("pieces")
         yield send(data[:1], RTDE)
-        yield Wait(0.03)
+        yield Pause(0.03)
         yield send(data[1:], RTDE)
-        yield Wait(REPLY_S, self._answered(RTDE))
+        yield Pause(REPLY_S, self._answered(RTDE))
         yield mark("taken")
         yield from self._other_client()
         yield from self._asked(rtde.ask_inputs(INPUTS), SECOND)
         yield from self._asked(rtde.ask_inputs((UNKNOWN,)), SECOND)
         yield from self._asked(rtde.ask_inputs((SPARE_INPUT,)), SECOND)
         yield close(SECOND)
-        yield Wait(0.2)
+        yield Pause(0.2)
         yield mark("free")
         yield from self._other_client()
         yield from self._asked(rtde.ask_inputs((SPARE_INPUT,)), SECOND)
@@ -369,8 +371,8 @@ class UrScenario(Scenario):
             if self._mode == mode:
                 yield from self._requested(words)
                 if not dashboard.refusal(words, self._line):
-                    yield Wait(POWER_S, self._farther(mode))
-        yield Wait(0.05)
+                    yield Pause(POWER_S, self._farther(mode))
+        yield Pause(0.05)
 
     def _farther(self, mode: RobotMode) -> Callable[[], bool]:
         steady = {RobotMode.POWER_OFF, RobotMode.IDLE, RobotMode.RUNNING} - {mode}
@@ -382,7 +384,7 @@ class UrScenario(Scenario):
         yield mark("wrong")
         if self._may_begin():
             yield send(_WRONG.encode(), PRIMARY)
-            yield Wait(0.5)
+            yield Pause(0.5)
         yield mark("begin")
         yield from self._begun()
         yield mark("hold")
@@ -395,8 +397,8 @@ class UrScenario(Scenario):
         yield mark("order")
         self._path = None
         if self._follows():
-            yield from self._write(Order.END, self._base, [0.0] * JOINTS)
-            yield Wait(END_S, self._stopped)
+            yield from self._write(ProgramCommand.END, self._base, [0.0] * JOINTS)
+            yield Pause(END_S, self._stopped)
         yield mark("replace")
         yield from self._begun()
         yield from self._followed(_steady(0.0), 0.1)
@@ -408,7 +410,7 @@ class UrScenario(Scenario):
         if self._may_begin():
             for line in (f'textmsg("{SAYS} {LINE}")', "# cardan", "stop program"):
                 yield send(f"{line}\n".encode(), PRIMARY)
-                yield Wait(LINE_S)
+                yield Pause(LINE_S)
             yield from self._saying(always=True)
         yield mark("raise")
         if self._may_begin():
@@ -418,7 +420,7 @@ class UrScenario(Scenario):
         yield mark("elsewhere")
         for channel in (SECONDARY, REALTIME):
             yield open_(channel)
-            yield Wait(0.05)
+            yield Pause(0.05)
             yield from self._saying(channel=channel)
             yield close(channel)
 
@@ -444,7 +446,7 @@ class UrScenario(Scenario):
         yield from self._followed(_steady(-DESERTED_RAD_S), DESERTED_S)
         yield mark("deserted")
         yield from self._deserted()
-        yield Wait(0.3)
+        yield Pause(0.3)
         yield mark("return")
         yield from self._begun()
         yield mark("back")
@@ -459,8 +461,8 @@ class UrScenario(Scenario):
         ):
             yield mark(name)
             yield ask(name, how)
-            yield Wait(HAND_S, there)
-            yield Wait(0.2)
+            yield Pause(HAND_S, there)
+            yield Pause(0.2)
         if self._remote:
             yield mark("local")
             yield ask("local", "Choose local control at the pendant.")
@@ -474,16 +476,16 @@ class UrScenario(Scenario):
         yield from self._followed(_steady(0.0), 0.2)
         yield mark("estop")
         yield ask("estop", "Press the emergency stop.")
-        yield Wait(HAND_S, self._stopped_by_hand)
-        yield Wait(1.0)
+        yield Pause(HAND_S, self._stopped_by_hand)
+        yield Pause(1.0)
         self._path = None
         yield from self._told_lines()
         yield mark("release")
         yield ask("release", "Release the emergency stop.")
-        yield Wait(HAND_S, lambda: not self._stopped_by_hand())
-        yield Wait(0.5)
+        yield Pause(HAND_S, lambda: not self._stopped_by_hand())
+        yield Pause(0.5)
 
-    # -- one thing --------------------------------------------------------------------------------
+    # -- single requests --------------------------------------------------------------------------
 
     @property
     def _mode(self) -> int:
@@ -496,12 +498,12 @@ class UrScenario(Scenario):
         self._reply = None
         if channel not in self._lost:
             yield send(data, channel)
-            yield Wait(REPLY_S, self._answered(channel))
+            yield Pause(REPLY_S, self._answered(channel))
 
     def _recipe(
         self, data: bytes, names: Sequence[str]
-    ) -> Generator[Act | Wait, None, rtde.Recipe | None]:
-        """A setup on the connection that is judged; gives its recipe, None where there is none."""
+    ) -> Generator[Step | Pause, None, rtde.Recipe | None]:
+        """Send a setup on the judged connection; return its recipe, None if there is none."""
         yield from self._asked(data)
         reply = self._reply
         if not isinstance(reply, rtde.SetupReply) or not reply.recipe:
@@ -512,18 +514,18 @@ class UrScenario(Scenario):
             return None
 
     def _requested(self, words: str) -> Script:
-        """A request to the dashboard server, and its answer in `_line`."""
+        """Send a request to the dashboard server; its answer is in `_line`."""
         before, self._line = self._lines, ""
         if "dashboard" not in self._lost:
             yield send(dashboard.request(words), "dashboard")
-            yield Wait(REPLY_S, lambda: self._lines > before or "dashboard" in self._lost)
+            yield Pause(REPLY_S, lambda: self._lines > before or "dashboard" in self._lost)
 
     def _polled(self, words: str, until: str) -> Script:
         end_s = self.now_s + HAND_S
         self._line = ""
         while self.now_s < end_s and self._line.lower() != until:
             yield from self._requested(words)
-            yield Wait(0.2)
+            yield Pause(0.2)
 
     def _stopped(self) -> bool:
         stopped = self._values.get("runtime_state") == RuntimeState.STOPPED
@@ -534,11 +536,11 @@ class UrScenario(Scenario):
         return (
             values.get("runtime_state") == RuntimeState.PLAYING
             and values.get(TOKEN) == self._token
-            and values.get(REPORT) == Report.FOLLOWS
+            and values.get(REPORT) == ProgramStatus.FOLLOWS
         )
 
     def _may_begin(self) -> bool:
-        """Whether a program of ours harms nobody else's."""
+        """True if a program of ours can start without stopping another client's."""
         values = self._values
         return (
             not self._lost & {RTDE, PRIMARY}
@@ -550,11 +552,11 @@ class UrScenario(Scenario):
         )
 
     def _next_token(self) -> None:
-        """None that the register holds still, of an earlier run."""
+        """Advance the token past the register's value, which may be an earlier run's."""
         self._token = max(self._token, int(self._values.get(TOKEN, 0)) % (1 << 30)) + 1
 
     def _saying(self, always: bool = False, channel: str = PRIMARY) -> Script:
-        """The program that says something, where none runs, or `always`."""
+        """Run the program that sends a text message if no program runs, or `always`."""
         if (always or self._may_begin()) and channel not in self._lost:
             yield from self._run(says, channel, rest_s=0.05)
 
@@ -565,15 +567,15 @@ class UrScenario(Scenario):
         end_s: float = END_S,
         rest_s: float = 0.1,
     ) -> Script:
-        """A program that ends by itself."""
+        """Run a program that ends by itself."""
         self._next_token()
         yield send(made(self._token).encode(), channel)
-        yield Wait(BEGIN_S, lambda: RTDE in self._lost or self._values.get(TOKEN) == self._token)
-        yield Wait(end_s, self._stopped)
-        yield Wait(rest_s)
+        yield Pause(BEGIN_S, lambda: RTDE in self._lost or self._values.get(TOKEN) == self._token)
+        yield Pause(end_s, self._stopped)
+        yield Pause(rest_s)
 
     def _begun(self) -> Script:
-        """The driver's program, up to where it follows."""
+        """Start the driver's program, and wait until it follows."""
         self._path = None
         if not self._may_begin():
             return
@@ -581,23 +583,23 @@ class UrScenario(Scenario):
         self._next_token()
         self._beat += 1
         yield send(self._inputs.pack(nobody(self._beat)), RTDE)
-        yield Wait(0.02)
+        yield Pause(0.02)
         period_s = 1.0 / rtde.control_rate_hz(self._version)
         yield send(program(SERVOING, self._token, period_s).encode(), PRIMARY)
-        yield Wait(BEGIN_S, lambda: self._follows() or RTDE in self._lost)
+        yield Pause(BEGIN_S, lambda: self._follows() or RTDE in self._lost)
         if self._values:
             self._base = self._values["target_q"]
 
     def _followed(self, path: _Path, seconds: float) -> Script:
-        """States are answered for so long, and then still, until `_path` is None."""
+        """Wait for `seconds` while states are answered along `path`, until `_path` is None."""
         if self._follows():
             self._path, self._path_s = path, self.now_s
-            yield Wait(seconds, lambda: RTDE in self._lost)
+            yield Pause(seconds, lambda: RTDE in self._lost)
 
     def _deserted(self) -> Script:
         self._path = None
-        yield Wait(END_S, self._stopped)
-        yield Wait(0.1)
+        yield Pause(END_S, self._stopped)
+        yield Pause(0.1)
 
     def _slider(self, low: float, high: float) -> Callable[[], bool]:
         return lambda: low < self._values.get("target_speed_fraction", 0.0) < high

@@ -1,4 +1,4 @@
-"""The simulated controller's servers and a scenario in virtual time."""
+"""Servers of the simulated controller, and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ OPTIONS = UrControllerOptions()
 
 
 class UrRig(TcpRig[PortKind]):
-    """The ports of an e-Series, or of another controller by its `options`, and one of ours that
-    programs come to."""
+    """The ports of a controller by its `options`, e-Series by default, and ours for programs."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""The suite of a Universal Robots controller."""
+"""Suite of a Universal Robots controller."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import ClassVar
 
 from cardan.common.sockets import address_towards
 from cardan.conform.requirements import Level
-from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Event
+from cardan.conform.suite import Suite, SuiteTransport
+from cardan.conform.timeline import WireEvent
 from cardan.conform.transports import TcpPorts, Wires, host_and_port
 from cardan.conform.ur_rtde import (
     decoded,
-    programs,  # noqa: F401 - enters what it requires
+    programs,  # noqa: F401 - enters its requirements
 )
 from cardan.conform.ur_rtde.requirements import requires
 from cardan.conform.ur_rtde.scenario import ASKING, REVERSE_PORT, WORDED, UrScenario
@@ -32,7 +32,7 @@ _HARMLESS = frozenset(
         PacketType.PAUSE,
     )
 )
-"""What a client may send that only reads."""
+"""Packets of a client that only reads."""
 
 
 LOOPBACK = "127.0.0.1"
@@ -47,8 +47,8 @@ _PORTS = {
 }
 
 
-class UrRtde(Suite[decoded.UrTraffic]):
-    """An e-Series or CB3 of Universal Robots."""
+class UrRtdeSuite(Suite[decoded.UrTraffic]):
+    """A Universal Robots controller of an e-Series or CB3."""
 
     name = "ur-rtde"
     judges = "the controller"
@@ -61,7 +61,7 @@ class UrRtde(Suite[decoded.UrTraffic]):
     """Our address, as the target reaches it."""
     peer = "ur"
     requirements = requires.all()
-    transport = Transport(
+    transport = SuiteTransport(
         "tcp",
         {**_PORTS, decoded.REVERSE: REVERSE_PORT},
         frozenset((decoded.REVERSE,)),
@@ -70,7 +70,7 @@ class UrRtde(Suite[decoded.UrTraffic]):
     decoder = decoded.UrTraffic
     rig = "cardan.conform.ur_rtde.simulated:UrRig"
     seconds = 3.0
-    # While it is held; before that most would only keep the program from being begun.
+    # Times, s, in the hold; before it most faults would only keep the program from starting.
     fault_test_values: ClassVar[Mapping[str, float]] = dict.fromkeys(
         (
             "protective-stop",
@@ -96,13 +96,13 @@ class UrRtde(Suite[decoded.UrTraffic]):
         host, port = host_and_port(target, "--target", RTDE_PORT)
         if port <= RTDE_PORT - DASHBOARD_PORT:
             raise ConfigurationError("--target", f"{target!r}: no port lies 5 below {port}")
-        with contextlib.suppress(OSError):  # The first wire says what is wrong.
+        with contextlib.suppress(OSError):  # The first wire reports the error.
             self.home = address_towards(host, port)
         ports = {name: port + each - RTDE_PORT for name, each in _PORTS.items()}
         ours = {decoded.REVERSE: REVERSE_PORT}
         return TcpPorts(host, ports | ours, ours, self.home)
 
-    def only_asks(self, event: Event) -> bool:
+    def only_asks(self, event: WireEvent) -> bool:
         if event.channel == "dashboard":
             return event.data in map(request, (*ASKING, *WORDED))
         return event.channel.startswith(decoded.RTDE) and event.data[2] in _HARMLESS

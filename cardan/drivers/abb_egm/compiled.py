@@ -35,8 +35,8 @@ from cardan.common.native import (
     native_call,
 )
 from cardan.drivers.limiters import JointLimiter, OrientationLimiter, PointLimiter
-from cardan.protocols.egm import EgmFeedback, FeedbackReader, Malformed
-from cardan.protocols.egm.reader import Layout
+from cardan.protocols.egm import EgmFeedback, FeedbackReader, MalformedEgmMessage
+from cardan.protocols.egm.reader import DatagramLayout
 from cardan.types import (
     Frame,
     HoldCommand,
@@ -264,10 +264,10 @@ class CompiledReader(FeedbackReader):
         self._call = egm_library().egm_read
         self._shared, self._memory = allotted(CReader)
         self._address = ctypes.addressof(self._shared)
-        self._known: list[Layout | None] = [None] * LAYOUTS
+        self._known: list[DatagramLayout | None] = [None] * LAYOUTS
         self._next = 0
 
-    def read(self, data: bytes) -> EgmFeedback | Malformed:
+    def read(self, data: bytes) -> EgmFeedback | MalformedEgmMessage:
         index = self._call(self._address, data, len(data))
         if index < 0:
             return super().read(data)
@@ -301,7 +301,7 @@ class CompiledReader(FeedbackReader):
         length = len(unlearned[0])
         self._teach(length, self._layouts[length])
 
-    def _teach(self, length: int, layout: Layout | None) -> None:
+    def _teach(self, length: int, layout: DatagramLayout | None) -> None:
         """Have datagrams of `length` read by `layout`; None: the long way."""
         shared = self._shared
         index = next((i for i in range(LAYOUTS) if shared.layouts[i].length == length), None)

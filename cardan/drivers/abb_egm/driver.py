@@ -25,7 +25,7 @@ from cardan.protocols.egm import (
     MAX_DATAGRAM_BYTES,
     EgmRapidData,
     EgmRobot,
-    Malformed,
+    MalformedEgmMessage,
     decode_robot,
 )
 from cardan.types import NEVER_S, RobotCommand, RobotState
@@ -43,7 +43,7 @@ _monotonic = time.monotonic
 
 
 def _speaks_egm(data: bytes) -> bool:
-    return not isinstance(decode_robot(data), Malformed)
+    return not isinstance(decode_robot(data), MalformedEgmMessage)
 
 
 class AbbEgm(AnsweringRobot[EgmSession]):

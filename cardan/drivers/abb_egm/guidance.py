@@ -35,12 +35,12 @@ from cardan.drivers.robot_core import check_numbers, no_rotation, outside, wrong
 from cardan.errors import CommandError
 from cardan.protocols.egm import (
     EgmHeader,
+    EgmMessageType,
     EgmMotion,
     EgmPose,
     EgmSensor,
     EgmSensorPathCorr,
     EgmSpeedRef,
-    MessageType,
     encode_joint_reply,
     encode_path_corr,
     encode_pose_reply,
@@ -48,10 +48,8 @@ from cardan.protocols.egm import (
 )
 from cardan.spatial import (
     add,
-    from_rotation_vector,
-    multiply,
-    normalized,
     rotation_between,
+    turned_by,
 )
 from cardan.types import (
     ZERO3,
@@ -159,7 +157,7 @@ def guidance_for(options: AbbEgmOptions, cycle: CompiledCycle | None = None) -> 
 
 
 def _header(seqno: int, tm_ms: int) -> EgmHeader:
-    return EgmHeader(seqno, tm_ms, MessageType.CORRECTION)
+    return EgmHeader(seqno, tm_ms, EgmMessageType.CORRECTION)
 
 
 class _Externals:
@@ -291,7 +289,7 @@ class _FollowedTurn(_Followed):
     def _advanced(self, place: Quaternion, by: Sequence[float]) -> Quaternion:
         if not any(by):
             return place
-        return normalized(multiply(from_rotation_vector(Vector3(*by)), place))
+        return turned_by(place, Vector3(*by))
 
 
 _TargetT = TypeVar("_TargetT", JointCommand, PoseCommand)
@@ -685,7 +683,7 @@ class PathGuidance(Guidance):
             self._offset.brake(dt_s)
 
     def encode(self, seqno: int, tm_ms: int, suffix: bytes, still: bool = False) -> bytes:
-        header = EgmHeader(seqno, tm_ms, MessageType.PATH_CORRECTION)
+        header = EgmHeader(seqno, tm_ms, EgmMessageType.PATH_CORRECTION)
         return encode_path_corr(EgmSensorPathCorr(header, self._offset.reference, self._age_ms))
 
     @property

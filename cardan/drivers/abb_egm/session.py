@@ -30,7 +30,7 @@ from cardan.protocols.egm import (
     EgmFeedback,
     EgmRapidData,
     EgmRobot,
-    Malformed,
+    MalformedEgmMessage,
     MCIState,
     MotorState,
     RapidState,
@@ -251,7 +251,7 @@ class EgmSession(AnsweringSession):
         """Return the contents of a datagram that is complete and plausible for a robot; count any
         other."""
         feedback = self._reader.read(data)
-        if isinstance(feedback, Malformed):
+        if isinstance(feedback, MalformedEgmMessage):
             self._refuse(feedback)
             return None
         peer, position, orientation = self.peer, feedback.pos, feedback.orient
@@ -467,7 +467,7 @@ class EgmSession(AnsweringSession):
         unit = "rad" if self._needs_joints else "m"
         return f"the measured position is {way:.3g} {unit} from the one before"
 
-    def _refuse(self, malformed: Malformed) -> None:
+    def _refuse(self, malformed: MalformedEgmMessage) -> None:
         self.counters.malformed[malformed.fault.name.lower()] += 1
         self._note_refused()
         self.last_malformed = f"{malformed.fault.value}: {malformed.detail}"
@@ -601,7 +601,9 @@ class EgmSession(AnsweringSession):
             (answered or before, data or data_before),
         ):
             message = decode_robot(datagram)
-            known.append(None if isinstance(message, Malformed) else self._heading(message, each))
+            known.append(
+                None if isinstance(message, MalformedEgmMessage) else self._heading(message, each)
+            )
         heading, heading_before, then = known
         if heading is None or heading_before is None or then is None:
             heading, heading_before, then = state, before, answered or before
@@ -811,7 +813,7 @@ class EgmSession(AnsweringSession):
         if data and known is not data:
             decoded = decode_robot(data)
             message = None
-            if isinstance(decoded, Malformed):
+            if isinstance(decoded, MalformedEgmMessage):
                 self._refuse(decoded)
             else:
                 message = decoded

@@ -9,7 +9,7 @@ import time
 from abc import abstractmethod
 from typing import Any, ClassVar, TypeVar
 
-from cardan.bus.node import BusNode, Presence, Publisher, WaitingSubscription
+from cardan.bus.node import BusNode, MatchedEndpoints, Publisher, WaitingSubscription
 from cardan.drivers.handheld.core import PhoneCore, XrCore
 from cardan.drivers.handheld.options import PhoneOptions, XrOptions
 from cardan.drivers.node_options import SIMULATED, NodeOptions
@@ -79,7 +79,7 @@ class BusDevice(ReadDevice[C]):
 
     _bus: BusNode | None = None
     _messages: WaitingSubscription | None = None
-    _presence: Presence | None = None
+    _presence: MatchedEndpoints | None = None
     _rumbler: Rumbler | None = None
     _level = 0.0
     """Requested level of the rumble."""

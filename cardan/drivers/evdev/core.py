@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from cardan.drivers.core import DeviceCore
-from cardan.drivers.evdev.nodes import Description, Snapshot
+from cardan.drivers.evdev.nodes import EvdevDeviceInfo, EvdevState
 from cardan.protocols.evdev.events import (
     EV_ABS,
     EV_KEY,
@@ -28,7 +28,7 @@ from cardan.protocols.evdev.events import (
     SYN_DROPPED,
     SYN_REPORT,
     InputEvent,
-    Malformed,
+    MalformedPacket,
     decode_events,
 )
 from cardan.protocols.evdev.requests import BUS_BLUETOOTH
@@ -67,7 +67,7 @@ class EvdevCore(DeviceCore):
         self._release_words = release_words
         """Instruction that brings the device to rest ("release the sticks")."""
         self._stale_after_s = stale_after_s
-        self.description = Description("", 0, 0, frozenset(), {}, frozenset())
+        self.description = EvdevDeviceInfo("", 0, 0, frozenset(), {}, frozenset())
         self.needs_snapshot = False
         """True: the known state is void until `on_snapshot`."""
         self._down: set[int] = set()
@@ -102,7 +102,7 @@ class EvdevCore(DeviceCore):
 
     # -- what happens to the device ------------------------------------------------------------
 
-    def on_opened(self, description: Description, snapshot: Snapshot, now_s: float) -> None:
+    def on_opened(self, description: EvdevDeviceInfo, snapshot: EvdevState, now_s: float) -> None:
         """The device was opened (again) and its values were read: the previous state is void."""
         self.description = description
         self._on_description()
@@ -111,7 +111,7 @@ class EvdevCore(DeviceCore):
         self._skipping = self._heard = self._unanswered = False
         self._renew(snapshot, "not heard of yet", now_s)
 
-    def on_snapshot(self, snapshot: Snapshot, now_s: float) -> None:
+    def on_snapshot(self, snapshot: EvdevState, now_s: float) -> None:
         """`snapshot` is all that it holds, read since events had been lost."""
         if self._open:
             self._renew(snapshot, self._reason, now_s)
@@ -121,7 +121,7 @@ class EvdevCore(DeviceCore):
         if not self._open:
             return
         events = decode_events(data)
-        if isinstance(events, Malformed):
+        if isinstance(events, MalformedPacket):
             self._void("garbled", GARBLED_REASON, now_s)
             return
         if any(event.type > EV_MAX for event in events):
@@ -240,7 +240,7 @@ class EvdevCore(DeviceCore):
         self.needs_snapshot = True
         self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, reason, now_s)
 
-    def _renew(self, snapshot: Snapshot, reason: str, now_s: float) -> None:
+    def _renew(self, snapshot: EvdevState, reason: str, now_s: float) -> None:
         """Restart from the device's current values."""
         self._frame.clear()
         self.needs_snapshot = False

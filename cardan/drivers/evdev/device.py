@@ -11,9 +11,9 @@ from cardan.common.options import require
 from cardan.drivers.access import obstacle, open_error, such
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.evdev.core import EvdevCore
-from cardan.drivers.evdev.links import Link, NodeLink, SocketLink
+from cardan.drivers.evdev.links import EvdevLink, EvdevSocketLink, NodeLink
 from cardan.drivers.evdev.nodes import (
-    Description,
+    EvdevDeviceInfo,
     Node,
     describe,
     find_nodes,
@@ -67,8 +67,8 @@ class EvdevDevice(ReadDevice[K]):
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
-        self._link: Link | None = None
-        self._chosen: Description | None = None
+        self._link: EvdevLink | None = None
+        self._chosen: EvdevDeviceInfo | None = None
         """The device opened first since open(): no other replaces it when it is unplugged."""
 
     @classmethod
@@ -96,10 +96,10 @@ class EvdevDevice(ReadDevice[K]):
         return ""
 
     @abstractmethod
-    def _attend(self, link: Link) -> None:
+    def _attend(self, link: EvdevLink) -> None:
         """Do what else the open device needs, after each read. May raise OSError."""
 
-    def _before_release(self, link: Link) -> None:
+    def _before_release(self, link: EvdevLink) -> None:
         """Leave the device as it was. May raise OSError."""
 
     # -- the reader ----------------------------------------------------------------------------
@@ -165,7 +165,7 @@ class EvdevDevice(ReadDevice[K]):
             self._notify()
             self._attend(link)
 
-    def _ask(self, link: Link, description: Description) -> None:
+    def _ask(self, link: EvdevLink, description: EvdevDeviceInfo) -> None:
         snapshot = take_snapshot(link, description)
         with self._lock:
             self._core.on_snapshot(snapshot, time.monotonic())
@@ -191,11 +191,11 @@ class EvdevDevice(ReadDevice[K]):
     def _others(cls) -> list[Node]:
         return [node for node in find_nodes() if not cls._fits(node.keys, node.axes)]
 
-    def _open_link(self) -> tuple[Link, str]:
+    def _open_link(self) -> tuple[EvdevLink, str]:
         """The device that the options mean, and the name of its kernel driver."""
         options = self.options
         if options.transport == "socket":
-            return open_simulated(f"the simulated {self._kind}", options.path, SocketLink), ""
+            return open_simulated(f"the simulated {self._kind}", options.path, EvdevSocketLink), ""
         if options.path:
             return self._open_node(options.path)
         refusals: list[str] = []
@@ -230,7 +230,7 @@ class EvdevDevice(ReadDevice[K]):
             + misfits
         )
 
-    def _check_choice(self, description: Description) -> None:
+    def _check_choice(self, description: EvdevDeviceInfo) -> None:
         """Raise unless this is the device that was opened first: numbers of nodes are reused."""
         chosen = self._chosen
         if chosen is not None and (chosen.name, chosen.identity) != (
@@ -242,7 +242,7 @@ class EvdevDevice(ReadDevice[K]):
                 f"{description.name}: start again to use it"
             )
 
-    def _open_node(self, path: str) -> tuple[Link, str]:
+    def _open_node(self, path: str) -> tuple[EvdevLink, str]:
         try:
             return NodeLink(path), kernel_driver(path)
         except OSError as error:

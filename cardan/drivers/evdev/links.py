@@ -12,11 +12,11 @@ from abc import ABC, abstractmethod
 from collections import deque
 
 from cardan.drivers.packet_socket import PacketSocket
-from cardan.protocols.evdev.events import EVENT_BYTES, Malformed
+from cardan.protocols.evdev.events import EVENT_BYTES, MalformedPacket
 from cardan.protocols.evdev.requests import (
     BY_VALUE,
     EVIOCGID,
-    Call,
+    IoctlCall,
     argument_bytes,
     decode_call,
     decode_int,
@@ -36,7 +36,7 @@ FEEDBACK_TIMEOUT_S = 0.03
 """The same for feedback while the device is read: reading must not wait for it."""
 
 
-class Link(ABC):
+class EvdevLink(ABC):
     """An open device. All methods but close() raise OSError once it is gone."""
 
     @abstractmethod
@@ -63,7 +63,7 @@ class Link(ABC):
         """Release the device. Never raises."""
 
 
-class NodeLink(Link):
+class NodeLink(EvdevLink):
     """A node of /dev/input."""
 
     def __init__(self, path: str) -> None:
@@ -106,7 +106,7 @@ class NodeLink(Link):
             os.close(self._fd)
 
 
-class SocketLink(PacketSocket, Link):
+class EvdevSocketLink(PacketSocket, EvdevLink):
     """A Unix socket that stands for a node: a packet is one read or write, or one ioctl."""
 
     def __init__(self, path: str) -> None:
@@ -135,7 +135,7 @@ class SocketLink(PacketSocket, Link):
     def call(self, request: int, argument: bytes = b"", timeout_s: float = CALL_TIMEOUT_S) -> bytes:
         """Send the request and wait for its answer; events that come meanwhile are kept."""
         end_s = time.monotonic() + timeout_s
-        packet = encode_call(Call(request, 0, argument.ljust(argument_bytes(request), b"\0")))
+        packet = encode_call(IoctlCall(request, 0, argument.ljust(argument_bytes(request), b"\0")))
         self.send(packet, timeout_s)
         while (left_s := end_s - time.monotonic()) > 0.0:
             answer = self.receive(left_s)
@@ -157,7 +157,7 @@ class SocketLink(PacketSocket, Link):
         if not self._answered and EVIOCGID not in self._owed:
             # A single request is enough: a program that hangs must not find a pile of them later.
             try:
-                self.send(encode_call(Call(EVIOCGID, 0, bytes(argument_bytes(EVIOCGID)))), 0.0)
+                self.send(encode_call(IoctlCall(EVIOCGID, 0, bytes(argument_bytes(EVIOCGID)))), 0.0)
             except (TimeoutError, BlockingIOError):
                 return False
             self._owed.append(EVIOCGID)
@@ -183,9 +183,9 @@ class SocketLink(PacketSocket, Link):
         return True
 
 
-def _call_in(packet: bytes) -> Call | None:
+def _call_in(packet: bytes) -> IoctlCall | None:
     """The answer to a request that `packet` is; None: it is something else."""
     if len(packet) % EVENT_BYTES == 0:
         return None
     call = decode_call(packet)
-    return None if isinstance(call, Malformed) else call
+    return None if isinstance(call, MalformedPacket) else call

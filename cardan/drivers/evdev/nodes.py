@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from cardan.common.files import text_or_empty
-from cardan.drivers.evdev.links import Link
+from cardan.drivers.evdev.links import EvdevLink
 from cardan.protocols.evdev.codes import (
     ABS_BRAKE,
     ABS_GAS,
@@ -67,7 +67,7 @@ class Node(NamedTuple):
         return self.identity == identity and self.name == (name.strip() or _number(self.path))
 
 
-class Description(NamedTuple):
+class EvdevDeviceInfo(NamedTuple):
     """Identity and capabilities of an open device."""
 
     name: str
@@ -87,7 +87,7 @@ class Description(NamedTuple):
         return f"{self.vendor:04x}:{self.product:04x}"
 
 
-class Snapshot(NamedTuple):
+class EvdevState(NamedTuple):
     """Current values of an open device."""
 
     keys: frozenset[int]
@@ -172,7 +172,7 @@ def kernel_driver(path: str, root: Path = Path("/")) -> str:
         return ""
 
 
-def describe(link: Link, driver: str = "") -> Description:
+def describe(link: EvdevLink, driver: str = "") -> EvdevDeviceInfo:
     """Read the description of an open device. Raises OSError."""
     device_id = decode_id(link.call(EVIOCGID))
     name = link.call(EVIOCGNAME).split(b"\0", 1)[0].decode(errors="replace")
@@ -182,16 +182,16 @@ def describe(link: Link, driver: str = "") -> Description:
         for kind in (EV_KEY, EV_ABS, EV_FF)
     )
     infos = {code: decode_absinfo(link.call(eviocgabs(code))) for code in sorted(axes)}
-    return Description(
+    return EvdevDeviceInfo(
         name, device_id.vendor, device_id.product, keys, infos, effects, driver, device_id.bustype
     )
 
 
-def take_snapshot(link: Link, description: Description) -> Snapshot:
+def take_snapshot(link: EvdevLink, description: EvdevDeviceInfo) -> EvdevState:
     """Read the current values of an open device. Raises OSError."""
     keys = decode_bits(link.call(EVIOCGKEY)) if description.keys else frozenset[int]()
     values = {code: decode_absinfo(link.call(eviocgabs(code))).value for code in description.axes}
-    return Snapshot(keys, values)
+    return EvdevState(keys, values)
 
 
 def _number(path: str) -> str:

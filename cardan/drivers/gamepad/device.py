@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.evdev.device import EvdevDevice
-from cardan.drivers.evdev.links import FEEDBACK_TIMEOUT_S, Link
+from cardan.drivers.evdev.links import FEEDBACK_TIMEOUT_S, EvdevLink
 from cardan.drivers.evdev.nodes import CONSOLE_HINT, is_gamepad, joystick, pad_in_mode_d
 from cardan.drivers.gamepad.core import GamepadCore
 from cardan.drivers.gamepad.options import GamepadOptions
 from cardan.drivers.simulated import OWN
-from cardan.protocols.evdev.events import EV_FF, InputEvent, Malformed, encode_events
+from cardan.protocols.evdev.events import EV_FF, InputEvent, MalformedPacket, encode_events
 from cardan.protocols.evdev.requests import (
     EVIOCRMFF,
     EVIOCSFF,
@@ -98,7 +98,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
 
     # -- rumble, by the reader -----------------------------------------------------------------
 
-    def _attend(self, link: Link) -> None:
+    def _attend(self, link: EvdevLink) -> None:
         level, now_s = self._level, time.monotonic()
         if level == self._shown and (level == 0.0 or now_s < self._again_s):
             return
@@ -110,7 +110,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
             self._effect = _NEW
         self._shown, self._again_s = level, now_s + RUMBLE_AGAIN_S
 
-    def _rumble(self, link: Link, level: float) -> None:
+    def _rumble(self, link: EvdevLink, level: float) -> None:
         if level > 0.0 and (level != self._shown or self._effect == _NEW):
             strength = round(_FULL * level)
             effect = decode_rumble(
@@ -120,14 +120,14 @@ class Gamepad(EvdevDevice[GamepadCore]):
                     FEEDBACK_TIMEOUT_S,
                 )
             )
-            if isinstance(effect, Malformed):
+            if isinstance(effect, MalformedPacket):
                 self._rumble_failures += 1
                 return
             self._effect = effect.id
         if self._effect != _NEW:
             link.write(encode_events([InputEvent(0, 0, EV_FF, self._effect, int(level > 0.0))]))
 
-    def _before_release(self, link: Link) -> None:
+    def _before_release(self, link: EvdevLink) -> None:
         effect, self._effect, self._shown = self._effect, _NEW, 0.0
         if effect != _NEW:
             with contextlib.suppress(OSError):

@@ -25,15 +25,15 @@ from cardan.drivers.ros2_nodes.core import BusCore
 from cardan.drivers.shaping import Deflections, Shaper
 from cardan.protocols.handheld.frames import (
     BUTTONS,
-    Malformed,
+    MalformedFrame,
     OperatorFrame,
-    Phone,
-    Xr,
+    PhoneFrame,
+    XrFrame,
     decode_frame,
 )
 from cardan.protocols.handheld.motion import (
     Held,
-    Sample,
+    PoseSample,
     Yaw,
     drag_on_screen,
     elsewhere,
@@ -68,10 +68,10 @@ OLDEST_S = 3600.0
 """No frame is older."""
 
 
-class Reading(NamedTuple):
+class TrackedPose(NamedTuple):
     """Position and orientation of the device in a frame."""
 
-    sample: Sample
+    sample: PoseSample
     reference: int
     """Number of its reference, as the page counts them."""
     drag: Vector3 = ZERO3
@@ -107,14 +107,14 @@ class HandheldCore(BusCore):
         self._yaw: Yaw | None = None
         self._unaligned = NOT_ALIGNED
         """Reason why there is no alignment."""
-        self._reading: Reading | None = None
-        self._placed: Reading | None = None
+        self._reading: TrackedPose | None = None
+        self._placed: TrackedPose | None = None
         """Last known position."""
         self._interrupted = False
         """Tracking or the link was lost since then."""
         self._held: Held | None = None
         """Set while the dead-man control is held and counts."""
-        self._began: Reading | None = None
+        self._began: TrackedPose | None = None
         self._dragged = ZERO3
         """Way of all drags together, along the robot's axes, m."""
 
@@ -124,11 +124,11 @@ class HandheldCore(BusCore):
         return (HOLD, *(each for each in BUTTONS[self.kind] if each != ALIGN))
 
     @abstractmethod
-    def _read(self, frame: OperatorFrame) -> Reading | None:
+    def _read(self, frame: OperatorFrame) -> TrackedPose | None:
         """Return the position in a frame of this device; None: it has none."""
 
     @abstractmethod
-    def _heading(self, reading: Reading) -> Yaw:
+    def _heading(self, reading: TrackedPose) -> Yaw:
         """Direction in which it points."""
 
     def _is_mine(self, frame: OperatorFrame) -> bool:
@@ -155,7 +155,7 @@ class HandheldCore(BusCore):
             self._on_malformed("with an age that is none", -1)
             return
         frame = decode_frame(bytes(message["frame"]))
-        if isinstance(frame, Malformed):
+        if isinstance(frame, MalformedFrame):
             self._on_malformed(frame.reason, -1)
             return
         if frame.kind != self.kind:
@@ -206,7 +206,7 @@ class HandheldCore(BusCore):
         self._interrupted = True
         return why
 
-    def _moved(self, reading: Reading) -> str:
+    def _moved(self, reading: TrackedPose) -> str:
         """Reason why the device cannot have moved there; empty: it can."""
         before, self._placed = self._placed, reading
         interrupted, self._interrupted = self._interrupted, False
@@ -239,7 +239,7 @@ class HandheldCore(BusCore):
         elif now_s >= self._ignore_rest_until_s:
             self._link = DeviceLink.LIVE
 
-    def _grasp(self, frame: OperatorFrame, before: Reading | None) -> None:
+    def _grasp(self, frame: OperatorFrame, before: TrackedPose | None) -> None:
         """Begin, go on with, or end what is held."""
         reading = self._reading
         assert reading is not None
@@ -301,17 +301,17 @@ class PhoneCore(HandheldCore):
         self._drag_m = options.drag_m
         self._sensed: Inertia | None = None
 
-    def _read(self, frame: OperatorFrame) -> Reading | None:
+    def _read(self, frame: OperatorFrame) -> TrackedPose | None:
         body = frame.body
-        assert isinstance(body, Phone)
+        assert isinstance(body, PhoneFrame)
         self._sensed = _inertia_of(body)
         if body.angles_deg is None:
             return None
         q = from_angles(*body.angles_deg)
         drag = drag_on_screen(body.drag_right, body.drag_up, body.screen_quarters)
-        return Reading(Sample(1e-6 * frame.time_us, q), body.reference, rotate(q, drag))
+        return TrackedPose(PoseSample(1e-6 * frame.time_us, q), body.reference, rotate(q, drag))
 
-    def _heading(self, reading: Reading) -> Yaw:
+    def _heading(self, reading: TrackedPose) -> Yaw:
         return Yaw.of_phone(reading.sample.orientation)
 
     def _translation(self) -> Vector3:
@@ -353,17 +353,17 @@ class XrCore(HandheldCore):
 
     def _is_mine(self, frame: OperatorFrame) -> bool:
         body = frame.body
-        return isinstance(body, Xr) and body.part.word == self._part
+        return isinstance(body, XrFrame) and body.part.word == self._part
 
-    def _read(self, frame: OperatorFrame) -> Reading | None:
+    def _read(self, frame: OperatorFrame) -> TrackedPose | None:
         body = frame.body
-        assert isinstance(body, Xr)
+        assert isinstance(body, XrFrame)
         # The frame gives the direction of the grip's axis; the hand points below it.
         q = pitched(orientation_from_xr(body.orientation), -self._grip_rad)
-        sample = Sample(1e-6 * frame.time_us, q, position_from_xr(body.position_m))
-        return Reading(sample, body.reference)
+        sample = PoseSample(1e-6 * frame.time_us, q, position_from_xr(body.position_m))
+        return TrackedPose(sample, body.reference)
 
-    def _heading(self, reading: Reading) -> Yaw:
+    def _heading(self, reading: TrackedPose) -> Yaw:
         return Yaw.of_xr(reading.sample.orientation)
 
     def _translation(self) -> Vector3:
@@ -379,7 +379,7 @@ class XrCore(HandheldCore):
         return Pose(position, yaw.orientation(reading.sample.orientation))
 
 
-def _inertia_of(body: Phone) -> Inertia | None:
+def _inertia_of(body: PhoneFrame) -> Inertia | None:
     """Along x forward, y left, z up of a phone that lies before the operator."""
     force, rates = body.acceleration_m_s2, body.rates_rad_s
     if force is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 from cardan.drivers.evdev.device import EvdevDevice
-from cardan.drivers.evdev.links import FEEDBACK_TIMEOUT_S, Link
+from cardan.drivers.evdev.links import FEEDBACK_TIMEOUT_S, EvdevLink
 from cardan.drivers.evdev.nodes import GROUP_HINT, is_keyboard
 from cardan.drivers.keyboard.core import KeyboardCore
 from cardan.drivers.keyboard.options import KeyboardOptions
@@ -62,7 +62,7 @@ class Keyboard(EvdevDevice[KeyboardCore]):
             words += ("another program has grabbed the keyboard: end it, or set grab = false",)
         return words
 
-    def _attend(self, link: Link) -> None:
+    def _attend(self, link: EvdevLink) -> None:
         with self._lock:
             wanted, nothing_down = self._core.wants_grab, self._core.nothing_down
         # Grabbed with a key down, the programs that saw it pressed would never see its release.
@@ -75,7 +75,7 @@ class Keyboard(EvdevDevice[KeyboardCore]):
             return
         self._grabbed = wanted
 
-    def _before_release(self, link: Link) -> None:
+    def _before_release(self, link: EvdevLink) -> None:
         grabbed, self._grabbed, self._grab_refused = self._grabbed, False, False
         if grabbed:
             link.call(EVIOCGRAB, encode_int(0), FEEDBACK_TIMEOUT_S)

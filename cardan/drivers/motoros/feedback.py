@@ -13,11 +13,11 @@ from cardan.protocols.simple_message import (
     ByteOrder,
     FrameReader,
     JointFeedback,
-    Malformed,
+    MalformedMessage,
     Message,
     RobotStatus,
     ValidFields,
-    Wire,
+    WireFormat,
     detect_wire,
     name_of,
     wire,
@@ -62,7 +62,7 @@ class StateFeed:
         self._trust_velocity = options.trust_velocity
         self._timeout_s = options.state_timeout_s
         self._reader = FrameReader(self._known, LONGEST_PREFIX_OF_MOTOROS)
-        self._wire: Wire | None = None
+        self._wire: WireFormat | None = None
         self._bad = 0
 
     def connected(self) -> None:
@@ -111,7 +111,7 @@ class StateFeed:
                 if self._wire is None:
                     return
             message = self._wire.decode(frame)
-            if isinstance(message, Malformed):
+            if isinstance(message, MalformedMessage):
                 self._ignore(message.reason)
             else:
                 self._take(message, now_s)
@@ -121,7 +121,7 @@ class StateFeed:
             if reader.byte_order is None:
                 self.failure += ": it does not speak MotoROS; is state_port the controller's?"
 
-    def _choose(self, frame: bytes) -> Wire | None:
+    def _choose(self, frame: bytes) -> WireFormat | None:
         found = detect_wire(frame)
         if found is not None and found.real_bytes != 4:
             self.failure = (

@@ -31,7 +31,7 @@ from cardan.protocols.simple_message import (
     CommType,
     FrameReader,
     IoResult,
-    Malformed,
+    MalformedMessage,
     Message,
     MessageType,
     MotionReply,
@@ -199,7 +199,7 @@ class IoExchange:
             return None
         asked, self._asked = self._asked, None
         message = self._wire.decode(frame)
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedMessage):
             raise IoConnectionError(f"the I/O port sent a malformed reply: {message.reason}")
         if asked is None or reader.pending_bytes:
             name = name_of(MessageType, message.msg_type)

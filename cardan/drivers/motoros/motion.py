@@ -137,7 +137,7 @@ class MotionParts(NamedTuple):
     record: MotionRecord
 
 
-class Motion(ABC):
+class MotorosMotion(ABC):
     """A use of a mode of the controller, from its start to the end of motion.
 
     The session calls `advance` when `next_s` has come, answers each control instant that `due`
@@ -258,7 +258,7 @@ class Motion(ABC):
         return None
 
 
-class Trajectory(Motion):
+class Trajectory(MotorosMotion):
     """Motion by points: begins one where the robot stands, and sends point after point."""
 
     busy_retry_s: float

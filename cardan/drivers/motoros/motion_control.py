@@ -11,10 +11,10 @@ from cardan.drivers.motoros.agreed_limits import agreed_limits
 from cardan.drivers.motoros.diagnosis import reply_in_words, status_in_words
 from cardan.drivers.motoros.feedback import StateFeed
 from cardan.drivers.motoros.motion import (
-    Motion,
     MotionCounters,
     MotionParts,
     MotionRecord,
+    MotorosMotion,
     Trajectory,
 )
 from cardan.drivers.motoros.options import STATE_PERIOD_S, MotorosOptions
@@ -84,7 +84,7 @@ class MotionControl:
         self.counters = MotionCounters()
         self.record = MotionRecord(options.record, options.joints)
         self.phase = MotionPhase.DOWN
-        self.motion: Motion | None = None
+        self.motion: MotorosMotion | None = None
         """Current motion, from START_*_MODE's reply to its end."""
         self.sessions = 0
         """Motion connections and starts of motion; earlier targets are void when it changes."""
@@ -257,7 +257,7 @@ class MotionControl:
         motion.advance(now_s)
         self.proceed(now_s)
 
-    def _hold(self, motion: Motion, now_s: float) -> None:
+    def _hold(self, motion: MotorosMotion, now_s: float) -> None:
         """Command zero speed at a control instant for which the application is not asked."""
         period_s = motion.due(now_s)
         # A stream that rests is left to run out.

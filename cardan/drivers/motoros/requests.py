@@ -14,7 +14,7 @@ from cardan.protocols.simple_message import (
     Joints,
     JointTrajPtFull,
     JointVelocity,
-    Malformed,
+    MalformedMessage,
     Message,
     MessageType,
     MotionCommand,
@@ -126,10 +126,10 @@ class MotionRequests:
 
     # -- replies ----------------------------------------------------------------------------------
 
-    def received(self, message: Message | Malformed, now_s: float) -> str:
+    def received(self, message: Message | MalformedMessage, now_s: float) -> str:
         """Process received messages; "" or why this connection cannot be trusted any more."""
         asked = self._asked
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedMessage):
             return f"a bad message: {message.reason}"
         if asked is None:
             return f"{name_of(MessageType, message.msg_type)} that was not asked for"

@@ -24,7 +24,7 @@ from cardan.protocols.simple_message import (
     LONGEST_PREFIX_OF_MOTOROS,
     ByteOrder,
     FrameReader,
-    Wire,
+    WireFormat,
     wire,
 )
 from cardan.types import (
@@ -56,7 +56,7 @@ class MotorosSession(TcpSession[Channel, Task]):
         """Control of motion, and its results."""
         self.jitter = LatencyHistogram()
         """Deviation of the time between two control instants from their period."""
-        self._wire: Wire | None = None
+        self._wire: WireFormat | None = None
         self._reader = FrameReader()
         self._statuses = 0
         self._checked_statuses = 0

@@ -6,17 +6,17 @@ from cardan.drivers.motoros.diagnosis import status_in_words
 from cardan.drivers.motoros.feedback import StateFeed
 from cardan.drivers.motoros.motion_control import MotionControl
 from cardan.drivers.motoros.options import MotorosOptions
-from cardan.drivers.tcp_robot import Connection
+from cardan.drivers.tcp_robot import ConnectionState
 
 
-def no_motion_connection(options: MotorosOptions, link: Connection, end_reason: str) -> str:
+def no_motion_connection(options: MotorosOptions, link: ConnectionState, end_reason: str) -> str:
     """Explain why there is no motion connection, and why motion ended before."""
     end = f"{end_reason}; " if end_reason else ""
     port = options.motion_port
     return f"{end}no connection to port {port}" + (f": {link.reason}" if link.reason else "")
 
 
-def silence(options: MotorosOptions, feed: StateFeed, link: Connection, now_s: float) -> str:
+def silence(options: MotorosOptions, feed: StateFeed, link: ConnectionState, now_s: float) -> str:
     """Explain why no fresh state is known; `link` is the state port's."""
     if link.reason:
         return f"no connection to port {options.state_port}: {link.reason}"

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from cardan.drivers.missed_cycles import SlipCompensation
 from cardan.drivers.motoros.following_error import TrackingMonitor
-from cardan.drivers.motoros.motion import Motion, MotionParts
+from cardan.drivers.motoros.motion import MotionParts, MotorosMotion
 from cardan.drivers.motoros.requests import SEQUENCES, Answer
 from cardan.protocols.simple_message import (
     ZEROS,
@@ -51,7 +51,7 @@ SETTLE_S = 1.0
 that sags in its servos never is."""
 
 
-class VelocityStream(Motion):
+class VelocityStream(MotorosMotion):
     """Commands in velocity mode.
 
     The guide integrates what is sent, the controller what it used, and the arm does what it can.

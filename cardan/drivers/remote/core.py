@@ -23,14 +23,14 @@ from typing import ClassVar
 from cardan.common.clocks import SLACK_S, RemoteClock
 from cardan.common.haptics import HapticCommand
 from cardan.drivers.remote.options import RemoteOptions
-from cardan.drivers.remote.playout import Motion, Playout
+from cardan.drivers.remote.playout import MotionSample, Playout
 from cardan.drivers.remote.shared import (
     CLAIM_PERIOD_S,
     FORCE_PERIOD_S,
     STATE_TYPE,
     Claim,
     HapticFeedback,
-    Order,
+    RemoteHapticCommand,
     Shared,
     UnusableError,
     read_shared,
@@ -136,7 +136,7 @@ class RemoteCore(BusCore):
         # The state that the arm follows now, not the newest: motion may wait to be played.
         shown = self._playout.shown
         answers_s = NEVER_S if shown is None else shown.sent_s
-        order = None if command is None else Order(command, answers_s)
+        order = None if command is None else RemoteHapticCommand(command, answers_s)
         return Claim(self._lessee, self._name, now_s, True, self._edge, feedback, order)
 
     def final_claim(self, now_s: float) -> Claim:
@@ -244,7 +244,7 @@ class RemoteCore(BusCore):
         made_s = now_s - self._age_s(now_s)
         now = self._link, self._edge, self._down, self._resets
         at_once = now != before or self._link is not DeviceLink.LIVE
-        motion = Motion(shared.sent_s, made_s, stamp_s, state.axes, state.pose)
+        motion = MotionSample(shared.sent_s, made_s, stamp_s, state.axes, state.pose)
         self._playout.take(motion, now_s, at_once=at_once)
         self._show()
 

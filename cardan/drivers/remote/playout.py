@@ -30,7 +30,7 @@ GROWS, SHRINKS = 0.1, 0.01
 much."""
 
 
-class Motion(NamedTuple):
+class MotionSample(NamedTuple):
     """Motion of the device in one state."""
 
     sent_s: float
@@ -50,8 +50,8 @@ class Playout:
         """`most_s`: no state waits longer, 0: each is shown on arrival. A shown state older than
         `max_age_s` gives way to a waiting one."""
         self._most_s, self._max_age_s = most_s, max_age_s
-        self.shown: Motion | None = None
-        self._waiting: deque[tuple[float, Motion]] = deque(maxlen=MOST_KEPT)
+        self.shown: MotionSample | None = None
+        self._waiting: deque[tuple[float, MotionSample]] = deque(maxlen=MOST_KEPT)
         """Waiting states with their due times, in order."""
         self._transits: deque[tuple[float, float]] = deque()
         """Arrival of each state, and its transit time except for the offset of the clocks."""
@@ -83,7 +83,7 @@ class Playout:
         transits.append((now_s, now_s - sent_s))
         insort(self._sorted, now_s - sent_s)
 
-    def take(self, motion: Motion, now_s: float, *, at_once: bool) -> None:
+    def take(self, motion: MotionSample, now_s: float, *, at_once: bool) -> None:
         """Take a state that was `heard`. `at_once`: show it now, and drop waiting ones.
 
         Rest is at once: a released control does not move on.

@@ -78,7 +78,7 @@ def claim_topic(name: str) -> str:
     return f"/shared/{name}/claim"
 
 
-class Order(NamedTuple):
+class RemoteHapticCommand(NamedTuple):
     """Haptic command for the device."""
 
     command: HapticCommand
@@ -138,7 +138,7 @@ class Claim(NamedTuple):
     edges: int
     """Number of the newest edge that is known there."""
     feedback: DeviceFeedback
-    order: Order | None = None
+    order: RemoteHapticCommand | None = None
 
 
 class UnusableError(ValueError):
@@ -268,7 +268,7 @@ def read_claim(message: Message) -> Claim:
     )
 
 
-def _order_message(order: Order) -> Message:
+def _order_message(order: RemoteHapticCommand) -> Message:
     command, answers_s = order
     world, measured = command.world, command.measured
     return {
@@ -288,7 +288,7 @@ def _order_message(order: Order) -> Message:
     }
 
 
-def _order(value: Message | None) -> Order | None:
+def _order(value: Message | None) -> RemoteHapticCommand | None:
     if value is None:
         return None
     answers_s = value["answers"]
@@ -312,7 +312,9 @@ def _order(value: Message | None) -> Order | None:
         _vector(value["force"], "a force"),
         _share(value["force_scale"], "scale of force"),
     )
-    return Order(command, answers_s if answers_s == NEVER_S else _time(answers_s, "answers"))
+    return RemoteHapticCommand(
+        command, answers_s if answers_s == NEVER_S else _time(answers_s, "answers")
+    )
 
 
 def flat(value: Any) -> Iterator[float]:

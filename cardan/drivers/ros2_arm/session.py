@@ -18,7 +18,7 @@ from cardan.drivers.limiters import JointLimiter
 from cardan.drivers.missed_cycles import SIMULATED_TIME, AgreedTime, SlipCompensation
 from cardan.drivers.robot_core import check_joints
 from cardan.drivers.ros2_arm.options import Ros2ArmOptions
-from cardan.protocols.ros2.cdr import Malformed, Message, Template, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, Template, codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.names import dds_type
 from cardan.types import (
@@ -186,7 +186,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         if attachment is None:
             return "messages without the attachment that nodes of ROS 2 have"
         message = self._codec.decode(data.data)
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedCdr):
             return message.reason
         names = tuple(message["name"])
         known = names == self._order[0]

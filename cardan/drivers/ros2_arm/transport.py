@@ -10,11 +10,11 @@ from typing import Protocol
 from cardan.bus import transports
 from cardan.bus.node import BusNode, Received, gid_of
 from cardan.bus.transports import OtherNode
-from cardan.drivers.datagram_robot import Transport
+from cardan.drivers.datagram_robot import DatagramTransport
 from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.ros2_arm.options import Ros2ArmOptions
 from cardan.drivers.ros2_arm.session import COMMAND_TYPES, STATE_TYPE
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.zenoh import LATCHED_QOS, PUBLISHER, SUBSCRIPTION
 
 DESCRIPTION_TYPE = "std_msgs/msg/String"
@@ -29,7 +29,7 @@ LOOK_PERIOD_S = 0.1
 """Period of looking up subscribers on the graph."""
 
 
-class Ros2Transport(Transport, Protocol):
+class Ros2Transport(DatagramTransport, Protocol):
     """A transport that also knows the graph."""
 
     def taken(self) -> bool:
@@ -105,7 +105,7 @@ class NodeTransport(ABC):
         finally:
             latched.close()
         message = None if received is None else codec.decode(received.data)
-        if message is None or isinstance(message, Malformed):
+        if message is None or isinstance(message, MalformedCdr):
             return ""
         text: str = message["data"]
         return text

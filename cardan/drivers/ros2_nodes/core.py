@@ -20,7 +20,7 @@ from cardan.bus.node import Received
 from cardan.drivers.core import DeviceCore
 from cardan.drivers.ros2_nodes.options import JoyOptions, Six
 from cardan.drivers.shaping import Deflections, Shaper
-from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, codec_of
 from cardan.protocols.ros2.names import dds_type
 from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceLink
 
@@ -88,7 +88,7 @@ class BusCore(DeviceCore):
             self._on_malformed(f"of more than {MOST_BYTES} bytes", -1)
             return
         message = self._codec.decode(received.data)
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedCdr):
             self._on_malformed("that are cut short or are none", -1)
             return
         self._on_message(message, now_s)

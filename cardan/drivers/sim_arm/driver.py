@@ -12,7 +12,7 @@ import time
 from typing import TYPE_CHECKING, ClassVar
 
 from cardan.common.histogram import LatencyHistogram
-from cardan.drivers.datagram_robot import DatagramRobot, Transport, UdpTransport
+from cardan.drivers.datagram_robot import DatagramRobot, DatagramTransport, UdpTransport
 from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
@@ -129,7 +129,7 @@ class SimArm(DatagramRobot[SimArmSession]):
     def _make_session(self) -> SimArmSession:
         return SimArmSession(self.options)
 
-    def _join(self) -> Transport:
+    def _join(self) -> DatagramTransport:
         options = self.options
         if options.transport == "in-process":
             return _InProcess(options)

@@ -13,9 +13,9 @@ from cardan.sim_peers.arm import (
     FAULTS,
     PERIOD_S,
     Ball,
-    Plane,
     PlantOptions,
     SimulatedArmOptions,
+    TouchPlane,
 )
 from cardan.sim_peers.base import parse_faults
 from cardan.types import JointLimits, Vector3
@@ -107,7 +107,7 @@ class SimArmOptions(Options):
             plant=PlantOptions(
                 drive=self.drive,
                 gravity_feedforward=self.gravity_feedforward,
-                planes=tuple(Plane(Vector3(*p[:3]), Vector3(*p[3:])) for p in self.planes),
+                planes=tuple(TouchPlane(Vector3(*p[:3]), Vector3(*p[3:])) for p in self.planes),
                 balls=tuple(Ball(Vector3(*s[:3]), s[3]) for s in self.spheres),
                 payload_kg=self.payload_kg,
                 start=self.start or None,

@@ -14,7 +14,7 @@ from cardan.protocols.joint_stream import (
     ArmCommand,
     ArmState,
     ControlMode,
-    Malformed,
+    MalformedDatagram,
     decode_state,
     encode_command,
 )
@@ -83,7 +83,7 @@ class SimArmSession(DatagramSession[ArmState]):
 
     def _decode(self, data: bytes, now_s: float) -> ArmState | str:
         state = decode_state(data)
-        if isinstance(state, Malformed):
+        if isinstance(state, MalformedDatagram):
             return state.reason
         if len(state.positions) != self._joints:
             return f"a state of {len(state.positions)} joints, not {self._joints}"

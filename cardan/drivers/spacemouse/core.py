@@ -29,7 +29,7 @@ from cardan.protocols.connexion import (
     InputReport,
     MalformedReport,
     Model,
-    Motion,
+    MotionReport,
     Rotation,
     Translation,
     decode_input,
@@ -158,7 +158,7 @@ class SpaceMouseCore(DeviceCore):
             self._on_half(self._translation, value, size, now_s)
         elif isinstance(value, Rotation):
             self._on_half(self._rotation, value, size, now_s)
-        elif isinstance(value, Motion):
+        elif isinstance(value, MotionReport):
             self._on_motion(value, size, now_s)
         elif isinstance(value, Battery):
             self._battery = value.percent / 100.0
@@ -231,7 +231,7 @@ class SpaceMouseCore(DeviceCore):
 
     # -- motion --------------------------------------------------------------------------------
 
-    def _on_motion(self, value: Motion, size: int, now_s: float) -> None:
+    def _on_motion(self, value: MotionReport, size: int, now_s: float) -> None:
         x, y, z, rx, ry, rz = value
         if rx or ry or rz:
             self._split = False

@@ -16,7 +16,7 @@ from cardan.drivers.spacemouse.core import SpaceMouseCore
 from cardan.drivers.spacemouse.options import SpaceMouseOptions
 from cardan.drivers.spacemouse.transports import (
     HidCandidate,
-    Link,
+    HidLink,
     SocketTransport,
     Transport,
     hid_transport,
@@ -97,7 +97,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
             self._model = model_by_key(options.model)
         self._core = SpaceMouseCore(options, self._model)
         self._transports = tuple(self._usual_transports() if transports is None else transports)
-        self._links: list[Link] = []
+        self._links: list[HidLink] = []
         self._opened_s = 0.0
         self._led_wanted: bool | None = None
         self._led_shown: bool | None = None
@@ -317,7 +317,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
         with self._lock:
             self._core.on_report(report, now_s)
 
-    def _show_led(self, link: Link) -> None:
+    def _show_led(self, link: HidLink) -> None:
         """Bring the LED to what is wanted; a Compact's goes off only after it was switched on."""
         on = self._led_wanted
         if on is None or on is self._led_shown or not self._may_have_led:

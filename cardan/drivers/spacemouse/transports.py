@@ -44,7 +44,7 @@ class HidCandidate(NamedTuple):
     """USB port ("1-2.3"), which stays the same until it is replugged; empty: not known."""
 
 
-class Link(ABC):
+class HidLink(ABC):
     """An open device. All methods but close() raise OSError once it is gone."""
 
     @abstractmethod
@@ -77,7 +77,7 @@ class Transport(ABC):
         """Return the devices present now. Raises DriverError if this transport is not available."""
 
     @abstractmethod
-    def open(self, device: HidCandidate) -> Link:
+    def open(self, device: HidCandidate) -> HidLink:
         """Open what find() gave. Raises DeviceAccessError that says what to do."""
 
 
@@ -119,17 +119,17 @@ class HidTransport(Transport):
                 )
         return found
 
-    def open(self, device: HidCandidate) -> Link:
+    def open(self, device: HidCandidate) -> HidLink:
         """Open a HID collection by its path."""
         try:
-            return _HidLink(load_hid(self._module_name), device.path)
+            return _HidapiLink(load_hid(self._module_name), device.path)
         except (OSError, ValueError) as error:
             raise DeviceAccessError(
                 f"cannot open {device.name}: {refusal(device.path, error)}"
             ) from None
 
 
-class _HidLink(HidDevice, Link):
+class _HidapiLink(HidDevice, HidLink):
     """An open HID device as a link."""
 
 
@@ -173,12 +173,12 @@ class SocketTransport(Transport):
                         model=model)
         ]  # fmt: skip
 
-    def open(self, device: HidCandidate) -> Link:
+    def open(self, device: HidCandidate) -> HidLink:
         """Connect to the socket."""
-        return open_simulated(device.name, device.path, SocketLink)
+        return open_simulated(device.name, device.path, HidSocketLink)
 
 
-class SocketLink(PacketSocket, Link):
+class HidSocketLink(PacketSocket, HidLink):
     """A connected packet socket as a device."""
 
     def read(self, timeout_s: float) -> bytes | None:

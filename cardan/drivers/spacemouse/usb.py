@@ -9,7 +9,7 @@ from typing import Any
 
 from cardan.drivers.access import refusal
 from cardan.drivers.hid import REPORT_ROOM
-from cardan.drivers.spacemouse.transports import HidCandidate, Link, Transport
+from cardan.drivers.spacemouse.transports import HidCandidate, HidLink, Transport
 from cardan.errors import DeviceAccessError, DriverError
 from cardan.protocols.connexion import CONNEXION, LOGITECH, Model, find_model, is_candidate
 
@@ -77,7 +77,7 @@ class UsbTransport(Transport):
             for configuration, interface in _interfaces(device)
         ]
 
-    def open(self, device: HidCandidate) -> Link:
+    def open(self, device: HidCandidate) -> HidLink:
         """Take the interface from the kernel's driver and claim it."""
         for usb_device in _devices():
             if _port_of(usb_device) != device.port:
@@ -95,7 +95,7 @@ class UsbTransport(Transport):
         raise DeviceAccessError(f"cannot open {device.name}: {device.path} is gone")
 
 
-class UsbLink(Link):
+class UsbLink(HidLink):
     """A claimed interface."""
 
     def __init__(self, device: Any, interface: Any) -> None:

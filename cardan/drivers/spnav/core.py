@@ -42,10 +42,10 @@ from cardan.protocols.spnav.records import (
     Button,
     ConfigChange,
     DeviceChange,
-    Malformed,
-    Motion,
-    Reply,
+    MalformedRecord,
+    MotionEvent,
     ServerRecord,
+    ServerReply,
     encode_handshake,
     encode_request,
     encode_sensitivity,
@@ -149,7 +149,7 @@ class SpnavCore(DeviceCore):
         """Time of the next request whether the daemon repeats."""
         self._refusal = ""
         """Reason why no motion of this daemon counts; empty: it does."""
-        self._motion: Motion | None = None
+        self._motion: MotionEvent | None = None
         self._active = False
         self._motion_s = NEVER_S
         """Time of the device's last motion."""
@@ -174,11 +174,11 @@ class SpnavCore(DeviceCore):
         self._counts["superseded"] += len(values) - len(newest)
         for value in newest:
             self._cached = None
-            if isinstance(value, Motion):
+            if isinstance(value, MotionEvent):
                 self._on_motion(value, now_s)
             elif isinstance(value, Button):
                 self._on_button(value, now_s)
-            elif isinstance(value, Reply):
+            elif isinstance(value, ServerReply):
                 self._on_reply(value, now_s)
             elif isinstance(value, DeviceChange):
                 self._on_device(value, now_s)
@@ -186,7 +186,7 @@ class SpnavCore(DeviceCore):
                 self._ask(Code.GCFG_REPEAT, (), now_s)
             elif isinstance(value, Handshake):
                 self._on_version(value.version, now_s)
-            elif isinstance(value, Malformed):
+            elif isinstance(value, MalformedRecord):
                 self._counts["malformed_records"] += 1
                 self._malformed_in_a_row += 1
 
@@ -196,7 +196,7 @@ class SpnavCore(DeviceCore):
     ) -> list[ServerRecord | Handshake]:
         """All but the oldest motions of each long run of them."""
         kept: list[ServerRecord | Handshake] = []
-        for are_motions, values_of in groupby(values, lambda value: isinstance(value, Motion)):
+        for are_motions, values_of in groupby(values, lambda value: isinstance(value, MotionEvent)):
             run = list(values_of)
             kept += run[-MOST_MOTIONS:] if are_motions else run
         return kept
@@ -338,7 +338,7 @@ class SpnavCore(DeviceCore):
 
     # -- events --------------------------------------------------------------------------------
 
-    def _on_motion(self, value: Motion, now_s: float) -> None:
+    def _on_motion(self, value: MotionEvent, now_s: float) -> None:
         self._malformed_in_a_row = 0
         if self._refusal:
             return
@@ -371,7 +371,7 @@ class SpnavCore(DeviceCore):
             self._link = DeviceLink.LIVE
             self._cached = None
 
-    def _at_rest(self, value: Motion) -> bool:
+    def _at_rest(self, value: MotionEvent) -> bool:
         x, y, z, rx, ry, rz, _ = value
         dead, rotation_dead = self._dead_counts, self._rotation_dead_counts
         if self._radial:
@@ -476,7 +476,7 @@ class SpnavCore(DeviceCore):
             self._asked_s = now_s
             self._output.append(encode_request(self._asked, data))
 
-    def _on_reply(self, reply: Reply, now_s: float) -> None:
+    def _on_reply(self, reply: ServerReply, now_s: float) -> None:
         self._hear(now_s)
         if reply.code != self._asked:
             self._counts["unasked_replies"] += 1
@@ -485,7 +485,7 @@ class SpnavCore(DeviceCore):
         self._asked = None
         self._ask_next(now_s)
 
-    def _take(self, reply: Reply, now_s: float) -> None:
+    def _take(self, reply: ServerReply, now_s: float) -> None:
         code, ok, data = reply.code, reply.ok, reply.data
         if code == Code.DEV_NBUTTONS:
             self._button_count = min(max(0, data[0]), _MOST_LABELS) if ok else 0

@@ -26,7 +26,7 @@ from cardan.common.native import (
 )
 from cardan.drivers.limiters import JointLimiter
 from cardan.drivers.missed_cycles import PAUSE_S, SLACK_S, AgreedTime
-from cardan.protocols.ur.program import JOINTS, Order, Report
+from cardan.protocols.ur.program import JOINTS, ProgramCommand, ProgramStatus
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState
 from cardan.types import CommandKind, JointCommand
 
@@ -117,7 +117,7 @@ class CompiledStates:
         shared.astray_rad = astray_rad
         shared.moves_in = sum(1 << mode for mode in MOVES_IN)
         shared.robot_mode, shared.runtime_state = RobotMode.RUNNING, RuntimeState.PLAYING
-        shared.report = Report.FOLLOWS
+        shared.report = ProgramStatus.FOLLOWS
         shared.head[:] = head
         self.take: Callable[[bytes, float], tuple[Any, float, bool, float] | None] = native_call(
             library,
@@ -164,7 +164,7 @@ def compiled_answer(limiter: JointLimiter, head: bytes, token: int) -> AnswerFun
     shared.speed[:], shared.acceleration[:] = speed, acceleration
     shared.largest_position = JOINT_POSITION.highest
     shared.largest_velocity = JOINT_VELOCITY.highest
-    shared.token, shared.order, shared.head[:] = token, Order.FOLLOW, head
+    shared.token, shared.order, shared.head[:] = token, ProgramCommand.FOLLOW, head
     return native_call(
         library,
         "ur_call_answer",

@@ -21,13 +21,13 @@ from cardan.protocols.ur.rtde import (
     Accepted,
     ControllerVersion,
     Data,
-    Malformed,
+    MalformedPayload,
     PacketReader,
     PacketType,
     Recipe,
     SetupReply,
-    Text,
     TextLevel,
+    TextMessage,
     ask_inputs,
     ask_outputs,
     ask_version,
@@ -228,9 +228,9 @@ class RtdeFeed:
         reply = read_reply(kind, payload)
         if isinstance(reply, Data):
             self._take_data(reply, now_s)
-        elif isinstance(reply, Malformed):
+        elif isinstance(reply, MalformedPayload):
             self.ignored[reply.reason] += 1
-        elif isinstance(reply, Text):
+        elif isinstance(reply, TextMessage):
             if reply.level <= TextLevel.WARNING:
                 self.said = reply.text
         elif isinstance(reply, Accepted):

@@ -9,7 +9,7 @@ from cardan.drivers.limiters import JointLimiter
 from cardan.drivers.missed_cycles import SlipCompensation
 from cardan.drivers.ur_rtde.compiled import compiled_answer
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
-from cardan.protocols.ur.program import JOINTS, Order
+from cardan.protocols.ur.program import JOINTS, ProgramCommand
 from cardan.types import JointCommand, JointVelocityCommand, RobotCommand
 
 _BEATS: Final = 1 << 30
@@ -17,7 +17,7 @@ _SAME_CYCLE: Final = 1.5
 """Periods: a command that comes later than this after the one before has missed a cycle."""
 
 
-class Motion:
+class UrMotion:
     """A run of the program, from its first report on. Times are agreed by both clocks."""
 
     def __init__(self, options: UrRtdeOptions, token: int, beat: int, head: bytes = b"") -> None:
@@ -103,13 +103,13 @@ class Motion:
                 self._limiter.drive(driven, period_s * scale)
             else:
                 self._limiter.brake(period_s * scale)
-        return self._values(Order.FOLLOW)
+        return self._values(ProgramCommand.FOLLOW)
 
     def end(self) -> list[Any]:
         """The registers' values that have the program stop the arm and end."""
-        return self._values(Order.END)
+        return self._values(ProgramCommand.END)
 
-    def _values(self, order: Order) -> list[Any]:
+    def _values(self, order: ProgramCommand) -> list[Any]:
         self.beat = (self.beat + 1) % _BEATS
         limiter = self._limiter
         return [self._token, self.beat, order, *limiter.reference, *limiter.velocity]

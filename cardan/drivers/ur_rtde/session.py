@@ -20,7 +20,7 @@ from cardan.drivers.robot_core import (
 )
 from cardan.drivers.tcp_robot import TcpSession
 from cardan.drivers.ur_rtde.feed import IMPLAUSIBLE, Package, RtdeFeed
-from cardan.drivers.ur_rtde.motion import Motion
+from cardan.drivers.ur_rtde.motion import UrMotion
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.drivers.ur_rtde.power_on import Starting
 from cardan.drivers.ur_rtde.status_text import (
@@ -32,9 +32,9 @@ from cardan.drivers.ur_rtde.status_text import (
     other_arm,
     safety_words,
 )
-from cardan.protocols.ur.dashboard import UNLOCK_PROTECTIVE_STOP, LineReader, refusal, request
+from cardan.protocols.ur.dashboard import UNLOCK_PROTECTIVE_STOP, DashboardReader, refusal, request
 from cardan.protocols.ur.primary import MessageKind, PackageReader, RobotMessage, read_message
-from cardan.protocols.ur.program import JOINTS, Report, nobody, program
+from cardan.protocols.ur.program import JOINTS, ProgramStatus, nobody, program
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
 from cardan.types import (
     NEVER_S,
@@ -73,7 +73,7 @@ _JITTERED: Final = 10
 
 _MOVES_IN = frozenset(map(int, MOVES_IN))
 _RUNNING, _PLAYING = int(RobotMode.RUNNING), int(RuntimeState.PLAYING)
-_FOLLOWS = int(Report.FOLLOWS)
+_FOLLOWS = int(ProgramStatus.FOLLOWS)
 """As plain numbers, which are compared in every cycle."""
 _STUCK = "the program at the controller does not answer: another has taken its place"
 _LIVE = RobotLink.LIVE
@@ -109,10 +109,10 @@ class UrSession(TcpSession[Channel, Task]):
         self._draw = draw
         self._blind_s, self._astray_rad = options.state_timeout_s, options.following_error_rad
         self._starting: Starting | None = None
-        self._motion: Motion | None = None
+        self._motion: UrMotion | None = None
         self._token = self._beat = 0
         self._sent: deque[tuple[int, float]] = deque(maxlen=256)
-        self._lines = LineReader()
+        self._lines = DashboardReader()
         self._packages = PackageReader()
         self._model = ""
         """The controller's name of its arm, where a start has asked for it."""
@@ -202,7 +202,7 @@ class UrSession(TcpSession[Channel, Task]):
             self._model = ""
             self.feed.connected(now_s)
         elif channel == "dashboard":
-            self._lines = LineReader()
+            self._lines = DashboardReader()
             if self._unlocks:
                 self._out.append(("dashboard", request(UNLOCK_PROTECTIVE_STOP)))
         else:
@@ -360,7 +360,7 @@ class UrSession(TcpSession[Channel, Task]):
         if self.phase == "starting":
             self._go_on(now_s)
 
-    def _watch(self, values: Package, motion: Motion, now_s: float) -> None:
+    def _watch(self, values: Package, motion: UrMotion, now_s: float) -> None:
         """Check whether the program still runs and obeys."""
         obeyed, why = values.beat, ""
         if self.feed.obeys:
@@ -409,7 +409,7 @@ class UrSession(TcpSession[Channel, Task]):
             "holds it, or it is measured wrongly"
         )
 
-    def _stuck(self, obeyed: int, motion: Motion) -> bool:
+    def _stuck(self, obeyed: int, motion: UrMotion) -> bool:
         """Whether commands were sent and none was obeyed for a while."""
         beat, at_s = self._answered
         time_s = self.feed.clock.time_s
@@ -423,7 +423,7 @@ class UrSession(TcpSession[Channel, Task]):
             return False
         return time_s - at_s > ANSWER_S / min(slider, 1.0)
 
-    def _brake(self, motion: Motion, now_s: float) -> None:
+    def _brake(self, motion: UrMotion, now_s: float) -> None:
         """Brake for one period of the ramp that ends motion; then order the program to end."""
         if motion.moving and now_s < self._braked_by_s:
             self._send(HoldCommand(), motion, now_s)
@@ -505,11 +505,11 @@ class UrSession(TcpSession[Channel, Task]):
             self._out.append(("primary", text.encode()))
 
     def _started(self, values: Package, now_s: float) -> None:
-        if values.report != Report.FOLLOWS:
+        if values.report != ProgramStatus.FOLLOWS:
             return
         self.starts += 1
         self.sessions += 1
-        self._motion = Motion(self.options, self._token, self._beat, self.feed.command_head)
+        self._motion = UrMotion(self.options, self._token, self._beat, self.feed.command_head)
         self.feed.follow(self._token)
         self._motion.begin(values.target_q)
         self._answered = (values.beat, self.feed.clock.time_s)
@@ -657,7 +657,7 @@ class UrSession(TcpSession[Channel, Task]):
         self._told_packages, self._said_s = self.feed.packages, now_s
         self._send(command, motion, now_s)
 
-    def _send(self, command: RobotCommand, motion: Motion, now_s: float) -> None:
+    def _send(self, command: RobotCommand, motion: UrMotion, now_s: float) -> None:
         feed = self.feed
         scale = feed.slider
         if not SLOWEST_SHARE <= scale <= 1.0:

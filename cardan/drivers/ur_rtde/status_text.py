@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
-from cardan.protocols.ur.program import Report
+from cardan.protocols.ur.program import ProgramStatus
 from cardan.protocols.ur.rtde import CB3_MAJOR
 from cardan.protocols.ur.states import RobotMode, SafetyMode
 
@@ -55,11 +55,11 @@ STARTABLE: Final = frozenset(
 """Modes from which the driver gets to RUNNING by itself, or by waiting."""
 
 ENDS: Final[Mapping[int, str]] = {
-    Report.ENDED_BY_ORDER: "motion was ended",
-    Report.ENDED_BY_WATCHDOG: (
+    ProgramStatus.ENDED_BY_ORDER: "motion was ended",
+    ProgramStatus.ENDED_BY_WATCHDOG: (
         "no command came in time, and the program at the controller has stopped the arm"
     ),
-    Report.ENDED_BY_JUMP: (
+    ProgramStatus.ENDED_BY_JUMP: (
         "a command was too far from the one before, and the program at the controller has stopped "
         "the arm"
     ),

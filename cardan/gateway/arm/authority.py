@@ -74,20 +74,16 @@ class Authority:
         options = options or AuthorityOptions()
         self.policy, self.named, self.lease_s = options.policy, options.named, options.lease_s
         self.network = network
-        self._owner = ""
+        self.owner = ""
+        """The source that has it; empty: none."""
         self._since_s = self._renewed_s = NEVER_S
         self._handed_to = ""
         """Source that the authority was handed over to, until it uses it."""
         self._refused = ""
 
-    @property
-    def owner(self) -> str:
-        """The source that has it; empty: none."""
-        return self._owner
-
     def state(self) -> AuthorityState:
         """For status, snapshot and log."""
-        return AuthorityState(self._owner, self._since_s, self._refused)
+        return AuthorityState(self.owner, self._since_s, self._refused)
 
     def expire(self, now_s: float, busy: bool) -> None:
         """Free the authority of an owner that has not renewed it; one whose motion is `busy`
@@ -95,14 +91,14 @@ class Authority:
         if busy:
             self._renewed_s = now_s
         elif now_s - self._renewed_s > self.lease_s:
-            self._owner = self._handed_to = ""
+            self.owner = self._handed_to = ""
 
     def refuses(self, source: str) -> str:
         """Why `source` may not take it now; empty when it may."""
-        if source == self._owner:
+        if source == self.owner:
             return ""
-        if self._owner and not (self.policy is AuthorityPolicy.HAND and source == HAND):
-            return f"{self._owner!r} has authority over the arm"
+        if self.owner and not (self.policy is AuthorityPolicy.HAND and source == HAND):
+            return f"{self.owner!r} has authority over the arm"
         if self.policy is AuthorityPolicy.NAMED and not self._is_named(source):
             return f"authority over the arm is reserved for {self.named!r}"
         return ""
@@ -120,19 +116,19 @@ class Authority:
         if refusal:
             self._refused = f"{source}: {refusal}"
             return refusal
-        if source != self._owner:
-            self._owner, self._since_s, self._handed_to = source, now_s, ""
+        if source != self.owner:
+            self.owner, self._since_s, self._handed_to = source, now_s, ""
         self._renewed_s = now_s
         return ""
 
     def hand_over(self, source: str, to: str, now_s: float) -> str:
         """Pass it from `source`, its owner, to `to`; returns why not, or ""."""
-        if source != self._owner:
+        if source != self.owner:
             return f"{source!r} has no authority over the arm to hand over"
-        self._owner, self._since_s, self._renewed_s, self._handed_to = to, now_s, now_s, to
+        self.owner, self._since_s, self._renewed_s, self._handed_to = to, now_s, now_s, to
         return ""
 
     def release(self, source: str) -> None:
         """`source` needs it no more; without effect where it has none."""
-        if source == self._owner:
-            self._owner = self._handed_to = ""
+        if source == self.owner:
+            self.owner = self._handed_to = ""

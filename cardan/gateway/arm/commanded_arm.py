@@ -16,15 +16,14 @@ from cardan.gateway.servo.status import ServoStatus
 from cardan.spatial import (
     add,
     dot,
-    from_rotation_vector,
     is_finite,
     limit_norm,
-    multiply,
     norm,
     normalized,
     rotation_between,
     scale,
     subtract,
+    turned_by,
 )
 from cardan.types import (
     IDENTITY_POSE,
@@ -335,7 +334,7 @@ class TaskSpaceArm(CommandedArm):
         self._twist = Twist(linear, angular, Frame.BASE)
         self._pose = Pose(
             add(pose.position, scale(linear, dt_s)),
-            normalized(multiply(from_rotation_vector(scale(angular, dt_s)), pose.orientation)),
+            turned_by(pose.orientation, scale(angular, dt_s)),
             Frame.BASE,
         )
 

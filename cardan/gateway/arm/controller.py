@@ -30,7 +30,7 @@ from cardan.gateway.arm.output_check import OutputCheck, OutputLimits
 from cardan.gateway.arm.states import (
     RESTING,
     Act,
-    Event,
+    ArmEvent,
     Facts,
     Inhibit,
     States,
@@ -290,7 +290,7 @@ class ArmController:
 
     # -- states ----------------------------------------------------------------------------------
 
-    def _on(self, event: Event, by: Activity | None = None, moving: bool | None = None) -> None:
+    def _on(self, event: ArmEvent, by: Activity | None = None, moving: bool | None = None) -> None:
         """Enter the states after `event`; the arm moves `by` an activity from now on. `moving`:
         whether it moves, where that is not the commanded arm's."""
         facts = Facts(
@@ -374,11 +374,11 @@ class ArmController:
             if not self.supervision.trustworthy:
                 return f"{self.supervision.implausible}; wait until the measured position is steady"
             self.supervision.trust()
-            self._on(Event.PLAUSIBLE)
+            self._on(ArmEvent.PLAUSIBLE)
             if readings.elsewhere and self.robot is not None and self.state.link.ready:
                 self._place(self.robot)
         # Once more by the maximum lead towards the robot, where it is not near already.
-        self._on(Event.ACKNOWLEDGED)
+        self._on(ArmEvent.ACKNOWLEDGED)
         self._recovered_way = NO_WAY
         return ""
 
@@ -406,13 +406,13 @@ class ArmController:
         """Start an activity on an arm at rest."""
         with self.lock:
             self.note("begin", type(activity).__name__)
-            self._on(Event.EXECUTES, activity)
+            self._on(ArmEvent.EXECUTES, activity)
             self._trip_reason, self._recovered_way = "", NO_WAY
 
     def drop(self) -> None:
         """Forget an activity that rests."""
         with self.lock:
-            self._on(Event.OVER)
+            self._on(ArmEvent.OVER)
             self._rest_reference()
 
     def engage(self) -> None:
@@ -422,13 +422,13 @@ class ArmController:
             self.commanded.place(self.robot)
             self._gate.reset()
             self._rest_reference()
-            self._on(Event.ENGAGED)
+            self._on(ArmEvent.ENGAGED)
 
     def brake(self) -> None:
         """Bring the activity to rest; it ends then."""
         if self._activity is not None and not self.braking:
             self._activity.brake()
-            self._on(Event.BRAKES)
+            self._on(ArmEvent.BRAKES)
 
     # -- the tick --------------------------------------------------------------------------------
 
@@ -445,27 +445,30 @@ class ArmController:
             self._tripped_in_tick = False
             finding = self.supervision.look(robot, self.commanded)
             self.advanced_s = dt_s = step_s(robot, self._period_s, self.supervision.gap_s)
-            cause = None if finding is None else finding.cause
-            if finding is not None and cause in (Cause.LOST, Cause.NOT_READY):
-                return self._robot_lost(finding, robot, device, events, dt_s)
-            if finding is not None and finding.cause is Cause.NEW_SESSION and finding.reason:
-                return self._robot_lost(finding, robot, device, events, dt_s)
-            self.not_ready = ""
             if finding is not None:
+                cause, reason = finding
+                if cause in (Cause.LOST, Cause.NOT_READY) or (
+                    cause is Cause.NEW_SESSION and reason
+                ):
+                    return self._robot_lost(finding, robot, device, events, dt_s)
+                self.not_ready = ""
                 self._act_on(finding, robot)
             if not self.state.link.ready:
-                self._on(Event.READY)
+                self.not_ready = ""
+                self._on(ArmEvent.READY)
             observed = self._observe(robot)
             if self.state.motion.commanded and not self.state.readings.rejected:
                 finding = self.supervision.compare(robot, self.commanded, observed, self._activity)
                 if finding is not None:
                     self._act_on(finding, robot)
             ignored = bool(self._inhibits) and self._heed_inhibits()
-            if self.recovering and (why := self._why_no_recovery):
+            barred = self._inhibits or robot.alarm
+            if barred and self.recovering and (why := self._why_no_recovery):
                 self._cancel_recovery(why)
             if self.hand is not None and device is not None:
                 self._read_operator(self.hand, robot, device, events, dt_s, ignored)
-            self.authority.expire(robot.stamp_s, self._keeps_authority)
+            claims = self.state.arming.claims
+            self.authority.expire(robot.stamp_s, claims or self._keeps_authority)
             self._move(robot, dt_s)
             return self._command(robot, dt_s)
 
@@ -488,11 +491,8 @@ class ArmController:
 
     @property
     def _keeps_authority(self) -> bool:
-        """Whether the operator claims the arm, or a motion is under way whose source need not renew
-        its authority."""
+        """Whether a motion is under way whose source need not renew its authority."""
         activity = self._activity
-        if self.state.arming.claims:
-            return True
         if activity is None or activity.recovers:
             return False
         streamed = activity.silence_s < math.inf
@@ -520,7 +520,7 @@ class ArmController:
             self._place(robot)
         elif cause is Cause.RETURNED:
             if self.rejects:
-                self._on(Event.RETURNED)
+                self._on(ArmEvent.RETURNED)
             else:
                 self._place(robot, self._before(robot))
         elif cause is Cause.NEW_SESSION:
@@ -533,7 +533,7 @@ class ArmController:
             else:
                 self._place(robot, self._before(robot))
         elif cause is Cause.LEAPT:
-            self._on(Event.LEAPT)
+            self._on(ArmEvent.LEAPT)
             self._trip_if_driven(reason)
             self._disarm()
             self._end_activity(reason)
@@ -542,7 +542,7 @@ class ArmController:
                 return
             self._trip(reason)
             self._separation_reason = f"{reason}; recovery is switched off"
-            self._on(Event.HELD)
+            self._on(ArmEvent.HELD)
         elif cause is Cause.ALARM and self._driven:
             self._trip(reason)
         elif cause is Cause.SILENT:
@@ -585,7 +585,7 @@ class ArmController:
             self._trip_if_driven(reason)
         self._disarm()
         moves = cause is not Cause.LOST and self._activity is not None and self.commanded.moving
-        self._on(Event.UNREADY, moving=moves)
+        self._on(ArmEvent.UNREADY, moving=moves)
         self.not_ready = reason
         if self.hand is not None and device is not None:
             view = ArmView(robot, dt_s, None, None, Arming.DISARMED, False, reason, void=True)
@@ -603,7 +603,7 @@ class ArmController:
         """Forget all motion: where the robot is when it comes back is not known."""
         self.plan_epoch += 1
         self._end_activity(reason)
-        self._on(Event.FORGOTTEN)
+        self._on(ArmEvent.FORGOTTEN)
         self.commanded.halt()
         self._gate.reset()
         if self.reference.pose is not None:
@@ -621,14 +621,15 @@ class ArmController:
         self._gate.reset()
         self._rest_reference()
         self._on(
-            Event.PLACED, Brake(self.commanded, self.reference) if self.commanded.moving else None
+            ArmEvent.PLACED,
+            Brake(self.commanded, self.reference) if self.commanded.moving else None,
         )
 
     def _rest_here(self, reason: str) -> None:
         """Be at rest where the command is: it is not known where the robot is, or how it moves."""
         self.plan_epoch += 1
         self._end_activity(reason)
-        self._on(Event.OVER)
+        self._on(ArmEvent.OVER)
         self.commanded.halt()
         self._gate.reset()
         self._rest_reference()
@@ -662,7 +663,7 @@ class ArmController:
     def _disarm(self) -> None:
         if self.state.arming.armed:
             self.authority.release(HAND)
-        self._on(Event.DISARMED)
+        self._on(ArmEvent.DISARMED)
         if self.hand is not None:
             self.hand.disarm()
 
@@ -684,18 +685,22 @@ class ArmController:
         ignored: bool,
     ) -> None:
         """Turn the device's state into a request, once, and see which source drives."""
-        reference, activity = self.reference, self._activity
+        reference, activity, authority = self.reference, self._activity, self.authority
+        state, inhibited, behind = self.state, "", ""
+        recovers = activity is not None and activity.recovers
         free = activity is None or (
-            (activity.follows_hand or activity.recovers) and not self.braking
+            (activity.follows_hand or recovers) and not state.motion.braking
         )
-        inhibited, behind = self._why_inhibited(robot), ""
-        if not inhibited and (not self.state.arming.armed or not self._request.following):
+        if not state.arming.armed:
+            # The operator's deliberate act arms nothing now.
+            inhibited = self.inhibited or robot.alarm or self._filter_fault
+            inhibited = inhibited or authority.refuses(HAND)
+        if not inhibited and (not state.arming.armed or not self._request.following):
             if self._tripped_in_tick:
                 behind = "the robot was not ready for it"
             elif self.supervision.error.exceeds(self.supervision.limit, BEHIND_SHARE):
                 behind = self.supervision.error.in_words("behind")
         seen = robot
-        state = self.state
         if hand.filters and not state.readings.rejected:
             # A robot may report joints alone, or another tool's pose: filters get the model's.
             seen = robot._replace(pose=self.commanded.measured(robot))
@@ -712,8 +717,8 @@ class ArmController:
             suspended=ignored,
         )
         self._request = request = hand.request(device, events, view)
-        recovering = self.recovering
-        authority, acknowledges = self.authority, bool(inhibited) and not recovering
+        recovering = state.separation.waits or recovers
+        acknowledges = bool(inhibited) and not recovering
         owns = authority.owner == HAND
         refused = not owns and bool(authority.refuses(HAND))
         arming, act = arming_after(state.arming, request, acknowledges, owns, refused)
@@ -724,7 +729,7 @@ class ArmController:
         self._filter_fault = request.filter_fault
         if recovering and request.pressed and self.state.arming.armed and not request.asks:
             # A regrip goes on from the command's place; the rest of the way is dropped.
-            self._on(Event.LEFT)
+            self._on(ArmEvent.LEFT)
             self._end_activity("it was ended by a button")
         elif recovering and request.pressed and not self.state.arming.armed:
             self._cancel_recovery("it was ended by a button")
@@ -745,12 +750,6 @@ class ArmController:
                 if self.authority.refuses(HAND):
                     self.authority.take(HAND, now_s)  # Notes the refusal.
                 self._acknowledge()
-
-    def _why_inhibited(self, robot: RobotState) -> str:
-        """Why the operator's deliberate act arms nothing now."""
-        if self.state.arming.armed:
-            return ""
-        return self.inhibited or robot.alarm or self._filter_fault or self.authority.refuses(HAND)
 
     def _take_over(self, now_s: float) -> None:
         """The operator device takes the arm; a motion under way is braked first."""
@@ -774,7 +773,7 @@ class ArmController:
             "not resynchronized with the robot: "
             f"{self.supervision.error.in_words('away from')} {why}"
         )
-        self._on(Event.NOT_BACK)
+        self._on(ArmEvent.NOT_BACK)
 
     # -- motion ----------------------------------------------------------------------------------
 
@@ -802,7 +801,7 @@ class ArmController:
             return
         if isinstance(activity, Recover):
             if self.state.arming.armed and request.asks:
-                self._on(Event.OVER)  # The operator goes on from the commanded position.
+                self._on(ArmEvent.OVER)  # The operator goes on from the commanded position.
                 self.reference.place(self.commanded.pose)
                 activity = None
             else:
@@ -819,15 +818,15 @@ class ArmController:
                 self._begin_recovery()
                 return
             activity = FollowHand(self.commanded, self.reference)
-            self._on(Event.FOLLOWS, activity)
+            self._on(ArmEvent.FOLLOWS, activity)
         if isinstance(activity, FollowHand):
-            if not request.asks and activity.idle and self._drifted:
-                self._begin_recovery()
-                return
             if request.asks:
                 self._recovered_way = NO_WAY
                 if self.state.separation.left:
-                    self._on(Event.ASKED)
+                    self._on(ArmEvent.ASKED)
+            elif activity.idle and self._drifted:
+                self._begin_recovery()
+                return
             activity.aim(request.twist, request.rates, request.following)
 
     @property
@@ -856,10 +855,10 @@ class ArmController:
         reference.observe(self.commanded.measured(self.robot))
         error = self.commanded.following_error(self.robot, reference)
         activity = Recover(self.commanded, reference, near, error, self._recovered_way)
-        self._on(Event.RESYNCHRONIZES, activity)
+        self._on(ArmEvent.RESYNCHRONIZES, activity)
 
     def _finish(self, activity: Activity, reason: str) -> None:
-        self._on(Event.COASTED if isinstance(activity, Brake) else Event.OVER)
+        self._on(ArmEvent.COASTED if isinstance(activity, Brake) else ArmEvent.OVER)
         self._rest_reference()
         if isinstance(activity, Recover):
             self._recovered_way = activity.went
@@ -888,7 +887,7 @@ class ArmController:
             return command
         self._trip(f"an invalid command was not sent: {wrong}")
         self._disengage(self._trip_reason)
-        self._on(Event.INVALID)
+        self._on(ArmEvent.INVALID)
         if not self.rejects and commanded.obstacle(robot, False) == "":
             self._place(robot)
         return HoldCommand()

@@ -175,7 +175,7 @@ class JointSpaceArm(CommandedArm):
         joints = self.servo.joints
         if len(state.joints) != joints:
             return f"the robot reports {len(state.joints)} joints, the arm's model has {joints}"
-        if not is_finite(state.joints):
+        if not (math.isfinite(sum(state.joints)) or is_finite(state.joints)):
             return "the robot reports joints that are not numbers"
         if new and state.pose is not None and self.kind is not None:
             return self._misfit(state, state.pose)
@@ -222,9 +222,8 @@ class JointSpaceArm(CommandedArm):
 
     def _joints(self, state: RobotState) -> Sequence[float]:
         """Where they will be once the robot has caught up."""
-        if not self._lag.late:
-            return state.joints
-        return self._lag.expected(state.joints, self.servo.q.tolist())
+        lag = self._lag
+        return lag.expected(state.joints, self.servo.q.tolist()) if lag.late else state.joints
 
     def _short(self, difference: FloatArray) -> FloatArray:
         return short_way(difference, self.servo.kinematics.continuous)
@@ -272,9 +271,7 @@ class JointSpaceArm(CommandedArm):
         self._sent = v.copy()
         servo.twist[:] = servo.motion
 
-    @staticmethod
-    def steps(dt_s: float) -> list[float]:
-        return servo_steps(dt_s)
+    steps = staticmethod(servo_steps)
 
     def follow(
         self,
@@ -292,8 +289,7 @@ class JointSpaceArm(CommandedArm):
             joint_rates = np.array([rates.get(name, 0.0) for name in servo.kinematics.names])
         twist = reference.linear, reference.angular
         share = servo.tick(reference.pose, twist, dt_s, joint_rates, slide=slide)
-        reachable = servo.reachable
-        if reachable is not None:
+        if servo.projects and (reachable := servo.reachable) is not None:
             reference.pose = reachable
         linear, angular = servo.twist.tolist()
         reference.move(Vector3(*linear), Vector3(*angular), dt_s)
@@ -327,7 +323,8 @@ class JointSpaceArm(CommandedArm):
         self, state: RobotState, dt_s: float, approaching: bool = False, blind: bool = False
     ) -> RobotCommand:
         servo = self.servo
-        self._lag.note(servo.q, state.stamp_s)
+        if self._lag.late:
+            self._lag.note(servo.q, state.stamp_s)
         # A velocity-controlled one would keep its error for ever.
         v = self._still if approaching else servo.v
         if self.kind is CommandKind.JOINT:

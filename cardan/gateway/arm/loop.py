@@ -54,24 +54,23 @@ class ArmLoop:
         """
         controller, device, calls = self.controller, self.device, self._calls
         tick, send = controller.tick, self.robot.send
-        if device is None:
-            for state in self._states():
-                command = tick(state)
-                with calls:
-                    send(command)
-                yield Cycle(state, None, (), command)
-            return
-        foreign = is_foreign(device)
+        foreign = device is not None and is_foreign(device)
+        hand: DeviceState | None = None
+        events: Sequence[ButtonEvent] = ()
         for state in self._states():
-            try:
-                hand, events = device.state(), device.button_events()
-            except FAILURES as error:
-                hand, events = self._failed(reason(error), error), ()
-            if foreign and (problem := device_problem(hand, events)):
-                hand, events = self._failed(problem), ()
+            if device is not None:
+                try:
+                    hand, events = device.state(), device.button_events()
+                except FAILURES as error:
+                    hand, events = self._failed(reason(error), error), ()
+                if foreign and (problem := device_problem(hand, events)):
+                    hand, events = self._failed(problem), ()
             command = tick(state, hand, events)
-            with calls:
+            try:
                 send(command)
+            except FAILURES as error:
+                calls.judge(error)
+                raise
             yield Cycle(state, hand, events, command)
 
     def _states(self) -> Iterator[RobotState]:

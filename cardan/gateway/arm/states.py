@@ -1,9 +1,10 @@
 """State machines of an arm, each an enum and one function that returns the next state.
 
 That of the operator device, its dead-man and clutch is :mod:`cardan.gateway.operator.deadman`. The
-machines are independent: each reads its own state, an :class:`Event`, and a few :class:`Facts`. The
-controller asks them and acts on the answer; it assigns states in one place, `ArmController._enter`.
-Data of a state (reasons, the arm's activity, limits, counters) is the controller's.
+machines are independent: each reads its own state, an :class:`ArmEvent`, and a few :class:`Facts`.
+The controller asks them and acts on the answer; it assigns states in one place,
+`ArmController._enter`. Data of a state (reasons, the arm's activity, limits, counters) is the
+controller's.
 
 Properties that are read in every cycle are attributes of the member: a look-up of another member
 takes longer than the rest of the comparison.
@@ -22,7 +23,7 @@ from cardan.gateway.operator.deadman import Arming
 from cardan.gateway.operator.input import MotionRequest
 
 
-class Link(enum.Enum):
+class RobotReadiness(enum.Enum):
     """Whether the robot can be commanded."""
 
     ABSENT = "absent"
@@ -50,7 +51,7 @@ class Readings(enum.Enum):
         self.rejected, self.elsewhere = value != "accepted", value == "rejected elsewhere"
 
 
-class Motion(enum.Enum):
+class MotionState(enum.Enum):
     """Source of the commanded motion."""
 
     UNCOMMANDED = "uncommanded"
@@ -114,7 +115,7 @@ class Act(enum.Enum):
     ACKNOWLEDGE = "the deliberate act was made where it arms nothing"
 
 
-class Event(enum.Enum):
+class ArmEvent(enum.Enum):
     """Events of an arm, beside its operator's requests."""
 
     READY = "a tick ends in which the robot was ready"
@@ -156,98 +157,98 @@ class Facts(NamedTuple):
 class States(NamedTuple):
     """The state of each machine."""
 
-    link: Link = Link.ABSENT
+    link: RobotReadiness = RobotReadiness.ABSENT
     readings: Readings = Readings.ACCEPTED
-    motion: Motion = Motion.UNCOMMANDED
+    motion: MotionState = MotionState.UNCOMMANDED
     separation: Separation = Separation.NONE
     arming: Arming = Arming.DISARMED
 
-    def after(self, event: Event, facts: Facts) -> States:
+    def after(self, event: ArmEvent, facts: Facts) -> States:
         """The states once `event` has happened."""
         return self._replace(
             link=link_after(self.link, event, facts),
             readings=readings_after(self.readings, event, self),
             motion=motion_after(self.motion, event, facts),
             separation=separation_after(self.separation, event, facts),
-            arming=Arming.DISARMED if event is Event.DISARMED else self.arming,
+            arming=Arming.DISARMED if event is ArmEvent.DISARMED else self.arming,
         )
 
 
-def link_after(link: Link, event: Event, facts: Facts) -> Link:
+def link_after(link: RobotReadiness, event: ArmEvent, facts: Facts) -> RobotReadiness:
     """Whether the robot can be commanded, once `event` has happened."""
     match event:
-        case Event.READY:
-            return Link.READY
-        case Event.UNREADY:
-            return Link.BRAKING_BLIND if facts.moving else Link.ABSENT
-        case Event.FORGOTTEN if link is Link.BRAKING_BLIND:
-            return Link.ABSENT
+        case ArmEvent.READY:
+            return RobotReadiness.READY
+        case ArmEvent.UNREADY:
+            return RobotReadiness.BRAKING_BLIND if facts.moving else RobotReadiness.ABSENT
+        case ArmEvent.FORGOTTEN if link is RobotReadiness.BRAKING_BLIND:
+            return RobotReadiness.ABSENT
     return link
 
 
-def readings_after(readings: Readings, event: Event, states: States) -> Readings:
+def readings_after(readings: Readings, event: ArmEvent, states: States) -> Readings:
     """Whether readings are believed, once `event` has happened in these `states`."""
     rejected = readings.rejected
     match event:
-        case Event.PLACED | Event.PLAUSIBLE:
+        case ArmEvent.PLACED | ArmEvent.PLAUSIBLE:
             return Readings.ACCEPTED
-        case Event.LEAPT if states.link is Link.ABSENT:
+        case ArmEvent.LEAPT if states.link is RobotReadiness.ABSENT:
             return Readings.REJECTED_ELSEWHERE
-        case Event.LEAPT if not rejected:
+        case ArmEvent.LEAPT if not rejected:
             return Readings.REJECTED
-        case Event.RETURNED if rejected and states.motion is Motion.UNCOMMANDED:
+        case ArmEvent.RETURNED if rejected and states.motion is MotionState.UNCOMMANDED:
             return Readings.REJECTED_ELSEWHERE
-        case Event.INVALID if rejected:
+        case ArmEvent.INVALID if rejected:
             return Readings.REJECTED_ELSEWHERE
     return readings
 
 
-def motion_after(motion: Motion, event: Event, facts: Facts) -> Motion:
+def motion_after(motion: MotionState, event: ArmEvent, facts: Facts) -> MotionState:
     """Return the source of motion after `event`."""
     match event:
-        case Event.FORGOTTEN:
-            return Motion.UNCOMMANDED
-        case Event.PLACED if facts.moving:
-            return Motion.BRAKING
-        case Event.PLACED:
-            return Motion.HOLDING if facts.device else Motion.UNCOMMANDED
-        case Event.ENGAGED if motion is Motion.UNCOMMANDED:
-            return Motion.HOLDING
-        case Event.FOLLOWS:
-            return Motion.FOLLOWING
-        case Event.EXECUTES:
-            return Motion.EXECUTING
-        case Event.RESYNCHRONIZES:
-            return Motion.RESYNCHRONIZING
-        case Event.BRAKES if motion not in RESTING:
-            return Motion.BRAKING
-        case Event.COASTED if not facts.device:
-            return Motion.UNCOMMANDED
-        case Event.OVER | Event.COASTED if motion is not Motion.UNCOMMANDED:
-            return Motion.HOLDING
+        case ArmEvent.FORGOTTEN:
+            return MotionState.UNCOMMANDED
+        case ArmEvent.PLACED if facts.moving:
+            return MotionState.BRAKING
+        case ArmEvent.PLACED:
+            return MotionState.HOLDING if facts.device else MotionState.UNCOMMANDED
+        case ArmEvent.ENGAGED if motion is MotionState.UNCOMMANDED:
+            return MotionState.HOLDING
+        case ArmEvent.FOLLOWS:
+            return MotionState.FOLLOWING
+        case ArmEvent.EXECUTES:
+            return MotionState.EXECUTING
+        case ArmEvent.RESYNCHRONIZES:
+            return MotionState.RESYNCHRONIZING
+        case ArmEvent.BRAKES if motion not in RESTING:
+            return MotionState.BRAKING
+        case ArmEvent.COASTED if not facts.device:
+            return MotionState.UNCOMMANDED
+        case ArmEvent.OVER | ArmEvent.COASTED if motion is not MotionState.UNCOMMANDED:
+            return MotionState.HOLDING
     return motion
 
 
-RESTING = (Motion.UNCOMMANDED, Motion.HOLDING)
+RESTING = (MotionState.UNCOMMANDED, MotionState.HOLDING)
 """States in which nothing moves the arm; in each other one there is an activity that does."""
 
 
-def separation_after(separation: Separation, event: Event, facts: Facts) -> Separation:
+def separation_after(separation: Separation, event: ArmEvent, facts: Facts) -> Separation:
     """Whether command and robot are apart, once `event` has happened."""
     match event:
-        case Event.UNREADY | Event.PLACED if separation is not Separation.LEFT:
+        case ArmEvent.UNREADY | ArmEvent.PLACED if separation is not Separation.LEFT:
             return Separation.NONE
-        case Event.LEAPT | Event.RESYNCHRONIZES if separation is Separation.TO_RESYNCHRONIZE:
+        case ArmEvent.LEAPT | ArmEvent.RESYNCHRONIZES if separation is Separation.TO_RESYNCHRONIZE:
             return Separation.NONE
-        case Event.HELD if facts.resynchronizes:
+        case ArmEvent.HELD if facts.resynchronizes:
             return Separation.TO_RESYNCHRONIZE
-        case Event.HELD | Event.NOT_BACK:
+        case ArmEvent.HELD | ArmEvent.NOT_BACK:
             return Separation.UNTIL_REARMED
-        case Event.LEFT:
+        case ArmEvent.LEFT:
             return Separation.LEFT
-        case Event.ASKED if separation is Separation.LEFT:
+        case ArmEvent.ASKED if separation is Separation.LEFT:
             return Separation.NONE
-        case Event.ACKNOWLEDGED if separation is Separation.UNTIL_REARMED:
+        case ArmEvent.ACKNOWLEDGED if separation is Separation.UNTIL_REARMED:
             again = facts.resynchronizes and not facts.near
             return Separation.TO_RESYNCHRONIZE if again else Separation.NONE
     return separation
@@ -297,18 +298,18 @@ def phase_of(states: States, moving: bool, asks: bool, recovers: bool) -> Phase:
     `recovers`: whether the activity brings the command back to its robot.
     """
     match states.link, states.motion:
-        case Link.ABSENT, _:
+        case RobotReadiness.ABSENT, _:
             return Phase.NO_ROBOT
-        case Link.BRAKING_BLIND, _:
+        case RobotReadiness.BRAKING_BLIND, _:
             return Phase.BRAKING
         case _ if recovers:
             return Phase.RECOVERING
-        case _, Motion.EXECUTING if moving:
+        case _, MotionState.EXECUTING if moving:
             return Phase.MOVING
-        case _, Motion.FOLLOWING if moving and asks:
+        case _, MotionState.FOLLOWING if moving and asks:
             return Phase.MOVING
         case _ if moving:
             return Phase.BRAKING
-        case _, Motion.FOLLOWING | Motion.EXECUTING:
+        case _, MotionState.FOLLOWING | MotionState.EXECUTING:
             return Phase.HOLDING
     return Phase.HOLDING if states.arming.armed else Phase.DISARMED

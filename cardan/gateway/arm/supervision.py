@@ -127,8 +127,9 @@ class Supervision:
         self.gap_s, self._ticked_s = state.stamp_s - self._ticked_s, state.stamp_s
         new_session = state.session != self._session
         began, self._ready = not self._ready, False
-        self._not_acting = self._not_acting or not state.ready
-        if state.link is not RobotLink.LIVE:
+        live = state.link is RobotLink.LIVE
+        self._not_acting = self._not_acting or not live or bool(state.hold_reason)
+        if not live:
             return StopReason(Cause.LOST, state.hold_reason or f"the robot is {state.link.value}")
         wrong = state.hold_reason or commanded.obstacle(state, new_session or began)
         if wrong:
@@ -174,9 +175,9 @@ class Supervision:
             )
         if state.alarm:
             return StopReason(Cause.ALARM, state.alarm)
-        if activity is not None and activity.driven:
+        if activity is not None:
             age_s = state.stamp_s - activity.heard_s
-            if age_s > activity.silence_s:
+            if age_s > activity.silence_s and activity.driven:
                 return StopReason(Cause.SILENT, f"the stream was silent for {age_s:.3f} s")
         return None
 

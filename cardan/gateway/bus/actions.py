@@ -29,7 +29,7 @@ from cardan.protocols.ros2.actions import (
     Goals,
     GoalStatus,
 )
-from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, codec_of
 from cardan.protocols.ros2.interfaces import action_type
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.refusals import refusal
@@ -98,7 +98,7 @@ class ArmAction:
         name = self._type.send_goal.request
         number = server.next_id()
         message = codec_of(name).decode(packet.data)
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedCdr):
             server.refused += 1
             reason = f"{command.verb}: {message.reason}"
             server.tell(command.verb, 0, "refused", reason)
@@ -188,7 +188,7 @@ class ArmAction:
     def read(self, service: str, packet: ServiceRequest) -> Message:
         """The message in a request to `service`. Raises PacketError, after the refusal."""
         message = codec_of(f"{service}_Request").decode(packet.data)
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedCdr):
             self._server.refused += 1
             _refuse(packet, service, message.reason)
             raise PacketError(f"{self._command.action}: {message.reason}")

@@ -22,7 +22,7 @@ from cardan.gateway.arm.parameters import find_rule
 from cardan.gateway.arm.requests import MotionNote, PacketError, Request
 from cardan.gateway.arm.vocab import FrameCode, Parameter, PolicyCode, ProfileCode, Stream
 from cardan.gateway.bus.serving import CommandServer
-from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, codec_of
 from cardan.protocols.ros2.parameters import (
     Declared,
     ParameterError,
@@ -201,7 +201,7 @@ class _ServiceEnd:
         """A new id for a request, and its message. Raises PacketError."""
         number = self.server.next_id()
         message = self._request.decode(packet.data)
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedCdr):
             self.server.refused += 1
             reason = f"{self.name}: {message.reason}"
             packet.reply(self._response.encode(refusal(self._type, reason)), time.time_ns())

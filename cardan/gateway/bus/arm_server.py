@@ -32,7 +32,7 @@ from cardan.gateway.arm.verb_table import CHANGING, ENDLESS, SEQUENCED, preset_o
 from cardan.gateway.arm.vocab import Begins, vocab_text
 from cardan.gateway.bus.actions import Ahead, ArmAction
 from cardan.gateway.bus.arm_parameters import ArmParameters
-from cardan.gateway.bus.arm_topics import OK, WARN, Part
+from cardan.gateway.bus.arm_topics import OK, WARN, DiagnosticStatus
 from cardan.gateway.bus.commands import (
     ACTIONS,
     ASK_SERVICE,
@@ -50,7 +50,7 @@ from cardan.gateway.bus.commands import (
 from cardan.gateway.bus.liveliness import UNKNOWN, LivelinessMonitor, Presence
 from cardan.gateway.bus.serving import Results, key_end
 from cardan.gateway.bus.sources import STREAM_KEPT_S, Source, Sources, Unnamed
-from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, codec_of
 from cardan.protocols.ros2.zenoh import Attachment
 from cardan.types import NEVER_S, Twist, Wrench
 
@@ -335,7 +335,7 @@ class ArmServer:
         self.contested += 1
         self._contest, self._contest_s = words, self.now_s
 
-    def part(self) -> Part:
+    def part(self) -> DiagnosticStatus:
         """Return the diagnostics of the commands."""
         contested = self.now_s - self._contest_s < CONTEST_SHOWN_S
         counts = {
@@ -345,7 +345,7 @@ class ArmServer:
             "contested": self.contested,
         }
         words = ", ".join(f"{count} {word}" for word, count in counts.items() if count)
-        return Part(
+        return DiagnosticStatus(
             "commands",
             WARN if contested or self.refused else OK,
             self._contest if contested else words or "all read",
@@ -406,7 +406,7 @@ class _PacketClient:
         number = self._server.next_id()
         self._waiting[number] = packet, 0, ""
         message = self._request.decode(packet.data)
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedCdr):
             self._server.refused += 1
             raise PacketError(message.reason, number)
         try:
@@ -527,10 +527,10 @@ class _TopicClient:
             )
         codec, value_of = self._types.get(key_end(packet.key), (None, command.value))
         if codec is None:
-            message: Message | Malformed = Malformed(self._wrong_type(packet.key))
+            message: Message | MalformedCdr = MalformedCdr(self._wrong_type(packet.key))
         else:
             message = codec.decode(packet.data)
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedCdr):
             server.refused += 1
             raise PacketError(f"{command.verb}: {message.reason}", number)
         try:
@@ -694,7 +694,7 @@ class _ServiceClient:
         number = server.next_id()
         self._waiting[number] = packet
         message = self._request.decode(packet.data)
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedCdr):
             server.refused += 1
             raise PacketError(f"{command.verb}: {message.reason}", number)
         try:

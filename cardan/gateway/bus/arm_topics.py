@@ -48,7 +48,7 @@ class ArmNames:
 
 
 @dataclass
-class Part:
+class DiagnosticStatus:
     """A row of /diagnostics."""
 
     name: str
@@ -90,7 +90,9 @@ class Diagnostics:
         self._publisher = node.publisher("/diagnostics", _DIAGNOSTICS)
         self._due_s = -math.inf
 
-    def put(self, parts: Callable[[], Sequence[Part]], now_s: float, now_ns: int) -> None:
+    def put(
+        self, parts: Callable[[], Sequence[DiagnosticStatus]], now_s: float, now_ns: int
+    ) -> None:
         """Publish at most once a second; `parts` are made only then."""
         if now_s < self._due_s:
             return
@@ -301,12 +303,12 @@ class ArmTopics:
         """Publish the session's snapshot, which is JSON."""
         self._snapshots.put(codec_of(_STRING).encode({"data": text}), now_ns)
 
-    def put_diagnostics(self, parts: Sequence[Part], now_s: float, now_ns: int) -> None:
+    def put_diagnostics(self, parts: Sequence[DiagnosticStatus], now_s: float, now_ns: int) -> None:
         """Publish the faults of each part, at most once a second; with the newest status, for
         clients without cardan_msgs."""
         self._diagnostics.put(lambda: [*parts, *self._arm_part()], now_s, now_ns)
 
-    def _arm_part(self) -> list[Part]:
+    def _arm_part(self) -> list[DiagnosticStatus]:
         if self._shown is None:
             return []
         status, numbers = self._shown
@@ -320,7 +322,7 @@ class ArmTopics:
             "limits": ", ".join(limits),
         }
         level = WARN if status.message else OK
-        return [Part("arm", level, status.message or status.phase.value, values=values)]
+        return [DiagnosticStatus("arm", level, status.message or status.phase.value, values=values)]
 
     def log(self, level: int, text: str, now_ns: int) -> None:
         """Publish a line on /rosout."""

@@ -108,7 +108,7 @@ class PublishedState(NamedTuple):
         return self.status.phase is Phase.NO_ROBOT or bool(self.inhibited)
 
 
-class Told(NamedTuple):
+class TopicPublication(NamedTuple):
     """A topic with a message of its own."""
 
     topic: str
@@ -124,7 +124,7 @@ class Names(NamedTuple):
     services: tuple[ServiceCommand, ...] = ()
     same: Mapping[str, tuple[str, ...]] = {}
     """Topics with the very messages of the arm's own, by the names of these."""
-    told: tuple[Told, ...] = ()
+    told: tuple[TopicPublication, ...] = ()
 
 
 class ServoScales(NamedTuple):
@@ -313,7 +313,7 @@ def servo_names(servo: str, names: ArmNames, scales: ServoScales) -> Names:
             ServiceCommand(f"{servo}/pause_servo", "std_srvs/srv/SetBool", "stop", pause),
         ),
         told=(
-            Told(
+            TopicPublication(
                 f"{servo}/status", "moveit_msgs/msg/ServoStatus",
                 lambda shown: servo_status(shown, gate.closed),
             ),
@@ -377,7 +377,7 @@ def fzi_names(names: ArmNames) -> Names:
             _stream("target_wrench", WRENCH, "wrench", frames.wrench),
         ),
         same={"state/pose": ("current_pose",)},
-        told=(Told("current_twist", TWIST, _measured_twist(names)),),
+        told=(TopicPublication("current_twist", TWIST, _measured_twist(names)),),
     )
 
 
@@ -490,9 +490,9 @@ def crtk_names(names: ArmNames) -> Names:
             "state/twist": ("setpoint_cv",),
         },
         told=(
-            Told("measured_cv", TWIST, _measured_twist(names)),
-            Told("setpoint_js", JOINTS, setpoint),
-            Told("operating_state", "crtk_msgs/msg/OperatingState", operating.tell),
+            TopicPublication("measured_cv", TWIST, _measured_twist(names)),
+            TopicPublication("setpoint_js", JOINTS, setpoint),
+            TopicPublication("operating_state", "crtk_msgs/msg/OperatingState", operating.tell),
         ),
     )
 
@@ -535,7 +535,7 @@ def yarp_names(names: ArmNames) -> Names:
 class _Telling:
     """A topic with a message of its own, which is encoded anew only when it changes."""
 
-    def __init__(self, node: BusNode, told: Told) -> None:
+    def __init__(self, node: BusNode, told: TopicPublication) -> None:
         self._publisher = node.publisher(told.topic, told.type_name)
         self._codec, self._message_of = codec_of(told.type_name), told.message
         self._message: Message | None = None

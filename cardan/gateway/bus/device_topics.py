@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from cardan.bus.node import BusNode, Publisher
-from cardan.protocols.ros2.cdr import Malformed, Template, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, Template, codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.types import NEUTRAL, NEVER_S, ZERO3, Axes, DeviceLink, DeviceState, Inertia
 
@@ -111,7 +111,7 @@ class DeviceTopics:
         """How strongly the network asks the device to rumble, 0..1."""
         while (received := self._feedback.poll()) is not None:
             message = codec_of(RUMBLE_TYPE).decode(received.data)
-            if isinstance(message, Malformed) or message["type"] != RUMBLE:
+            if isinstance(message, MalformedCdr) or message["type"] != RUMBLE:
                 continue
             level = message["intensity"]
             if 0.0 <= level <= 1.0:

@@ -4,7 +4,7 @@ The names are those of the wrapper today, and those that the paper of 2026 print
 teleoperation bridging YARP and ROS 2 ecosystems", Table 1), each set a table.
 Sources: robotology/yarp-devices-ros2, hapticDevice_nws_ros2 and yarp_control_msgs. Its units are
 corrected: N and N·m, and poses along the axes of the hand frame. Nothing here limits or watches a
-force: a program's feedback goes to `Feedback`, and from there the way of every force.
+force: a program's feedback goes to `FeedbackSink`, and from there the way of every force.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from cardan.bus.node import BusNode, Publisher, Received, ServiceRequest
 from cardan.drivers.haptic import HapticDevice
 from cardan.drivers.ihaptic import IHapticDevice
 from cardan.errors import CardanError, CommandError, DriverError
-from cardan.gateway.bus.arm_topics import OK, WARN, Part
+from cardan.gateway.bus.arm_topics import OK, WARN, DiagnosticStatus
 from cardan.gateway.bus.serving import Results, key_end
-from cardan.protocols.ros2.cdr import Malformed, Message, Template, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, Template, codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.parameters import (
     Declared,
@@ -48,7 +48,7 @@ EVENTS, EVENT = "/parameter_events", "rcl_interfaces/msg/ParameterEvent"
 MODES = ("cartesian", "joint")
 MODE = Declared(
     "mode_feedback", ParameterKind.STRING,
-    "What feedback is: a force in N, or the torques of three joints in N·m", choices=MODES,
+    "Quantity of the feedback: a force in N, or the torques of three joints in N·m", choices=MODES,
 )  # fmt: skip
 
 FEEDBACK_KEPT = 8
@@ -66,7 +66,7 @@ SENDERS_KEPT = 64
 """Publishers whose last outcome is remembered."""
 
 
-class Feedback(Protocol):
+class FeedbackSink(Protocol):
     """Takes the feedback that programs publish."""
 
     why_no_torques: str
@@ -217,7 +217,7 @@ class HapticServer:
         node: BusNode,
         device: HapticDevice,
         haptic: IHapticDevice,
-        feedback: Feedback | None,
+        feedback: FeedbackSink | None,
         *,
         period_s: float,
     ) -> None:
@@ -316,7 +316,7 @@ class HapticServer:
             if event is not None:
                 self._events.put(codec_of(EVENT).encode(event), now_ns)
 
-    def part(self) -> Part:
+    def part(self) -> DiagnosticStatus:
         """Return the diagnostics of the device and of its commands."""
         told = self._device.haptics()
         values = {
@@ -327,7 +327,7 @@ class HapticServer:
         }
         level = WARN if told.reason or self.refused else OK
         words = f"{self.refused} messages or requests refused" if self.refused else "all read"
-        return Part("haptic", level, told.reason or words, values=values)
+        return DiagnosticStatus("haptic", level, told.reason or words, values=values)
 
     # -- what the tables set ---------------------------------------------------------------------
 
@@ -366,7 +366,7 @@ class HapticServer:
                 wanted = " or ".join(each.type_name for each in types.values())
                 raise CommandError(f"{name} takes {wanted}, not {packet.key.split('/')[-2]}")
             message = _decoded(taken.type_name, packet.data, MESSAGE_BYTES)
-            if isinstance(message, Malformed):
+            if isinstance(message, MalformedCdr):
                 raise CommandError(f"{name}: {message.reason}")
             value = taken.value(message)
             if isinstance(value, Pose):
@@ -409,7 +409,7 @@ class HapticServer:
         try:
             if service.changes and self.inhibited:
                 raise CommandError(f"{service.name}: {self.inhibited}")
-            if isinstance(request, Malformed):
+            if isinstance(request, MalformedCdr):
                 raise CommandError(f"{service.name}: {request.reason}")
             response = default_message(f"{service.type_name}_Response")
             response |= service.answer(self, request)
@@ -441,9 +441,9 @@ class HapticServer:
         return ""
 
 
-def _decoded(type_name: str, data: bytes, longest: int) -> Message | Malformed:
+def _decoded(type_name: str, data: bytes, longest: int) -> Message | MalformedCdr:
     if len(data) > longest:
-        return Malformed(f"{len(data)} bytes are no {type_name} that makes sense here")
+        return MalformedCdr(f"{len(data)} bytes are no {type_name} that makes sense here")
     return codec_of(type_name).decode(data)
 
 

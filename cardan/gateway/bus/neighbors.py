@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from cardan.bus.node import BusNode, Received, Subscription
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.neighbors import NS, NeighborWatch
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.names import dds_type
 
 STATE_TYPE = "sensor_msgs/msg/JointState"
@@ -61,7 +61,7 @@ class ArmNeighbors:
             watch.refuse(f"messages of more than {MAX_BYTES} bytes")
             return
         message = self._codec.decode(received.data)
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedCdr):
             watch.refuse(f"messages that are no {STATE_TYPE}", f": {message.reason}")
             return
         stamp = message["header"]["stamp"]

@@ -18,7 +18,7 @@ from cardan.gateway.arm.remote_arm import ANSWER_TIMEOUT_S, RemoteArm, Send
 from cardan.gateway.arm.requests import PacketError, Request
 from cardan.gateway.bus.commands import ASK_SERVICE, ASK_TYPE, MOTIONS_TOPIC, MOTIONS_TYPE
 from cardan.gateway.bus.options import DEFAULT_NAME
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.names import RosNameError, checked_name
 
 MEET_TIMEOUT_S = 5.0
@@ -105,7 +105,7 @@ def _connect(network: BusNetwork, name: str, arm: RemoteArm) -> Callable[[], Non
 
     def hear(data: bytes, _stamp_ns: int) -> None:
         message = notes.decode(data)
-        if not isinstance(message, Malformed):
+        if not isinstance(message, MalformedCdr):
             _take(arm, message["data"])
 
     network.open()
@@ -156,7 +156,7 @@ def _sender(network: BusNetwork, service: str, arm: RemoteArm) -> Send:
     def send(request: Request, packet: bytes) -> None:
         def answered(reply: bytes | Failure) -> None:
             message = reply if isinstance(reply, Failure) else responses.decode(reply)
-            if isinstance(message, (Failure, Malformed)):
+            if isinstance(message, (Failure, MalformedCdr)):
                 arm.fail(request.id, message.reason)
             else:
                 _take(arm, message["reply"])

@@ -32,7 +32,7 @@ from cardan.drivers.remote.shared import (
     Claim,
     Edge,
     HapticFeedback,
-    Order,
+    RemoteHapticCommand,
     Shared,
     UnusableError,
     claim_topic,
@@ -44,7 +44,7 @@ from cardan.drivers.ros2_nodes.core import MOST_BYTES
 from cardan.errors import AddressError, DriverError, OptionError
 from cardan.gateway.force.passive import HandPort, share_left
 from cardan.gateway.force.servo_on import ForceEnabling
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.names import RosNameError, checked_name, dds_type
 from cardan.protocols.ros2.zenoh import PUBLISHER
 from cardan.spatial import add
@@ -176,7 +176,7 @@ class ShareCore:
             self.counts[f"claims of more than {MOST_BYTES} bytes"] += 1
             return
         message = self._codec.decode(received.data)
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedCdr):
             self.counts["claims that are cut short"] += 1
             return
         try:
@@ -189,7 +189,7 @@ class ShareCore:
             return
         self._asked |= self._take(claim, attachment.gid, now_s)
 
-    def order(self, now_s: float) -> tuple[Order | None, float, int]:
+    def order(self, now_s: float) -> tuple[RemoteHapticCommand | None, float, int]:
         """Return the haptic order, None if there is none or no session has the device; its time of
         arrival, and the number of the lease."""
         self._expire(now_s)
@@ -350,7 +350,9 @@ class HandEnd:
         """When the next cycle is; inf: nothing is felt."""
         return math.inf if self._port is None else self._cycled_s + FORCE_S
 
-    def cycle(self, order: Order | None, heard_s: float, lease: int, now_s: float) -> None:
+    def cycle(
+        self, order: RemoteHapticCommand | None, heard_s: float, lease: int, now_s: float
+    ) -> None:
         """Render `order`, which came at `heard_s` of the `lease` of this number; None: nothing.
         Never raises."""
         if lease != self._lease:  # The one before may have ended while this process stood still.
@@ -440,7 +442,7 @@ class News:
             lines.append(f"there is no device: {missing}" if missing else "the device is there")
         if lessee != self._lessee:
             self._lessee = lessee
-            lines.append(f"used by {lessee}" if lessee else "used by nobody")
+            lines.append(f"used by {lessee}" if lessee else "not in use")
         new = [what for what in counts if what not in self._told]
         self._told.update(new)
         lines += [f"refused: {what}" if what.startswith("claims") else what for what in new]

@@ -16,7 +16,7 @@ from cardan.gateway.session.config import SessionConfig
 REMOVED: Final = "removed"
 """Change of a session or server that is not in the files any more."""
 
-UNTIL_FREE: Final = "until nobody has the arm"
+UNTIL_FREE: Final = "until no source has authority"
 UNTIL_START: Final = "until it starts"
 """Conditions that changes wait for: of an engaged session, and of a session that does not run."""
 

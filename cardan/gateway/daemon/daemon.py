@@ -47,8 +47,8 @@ from cardan.gateway.daemon.processes import (
     RunningSession,
 )
 from cardan.gateway.daemon.restart_policy import Ended, Unit, UnitState
-from cardan.gateway.daemon.server import Connection, ControlServer
-from cardan.gateway.daemon.services import Kept, KeptServer, Line, SessionService
+from cardan.gateway.daemon.server import ControlConnection, ControlServer
+from cardan.gateway.daemon.services import Kept, KeptServer, LogLine, SessionService
 from cardan.gateway.servers.tokens import Role
 from cardan.gateway.session.device_sharing import GIVE, TAKE
 from cardan.types import NEVER_S
@@ -87,7 +87,7 @@ _log = logging.getLogger(__name__)
 class _Route(NamedTuple):
     """A client that sent a session a request."""
 
-    connection: Connection
+    connection: ControlConnection
     ask: int
     request: Any
     endless: bool
@@ -110,7 +110,7 @@ class Daemon:
         self._read = read
         self._kept: dict[str, Kept] = {}
         self._events: Inbox[Callable[[], None]] = Inbox()
-        self._lines: deque[Line] = deque()
+        self._lines: deque[LogLine] = deque()
         self._characters = 0
         """Of all these lines."""
         self._lines_dropped = 0
@@ -120,7 +120,7 @@ class Daemon:
         self._reading = False
         """Whether the files are being read for a reload."""
         self._watchers: dict[tuple[int, int], _Watcher] = {}
-        self._followers: dict[tuple[int, int], tuple[Connection, Ask]] = {}
+        self._followers: dict[tuple[int, int], tuple[ControlConnection, Ask]] = {}
         self._notifier = Notifier()
         self._recent: deque[Event] = deque(maxlen=EVENTS_KEPT)
         self._event_log: EventLog | None = None
@@ -196,7 +196,7 @@ class Daemon:
         if self._server is not None:
             self._server.wake()
 
-    def _say(self, line: Line) -> None:
+    def _say(self, line: LogLine) -> None:
         if len(self._events) >= LINES_WAITING:
             self._lines_dropped += 1
             return
@@ -366,7 +366,7 @@ class Daemon:
 
     # -- requests --------------------------------------------------------------------------------
 
-    def _handle(self, ask: Ask, connection: Connection) -> None:
+    def _handle(self, ask: Ask, connection: ControlConnection) -> None:
         try:
             found = getattr(self, f"_do_{ask.do}")(ask, connection)
         except CardanError as error:
@@ -400,29 +400,29 @@ class Daemon:
         now_s = time.monotonic()
         return [kept.shown(now_s) for kept in self._kept.values() if name in ("", kept.name)]
 
-    def _do_version(self, _ask: Ask, _connection: Connection) -> Any:
+    def _do_version(self, _ask: Ask, _connection: ControlConnection) -> Any:
         return __version__
 
-    def _do_units(self, ask: Ask, _connection: Connection) -> Any:
+    def _do_units(self, ask: Ask, _connection: ControlConnection) -> Any:
         if ask.name:
             self._named(ask)
         return self._rows(ask.name)
 
-    def _do_snapshot(self, ask: Ask, _connection: Connection) -> Any:
+    def _do_snapshot(self, ask: Ask, _connection: ControlConnection) -> Any:
         return json.loads(self._session(ask).snapshot.to_bytes())
 
-    def _do_figures(self, _ask: Ask, _connection: Connection) -> Any:
+    def _do_figures(self, _ask: Ask, _connection: ControlConnection) -> Any:
         now_s = time.monotonic()
         units = [kept.figures(now_s) for kept in self._kept.values()]
         return {"version": __version__, "units": units}
 
-    def _do_start(self, ask: Ask, _connection: Connection) -> Any:
+    def _do_start(self, ask: Ask, _connection: ControlConnection) -> Any:
         return self._order(ask, Unit.start)
 
-    def _do_stop(self, ask: Ask, _connection: Connection) -> Any:
+    def _do_stop(self, ask: Ask, _connection: ControlConnection) -> Any:
         return self._order(ask, Unit.stop)
 
-    def _do_restart(self, ask: Ask, _connection: Connection) -> Any:
+    def _do_restart(self, ask: Ask, _connection: ControlConnection) -> Any:
         return self._order(ask, Unit.restart)
 
     def _order(self, ask: Ask, order: Callable[[Unit, float], None]) -> Any:
@@ -431,13 +431,13 @@ class Daemon:
         self._look_after(time.monotonic())
         return self._rows(ask.name)
 
-    def _do_devices(self, _ask: Ask, _connection: Connection) -> Any:
+    def _do_devices(self, _ask: Ask, _connection: ControlConnection) -> Any:
         return [
             {"name": each.name, "sessions": list(each.sessions), "holder": each.holder}
             for each in self._shared.values()
         ]
 
-    def _do_switch(self, ask: Ask, _connection: Connection) -> Any:
+    def _do_switch(self, ask: Ask, _connection: ControlConnection) -> Any:
         shared = self._shared.get(ask.name)
         if shared is None:
             known = ", ".join(self._shared) or "none"
@@ -460,7 +460,7 @@ class Daemon:
         shared.pass_to(to)
         return {"name": shared.name, "from": shared.holder, "to": to}
 
-    def _do_reload(self, ask: Ask, connection: Connection) -> Any:
+    def _do_reload(self, ask: Ask, connection: ControlConnection) -> Any:
         if ask.value not in (None, True, False):
             raise ControlError(
                 "reload: its value says whether it only checks: true or false", ask.id
@@ -475,7 +475,7 @@ class Daemon:
         self.reload(over, check_only=ask.value is True)
         return None
 
-    def _do_watch(self, ask: Ask, connection: Connection) -> Any:
+    def _do_watch(self, ask: Ask, connection: ControlConnection) -> Any:
         period_s = 1.0 if ask.value is None else ask.value
         low, high = WATCH_PERIODS_S
         if isinstance(period_s, bool) or not isinstance(period_s, (int, float)):
@@ -489,7 +489,7 @@ class Daemon:
         self._goes_on(ask, connection)
         self._watchers[id(connection), ask.id] = _Watcher(connection, ask, float(period_s))
 
-    def _goes_on(self, ask: Ask, connection: Connection) -> None:
+    def _goes_on(self, ask: Ask, connection: ControlConnection) -> None:
         """Raises ControlError where too many requests of this connection do already."""
         ids = [number for of, number in (*self._watchers, *self._followers) if of == id(connection)]
         if len(ids) >= GOING_ON or ask.id in ids:
@@ -510,19 +510,19 @@ class Daemon:
                 rows = self._rows(watcher.ask.name)
                 watcher.connection.tell(Response(watcher.ask.id, "event", rows))
 
-    def _do_log(self, ask: Ask, connection: Connection) -> Any:
+    def _do_log(self, ask: Ask, connection: ControlConnection) -> Any:
         if ask.name:
             self._named(ask)
         kept = [list(line) for line in self._lines if ask.name in ("", line.name)]
         return self._followed(ask, connection, kept)
 
-    def _do_events(self, ask: Ask, connection: Connection) -> Any:
+    def _do_events(self, ask: Ask, connection: ControlConnection) -> Any:
         if ask.name and ask.name != "daemon":
             self._named(ask)
         kept = [each._asdict() for each in self._recent if ask.name in ("", each.name)]
         return self._followed(ask, connection, kept)
 
-    def _followed(self, ask: Ask, connection: Connection, kept: Sequence[Any]) -> Any:
+    def _followed(self, ask: Ask, connection: ControlConnection, kept: Sequence[Any]) -> Any:
         """Return the kept items as the answer; or send them one by one, and then new ones."""
         if ask.value not in (None, True, False):
             why = "its value says whether it goes on: true or false"
@@ -534,7 +534,7 @@ class Daemon:
         self._followers[id(connection), ask.id] = connection, ask
         return None
 
-    def _keep_line(self, line: Line) -> None:
+    def _keep_line(self, line: LogLine) -> None:
         if dropped := self._lines_dropped:
             self._lines_dropped = 0
             _log.warning("%d lines of processes were left out: they came too fast", dropped)
@@ -550,7 +550,7 @@ class Daemon:
 
     # -- verbs -----------------------------------------------------------------------------------
 
-    def _do_ask(self, ask: Ask, connection: Connection) -> Any:
+    def _do_ask(self, ask: Ask, connection: ControlConnection) -> Any:
         kept = self._session(ask)
         request, process = ask.value, kept.process
         if not isinstance(request, dict):
@@ -771,6 +771,6 @@ def _remove(kept: Kept) -> None:
 class _Watcher:
     """A client that gets all rows again and again."""
 
-    def __init__(self, connection: Connection, ask: Ask, period_s: float) -> None:
+    def __init__(self, connection: ControlConnection, ask: Ask, period_s: float) -> None:
         self.connection, self.ask, self.period_s = connection, ask, period_s
         self.due_s = NEVER_S

@@ -54,20 +54,20 @@ COUNTERS: Final = (
     ("cardan_session_cycles", "cycles", "Control instants of the robot that were answered."),
     ("cardan_cycle_overruns", "missed_cycles",
      "Control instants that never arrived, or that had passed before they were answered."),
-    ("cardan_trips", "trips", "How often a watchdog or a fault disengaged who moved the arm."),
+    ("cardan_trips", "trips", "Disengagements of the moving source by a watchdog or a fault."),
     ("cardan_moving_seconds", "moving_s", "Time in which the arm was moved."),
     ("cardan_reference_path_meters", "path_m", "How far the reference has traveled."),
     ("cardan_force_losses", "force_losses", "Disengagements because the force was lost."),
     ("cardan_device_passes", "device_passes",
-     "How often the operator asked to pass the device on."),
+     "Requests of the operator to pass the device on."),
 )  # fmt: skip
 """Counters of a session; they begin anew with it."""
 
 SERVER_COUNTERS: Final = (
-    ("cardan_server_denied_connections", "denied", "Connections that were not let in."),
-    ("cardan_server_refusals", "refused", "What clients asked for in vain."),
+    ("cardan_server_denied_connections", "denied", "Refused connections."),
+    ("cardan_server_refusals", "refused", "Refused requests of clients."),
     ("cardan_server_dropped_messages", "superseded", "Publications that newer ones replaced."),
-    ("cardan_server_unreadable_messages", "unreadable", "Messages that are none of their type."),
+    ("cardan_server_unreadable_messages", "unreadable", "Messages that do not match their type."),
     ("cardan_server_slow_clients", "too slow", "Clients that were closed for not reading."),
     ("cardan_server_cut_off_clients", "cut off",
      "Clients that were closed because the server had stood still."),
@@ -135,7 +135,7 @@ def _of_sessions(rows: Sequence[Row]) -> Iterator[Metric]:
     )
     authority = GaugeMetricFamily(
         "cardan_authority",
-        "1 of who has the authority over the arm, 0 of all others.",
+        "1 of the source that has the authority over the arm, 0 of all others.",
         labels=("session", "source"),
     )
     robots = GaugeMetricFamily(
@@ -161,7 +161,7 @@ def _of_sessions(rows: Sequence[Row]) -> Iterator[Metric]:
     )
     costs = GaugeMetricFamily(
         "cardan_session_part_seconds",
-        "What a part of the session takes of a cycle after its answer, on average.",
+        "Mean time of a part of the session in a cycle after its answer.",
         labels=("session", "part"),
     )
     figures = GaugeMetricFamily(
@@ -241,11 +241,11 @@ def _of_watches(rows: Sequence[Row], running: Sequence[tuple[Row, Snapshot]]) ->
     """Counters of the daemon since its start; the sessions count most of the refusals."""
     stops = CounterMetricFamily(
         "cardan_stops",
-        "How often the arm began to brake, by what was wrong then; none: it was meant to.",
+        "Times that the arm began to brake, by the problem then; none: an intended stop.",
         labels=("session", "reason"),
     )
     refusals = CounterMetricFamily(
-        "cardan_refusals", "What was refused, by what.", labels=("session", "reason")
+        "cardan_refusals", "Refused requests, by reason.", labels=("session", "reason")
     )
     for row in rows:
         for reason, count in row["stops"].items():
@@ -266,7 +266,7 @@ def _of_servers(rows: Sequence[Row]) -> Iterator[Metric]:
     yield clients
     trips = GaugeMetricFamily(
         "cardan_ws_round_trip_seconds",
-        "In which the slowest client answered its newest ping.",
+        "Round-trip time of the slowest client's newest ping.",
         labels=("server",),
     )
     for row in rows:

@@ -66,7 +66,7 @@ _ADVICE = Advice(
 _log = logging.getLogger(__name__)
 
 
-class Connection:
+class ControlConnection:
     """A client of the daemon."""
 
     def __init__(self, sock: socket.socket, role: Role = Role.ADMIN) -> None:
@@ -120,7 +120,7 @@ class ControlServer:
         self,
         path: str,
         group: str,
-        handle: Callable[[Ask, Connection], Any | None],
+        handle: Callable[[Ask, ControlConnection], Any | None],
         group_role: Role = Role.OPERATOR,
     ) -> None:
         """`handle` carries out a request and tells its connection; `group_role`: of members of the
@@ -142,7 +142,7 @@ class ControlServer:
             ) from None
         self.path = self._socket.path
         self._handle, self._group_role = handle, group_role
-        self._connections: dict[int, Connection] = {}
+        self._connections: dict[int, ControlConnection] = {}
         self._listening = True
         self._listen_s = NEVER_S
         """When it accepts connections again, after a shortage."""
@@ -209,7 +209,7 @@ class ControlServer:
 
     def _welcome(self, sock: socket.socket) -> None:
         sock.setblocking(False)
-        connection = Connection(sock, self._role_of(sock))
+        connection = ControlConnection(sock, self._role_of(sock))
         if len(self._connections) >= MAX_CONNECTIONS:
             words = f"{MAX_CONNECTIONS} programs are connected to the daemon already"
             connection.tell(Response(None, "error", words))
@@ -223,7 +223,7 @@ class ControlServer:
         owners = (0, os.geteuid())
         return Role.ADMIN if user_of(sock) in owners else self._group_role
 
-    def _read(self, connection: Connection) -> None:
+    def _read(self, connection: ControlConnection) -> None:
         try:
             data = connection.sock.recv(READ_BYTES)
         except BlockingIOError:
@@ -247,7 +247,7 @@ class ControlServer:
             connection.tell(Response(error.request, "error", str(error)))
             connection.open = False
 
-    def _answer_some(self, connection: Connection) -> None:
+    def _answer_some(self, connection: ControlConnection) -> None:
         """Answer for TURN_S at most, so that a client with many requests keeps no other waiting."""
         end_s = time.monotonic() + TURN_S
         while connection.open and connection.asked:
@@ -255,7 +255,7 @@ class ControlServer:
             if time.monotonic() >= end_s:
                 break
 
-    def _answer(self, line: bytes, connection: Connection) -> None:
+    def _answer(self, line: bytes, connection: ControlConnection) -> None:
         try:
             ask = decode_ask(line)
         except ControlError as error:
@@ -266,7 +266,7 @@ class ControlServer:
             return
         self._handle(ask, connection)
 
-    def _look_at(self, connection: Connection) -> None:
+    def _look_at(self, connection: ControlConnection) -> None:
         if not connection.open:
             del self._connections[connection.sock.fileno()]
             with contextlib.suppress(KeyError):  # It was not looked at while its turn was due.

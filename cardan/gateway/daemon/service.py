@@ -86,7 +86,7 @@ LogsDirectory=cardan
 {groups}"""
 
 
-class Service(NamedTuple):
+class SystemdUnit(NamedTuple):
     """A unit, and where it is."""
 
     path: Path
@@ -100,7 +100,7 @@ class Service(NamedTuple):
         return ["systemctl", *(["--user"] if self.user else [])]
 
 
-def make_service(files: Sequence[Path], *, system: bool, account: str) -> Service:
+def make_service(files: Sequence[Path], *, system: bool, account: str) -> SystemdUnit:
     """The service that serves `files`: of the system, as the user `account`, or of this user.
 
     Raises ConfigurationError for files that are not there.
@@ -132,7 +132,7 @@ def make_service(files: Sequence[Path], *, system: bool, account: str) -> Servic
         hardening=_SYSTEM_HARDENING.format(groups=_groups()) if system else "",
         target="multi-user.target" if system else "default.target",
     )
-    return Service(_folder(system) / NAME, text, user=not system)
+    return SystemdUnit(_folder(system) / NAME, text, user=not system)
 
 
 def _check_found(path: Path) -> None:
@@ -166,12 +166,12 @@ def _folder(system: bool) -> Path:
     return Path(home) / "systemd" / "user"
 
 
-def installed(system: bool) -> Service:
+def installed(system: bool) -> SystemdUnit:
     """The service that is installed, or would be."""
-    return Service(_folder(system) / NAME, "", user=not system)
+    return SystemdUnit(_folder(system) / NAME, "", user=not system)
 
 
-def is_outdated(service: Service) -> bool:
+def is_outdated(service: SystemdUnit) -> bool:
     """Whether the unit that is installed starts the daemon by the name that it had before 0.2.0,
     which ends at once; False for one that cannot be read."""
     try:
@@ -181,7 +181,7 @@ def is_outdated(service: Service) -> bool:
     return re.search(r"^ExecStart=.*\bcardan\b.*\sserve(\s|$)", text, re.MULTILINE) is not None
 
 
-def install(service: Service) -> list[str]:
+def install(service: SystemdUnit) -> list[str]:
     """Write the unit and have it started, now and with the computer; return the steps, in lines.
 
     Raises DriverError where that is refused.
@@ -199,7 +199,7 @@ def install(service: Service) -> list[str]:
     return done
 
 
-def remove(service: Service) -> list[str]:
+def remove(service: SystemdUnit) -> list[str]:
     """End the service and remove its unit; return the steps, in lines. Raises DriverError."""
     if not service.path.exists():
         raise DriverError(f"there is no {service.path}: nothing was installed")

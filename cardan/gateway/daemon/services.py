@@ -26,7 +26,7 @@ ENGAGED: Final = frozenset({"holding", "moving", "braking", "recovering"})
 """Phases of an arm that a source moves, or may move at once."""
 
 
-class Line(NamedTuple):
+class LogLine(NamedTuple):
     """A line that a process has written."""
 
     time_s: float
@@ -37,7 +37,7 @@ class Line(NamedTuple):
     """Of the log: ``debug``, ``info``, ``warning``, ``error`` or ``critical``."""
 
     @classmethod
-    def of(cls, name: str, text: str) -> Line:
+    def of(cls, name: str, text: str) -> LogLine:
         """Make a line that `name` has written now."""
         level, text = level_of(text)
         return cls(time.time(), name, printable(text), logging.getLevelName(level).lower())
@@ -46,7 +46,7 @@ class Line(NamedTuple):
 Tell = Callable[[Callable[[], None]], None]
 """Has something done in the daemon's thread."""
 
-Say = Callable[[Line], None]
+Say = Callable[[LogLine], None]
 
 
 class Kept(ABC):
@@ -137,7 +137,7 @@ class SessionService(Kept):
 
         self.process = RunningSession(
             self.entry.config,
-            lambda text: say(Line.of(self.name, text)),
+            lambda text: say(LogLine.of(self.name, text)),
             over,
             lambda packet: told(lambda: self.answered(packet)),
             self.has_device(),
@@ -188,7 +188,7 @@ class KeptServer(Kept):
 
         self.process = RunningServer(
             (self.entry.server, *self.entry.words),
-            lambda text: say(Line.of(self.name, text)),
+            lambda text: say(LogLine.of(self.name, text)),
             over,
             self.socket,
         )

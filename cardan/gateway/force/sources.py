@@ -137,8 +137,8 @@ class Sieve:
 class _Instrument(ForceSource):
     """Base of sources that measure a wrench."""
 
-    def __init__(self, name: str, felt: bool) -> None:
-        self._sign = 1.0 if felt else -1.0
+    def __init__(self, name: str, reaction: bool) -> None:
+        self._sign = 1.0 if reaction else -1.0
         self._sieve = Sieve(name)
 
     def _reading(
@@ -162,9 +162,9 @@ class _Instrument(ForceSource):
 class MeasuredSource(_Instrument):
     """The robot's own measurement (EGM's measuredForce)."""
 
-    def __init__(self, *, felt: bool = False) -> None:
-        """`felt`: the wrench is that of the world on the tool; else of the tool on the world."""
-        super().__init__("the robot", felt)
+    def __init__(self, *, reaction: bool = False) -> None:
+        """`reaction`: the wrench is the world's on the tool; else the tool's on the world."""
+        super().__init__("the robot", reaction)
 
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
         """The wrench of this cycle's state."""
@@ -175,9 +175,11 @@ class MeasuredSource(_Instrument):
 class SensorSource(_Instrument):
     """A force-torque sensor with its own driver (JR3), along the tool's axes."""
 
-    def __init__(self, device: OperatorDevice, *, felt: bool = True, zero: bool = False) -> None:
-        """`felt`: the wrench is that of the world on the tool; `zero`: zero it when opened."""
-        super().__init__("the sensor", felt)
+    def __init__(
+        self, device: OperatorDevice, *, reaction: bool = True, zero: bool = False
+    ) -> None:
+        """`reaction`: the wrench is that of the world on the tool; `zero`: zero it when opened."""
+        super().__init__("the sensor", reaction)
         self.device = device
         self._zero = zero
 

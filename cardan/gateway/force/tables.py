@@ -225,7 +225,7 @@ class MeasuredForceTable(ForceTable):
     """The robot itself measures it."""
 
     source: Literal["measured"] = "measured"
-    sense: Literal["exerted", "felt"] = "exerted"
+    sense: Literal["exerted", "reaction"] = "exerted"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,7 +233,7 @@ class SensorForceTable(ForceTable):
     """A sensor at the robot's flange."""
 
     source: Literal["sensor"] = "sensor"
-    sense: Literal["exerted", "felt"] = "felt"
+    sense: Literal["exerted", "reaction"] = "reaction"
     sensor: DriverTable
     zero_sensor: bool = False
 

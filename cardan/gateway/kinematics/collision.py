@@ -16,7 +16,7 @@ from cardan.common.arm_libraries import coal, np, pin
 from cardan.errors import below
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import SE3, FloatArray
-from cardan.robots import ArmModel, BodyShape, Box, Capsule, JointKind, Shape
+from cardan.robots import ArmModel, BodyShape, Capsule, JointKind, OrientedBox, Shape
 from cardan.robots.arm_bodies import coal_shape, to_se3
 from cardan.spatial import add, norm, rotate
 from cardan.types import Vector3
@@ -287,7 +287,7 @@ def _is_inside(shape: Shape | HalfSpace, other: Shape | HalfSpace) -> bool:
         return False
     corners, radius_m = hull_of(shape)
     points = np.array(corners)
-    if isinstance(other, Box):
+    if isinstance(other, OrientedBox):
         local = (points - other.pose.position) @ to_se3(other.pose).rotation
         return bool((np.abs(local) + radius_m <= 0.5 * np.array(other.size_m)).all())
     along, offset = np.subtract(other.end, other.start), points - other.start
@@ -338,4 +338,4 @@ def _extent(shape: Shape) -> float:
 def box_obstacle(name: str, low: Vector3, high: Vector3) -> Obstacle:
     """A box from its lowest to its highest corner, base axes, m."""
     with below(name):
-        return Obstacle(name, Box.between(low, high))
+        return Obstacle(name, OrientedBox.between(low, high))

@@ -21,13 +21,12 @@ from cardan.common.braking import stopping_speed, within_walls
 from cardan.common.options import Options, require
 from cardan.gateway.motion.shaping import JerkLimitedVector
 from cardan.spatial import (
-    from_rotation_vector,
     limit_norm,
-    multiply,
     normalized,
     rotate,
     scale,
     subtract,
+    turned_by,
 )
 from cardan.types import ZERO3, Frame, Pose, Twist, Vector3
 
@@ -85,8 +84,10 @@ def _within_max_lead(
         return velocity
     x, y, z = velocity
     outward = (x * ahead[0] + y * ahead[1] + z * ahead[2]) / distance
+    if outward <= 0.0:
+        return velocity
     excess = outward - stopping_speed(max_lead - distance, acceleration, dt_s)
-    if outward <= 0.0 or excess <= 0.0:
+    if excess <= 0.0:
         return velocity
     return subtract(velocity, scale(ahead, excess / distance))
 
@@ -200,23 +201,28 @@ class Reference:
             angular = rotate(pose.orientation, angular)
         if target.frame is Frame.TOOL:
             linear = rotate(pose.orientation, linear)
-        linear = limit_norm(linear, limits.linear_speed_m_s)
-        angular = limit_norm(angular, limits.angular_speed_rad_s)
+        if math.hypot(*linear) > limits.linear_speed_m_s:
+            linear = limit_norm(linear, limits.linear_speed_m_s)
+        if math.hypot(*angular) > limits.angular_speed_rad_s:
+            angular = limit_norm(angular, limits.angular_speed_rad_s)
         if smooth and self._smooth_linear is not None:
             linear = Vector3(*self._smooth_linear.advance(linear, dt_s))
         if smooth and self._smooth_angular is not None:
             angular = Vector3(*self._smooth_angular.advance(angular, dt_s))
 
-        hardest = limits.linear_acceleration_m_s2, limits.angular_acceleration_rad_s2
+        hardest = limits.linear_acceleration_m_s2
         linear = _within_max_lead(
-            linear, self._ahead, self.ahead_m, limits.max_lead_m, hardest[0], dt_s
+            linear, self._ahead, self.ahead_m, limits.max_lead_m, hardest, dt_s
         )
+        if self._has_workspace:
+            self.linear = self._within_workspace(linear, pose.position, dt_s)
+        else:
+            self.linear = _towards(self.linear, linear, hardest * dt_s)
+        hardest = limits.angular_acceleration_rad_s2
         angular = _within_max_lead(
-            angular, self._turned_ahead, self.ahead_rad, limits.max_lead_rad, hardest[1], dt_s
+            angular, self._turned_ahead, self.ahead_rad, limits.max_lead_rad, hardest, dt_s
         )
-        self.linear = self._next_linear(linear, pose.position, dt_s)
-        most = limits.angular_acceleration_rad_s2 * dt_s
-        self.angular = _towards(self.angular, angular, most)
+        self.angular = _towards(self.angular, angular, hardest * dt_s)
         if not smooth:
             if self._smooth_linear is not None:
                 self._smooth_linear.reset(self.linear)
@@ -231,16 +237,13 @@ class Reference:
         (x, y, z), orientation, _ = pose
         u, v, w = linear
         if angular != ZERO3:
-            turn = from_rotation_vector(scale(angular, dt_s))
-            orientation = normalized(multiply(turn, orientation))
+            rx, ry, rz = angular
+            orientation = turned_by(orientation, Vector3(rx * dt_s, ry * dt_s, rz * dt_s))
         self.pose = Pose(Vector3(x + u * dt_s, y + v * dt_s, z + w * dt_s), orientation, Frame.BASE)
 
-    def _next_linear(self, target: Vector3, position: Vector3, dt_s: float) -> Vector3:
+    def _within_workspace(self, target: Vector3, position: Vector3, dt_s: float) -> Vector3:
         """The velocity nearest to `target` that acceleration and workspace allow."""
         budget = self.limits.linear_acceleration_m_s2 * dt_s
-        now = self.linear
-        if not self._has_workspace:
-            return _towards(now, target, budget)
         # A third of the squared budget for each axis, so that a corner is no worse.
         share = self.limits.linear_acceleration_m_s2 / math.sqrt(3.0)
         lowest, highest = [-math.inf] * 3, [math.inf] * 3
@@ -251,4 +254,4 @@ class Reference:
         self.at_workspace_limit = not all(
             low <= v <= high for v, low, high in zip(target, lowest, highest, strict=True)
         )
-        return Vector3(*within_walls(now, target, lowest, highest, budget, share * dt_s))
+        return Vector3(*within_walls(self.linear, target, lowest, highest, budget, share * dt_s))

@@ -15,14 +15,13 @@ from cardan.errors import ConfigurationError
 from cardan.spatial import (
     add,
     dot,
-    from_rotation_vector,
     is_finite,
-    multiply,
     norm,
     normalized,
     rotation_between,
     scale,
     subtract,
+    turned_by,
 )
 from cardan.types import ZERO3, Frame, Pose, Twist, Vector3
 
@@ -538,7 +537,7 @@ class PoseShaper:
         self._turn = turn
         self.pose = Pose(
             add(pose.position, way),
-            normalized(multiply(from_rotation_vector(turned), pose.orientation)),
+            turned_by(pose.orientation, turned),
             Frame.BASE,
         )
         return self.pose

@@ -8,6 +8,7 @@ nothing and need not be at rest. The controller decides on requests.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -176,7 +177,9 @@ class OperatorInput:
             if self._refusal:
                 arming, armed, following = Arming.DISARMED, False, False
         twist = self._wanted(device, view, following, recapture)
-        twist, filter_fault = self._filtered(twist, view.robot)
+        filter_fault = ""
+        if self.filters:
+            twist, filter_fault = self._filtered(twist, view.robot)
         rates = NO_RATES
         if self.mapping.drives_joints and following and not view.suspended:
             rates = self.mapping.joint_rates(device.axes)
@@ -262,11 +265,11 @@ class OperatorInput:
 
     def _fault(self, device: DeviceState, now_s: float) -> str:
         """Why this device must not drive any longer."""
-        reason = _why_not_live(device)
-        if reason:
-            return reason
+        if device.link is not DeviceLink.LIVE:
+            return _why_not_live(device)
         position = self._position
-        if position is None and not is_finite(device.axes):
+        # Their sum first: one call for all that are numbers.
+        if position is None and not (math.isfinite(sum(device.axes)) or is_finite(device.axes)):
             return "the device gives values that are not numbers"
         age_s = now_s - device.stamp_s
         if age_s < -self._device_age_s:
@@ -406,8 +409,6 @@ class OperatorInput:
     def _filtered(self, wanted: Twist, robot: RobotState) -> tuple[Twist, str]:
         """The filters' result for `wanted`, and the fault if there is none; no filter can start a
         motion, or continue it when it fails."""
-        if not self.filters:
-            return wanted, ""
         fault = ""
         filtered = wanted
         for each in self.filters:

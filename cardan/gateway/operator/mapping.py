@@ -13,6 +13,7 @@ import enum
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter, mul
 from typing import Annotated, ClassVar, Literal
 
 from cardan.common import bounds
@@ -252,13 +253,16 @@ class TwistMapping:
         self.options = options
         self.gripper = gripper or GripperOptions()
         speeds = (options.linear_speed_m_s,) * 3 + (options.angular_speed_rad_s,) * 3
-        self._sources: list[tuple[int, float]] = []
+        indices, gains = [], []
         for axis, factor, speed in zip(options.axes, options.scale, speeds, strict=True):
             if axis == "fixed":
-                self._sources.append((0, 0.0))
+                indices.append(0)
+                gains.append(0.0)
             else:
                 sign = -1.0 if axis.startswith("-") else 1.0
-                self._sources.append((AXES.index(axis.lstrip("-")), sign * factor * speed))
+                indices.append(AXES.index(axis.lstrip("-")))
+                gains.append(sign * factor * speed)
+        self._sources, self._gains = itemgetter(*indices), gains
         half_yaw = 0.5 * math.radians(options.yaw_deg)
         self._yaw = Quaternion(math.cos(half_yaw), 0.0, 0.0, math.sin(half_yaw))
         self._turned = options.yaw_deg != 0.0 and options.frame is not Frame.TOOL
@@ -271,14 +275,18 @@ class TwistMapping:
             )
             for axis, joint in options.joints.items()
         ]
+        self.drives_joints = bool(self._joints)
+        """True when some axes drive joints."""
+        self.follows_pose = options.mode is not Mode.RATE
+        """True where the hand's pose moves the TCP, and its deflections mean nothing."""
         self._gripper_buttons = self.gripper.buttons
         self._deadman = options.deadman_buttons
         self.gripper_closed = False
 
     def twist(self, axes: Sequence[float]) -> Twist:
         """The twist of six deflections, along the axes of `options.frame`."""
-        v = [axes[index] * gain for index, gain in self._sources]
-        linear, angular = Vector3(v[0], v[1], v[2]), Vector3(v[3], v[4], v[5])
+        x, y, z, rx, ry, rz = map(mul, self._sources(axes), self._gains)
+        linear, angular = Vector3(x, y, z), Vector3(rx, ry, rz)
         if self._turned:
             linear = rotate(self._yaw, linear)
             angular = rotate(self._yaw, angular) if self._turned_angular else angular
@@ -288,19 +296,9 @@ class TwistMapping:
         """The wanted speeds of joints by name, rad/s or m/s."""
         return {joint: axes[index] * gain for index, joint, gain in self._joints}
 
-    @property
-    def drives_joints(self) -> bool:
-        """True when some axes drive joints."""
-        return bool(self._joints)
-
     def deadman_held(self, device: DeviceState) -> bool:
         """True while a dead-man button is held, or none is configured."""
         return not self._deadman or not device.buttons.isdisjoint(self._deadman)
-
-    @property
-    def follows_pose(self) -> bool:
-        """True where the hand's pose moves the TCP, and its deflections mean nothing."""
-        return self.options.mode is not Mode.RATE
 
     def passes_on(self, events: Iterable[ButtonEvent]) -> bool:
         """True when the operator passes the device on to the next session."""

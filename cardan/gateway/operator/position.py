@@ -29,12 +29,12 @@ from cardan.spatial import (
     limit_norm,
     multiply,
     norm,
-    normalized,
     rotate,
     rotation_between,
     scale,
     subtract,
     to_rotation_vector,
+    turned_by,
 )
 from cardan.types import IDENTITY, NEVER_S, ZERO3, Frame, Pose, Quaternion, Twist, Vector3
 
@@ -80,7 +80,7 @@ def resting_pose(reference: Reference) -> Pose:
     turn = scale(angular, 0.5 * norm(angular) / limits.angular_acceleration_rad_s2)
     return Pose(
         add(pose.position, way),
-        normalized(multiply(from_rotation_vector(turn), pose.orientation)),
+        turned_by(pose.orientation, turn),
         Frame.BASE,
     )
 
@@ -325,7 +325,7 @@ class PositionMapping(HandMapping):
         self.slips = way != full_way or turn != full_turn
         self._target = Pose(
             add(tcp.position, way),
-            normalized(multiply(from_rotation_vector(turn), tcp.orientation)),
+            turned_by(tcp.orientation, turn),
             Frame.BASE,
         )
         limits = self.limits

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from cardan.bus.network import Failure, Network
-from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, codec_of
 from cardan.protocols.ros2.interfaces import service_type
 
 
@@ -80,7 +80,7 @@ def _settle(
         future.set_exception(CallError(reply.reason))
         return
     decoded = codec_of(response).decode(reply)
-    if isinstance(decoded, Malformed):
+    if isinstance(decoded, MalformedCdr):
         future.set_exception(CallError(f"{service}: its reply is none: {decoded.reason}"))
     else:
         future.set_result(decoded)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan.bus.network import Network, Service, Topic
+from cardan.bus.network import Network, ServiceInfo, Topic
 from cardan.gateway.servers.allow_list import Allowed
 from cardan.protocols.ros2.interfaces import InterfaceError, full_text, message_type
 
@@ -21,7 +21,7 @@ class VisibleGraph:
             if self._allowed.topic(name) and not _is_hidden(name)
         }
 
-    def services(self) -> dict[str, Service]:
+    def services(self) -> dict[str, ServiceInfo]:
         """The services by name."""
         return {
             name: service
@@ -29,7 +29,7 @@ class VisibleGraph:
             if self._allowed.service(name) and not _is_hidden(name)
         }
 
-    def callable_services(self) -> dict[str, Service]:
+    def callable_services(self) -> dict[str, ServiceInfo]:
         """Those that clients may call. Where they may not use all parameters, those by which nodes
         give their own are not among them."""
         services = self.services().items()

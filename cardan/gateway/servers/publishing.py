@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable
 from typing import NamedTuple
 
-from cardan.bus.network import Network, Publisher
+from cardan.bus.network import Network, PublisherHandle
 from cardan.gateway.servers.allow_list import Allowed
 from cardan.protocols.ros2.interfaces import full_name, message_type
 from cardan.protocols.ros2.names import checked_name
@@ -22,7 +22,7 @@ class Advertised(NamedTuple):
     """A topic that the client publishes on."""
 
     type: str
-    publisher: Publisher
+    publisher: PublisherHandle
     ids: set[Hashable]
     """The client's ids of its advertisements; the topic stays until the last one has gone."""
 

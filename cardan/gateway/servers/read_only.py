@@ -11,8 +11,8 @@ from cardan.bus.network import (
     Heard,
     Network,
     NetworkError,
-    Publisher,
-    Service,
+    PublisherHandle,
+    ServiceInfo,
     Topic,
 )
 from cardan.gateway.servers.tokens import Role
@@ -44,7 +44,7 @@ class ReadingNetwork:
     def topics(self) -> Mapping[str, Topic]:
         return self._network.topics()
 
-    def services(self) -> Mapping[str, Service]:
+    def services(self) -> Mapping[str, ServiceInfo]:
         return self._network.services()
 
     def nodes(self) -> Sequence[str]:
@@ -53,7 +53,7 @@ class ReadingNetwork:
     def subscribe(self, topic: str, type_name: str | None, heard: Heard) -> Handle:
         return self._network.subscribe(topic, type_name, heard)
 
-    def advertise(self, topic: str, type_name: str, latched: bool) -> Publisher:
+    def advertise(self, topic: str, type_name: str, latched: bool) -> PublisherHandle:
         raise _refusal(f"publish on {topic}")
 
     def call(

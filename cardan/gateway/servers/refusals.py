@@ -10,7 +10,7 @@ from functools import partial
 
 from cardan.bus.network import Handle, Network, NetworkError
 from cardan.gateway.servers.calls import Mailbox
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 
 RESULT = "cardan_msgs/msg/CommandResult"
 
@@ -77,7 +77,7 @@ class Refusals:
     def _hear(self, cdr: bytes, _stamp_ns: int) -> None:
         """In any thread."""
         result = codec_of(RESULT).decode(cdr)
-        if isinstance(result, Malformed) or result["outcome"] != "refused":
+        if isinstance(result, MalformedCdr) or result["outcome"] != "refused":
             return
         # "ros2 /NODE", and a mark where two have that name.
         node = f"/{result['source'].partition(' /')[2].partition('#')[0]}"

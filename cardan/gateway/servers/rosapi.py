@@ -6,7 +6,7 @@ import time
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
-from cardan.bus.network import Network, Service, Topic
+from cardan.bus.network import Network, ServiceInfo, Topic
 from cardan.gateway.servers.allow_list import Allowed
 from cardan.gateway.servers.calls import ServiceCaller
 from cardan.gateway.servers.graph import VisibleGraph, definition
@@ -102,10 +102,10 @@ class RosApi:
         found.setdefault(ROSOUT, Topic(LOG))
         return dict(sorted(found.items()))
 
-    def visible_services(self) -> dict[str, Service]:
+    def visible_services(self) -> dict[str, ServiceInfo]:
         """The services that clients may see, those of rosapi among them, sorted."""
         found = self._graph.services()
-        found.update({name: Service(kind, (NODE,)) for name, kind in SERVICES.items()})
+        found.update({name: ServiceInfo(kind, (NODE,)) for name, kind in SERVICES.items()})
         return dict(sorted(found.items()))
 
     def _topics(self, _request: Message) -> Message:

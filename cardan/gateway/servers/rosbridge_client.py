@@ -30,7 +30,7 @@ from cardan.gateway.servers.rosbridge_subscriptions import ClientStream, Feeds, 
 from cardan.gateway.servers.send_queue import LATCHED_DEPTH, TopicQueue
 from cardan.gateway.servers.web import ListenerConnection
 from cardan.protocols.ros2.actions import CANCEL_TYPE, CancelCode, GoalStatus
-from cardan.protocols.ros2.cdr import CdrError, Malformed, Message, codec_of, decoded
+from cardan.protocols.ros2.cdr import CdrError, MalformedCdr, Message, codec_of, decoded
 from cardan.protocols.ros2.interfaces import (
     DUMMY_MEMBER,
     ActionType,
@@ -48,7 +48,7 @@ from cardan.protocols.rosbridge.delivery import (
     Delivery,
     Subscriptions,
 )
-from cardan.protocols.rosbridge.forms import Sample
+from cardan.protocols.rosbridge.forms import EncodedMessage
 from cardan.protocols.rosbridge.operations import (
     Advertise,
     AdvertiseService,
@@ -56,7 +56,7 @@ from cardan.protocols.rosbridge.operations import (
     CancelActionGoal,
     Id,
     Publish,
-    Refused,
+    RefusedOperation,
     SendActionGoal,
     ServiceResponse,
     Subscribe,
@@ -64,7 +64,7 @@ from cardan.protocols.rosbridge.operations import (
     UnadvertiseService,
     Unsubscribe,
 )
-from cardan.protocols.rosbridge.session import Session
+from cardan.protocols.rosbridge.session import RosbridgeSession
 
 MAX_OFFERED = 100
 """Most services that a client offers."""
@@ -149,14 +149,14 @@ class RosbridgeClient:
         """`lasting` calls on the network that outlives `network`, the client's own part of it.
         `max_bytes`: of an operation in fragments, and of answers that it does not read."""
         self.connection, self.peer = connection, peer
-        self.sender: SendLoop[Delivery, Sample] = SendLoop(
+        self.sender: SendLoop[Delivery, EncodedMessage] = SendLoop(
             connection, peer, max_bytes, counts, self._encoded
         )
         self._network, self._caller, self._rosapi = network, caller, rosapi
         self._feeds, self._mailbox, self._allowed, self._counts = feeds, mailbox, allowed, counts
         self._lasting = lasting
         self._service_timeout_s = service_timeout_s
-        self._session = Session(max_bytes)
+        self._session = RosbridgeSession(max_bytes)
         self._loop = asyncio.get_running_loop()
         self._subscriptions = Subscriptions()
         self._subscribed: dict[str, _Subscribed] = {}
@@ -183,11 +183,11 @@ class RosbridgeClient:
         """Send a control frame: at once, or first of all that waits."""
         self.sender.send(*frames)
 
-    def _encoded(self, stream: ClientStream, sample: Sample) -> tuple[forms.Frame, ...]:
+    def _encoded(self, stream: ClientStream, sample: EncodedMessage) -> tuple[forms.Frame, ...]:
         subscribed = self._subscribed.get(stream.topic)
         return () if subscribed is None else subscribed.feed.encoded(sample, stream)
 
-    def _refuse(self, refused: Refused) -> None:
+    def _refuse(self, refused: RefusedOperation) -> None:
         """Say why: in the answer where the operation has one, and as a status."""
         self._counts["refused"] += 1
         level = logging.DEBUG if self._told else logging.WARNING
@@ -206,7 +206,7 @@ class RosbridgeClient:
     def tell_refused(self, command: str, reason: str) -> None:
         """Tell the client that an arm has refused its message."""
         if not self._gone:
-            self._refuse(Refused(reason, "publish", None, command))
+            self._refuse(RefusedOperation(reason, "publish", None, command))
 
     # -- from the client -------------------------------------------------------------------------
 
@@ -215,14 +215,14 @@ class RosbridgeClient:
         asked = self._session.receive(frame, self._loop.time())
         if asked is None:
             return
-        if isinstance(asked, Refused):
+        if isinstance(asked, RefusedOperation):
             self._refuse(asked)
             return
         op, handle, name = _HANDLERS[type(asked)]
         try:
             handle(self, asked)
         except _REFUSALS as error:
-            self._refuse(Refused(str(error), op, asked.id, getattr(asked, name)))
+            self._refuse(RefusedOperation(str(error), op, asked.id, getattr(asked, name)))
 
     # -- topics ----------------------------------------------------------------------------------
 
@@ -329,7 +329,7 @@ class RosbridgeClient:
                 asked.fragment_size,
             )
         except _REFUSALS as error:
-            self._refuse(Refused(str(error), "call_service", asked.id, asked.service))
+            self._refuse(RefusedOperation(str(error), "call_service", asked.id, asked.service))
             return
         self.send(*frames)
 
@@ -370,7 +370,7 @@ class RosbridgeClient:
             return
         kind = service_type(offered.type)
         request = codec_of(kind.request).decode(data)
-        if isinstance(request, Malformed):
+        if isinstance(request, MalformedCdr):
             self._counts["unreadable"] += 1
             answered(Failure(request.reason))
             return
@@ -500,14 +500,14 @@ class RosbridgeClient:
             result, status = ended["result"], ended["status"]
             self.send(forms.action_result(asked.id, asked.action, kind.result, result, status))
         except _REFUSALS as error:
-            self._refuse(Refused(str(error), "send_action_goal", asked.id, asked.action))
+            self._refuse(RefusedOperation(str(error), "send_action_goal", asked.id, asked.action))
 
     def _hear_feedback(
         self, asked: SendActionGoal, type_name: str, goal_id: bytes, cdr: bytes, _stamp_ns: int
     ) -> None:
         """In any thread."""
         name, message = decoded(type_name, cdr)
-        if not isinstance(message, Malformed) and message["goal_id"]["uuid"] == goal_id:
+        if not isinstance(message, MalformedCdr) and message["goal_id"]["uuid"] == goal_id:
             inner = name.removesuffix("Message")
             tell = partial(self._tell_feedback, asked, inner, message["feedback"])
             self._mailbox.put(tell)
@@ -542,7 +542,7 @@ class RosbridgeClient:
         if self._gone:
             _log.warning("%s: its goal may go on: %s", self.peer, reason)
         else:
-            self._refuse(Refused(reason, "cancel_action_goal", goal.name, goal.action))
+            self._refuse(RefusedOperation(reason, "cancel_action_goal", goal.name, goal.action))
 
     def _cancel(self, goal: _Goal) -> None:
         """Ask the action's server to cancel, at once and, where it has not accepted the goal yet,

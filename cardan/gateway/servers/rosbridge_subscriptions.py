@@ -14,7 +14,7 @@ from cardan.gateway.servers.send_queue import TopicQueue
 from cardan.gateway.servers.subscriptions import Feed, SharedFeeds
 from cardan.protocols.ros2.interfaces import InterfaceError
 from cardan.protocols.rosbridge.delivery import Delivery
-from cardan.protocols.rosbridge.forms import Sample, UnreadableError
+from cardan.protocols.rosbridge.forms import EncodedMessage, UnreadableError
 
 DEPTH = 100
 """Messages of a topic that wait for this process to have time; of more, the oldest are lost."""
@@ -22,8 +22,8 @@ DEPTH = 100
 _log = logging.getLogger(__name__)
 
 
-ClientStream = TopicQueue[Delivery, Sample]
-Receiver = SendLoop[Delivery, Sample]
+ClientStream = TopicQueue[Delivery, EncodedMessage]
+Receiver = SendLoop[Delivery, EncodedMessage]
 
 
 class RosbridgeFeed(Feed[ClientStream, Receiver]):
@@ -39,7 +39,7 @@ class RosbridgeFeed(Feed[ClientStream, Receiver]):
     ) -> None:
         super().__init__(network, topic, type_name)
         self._mailbox, self._counts = mailbox, counts
-        self._heard: deque[Sample] = deque(maxlen=DEPTH)
+        self._heard: deque[EncodedMessage] = deque(maxlen=DEPTH)
         self._woken = False
         self._unreadable = False
         self._late = 0
@@ -51,7 +51,7 @@ class RosbridgeFeed(Feed[ClientStream, Receiver]):
         self._counts["superseded"] += self._late
         self._late = 0
 
-    def encoded(self, sample: Sample, stream: ClientStream) -> tuple[str | bytes, ...]:
+    def encoded(self, sample: EncodedMessage, stream: ClientStream) -> tuple[str | bytes, ...]:
         """The frames of a message for a stream; none, and counted, where it is no message."""
         delivery = stream.delivery
         try:
@@ -66,7 +66,7 @@ class RosbridgeFeed(Feed[ClientStream, Receiver]):
     def _hear(self, cdr: bytes, stamp_ns: int) -> None:
         """In any thread."""
         self._late += len(self._heard) == DEPTH
-        self._heard.append(Sample(self.type, cdr, stamp_ns))
+        self._heard.append(EncodedMessage(self.type, cdr, stamp_ns))
         if not self._woken:
             self._woken = True
             self._mailbox.put(self._deliver)
@@ -77,7 +77,7 @@ class RosbridgeFeed(Feed[ClientStream, Receiver]):
         while self._heard:
             self._deliver_one(self._heard.popleft(), now_s)
 
-    def _deliver_one(self, sample: Sample, now_s: float) -> None:
+    def _deliver_one(self, sample: EncodedMessage, now_s: float) -> None:
         at_once: dict[tuple[str, str, int], tuple[ClientStream, list[Receiver]]] = {}
         for stream, receiver in self.receivers.items():
             if receiver.outbox.offer(stream, sample, now_s, receiver.free):

@@ -27,7 +27,7 @@ from cardan.gateway.servo.servo import (
     safety_distances,
 )
 from cardan.gateway.servo.status import ServoStatus
-from cardan.robots import Box, Capsule, JointKind, SixWeights
+from cardan.robots import Capsule, JointKind, OrientedBox, SixWeights
 from cardan.spatial import norm, subtract
 from cardan.types import Pose, Quaternion, Vector3
 
@@ -87,7 +87,7 @@ class CompiledServo:
         self._library = library
         self._tick = library.kernel_tick
         self._dt_s, self._period = 0.0, ctypes.c_double()
-        self._projects = min(sum(1 for weight in weights if weight), n) < 6
+        self.projects = min(sum(1 for weight in weights if weight), n) < 6
         self.q = self._window("q", n)
         self.v = self._window("v", n)
         self.twist = self._window("twist", 6).reshape(2, 3)
@@ -98,6 +98,7 @@ class CompiledServo:
         self._goal_rate = layout.CState.goal_rate.offset
         self._numbers = layout.CState.goal_position.offset
         self._pose_joints = layout.CState.pose_joints.offset
+        self._pose_position = layout.CState.pose_position.offset
         self._reachable = layout.CState.reachable_position.offset
         self._pack_joints = struct.Struct(f"{n}d").pack_into
         movers = 0 if collision is None else len(collision.solids) - collision.first_mover
@@ -177,7 +178,7 @@ class CompiledServo:
         if self.kinematics.tool is not self._tool:
             self._take_tool()
         self._library.kernel_pose(self._handle)
-        return self._read_pose(layout.CState.pose_position.offset)
+        return self._read_pose(self._pose_position)
 
     def pose_at(self, q: Sequence[float]) -> Pose:
         """The TCP in the base for the joint positions `q`."""
@@ -185,7 +186,8 @@ class CompiledServo:
             self._take_tool()
         self._pack_joints(self._memory, self._pose_joints, *q)
         self._library.kernel_pose_at(self._handle)
-        return self._read_pose(layout.CState.pose_position.offset)
+        x, y, z, w, i, j, k = _unpack_pose(self._memory, self._pose_position)
+        return Pose(Vector3(x, y, z), Quaternion(w, i, j, k))
 
     def _read_pose(self, offset: int) -> Pose:
         x, y, z, w, i, j, k = _unpack_pose(self._memory, offset)
@@ -194,7 +196,7 @@ class CompiledServo:
     @property
     def reachable(self) -> Pose | None:
         """As Servo.reachable."""
-        if not self._projects:
+        if not self.projects:
             return None
         pose = self._read_pose(self._reachable)
         return pose if any(pose.orientation) else None  # None was computed so far.
@@ -388,7 +390,7 @@ def _shape(solid: Solid) -> layout.CShape:
             start = end
         made.kind, made.radius_m = layout.CAPSULE, shape.radius_m
         made.start[:], made.end[:] = start, end
-    elif isinstance(shape, Box):
+    elif isinstance(shape, OrientedBox):
         placement = to_se3(shape.pose)
         made.kind = layout.BOX
         made.rotation[:] = placement.rotation.ravel().tolist()

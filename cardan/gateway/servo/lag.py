@@ -40,6 +40,8 @@ class ResponseLag:
     def __init__(self, lag_s: float, continuous: npt.NDArray[np.bool_]) -> None:
         """`continuous` marks joints whose whole turns make no difference."""
         self._spacing_s = lag_s / (_ROWS - 1)
+        self.late = lag_s > 0.0
+        """Whether the robot normally lags; False: joints are where they are commanded to be."""
         self._continuous: list[bool] = continuous.tolist()
         self._rows: list[list[float]] = []
         self._next_s = 0.0
@@ -49,11 +51,6 @@ class ResponseLag:
         """The row that was nearest last."""
         self._known: tuple[Sequence[float], Sequence[float], Sequence[float]] = (), (), ()
         """Last arguments of `expected`, and its result: a control cycle asks twice."""
-
-    @property
-    def late(self) -> bool:
-        """Whether the robot normally lags; False: joints are where they are commanded to be."""
-        return self._spacing_s > 0.0
 
     def reset(self) -> None:
         """Forget the past: the joints were placed, not moved."""
@@ -94,10 +91,13 @@ class ResponseLag:
         last, its = farthest(rows[self._nearest], measured, self._continuous)
         if last < least:
             nearest, least, joint = rows[self._nearest], last, its
-        for index in self._closer(measured, joint, least):
-            away, _ = farthest(rows[index], measured, self._continuous)
-            if away < least:
-                nearest, least, self._nearest = rows[index], away, index
+        there, turns = measured[joint], self._continuous[joint]
+        for index, row in enumerate(rows):
+            way = row[joint] - there
+            if abs(math.remainder(way, TURN) if turns else way) < least:
+                away, _ = farthest(row, measured, self._continuous)
+                if away < least:
+                    nearest, least, self._nearest = row, away, index
         found = measured
         if nearest is not commanded:
             found = [
@@ -106,11 +106,3 @@ class ResponseLag:
             ]
         self._known = measured, commanded, found
         return found
-
-    def _closer(self, measured: Sequence[float], joint: int, least: float) -> list[int]:
-        """Which rows have that one joint closer than `least`."""
-        there, rows = measured[joint], enumerate(self._rows)
-        if self._continuous[joint]:
-            turn = math.remainder
-            return [index for index, row in rows if abs(turn(row[joint] - there, TURN)) < least]
-        return [index for index, row in rows if abs(row[joint] - there) < least]

@@ -156,7 +156,8 @@ class Servo:
         self._equal_weights = len({w for w in weights if w}) == 1 and max(weights) == 1.0
         self._scales = (self._weights != 0.0) * np.array((1.0, 1.0, 1.0, length, length, length))
         rank = min(int(np.count_nonzero(self._weights)), n)
-        self._full_rank = rank == 6
+        self.projects = rank < 6
+        """Whether the arm lacks joints for some directions."""
         self._smallest = n - rank
         self._singular = eigenpy.SelfAdjointEigenSolver(n)
         self._solver = eigenpy.LLT(n)
@@ -284,7 +285,7 @@ class Servo:
         if joint_rate is not None:
             wanted += jacobian.dot(joint_rate)
         self._unreachable = (0.0, 0.0)
-        if not self._full_rank:
+        if self.projects:
             self._project(jacobian)
             self.reachable = to_pose(
                 placement * pin.SE3(pin.exp3(feedback[3:].copy()), feedback[:3].copy())

@@ -42,7 +42,7 @@ SHAPED_FORCES = (RemoteForceTable, NetworkForceTable)
 def make_source(table: ForceTable) -> ForceSource | None:
     """The source of a measured force, not opened yet; None where there is none."""
     if isinstance(table, MeasuredForceTable):
-        return MeasuredSource(felt=table.sense == "felt")
+        return MeasuredSource(reaction=table.sense == "reaction")
     if isinstance(table, ContactForceTable):
         return ContactSource(table.contact)
     if isinstance(table, RemoteForceTable):
@@ -57,7 +57,7 @@ def make_source(table: ForceTable) -> ForceSource | None:
         raise ConfigurationError(
             "force.zero_sensor", f"{table.sensor.driver!r} cannot be zeroed: leave it out"
         )
-    return SensorSource(sensor, felt=table.sense == "felt", zero=table.zero_sensor)
+    return SensorSource(sensor, reaction=table.sense == "reaction", zero=table.zero_sensor)
 
 
 def make_conditioner(table: ForceTable, source: ForceSource | None) -> Conditioner:

@@ -25,7 +25,7 @@ from cardan.gateway.bus.arm_topics import (
     WARN,
     ArmNames,
     ArmTopics,
-    Part,
+    DiagnosticStatus,
 )
 from cardan.gateway.bus.commands import (
     ACTIONS,
@@ -308,17 +308,17 @@ class SessionNetwork:
             self._topics.log(LOG_WARN if snapshot.message else LOG_INFO, said, now_ns)
 
 
-def _parts(snapshot: Snapshot) -> list[Part]:
+def _parts(snapshot: Snapshot) -> list[DiagnosticStatus]:
     """Return the diagnostics of each part of a session."""
     s = snapshot
     lost = s.robot_link != RobotLink.LIVE.value
-    robot = Part(
+    robot = DiagnosticStatus(
         "robot",
         ERROR if lost else WARN if s.hold_reason else OK,
         s.hold_reason or f"link {s.robot_link}",
         values=s.metrics,
     )
-    session = Part(
+    session = DiagnosticStatus(
         "session",
         WARN if s.message or s.diagnosis else OK,
         s.message or (s.diagnosis[0] if s.diagnosis else s.phase),
@@ -336,7 +336,7 @@ def _parts(snapshot: Snapshot) -> list[Part]:
     if s.device_link:
         live = s.device_link == DeviceLink.LIVE.value
         parts.append(
-            Part(
+            DiagnosticStatus(
                 "device",
                 OK if live else WARN,
                 s.device_reason or s.device_link,

@@ -453,7 +453,7 @@ class Neighbors(Part):
         snapshot.diagnosis += self._neighbors.diagnosis()
 
 
-class Network(Part):
+class BusPart(Part):
     """The arm on the bus."""
 
     def __init__(self, whole: Whole, network: SessionNetwork, join: Callable[[], None]) -> None:

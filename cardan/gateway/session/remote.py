@@ -24,7 +24,7 @@ from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.session import EXIT_CANNOT_OPEN, EXIT_CONFIGURATION
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.gateway.session.supervisor import Outcome, SessionProcess
+from cardan.gateway.session.supervisor import SessionExit, SessionProcess
 
 
 def session_arm(
@@ -61,7 +61,7 @@ def _connect(
 ) -> Callable[[], None]:
     """Start the session; returns, when the robot's first state is there, what ends it."""
     process = SessionProcess(config)
-    outcomes: list[Outcome] = []
+    outcomes: list[SessionExit] = []
 
     def take(packet: bytes) -> Snapshot | None:
         if arm.take(packet):
@@ -95,7 +95,7 @@ def _connect(
         raise _why_it_ended(outcomes[0]) from None
 
 
-def _why_it_ended(outcome: Outcome) -> CardanError:
+def _why_it_ended(outcome: SessionExit) -> CardanError:
     """The error that the session's own process raised, as far as its end shows."""
     words = outcome.last.error
     if outcome.exit_code == EXIT_CONFIGURATION:

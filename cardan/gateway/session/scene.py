@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from cardan.gateway.servo.options import ServoOptions
 from cardan.gateway.session.config import ObstacleTable, SessionConfig
-from cardan.robots import ArmModel, BodyShape, Box, Capsule, JointKind, Shape, load_arm
+from cardan.robots import ArmModel, BodyShape, Capsule, JointKind, OrientedBox, Shape, load_arm
 from cardan.spatial import norm, scale
 from cardan.types import Pose, Vector3
 
@@ -121,7 +121,7 @@ def _solid(shape: Shape) -> dict[str, Any]:
                 "radius_m": shape.radius_m,
             }
         }
-    assert isinstance(shape, Box)
+    assert isinstance(shape, OrientedBox)
     return {"box": {**_pose(shape.pose), "size_m": list(shape.size_m)}}
 
 

@@ -39,12 +39,12 @@ from cardan.gateway.session.device_sharing import DeviceLease
 from cardan.gateway.session.driver_assembly import make_device, using_driver
 from cardan.gateway.session.force_assembly import make_force
 from cardan.gateway.session.parts import (
+    BusPart,
     Feedback,
     Figures,
     Forces,
     Gripper,
     Neighbors,
-    Network,
     Now,
     Operator,
     Part,
@@ -109,7 +109,7 @@ class Session:
             measured = None if force is None else force.measured
             source = None if measured is None else measured.source
             join = functools.partial(network.open, controller, robot, device, source, neighbors)
-            self._parts.append(Network(whole, network, join))
+            self._parts.append(BusPart(whole, network, join))
         if channel is not None:
             self._parts.append(Supervisor(whole, channel, self.stop))
 

@@ -44,7 +44,7 @@ _FIGURES = re.compile(r"[0-9.,]+")
 _log = logging.getLogger(__name__)
 
 
-class Outcome(NamedTuple):
+class SessionExit(NamedTuple):
     """How a session ended."""
 
     exit_code: int
@@ -141,7 +141,7 @@ class SessionProcess:
         take: Callable[[bytes], Snapshot | None],
         poll: Callable[[], bool] = lambda: True,
         shown: Callable[[], bool] = lambda: True,
-    ) -> Outcome:
+    ) -> SessionExit:
         """Beat until it ends, and wait for its end; to be called once.
 
         `take` gets each packet that it sends, and answers with the snapshot where it is one; an
@@ -195,7 +195,7 @@ class SessionProcess:
                     return
                 yield packet
 
-    def _reap(self, last: Snapshot) -> Outcome:
+    def _reap(self, last: Snapshot) -> SessionExit:
         """How it ended; it is killed where it does not end by itself."""
         process = self._process
         patience_s = min(KILL_AFTER_S, self._give_up_s - time.monotonic())
@@ -216,7 +216,7 @@ class SessionProcess:
                     "; only its controller stops a robot that moved (EGM: CommTimeout; MotoROS: "
                     "watchdog, or an empty queue)"
                 )
-        return Outcome(code if code >= 0 else EXIT_INTERNAL, last)
+        return SessionExit(code if code >= 0 else EXIT_INTERNAL, last)
 
 
 def _relay(said: int, say: Callable[[bytes], None]) -> None:
@@ -240,7 +240,7 @@ def supervise(
     poll: Callable[[], bool] = lambda: True,
     through: Sequence[str] = (),
     shown: Callable[[], bool] = lambda: True,
-) -> Outcome:
+) -> SessionExit:
     """Run a session as configured until it ends; `show` gets each snapshot.
 
     Every signal that would end this process asks it to brake, hold and leave, and so do Ctrl-Z,

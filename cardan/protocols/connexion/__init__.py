@@ -34,7 +34,7 @@ from cardan.protocols.connexion.reports import (
     LedOutput as LedOutput,
     LongPress as LongPress,
     LongPressBits as LongPressBits,
-    Motion as Motion,
+    MotionReport as MotionReport,
     Rotation as Rotation,
     Translation as Translation,
     decode_input as decode_input,

@@ -56,7 +56,7 @@ class Rotation(NamedTuple):
     rz: int
 
 
-class Motion(NamedTuple):
+class MotionReport(NamedTuple):
     """Report 1 of a ONE device: counts in the raw frame."""
 
     x: int
@@ -107,7 +107,7 @@ class LedOutput(NamedTuple):
 InputReport = (
     Translation
     | Rotation
-    | Motion
+    | MotionReport
     | ButtonBits
     | KeysDown
     | LongPress
@@ -129,7 +129,7 @@ def decode_input(report: bytes) -> InputReport:
     report_id = report[0]
     if report_id == TRANSLATION_ID:
         if size >= MOTION_BYTES:
-            return Motion._make(_SIX(report, 1))
+            return MotionReport._make(_SIX(report, 1))
         # Between the two lengths it is a whole report cut short: read as a half, it would leave
         # the rotation where it was.
         if size == HALF_BYTES:

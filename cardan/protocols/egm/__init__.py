@@ -22,6 +22,7 @@ from cardan.protocols.egm.messages import (
     EgmFeedback as EgmFeedback,
     EgmHeader as EgmHeader,
     EgmMeasuredForce as EgmMeasuredForce,
+    EgmMessageType as EgmMessageType,
     EgmMotion as EgmMotion,
     EgmPose as EgmPose,
     EgmRapidData as EgmRapidData,
@@ -30,9 +31,8 @@ from cardan.protocols.egm.messages import (
     EgmSensorPathCorr as EgmSensorPathCorr,
     EgmSpeedRef as EgmSpeedRef,
     Fault as Fault,
-    Malformed as Malformed,
+    MalformedEgmMessage as MalformedEgmMessage,
     MCIState as MCIState,
-    MessageType as MessageType,
     MotorState as MotorState,
     RapidState as RapidState,
 )

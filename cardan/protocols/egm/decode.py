@@ -27,6 +27,7 @@ from cardan.protocols.egm.messages import (
     EgmFeedback,
     EgmHeader,
     EgmMeasuredForce,
+    EgmMessageType,
     EgmMotion,
     EgmPose,
     EgmRapidData,
@@ -35,9 +36,8 @@ from cardan.protocols.egm.messages import (
     EgmSensorPathCorr,
     EgmSpeedRef,
     Fault,
-    Malformed,
+    MalformedEgmMessage,
     MCIState,
-    MessageType,
     MotorState,
     RapidState,
 )
@@ -48,20 +48,20 @@ from cardan.types import Quaternion, Vector3
 AXES_MAX = 6
 """Most values of a group of axes, and of a force."""
 
-_MESSAGE_TYPES = {member.value: member for member in MessageType}
+_MESSAGE_TYPES = {member.value: member for member in EgmMessageType}
 _MOTOR_STATES = tuple(MotorState)
 _MCI_STATES = tuple(MCIState)
 _RAPID_STATES = tuple(RapidState)
 """The members by number."""
 
 _FROM_CONTROLLER = (2, 0)
-"""MessageType DATA and UNDEFINED as plain numbers, for the comparison in every cycle."""
+"""EgmMessageType DATA and UNDEFINED as plain numbers, for the comparison in every cycle."""
 
 _new = tuple.__new__
 _isfinite = math.isfinite
 
 
-def decode_robot(data: bytes | bytearray | memoryview) -> EgmRobot | Malformed:
+def decode_robot(data: bytes | bytearray | memoryview) -> EgmRobot | MalformedEgmMessage:
     """Decode a controller's datagram. Never raises.
 
     Refused as WRONG_TYPE: an mtype that is neither DATA nor UNDEFINED, and a message with neither
@@ -74,7 +74,7 @@ def decode_robot(data: bytes | bytearray | memoryview) -> EgmRobot | Malformed:
         return refused.malformed
 
 
-def decode_feedback(data: bytes) -> EgmFeedback | Malformed:
+def decode_feedback(data: bytes) -> EgmFeedback | MalformedEgmMessage:
     """The part of a controller's message that an answer depends on. Never raises.
 
     All of the datagram must be protobuf; values that are not returned are not checked. Refused as
@@ -139,7 +139,7 @@ def decode_feedback(data: bytes) -> EgmFeedback | Malformed:
 
 def decode_from_pc(
     data: bytes | bytearray | memoryview,
-) -> EgmSensor | EgmSensorPathCorr | Malformed:
+) -> EgmSensor | EgmSensorPathCorr | MalformedEgmMessage:
     """Decode a PC's datagram, guidance or path correction. Never raises.
 
     mtype says which it is; where it is neither CORRECTION nor PATH_CORRECTION (there are clients
@@ -151,9 +151,9 @@ def decode_from_pc(
         if not 0 < len(data) <= MAX_DATAGRAM_BYTES:
             raise _wrong_size(data)
         mtype = _parse(schema.Envelope, data).header.mtype
-        if mtype == MessageType.PATH_CORRECTION:
+        if mtype == EgmMessageType.PATH_CORRECTION:
             return _path_corr(_parse_complete(schema.SensorPathCorr, data))
-        if mtype != MessageType.CORRECTION:
+        if mtype != EgmMessageType.CORRECTION:
             try:
                 message = _parse_complete(schema.SensorPathCorr, data)
             except _RefusedError:
@@ -171,7 +171,7 @@ class _RefusedError(Exception):
 
     def __init__(self, fault: Fault, detail: str) -> None:
         super().__init__(detail)
-        self.malformed = Malformed(fault, detail)
+        self.malformed = MalformedEgmMessage(fault, detail)
 
 
 def _wrong_size(data: bytes) -> _RefusedError:
@@ -207,7 +207,7 @@ def _parse_robot(data: bytes) -> Any:
     mtype = m.header.mtype
     if mtype not in _FROM_CONTROLLER:
         raise _RefusedError(
-            Fault.WRONG_TYPE, f"mtype {mtype} is not a controller's ({MessageType.DATA:d}, DATA)"
+            Fault.WRONG_TYPE, f"mtype {mtype} is not a controller's ({EgmMessageType.DATA:d}, DATA)"
         )
     return m
 

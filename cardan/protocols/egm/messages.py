@@ -21,7 +21,7 @@ DNUM_MAX = 40
 """Most values an EgmRAPIDdata may carry."""
 
 
-class MessageType(enum.IntEnum):
+class EgmMessageType(enum.IntEnum):
     """EgmHeader.mtype."""
 
     UNDEFINED = 0
@@ -65,7 +65,7 @@ class EgmHeader(NamedTuple):
     seqno: int | None
     tm_ms: int | None
     mtype: int
-    """A MessageType where it is a known one; unknown numbers are kept as they came."""
+    """An EgmMessageType where it is a known one; unknown numbers are kept as they came."""
 
 
 class EgmPose(NamedTuple):
@@ -202,7 +202,7 @@ class Fault(enum.Enum):
     WRONG_COUNT = "wrong number of values"
 
 
-class Malformed(NamedTuple):
+class MalformedEgmMessage(NamedTuple):
     """An invalid datagram, as a value: decoding never raises."""
 
     fault: Fault

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from cardan.protocols.egm import schema
 from cardan.protocols.egm.decode import decode_feedback
-from cardan.protocols.egm.messages import EgmFeedback, Malformed
+from cardan.protocols.egm.messages import EgmFeedback, MalformedEgmMessage
 from cardan.protocols.egm.units import MM_PER_M, RAD_PER_DEG
 from cardan.types import Quaternion, Vector3
 
@@ -30,7 +30,7 @@ _from_bytes = int.from_bytes
 _isfinite = math.isfinite
 
 
-class Layout(NamedTuple):
+class DatagramLayout(NamedTuple):
     """Layout of a datagram of a certain length."""
 
     mask: int
@@ -50,13 +50,13 @@ class FeedbackReader:
     """`decode_feedback` for a stream of datagrams, most of which are like one before."""
 
     def __init__(self) -> None:
-        self._layouts: dict[int, Layout | None] = {}
+        self._layouts: dict[int, DatagramLayout | None] = {}
         """Layouts by the length of the datagram; None where it is too unusual to learn."""
         self._unlearned: tuple[bytes, EgmFeedback] | None = None
         self._sec_bytes, self._sec_us = b"", 0
         """The clock's seconds as they came last; they come often."""
 
-    def read(self, data: bytes) -> EgmFeedback | Malformed:
+    def read(self, data: bytes) -> EgmFeedback | MalformedEgmMessage:
         """Decode `data` like `decode_feedback`."""
         layout = self._layouts.get(len(data))
         if layout is not None:
@@ -92,7 +92,10 @@ class FeedbackReader:
                         ),
                     )
         feedback = decode_feedback(data)
-        if not isinstance(feedback, Malformed) and self._layouts.get(len(data), 0) is not None:
+        if (
+            not isinstance(feedback, MalformedEgmMessage)
+            and self._layouts.get(len(data), 0) is not None
+        ):
             self._unlearned = (data, feedback)
         return feedback
 
@@ -143,7 +146,7 @@ class UnusualError(Exception):
     """A layout that is legal, and too unusual to learn."""
 
 
-def _learned(data: bytes, feedback: EgmFeedback) -> Layout | None:
+def _learned(data: bytes, feedback: EgmFeedback) -> DatagramLayout | None:
     """The layout of `data`, which protobuf read as `feedback`; None where it is unusual."""
     mask = bytearray(b"\xff" * len(data))
     read: list[Leaf] = []
@@ -174,7 +177,7 @@ def _learned(data: bytes, feedback: EgmFeedback) -> Layout | None:
     ones = _from_bytes(mask, "little")
     fixed = _from_bytes(data, "little") & ones
     places = tuple((leaf.at, leaf.size) for leaf in read)
-    return Layout(ones, fixed, values, feedback.states, len(forces), has_rate, places)
+    return DatagramLayout(ones, fixed, values, feedback.states, len(forces), has_rate, places)
 
 
 class Leaf(NamedTuple):

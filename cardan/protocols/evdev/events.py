@@ -42,7 +42,7 @@ class InputEvent(NamedTuple):
     value: int
 
 
-class Malformed(NamedTuple):
+class MalformedPacket(NamedTuple):
     """Bytes that are not events."""
 
     reason: str
@@ -55,12 +55,12 @@ CUT = "cut in the middle of an event"
 NO_CALL = "neither events nor the answer that was asked for"
 
 
-def decode_events(data: bytes) -> list[InputEvent] | Malformed:
+def decode_events(data: bytes) -> list[InputEvent] | MalformedPacket:
     """The events of one read. Never raises; of a read that is cut short nothing is taken."""
     if not data:
-        return Malformed(EMPTY, 0)
+        return MalformedPacket(EMPTY, 0)
     if len(data) % EVENT_BYTES:
-        return Malformed(CUT, len(data))
+        return MalformedPacket(CUT, len(data))
     return [*map(InputEvent._make, _EVENT.iter_unpack(data))]
 
 

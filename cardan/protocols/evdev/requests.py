@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from cardan.protocols.evdev.codes import ABS_COUNT, FF_COUNT, FF_RUMBLE, KEY_COUNT
-from cardan.protocols.evdev.events import EVENT_BYTES, NO_CALL, Malformed
+from cardan.protocols.evdev.events import EVENT_BYTES, NO_CALL, MalformedPacket
 
 _NONE, _WRITE, _READ = 0, 1, 2
 
@@ -150,13 +150,13 @@ def encode_rumble(effect: Rumble) -> bytes:
     return (head.ljust(_UNION_AT, b"\0") + body).ljust(EFFECT_BYTES, b"\0")
 
 
-def decode_rumble(data: bytes) -> Rumble | Malformed:
+def decode_rumble(data: bytes) -> Rumble | MalformedPacket:
     """The rumble in a struct ff_effect. Never raises."""
     if len(data) < EFFECT_BYTES:
-        return Malformed("an effect cut short", len(data))
+        return MalformedPacket("an effect cut short", len(data))
     kind, effect_id, _, _, _, length_ms, _ = _EFFECT_HEAD.unpack_from(data)
     if kind != FF_RUMBLE:
-        return Malformed("an effect that is no rumble", len(data))
+        return MalformedPacket("an effect that is no rumble", len(data))
     strong, weak = _RUMBLE.unpack_from(data, _UNION_AT)
     return Rumble(effect_id, strong, weak, length_ms)
 
@@ -165,7 +165,7 @@ def decode_rumble(data: bytes) -> Rumble | Malformed:
 # Requests over a socket that stands for a node
 
 
-class Call(NamedTuple):
+class IoctlCall(NamedTuple):
     """A request, or the answer to one, in a packet of its own."""
 
     request: int
@@ -177,18 +177,18 @@ class Call(NamedTuple):
 _CALL = struct.Struct("@Ii")
 
 
-def encode_call(call: Call) -> bytes:
+def encode_call(call: IoctlCall) -> bytes:
     """A packet of `call`: never as long as whole events are, so that the two can be told apart."""
     packet = _CALL.pack(call.request, call.result) + call.argument
     return packet + b"\0\0\0\0" if len(packet) % EVENT_BYTES == 0 else packet
 
 
-def decode_call(packet: bytes) -> Call | Malformed:
+def decode_call(packet: bytes) -> IoctlCall | MalformedPacket:
     """The call in a packet that is not of whole events. Never raises."""
     if len(packet) < _CALL.size or len(packet) % EVENT_BYTES == 0:
-        return Malformed(NO_CALL, len(packet))
+        return MalformedPacket(NO_CALL, len(packet))
     request, result = _CALL.unpack_from(packet)
     end = _CALL.size + argument_bytes(request)
     if len(packet) not in (end, end + 4):
-        return Malformed(NO_CALL, len(packet))
-    return Call(request, result, packet[_CALL.size : end])
+        return MalformedPacket(NO_CALL, len(packet))
+    return IoctlCall(request, result, packet[_CALL.size : end])

@@ -43,7 +43,7 @@ UI_FF_UPLOAD, UI_FF_ERASE = 1, 2
 """Codes of EV_UINPUT events, whose value is the number of the kernel's request."""
 
 
-class Upload(NamedTuple):
+class EffectUpload(NamedTuple):
     """The kernel passes on an effect that a client uploads."""
 
     request_id: int
@@ -67,10 +67,10 @@ def begin_upload(request_id: int) -> bytes:
     return _UPLOAD_HEAD.pack(request_id, 0).ljust(_UPLOAD_BYTES, b"\0")
 
 
-def decode_upload(argument: bytes) -> Upload:
+def decode_upload(argument: bytes) -> EffectUpload:
     """Decode the effect that the kernel filled in."""
     effect = decode_rumble(argument[_UPLOAD_AT : _UPLOAD_AT + EFFECT_BYTES])
-    return Upload(
+    return EffectUpload(
         _UPLOAD_HEAD.unpack_from(argument)[0], effect if isinstance(effect, Rumble) else None
     )
 

@@ -38,7 +38,7 @@ _GAMEPAD = struct.Struct("<6fI")
 _FRAMES = (Frame.BASE, Frame.TOOL, Frame.MIXED)
 
 
-class Part(enum.IntEnum):
+class BodyPart(enum.IntEnum):
     """Part of the body to which an XR frame belongs; the value is the frame's kind."""
 
     LEFT = 4
@@ -79,7 +79,7 @@ class JogJoints(NamedTuple):
     rates: tuple[float, ...]
 
 
-class Phone(NamedTuple):
+class PhoneFrame(NamedTuple):
     """A phone's sensors and what touches its screen."""
 
     angles_deg: Vector3 | None
@@ -99,10 +99,10 @@ class Phone(NamedTuple):
     """Reference of the angles: the page counts those that it has had, modulo 256."""
 
 
-class Xr(NamedTuple):
+class XrFrame(NamedTuple):
     """A hand, or the viewer, in the axes of WebXR: x right, y up, -z forward."""
 
-    part: Part
+    part: BodyPart
     position_m: Vector3
     orientation: Quaternion
     buttons: int = 0
@@ -114,7 +114,7 @@ class Xr(NamedTuple):
     """Reference of the pose: the page counts sessions and resets of them, modulo 256."""
 
 
-class Gamepad(NamedTuple):
+class GamepadFrame(NamedTuple):
     """A pad of the Gamepad API with the standard mapping."""
 
     left_right: float
@@ -126,7 +126,7 @@ class Gamepad(NamedTuple):
     buttons: int = 0
 
 
-Body = JogTwist | JogJoints | Phone | Xr | Gamepad
+Body = JogTwist | JogJoints | PhoneFrame | XrFrame | GamepadFrame
 
 
 class OperatorFrame(NamedTuple):
@@ -160,7 +160,7 @@ class OperatorFrame(NamedTuple):
         return tuple(name for bit, name in enumerate(BUTTONS[self.kind]) if body.buttons >> bit & 1)
 
 
-class Malformed(NamedTuple):
+class MalformedFrame(NamedTuple):
     """Bytes that are no frame."""
 
     reason: str
@@ -169,9 +169,9 @@ class Malformed(NamedTuple):
 _WORDS: Final = {
     JogTwist: "jog twist",
     JogJoints: "jog joints",
-    Phone: "phone",
-    Xr: "xr",
-    Gamepad: "gamepad",
+    PhoneFrame: "phone",
+    XrFrame: "xr",
+    GamepadFrame: "gamepad",
 }
 
 _TWIST_KIND, _JOINTS_KIND, _PHONE_KIND, _GAMEPAD_KIND = 1, 2, 3, 7
@@ -196,7 +196,7 @@ def _encoded(body: Body) -> tuple[int, bytes]:
     if isinstance(body, JogJoints):
         count = len(body.rates)
         return _JOINTS_KIND, _JOINTS.pack(count) + struct.pack(f"<{count}f", *body.rates)
-    if isinstance(body, Phone):
+    if isinstance(body, PhoneFrame):
         return _PHONE_KIND, _PHONE.pack(
             *(body.angles_deg or _MISSING),
             body.drag_right,
@@ -207,7 +207,7 @@ def _encoded(body: Body) -> tuple[int, bytes]:
             body.screen_quarters,
             body.reference,
         )
-    if isinstance(body, Xr):
+    if isinstance(body, XrFrame):
         w, x, y, z = body.orientation
         sticks = body.stick_right, body.stick_down, body.trigger, body.squeeze
         rest = body.buttons, body.reference, *sticks
@@ -218,36 +218,36 @@ def _encoded(body: Body) -> tuple[int, bytes]:
 # -- decoding -------------------------------------------------------------------------------------
 
 
-def decode_frame(data: bytes) -> OperatorFrame | Malformed:
+def decode_frame(data: bytes) -> OperatorFrame | MalformedFrame:
     """The frame in `data`. Never raises."""
     if len(data) < _HEADER.size:
-        return Malformed(f"{len(data)} bytes, fewer than a header has")
+        return MalformedFrame(f"{len(data)} bytes, fewer than a header has")
     version, kind, flags, channel, sequence, time_us = _HEADER.unpack_from(data)
     if version != VERSION:
-        return Malformed(
+        return MalformedFrame(
             f"of version {version:#04x}, and this server reads {VERSION:#04x}: load the page anew"
         )
     if flags & ~_KNOWN_FLAGS:
-        return Malformed(f"with flags {flags:#04x}, of which some are unknown")
+        return MalformedFrame(f"with flags {flags:#04x}, of which some are unknown")
     if time_us > LONGEST_US:
-        return Malformed("with a time that no page has")
+        return MalformedFrame("with a time that no page has")
     body = _decoded(kind, data[_HEADER.size :])
-    if isinstance(body, Malformed):
+    if isinstance(body, MalformedFrame):
         return body
     hold, tracking, visible = (bool(flags & bit) for bit in (_HOLD, _TRACKING, _VISIBLE))
     return OperatorFrame(body, hold, tracking, visible, channel, sequence, time_us)
 
 
-def _decoded(kind: int, data: bytes) -> Body | Malformed:
+def _decoded(kind: int, data: bytes) -> Body | MalformedFrame:
     if kind == _JOINTS_KIND:
         return _joints(data)
     layout = {_TWIST_KIND: _TWIST, _PHONE_KIND: _PHONE, _GAMEPAD_KIND: _GAMEPAD}.get(kind)
     if kind in _PARTS:
         layout = _XR
     if layout is None:
-        return Malformed(f"of the kind {kind}, which is unknown")
+        return MalformedFrame(f"of the kind {kind}, which is unknown")
     if len(data) != layout.size:
-        return Malformed(f"of the kind {kind} with {len(data)} bytes, not {layout.size}")
+        return MalformedFrame(f"of the kind {kind} with {len(data)} bytes, not {layout.size}")
     values = layout.unpack(data)
     if kind == _TWIST_KIND:
         return _twist(values)
@@ -256,12 +256,12 @@ def _decoded(kind: int, data: bytes) -> Body | Malformed:
     if not _fine(values):
         return _NO_NUMBERS
     if kind == _GAMEPAD_KIND:
-        return Gamepad(*values)
-    return _xr(Part(kind), values)
+        return GamepadFrame(*values)
+    return _xr(BodyPart(kind), values)
 
 
-_PARTS: Final = frozenset(Part)
-_NO_NUMBERS: Final = Malformed("with numbers that are none, or too large")
+_PARTS: Final = frozenset(BodyPart)
+_NO_NUMBERS: Final = MalformedFrame("with numbers that are none, or too large")
 
 
 def _fine(values: tuple[float, ...]) -> bool:
@@ -269,51 +269,51 @@ def _fine(values: tuple[float, ...]) -> bool:
     return all(isinstance(value, int) or abs(value) <= LARGEST for value in values)
 
 
-def _twist(values: tuple[float, ...]) -> JogTwist | Malformed:
+def _twist(values: tuple[float, ...]) -> JogTwist | MalformedFrame:
     frame, *numbers = values
     if not _fine(tuple(numbers)):
         return _NO_NUMBERS
     if frame >= len(_FRAMES):
-        return Malformed(f"with the frame {frame}; there are 0 base, 1 tool, 2 mixed")
+        return MalformedFrame(f"with the frame {frame}; there are 0 base, 1 tool, 2 mixed")
     linear, angular = Vector3(*numbers[:3]), Vector3(*numbers[3:])
     return JogTwist(linear, angular, _FRAMES[int(frame)])
 
 
-def _joints(data: bytes) -> JogJoints | Malformed:
+def _joints(data: bytes) -> JogJoints | MalformedFrame:
     count = data[0] if data else 0
     if not 0 < count <= MAX_JOINTS or len(data) != _JOINTS.size + 4 * count:
-        return Malformed(f"with {count} joints in {len(data)} bytes")
+        return MalformedFrame(f"with {count} joints in {len(data)} bytes")
     rates = struct.unpack_from(f"<{count}f", data, _JOINTS.size)
     return JogJoints(rates) if _fine(rates) else _NO_NUMBERS
 
 
-def _phone(values: tuple[float, ...]) -> Phone | Malformed:
+def _phone(values: tuple[float, ...]) -> PhoneFrame | MalformedFrame:
     right, up, buttons, quarters = values[3], values[4], int(values[11]), int(values[12])
     triples = [_triple(values[at : at + 3]) for at in (0, 5, 8)]
-    if not _fine((right, up)) or any(isinstance(each, Malformed) for each in triples):
+    if not _fine((right, up)) or any(isinstance(each, MalformedFrame) for each in triples):
         return _NO_NUMBERS
     if quarters > 3:
-        return Malformed(f"with a screen that is turned by {quarters} quarters")
+        return MalformedFrame(f"with a screen that is turned by {quarters} quarters")
     angles, rates, acceleration = (
-        None if isinstance(each, Malformed) else each for each in triples
+        None if isinstance(each, MalformedFrame) else each for each in triples
     )
-    return Phone(angles, right, up, rates, acceleration, buttons, quarters, int(values[13]))
+    return PhoneFrame(angles, right, up, rates, acceleration, buttons, quarters, int(values[13]))
 
 
-def _triple(values: tuple[float, ...]) -> Vector3 | Malformed | None:
+def _triple(values: tuple[float, ...]) -> Vector3 | MalformedFrame | None:
     if all(map(math.isnan, values)):
         return None
     return Vector3(*values) if _fine(values) else _NO_NUMBERS
 
 
-def _xr(part: Part, values: tuple[float, ...]) -> Xr | Malformed:
+def _xr(part: BodyPart, values: tuple[float, ...]) -> XrFrame | MalformedFrame:
     x, y, z, w = values[3:7]
     length = math.sqrt(x * x + y * y + z * z + w * w)
     if not 0.99 < length < 1.01:
-        return Malformed(f"with an orientation of the length {length:.3g}, not 1")
+        return MalformedFrame(f"with an orientation of the length {length:.3g}, not 1")
     orientation = Quaternion(w / length, x / length, y / length, z / length)
     buttons, reference = int(values[7]), int(values[8])
     right, down, trigger, squeeze = values[9:]
-    return Xr(
+    return XrFrame(
         part, Vector3(*values[:3]), orientation, buttons, right, down, trigger, squeeze, reference
     )

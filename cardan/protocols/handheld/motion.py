@@ -28,7 +28,7 @@ HAND_RAD_S: Final = 20.0
 lost on the way make steps long, and not fast."""
 
 
-class Sample(NamedTuple):
+class PoseSample(NamedTuple):
     """Pose of a device at a time."""
 
     time_s: float
@@ -38,7 +38,7 @@ class Sample(NamedTuple):
     """m; None where it is not measured."""
 
 
-def leap(before: Sample, now: Sample) -> str:
+def leap(before: PoseSample, now: PoseSample) -> str:
     """Explain a position jump from `before` to `now`; empty: the step is possible."""
     dt_s = max(now.time_s - before.time_s, 0.0)
     angle = norm(rotation_between(before.orientation, now.orientation))
@@ -52,7 +52,7 @@ def leap(before: Sample, now: Sample) -> str:
     return ""
 
 
-def elsewhere(before: Sample, now: Sample) -> bool:
+def elsewhere(before: PoseSample, now: PoseSample) -> bool:
     """Whether `now` is another place than `before`, however long it took."""
     angle = norm(rotation_between(before.orientation, now.orientation))
     if angle > LEAP_RAD:
@@ -66,11 +66,11 @@ class Held:
     """Displacement of the device since it was held. The turn goes on beyond half a turn without a
     jump."""
 
-    def __init__(self, began: Sample) -> None:
+    def __init__(self, began: PoseSample) -> None:
         self._began = began
         self._last = Quaternion(1.0, 0.0, 0.0, 0.0)
 
-    def turn(self, now: Sample) -> Vector3:
+    def turn(self, now: PoseSample) -> Vector3:
         """Rotation vector along the axes of the reference, rad."""
         q = multiply(now.orientation, conjugate(self._began.orientation))
         q = self._last = same_hemisphere(q, self._last)
@@ -80,7 +80,7 @@ class Held:
         factor = 2.0 * math.atan2(sine, q.w) / sine
         return Vector3(q.x * factor, q.y * factor, q.z * factor)
 
-    def way(self, now: Sample) -> Vector3:
+    def way(self, now: PoseSample) -> Vector3:
         """m; zero where it is not measured."""
         if now.position is None or self._began.position is None:
             return Vector3(0.0, 0.0, 0.0)

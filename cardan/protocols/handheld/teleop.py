@@ -16,10 +16,10 @@ from typing import Any, Final, NamedTuple
 from cardan.protocols.handheld.frames import (
     BUTTONS,
     LARGEST,
-    Malformed,
+    BodyPart,
+    MalformedFrame,
     OperatorFrame,
-    Part,
-    Xr,
+    XrFrame,
 )
 from cardan.types import Quaternion, Vector3
 
@@ -43,7 +43,7 @@ class TeleopPose(NamedTuple):
         """The same as an operator frame."""
         names = BUTTONS["xr"]
         buttons = self.a << names.index("a") | self.b << names.index("b")
-        body = Xr(Part.VIEWER, self.position_m, self.orientation, buttons)
+        body = XrFrame(BodyPart.VIEWER, self.position_m, self.orientation, buttons)
         return OperatorFrame(body, self.move, channel=channel, sequence=sequence, time_us=time_us)
 
 
@@ -51,7 +51,7 @@ class TeleopLog(NamedTuple):
     """Information for people from the page; ignored."""
 
 
-def decode_teleop(text: str) -> TeleopPose | TeleopLog | Malformed | None:
+def decode_teleop(text: str) -> TeleopPose | TeleopLog | MalformedFrame | None:
     """Decode the message in a text frame; None: it is not teleop's. Never raises."""
     if len(text) > LONGEST_TEXT or '"type"' not in text:
         return None
@@ -65,14 +65,14 @@ def decode_teleop(text: str) -> TeleopPose | TeleopLog | Malformed | None:
         return TeleopLog()
     data = table.get("data")
     if not isinstance(data, dict):
-        return Malformed("of teleop without its data")
+        return MalformedFrame("of teleop without its data")
     position, orientation = _numbers(data, "position", "xyz"), _numbers(data, "orientation", "wxyz")
     scale = data.get("scale", 1.0)
     if position is None or orientation is None or not _is_number(scale):
-        return Malformed("of teleop with numbers that are none, or too large")
+        return MalformedFrame("of teleop with numbers that are none, or too large")
     length = math.sqrt(sum(each * each for each in orientation))
     if not 0.99 < length < 1.01:
-        return Malformed(f"of teleop with an orientation of the length {length:.3g}, not 1")
+        return MalformedFrame(f"of teleop with an orientation of the length {length:.3g}, not 1")
     unit = Quaternion(*(each / length for each in orientation))
     # Any value but true releases the control.
     move, a, b = (data.get(key) is True for key in ("move", "reservedButtonA", "reservedButtonB"))

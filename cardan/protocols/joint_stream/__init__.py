@@ -11,7 +11,7 @@ from cardan.protocols.joint_stream.codec import (
     ArmCommand as ArmCommand,
     ArmState as ArmState,
     ControlMode as ControlMode,
-    Malformed as Malformed,
+    MalformedDatagram as MalformedDatagram,
     decode_command as decode_command,
     decode_state as decode_state,
     encode_command as encode_command,

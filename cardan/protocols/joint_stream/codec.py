@@ -42,7 +42,7 @@ _VECTORS = {
 """Number of values per joint in a command."""
 
 
-class Malformed(NamedTuple):
+class MalformedDatagram(NamedTuple):
     """Datagram of another protocol, or an unusable one."""
 
     reason: str
@@ -162,29 +162,29 @@ def is_command(data: bytes) -> bool:
     return data[5:6] == bytes((_COMMAND,))
 
 
-def decode_state(data: bytes) -> ArmState | Malformed:
+def decode_state(data: bytes) -> ArmState | MalformedDatagram:
     """Decode a state, or return why `data` is invalid."""
     head = _header(data, _STATE)
-    if isinstance(head, Malformed):
+    if isinstance(head, MalformedDatagram):
         return head
     mode, joints, session, sequence, stamp_s = head
     body = _state_body(joints)
     end = _HEADER.size + body.size
     if len(data) < end or len(data) != end + data[end - 1]:
-        return Malformed(f"a state of {joints} joints in {len(data)} bytes")
+        return MalformedDatagram(f"a state of {joints} joints in {len(data)} bytes")
     numbers = body.unpack_from(data, _HEADER.size)
     if not all(map(math.isfinite, numbers)):
-        return Malformed("a number is not finite")
+        return MalformedDatagram("a number is not finite")
     try:
         reason = data[end:].decode()
     except UnicodeDecodeError:
-        return Malformed("the reason is not UTF-8")
+        return MalformedDatagram("the reason is not UTF-8")
     pose = 2 + 3 * joints
     turn = numbers[pose + 3 : pose + 7]
     if abs(math.hypot(*turn) - 1.0) > 1e-3:
-        return Malformed("the orientation is not a unit quaternion")
+        return MalformedDatagram("the orientation is not a unit quaternion")
     if numbers[1] <= 0.0:
-        return Malformed("the period is not above 0")
+        return MalformedDatagram("the period is not above 0")
     return ArmState(
         session,
         sequence,
@@ -201,37 +201,37 @@ def decode_state(data: bytes) -> ArmState | Malformed:
     )
 
 
-def decode_command(data: bytes) -> ArmCommand | Malformed:
+def decode_command(data: bytes) -> ArmCommand | MalformedDatagram:
     """Decode a command, or return why not. `feed_forward` is always there in mode POSITION."""
     head = _header(data, _COMMAND)
-    if isinstance(head, Malformed):
+    if isinstance(head, MalformedDatagram):
         return head
     mode, joints, session, sequence, stamp_s = head
     count = joints * _VECTORS[mode]
     if len(data) != _HEADER.size + 8 * count:
-        return Malformed(f"a {mode.name} command of {joints} joints in {len(data)} bytes")
+        return MalformedDatagram(f"a {mode.name} command of {joints} joints in {len(data)} bytes")
     numbers = _doubles(count).unpack_from(data, _HEADER.size)
     if not all(map(math.isfinite, numbers)):
-        return Malformed("a number is not finite")
+        return MalformedDatagram("a number is not finite")
     if mode is ControlMode.POSITION:
         return ArmCommand(session, sequence, stamp_s, mode, numbers[:joints], numbers[joints:])
     return ArmCommand(session, sequence, stamp_s, mode, numbers)
 
 
-def _header(data: bytes, kind: int) -> tuple[ControlMode, int, int, int, float] | Malformed:
+def _header(data: bytes, kind: int) -> tuple[ControlMode, int, int, int, float] | MalformedDatagram:
     if len(data) < _HEADER.size:
-        return Malformed(f"{len(data)} bytes are too short")
+        return MalformedDatagram(f"{len(data)} bytes are too short")
     magic, version, found, number, joints, session, sequence, stamp_s = _HEADER.unpack_from(data)
     if magic != MAGIC:
-        return Malformed("not a joint stream")
+        return MalformedDatagram("not a joint stream")
     if version != VERSION:
-        return Malformed(f"version {version}, not {VERSION}")
+        return MalformedDatagram(f"version {version}, not {VERSION}")
     if found != kind:
-        return Malformed(f"kind {found}, not {kind}")
+        return MalformedDatagram(f"kind {found}, not {kind}")
     if number not in _MODES:
-        return Malformed(f"there is no mode {number}")
+        return MalformedDatagram(f"there is no mode {number}")
     if not 1 <= joints <= MAX_JOINTS:
-        return Malformed(f"{joints} joints, not 1 to {MAX_JOINTS}")
+        return MalformedDatagram(f"{joints} joints, not 1 to {MAX_JOINTS}")
     if not math.isfinite(stamp_s):
-        return Malformed("the stamp is not finite")
+        return MalformedDatagram("the stamp is not finite")
     return _MODES[number], joints, session, sequence, stamp_s

@@ -37,7 +37,7 @@ class CdrError(ValueError):
     """A message that its type cannot carry; the text says what and why."""
 
 
-class Malformed(NamedTuple):
+class MalformedCdr(NamedTuple):
     """Bytes that are no message of the type."""
 
     reason: str
@@ -125,21 +125,21 @@ class Codec:
         self._write(message, parts, 0)
         return b"".join(parts)
 
-    def decode(self, data: bytes) -> Message | Malformed:
+    def decode(self, data: bytes) -> Message | MalformedCdr:
         """The message in `data`, of either byte order; trailing zeros are tolerated."""
         found = self._decoded(data)
         if found is None and self._ends_empty:
             # A message without fields has one byte, which some programs leave out.
             found = self._decoded(b"".join((data, b"\0")))
         if found is None:
-            return Malformed(f"{self.name}: {len(data) - len(ENCAPSULATION)} bytes are too few")
+            return MalformedCdr(f"{self.name}: {len(data) - len(ENCAPSULATION)} bytes are too few")
         return found
 
-    def _decoded(self, data: bytes) -> Message | Malformed | None:
+    def _decoded(self, data: bytes) -> Message | MalformedCdr | None:
         """The message in `data`; None where there is more to it."""
         order = {b"\x00\x01": "<", b"\x00\x00": ">"}.get(bytes(data[:2]))
         if order is None or len(data) < len(ENCAPSULATION):
-            return Malformed(
+            return MalformedCdr(
                 f"no plain CDR: it begins with {bytes(data[:4]).hex(' ') or 'nothing'}"
             )
         body = memoryview(data)[len(ENCAPSULATION) :]
@@ -149,10 +149,10 @@ class Codec:
         except _ShortError:
             return None
         except _BadError as error:
-            return Malformed(f"{self.name}: {error}")
+            return MalformedCdr(f"{self.name}: {error}")
         if any(body[reader.position :]):
             rest = len(body) - reader.position
-            return Malformed(f"{self.name}: {rest} bytes are too many")
+            return MalformedCdr(f"{self.name}: {rest} bytes are too many")
         return message
 
     def exact(self, data: bytes) -> bytes:
@@ -362,12 +362,12 @@ def codec_of(name: str) -> Codec:
     return Codec(name)
 
 
-def decoded(name: str, data: bytes) -> tuple[str, Message | Malformed]:
+def decoded(name: str, data: bytes) -> tuple[str, Message | MalformedCdr]:
     """The message called `name` in full, and its type: a later revision of `name`, which is longer,
     where it is one. Raises InterfaceError."""
     for each in filter(None, (revised(name), name)):
         message = codec_of(each).decode(data)
-        if not isinstance(message, Malformed):
+        if not isinstance(message, MalformedCdr):
             return each, message
     return name, message
 

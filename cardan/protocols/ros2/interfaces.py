@@ -88,7 +88,7 @@ class Constant(NamedTuple):
     value: str
 
 
-class MessageType(NamedTuple):
+class MessageDefinition(NamedTuple):
     """A message's fields and constants."""
 
     name: str
@@ -188,7 +188,7 @@ def known_types() -> tuple[str, ...]:
 
 
 @cache
-def message_type(name: str) -> MessageType:
+def message_type(name: str) -> MessageDefinition:
     """Return the message called `name`, also of services and actions. Raises InterfaceError."""
     name = full_name(name)
     package, kind, last = name.split("/")
@@ -260,7 +260,7 @@ _LINE = re.compile(
 )
 
 
-def parse_message(name: str, text: str) -> MessageType:
+def parse_message(name: str, text: str) -> MessageDefinition:
     """Parse a .msg file's `text`. Raises InterfaceError, which has the line."""
     package = name.split("/", 1)[0]
     fields: list[Field] = []
@@ -281,7 +281,7 @@ def parse_message(name: str, text: str) -> MessageType:
             fields.append(_field(package, kind, match["name"], value))
     if not fields:
         fields.append(Field(DUMMY_MEMBER, "uint8"))
-    return MessageType(name, tuple(fields), tuple(constants))
+    return MessageDefinition(name, tuple(fields), tuple(constants))
 
 
 def _field(package: str, kind: re.Match[str], name: str, default: str) -> Field:
@@ -329,17 +329,17 @@ def _sections(package: str, kind: str, base: str, count: int) -> list[str]:
     return sections
 
 
-def _event(service: str) -> MessageType:
+def _event(service: str) -> MessageDefinition:
     """Event type of a service's introspection; it is part of the service's type hash."""
     fields = (
         Field("info", "service_msgs/msg/ServiceEventInfo"),
         Field("request", f"{service}_Request", "bounded", 1),
         Field("response", f"{service}_Response", "bounded", 1),
     )
-    return MessageType(f"{service}_Event", fields)
+    return MessageDefinition(f"{service}_Event", fields)
 
 
-def _made_of_action(package: str, last: str) -> MessageType | None:
+def _made_of_action(package: str, last: str) -> MessageDefinition | None:
     """The messages that every action has around its goal, result and feedback."""
     uuid = Field("goal_id", "unique_identifier_msgs/msg/UUID")
     full = f"{package}/action/{last}"
@@ -360,7 +360,7 @@ def _made_of_action(package: str, last: str) -> MessageType | None:
         ("_FeedbackMessage", lambda own: (uuid, Field("feedback", f"{own}_Feedback"))),
     ):
         if last.endswith(suffix):
-            return MessageType(full, fields_of(full.removesuffix(suffix)))
+            return MessageDefinition(full, fields_of(full.removesuffix(suffix)))
     for suffix in ("_SendGoal_Event", "_GetResult_Event"):
         if last.endswith(suffix):
             return _event(full.removesuffix("_Event"))

@@ -18,7 +18,7 @@ try:
 except ImportError as error:
     raise missing_extra("rosbridge", "cbor2", "network", error) from error
 
-from cardan.protocols.ros2.cdr import Malformed, Message, decoded
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, decoded
 from cardan.protocols.ros2.interfaces import DUMMY_MEMBER, Field, message_type
 from cardan.protocols.ros2.messages import Stamp, json_text
 from cardan.protocols.rosbridge.operations import Id
@@ -44,7 +44,7 @@ class UnreadableError(ValueError):
     """Bytes on the network that are no message of their topic's type."""
 
 
-class Sample:
+class EncodedMessage:
     """A message of a topic, encoded once in each form that clients request."""
 
     __slots__ = ("_frames", "_message", "cdr", "stamp_ns", "type")
@@ -89,7 +89,7 @@ class Sample:
             if self.type is None:
                 raise UnreadableError("the type of the message is not known")
             name, message = decoded(self.type, self.cdr)
-            if isinstance(message, Malformed):
+            if isinstance(message, MalformedCdr):
                 raise UnreadableError(message.reason)
             self._message = name, message
         return self._message

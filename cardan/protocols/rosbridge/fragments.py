@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.protocols.rosbridge.operations import Fragment, Id, Refused
+from cardan.protocols.rosbridge.operations import Fragment, Id, RefusedOperation
 
 LIFETIME_S = 600.0
 """After this time the parts of an operation that is not complete are dropped, as rosbridge_suite
@@ -32,7 +32,7 @@ class Defragmenter:
         self._kept: dict[Id, _Parts] = {}
         self._characters = 0
 
-    def add(self, part: Fragment, now_s: float) -> str | Refused | None:
+    def add(self, part: Fragment, now_s: float) -> str | RefusedOperation | None:
         """The operation's text with its last part, and None before."""
         for identity, kept in list(self._kept.items()):
             if now_s - kept.first_s >= LIFETIME_S:
@@ -59,9 +59,9 @@ class Defragmenter:
         self._drop(part.id)
         return "".join(parts.texts[number] for number in range(part.total))
 
-    def _refused(self, part: Fragment, reason: str) -> Refused:
+    def _refused(self, part: Fragment, reason: str) -> RefusedOperation:
         self._drop(part.id)
-        return Refused(f"the fragmented operation {reason}", "fragment", part.id)
+        return RefusedOperation(f"the fragmented operation {reason}", "fragment", part.id)
 
     def _drop(self, identity: Id) -> None:
         if parts := self._kept.pop(identity, None):

@@ -32,7 +32,7 @@ Id = str | int | None
 """Id of an operation, chosen by the client; answers repeat it."""
 
 
-class Refused(NamedTuple):
+class RefusedOperation(NamedTuple):
     """A client's operation that cannot be executed."""
 
     reason: str
@@ -190,14 +190,14 @@ Operation = (
 )
 
 
-def parse_operation(text: str) -> Operation | Refused:
+def parse_operation(text: str) -> Operation | RefusedOperation:
     """Parse the operation of a text frame, or return why it is refused."""
     try:
         given = json.loads(text, parse_constant=_no_constant)
     except (ValueError, RecursionError) as error:
-        return Refused(f"this is no JSON: {error}; it begins with {shown(text[:40])}")
+        return RefusedOperation(f"this is no JSON: {error}; it begins with {shown(text[:40])}")
     if not isinstance(given, dict):
-        return Refused(f"an operation is a JSON object, not {shown(given)}")
+        return RefusedOperation(f"an operation is a JSON object, not {shown(given)}")
     op = given.get("op")
     known = _PARSERS.get(op) if isinstance(op, str) else None
     identity, name = given.get("id"), ""
@@ -211,7 +211,7 @@ def parse_operation(text: str) -> Operation | Refused:
         return parse(fields, identity, name)
     except _WrongError as error:
         known_id = identity if isinstance(identity, (str, int)) else None
-        return Refused(str(error), str(op) if known else "", known_id, name)
+        return RefusedOperation(str(error), str(op) if known else "", known_id, name)
 
 
 _LARGEST = 1e12

@@ -12,13 +12,13 @@ from cardan.protocols.rosbridge.operations import (
     Id,
     Operation,
     Publish,
-    Refused,
+    RefusedOperation,
     SetLevel,
     parse_operation,
 )
 
 
-class Session:
+class RosbridgeSession:
     """Protocol state of a client at the server. Time is monotonic, in seconds."""
 
     def __init__(self, max_characters: int) -> None:
@@ -27,10 +27,10 @@ class Session:
         self._level = "none"
         self._publications = RateLimit(MAX_PUBLICATIONS_PER_S)
 
-    def receive(self, frame: Frame, now_s: float) -> Operation | Refused | None:
+    def receive(self, frame: Frame, now_s: float) -> Operation | RefusedOperation | None:
         """Return the operation of a frame; None: incomplete, or handled by this session."""
         if isinstance(frame, bytes):
-            return Refused("binary frames are not read: send operations as JSON text")
+            return RefusedOperation("binary frames are not read: send operations as JSON text")
         asked = parse_operation(frame)
         if isinstance(asked, Fragment):
             whole = self._defragmenter.add(asked, now_s)
@@ -38,7 +38,9 @@ class Session:
                 return whole
             asked = parse_operation(whole)
             if isinstance(asked, Fragment):
-                return Refused("a fragment cannot consist of fragments", "fragment", asked.id)
+                return RefusedOperation(
+                    "a fragment cannot consist of fragments", "fragment", asked.id
+                )
         if isinstance(asked, SetLevel):
             self._level = asked.level
             return None
@@ -46,7 +48,7 @@ class Session:
             return None
         if isinstance(asked, Publish) and self._publications.exceeded(now_s):
             reason = f"more than {MAX_PUBLICATIONS_PER_S} messages in a second; this one is lost"
-            return Refused(reason, "publish", asked.id, asked.topic)
+            return RefusedOperation(reason, "publish", asked.id, asked.topic)
         return asked
 
     def status(self, level: str, identity: Id, text: str) -> str | None:

@@ -5,7 +5,7 @@ Sources: ROS-Industrial simple_message and motoman_driver (MotoROS 1.9.12). The 
 """
 
 from cardan.protocols.simple_message.codec import (
-    Wire as Wire,
+    WireFormat as WireFormat,
     detect_wire as detect_wire,
     wire as wire,
 )
@@ -54,7 +54,7 @@ from cardan.protocols.simple_message.messages import (
     JointTrajPtFullEx as JointTrajPtFullEx,
     JointVelocity as JointVelocity,
     JointVelocityEx as JointVelocityEx,
-    Malformed as Malformed,
+    MalformedMessage as MalformedMessage,
     Message as Message,
     MotionCtrl as MotionCtrl,
     MotionReply as MotionReply,

@@ -1,4 +1,4 @@
-"""Bytes of simple message to values and back. Decoding never raises: a value, or `Malformed`."""
+"""Bytes of simple message to values and back. Decoding never raises: see `MalformedMessage`."""
 
 from __future__ import annotations
 
@@ -110,13 +110,13 @@ class _Groups:
         self.least = self.head.size + self._fixed * self.group.struct.size
         self._make = body._make
 
-    def unpack(self, msg_type: int, data: bytes) -> m.Body | m.Malformed:
+    def unpack(self, msg_type: int, data: bytes) -> m.Body | m.MalformedMessage:
         if len(data) < self.head.size:
             return _wrong_length(msg_type, data, (self.head.size,))
         words = self.head.unpack_from(data)
         count = words[-1 if self._counted_last else 0]
         if not 0 <= count <= m.MAX_GROUPS:
-            return m.Malformed(f"{name_of(T, msg_type)} of {count} groups", msg_type)
+            return m.MalformedMessage(f"{name_of(T, msg_type)} of {count} groups", msg_type)
         ends = range(
             self.head.size,
             self.head.size + (self._fixed or count) * self.group.struct.size + 1,
@@ -149,13 +149,15 @@ class _Groups:
         return b"".join(data)
 
 
-def _wrong_length(msg_type: int, data: bytes, sizes: Iterable[int]) -> m.Malformed:
+def _wrong_length(msg_type: int, data: bytes, sizes: Iterable[int]) -> m.MalformedMessage:
     allowed = " or ".join(map(str, sizes))
     name = name_of(T, msg_type)
-    return m.Malformed(f"{name} with a body of {len(data)} B; it must be {allowed}", msg_type)
+    return m.MalformedMessage(
+        f"{name} with a body of {len(data)} B; it must be {allowed}", msg_type
+    )
 
 
-class Wire:
+class WireFormat:
     """Simple message in one byte order and with one length of reals.
 
     MotoROS and the drivers of other vendors that were built for it have reals of 4 bytes;
@@ -210,24 +212,24 @@ class Wire:
         )
         return top + data
 
-    def decode(self, data: bytes) -> m.Message | m.Malformed:
+    def decode(self, data: bytes) -> m.Message | m.MalformedMessage:
         """The message in `data`: one whole message, prefix included."""
         if len(data) < _TOP_BYTES:
-            return m.Malformed(f"{len(data)} B, less than a header")
+            return m.MalformedMessage(f"{len(data)} B, less than a header")
         length, msg_type, comm_type, reply_code = self._top.unpack_from(data)
         if length != len(data) - PREFIX_BYTES:
-            return m.Malformed(
+            return m.MalformedMessage(
                 f"prefix {length}, but {len(data) - PREFIX_BYTES} B follow", msg_type
             )
         record = self._by_length.get((msg_type, length - HEADER_BYTES))
         if record is not None:
             return m.Message(msg_type, comm_type, reply_code, record.unpack(data))
         body = self._unpack(msg_type, data[_TOP_BYTES:])
-        if isinstance(body, m.Malformed):
+        if isinstance(body, m.MalformedMessage):
             return body
         return m.Message(msg_type, comm_type, reply_code, body)
 
-    def _unpack(self, msg_type: int, data: bytes) -> m.Body | m.Malformed:
+    def _unpack(self, msg_type: int, data: bytes) -> m.Body | m.MalformedMessage:
         bodies = _BODIES.get(msg_type)
         if bodies is None:
             return m.Raw(data)
@@ -235,7 +237,7 @@ class Wire:
             return self._groups[bodies[0]].unpack(msg_type, data)
         return _wrong_length(msg_type, data, (self._records[each].struct.size for each in bodies))
 
-    def decode_datagram(self, data: bytes) -> m.Message | m.Malformed:
+    def decode_datagram(self, data: bytes) -> m.Message | m.MalformedMessage:
         """The message at the start of `data`; NTNU's fork sends more bytes than its prefix says."""
         if len(data) >= PREFIX_BYTES:
             length = self._top.unpack_from(data.ljust(_TOP_BYTES, b"\0"))[0]
@@ -244,15 +246,15 @@ class Wire:
         return self.decode(data)
 
 
-_made = cache(Wire)
+_made = cache(WireFormat)
 
 
-def wire(byte_order: ByteOrder = ByteOrder.LITTLE, real_bytes: int = 4) -> Wire:
-    """The `Wire` for these; made once."""
+def wire(byte_order: ByteOrder = ByteOrder.LITTLE, real_bytes: int = 4) -> WireFormat:
+    """The `WireFormat` for these; made once."""
     return _made(byte_order, real_bytes)
 
 
-def detect_wire(frame: bytes) -> Wire | None:
+def detect_wire(frame: bytes) -> WireFormat | None:
     """The wire in which `frame`, one whole message, is right; None when in none of them.
 
     Reals of 8 bytes show in the length of a message that has any; of others 4 are assumed.

@@ -345,7 +345,7 @@ class Message(NamedTuple):
     body: Body
 
 
-class Malformed(NamedTuple):
+class MalformedMessage(NamedTuple):
     """Reason why bytes are not a message."""
 
     reason: str

@@ -46,7 +46,7 @@ Data = tuple[int, int, int, int, int, int, int]
 Axes = tuple[float, float, float, float, float, float]
 
 
-class Motion(NamedTuple):
+class MotionEvent(NamedTuple):
     """Event 0: the deflection, counts in spacenavd's axes."""
 
     x: int
@@ -98,7 +98,7 @@ class RawButton(NamedTuple):
     pressed: bool
 
 
-class Reply(NamedTuple):
+class ServerReply(NamedTuple):
     """Reply of a server."""
 
     word: int
@@ -115,7 +115,7 @@ class Reply(NamedTuple):
         return self.data[STATUS] >= OK
 
 
-class Malformed(NamedTuple):
+class MalformedRecord(NamedTuple):
     """Bytes that mean nothing; `reason` is "of an unknown type", "with an impossible value" or
     "of the wrong length"."""
 
@@ -124,25 +124,25 @@ class Malformed(NamedTuple):
     """First word; 0 if there is none."""
 
 
-Event = Motion | Button | DeviceChange | ConfigChange | RawAxis | RawButton
-ServerRecord = Event | Reply | Malformed
+Event = MotionEvent | Button | DeviceChange | ConfigChange | RawAxis | RawButton
+ServerRecord = Event | ServerReply | MalformedRecord
 
 
 def decode_server_record(record: bytes) -> ServerRecord:
     """The value of a record that a server sent. Never raises."""
     if len(record) != RECORD_BYTES:
-        return Malformed("of the wrong length", 0)
+        return MalformedRecord("of the wrong length", 0)
     words = _EIGHT(record)
     kind, a, b, c, d, e, f, g = words
     if kind == MOTION:
-        return Motion(a, b, c, d, e, f, g)
+        return MotionEvent(a, b, c, d, e, f, g)
     if kind in (PRESS, RELEASE):
         if not 0 <= a < MAX_BUTTONS:
-            return Malformed("with an impossible value", kind)
+            return MalformedRecord("with an impossible value", kind)
         return Button(a, kind == PRESS)
     if kind == DEVICE:
         if b < 0 or a not in (ADDED, REMOVED):
-            return Malformed("with an impossible value", kind)
+            return MalformedRecord("with an impossible value", kind)
         return DeviceChange(a == ADDED, b, c, d, e)
     if kind == CONFIG:
         return ConfigChange(a, words[2:])
@@ -151,8 +151,8 @@ def decode_server_record(record: bytes) -> ServerRecord:
     if kind == RAW_BUTTON:
         return RawButton(a, b != 0)
     if kind & 0xFFFF0000 == REQUEST_TAG or kind & 0xFFFF in _CODES:
-        return Reply(kind, words[1:])
-    return Malformed("of an unknown type", kind)
+        return ServerReply(kind, words[1:])
+    return MalformedRecord("of an unknown type", kind)
 
 
 _CODES = frozenset(Code)

@@ -60,7 +60,7 @@ def greets(said: bytes) -> bool | None:
     return None if said != greeting and greeting.startswith(said) else said.startswith(greeting)
 
 
-class LineReader(StreamReader):
+class DashboardReader(StreamReader):
     """Cuts a TCP stream into lines."""
 
     def __init__(self) -> None:

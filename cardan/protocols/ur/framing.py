@@ -1,4 +1,4 @@
-"""Framing of TCP streams: what all readers share, and scripts that come one after the other.
+"""Framing of TCP streams: the base of its readers, and scripts that come one after the other.
 
 The interfaces that take scripts have no packets: a program is over with the `end` that closes its
 `def` (or `sec`), and a line outside of a program is a command of its own. Lines of comments before
@@ -21,7 +21,7 @@ _WORD = re.compile(r"""\#.*|"[^"]*"?|'[^']*'|(?<![\w.])[A-Za-z_]\w*""")
 
 
 class StreamReader:
-    """What is left of a TCP stream that a subclass cuts into whole messages, by `take`."""
+    """Unread bytes of a TCP stream, which a subclass cuts into whole messages by `take`."""
 
     def __init__(self) -> None:
         self._pending = bytearray()

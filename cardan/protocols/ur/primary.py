@@ -79,7 +79,7 @@ class RobotMessage(NamedTuple):
     """Code of an error or of a safety mode message, number of a label or of a popup."""
 
 
-class Package(NamedTuple):
+class PrimaryPackage(NamedTuple):
     """Type and content."""
 
     kind: int
@@ -94,7 +94,7 @@ def package(kind: int, content: bytes) -> bytes:
 class PackageReader(StreamReader):
     """Cuts a TCP stream into packages."""
 
-    def take(self) -> Package | None:
+    def take(self) -> PrimaryPackage | None:
         """The next package; None: it has not all come."""
         pending = self._pending
         if self.failure or len(pending) < _HEADER.size:
@@ -107,7 +107,7 @@ class PackageReader(StreamReader):
             return None
         content = bytes(pending[_HEADER.size : size])
         del pending[:size]
-        return Package(kind, content)
+        return PrimaryPackage(kind, content)
 
 
 _CODED = {
@@ -119,7 +119,7 @@ _CODED = {
 """Forms of messages that begin with their code."""
 
 
-def read_message(found: Package) -> RobotMessage | None:
+def read_message(found: PrimaryPackage) -> RobotMessage | None:
     """The message in a package; None where it is another package, or cut."""
     if found.kind != ROBOT_MESSAGE or len(found.content) < _MESSAGE.size:
         return None
@@ -252,7 +252,7 @@ def state_package(
     return package(ROBOT_STATE, content + reserved + parts)
 
 
-def read_mode(found: Package) -> ModeData | None:
+def read_mode(found: PrimaryPackage) -> ModeData | None:
     """The modes in a robot state; None where they are not its first part."""
     if found.kind != ROBOT_STATE or len(found.content) < _MODE.size:
         return None

@@ -22,7 +22,7 @@ LARGEST_JUMP_RAD: Final = 0.15
 to: while the client stands still both go on at a speed that both know."""
 
 
-class Order(enum.IntEnum):
+class ProgramCommand(enum.IntEnum):
     """Order of the client, in an input register."""
 
     FOLLOW = 1
@@ -30,7 +30,7 @@ class Order(enum.IntEnum):
     """Stop the arm and end."""
 
 
-class Report(enum.IntEnum):
+class ProgramStatus(enum.IntEnum):
     """Status of the program, in an output register."""
 
     NOTHING = 0
@@ -59,7 +59,7 @@ def report_names(first: int) -> tuple[str, str, str]:
 
 def nobody(beat: int) -> list[Any]:
     """Registers' values that no program obeys."""
-    return [0, beat, int(Order.END), *(0.0,) * (2 * JOINTS)]
+    return [0, beat, int(ProgramCommand.END), *(0.0,) * (2 * JOINTS)]
 
 
 class Servoing(NamedTuple):
@@ -89,24 +89,24 @@ def program(servoing: Servoing, token: int, control_period_s: float) -> str:
     waits = round(FIRST_WAIT_S / control_period_s)
     return f"""\
 def cardan():
-  write_output_integer_register({first + 1}, {Report.NOTHING:d})
+  write_output_integer_register({first + 1}, {ProgramStatus.NOTHING:d})
   q = get_target_joint_positions()
   v = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
   new = q
   seen = read_input_integer_register({first + 1})
   silent = {-waits}
-  report = {Report.FOLLOWS:d}
+  report = {ProgramStatus.FOLLOWS:d}
   write_output_integer_register({first + 2}, seen)
   write_output_integer_register({first}, {token})
   write_output_integer_register({first + 1}, report)
-  while report == {Report.FOLLOWS:d}:
+  while report == {ProgramStatus.FOLLOWS:d}:
     beat = read_input_integer_register({first + 1})
     if beat != seen and read_input_integer_register({first}) == {token}:
       new = [{goal}]
-      if read_input_integer_register({first + 2}) != {Order.FOLLOW:d}:
-        report = {Report.ENDED_BY_ORDER:d}
+      if read_input_integer_register({first + 2}) != {ProgramCommand.FOLLOW:d}:
+        report = {ProgramStatus.ENDED_BY_ORDER:d}
       elif {jump}:
-        report = {Report.ENDED_BY_JUMP:d}
+        report = {ProgramStatus.ENDED_BY_JUMP:d}
       else:
         q = new
         v = [{speeds}]
@@ -118,10 +118,10 @@ def cardan():
       silent = silent + 1
 {drift}
       if silent > {most}:
-        report = {Report.ENDED_BY_WATCHDOG:d}
+        report = {ProgramStatus.ENDED_BY_WATCHDOG:d}
       end
     end
-    if report == {Report.FOLLOWS:d}:
+    if report == {ProgramStatus.FOLLOWS:d}:
       servoj(q, 0, 0, {control_period_s:g}, {servoing.lookahead_s:g}, {servoing.gain:d})
     end
   end

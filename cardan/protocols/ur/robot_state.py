@@ -14,7 +14,7 @@ import struct
 from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
-from cardan.protocols.ur.primary import ROBOT_STATE, Package
+from cardan.protocols.ur.primary import ROBOT_STATE, PrimaryPackage
 
 JOINTS: Final = 6
 
@@ -24,18 +24,18 @@ Values = Callable[[str], Any]
 """The value of a variable by its name; a vector is a sequence."""
 
 
-class Field(NamedTuple):
+class SubPackageField(NamedTuple):
     """A field of a sub-package."""
 
     code: str
     source: str | float
 
 
-class Part(NamedTuple):
+class SubPackage(NamedTuple):
     """A sub-package."""
 
     kind: int
-    fields: tuple[Field, ...]
+    fields: tuple[SubPackageField, ...]
     each_joint: bool = False
     """The fields come once for each joint, of whose values one is taken."""
     e_series: bool = False
@@ -76,9 +76,9 @@ def _value(source: str | float, values: Values) -> Any:
     return value if isinstance(value, (int, float)) else tuple(value)
 
 
-_F = Field
+_F = SubPackageField
 
-JOINT_DATA: Final = Part(
+JOINT_DATA: Final = SubPackage(
     1,
     (
         _F("d", "actual_q"),
@@ -92,8 +92,8 @@ JOINT_DATA: Final = Part(
     ),
     each_joint=True,
 )
-CARTESIAN_INFO: Final = Part(4, (_F("6d", "actual_TCP_pose"), _F("6d", "tcp_offset")))
-KINEMATICS_INFO: Final = Part(
+CARTESIAN_INFO: Final = SubPackage(4, (_F("6d", "actual_TCP_pose"), _F("6d", "tcp_offset")))
+KINEMATICS_INFO: Final = SubPackage(
     5,
     (
         _F("6I", "kinematics_checksum"),
@@ -104,9 +104,9 @@ KINEMATICS_INFO: Final = Part(
         _F("I", "calibration_status"),
     ),
 )
-CALIBRATION_DATA: Final = Part(9, (_F("6d", "calibration_forces"),))
+CALIBRATION_DATA: Final = SubPackage(9, (_F("6d", "calibration_forces"),))
 """Used by UR's software only."""
-MASTERBOARD_DATA: Final = Part(
+MASTERBOARD_DATA: Final = SubPackage(
     3,
     (
         _F("I", "actual_digital_input_bits"),
@@ -133,7 +133,7 @@ MASTERBOARD_DATA: Final = Part(
         _F("B", 0),
     ),
 )
-TOOL_DATA: Final = Part(
+TOOL_DATA: Final = SubPackage(
     2,
     (
         _F("B", "tool_analog_input_types.0"),
@@ -147,7 +147,7 @@ TOOL_DATA: Final = Part(
         _F("B", "tool_mode"),
     ),
 )
-CONFIGURATION_DATA: Final = Part(
+CONFIGURATION_DATA: Final = SubPackage(
     6,
     (
         _F("12d", "joint_limits"),
@@ -168,8 +168,8 @@ CONFIGURATION_DATA: Final = Part(
         _F("i", "robot_subtype"),
     ),
 )
-FORCE_MODE_DATA: Final = Part(7, (_F("6d", "actual_TCP_force"), _F("d", "robot_dexterity")))
-ADDITIONAL_INFO: Final = Part(
+FORCE_MODE_DATA: Final = SubPackage(7, (_F("6d", "actual_TCP_force"), _F("d", "robot_dexterity")))
+ADDITIONAL_INFO: Final = SubPackage(
     8,
     (
         _F("B", "robot_status_bits.2"),
@@ -178,7 +178,7 @@ ADDITIONAL_INFO: Final = Part(
         _F("B", 0),
     ),
 )
-TOOL_COMMUNICATION_INFO: Final = Part(
+TOOL_COMMUNICATION_INFO: Final = SubPackage(
     11,
     (
         _F("B", "tool_communication_enabled"),
@@ -191,7 +191,7 @@ TOOL_COMMUNICATION_INFO: Final = Part(
     ),
     e_series=True,
 )
-TOOL_MODE_INFO: Final = Part(
+TOOL_MODE_INFO: Final = SubPackage(
     12,
     (
         _F("B", "tool_output_mode"),
@@ -200,11 +200,11 @@ TOOL_MODE_INFO: Final = Part(
     ),
     e_series=True,
 )
-SINGULARITY_INFO: Final = Part(
+SINGULARITY_INFO: Final = SubPackage(
     13, (_F("B", "singularity_severity"), _F("B", "singularity_type")), e_series=True
 )
 
-PARTS: Final[tuple[Part, ...]] = (
+PARTS: Final[tuple[SubPackage, ...]] = (
     JOINT_DATA,
     CARTESIAN_INFO,
     KINEMATICS_INFO,
@@ -226,7 +226,7 @@ def parts(values: Values, e_series: bool) -> bytes:
     return b"".join(part.pack(values) for part in PARTS if e_series or not part.e_series)
 
 
-def sub_packages(found: Package) -> Mapping[int, bytes] | None:
+def sub_packages(found: PrimaryPackage) -> Mapping[int, bytes] | None:
     """Return the contents of a robot state by kind, without sizes and kinds; None for another
     package, or a truncated one."""
     if found.kind != ROBOT_STATE:

@@ -62,7 +62,7 @@ class TextLevel(enum.IntEnum):
     INFO = 3
 
 
-class Malformed(NamedTuple):
+class MalformedPayload(NamedTuple):
     """A payload that means nothing."""
 
     reason: str
@@ -95,7 +95,7 @@ def control_rate_hz(version: ControllerVersion | None) -> float:
     return CB3_RATE_HZ if version is not None and version.major <= CB3_MAJOR else E_SERIES_RATE_HZ
 
 
-class Text(NamedTuple):
+class TextMessage(NamedTuple):
     """Text message."""
 
     text: str
@@ -103,7 +103,7 @@ class Text(NamedTuple):
     level: int
 
 
-class Setup(NamedTuple):
+class RecipeSetup(NamedTuple):
     """A client asks for a recipe."""
 
     kind: PacketType
@@ -244,14 +244,14 @@ def speaks_rtde(said: bytes) -> bool | None:
     found = reader.take()
     if found is None:
         return False if reader.failure else None
-    return not isinstance(read_reply(*found), Malformed)
+    return not isinstance(read_reply(*found), MalformedPayload)
 
 
-Reply = Accepted | ControllerVersion | Text | SetupReply | Data
-Asked = ControlRequest | Text | Setup | Data
+Reply = Accepted | ControllerVersion | TextMessage | SetupReply | Data
+Asked = ControlRequest | TextMessage | RecipeSetup | Data
 
 
-def read_reply(kind: int, payload: bytes, version: int = VERSION) -> Reply | Malformed:
+def read_reply(kind: int, payload: bytes, version: int = VERSION) -> Reply | MalformedPayload:
     """Decode a controller's package of that protocol version."""
     if version == 1 and kind == PacketType.DATA:
         return Data(0, payload)
@@ -261,52 +261,60 @@ def read_reply(kind: int, payload: bytes, version: int = VERSION) -> Reply | Mal
     if version == 1 and kind == PacketType.TEXT and payload:
         return _text_1(payload)
     if kind == PacketType.DATA:
-        return Data(payload[0], payload[1:]) if payload else Malformed("a data package of 0 bytes")
+        return (
+            Data(payload[0], payload[1:])
+            if payload
+            else MalformedPayload("a data package of 0 bytes")
+        )
     if kind in (PacketType.PROTOCOL_VERSION, PacketType.START, PacketType.PAUSE):
         if len(payload) != 1:
-            return Malformed(f"an answer of {len(payload)} bytes, not 1")
+            return MalformedPayload(f"an answer of {len(payload)} bytes, not 1")
         return Accepted(PacketType(kind), payload[0] != 0)
     if kind == PacketType.CONTROLLER_VERSION:
         if len(payload) != _VERSION_REPLY.size:
-            return Malformed(f"a version of {len(payload)} bytes, not {_VERSION_REPLY.size}")
+            return MalformedPayload(f"a version of {len(payload)} bytes, not {_VERSION_REPLY.size}")
         return ControllerVersion(*_VERSION_REPLY.unpack(payload))
     if kind in (PacketType.OUTPUTS, PacketType.INPUTS):
         if not payload:
-            return Malformed("a recipe of 0 bytes")
+            return MalformedPayload("a recipe of 0 bytes")
         return SetupReply(PacketType(kind), payload[0], _names(payload[1:]))
     return _text(kind, payload)
 
 
-def read_request(kind: int, payload: bytes, version: int = VERSION) -> Asked | Malformed:
+def read_request(kind: int, payload: bytes, version: int = VERSION) -> Asked | MalformedPayload:
     """Decode a client's package of that protocol version."""
     if kind == PacketType.DATA:
-        return Data(payload[0], payload[1:]) if payload else Malformed("a data package of 0 bytes")
+        return (
+            Data(payload[0], payload[1:])
+            if payload
+            else MalformedPayload("a data package of 0 bytes")
+        )
     if kind == PacketType.PROTOCOL_VERSION:
         if len(payload) != _WORD.size:
-            return Malformed(f"a version of {len(payload)} bytes, not {_WORD.size}")
+            return MalformedPayload(f"a version of {len(payload)} bytes, not {_WORD.size}")
         return ControlRequest(PacketType.PROTOCOL_VERSION, _WORD.unpack(payload)[0])
     if kind in (PacketType.CONTROLLER_VERSION, PacketType.START, PacketType.PAUSE):
         return (
-            Malformed(f"{len(payload)} bytes too many")
+            MalformedPayload(f"{len(payload)} bytes too many")
             if payload
             else ControlRequest(PacketType(kind))
         )
     if kind == PacketType.INPUTS:
-        return Setup(PacketType.INPUTS, _names(payload))
+        return RecipeSetup(PacketType.INPUTS, _names(payload))
     if kind == PacketType.OUTPUTS:
         if version == 1:
-            return Setup(PacketType.OUTPUTS, _names(payload))
+            return RecipeSetup(PacketType.OUTPUTS, _names(payload))
         if len(payload) < _FREQUENCY.size:
-            return Malformed(f"a setup of {len(payload)} bytes has no frequency")
+            return MalformedPayload(f"a setup of {len(payload)} bytes has no frequency")
         (frequency,) = _FREQUENCY.unpack_from(payload)
-        return Setup(PacketType.OUTPUTS, _names(payload[_FREQUENCY.size :]), frequency)
+        return RecipeSetup(PacketType.OUTPUTS, _names(payload[_FREQUENCY.size :]), frequency)
     if version == 1 and kind == PacketType.TEXT and payload:
         return _text_1(payload)
     return _text(kind, payload)
 
 
-def _text_1(payload: bytes) -> Text:
-    return Text(payload[1:].decode("utf-8", "replace"), "", payload[0])
+def _text_1(payload: bytes) -> TextMessage:
+    return TextMessage(payload[1:].decode("utf-8", "replace"), "", payload[0])
 
 
 def _names(payload: bytes) -> tuple[str, ...]:
@@ -315,17 +323,17 @@ def _names(payload: bytes) -> tuple[str, ...]:
     return tuple(word.strip() for word in listed.split(",")) if listed else ()
 
 
-def _text(kind: int, payload: bytes) -> Text | Malformed:
+def _text(kind: int, payload: bytes) -> TextMessage | MalformedPayload:
     if kind != PacketType.TEXT:
-        return Malformed(f"type {kind} is unknown")
+        return MalformedPayload(f"type {kind} is unknown")
     try:
         said = payload[1 : 1 + payload[0]]
         rest = payload[1 + payload[0] :]
         by = rest[1 : 1 + rest[0]]
         level = rest[1 + rest[0]]
     except IndexError:
-        return Malformed("a text message that is cut")
-    return Text(said.decode("utf-8", "replace"), by.decode("utf-8", "replace"), level)
+        return MalformedPayload("a text message that is cut")
+    return TextMessage(said.decode("utf-8", "replace"), by.decode("utf-8", "replace"), level)
 
 
 # -- recipes ---------------------------------------------------------------------------------------

@@ -9,9 +9,9 @@ from cardan.sim_peers.arm.faults import FAULTS as FAULTS
 from cardan.sim_peers.arm.options import (
     PERIOD_S as PERIOD_S,
     Ball as Ball,
-    Plane as Plane,
     PlantOptions as PlantOptions,
     SimulatedArmOptions as SimulatedArmOptions,
+    TouchPlane as TouchPlane,
 )
 
 if TYPE_CHECKING:

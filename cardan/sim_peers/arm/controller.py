@@ -12,7 +12,7 @@ from cardan.protocols.joint_stream import (
     ArmCommand,
     ArmState,
     ControlMode,
-    Malformed,
+    MalformedDatagram,
     decode_command,
     encode_state,
     is_newer,
@@ -129,7 +129,7 @@ class SimulatedArm:
             self._has_client = False
         if not self._has_client:
             command = decode_command(data)
-            if isinstance(command, Malformed):
+            if isinstance(command, MalformedDatagram):
                 self._ignored[command.reason] += 1
                 return
             self.client, self._has_client, self._newest = source, True, None
@@ -274,7 +274,7 @@ class SimulatedArm:
 
     def _take(self, data: bytes) -> None:
         command = decode_command(data)
-        if isinstance(command, Malformed):
+        if isinstance(command, MalformedDatagram):
             self._ignored[command.reason] += 1
             return
         if command.mode is ControlMode.HOLD and command.session == 0:

@@ -36,7 +36,7 @@ _Size = Annotated[float, bounds.NOT_NEGATIVE]
 STANDARD_GRAVITY_M_S2 = Vector3(0.0, 0.0, -9.81)
 
 
-class Plane(NamedTuple):
+class TouchPlane(NamedTuple):
     """A half space to touch: solid below `point`, seen along the outward `normal`."""
 
     point: Vector3
@@ -45,7 +45,7 @@ class Plane(NamedTuple):
     """Any length but zero."""
 
     @classmethod
-    def read(cls, text: str) -> Plane:
+    def read(cls, text: str) -> TouchPlane:
         """``X,Y,Z,NX,NY,NZ``; ValueError."""
         x, y, z, *normal = numbers(text, 6)
         return cls(Vector3(x, y, z), Vector3(*normal))
@@ -100,12 +100,12 @@ class PlantOptions(Options):
     """In the base frame."""
     start: tuple[float, ...] | None = None
     """Joints at the start, rad or m; None: the arm's home."""
-    planes: tuple[Plane, ...] = option(
+    planes: tuple[TouchPlane, ...] = option(
         (),
         "Solid below this plane, m (repeatable).",
         name="plane",
         metavar="X,Y,Z,NX,NY,NZ",
-        read=Plane.read,
+        read=TouchPlane.read,
         repeatable=True,
     )
     balls: tuple[Ball, ...] = option(

@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from cardan.bus.node import BusNode, Presence, Publisher, WaitingSubscription
+from cardan.bus.node import BusNode, MatchedEndpoints, Publisher, WaitingSubscription
 from cardan.bus.options import BusOptions
 from cardan.common import bounds
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.zenoh import SUBSCRIPTION
 from cardan.sim_peers.backends.base import DeviceBackend
 from cardan.sim_peers.command import listen_option, option
@@ -63,7 +63,7 @@ class BusBackend(DeviceBackend[bytes]):
         self._node: BusNode | None = None
         self._publisher: Publisher | None = None
         self._feedback: WaitingSubscription | None = None
-        self._programs: Presence | None = None
+        self._programs: MatchedEndpoints | None = None
         self._look_s = 0.0
 
     @property
@@ -113,5 +113,5 @@ class BusBackend(DeviceBackend[bytes]):
             self.shell.begin()
         while self._feedback is not None and (received := self._feedback.poll()) is not None:
             felt = codec_of(FEEDBACK).decode(received.data)
-            if not isinstance(felt, Malformed):
+            if not isinstance(felt, MalformedCdr):
                 self._feel(felt)

@@ -84,7 +84,7 @@ class StreamClient(DeviceClient):
 C = TypeVar("C", bound=DeviceClient)
 
 
-class Server(Generic[C]):
+class DeviceServer(Generic[C]):
     """Programs that connect to a listening socket, at most `most`, in `clients`.
 
     `meet` makes a client of a new connection, `take` gets a client's data, and `part` is called

@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 
 from cardan.common.sockets import OWNER_ONLY, UnixSocket
 from cardan.sim_peers.backends.base import DeviceBackend, M
-from cardan.sim_peers.backends.server import PacketClient, Server
+from cardan.sim_peers.backends.server import DeviceServer, PacketClient
 
 MAX_CLIENTS = 8
 """Programs that may have the device open at once."""
@@ -21,7 +21,7 @@ QUEUE_REPORTS = 64
 C = TypeVar("C", bound=PacketClient)
 
 
-class PacketServer(Server[C]):
+class PacketServer(DeviceServer[C]):
     """A socket at `path`, and the programs that have it open. Raises AddressError when the path
     cannot be had."""
 

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from cardan.sim_peers.backends.base import DeviceBackend, Shell
-from cardan.sim_peers.backends.server import Server, StreamClient, bound_to
+from cardan.sim_peers.backends.server import DeviceServer, StreamClient, bound_to
 
 VERSION = 0x0111
 
@@ -65,7 +65,7 @@ class Speed(enum.IntEnum):
     HIGH = 3
 
 
-class Setup(NamedTuple):
+class SetupPacket(NamedTuple):
     """A control request."""
 
     request_type: int
@@ -104,7 +104,7 @@ class UsbFunction(ABC):
     """Number of the interrupt endpoint that carries the reports."""
 
     @abstractmethod
-    def control(self, setup: Setup, data: bytes) -> bytes | None:
+    def control(self, setup: SetupPacket, data: bytes) -> bytes | None:
         """Do a control request; `data` is sent with it by the host.
 
         Gives the data for the host (at most `setup.length` bytes are sent); None: not supported,
@@ -231,7 +231,7 @@ class UsbipSession:
         if sequence in self._canceled:
             self._unlinked(self._canceled.pop(sequence), -errno.ECONNRESET)
         elif endpoint == 0:
-            self._control(sequence, Setup(*_SETUP.unpack(setup)), data, length, bool(to_host))
+            self._control(sequence, SetupPacket(*_SETUP.unpack(setup)), data, length, bool(to_host))
         elif to_host:
             self.polled = True
             self._waiting.setdefault(endpoint, deque()).append((sequence, length))
@@ -240,7 +240,9 @@ class UsbipSession:
             self._return(sequence, -errno.EPIPE)
         return True
 
-    def _control(self, sequence: int, setup: Setup, data: bytes, room: int, to_host: bool) -> None:
+    def _control(
+        self, sequence: int, setup: SetupPacket, data: bytes, room: int, to_host: bool
+    ) -> None:
         answer = self._function.control(setup, data)
         if answer is None:
             self._return(sequence, -errno.EPIPE)
@@ -334,7 +336,7 @@ class UsbipBackend(DeviceBackend[bytes]):
     def open(self, shell: Shell) -> None:
         """Listen. Raises AddressError."""
         super().open(shell)
-        self._server: Server[_Connection] = Server(
+        self._server: DeviceServer[_Connection] = DeviceServer(
             shell.selector,
             MAX_CONNECTIONS,
             meet=lambda sock: _Connection(sock, UsbipSession(self._usb, self._bus_id)),

@@ -80,7 +80,7 @@ class ClientDefects:
     def _message(
         self, planned: egm.EgmMotion | None, speed: egm.EgmSpeedRef | None = None
     ) -> bytes:
-        header = egm.EgmHeader(self._next_seqno(), None, egm.MessageType.CORRECTION)
+        header = egm.EgmHeader(self._next_seqno(), None, egm.EgmMessageType.CORRECTION)
         return egm.encode_sensor(egm.EgmSensor(header, planned, speed))
 
     def _next_seqno(self) -> int:

@@ -1,7 +1,7 @@
 """A simulated ABB GoFa CRB 15000-5 controller that speaks Externally Guided Motion (EGM)."""
 
-from cardan.sim_peers.egm_controller.arguments import Mode as Mode
-from cardan.sim_peers.egm_controller.contact import Surface as Surface
+from cardan.sim_peers.egm_controller.arguments import EgmMode as EgmMode
+from cardan.sim_peers.egm_controller.contact import ContactSurface as ContactSurface
 from cardan.sim_peers.egm_controller.controller import EgmController as EgmController
 from cardan.sim_peers.egm_controller.external_motion import EgmState as EgmState
 from cardan.sim_peers.egm_controller.faults import FAULTS as FAULTS

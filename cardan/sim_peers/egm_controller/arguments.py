@@ -13,7 +13,7 @@ from cardan.sim_peers.kinematics import AXES
 ALL_AXES = tuple(range(AXES))
 
 
-class Mode(enum.Enum):
+class EgmMode(enum.Enum):
     """Mode chosen by EGMSetupUC: \\Joint, \\Pose or \\PathCorr."""
 
     JOINT = "joint"
@@ -31,19 +31,19 @@ class StopMode(enum.Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setup:
+class EgmSetup:
     """EGMSetupUC."""
 
-    mode: Mode
+    mode: EgmMode
     comm_timeout_s: float = 1.0
     """The manual gives no default; users report 1 s."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Act:
+class EgmAct:
     """EGMActJoint, EGMActPose or EGMActMove."""
 
-    mode: Mode
+    mode: EgmMode
     window_deg: float = 0.5
     """Half width of the convergence window: joints, or rx ry rz."""
     window_mm: float = 1.0
@@ -58,10 +58,10 @@ class Act:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run:
+class EgmRun:
     """EGMRunJoint or EGMRunPose."""
 
-    mode: Mode
+    mode: EgmMode
     stop_mode: StopMode = StopMode.HOLD
     axes: tuple[int, ...] = ALL_AXES
     """Indices of the switches given: J1..J6, or x y z rx ry rz. None given moves nothing."""

@@ -21,7 +21,7 @@ STICK_SPEED_M_S = 0.001
 _Size = Annotated[float, bounds.NOT_NEGATIVE]
 
 
-class Surface(NamedTuple):
+class ContactSurface(NamedTuple):
     """A horizontal plane, solid below `height_m` of the base frame (the work object's)."""
 
     height_m: float
@@ -33,7 +33,7 @@ class Surface(NamedTuple):
     """Coulomb's coefficient along the surface."""
 
     @classmethod
-    def read(cls, text: str) -> Surface:
+    def read(cls, text: str) -> ContactSurface:
         """``HEIGHT[:STIFFNESS[:DAMPING[:FRICTION]]]``, SI units; ValueError."""
         try:
             height_m, *others = [float(word) for word in text.split(":")]
@@ -44,7 +44,7 @@ class Surface(NamedTuple):
             ) from None
 
 
-def touch(surface: Surface, position: Vector3, velocity: Vector3) -> Vector3:
+def touch(surface: ContactSurface, position: Vector3, velocity: Vector3) -> Vector3:
     """The force that the TCP exerts on `surface`; zero without contact, never upwards."""
     depth_m = surface.height_m - position.z
     if depth_m <= 0.0:

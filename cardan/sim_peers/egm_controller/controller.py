@@ -15,6 +15,7 @@ from cardan.protocols.egm.messages import (
     EgmCollisionInfo,
     EgmHeader,
     EgmMeasuredForce,
+    EgmMessageType,
     EgmMotion,
     EgmPose,
     EgmRapidData,
@@ -22,15 +23,14 @@ from cardan.protocols.egm.messages import (
     EgmSensor,
     EgmSensorPathCorr,
     Fault,
-    Malformed,
-    MessageType,
+    MalformedEgmMessage,
     MotorState,
     RapidState,
 )
 from cardan.sim_peers.base import TimedActs, load_script
-from cardan.sim_peers.egm_controller.arguments import Act, PathMove, Run, Setup, StopMode
-from cardan.sim_peers.egm_controller.contact import Surface, tcp_velocity, touch
-from cardan.sim_peers.egm_controller.events import Event, EventLog
+from cardan.sim_peers.egm_controller.arguments import EgmAct, EgmRun, EgmSetup, PathMove, StopMode
+from cardan.sim_peers.egm_controller.contact import ContactSurface, tcp_velocity, touch
+from cardan.sim_peers.egm_controller.events import ControllerEventLog, EventMessage
 from cardan.sim_peers.egm_controller.external_motion import EgmState
 from cardan.sim_peers.egm_controller.faults import (
     CLOCK_STEP_AT_S,
@@ -39,14 +39,14 @@ from cardan.sim_peers.egm_controller.faults import (
 )
 from cardan.sim_peers.egm_controller.guidance import beyond_any_robot
 from cardan.sim_peers.egm_controller.instructions import Instructions
-from cardan.sim_peers.egm_controller.motion import Servo
+from cardan.sim_peers.egm_controller.motion import ServoAxes
 from cardan.sim_peers.egm_controller.options import EgmControllerOptions
 from cardan.sim_peers.egm_controller.panel import Panel
 from cardan.sim_peers.egm_controller.rapid import RapidTask
 from cardan.sim_peers.egm_controller.scripts import (
     SCRIPT_VERBS,
     SCRIPTS,
-    Action,
+    ScriptAction,
     compile_script,
 )
 from cardan.sim_peers.kinematics import AXES, GOFA, forward
@@ -73,7 +73,7 @@ _COLLISION_QUOTA = 130.0
 """Percent of the collision detection's threshold."""
 
 
-class Counters(NamedTuple):
+class DatagramCounters(NamedTuple):
     """Counters of the datagrams."""
 
     sent: int
@@ -100,7 +100,7 @@ class EgmController:
     ) -> None:
         self.options = options = EgmControllerOptions() if options is None else options
         self._wall_start_s = wall_start_s
-        self._actions: deque[Action] = deque(
+        self._actions: deque[ScriptAction] = deque(
             compile_script(load_script(options.program, SCRIPTS, SCRIPT_VERBS))
         )
         self._profile = options.profile
@@ -109,7 +109,7 @@ class EgmController:
         self._accepted = 0
         self._sent = 0
         start = [math.radians(q) for q in options.joints_deg]
-        self.servo = Servo(
+        self.servo = ServoAxes(
             GOFA,
             options.period_s,
             options.servo_delay_s,
@@ -117,7 +117,7 @@ class EgmController:
             math.radians(options.encoder_noise_deg),
             options.seed,
         )
-        self._log = EventLog()
+        self._log = ControllerEventLog()
         self.rapid = RapidTask(options, self.servo, self._noted, self._log)
         self._egm = self.rapid.egm
         self._instructions = Instructions(self.rapid)
@@ -209,14 +209,14 @@ class EgmController:
         return self._egm.state
 
     @property
-    def events(self) -> list[Event]:
+    def events(self) -> list[EventMessage]:
         """The event log, oldest first."""
         return self._log.events
 
     @property
-    def counters(self) -> Counters:
+    def counters(self) -> DatagramCounters:
         """Counters of the datagrams so far."""
-        return Counters(self._sent, self._accepted, dict(self._ignored), dict(self._noted))
+        return DatagramCounters(self._sent, self._accepted, dict(self._ignored), dict(self._noted))
 
     @property
     def joints_rad(self) -> tuple[float, ...]:
@@ -261,7 +261,7 @@ class EgmController:
         return self._panel.jog([math.radians(q) for q in joints_deg])
 
     def do(self, verb: str, **arguments: Any) -> None:
-        """Do a script's `verb` now; arguments as in `Action`. For tests and consoles."""
+        """Do a script's `verb` now; arguments as in `ScriptAction`. For tests and consoles."""
         if verb not in self._verbs:
             raise ScriptError(f"there is no verb {verb!r}; there are: {', '.join(self._verbs)}")
         self._verbs[verb](**arguments)
@@ -343,7 +343,7 @@ class EgmController:
 
     def _take(self, data: bytes) -> None:
         message = decode_from_pc(data)
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedEgmMessage):
             self._ignored[message.fault.value] += 1
             if message.fault is Fault.NOT_FINITE and self.options.nan_is_fatal:
                 self._log.add(SYSTEM_FAILURE, "System failure state")
@@ -362,7 +362,7 @@ class EgmController:
     def _check_header(self, message: EgmSensor | EgmSensorPathCorr) -> str:
         header = message.header
         path = isinstance(message, EgmSensorPathCorr)
-        expected = MessageType.PATH_CORRECTION if path else MessageType.CORRECTION
+        expected = EgmMessageType.PATH_CORRECTION if path else EgmMessageType.CORRECTION
         if header is None or header.mtype != expected:
             if self.options.strict_mtype:
                 return "unexpected mtype"
@@ -396,7 +396,7 @@ class EgmController:
             rapid_state = RapidState.RUNNING if rapid.program_running else RapidState.STOPPED
         tm_ms = self._tm_start_ms + round((self._now_s - self._boot_s) * 1e3)
         message = EgmRobot(
-            header=EgmHeader(self._seqno % _WRAP, tm_ms % _WRAP, MessageType.DATA),
+            header=EgmHeader(self._seqno % _WRAP, tm_ms % _WRAP, EgmMessageType.DATA),
             feed_back=self._motion(measured, tcp, wall_ns),
             planned=self._motion(servo.planned, servo.planned_frames.pose, wall_ns + delay_ns),
             motor_state=MotorState.ON if rapid.motors_on else MotorState.OFF,
@@ -443,7 +443,7 @@ class EgmController:
             tuple(force), self._force_control if self._profile.fc_active else None
         )
 
-    def _touch(self, surface: Surface) -> None:
+    def _touch(self, surface: ContactSurface) -> None:
         frames = forward(self.servo.actual, self.servo.arm.links)
         velocity = tcp_velocity(frames, self.servo.actual_speeds)
         self._pressing = touch(surface, frames.pose.position, velocity)
@@ -477,11 +477,11 @@ class EgmController:
         return {
             "movej": self._movej,
             "getid": lambda: rapid.execute(does.get_id),
-            "setup": self._executing(Setup, does.setup),
-            "act": self._executing(Act, does.act),
+            "setup": self._executing(EgmSetup, does.setup),
+            "act": self._executing(EgmAct, does.act),
             "stream-start": lambda: rapid.execute(does.stream_start),
             "stream-stop": lambda: rapid.execute(does.stream_stop),
-            "run": self._executing(Run, does.run),
+            "run": self._executing(EgmRun, does.run),
             "egmmovel": self._egmmovel,
             "stop": self._stop,
             "reset": lambda: rapid.execute(does.reset),
@@ -542,7 +542,7 @@ class EgmController:
     def _set_contact(self, wrench: Sequence[float]) -> None:
         self._contact = tuple(wrench)
 
-    def _set_surface(self, surface: Surface | None) -> None:
+    def _set_surface(self, surface: ContactSurface | None) -> None:
         self._surface = surface
         self._pressing = ZERO3
 

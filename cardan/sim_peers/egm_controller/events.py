@@ -20,7 +20,7 @@ MOTION_SUPERVISION = 50204
 MOVE_NOT_ALLOWED = 50453
 
 
-class Event(NamedTuple):
+class EventMessage(NamedTuple):
     """A line of the controller's event log."""
 
     time_s: float
@@ -30,15 +30,15 @@ class Event(NamedTuple):
     text: str
 
 
-class EventLog:
+class ControllerEventLog:
     """The event log of one controller, and the time that its next events get."""
 
     def __init__(self) -> None:
         self.now_s = 0.0
         """Since the start of the controller."""
-        self.events: list[Event] = []
+        self.events: list[EventMessage] = []
         """Oldest first."""
 
     def add(self, code: int, text: str) -> None:
         """Add an event."""
-        self.events.append(Event(self.now_s, code, text))
+        self.events.append(EventMessage(self.now_s, code, text))

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 
 from cardan.protocols.egm.messages import MCIState
 from cardan.sim_peers.egm_controller.arguments import StopMode
-from cardan.sim_peers.egm_controller.events import EventLog
-from cardan.sim_peers.egm_controller.guided_run import Ending, GuidedRun, Order
-from cardan.sim_peers.egm_controller.motion import Servo
+from cardan.sim_peers.egm_controller.events import ControllerEventLog
+from cardan.sim_peers.egm_controller.guided_run import Ending, GuidedRun, RunRequest
+from cardan.sim_peers.egm_controller.motion import ServoAxes
 from cardan.sim_peers.egm_controller.movements import Movements
 from cardan.sim_peers.egm_controller.options import EgmControllerOptions
 from cardan.sim_peers.egm_controller.settings import EgmSettings
@@ -35,10 +35,14 @@ class ExternalMotion:
     """
 
     def __init__(
-        self, options: EgmControllerOptions, servo: Servo, noted: Counter[str], log: EventLog
+        self,
+        options: EgmControllerOptions,
+        servo: ServoAxes,
+        noted: Counter[str],
+        log: ControllerEventLog,
     ) -> None:
         self.settings = EgmSettings(options)
-        self.order: Order | None = None
+        self.order: RunRequest | None = None
         """The last EGMRun or EGMMoveL."""
         self.run: GuidedRun | None = None
         """The run under way."""

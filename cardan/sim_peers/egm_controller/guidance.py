@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from typing import Generic, NamedTuple, TypeVar
 
 from cardan.protocols.egm.messages import EgmPose, EgmSensor, EgmSensorPathCorr
-from cardan.sim_peers.egm_controller.arguments import Act, PathMove, Run
+from cardan.sim_peers.egm_controller.arguments import EgmAct, EgmRun, PathMove
 from cardan.sim_peers.egm_controller.events import NEAR_SINGULARITY, UNNUMBERED
-from cardan.sim_peers.egm_controller.motion import ControlLaw, Servo
+from cardan.sim_peers.egm_controller.motion import ControlLaw, ServoAxes
 from cardan.sim_peers.kinematics import (
     AXES,
     Differential,
@@ -94,13 +94,13 @@ def _largest(values: Sequence[float] | None) -> float:
     return max(map(abs, values), default=0.0) if values else 0.0
 
 
-class Guidance(ABC):
+class GuidedMotion(ABC):
     """An EGMRun, or EGMMove with path correction."""
 
     done = False
     """True when a programmed path has ended."""
 
-    def __init__(self, servo: Servo, tuning: Tuning, noted: Counter[str]) -> None:
+    def __init__(self, servo: ServoAxes, tuning: Tuning, noted: Counter[str]) -> None:
         self.servo = servo
         self.tuning = tuning
         self.noted = noted
@@ -121,11 +121,17 @@ class Guidance(ABC):
         """True when every selected axis is inside its window about the reference."""
 
 
-class _Guided(Guidance, Generic[_R]):
+class _Guided(GuidedMotion, Generic[_R]):
     """Joint and pose mode: a reference with feed-forward, delayed, ramped in, through the law."""
 
     def __init__(
-        self, servo: Servo, tuning: Tuning, act: Act, run: Run, noted: Counter[str], start: _R
+        self,
+        servo: ServoAxes,
+        tuning: Tuning,
+        act: EgmAct,
+        run: EgmRun,
+        noted: Counter[str],
+        start: _R,
     ) -> None:
         super().__init__(servo, tuning, noted)
         self._law = ControlLaw(tuning.k * run.pos_corr_gain, tuning.filter_hz, servo.period_s)
@@ -167,11 +173,11 @@ class _Guided(Guidance, Generic[_R]):
         )
 
 
-class JointGuidance(_Guided[Sequence[float]]):
+class GuidedJointMotion(_Guided[Sequence[float]]):
     """EGMRunJoint."""
 
     def __init__(
-        self, servo: Servo, tuning: Tuning, act: Act, run: Run, noted: Counter[str]
+        self, servo: ServoAxes, tuning: Tuning, act: EgmAct, run: EgmRun, noted: Counter[str]
     ) -> None:
         super().__init__(servo, tuning, act, run, noted, tuple(servo.planned))
 
@@ -222,7 +228,7 @@ class JointGuidance(_Guided[Sequence[float]]):
 
 
 def _joint_speeds(
-    servo: Servo, twist: Sequence[float], frames: Frames, threshold: float
+    servo: ServoAxes, twist: Sequence[float], frames: Frames, threshold: float
 ) -> list[float]:
     """Joint speeds for the TCP velocity `twist` (v over w, base frame) of this cycle.
 
@@ -247,11 +253,11 @@ def _joint_speeds(
     return [(a + b) / period for a, b in zip(step, rest, strict=True)]
 
 
-class PoseGuidance(_Guided[Pose]):
+class GuidedPoseMotion(_Guided[Pose]):
     """EGMRunPose, with correction and sensor frame equal to the work object."""
 
     def __init__(
-        self, servo: Servo, tuning: Tuning, act: Act, run: Run, noted: Counter[str]
+        self, servo: ServoAxes, tuning: Tuning, act: EgmAct, run: EgmRun, noted: Counter[str]
     ) -> None:
         super().__init__(servo, tuning, act, run, noted, servo.planned_frames.pose)
 
@@ -322,7 +328,7 @@ class PoseGuidance(_Guided[Pose]):
         )
 
 
-class PathGuidance(Guidance):
+class PathCorrectedMotion(GuidedMotion):
     """EGMMoveL with path correction: a straight programmed path, shifted sideways.
 
     The path frame: x along the path, y = x cross the tool's z, z = x cross y. Only y and z act.
@@ -331,7 +337,9 @@ class PathGuidance(Guidance):
     _ACCELERATION_M_S2 = 1.0
     _AGE_AT_MOST_S = 1.0
 
-    def __init__(self, servo: Servo, tuning: Tuning, move: PathMove, noted: Counter[str]) -> None:
+    def __init__(
+        self, servo: ServoAxes, tuning: Tuning, move: PathMove, noted: Counter[str]
+    ) -> None:
         super().__init__(servo, tuning, noted)
         frames = servo.planned_frames
         self._from = frames.pose

@@ -11,27 +11,27 @@ from collections import Counter
 from typing import NamedTuple
 
 from cardan.protocols.egm.messages import EgmSensor, EgmSensorPathCorr
-from cardan.sim_peers.egm_controller.arguments import Act, Mode, PathMove, Run, StopMode
+from cardan.sim_peers.egm_controller.arguments import EgmAct, EgmMode, EgmRun, PathMove, StopMode
 from cardan.sim_peers.egm_controller.events import JOINT_OUT_OF_RANGE, NO_DATA, UNNUMBERED
 from cardan.sim_peers.egm_controller.guidance import (
-    Guidance,
-    JointGuidance,
+    GuidedJointMotion,
+    GuidedMotion,
+    GuidedPoseMotion,
     MotionError,
-    PathGuidance,
-    PoseGuidance,
+    PathCorrectedMotion,
     Tuning,
 )
-from cardan.sim_peers.egm_controller.motion import Servo
+from cardan.sim_peers.egm_controller.motion import ServoAxes
 from cardan.sim_peers.egm_controller.settings import EgmSettings
 
 _LEVEL_1_DELAY_CYCLES = 2
 """Level 1 filters and so acts later than Level 0; the manual says that, but not how much."""
 
 
-class Order(NamedTuple):
+class RunRequest(NamedTuple):
     """An EGMRun or EGMMoveL that the program reached; it may be run more than once."""
 
-    arguments: Run | PathMove
+    arguments: EgmRun | PathMove
     start_joints: list[float]
     """Joints when the program reached it, rad."""
 
@@ -55,9 +55,9 @@ class GuidedRun:
     def __init__(
         self,
         settings: EgmSettings,
-        act: Act,
-        order: Order,
-        servo: Servo,
+        act: EgmAct,
+        order: RunRequest,
+        servo: ServoAxes,
         noted: Counter[str],
         now_s: float,
     ) -> None:
@@ -106,7 +106,7 @@ class GuidedRun:
         servo.drive(speeds, cap)
         if self.guidance.done:
             return Ending(StopMode.HOLD)
-        if isinstance(self.order.arguments, Run):
+        if isinstance(self.order.arguments, EgmRun):
             return self._watch_convergence(self.order.arguments, now_s)
         return None
 
@@ -125,7 +125,7 @@ class GuidedRun:
                 )
         return math.radians(act.max_speed_deviation_deg_s)
 
-    def _watch_convergence(self, run: Run, now_s: float) -> Ending | None:
+    def _watch_convergence(self, run: EgmRun, now_s: float) -> Ending | None:
         # Before the first message there is nothing to converge to.
         self.converged = self._heard and self.guidance.converged()
         if not self.converged:
@@ -141,8 +141,12 @@ class GuidedRun:
 
 
 def _guidance(
-    settings: EgmSettings, act: Act, arguments: Run | PathMove, servo: Servo, noted: Counter[str]
-) -> Guidance:
+    settings: EgmSettings,
+    act: EgmAct,
+    arguments: EgmRun | PathMove,
+    servo: ServoAxes,
+    noted: Counter[str],
+) -> GuidedMotion:
     options = settings.options
     filter_hz = act.lp_filter_hz if act.lp_filter_hz > 0.0 else options.default_lp_filter_hz
     tuning = Tuning(
@@ -153,7 +157,7 @@ def _guidance(
         options.path_correction_absolute,
     )
     if isinstance(arguments, PathMove):
-        return PathGuidance(servo, tuning, arguments, noted)
-    if arguments.mode is Mode.JOINT:
-        return JointGuidance(servo, tuning, act, arguments, noted)
-    return PoseGuidance(servo, tuning, act, arguments, noted)
+        return PathCorrectedMotion(servo, tuning, arguments, noted)
+    if arguments.mode is EgmMode.JOINT:
+        return GuidedJointMotion(servo, tuning, act, arguments, noted)
+    return GuidedPoseMotion(servo, tuning, act, arguments, noted)

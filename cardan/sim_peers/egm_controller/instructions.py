@@ -8,10 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cardan.sim_peers.egm_controller.arguments import Act, Mode, PathMove, Run, Setup, StopMode
+from cardan.sim_peers.egm_controller.arguments import (
+    EgmAct,
+    EgmMode,
+    EgmRun,
+    EgmSetup,
+    PathMove,
+    StopMode,
+)
 from cardan.sim_peers.egm_controller.events import MODE_MISMATCH, MOVE_NOT_ALLOWED, UNNUMBERED
 from cardan.sim_peers.egm_controller.guidance import MotionError
-from cardan.sim_peers.egm_controller.guided_run import Ending, Order
+from cardan.sim_peers.egm_controller.guided_run import Ending, RunRequest
 from cardan.sim_peers.egm_controller.rapid import RapidTask
 from cardan.sim_peers.egm_controller.settings import PATH_LEVEL
 
@@ -36,20 +43,20 @@ class Instructions:
         if self._runs("EGMGetId"):
             self._egm.connect()
 
-    def setup(self, arguments: Setup) -> None:
+    def setup(self, arguments: EgmSetup) -> None:
         """EGMSetupUC."""
         if self._runs("EGMSetupUC") and self._needs("EGMSetupUC", self._egm.connected, "EGMGetId"):
             self._settings.setup = arguments
             self._settings.act = None
             self._program.record("setup", lambda: self.setup(arguments))
 
-    def act(self, arguments: Act) -> None:
+    def act(self, arguments: EgmAct) -> None:
         """EGMActJoint, EGMActPose or EGMActMove; the last one counts."""
         if not self._runs("EGMAct") or not self._needs(
             "EGMAct", self._settings.setup, "EGMSetupUC"
         ):
             return
-        if arguments.mode is Mode.PATH and (rate := arguments.sample_rate_ms) and rate % 24:
+        if arguments.mode is EgmMode.PATH and (rate := arguments.sample_rate_ms) and rate % 24:
             self._task.rapid_error(UNNUMBERED, f"SampleRate {rate} is not a multiple of 24 ms")
             return
         self._settings.act = arguments
@@ -71,9 +78,9 @@ class Instructions:
             self._program.forget("stream")
             self._egm.streaming = False
 
-    def run(self, arguments: Run) -> None:
+    def run(self, arguments: EgmRun) -> None:
         """EGMRunJoint or EGMRunPose."""
-        if arguments.mode is Mode.PATH:
+        if arguments.mode is EgmMode.PATH:
             self._task.rapid_error(
                 UNNUMBERED, "there is no EGMRun for path correction: use EGMMoveL"
             )
@@ -86,7 +93,7 @@ class Instructions:
 
     def egm_move(self, arguments: PathMove) -> None:
         """EGMMoveL with path correction."""
-        if not self._ready_to_move("EGMMoveL", Mode.PATH):
+        if not self._ready_to_move("EGMMoveL", EgmMode.PATH):
             return
         self._program.record("motion", lambda: self.egm_move(arguments))
         self._begin(arguments)
@@ -126,8 +133,8 @@ class Instructions:
     # ------------------------------------------------------------------------------------
     # Inside
 
-    def _begin(self, arguments: Run | PathMove) -> None:
-        self._egm.order = Order(arguments, list(self._task.servo.planned))
+    def _begin(self, arguments: EgmRun | PathMove) -> None:
+        self._egm.order = RunRequest(arguments, list(self._task.servo.planned))
         self._task.begin()
 
     def _runs(self, instruction: str) -> bool:
@@ -142,7 +149,7 @@ class Instructions:
         self._task.rapid_error(UNNUMBERED, f"{instruction} before {before}")
         return False
 
-    def _ready_to_move(self, instruction: str, mode: Mode) -> bool:
+    def _ready_to_move(self, instruction: str, mode: EgmMode) -> bool:
         task, egm = self._task, self._egm
         setup, act, level = self._settings.setup, self._settings.act, self._settings.level
         if not self._runs(instruction) or not self._needs(instruction, act, "EGMAct"):
@@ -164,7 +171,7 @@ class Instructions:
             obstacle = "the first movement after a controller start must not be EGM"
         elif not task.servo.at_rest or egm.movements.busy:
             obstacle = "the robot does not stand in a fine point"
-        elif (level == PATH_LEVEL) is not (mode is Mode.PATH):
+        elif (level == PATH_LEVEL) is not (mode is EgmMode.PATH):
             obstacle = f"Level {level} is not for mode {mode.value}"
         elif task.needs_jog:
             obstacle = "close to a singularity: jog the robot away first"

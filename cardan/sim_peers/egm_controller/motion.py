@@ -11,7 +11,7 @@ import random
 from collections import deque
 from collections.abc import Sequence
 
-from cardan.sim_peers.kinematics import AXES, ArmModel, Frames, forward
+from cardan.sim_peers.kinematics import AXES, Frames, SixAxisArm, forward
 
 _NOISE_SAMPLES = 1021
 """A prime, so that the repetition of the encoder noise matches no other period."""
@@ -37,7 +37,7 @@ class ControlLaw:
         return self._speed
 
 
-class Servo:
+class ServoAxes:
     """Six speed-controlled axes that keep their limits and follow some ms later.
 
     `planned` is where the controller's reference is, `measured` where the arm is: `delay_s`
@@ -46,7 +46,7 @@ class Servo:
 
     def __init__(
         self,
-        arm: ArmModel,
+        arm: SixAxisArm,
         period_s: float,
         delay_s: float,
         start: Sequence[float],
@@ -165,7 +165,7 @@ class Servo:
 class RampDown:
     """Bring the speed to zero linearly within `ramp_s`; 0 is as fast as the axes can."""
 
-    def __init__(self, servo: Servo, ramp_s: float) -> None:
+    def __init__(self, servo: ServoAxes, ramp_s: float) -> None:
         self._servo = servo
         self._from = list(servo.speeds)
         self._ramp_s = ramp_s
@@ -186,7 +186,7 @@ class JointMove:
     _SPEED_SHARE = 0.5
     """Share of the joint speeds and accelerations: a programmed move uses less than the arm can."""
 
-    def __init__(self, servo: Servo, target: Sequence[float], at_least_s: float = 0.0) -> None:
+    def __init__(self, servo: ServoAxes, target: Sequence[float], at_least_s: float = 0.0) -> None:
         self._servo = servo
         self._target = list(target)
         self._start = list(servo.planned)

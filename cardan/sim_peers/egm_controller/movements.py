@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from cardan.sim_peers.egm_controller.motion import JointMove, RampDown, Servo
+from cardan.sim_peers.egm_controller.motion import JointMove, RampDown, ServoAxes
 from cardan.sim_peers.kinematics import AXES
 
 _STILL = [0.0] * AXES
@@ -14,7 +14,7 @@ _STILL = [0.0] * AXES
 class Movements:
     """A queue of braking ramps and joint movements; each starts where the one before ended."""
 
-    def __init__(self, servo: Servo) -> None:
+    def __init__(self, servo: ServoAxes) -> None:
         self._servo = servo
         self._current: RampDown | JointMove | None = None
         self._next: deque[Callable[[], RampDown | JointMove]] = deque()

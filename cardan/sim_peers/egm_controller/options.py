@@ -12,8 +12,8 @@ from cardan.common.bounds import Range
 from cardan.common.options import Options, require_each
 from cardan.sim_peers.base import check_faults
 from cardan.sim_peers.command import numbers, option
-from cardan.sim_peers.egm_controller.arguments import Mode
-from cardan.sim_peers.egm_controller.contact import Surface
+from cardan.sim_peers.egm_controller.arguments import EgmMode
+from cardan.sim_peers.egm_controller.contact import ContactSurface
 from cardan.sim_peers.egm_controller.faults import FAULTS
 from cardan.sim_peers.kinematics import AXES, GOFA
 
@@ -23,7 +23,7 @@ VIRTUAL_PERIOD_S = 0.004
 """Control period of RobotStudio's virtual controller."""
 
 
-class Profile(NamedTuple):
+class RobotWareProfile(NamedTuple):
     """Which fields a RobotWare release fills, beyond those all have."""
 
     fc_active: bool
@@ -36,12 +36,12 @@ class Profile(NamedTuple):
     """And PTP time stamps, where configured."""
 
 
-PROFILES: Mapping[str, Profile] = {
-    "6.08": Profile(False, False, False, False, False),
-    "6.10": Profile(False, True, False, False, False),
-    "7.6": Profile(True, True, True, False, False),
-    "7.7": Profile(True, True, True, True, False),
-    "7.16": Profile(True, True, True, True, True),
+PROFILES: Mapping[str, RobotWareProfile] = {
+    "6.08": RobotWareProfile(False, False, False, False, False),
+    "6.10": RobotWareProfile(False, True, False, False, False),
+    "7.6": RobotWareProfile(True, True, True, False, False),
+    "7.7": RobotWareProfile(True, True, True, True, False),
+    "7.16": RobotWareProfile(True, True, True, True, True),
 }
 
 ROBOTWARE: Mapping[str, str] = {"6": "6.10", "7": "7.16", **{name: name for name in PROFILES}}
@@ -83,7 +83,7 @@ class EgmControllerOptions(Options):
     """Remote Port Number."""
     robotware: str = option("7", "What its datagrams contain.", metavar="6|7|RELEASE")
     """A key of ROBOTWARE."""
-    mode: Mode = option(Mode.POSE, "What its RAPID program runs.")
+    mode: EgmMode = option(EgmMode.POSE, "What its RAPID program runs.")
     """Mode of script lines that name none."""
     script: str = "teleop"
     """A built-in name or a file; in mode PATH "teleop" is "path"."""
@@ -158,17 +158,17 @@ class EgmControllerOptions(Options):
     """measuredForce is sent."""
     force_control: bool = option(False, "Measured force is compensated, not raw.")
     """As it is while force control is active."""
-    surface: Surface | None = option(
+    surface: ContactSurface | None = option(
         None,
         "A table to press on: height, stiffness, damping, friction.",
         metavar="M[:N/M[:N.S/M[:MU]]]",
-        read=Surface.read,
+        read=ContactSurface.read,
     )
     """Surface that the TCP can touch; its force is in measuredForce."""
     force_frame: Literal["tool", "base"] = option("tool", "Whose axes the measured force is along.")
     """Of contact forces; ABB's manual does not say."""
-    force_sense: Literal["exerted", "felt"] = option(
-        "exerted", "Force of the tool on the world, or back."
+    force_sense: Literal["exerted", "reaction"] = option(
+        "exerted", "Force of the tool on the world, or its reaction."
     )
     """Sign of contact forces; ABB's manual does not say. `RobotState.wrench` is the exerted one
     everywhere here."""
@@ -182,8 +182,8 @@ class EgmControllerOptions(Options):
 
     def __post_init__(self) -> None:
         mode: Any = self.mode
-        if mode in [each.value for each in Mode]:
-            object.__setattr__(self, "mode", Mode(mode))
+        if mode in [each.value for each in EgmMode]:
+            object.__setattr__(self, "mode", EgmMode(mode))
         super().__post_init__()
         if self.virtual:
             periods = (REAL_PERIOD_S, VIRTUAL_PERIOD_S)
@@ -205,7 +205,7 @@ class EgmControllerOptions(Options):
     @property
     def program(self) -> str:
         """The script to run."""
-        return "path" if self.mode is Mode.PATH and self.script == "teleop" else self.script
+        return "path" if self.mode is EgmMode.PATH and self.script == "teleop" else self.script
 
     @property
     def release(self) -> str:
@@ -213,6 +213,6 @@ class EgmControllerOptions(Options):
         return ROBOTWARE[self.robotware]
 
     @property
-    def profile(self) -> Profile:
+    def profile(self) -> RobotWareProfile:
         """Message profile of that release."""
         return PROFILES[self.release]

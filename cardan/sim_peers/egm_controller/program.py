@@ -10,7 +10,7 @@ Instruction = Callable[[], None]
 Part = Literal["move", "setup", "act", "stream", "motion"]
 
 
-class Program:
+class RapidProgram:
     """Instructions that were not reached yet, and those that the program has executed so far.
 
     Instructions note themselves by `record` when they are executed; `restart` executes them again.

@@ -10,20 +10,20 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from cardan.protocols.egm.messages import EgmRapidData, EgmSensor, EgmSensorPathCorr
-from cardan.sim_peers.egm_controller.arguments import Run
+from cardan.sim_peers.egm_controller.arguments import EgmRun
 from cardan.sim_peers.egm_controller.events import (
     MOTORS_OFF,
     NO_DATA,
     PROGRAM_STOPPED,
     UNNUMBERED,
-    EventLog,
+    ControllerEventLog,
 )
 from cardan.sim_peers.egm_controller.external_motion import ExternalMotion
-from cardan.sim_peers.egm_controller.guidance import Guidance, MotionError
+from cardan.sim_peers.egm_controller.guidance import GuidedMotion, MotionError
 from cardan.sim_peers.egm_controller.guided_run import Ending, GuidedRun
-from cardan.sim_peers.egm_controller.motion import Servo
+from cardan.sim_peers.egm_controller.motion import ServoAxes
 from cardan.sim_peers.egm_controller.options import EgmControllerOptions
-from cardan.sim_peers.egm_controller.program import Instruction, Program
+from cardan.sim_peers.egm_controller.program import Instruction, RapidProgram
 
 _ECHO_AFTER_S = 0.024
 """How long a RAPID loop takes to read an input and set an output."""
@@ -46,13 +46,17 @@ class RapidTask:
     """
 
     def __init__(
-        self, options: EgmControllerOptions, servo: Servo, noted: Counter[str], log: EventLog
+        self,
+        options: EgmControllerOptions,
+        servo: ServoAxes,
+        noted: Counter[str],
+        log: ControllerEventLog,
     ) -> None:
         self.options = options
         self.servo = servo
         self.log = log
         self.egm = ExternalMotion(options, servo, noted, log)
-        self.program = Program()
+        self.program = RapidProgram()
         self.program_running = True
         self.motors_on = True
         self.moved = False
@@ -72,7 +76,7 @@ class RapidTask:
         self._then: tuple[float, Callable[[], None]] | None = None
 
     @property
-    def guidance(self) -> Guidance | None:
+    def guidance(self) -> GuidedMotion | None:
         """How the PC guides the arm in the run under way."""
         return None if self.egm.run is None else self.egm.run.guidance
 
@@ -205,7 +209,9 @@ class RapidTask:
         """True when the program waits for its EGMRun and so gets its errors."""
         order = self.egm.order
         return (
-            order is not None and isinstance(order.arguments, Run) and not order.arguments.no_wait
+            order is not None
+            and isinstance(order.arguments, EgmRun)
+            and not order.arguments.no_wait
         )
 
     def _go_on(self) -> None:

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 from cardan.errors import ScriptError
 from cardan.sim_peers.base import ScriptStep
-from cardan.sim_peers.egm_controller.arguments import ALL_AXES, Mode, StopMode
-from cardan.sim_peers.egm_controller.contact import Surface
+from cardan.sim_peers.egm_controller.arguments import ALL_AXES, EgmMode, StopMode
+from cardan.sim_peers.egm_controller.contact import ContactSurface
 from cardan.sim_peers.egm_controller.panel import OnError
 from cardan.sim_peers.kinematics import AXES
 
@@ -107,7 +107,7 @@ SCRIPTS: dict[str, str] = {
 _POSE_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
-class Action(NamedTuple):
+class ScriptAction(NamedTuple):
     """A checked script line."""
 
     time_s: float
@@ -115,7 +115,7 @@ class Action(NamedTuple):
     arguments: dict[str, Any]
 
 
-def compile_script(steps: Sequence[ScriptStep]) -> tuple[Action, ...]:
+def compile_script(steps: Sequence[ScriptStep]) -> tuple[ScriptAction, ...]:
     """Check the arguments of every step. Raises ScriptError with the verb's usage."""
     actions = []
     for step in steps:
@@ -126,7 +126,7 @@ def compile_script(steps: Sequence[ScriptStep]) -> tuple[Action, ...]:
                 f"{step.time_s:g} {step.verb} {' '.join(step.args)}: {error}; "
                 f"usage: {SCRIPT_VERBS[step.verb]}"
             ) from None
-        actions.append(Action(step.time_s, step.verb, arguments))
+        actions.append(ScriptAction(step.time_s, step.verb, arguments))
     return tuple(actions)
 
 
@@ -232,7 +232,7 @@ def _wall(words: Sequence[str]) -> dict[str, Any]:
         raise ValueError("stiffness, damping and friction must be at least 0")
     if not others[0]:
         return {"surface": None}
-    return {"surface": Surface(height_mm * 1e-3, others[0] * 1e3, *others[1:])}
+    return {"surface": ContactSurface(height_mm * 1e-3, others[0] * 1e3, *others[1:])}
 
 
 def _egmmovel(words: Sequence[str]) -> dict[str, Any]:
@@ -246,8 +246,8 @@ def _egmmovel(words: Sequence[str]) -> dict[str, Any]:
     }
 
 
-_MODES = {mode.value: {"mode": mode} for mode in Mode}
-_RUN_MODES = {name: flag for name, flag in _MODES.items() if name != Mode.PATH.value}
+_MODES = {mode.value: {"mode": mode} for mode in EgmMode}
+_RUN_MODES = {name: flag for name, flag in _MODES.items() if name != EgmMode.PATH.value}
 _STOP_MODES = {mode.value: {"stop_mode": mode} for mode in StopMode}
 
 

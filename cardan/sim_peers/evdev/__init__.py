@@ -5,7 +5,7 @@ from cardan.sim_peers.evdev.faults import FAULTS as FAULTS
 from cardan.sim_peers.evdev.hand import (
     SCRIPT_VERBS as SCRIPT_VERBS,
     SCRIPTS as SCRIPTS,
-    ScriptedHand as ScriptedHand,
+    ScriptedInput as ScriptedInput,
 )
 from cardan.sim_peers.evdev.models import MODELS as MODELS
 from cardan.sim_peers.evdev.peer import (

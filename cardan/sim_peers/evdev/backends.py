@@ -28,7 +28,7 @@ from cardan.protocols.evdev.events import (
     SYN_DROPPED,
     SYN_REPORT,
     InputEvent,
-    Malformed,
+    MalformedPacket,
     decode_events,
     encode_events,
 )
@@ -146,7 +146,7 @@ class EventSocket(PacketBackend[InputEvents, _Client]):
             self._device.write(client, packet, now_s)
         else:
             call = decode_call(packet)
-            if isinstance(call, Malformed):
+            if isinstance(call, MalformedPacket):
                 self._device.refused += 1
             else:
                 answer = self._device.call(client, call.request, call.argument, now_s)
@@ -251,7 +251,7 @@ class UinputBackend(DeviceBackend[InputEvents]):
             events = decode_events(os.read(fd, _ROOM // EVENT_BYTES * EVENT_BYTES))
         except OSError:
             return
-        if isinstance(events, Malformed):
+        if isinstance(events, MalformedPacket):
             return
         for event in events:
             if event.type == EV_UINPUT and event.code == UI_FF_UPLOAD:

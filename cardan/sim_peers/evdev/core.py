@@ -1,7 +1,7 @@
 """A simulated input device and the kernel's side of it, without any I/O and in virtual time.
 
 Time is given in seconds from plugging in and moves in `frames` only. The hardware is polled every
-`Model.period_s`; only changes are reported, as the kernel does.
+`InputDeviceModel.period_s`; only changes are reported, as the kernel does.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from cardan.protocols.evdev.events import (
     MSC_SCAN,
     SYN_REPORT,
     InputEvent,
-    Malformed,
+    MalformedPacket,
     decode_events,
 )
 from cardan.protocols.evdev.requests import (
@@ -41,7 +41,7 @@ from cardan.protocols.evdev.requests import (
     EVIOCSFF,
     NAME_BYTES,
     AbsInfo,
-    Call,
+    IoctlCall,
     Rumble,
     argument_bytes,
     decode_int,
@@ -55,7 +55,7 @@ from cardan.protocols.evdev.requests import (
     eviocgbit,
 )
 from cardan.sim_peers.evdev.faults import check_faults
-from cardan.sim_peers.evdev.models import Model
+from cardan.sim_peers.evdev.models import InputDeviceModel
 
 Controls = tuple[float, float, float, float, float, float]
 """Left stick to the right and up, right stick likewise, -1..1; left and right trigger, 0..1."""
@@ -116,7 +116,7 @@ class SimulatedInput:
 
     def __init__(
         self,
-        model: Model,
+        model: InputDeviceModel,
         *,
         faults: Mapping[str, float] | None = None,
         jitter_lsb: int = 0,
@@ -245,19 +245,19 @@ class SimulatedInput:
 
     # -- the host ------------------------------------------------------------------------------
 
-    def call(self, client: Hashable, request: int, argument: bytes, now_s: float) -> Call:
+    def call(self, client: Hashable, request: int, argument: bytes, now_s: float) -> IoctlCall:
         """Answer an ioctl request of `client`."""
         result = self._answer(client, request, argument, now_s)
         if isinstance(result, int):
             self.refused += 1
-            return Call(request, -result, b"\0" * argument_bytes(request))
+            return IoctlCall(request, -result, b"\0" * argument_bytes(request))
         size = argument_bytes(request)
-        return Call(request, 0, result[:size].ljust(size, b"\0"))
+        return IoctlCall(request, 0, result[:size].ljust(size, b"\0"))
 
     def write(self, client: Hashable, data: bytes, now_s: float) -> None:
         """Take events that `client` writes; only those that play effects are used."""
         events = decode_events(data)
-        if isinstance(events, Malformed):
+        if isinstance(events, MalformedPacket):
             self.refused += 1
             return
         for event in events:
@@ -465,7 +465,7 @@ class SimulatedInput:
 
     def _upload(self, client: Hashable, argument: bytes, now_s: float) -> bytes | int:
         effect = decode_rumble(argument)
-        if isinstance(effect, Malformed) or not self.model.effects:
+        if isinstance(effect, MalformedPacket) or not self.model.effects:
             return errno.EINVAL
         if "refuse-rumble" in self._faults:
             return errno.ENOSPC

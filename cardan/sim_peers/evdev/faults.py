@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from cardan.errors import ScriptError
 from cardan.sim_peers import base
 from cardan.sim_peers.base import FaultSwitch
-from cardan.sim_peers.evdev.models import Model
+from cardan.sim_peers.evdev.models import InputDeviceModel
 
 FAULTS = (
     FaultSwitch("unplug", "the device vanishes at VALUE s, whatever it is doing", 3.0),
@@ -27,7 +27,7 @@ SOCKET_ONLY = frozenset({"dropped", "short", "garbage", "refuse-rumble"})
 _STICK_FAULTS = ("stuck-axis", "drift", "refuse-rumble")
 
 
-def check_faults(faults: Mapping[str, float], model: Model, *, uinput: bool) -> None:
+def check_faults(faults: Mapping[str, float], model: InputDeviceModel, *, uinput: bool) -> None:
     """Raise ScriptError for a fault that does not exist or that this device cannot have."""
     base.check_faults(faults, FAULTS)
     for name in faults:

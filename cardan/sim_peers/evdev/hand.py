@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.evdev.core import NEUTRAL, SimulatedInput
-from cardan.sim_peers.motion_profile import Ramp, VectorMotion
+from cardan.sim_peers.motion_profile import VectorMotion, VectorRamp
 from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, moving
 
 HAND_PERIOD_S = 0.004
@@ -155,7 +155,7 @@ a device only after its first event."""
 _STICKS = ("LX", "LY", "RX", "RY")
 
 
-class ScriptedHand(ScriptHand[SimulatedInput]):
+class ScriptedInput(ScriptHand[SimulatedInput]):
     """Plays the steps of a script on `device`."""
 
     def __init__(self, steps: Sequence[ScriptStep], device: SimulatedInput) -> None:
@@ -181,12 +181,12 @@ class ScriptedHand(ScriptHand[SimulatedInput]):
             raise words.error(f"{model.name} has no sticks and no triggers")
         if words.verb == "sticks":
             sticks = words.numbers(_STICKS, -1.0, 1.0)
-            return moving(self._controls, Ramp((*sticks, None, None), words.over()))
+            return moving(self._controls, VectorRamp((*sticks, None, None), words.over()))
         if words.verb == "triggers":
             triggers = words.numbers(("LEFT", "RIGHT"), 0.0, 1.0)
-            return moving(self._controls, Ramp((None,) * 4 + triggers, words.over()))
+            return moving(self._controls, VectorRamp((None,) * 4 + triggers, words.over()))
         if words.verb == "neutral":
-            return moving(self._controls, Ramp(NEUTRAL, words.over(), ends_swings=True))
+            return moving(self._controls, VectorRamp(NEUTRAL, words.over(), ends_swings=True))
         if words.verb == "swing":
             sticks = words.numbers(_STICKS, -1.0, 1.0)
             return moving(self._controls, words.swing((*sticks, 0.0, 0.0), HAND_PERIOD_S))

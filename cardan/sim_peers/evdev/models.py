@@ -33,7 +33,7 @@ _MEMLESS_EFFECTS = frozenset({FF_RUMBLE, 0x51, 0x58, 0x59, 0x5A, FF_GAIN})
 """Effects that the kernel offers for two motors: rumble, and periodic ones that become rumble."""
 
 
-class Model(NamedTuple):
+class InputDeviceModel(NamedTuple):
     """Model of a simulated input device."""
 
     key: str
@@ -104,7 +104,7 @@ _COUNTED_STICK = AbsInfo(128, 0, 255, 0, 15, 0)
 _COUNTED_AXES = _pad_axes(_COUNTED_STICK, 255, _COUNTED_STICKS, _COUNTED_TRIGGERS)
 
 MODELS = (
-    Model(
+    InputDeviceModel(
         "xbox-360",
         "Microsoft X-Box 360 pad",
         InputId(BUS_USB, 0x045E, 0x028E, 0x0110),
@@ -113,7 +113,7 @@ MODELS = (
         _MEMLESS_EFFECTS,
         0.004,
     ),
-    Model(
+    InputDeviceModel(
         "xbox-one",
         "Microsoft Xbox One S pad",
         InputId(BUS_USB, 0x045E, 0x02EA, 0x0301),
@@ -122,7 +122,7 @@ MODELS = (
         _MEMLESS_EFFECTS,
         0.004,
     ),
-    Model(
+    InputDeviceModel(
         "dualshock-4",
         "Sony Interactive Entertainment Wireless Controller",
         InputId(BUS_USB, 0x054C, 0x09CC, 0x8111),
@@ -131,7 +131,7 @@ MODELS = (
         _MEMLESS_EFFECTS,
         0.004,
     ),
-    Model(
+    InputDeviceModel(
         "dualshock-4-generic",
         "Sony Interactive Entertainment Wireless Controller",
         InputId(BUS_USB, 0x054C, 0x09CC, 0x0111),
@@ -142,7 +142,7 @@ MODELS = (
         _COUNTED_STICKS,
         _COUNTED_TRIGGERS,
     ),
-    Model(
+    InputDeviceModel(
         "dualsense-generic",
         "Sony Interactive Entertainment DualSense Wireless Controller",
         InputId(BUS_USB, 0x054C, 0x0CE6, 0x0111),
@@ -153,7 +153,7 @@ MODELS = (
         _COUNTED_STICKS,
         _COUNTED_TRIGGERS,
     ),
-    Model(
+    InputDeviceModel(
         "logitech-f310-d",
         "Logitech Logitech Dual Action",
         InputId(BUS_USB, 0x046D, 0xC216, 0x0110),
@@ -164,7 +164,7 @@ MODELS = (
         _COUNTED_STICKS,
         (),
     ),
-    Model(
+    InputDeviceModel(
         "keyboard",
         "AT Translated Set 2 keyboard",
         InputId(0x11, 0x0001, 0x0001, 0xAB41),

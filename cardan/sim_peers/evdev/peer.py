@@ -18,14 +18,14 @@ from cardan.sim_peers.evdev.hand import (
     KEYBOARD_SCRIPTS,
     SCRIPT_VERBS,
     SCRIPTS,
-    ScriptedHand,
+    ScriptedInput,
 )
-from cardan.sim_peers.evdev.models import MODELS, Model
-from cardan.sim_peers.hand_peer import HandPeer, NodeOptions
+from cardan.sim_peers.evdev.models import MODELS, InputDeviceModel
+from cardan.sim_peers.hand_peer import DeviceNodeOptions, HandPeer
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvdevPeerOptions(NodeOptions):
+class EvdevPeerOptions(DeviceNodeOptions):
     """Simulated device and its place."""
 
     kind: Literal["gamepad", "keyboard"] = "gamepad"
@@ -70,10 +70,10 @@ class EvdevPeer(HandPeer[SimulatedInput, InputEvents]):
             backend = UinputBackend(device)
         else:
             backend = EventSocket(options.path, device, options.faults, options.seed, options.mode)
-        super().__init__(device, ScriptedHand(steps, device), backend, options)
+        super().__init__(device, ScriptedInput(steps, device), backend, options)
 
 
-def _model(options: EvdevPeerOptions) -> Model:
+def _model(options: EvdevPeerOptions) -> InputDeviceModel:
     models = [model for model in MODELS if model.is_gamepad == (options.kind == "gamepad")]
     for model in models:
         if options.model in ("", model.key):
@@ -82,7 +82,7 @@ def _model(options: EvdevPeerOptions) -> Model:
 
 
 @dataclass(frozen=True, kw_only=True)
-class GamepadOptions(EvdevPeerOptions):
+class GamepadPeerOptions(EvdevPeerOptions):
     """A pad of one of several models."""
 
     model: str = option(
@@ -93,10 +93,10 @@ class GamepadOptions(EvdevPeerOptions):
     )
 
 
-class Gamepad(PeerCommand[EvdevPeerOptions]):
+class GamepadCommand(PeerCommand[EvdevPeerOptions]):
     """An Xbox or PlayStation gamepad, as Linux gives its events to programs."""
 
-    Options: ClassVar[type[EvdevPeerOptions]] = GamepadOptions
+    Options: ClassVar[type[EvdevPeerOptions]] = GamepadPeerOptions
     Peer = EvdevPeer
     page = "simulated-peers.md"
     speaks = (
@@ -108,13 +108,13 @@ class Gamepad(PeerCommand[EvdevPeerOptions]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class KeyboardOptions(EvdevPeerOptions):
+class KeyboardPeerOptions(EvdevPeerOptions):
     """The one keyboard."""
 
     kind: Literal["gamepad", "keyboard"] = "keyboard"
 
 
-class Keyboard(Gamepad):
+class KeyboardCommand(GamepadCommand):
     """A keyboard, as Linux gives its events to programs."""
 
-    Options, scripts = KeyboardOptions, KEYBOARD_SCRIPTS
+    Options, scripts = KeyboardPeerOptions, KEYBOARD_SCRIPTS

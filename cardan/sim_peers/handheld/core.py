@@ -10,7 +10,14 @@ import math
 from collections.abc import Mapping
 from typing import Final, Literal
 
-from cardan.protocols.handheld.frames import BUTTONS, OperatorFrame, Part, Phone, Xr, encode_frame
+from cardan.protocols.handheld.frames import (
+    BUTTONS,
+    BodyPart,
+    OperatorFrame,
+    PhoneFrame,
+    XrFrame,
+    encode_frame,
+)
 from cardan.protocols.handheld.orientation import orientation_to_xr, position_to_xr, to_angles
 from cardan.sim_peers.base import FaultSwitch, TimedActs
 from cardan.sim_peers.periodic import PERIODIC_FAULTS, HeldModel, HeldPeriodicDevice
@@ -59,7 +66,7 @@ class SimulatedHand(HeldPeriodicDevice[bytes]):
         kind: HandKind,
         faults: Mapping[str, float],
         seed: int = 0,
-        part: Part = Part.RIGHT,
+        part: BodyPart = BodyPart.RIGHT,
     ) -> None:
         super().__init__(PERIOD_S, faults, FAULTS)
         self.kind, self.part = kind, part
@@ -175,14 +182,14 @@ class SimulatedHand(HeldPeriodicDevice[bytes]):
             q = multiply(q, from_rotation_vector(Vector3(0.5 * math.pi, 0.0, 0.0)))
         return q
 
-    def _phone(self) -> Phone:
+    def _phone(self) -> PhoneFrame:
         # Flat, its top edge (y) along the robot's x axis.
         half = 0.5 * (self._north_rad - 0.5 * math.pi)
         q = multiply(self._turn, Quaternion(math.cos(half), 0.0, 0.0, math.sin(half)))
         drag = rotate(conjugate(q), rotate(self._north, Vector3(*self.axes[:3])))
         angles = Vector3(*to_angles(q)) if self.senses else None
         up = scale(rotate(conjugate(q), Vector3(0.0, 0.0, 1.0)), 9.81)
-        return Phone(
+        return PhoneFrame(
             angles,
             drag.x,
             drag.y,
@@ -192,10 +199,10 @@ class SimulatedHand(HeldPeriodicDevice[bytes]):
             reference=self._reference % 256,
         )
 
-    def _xr(self) -> Xr:
+    def _xr(self) -> XrFrame:
         way = rotate(self._north, scale(Vector3(*self.axes[:3]), FULL_WAY_M))
         if self.leapt:
             way = add(way, Vector3(0.5, 0.0, 0.0))
         q = orientation_to_xr(multiply(self._turn, self._north))
         position = position_to_xr(add(STANDS, way))
-        return Xr(self.part, position, q, self._buttons, reference=self._reference % 256)
+        return XrFrame(self.part, position, q, self._buttons, reference=self._reference % 256)

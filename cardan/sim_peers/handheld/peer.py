@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from cardan.protocols.handheld.frames import Part
+from cardan.protocols.handheld.frames import BodyPart
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.sim_peers.backends.base import DeviceBackend
@@ -16,7 +16,7 @@ from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.hand_peer import HandPeer
 from cardan.sim_peers.handheld.console import ConsolePage
 from cardan.sim_peers.handheld.core import FAULTS, HandKind, SimulatedHand
-from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
+from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS, ScriptedPuck
 
 FRAME = "cardan_msgs/msg/OperatorFrame"
 
@@ -38,9 +38,9 @@ class PagePeerOptions(BusPeerOptions):
         return "phone"
 
     @property
-    def hand(self) -> Part:
+    def hand(self) -> BodyPart:
         """Which part of the body it shows."""
-        return Part.RIGHT
+        return BodyPart.RIGHT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,8 +54,8 @@ class XrPeerOptions(PagePeerOptions):
         return "xr"
 
     @property
-    def hand(self) -> Part:
-        return Part[self.part.upper()]
+    def hand(self) -> BodyPart:
+        return BodyPart[self.part.upper()]
 
 
 def page_on_bus(device: SimulatedHand, options: PagePeerOptions) -> BusBackend:
@@ -136,7 +136,7 @@ class PagePeer(HandPeer[SimulatedHand, bytes]):
         options = PagePeerOptions() if options is None else options
         device = SimulatedHand(options.kind, options.faults, options.seed, options.hand)
         steps = load_script(options.script, SCRIPTS, SCRIPT_VERBS)
-        hand = ScriptedHand(steps, device.model)
+        hand = ScriptedPuck(steps, device.model)
         made = ConsoleBackend if options.console else page_on_bus
         super().__init__(device, hand, made(device, options), options)  # type: ignore[arg-type]
 

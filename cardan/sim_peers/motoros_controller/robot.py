@@ -37,7 +37,7 @@ from cardan.sim_peers.motoros_controller.group import START_PULSES, ControlGroup
 from cardan.sim_peers.motoros_controller.inputs import POLL_S, Inputs
 from cardan.sim_peers.motoros_controller.options import MotorosControllerOptions
 from cardan.sim_peers.motoros_controller.plant import Plant
-from cardan.sim_peers.motoros_controller.velocity import VelocityLaw, VelocityStream
+from cardan.sim_peers.motoros_controller.velocity import GroupVelocityStream, VelocityLaw
 
 BURST_S = 0.1
 """Most time that is made up for after a stall; the rest is left out."""
@@ -94,7 +94,7 @@ class MotomanRobot:
             )
             for _ in self._groups
         ]
-        self._streams = [VelocityStream(accelerations) for _ in self._groups]
+        self._streams = [GroupVelocityStream(accelerations) for _ in self._groups]
         self._executed: list[Sequence[int]] = [[0] * self.axes for _ in self._groups]
         self._nothing = [0] * self.axes
         self._inputs = Inputs(servo=options.servo_on, play=options.play, remote=options.remote)

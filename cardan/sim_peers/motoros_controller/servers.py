@@ -22,7 +22,7 @@ from cardan.protocols.simple_message import (
     InvalidSubcode,
     JointFeedback,
     JointFeedbackEx,
-    Malformed,
+    MalformedMessage,
     Message,
     MessageType,
     MotionReply,
@@ -41,7 +41,7 @@ from cardan.sim_peers.motoros_controller.io_image import (
     IoImage,
 )
 from cardan.sim_peers.motoros_controller.options import MotorosControllerOptions
-from cardan.sim_peers.tcp_servers import Act, Connection, TcpServers
+from cardan.sim_peers.tcp_servers import Act, ServerConnection, TcpServers
 
 PortKind = Literal["motion", "state", "io"]
 PORT_KINDS: tuple[PortKind, ...] = ("motion", "state", "io")
@@ -118,7 +118,7 @@ class ServerCounters:
 
 
 @dataclass(eq=False, kw_only=True)
-class _Connection(Connection[PortKind]):
+class _Connection(ServerConnection[PortKind]):
     reader: FrameReader
     frames: deque[bytes] = field(default_factory=deque)
     """Messages that wait to be handled."""
@@ -437,7 +437,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
         message = self._wire.decode(self._trimmed(frame, msg_type))
         known = self._lengths["motion"]
         unknown = msg_type not in known
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedMessage):
             self.counters.malformed += 1
             self._note_once(connection, f"malformed {msg_type}", message.reason)
             if len(frame) < _TOP_BYTES or not (unknown or msg_type in _NOT_SERVED):
@@ -490,7 +490,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
         msg_type = self._header(frame)[1]
         served = msg_type in self._lengths["io"]
         answer = None
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedMessage):
             self.counters.malformed += 1
             self._note_once(connection, f"malformed {msg_type}", message.reason)
         else:

@@ -21,7 +21,7 @@ def is_newer(sequence: int, newest: int) -> bool:
     return 0 < (sequence - newest) % SEQUENCES < SEQUENCES // 2
 
 
-class VelocityStream:
+class GroupVelocityStream:
     """The velocity commands of one group: one slot, the newest wins. Each group has its own
     sequence, watchdog and latch."""
 

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.robots import load_arm
 from cardan.sim_peers.base import TimedActs
@@ -46,7 +46,7 @@ GRIPPER_SENDER, SECOND_SENDER = 0, 255
 NS = 1_000_000_000
 
 
-class StateMessage(NamedTuple):
+class JointStateMessage(NamedTuple):
     """Message published on /joint_states."""
 
     sender: int
@@ -160,7 +160,7 @@ class RosArm:
             self.ignored["no controller"] += 1
             return
         message = self._codec.decode(data)
-        reason = message.reason if isinstance(message, Malformed) else self._obey(message)
+        reason = message.reason if isinstance(message, MalformedCdr) else self._obey(message)
         if reason:
             self.ignored[reason] += 1
         else:
@@ -238,7 +238,7 @@ class RosArm:
 
     # -- cycles ---------------------------------------------------------------------------------
 
-    def cycle(self, now_s: float, missed: int = 0) -> list[StateMessage]:
+    def cycle(self, now_s: float, missed: int = 0) -> list[JointStateMessage]:
         """Run a cycle of the controller manager. Returns the messages to publish.
 
         `missed` before it were left out: the arm and its clock went on meanwhile, for CATCH_UP_S at
@@ -255,7 +255,7 @@ class RosArm:
             act()
         return [*self._own(time_s), *self._of_second(time_s)]
 
-    def _of_second(self, time_s: float) -> list[StateMessage]:
+    def _of_second(self, time_s: float) -> list[JointStateMessage]:
         if time_s < self._second_s:
             return []
         self._second_s = time_s + 1.0 / SECOND_HZ
@@ -265,9 +265,11 @@ class RosArm:
             "name": self._names,
             "position": [0.0] * len(self._names),
         }
-        return [StateMessage(SECOND_SENDER, self._second_sequence, self._states.encode(message))]
+        return [
+            JointStateMessage(SECOND_SENDER, self._second_sequence, self._states.encode(message))
+        ]
 
-    def _own(self, time_s: float) -> list[StateMessage]:
+    def _own(self, time_s: float) -> list[JointStateMessage]:
         if not self.up:
             if time_s < self._up_again_s:
                 return []
@@ -278,12 +280,14 @@ class RosArm:
         self._sequence += 1
         if self._stale is None or not self._stale_on:
             self._stale = self._states.encode(self._message(time_s))
-        found = [StateMessage(self.sender, self._sequence, self._stale)]
+        found = [JointStateMessage(self.sender, self._sequence, self._stale)]
         if "gripper" in self.options.faults:
             self._gripper_sequence += 1
             gripper = default_message(JOINT_STATE) | {"name": [FINGER], "position": [FINGER_AT]}
             found.append(
-                StateMessage(GRIPPER_SENDER, self._gripper_sequence, self._states.encode(gripper))
+                JointStateMessage(
+                    GRIPPER_SENDER, self._gripper_sequence, self._states.encode(gripper)
+                )
             )
         return found
 

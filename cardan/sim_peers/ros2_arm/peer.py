@@ -18,8 +18,8 @@ from cardan.sim_peers.ros2_arm.controllers import (
     JOINT_STATE,
     SECOND_SENDER,
     TOPICS,
+    JointStateMessage,
     RosArm,
-    StateMessage,
 )
 from cardan.sim_peers.ros2_arm.options import FAULTS, RosArmOptions
 
@@ -49,7 +49,7 @@ class RosArmPeer(SimulatedPeer):
         self._description: Publisher | OtherPublisher | None = None
         """Kept: without a reference it would leave the bus."""
         self._next_s = 0.0
-        self._out: FaultyLink[StateMessage] | None = None
+        self._out: FaultyLink[JointStateMessage] | None = None
         self._in: FaultyLink[bytes] | None = None
         if FaultyLink.wanted(options.faults):
             self._out = FaultyLink(options.faults, options.seed + 2)
@@ -133,7 +133,7 @@ class RosArmPeer(SimulatedPeer):
         else:
             self._in.push(time.monotonic(), received.data)
 
-    def _publish(self, state: StateMessage) -> None:
+    def _publish(self, state: JointStateMessage) -> None:
         publisher = self._publishers.get(state.sender)
         if publisher is not None and self._node is not None:
             publisher.put_as(state.sequence, state.data, time.time_ns())
@@ -153,7 +153,7 @@ class RosArmPeer(SimulatedPeer):
             self._commands = None
 
 
-class Ros2Arm(PeerCommand[RosArmOptions]):
+class Ros2ArmCommand(PeerCommand[RosArmOptions]):
     """An arm under ros2_control: joint states, a controller, a description (rmw_zenoh or DDS)."""
 
     Options, Peer = RosArmOptions, RosArmPeer

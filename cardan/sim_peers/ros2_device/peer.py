@@ -11,7 +11,7 @@ from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.hand_peer import HandPeer
 from cardan.sim_peers.ros2_device.core import FAULTS, JOY, TOPICS, SimulatedNode, StockNode
-from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
+from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS, ScriptedPuck
 
 FEEDBACK_TOPIC = "/joy/set_feedback"
 RUMBLE = 1
@@ -45,7 +45,7 @@ class NodePeer(HandPeer[SimulatedNode, bytes]):
         options = NodePeerOptions() if options is None else options
         device = SimulatedNode(options.node, options.faults, options.seed)
         steps = load_script(options.script, SCRIPTS, SCRIPT_VERBS)
-        hand = ScriptedHand(steps, device.model)
+        hand = ScriptedPuck(steps, device.model)
         super().__init__(device, hand, node_on_bus(device, options), options)  # type: ignore[arg-type]
 
 

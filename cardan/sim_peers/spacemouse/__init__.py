@@ -9,7 +9,7 @@ from cardan.sim_peers.spacemouse.faults import (
 from cardan.sim_peers.spacemouse.hand import (
     SCRIPT_VERBS as SCRIPT_VERBS,
     SCRIPTS as SCRIPTS,
-    ScriptedHand as ScriptedHand,
+    ScriptedPuck as ScriptedPuck,
 )
 from cardan.sim_peers.spacemouse.keyboard import (
     KeyboardHand as KeyboardHand,

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from cardan.sim_peers.base import ScriptStep
-from cardan.sim_peers.motion_profile import Ramp, VectorMotion
+from cardan.sim_peers.motion_profile import VectorMotion, VectorRamp
 from cardan.sim_peers.scripted import Act, HeldDevice, ScriptHand, StepWords, calling, moving
 from cardan.sim_peers.spacemouse.core import AXES, NEUTRAL, Axes
 
@@ -197,7 +197,7 @@ class Puck(HeldDevice, Protocol):
         """Send again."""
 
 
-class ScriptedHand(ScriptHand[Puck]):
+class ScriptedPuck(ScriptHand[Puck]):
     """Plays the steps of a script on a device of `model`."""
 
     def __init__(self, steps: Sequence[ScriptStep], model: PuckModel, start_s: float = 0.0) -> None:
@@ -210,9 +210,9 @@ class ScriptedHand(ScriptHand[Puck]):
 
     def _read(self, words: StepWords) -> Act[Puck]:
         if words.verb == "axes":
-            return moving(self._axes, Ramp(words.numbers(AXES, -1.0, 1.0), words.over()))
+            return moving(self._axes, VectorRamp(words.numbers(AXES, -1.0, 1.0), words.over()))
         if words.verb == "neutral":
-            return moving(self._axes, Ramp(NEUTRAL, words.over(), ends_swings=True))
+            return moving(self._axes, VectorRamp(NEUTRAL, words.over(), ends_swings=True))
         if words.verb == "swing":
             amplitude = words.numbers(AXES, -1.0, 1.0)
             return moving(self._axes, words.swing(amplitude, HAND_PERIOD_S))

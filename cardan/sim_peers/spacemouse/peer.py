@@ -26,10 +26,10 @@ from cardan.sim_peers.backends.unix_socket import ReportSocket
 from cardan.sim_peers.backends.usbip import UsbipBackend
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import PeerCommand, option
-from cardan.sim_peers.hand_peer import HandPeer, NodeOptions
+from cardan.sim_peers.hand_peer import DeviceNodeOptions, HandPeer
 from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
 from cardan.sim_peers.spacemouse.faults import FAULTS
-from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS, Puck, ScriptedHand
+from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS, Puck, ScriptedPuck
 from cardan.sim_peers.spacemouse.keyboard import (
     KEYBOARD_HELP,
     KeyboardHand,
@@ -57,7 +57,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class PuckPeerOptions(NodeOptions):
+class PuckPeerOptions(DeviceNodeOptions):
     """Options of the motion source of a device that has a cap."""
 
     keyboard: bool = option(False, "Move it with this terminal's keys.")
@@ -115,13 +115,13 @@ class PuckPeer(HandPeer[P, bytes]):
     ) -> None:
         self._keys: KeyboardHand | None = None
         self._terminal: Terminal | None = None
-        hand: KeyboardHand | ScriptedHand
+        hand: KeyboardHand | ScriptedPuck
         if options.keyboard:
             hand = self._keys = KeyboardHand()
             self._terminal = Terminal()
         else:
             steps = load_script(options.script, SCRIPTS, SCRIPT_VERBS)
-            hand = ScriptedHand(steps, device.model, start_s=script_s)
+            hand = ScriptedPuck(steps, device.model, start_s=script_s)
         super().__init__(device, hand, backend, options)
         self._led = device.led
         self._status = ""
@@ -245,7 +245,7 @@ def _usbip(
     return backend
 
 
-class SpaceMouse(PeerCommand[SpaceMousePeerOptions]):
+class SpaceMouseCommand(PeerCommand[SpaceMousePeerOptions]):
     """A 3Dconnexion device (HID reports), moved by a script or by the keyboard."""
 
     Options, Peer = SpaceMousePeerOptions, SpaceMousePeer

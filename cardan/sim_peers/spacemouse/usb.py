@@ -11,7 +11,13 @@ from collections.abc import Callable
 
 from cardan.protocols.connexion import Family, Model
 from cardan.protocols.connexion.descriptors import descriptor_for
-from cardan.sim_peers.backends.usbip import Setup, Speed, UsbFunction, UsbIdentity, UsbInterface
+from cardan.sim_peers.backends.usbip import (
+    SetupPacket,
+    Speed,
+    UsbFunction,
+    UsbIdentity,
+    UsbInterface,
+)
 
 RECEIVER_INTERFACES = 5
 """A Universal Receiver has one per paired device."""
@@ -56,7 +62,7 @@ class SpaceMouseUsb(UsbFunction):
         self._report_descriptor = descriptor_for(model)
         self._strings = ("", "3Dconnexion", model.name)
 
-    def control(self, setup: Setup, data: bytes) -> bytes | None:
+    def control(self, setup: SetupPacket, data: bytes) -> bytes | None:
         """Do a standard or HID request; None for any other."""
         if setup.request_type & 0x60 == _CLASS:
             return self._class_request(setup, data)
@@ -81,7 +87,7 @@ class SpaceMouseUsb(UsbFunction):
             return b""
         return None
 
-    def _class_request(self, setup: Setup, data: bytes) -> bytes | None:
+    def _class_request(self, setup: SetupPacket, data: bytes) -> bytes | None:
         interface = setup.target & 0xFF
         if setup.request_type & _RECIPIENT != _TO_INTERFACE or interface >= len(self._idle):
             return None
@@ -95,7 +101,7 @@ class SpaceMouseUsb(UsbFunction):
             return b""
         return None
 
-    def _descriptor(self, setup: Setup) -> bytes | None:
+    def _descriptor(self, setup: SetupPacket) -> bytes | None:
         kind, index = setup.value >> 8, setup.value & 0xFF
         if setup.request_type & _RECIPIENT == _TO_INTERFACE:
             if kind == _REPORT and setup.target < len(self._idle):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.sim_peers.ur_controller.language import Action as Action, Wait as Wait
+from cardan.sim_peers.ur_controller.language import Action as Action, Sleep as Sleep
 from cardan.types import Pose as Frame
 
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 from cardan.sim_peers.kinematics import AXES
 from cardan.sim_peers.ur_controller.kinematics import frame_of
 from cardan.sim_peers.ur_controller.operators import text
-from cardan.sim_peers.ur_controller.values import Pose, is_number
+from cardan.sim_peers.ur_controller.values import UrPose, is_number
 from cardan.types import Pose as Frame
 
 LARGEST: Final = 1e6
@@ -27,7 +27,7 @@ def number(name: str, value: Any) -> float:
 
 def numbers(name: str, value: Any) -> list[float]:
     """A list, or a pose, of them."""
-    if not isinstance(value, (list, Pose)):
+    if not isinstance(value, (list, UrPose)):
         raise ValueError(f"{name} is {text(value)}, which is no list")
     return [number(name, each) for each in value]
 
@@ -88,7 +88,7 @@ def time(value: Any) -> float:
 
 def vector(name: str, value: Any, count: int = AXES) -> tuple[float, ...]:
     """So many numbers, as a list or a pose."""
-    if not isinstance(value, (list, Pose)) or len(value) != count:
+    if not isinstance(value, (list, UrPose)) or len(value) != count:
         raise ValueError(f"{name} is {text(value)}, which is not {count} numbers")
     return tuple(moderate(name, each) for each in value)
 
@@ -108,11 +108,11 @@ def joints(name: str, value: Any) -> tuple[float, ...]:
     return tuple(moderate(name, each) for each in value)
 
 
-def pose(name: str, value: Any) -> Pose:
+def pose(name: str, value: Any) -> UrPose:
     """A pose."""
-    if not isinstance(value, Pose) or len(value) != AXES:
+    if not isinstance(value, UrPose) or len(value) != AXES:
         raise ValueError(f"{name} is {text(value)}, which is not a pose")
-    return Pose(moderate(name, each) for each in value)
+    return UrPose(moderate(name, each) for each in value)
 
 
 def frame(name: str, value: Any) -> Frame:

@@ -29,7 +29,7 @@ from cardan.sim_peers.ur_controller.language import (
     Running,
     Runtime,
 )
-from cardan.sim_peers.ur_controller.values import Pose
+from cardan.sim_peers.ur_controller.values import UrPose
 
 _Locals: TypeAlias = "list[Any]"
 _Do: TypeAlias = "Callable[[_Locals], Any]"
@@ -567,7 +567,7 @@ class Compiler:
         if isinstance(found, tree.Member):
             return await self._member(found, scope)
         line = found.line
-        make = operators.pose if isinstance(found, tree.Posed) else operators.listed
+        make = operators.pose if isinstance(found, tree.PoseLiteral) else operators.listed
 
         def made(own: _Locals, values: list[Any]) -> Any:
             if None in values:
@@ -803,7 +803,7 @@ class Compiler:
                 values = yield from _values(codes, own)
                 machine.line = line
                 result = called(values)
-                if isinstance(result, tuple) and not isinstance(result, Pose):
+                if isinstance(result, tuple) and not isinstance(result, UrPose):
                     result = yield result
                 return result
 

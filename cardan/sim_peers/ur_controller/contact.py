@@ -26,7 +26,7 @@ UP: Final = Vector3(0.0, 0.0, 1.0)
 """Direction in which a plane pushes."""
 
 
-class Plane(NamedTuple):
+class ContactPlane(NamedTuple):
     """Obstacle of the arm: all below `height_m` in the base frame."""
 
     height_m: float

@@ -24,10 +24,10 @@ from cardan.protocols.ur.primary import (
     popup_message,
     text_message,
 )
-from cardan.protocols.ur.script import Refused, parsed
+from cardan.protocols.ur.script import ParseFailure, parsed
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
 from cardan.sim_peers.kinematics import UR_LINKS
-from cardan.sim_peers.ur_controller.contact import Plane
+from cardan.sim_peers.ur_controller.contact import ContactPlane
 from cardan.sim_peers.ur_controller.dynamics import Dynamics
 from cardan.sim_peers.ur_controller.dynamics_functions import dynamics_functions
 from cardan.sim_peers.ur_controller.io import Registers, RobotIo
@@ -36,18 +36,18 @@ from cardan.sim_peers.ur_controller.io_functions import (
     message_functions,
     register_functions,
 )
-from cardan.sim_peers.ur_controller.kinematics import Kinematics
-from cardan.sim_peers.ur_controller.language import Action, Function, ProgramError, Wait
+from cardan.sim_peers.ur_controller.kinematics import UrKinematics
+from cardan.sim_peers.ur_controller.language import Action, Function, ProgramError, Sleep
 from cardan.sim_peers.ur_controller.machine import Machine
 from cardan.sim_peers.ur_controller.math_functions import math_functions
-from cardan.sim_peers.ur_controller.motion import Motion
+from cardan.sim_peers.ur_controller.motion import ArmMotion
 from cardan.sim_peers.ur_controller.motion_functions import motion_functions
 from cardan.sim_peers.ur_controller.options import UrControllerOptions
 from cardan.sim_peers.ur_controller.popups import Popup, Popups
 from cardan.sim_peers.ur_controller.pose_functions import pose_functions
 from cardan.sim_peers.ur_controller.socket_functions import socket_functions
 from cardan.sim_peers.ur_controller.sockets import ProgramSockets
-from cardan.sim_peers.ur_controller.watchdogs import Watchdogs
+from cardan.sim_peers.ur_controller.watchdogs import RtdeWatchdogs
 
 LONGEST_STALL_S: Final = 0.5
 """Frames that a slow computer owes beyond that are left out."""
@@ -78,10 +78,10 @@ class UrController:
         low, high = (-JOINT_RANGE,) * count, (JOINT_RANGE,) * count
         plane = None
         if options.contact_z_m is not None:
-            plane = Plane(options.contact_z_m, options.contact_stiffness_n_m)
+            plane = ContactPlane(options.contact_z_m, options.contact_stiffness_n_m)
         self.dynamics = Dynamics(arm)
-        self.motion = Motion(
-            Kinematics(UR_LINKS[options.robot], low, high),
+        self.motion = ArmMotion(
+            UrKinematics(UR_LINKS[options.robot], low, high),
             options.start or arm.home,
             arm.velocity,
             low,
@@ -93,7 +93,7 @@ class UrController:
         self.registers = Registers()
         self.io = RobotIo()
         self.popups = Popups(self._popped)
-        self.watchdogs = Watchdogs()
+        self.watchdogs = RtdeWatchdogs()
         closed = options.faults.get("no-sockets", 0.0) > 0.0
         self.sockets = ProgramSockets(options.allowed_hosts, self._note, closed)
         self.functions: Mapping[str, Function] = {
@@ -227,7 +227,7 @@ class UrController:
 
         def order() -> Action:
             self._ordered = act
-            return Wait(self.period_s)
+            return Sleep(self.period_s)
 
         return Function((), {}, order, takes_time=True)
 
@@ -265,7 +265,7 @@ class UrController:
     async def _prepared(self, text: str, name: str) -> None:
         """Parse and compile a program, in portions, and have it begin."""
         program = await parsed(text)
-        if isinstance(program, Refused):
+        if isinstance(program, ParseFailure):
             self._exception(program.line, program.reason)
             self._note(f"a program is refused, line {program.line}: {program.reason}")
             return

@@ -23,7 +23,7 @@ ROTORS_KG_M2 = (0.5,) * 3 + (0.1,) * 3
 """Inertia of the motors' rotors behind their gears, for motion driven by torques (chosen)."""
 
 
-class Load(NamedTuple):
+class RigidBody(NamedTuple):
     """A rigid body in the frame of the last joint."""
 
     mass: float
@@ -68,7 +68,7 @@ class _Body(NamedTuple):
     z: Triple
     """The axes of the joint at 0, in the body before."""
     place: Triple
-    load: Load
+    load: RigidBody
 
 
 class Dynamics:
@@ -83,10 +83,10 @@ class Dynamics:
             turn = joint.placement.orientation
             x, y, z = (rotate(turn, axis) for axis in _AXES)
             xx, xy, xz, yy, yz, zz = inertia.moments
-            load = Load(inertia.mass_kg, inertia.center_m, (xx, yy, zz, xy, xz, yz))
+            load = RigidBody(inertia.mass_kg, inertia.center_m, (xx, yy, zz, xy, xz, yz))
             self._bodies.append(_Body(x, y, z, joint.placement.position, load))
 
-    def mass_matrix(self, q: Sequence[float], load: Load) -> list[tuple[float, ...]]:
+    def mass_matrix(self, q: Sequence[float], load: RigidBody) -> list[tuple[float, ...]]:
         """The joints' inertia with a load on the flange, kg·m²: torque of each for an acceleration
         of 1 rad/s² of one of them."""
         rest = (0.0,) * len(q)
@@ -95,12 +95,14 @@ class Dynamics:
             for j in range(len(q))
         ]
 
-    def coriolis(self, q: Sequence[float], qd: Sequence[float], load: Load) -> tuple[float, ...]:
+    def coriolis(
+        self, q: Sequence[float], qd: Sequence[float], load: RigidBody
+    ) -> tuple[float, ...]:
         """The joints' torques of a motion without gravity and acceleration, N·m."""
         return self.effort(q, qd, (0.0,) * len(q), load, _NOTHING).torques
 
     def acceleration(
-        self, q: Sequence[float], qd: Sequence[float], torques: Sequence[float], load: Load
+        self, q: Sequence[float], qd: Sequence[float], torques: Sequence[float], load: RigidBody
     ) -> list[float]:
         """Joint accelerations by torques beside those that hold the weight (N·m), rad/s²."""
         taken = self.coriolis(q, qd, load)
@@ -115,7 +117,7 @@ class Dynamics:
         q: Sequence[float],
         qd: Sequence[float],
         qdd: Sequence[float],
-        load: Load,
+        load: RigidBody,
         gravity: Triple,
     ) -> Effort:
         """Effort of a motion with a load on the flange. `gravity` is the acceleration of the base
@@ -228,7 +230,7 @@ _STILL: Rows = (_NOTHING, _NOTHING, _NOTHING)
 
 
 def _inertial(
-    load: Load, w: Triple, a: Triple, v: Triple, f: Triple, carried: Rows
+    load: RigidBody, w: Triple, a: Triple, v: Triple, f: Triple, carried: Rows
 ) -> tuple[Triple, Triple, Triple]:
     """Force, torque about the joint, and momentum of a body that moves so."""
     mass, (x, y, z), (xx, yy, zz, xy, xz, yz) = load

@@ -13,10 +13,10 @@ from cardan.sim_peers.ur_controller.language import (
     Function,
     costing,
 )
-from cardan.sim_peers.ur_controller.motion import Motion
+from cardan.sim_peers.ur_controller.motion import ArmMotion
 
 
-def dynamics_functions(motion: Motion, dynamics: Dynamics) -> Mapping[str, Function]:
+def dynamics_functions(motion: ArmMotion, dynamics: Dynamics) -> Mapping[str, Function]:
     """By name. Defaults are the measured joints and their speeds, and the active TCP."""
 
     def joints(q: Any) -> tuple[float, ...]:

@@ -11,10 +11,10 @@ from typing import Any, Final
 from cardan.protocols.ur.variables import INPUTS, REGISTERS
 from cardan.sim_peers.ur_controller.checks import number, truth, whole, words
 from cardan.sim_peers.ur_controller.io import BITS, FLAGS, PLACES, Registers, RobotIo
-from cardan.sim_peers.ur_controller.language import Action, Function, Pending, Wait
+from cardan.sim_peers.ur_controller.language import Action, Function, Pending, Sleep
 from cardan.sim_peers.ur_controller.operators import struct, text
 from cardan.sim_peers.ur_controller.popups import Popups
-from cardan.sim_peers.ur_controller.watchdogs import ACTIONS, Watchdogs
+from cardan.sim_peers.ur_controller.watchdogs import ACTIONS, RtdeWatchdogs
 
 _TOOL_VOLTAGES: Final = (0, 12, 24)
 _DIGITAL: Final = 10
@@ -150,7 +150,7 @@ def _domains(io: RobotIo, name: str) -> Function:
 def message_functions(
     say: Callable[[str], None],
     popups: Popups,
-    watchdogs: Watchdogs,
+    watchdogs: RtdeWatchdogs,
     period_s: float,
     time_s: Callable[[], float],
 ) -> Mapping[str, Function]:
@@ -187,8 +187,8 @@ def message_functions(
         ),
         "time": Function(("mode",), {"mode": 0}, time),
         "get_steptime": Function((), {}, lambda: period_s),
-        "sleep": Function(("t",), {}, lambda t: Wait(_time(t)), takes_time=True),
-        "sync": Function((), {}, lambda: Wait(period_s), takes_time=True),
+        "sleep": Function(("t",), {}, lambda t: Sleep(_time(t)), takes_time=True),
+        "sync": Function((), {}, lambda: Sleep(period_s), takes_time=True),
         "rtde_set_watchdog": Function(
             ("variable_name", "min_frequency", "action"), {"action": "pause"}, watch
         ),

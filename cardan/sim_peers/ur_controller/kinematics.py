@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from cardan.sim_peers.kinematics import AXES, DhLink, forward, jacobian
-from cardan.sim_peers.ur_controller.values import Pose
+from cardan.sim_peers.kinematics import AXES, DhTransform, forward, jacobian
+from cardan.sim_peers.ur_controller.values import UrPose
 from cardan.spatial import compose, from_rotation_vector, inverse, rotate, to_rotation_vector
 from cardan.types import IDENTITY_POSE, Pose as Frame, Vector3
 
@@ -25,16 +25,16 @@ def frame_of(pose: Sequence[float]) -> Frame:
     return Frame(Vector3(x, y, z), from_rotation_vector(Vector3(rx, ry, rz)))
 
 
-def pose_of(frame: Frame) -> Pose:
+def pose_of(frame: Frame) -> UrPose:
     """Convert a frame to a pose of URScript."""
-    return Pose((*frame.position, *to_rotation_vector(frame.orientation)))
+    return UrPose((*frame.position, *to_rotation_vector(frame.orientation)))
 
 
-class Kinematics:
+class UrKinematics:
     """Kinematics of an arm, its joints within `low` and `high`, rad."""
 
     def __init__(
-        self, links: Sequence[DhLink], low: Sequence[float], high: Sequence[float]
+        self, links: Sequence[DhTransform], low: Sequence[float], high: Sequence[float]
     ) -> None:
         self.links, self._low, self._high = links, low, high
 

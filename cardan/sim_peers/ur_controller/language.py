@@ -46,7 +46,7 @@ class ThreadEndError(Exception):
     """A thread has killed itself."""
 
 
-class Wait(NamedTuple):
+class Sleep(NamedTuple):
     """Do nothing for a time."""
 
     left_s: float

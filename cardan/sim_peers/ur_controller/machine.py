@@ -28,8 +28,8 @@ from cardan.sim_peers.ur_controller.language import (
     Pending,
     ProgramError,
     Running,
+    Sleep,
     ThreadEndError,
-    Wait,
 )
 from cardan.sim_peers.ur_controller.operators import Struct
 
@@ -234,7 +234,7 @@ class Machine:
         elif isinstance(action, Pending):
             thread.wait = action
             thread.until = self.frame + max(1.0, action.most_s / self._period_s - 1e-6)
-        elif isinstance(action, Wait):
+        elif isinstance(action, Sleep):
             thread.acted = self.frame
             thread.until = self.frame + max(1.0, action.left_s / self._period_s - 1e-6)
         else:

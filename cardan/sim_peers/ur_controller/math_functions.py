@@ -13,7 +13,7 @@ from typing import Any, Final
 from cardan.sim_peers.ur_controller.checks import number, numbers, truth, whole, words
 from cardan.sim_peers.ur_controller.language import Function
 from cardan.sim_peers.ur_controller.operators import LONGEST_TEXT, text
-from cardan.sim_peers.ur_controller.values import Pose, is_number
+from cardan.sim_peers.ur_controller.values import UrPose, is_number
 
 _BITS: Final = 32
 _LARGEST_INVERTED: Final = 12
@@ -69,7 +69,7 @@ def _of_a_number(do: Callable[[float], Any]) -> Callable[[Any], Any]:
 
 
 def _norm(value: Any) -> float:
-    if isinstance(value, (list, Pose)):
+    if isinstance(value, (list, UrPose)):
         return math.hypot(*numbers("a", value))
     return abs(number("a", value))
 
@@ -82,7 +82,7 @@ def _normalize(value: Any) -> list[float]:
 
 
 def _length(value: Any) -> int:
-    if not isinstance(value, (list, Pose, str)):
+    if not isinstance(value, (list, UrPose, str)):
         raise ValueError(f"{text(value)} has no length")
     return len(value)
 

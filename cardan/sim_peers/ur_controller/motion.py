@@ -29,19 +29,19 @@ from cardan.sim_peers.ur_controller.actions import (
     MoveJ,
     MoveL,
     ServoJ,
+    Sleep,
     SpeedJ,
     SpeedL,
     StopJ,
     StopL,
-    Wait,
 )
-from cardan.sim_peers.ur_controller.contact import UP, Compliance, ForceMode, Plane
-from cardan.sim_peers.ur_controller.dynamics import Dynamics, Load
-from cardan.sim_peers.ur_controller.kinematics import Kinematics, pose_of
+from cardan.sim_peers.ur_controller.contact import UP, Compliance, ContactPlane, ForceMode
+from cardan.sim_peers.ur_controller.dynamics import Dynamics, RigidBody
+from cardan.sim_peers.ur_controller.kinematics import UrKinematics, pose_of
 from cardan.sim_peers.ur_controller.paths import (
     Course,
-    JointPath,
-    LinePath,
+    MovejPath,
+    MovelPath,
     ToolPath,
     arc_or_line,
     joints_on,
@@ -49,7 +49,7 @@ from cardan.sim_peers.ur_controller.paths import (
     ramp,
     tcp_on,
 )
-from cardan.sim_peers.ur_controller.values import Pose
+from cardan.sim_peers.ur_controller.values import UrPose
 from cardan.spatial import (
     add,
     conjugate,
@@ -91,7 +91,7 @@ SENSED_STIFFNESS_N_M: Final = 20_000.0
 _IN_TOOL_SPACE: Final = (MoveL, MoveC, SpeedL)
 
 
-class ControlMode(enum.IntEnum):
+class UrControlMode(enum.IntEnum):
     """How the arm is controlled; the primary interface has the numbers."""
 
     POSITION = 0
@@ -128,12 +128,12 @@ class _Run:
     """A move on its way."""
 
     action: Move
-    path: JointPath | ToolPath
+    path: MovejPath | ToolPath
     course: Course
     tcp: Frame
     released_at: float
     """The length at which the program goes on."""
-    waypoint: Pose
+    waypoint: UrPose
     released: bool = False
     """The program has gone on, or may."""
 
@@ -153,19 +153,19 @@ class _Tail:
     """At its waypoint."""
 
 
-class Motion:
+class ArmMotion:
     """The joints, commanded (`target_q`) and measured (`actual_q`), rad and rad/s."""
 
     def __init__(
         self,
-        kinematics: Kinematics,
+        kinematics: UrKinematics,
         start: Sequence[float],
         speed: Sequence[float],
         low: Sequence[float],
         high: Sequence[float],
         dynamics: Dynamics,
         *,
-        plane: Plane | None = None,
+        plane: ContactPlane | None = None,
         say: Callable[[str], None] = lambda text: None,
     ) -> None:
         self.kinematics, self._dynamics = kinematics, dynamics
@@ -224,9 +224,9 @@ class Motion:
         return any(abs(v) > _AT_REST for v in self.target_qd)
 
     @property
-    def load(self) -> Load:
+    def load(self) -> RigidBody:
         """The payload."""
-        return Load(self.payload.mass, self.payload.cog, self.payload.inertia)
+        return RigidBody(self.payload.mass, self.payload.cog, self.payload.inertia)
 
     @property
     def resuming(self) -> bool:
@@ -239,36 +239,36 @@ class Motion:
         return self._rest_s >= STEADY_S - _ROUNDING
 
     @property
-    def control_mode(self) -> ControlMode:
+    def control_mode(self) -> UrControlMode:
         """How the arm is controlled now."""
         if self.freedrive:
-            return ControlMode.TEACH
+            return UrControlMode.TEACH
         if self._by_torque:
-            return ControlMode.TORQUE
-        return ControlMode.POSITION if self.force.asked is None else ControlMode.FORCE
+            return UrControlMode.TORQUE
+        return UrControlMode.POSITION if self.force.asked is None else UrControlMode.FORCE
 
     @property
-    def tcp_offset(self) -> Pose:
+    def tcp_offset(self) -> UrPose:
         """The TCP in the flange's frame."""
         return pose_of(self.tcp)
 
-    def target_tcp_pose(self) -> Pose:
+    def target_tcp_pose(self) -> UrPose:
         """Of the commanded joints."""
         return pose_of(self.kinematics.forward(self.target_q, self.tcp))
 
-    def actual_tcp_pose(self) -> Pose:
+    def actual_tcp_pose(self) -> UrPose:
         """Of the measured joints."""
         return pose_of(self.kinematics.forward(self.actual_q, self.tcp))
 
-    def target_tcp_speed(self) -> Pose:
+    def target_tcp_speed(self) -> UrPose:
         """Of the commanded joints, base frame, m/s over rad/s."""
-        return Pose(self.kinematics.speed(self.target_q, self.target_qd, self.tcp))
+        return UrPose(self.kinematics.speed(self.target_q, self.target_qd, self.tcp))
 
-    def actual_tcp_speed(self) -> Pose:
+    def actual_tcp_speed(self) -> UrPose:
         """Of the measured joints, base frame, m/s over rad/s."""
-        return Pose(self.kinematics.speed(self.actual_q, self.actual_qd, self.tcp))
+        return UrPose(self.kinematics.speed(self.actual_q, self.actual_qd, self.tcp))
 
-    def waypoint(self) -> Pose:
+    def waypoint(self) -> UrPose:
         """Target of the present move; without one, the target pose of the TCP."""
         run = self._run
         return self.target_tcp_pose() if run is None or run.done else run.waypoint
@@ -283,7 +283,7 @@ class Motion:
         """Whether the smallest singular value of the arm's Jacobian is below `threshold`."""
         return Differential(forward(self.actual_q, self.kinematics.links)).is_singular(threshold)
 
-    def tcp_force(self) -> Pose:
+    def tcp_force(self) -> UrPose:
         """The force on the tool (N, N·m) about the flange, base frame: by the sensor of others, or
         `contact_force`."""
         sensor = self.sensor
@@ -297,16 +297,16 @@ class Motion:
         # It feels the load's weight, which is taken out.
         held = scale(Vector3(*self.gravity), self.payload.mass)
         center = rotate(turn, Vector3(*self.payload.cog))
-        return Pose((*add(force, held), *add(torque, scale(cross(center, held), way))))
+        return UrPose((*add(force, held), *add(torque, scale(cross(center, held), way))))
 
-    def contact_force(self) -> Pose:
+    def contact_force(self) -> UrPose:
         """Contact force since zeroing (N, N·m) about the flange, base frame."""
         force = self._felt()
         if not any(force):
-            return Pose((0.0,) * AXES)
+            return UrPose((0.0,) * AXES)
         tip = self.kinematics.forward(self.actual_q, self.tcp).position
         flange = self.kinematics.forward(self.actual_q).position
-        return Pose((*force, *cross(subtract(tip, flange), force)))
+        return UrPose((*force, *cross(subtract(tip, flange), force)))
 
     def joint_torques(self) -> list[float]:
         """Torques by which the joints hold the contact, N·m."""
@@ -495,7 +495,7 @@ class Motion:
         if isinstance(action, MoveJ | MoveL | MoveC):
             self._twist = self._line = None
             return self._moved(action, dt_s)
-        if action is None or isinstance(action, Wait):
+        if action is None or isinstance(action, Sleep):
             self._twist = self._line = None
             if self._run is not None:
                 return self._along(self._run, dt_s, held=self.paused or not self._run.released)
@@ -645,8 +645,8 @@ class Motion:
             return joints_on(kinematics, path, s, self._q, run.tcp)
         before, left = tail.run, tail.course.s
         if (
-            not isinstance(path, JointPath)
-            and not isinstance(before.path, JointPath)
+            not isinstance(path, MovejPath)
+            and not isinstance(before.path, MovejPath)
             and run.tcp == before.tcp
         ):
             first, second, corner = before.path.at(left), path.at(s), path.start
@@ -680,7 +680,7 @@ class Motion:
         path = _path(action, start_q, start)
         length = path.length
         goal = tcp_on(self.kinematics, path, length, tcp)
-        reached = isinstance(path, JointPath) or self.kinematics.inverse(goal, start_q, tcp)
+        reached = isinstance(path, MovejPath) or self.kinematics.inverse(goal, start_q, tcp)
         if not reached:
             raise _StopError("the pose that a move leads to is out of the arm's reach")
         way = norm(subtract(goal.position, start.position))
@@ -701,7 +701,7 @@ class Motion:
         if before is not None and before.course.v > _AT_REST:
             left, now = before.path.length - before.course.s, before.course.v
             takes_s = 2.0 * left / now
-            same = isinstance(path, JointPath) is isinstance(before.path, JointPath)
+            same = isinstance(path, MovejPath) is isinstance(before.path, MovejPath)
             spare = max(a - now / takes_s, 0.0) if same else 0.5 * a
             slows = a * takes_s
             v = min(
@@ -726,13 +726,13 @@ class Motion:
             self._run.released_at = math.inf
         return self._run
 
-    def _limits(self, action: Move, path: JointPath | ToolPath) -> tuple[float, float]:
+    def _limits(self, action: Move, path: MovejPath | ToolPath) -> tuple[float, float]:
         """Acceleration and highest speed along a path."""
         if not isinstance(action, MoveC) and action.t > 0.0:
             v = path.length / (0.75 * action.t)
             return max(v / (0.25 * action.t), _AT_REST), max(v, _AT_REST)
         most = action.v
-        if isinstance(path, JointPath):
+        if isinstance(path, MovejPath):
             for change, limit in zip(path.change, self._speed, strict=True):
                 if abs(change) > _ROUNDING:
                     most = min(most, limit * path.length / abs(change))
@@ -743,11 +743,11 @@ class Motion:
         return action.a, most
 
 
-def _path(action: Move, start_q: Sequence[float], start: Frame) -> JointPath | ToolPath:
+def _path(action: Move, start_q: Sequence[float], start: Frame) -> MovejPath | ToolPath:
     if isinstance(action, MoveJ):
-        return JointPath(start_q, action.q)
+        return MovejPath(start_q, action.q)
     if isinstance(action, MoveL):
-        return LinePath(start, action.goal)
+        return MovelPath(start, action.goal)
     return arc_or_line(start, action.via, action.goal, action.fixed)
 
 

@@ -28,9 +28,9 @@ from cardan.sim_peers.ur_controller.language import (
     Function,
     costing,
 )
-from cardan.sim_peers.ur_controller.motion import ExternalSensor, Motion, Payload
+from cardan.sim_peers.ur_controller.motion import ArmMotion, ExternalSensor, Payload
 from cardan.sim_peers.ur_controller.operators import text
-from cardan.sim_peers.ur_controller.values import Pose
+from cardan.sim_peers.ur_controller.values import UrPose
 from cardan.spatial import norm
 from cardan.types import Pose as Frame, Vector3
 
@@ -48,7 +48,7 @@ _ACTIVE: Final = "active_tcp"
 _CURRENT: Final = "current_joint_positions"
 
 
-def motion_functions(motion: Motion) -> Mapping[str, Function]:
+def motion_functions(motion: ArmMotion) -> Mapping[str, Function]:
     """By name."""
     others = {**_moves(motion), **_modes(motion), **_state(motion), **_settings(motion)}
     return {
@@ -61,12 +61,12 @@ def motion_functions(motion: Motion) -> Mapping[str, Function]:
 # -- moves -----------------------------------------------------------------------------------------
 
 
-def _ready(motion: Motion) -> None:
+def _ready(motion: ArmMotion) -> None:
     if motion.freedrive:
         raise ValueError("the arm is in freedrive mode")
 
 
-def _torques(motion: Motion) -> Mapping[str, Function]:
+def _torques(motion: ArmMotion) -> Mapping[str, Function]:
     def direct_torque(torque: Any, friction: Any, viscous: Any, coulomb: Any) -> DirectTorque:
         _ready(motion)
         # The model's joints have no friction that any of these would take away.
@@ -90,7 +90,7 @@ def _torques(motion: Motion) -> Mapping[str, Function]:
     }
 
 
-def _moves(motion: Motion) -> Mapping[str, Function]:
+def _moves(motion: ArmMotion) -> Mapping[str, Function]:
     def ready() -> None:
         _ready(motion)
 
@@ -102,7 +102,7 @@ def _moves(motion: Motion) -> Mapping[str, Function]:
 
     def movej(q: Any, a: Any, v: Any, t: Any, r: Any) -> MoveJ:
         ready()
-        if isinstance(q, Pose):
+        if isinstance(q, UrPose):
             goal = tuple(_solved(motion, checks.frame("q", q), motion.target_q, motion.tcp))
         else:
             goal = checks.joints("q", q)
@@ -197,7 +197,7 @@ def _turning(a: Any, a_rot: Any) -> float:
 # -- force and freedrive ---------------------------------------------------------------------------
 
 
-def _modes(motion: Motion) -> Mapping[str, Function]:
+def _modes(motion: ArmMotion) -> Mapping[str, Function]:
     def force_mode(frame: Any, selection: Any, wrench: Any, kind: Any, limits: Any) -> None:
         motion.begin_force(
             Compliance(
@@ -246,7 +246,7 @@ def _modes(motion: Motion) -> Mapping[str, Function]:
     def tool_contact(direction: Any) -> int:
         return motion.touched(checks.vector("direction", direction))
 
-    nothing = Pose((0.0,) * AXES)
+    nothing = UrPose((0.0,) * AXES)
     return {
         "force_mode": Function(
             ("task_frame", "selection_vector", "wrench", "type", "limits"), {}, force_mode
@@ -276,7 +276,7 @@ def _within(name: str, value: Any, most: float) -> float:
 # -- where the arm is ------------------------------------------------------------------------------
 
 
-def _state(motion: Motion) -> Mapping[str, Function]:
+def _state(motion: ArmMotion) -> Mapping[str, Function]:
     def history(steps: Any) -> list[float]:
         return motion.position_before(checks.whole("steps", steps, 0, motion.positions_kept - 1))
 
@@ -289,7 +289,7 @@ def _state(motion: Motion) -> Mapping[str, Function]:
     def actual_qd() -> list[float]:
         return list(motion.actual_qd)
 
-    def flange() -> Pose:
+    def flange() -> UrPose:
         return pose_of(motion.kinematics.forward(motion.actual_q))
 
     values: Mapping[str, Callable[[], Any]] = {
@@ -322,7 +322,7 @@ def _state(motion: Motion) -> Mapping[str, Function]:
     }
 
 
-def _kinematics(motion: Motion) -> Mapping[str, Function]:
+def _kinematics(motion: ArmMotion) -> Mapping[str, Function]:
     kinematics = motion.kinematics
 
     def joints(value: Any, name: str = "q") -> tuple[float, ...]:
@@ -331,7 +331,7 @@ def _kinematics(motion: Motion) -> Mapping[str, Function]:
     def tool(value: Any) -> Frame:
         return motion.tcp if value == _ACTIVE else checks.frame("tcp", value)
 
-    def forward_kin(q: Any, tcp: Any) -> Pose:
+    def forward_kin(q: Any, tcp: Any) -> UrPose:
         return pose_of(kinematics.forward(joints(q), tool(tcp)))
 
     def inverse_kin(x: Any, near: Any, far: Any, turned: Any, tcp: Any) -> list[float]:
@@ -377,7 +377,7 @@ def _kinematics(motion: Motion) -> Mapping[str, Function]:
     }
 
 
-def _solved(motion: Motion, goal: Frame, near: Any, tcp: Frame) -> list[float]:
+def _solved(motion: ArmMotion, goal: Frame, near: Any, tcp: Frame) -> list[float]:
     found = motion.kinematics.inverse(goal, near, tcp)
     if found is None:
         raise ValueError(f"no joints have the TCP at p{checks.shown(pose_of(goal))}")
@@ -387,7 +387,7 @@ def _solved(motion: Motion, goal: Frame, near: Any, tcp: Frame) -> list[float]:
 # -- settings of the controller --------------------------------------------------------------------
 
 
-def _settings(motion: Motion) -> Mapping[str, Function]:
+def _settings(motion: ArmMotion) -> Mapping[str, Function]:
     def set_tcp(pose: Any, tcp_name: Any) -> None:
         checks.words("tcp_name", tcp_name)
         motion.set_tcp(frame_of(checks.pose("pose", pose)))

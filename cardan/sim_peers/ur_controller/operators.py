@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from cardan.protocols.ur.script import LARGEST_WHOLE
 from cardan.sim_peers.ur_controller.language import ELEMENT_STEPS, PRODUCT_STEPS
-from cardan.sim_peers.ur_controller.values import Pose, is_number
+from cardan.sim_peers.ur_controller.values import UrPose, is_number
 
 LONGEST_TEXT: Final = 1023
 """Characters; the script manual says it of str_cat."""
@@ -57,12 +57,12 @@ def listed(items: list[Any]) -> list[Any]:
     return items
 
 
-def pose(items: Sequence[Any]) -> Pose:
+def pose(items: Sequence[Any]) -> UrPose:
     """A pose of six numbers. Raises ValueError."""
     for each in items:
         if not is_number(each):
             raise ValueError(f"{text(each)} in a pose is not a number")
-    return Pose(map(float, items))
+    return UrPose(map(float, items))
 
 
 def text(value: Any) -> str:
@@ -75,7 +75,7 @@ def _written(value: Any) -> str:
         return str(value)
     if isinstance(value, float):
         return f"{value:g}"
-    if isinstance(value, Pose):
+    if isinstance(value, UrPose):
         return "p[" + _joined(map(_written, value)) + "]"
     if isinstance(value, list):
         return "[" + _joined(map(_written, value)) + "]"
@@ -129,20 +129,20 @@ def _arithmetic(sign: str, do: Operator) -> Operator:
 
     def worked(left: Any, right: Any) -> Any:
         kinds = left.__class__, right.__class__
-        if list not in kinds and Pose not in kinds:
+        if list not in kinds and UrPose not in kinds:
             return numbers(left, right)
         rows, columns = _is_matrix(left), _is_matrix(right)
         if sign == "*" and rows and isinstance(right, list):
             return _product(left, right) if columns else _applied(left, right)
-        if isinstance(left, (list, Pose)) and isinstance(right, (list, Pose)):
+        if isinstance(left, (list, UrPose)) and isinstance(right, (list, UrPose)):
             if len(left) != len(right):
                 raise ValueError(f"lists of {len(left)} and {len(right)} do not go together")
             found = [worked(a, b) for a, b in zip(left, right, strict=True)]
-        elif isinstance(left, (list, Pose)):
+        elif isinstance(left, (list, UrPose)):
             found = [worked(a, right) for a in left]
         else:
             found = [worked(left, b) for b in right]
-        return Pose(found) if Pose in kinds else found
+        return UrPose(found) if UrPose in kinds else found
 
     return worked
 
@@ -248,7 +248,7 @@ def with_element(of: Any, path: Sequence[Any], value: Any) -> Any:
         return struct({**of, step: with_element(of[step], rest, value) if rest else value})
     at = _index(of, step)
     inner: Any = with_element(of[at], rest, value) if rest else value
-    if isinstance(of, Pose):
+    if isinstance(of, UrPose):
         return pose((*of[:at], inner, *of[at + 1 :]))
     if isinstance(of, str):
         raise ValueError("a text has no elements that change")
@@ -262,7 +262,7 @@ def with_element(of: Any, path: Sequence[Any], value: Any) -> Any:
 
 
 def _index(of: Any, at: Any) -> int:
-    if not isinstance(of, (list, Pose, str)):
+    if not isinstance(of, (list, UrPose, str)):
         raise ValueError(f"{text(of)!r} is not a list")
     if type(at) is not int or not 0 <= at < len(of):
         raise ValueError(f"a list of {len(of)} has no element {text(at)}")

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from cardan.sim_peers.ur_controller.kinematics import Kinematics
+from cardan.sim_peers.ur_controller.kinematics import UrKinematics
 from cardan.spatial import (
     add,
     cross,
@@ -31,7 +31,7 @@ _STRAIGHT: Final = 1e-6
 """Sine of the angle between the ways to two points: below, they are on one line."""
 
 
-class JointPath:
+class MovejPath:
     """Path from joints to joints."""
 
     def __init__(self, start: Sequence[float], goal: Sequence[float]) -> None:
@@ -47,7 +47,7 @@ class JointPath:
         return [q + share * change for q, change in zip(self._start, self.change, strict=True)]
 
 
-class LinePath:
+class MovelPath:
     """Of the TCP, on a line; the tool turns about one axis meanwhile."""
 
     radius = math.inf
@@ -114,7 +114,7 @@ class ArcPath:
         )
 
 
-ToolPath = LinePath | ArcPath
+ToolPath = MovelPath | ArcPath
 
 
 def arc_or_line(start: Frame, via: Frame, goal: Frame, fixed: bool) -> ToolPath:
@@ -123,7 +123,7 @@ def arc_or_line(start: Frame, via: Frame, goal: Frame, fixed: bool) -> ToolPath:
     to_goal = subtract(goal.position, start.position)
     area = norm(cross(to_via, to_goal))
     if area <= _STRAIGHT * norm(to_via) * norm(to_goal):
-        return LinePath(start, goal._replace(orientation=start.orientation) if fixed else goal)
+        return MovelPath(start, goal._replace(orientation=start.orientation) if fixed else goal)
     return ArcPath(start, via, goal, fixed)
 
 
@@ -172,23 +172,27 @@ def ramp(
 
 
 def joints_on(
-    kinematics: Kinematics, path: JointPath | ToolPath, s: float, near: Sequence[float], tcp: Frame
+    kinematics: UrKinematics,
+    path: MovejPath | ToolPath,
+    s: float,
+    near: Sequence[float],
+    tcp: Frame,
 ) -> list[float] | None:
     """Joints after the length `s`; None: the arm does not reach there."""
-    if isinstance(path, JointPath):
+    if isinstance(path, MovejPath):
         return path.at(s)
     return kinematics.inverse(path.at(s), near, tcp)
 
 
-def tcp_on(kinematics: Kinematics, path: JointPath | ToolPath, s: float, tcp: Frame) -> Frame:
+def tcp_on(kinematics: UrKinematics, path: MovejPath | ToolPath, s: float, tcp: Frame) -> Frame:
     """The TCP after the length `s`."""
-    if isinstance(path, JointPath):
+    if isinstance(path, MovejPath):
         return kinematics.forward(path.at(s), tcp)
     return path.at(s)
 
 
 def length_within(
-    kinematics: Kinematics, path: JointPath | ToolPath, radius: float, tcp: Frame
+    kinematics: UrKinematics, path: MovejPath | ToolPath, radius: float, tcp: Frame
 ) -> float:
     """How much of a path's end is within `radius` of its end, at most half of it."""
     goal = tcp_on(kinematics, path, path.length, tcp).position

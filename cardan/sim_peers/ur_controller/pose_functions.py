@@ -10,7 +10,7 @@ from cardan.sim_peers.ur_controller import checks
 from cardan.sim_peers.ur_controller.kinematics import frame_of, pose_of
 from cardan.sim_peers.ur_controller.language import POSE_STEPS, Function, costing
 from cardan.sim_peers.ur_controller.math_functions import inverse_matrix
-from cardan.sim_peers.ur_controller.values import Pose
+from cardan.sim_peers.ur_controller.values import UrPose
 from cardan.spatial import (
     add,
     compose,
@@ -50,25 +50,25 @@ def pose_functions() -> Mapping[str, Function]:
     return costing(POSE_STEPS, functions)
 
 
-def _trans(outer: Any, inner: Any) -> Pose:
+def _trans(outer: Any, inner: Any) -> UrPose:
     return pose_of(compose(checks.frame("p_from", outer), checks.frame("p_from_to", inner)))
 
 
-def _inv(pose: Any) -> Pose:
+def _inv(pose: Any) -> UrPose:
     return pose_of(inverse(checks.frame("p_from", pose)))
 
 
-def _inv_of_any(value: Any) -> Pose | list[list[float]]:
-    return _inv(value) if isinstance(value, Pose) else inverse_matrix(value)
+def _inv_of_any(value: Any) -> UrPose | list[list[float]]:
+    return _inv(value) if isinstance(value, UrPose) else inverse_matrix(value)
 
 
-def _add(first: Any, second: Any) -> Pose:
+def _add(first: Any, second: Any) -> UrPose:
     a, b = checks.frame("p_1", first), checks.frame("p_2", second)
     turned = multiply(a.orientation, b.orientation)
     return pose_of(Frame(add(a.position, b.position), turned))
 
 
-def _sub(to: Any, start: Any) -> Pose:
+def _sub(to: Any, start: Any) -> UrPose:
     a, b = checks.frame("p_to", to), checks.frame("p_from", start)
     turned = multiply(a.orientation, conjugate(b.orientation))
     return pose_of(Frame(subtract(a.position, b.position), turned))
@@ -85,7 +85,7 @@ def _dist(start: Any, to: Any) -> float:
     return math.hypot(*subtract(b.position, a.position), *turn)
 
 
-def _interpolated(start: Any, to: Any, alpha: Any) -> Pose:
+def _interpolated(start: Any, to: Any, alpha: Any) -> UrPose:
     a, b = checks.frame("p_from", start), checks.frame("p_to", to)
     share = checks.moderate("alpha", alpha)
     turn = from_rotation_vector(scale(rotation_between(a.orientation, b.orientation), share))

@@ -12,14 +12,14 @@ from cardan.protocols.ur.rtde import (
     VERSIONS,
     ControlRequest,
     Data,
-    Malformed,
+    MalformedPayload,
     PacketReader,
     PacketType,
     Recipe,
-    Setup,
+    RecipeSetup,
     SetupReply,
-    Text,
     TextLevel,
+    TextMessage,
     read_request,
     reply_accepted,
     reply_setup,
@@ -124,16 +124,16 @@ class RtdeClient:
 
     def _take(self, kind: int, payload: bytes) -> None:
         asked = read_request(kind, payload, self._version)
-        if isinstance(asked, Malformed):
+        if isinstance(asked, MalformedPayload):
             self._tell(f"package {kind}: {asked.reason}", TextLevel.ERROR)
         elif isinstance(asked, Data):
             self._write(asked)
-        elif isinstance(asked, Setup):
+        elif isinstance(asked, RecipeSetup):
             self._send(reply_setup(self._set_up(asked), self._version))
         elif isinstance(asked, ControlRequest):
             self._answer(asked)
         else:
-            assert isinstance(asked, Text)  # A client's text for the log is dropped.
+            assert isinstance(asked, TextMessage)  # A client's text for the log is dropped.
 
     def _answer(self, asked: ControlRequest) -> None:
         if asked.kind is PacketType.PROTOCOL_VERSION:
@@ -148,7 +148,7 @@ class RtdeClient:
             self._started = False
             self._send(reply_accepted(asked.kind, True))
 
-    def _set_up(self, asked: Setup) -> SetupReply:
+    def _set_up(self, asked: RecipeSetup) -> SetupReply:
         outputs = asked.kind is PacketType.OUTPUTS
         known = self._known if outputs else self._telemetry.writable
         types = tuple(known.get(name, NOT_FOUND) for name in asked.names)

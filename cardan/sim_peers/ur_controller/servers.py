@@ -18,7 +18,7 @@ from cardan.protocols.ur.robot_state import parts
 from cardan.protocols.ur.rtde import packet
 from cardan.protocols.ur.script import LARGEST
 from cardan.sim_peers.base import TimedActs
-from cardan.sim_peers.tcp_servers import Act, Connection, TcpServers
+from cardan.sim_peers.tcp_servers import Act, ServerConnection, TcpServers
 from cardan.sim_peers.ur_controller import scripts
 from cardan.sim_peers.ur_controller.controller import UrController
 from cardan.sim_peers.ur_controller.dashboard_server import Dashboard
@@ -57,9 +57,9 @@ _OTHER_PROGRAM = "def other():\n  while True:\n    sync()\n  end\nend\n"
 
 
 @dataclass(eq=False)
-class _Connection(Connection[PortKind]):
+class _Connection(ServerConnection[PortKind]):
     rtde: RtdeClient | None = None
-    lines: dashboard.LineReader = field(default_factory=dashboard.LineReader)
+    lines: dashboard.DashboardReader = field(default_factory=dashboard.DashboardReader)
     scripts: ScriptReader = field(default_factory=lambda: ScriptReader(LARGEST))
     heard_s: float = 0.0
 

@@ -28,7 +28,7 @@ from cardan.sim_peers.ur_controller.checks import LARGEST
 from cardan.sim_peers.ur_controller.controller import UrController
 from cardan.sim_peers.ur_controller.dynamics import Effort
 from cardan.sim_peers.ur_controller.kinematics import pose_of
-from cardan.sim_peers.ur_controller.motion import HARDEST_N, Motion
+from cardan.sim_peers.ur_controller.motion import HARDEST_N, ArmMotion
 from cardan.spatial import add, compose, conjugate, cross, rotate, scale, subtract
 from cardan.types import Pose as Frame, Vector3
 
@@ -74,7 +74,7 @@ Value = TypeVar("Value")
 class _Kept(Generic[Value]):
     """Value that is computed on demand, at most once per frame."""
 
-    def __init__(self, motion: Motion, compute: Callable[[], Value]) -> None:
+    def __init__(self, motion: ArmMotion, compute: Callable[[], Value]) -> None:
         self._motion, self._compute = motion, compute
         self._of: tuple[int, Frame] | None = None
         self._value: Value

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 
-class Pose(tuple[float, ...]):
+class UrPose(tuple[float, ...]):
     """x, y, z (m) and the rotation vector rx, ry, rz (rad)."""
 
     __slots__ = ()

@@ -16,7 +16,7 @@ class _Watchdog:
     fed_s: float
 
 
-class Watchdogs:
+class RtdeWatchdogs:
     """Watchdogs of the running program, by the inputs' names."""
 
     def __init__(self) -> None:

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from cardan.conform import Level, Outcome, registry, run
+from cardan.conform import Level, VerdictOutcome, registry, run
 from cardan.conform.run import simulated
 from cardan.demos.examples import free_ports
 from cardan.drivers.sim_arm import SimArm
@@ -21,7 +21,7 @@ def test_a_driver_that_has_ended_is_not_judged_by_what_comes_later():
     found = {each.id: each for each in report.results}
     for number in (116, 117, 118, 119, 120, 121, 301):
         verdict = found[f"JSPC-{number}"]
-        assert verdict.outcome is Outcome.NOT_SEEN
+        assert verdict.outcome is VerdictOutcome.NOT_SEEN
         assert verdict.said == "not judged: it had ended (JSPC-115)"
 
 

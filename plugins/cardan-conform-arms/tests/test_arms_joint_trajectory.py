@@ -11,11 +11,11 @@ import pytest
 
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
-from cardan.conform import Level, Outcome, registry, run
+from cardan.conform import Level, VerdictOutcome, registry, run
 from cardan.conform.requirements import failed
 from cardan.conform.run import simulated
 from cardan.conform.runner import Exchange
-from cardan.conform.timeline import Event, Kind, Timeline
+from cardan.conform.timeline import Kind, WireEvent, WireTimeline
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.plans import Plans
 from cardan.gateway.bus.commands import Instant
@@ -153,7 +153,7 @@ def turned_arm(turns):
 @pytest.mark.matrix("0-cancel_goal")
 @pytest.mark.parametrize(("turns", "earlier"), [(0, CANCEL), (-2, GOAL)])
 def test_a_session_meets_every_requirement(turns, earlier):
-    assert worse_than(Outcome.PASSED, judged(turned_arm(turns), earlier=earlier)) == {}
+    assert worse_than(VerdictOutcome.PASSED, judged(turned_arm(turns), earlier=earlier)) == {}
 
 
 FINGER = """
@@ -187,7 +187,7 @@ def test_of_an_arm_with_a_gripper_the_joints_are_judged_that_are_named(named):
     suite.wires(",".join((*ALL, *joints)))
     found = judged(bench, suite=suite, rig=GripperRig)
     if named:
-        assert list(worse_than(Outcome.PASSED, found)) == ["212"]
+        assert list(worse_than(VerdictOutcome.PASSED, found)) == ["212"]
     else:
         assert "error_code -2" in found["102"].said
 
@@ -196,27 +196,27 @@ def test_of_an_arm_with_a_gripper_the_joints_are_judged_that_are_named(named):
 def test_joints_that_nobody_publishes_are_asked_nothing():
     suite = registry.load(SUITE.name)
     suite.wires(",".join((*ALL, "elbow_of_nobody")))
-    assert judged(Bench(), suite=suite)["101"].outcome is Outcome.NOT_SEEN
+    assert judged(Bench(), suite=suite)["101"].outcome is VerdictOutcome.NOT_SEEN
 
 
 @pytest.mark.matrix
 def test_a_session_that_leaves_whole_turns_as_they_are_fails(monkeypatch):
     monkeypatch.setattr(Plans, "_nearest_turns", lambda _self, wanted, _start: wanted)
-    found = worse_than(Outcome.PASSED, judged(turned_arm(-2)))
+    found = worse_than(VerdictOutcome.PASSED, judged(turned_arm(-2)))
     assert list(found) == ["212"]
 
 
 @pytest.mark.matrix
 def test_a_session_that_forgets_early_cancellations_fails(monkeypatch):
     monkeypatch.setattr(Goals, "_remember_canceled", lambda _self, _goal_id: None)
-    found = worse_than(Outcome.PASSED, judged(turned_arm(0), earlier=CANCEL))
+    found = worse_than(VerdictOutcome.PASSED, judged(turned_arm(0), earlier=CANCEL))
     assert next(iter(found)) == "210"
 
 
 def test_an_arm_without_continuous_joints_is_not_asked_to_wrap():
-    found = worse_than(Outcome.PASSED, judged(Bench()))
+    found = worse_than(VerdictOutcome.PASSED, judged(Bench()))
     assert list(found) == ["212"]
-    assert found["212"].outcome is Outcome.NOT_APPLICABLE
+    assert found["212"].outcome is VerdictOutcome.NOT_APPLICABLE
 
 
 @pytest.mark.matrix
@@ -246,12 +246,12 @@ def test_nothing_that_comes_ends_the_pilot_or_a_judge():
         exchange.heard(1e3, channel, b"\0\1\0\0junk", note="1")
     seen = SUITE.decode(exchange.timeline)
     assert len(seen.unread) == len(CHANNELS) - 1
-    assert worse_than(Outcome.PASSED, {r.id: r.judge(seen) for r in requires.all()}) == {}
+    assert worse_than(VerdictOutcome.PASSED, {r.id: r.judge(seen) for r in requires.all()}) == {}
 
 
 @pytest.mark.matrix
 def test_joints_of_another_publisher_and_infinite_ones_are_seen_as_they_are():
-    timeline = Timeline()
+    timeline = WireTimeline()
     described = {"data": '<joint name="a" type="continuous"/><joint name="b" type="revolute"/>'}
     _hear(timeline, DESCRIPTION, described)
     for given in ({"finger": 0.1}, {"a": 3.0, "b": 1.0}, {"finger": 0.1}, {"a": -3.2, "b": 1.2}):
@@ -270,7 +270,7 @@ def test_joints_of_another_publisher_and_infinite_ones_are_seen_as_they_are():
 @pytest.mark.parametrize("names", [[], ["a"], ["a", "b", "c"]])
 def test_feedback_of_every_distribution_is_read(names, index):
     """`index`: of the point, as Kilted and later have it; None: before."""
-    timeline = Timeline()
+    timeline = WireTimeline()
     feedback = {"joint_names": names, "actual": {"positions": [0.5] * len(names)}}
     name = CHANNELS[FEEDBACK].type
     if index is not None:
@@ -287,7 +287,7 @@ def test_feedback_of_every_distribution_is_read(names, index):
 def _hear(timeline, channel, given, name=None):
     name = name or CHANNELS[channel].type
     data = codec_of(name).encode(completed(name, given))
-    timeline.add(Event(0.0, Kind.DATA, channel=channel, data=data))
+    timeline.add(WireEvent(0.0, Kind.DATA, channel=channel, data=data))
 
 
 @pytest.mark.matrix
@@ -331,5 +331,5 @@ def test_a_session_on_the_bus_meets_every_requirement(text, left_out, tmp_path):
             network.close()
             session.send_signal(signal.SIGINT)
             session.wait(30.0)
-    found = {each.id[-3:] for each in report.results if each.outcome is not Outcome.PASSED}
+    found = {each.id[-3:] for each in report.results if each.outcome is not VerdictOutcome.PASSED}
     assert found == {*left_out}, report.as_text()

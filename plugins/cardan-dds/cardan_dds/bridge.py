@@ -19,7 +19,7 @@ from collections import Counter
 from collections.abc import Callable
 
 from cardan.bus.dds_options import SERVER_NODE
-from cardan.bus.network import Answered, Failure, Handle, NetworkError, Publisher, Topic
+from cardan.bus.network import Answered, Failure, Handle, NetworkError, PublisherHandle, Topic
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.errors import DriverError
 from cardan.gateway.arm.backlog import Delays, is_stale
@@ -53,7 +53,7 @@ _log = logging.getLogger(__name__)
 class _Out:
     """A topic of the bus on DDS."""
 
-    def __init__(self, topic: Topic, publisher: Publisher) -> None:
+    def __init__(self, topic: Topic, publisher: PublisherHandle) -> None:
         self.type, self.latched = topic.type, topic.latched
         self.publisher = publisher
         self.heard: Handle | None = None
@@ -77,7 +77,7 @@ class _Client:
 
     def __init__(self, network: BusNetwork) -> None:
         self.network = network
-        self.publishers: dict[bytes, Publisher] = {}
+        self.publishers: dict[bytes, PublisherHandle] = {}
         """By the GUIDs of its writers."""
         self.calls = 0
 
@@ -177,7 +177,7 @@ class Bridge:
         self._outs[name] = out
         return out
 
-    def _passing(self, publisher: Publisher) -> Callable[[bytes, int], None]:
+    def _passing(self, publisher: PublisherHandle) -> Callable[[bytes, int], None]:
         def passed(cdr: bytes, _stamp_ns: int) -> None:
             self.counts["out"] += 1
             publisher.publish(cdr)
@@ -261,7 +261,7 @@ class Bridge:
 
     def _publisher(
         self, writer: Endpoint, name: str, type_name: str, at_once: bool = False
-    ) -> Publisher | None:
+    ) -> PublisherHandle | None:
         """Return a DDS writer's publisher on the bus; None where there can be none, or while the
         writer waits for its node's name, unless `at_once`. From any thread."""
         node = self._dds.node_of(writer)

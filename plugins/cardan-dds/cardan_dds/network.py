@@ -22,7 +22,7 @@ from cardan.bus.network import (
     Handle,
     Heard,
     NetworkError,
-    Service,
+    ServiceInfo,
     Topic,
 )
 from cardan.errors import DriverError
@@ -165,7 +165,7 @@ class DdsNetwork:
                     )
             return found
 
-    def services(self, others: bool = False) -> Mapping[str, Service]:
+    def services(self, others: bool = False) -> Mapping[str, ServiceInfo]:
         """All services by name."""
         hub = self.hub
         with hub.lock:
@@ -174,7 +174,7 @@ class DdsNetwork:
                 _, servers = hub.sides(REQUEST, name, others)
                 types = [ros.type_name for each in servers if (ros := each.ros)]
                 if types:
-                    found[name] = Service(types[0], hub.nodes_of(servers))
+                    found[name] = ServiceInfo(types[0], hub.nodes_of(servers))
             return found
 
     def nodes(self) -> Sequence[str]:

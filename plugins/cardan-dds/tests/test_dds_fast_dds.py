@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip install cardan[dds]")
 
 from cardan.bus.network import Failure
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.type_hash import type_hash
 from cardan_dds.network import DdsNetwork
 from tests.dds_rig import OPTIONS, STRING, TRIGGER, encoded, network
@@ -177,7 +177,7 @@ def test_bytes_that_are_no_message_are_passed_on_as_they_are(ours):
         theirs.publish("/arm/name", STRING, {"data": "after"})
         until(lambda: encoded(STRING, data="after") in heard)
     others = [codec_of(STRING).decode(each) for each in heard]
-    assert sum(isinstance(each, Malformed) or each == {"data": ""} for each in others) <= 3
+    assert sum(isinstance(each, MalformedCdr) or each == {"data": ""} for each in others) <= 3
 
 
 def test_a_client_of_a_service_is_told_what_to_do_and_gets_no_answer(ours, caplog):

@@ -16,13 +16,13 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple, NoReturn
 
 from cardan.conform import (
-    Event,
     Kind,
-    Outcome,
     Requirement,
     Suite,
-    Timeline,
     Verdict,
+    VerdictOutcome,
+    WireEvent,
+    WireTimeline,
     not_applicable,
     not_seen,
 )
@@ -74,11 +74,16 @@ class ClientTraffic(NamedTuple):
     """Its timeline as decoded by the suite."""
 
 
-_WORST = (Outcome.FAILED, Outcome.PASSED, Outcome.NOT_SEEN, Outcome.NOT_APPLICABLE)
+_WORST = (
+    VerdictOutcome.FAILED,
+    VerdictOutcome.PASSED,
+    VerdictOutcome.NOT_SEEN,
+    VerdictOutcome.NOT_APPLICABLE,
+)
 """Outcomes in the order of severity: of several clients, the first of these outcomes counts."""
 
 
-class Captured(Timeline):
+class Captured(WireTimeline):
     """A timeline from a capture. Requirements are not judged by events that it cannot show."""
 
     lacks = ""
@@ -100,14 +105,14 @@ class Captured(Timeline):
 
         def rank(found: tuple[ClientTraffic, Verdict]) -> tuple[bool, int]:
             outcome, said, *_ = found[1]
-            doubted = outcome is Outcome.NOT_SEEN and said.startswith(DOUBTED)
-            return outcome is not Outcome.FAILED and not doubted, _WORST.index(outcome)
+            doubted = outcome is VerdictOutcome.NOT_SEEN and said.startswith(DOUBTED)
+            return outcome is not VerdictOutcome.FAILED and not doubted, _WORST.index(outcome)
 
         verdicts = [(each, each.timeline.verdict(requirement, each.seen)) for each in self.clients]
         client, worst = min(verdicts, key=rank)
         begun = DOUBTED if worst.said.startswith(DOUBTED) else ""
         said = worst.said.removeprefix(begun)
-        if worst.outcome is not Outcome.NOT_APPLICABLE:
+        if worst.outcome is not VerdictOutcome.NOT_APPLICABLE:
             said = f"{begun}of {len(verdicts)} clients at a time, {client.name}: {said}"
         evidence = tuple(client.numbers[number] for number in worst.evidence)
         return worst._replace(said=said, evidence=evidence)
@@ -119,9 +124,9 @@ class Captured(Timeline):
             found = super().verdict(requirement, seen)
         except UnaskedError:
             return not_applicable("nobody asked for it in this capture")
-        if found.outcome is Outcome.PASSED and self.lacks:
+        if found.outcome is VerdictOutcome.PASSED and self.lacks:
             return found._replace(said=f"{found.said}, in what the capture has")
-        if found.outcome is not Outcome.FAILED:
+        if found.outcome is not VerdictOutcome.FAILED:
             return found
         if self.lacks:
             return not_seen(f"{DOUBTED}{self.lacks}; {found.said}")
@@ -130,7 +135,7 @@ class Captured(Timeline):
         return found
 
 
-def timeline(suite: Suite[Any], path: str | os.PathLike[str], target: str = "") -> Timeline:
+def timeline(suite: Suite[Any], path: str | os.PathLike[str], target: str = "") -> WireTimeline:
     """Return the timeline of a capture for `suite`; times are the capture's.
 
     `target` is ``[HOST][:PORT]`` of the flow, a bus in the suite's notation, or a device in that of
@@ -205,7 +210,7 @@ class _Reading(ABC):
         self.ports = {name: port + shift for name, port in known.items() if name not in pilots}
         self.ours = ours
         self.host = host
-        self.events: list[tuple[int, Event]] = []
+        self.events: list[tuple[int, WireEvent]] = []
         """With the times of their packets, ns."""
         self.lacks: list[str] = []
         self.last_ns = 0
@@ -276,7 +281,7 @@ class _Reading(ABC):
         self, time_ns: int, kind: Kind, sent: bool, channel: str, data: bytes = b"", note: str = ""
     ) -> None:
         """Append an event."""
-        self.events.append((time_ns, Event(0.0, kind, sent, channel, data, note)))
+        self.events.append((time_ns, WireEvent(0.0, kind, sent, channel, data, note)))
 
 
 class _Part(NamedTuple):
@@ -301,7 +306,7 @@ class _Udp(_Reading):
 
     def read(self, flows: list[_Flow]) -> None:
         clients = _one_after_another(flows)
-        found: list[tuple[int, int, Event]] = []
+        found: list[tuple[int, int, WireEvent]] = []
         owners: dict[int, int] = {}
         lacks: list[list[str]] = [[] for _ in clients]
         for index, of_client in enumerate(clients):
@@ -316,7 +321,7 @@ class _Udp(_Reading):
                     continue
                 channel += f" {index + 1}" if index else ""
                 note = "" if sent else str(judged)
-                event = Event(0.0, Kind.DATA, sent, channel, segment.payload, note)
+                event = WireEvent(0.0, Kind.DATA, sent, channel, segment.payload, note)
                 found.append((time_ns, number, event))
                 owners[number] = index
         found.sort(key=lambda each: each[1])
@@ -540,7 +545,7 @@ def _check_flows(
         )
 
 
-def _timeline(events: list[tuple[int, Event]], lacks: Iterable[str]) -> Captured:
+def _timeline(events: list[tuple[int, WireEvent]], lacks: Iterable[str]) -> Captured:
     found = Captured()
     found.start_ns = events[0][0] if events else 0
     found.lacks = "; ".join(dict.fromkeys(lacks))
@@ -583,7 +588,7 @@ def _of_bus(suite: Suite[Any], path: str | os.PathLike[str]) -> Captured:
         if packet.cut:
             lacks.append("the capture cut some of its frames")
         elif asks is not None:
-            events.append((packet.time_ns, Event(0.0, Kind.DATA, asks, "", packet.data)))
+            events.append((packet.time_ns, WireEvent(0.0, Kind.DATA, asks, "", packet.data)))
     name = os.fspath(path)
     if all(event.sent for _, event in events):
         raise ConfigurationError(
@@ -636,14 +641,14 @@ def _of_reports(reports: list[tuple[str, Message]], dissector: Dissector, lost: 
     lacks = [f"the capturing program lost {lost} packets"] if lost else []
     first = reports[0][1]
     known = _USB_IDS.match(dissector.about(first.where))
-    opened = Event(0.0, Kind.OPENED, note=known.group() if known else "")
+    opened = WireEvent(0.0, Kind.OPENED, note=known.group() if known else "")
     events = [(first.packet.time_ns, opened)]
     for way, message in reports:
         if message.decoded.fault == CUT:
             lacks.append("the capture cut some of its reports")
             continue
         sent = way == Direction.TO_DEVICE.value
-        events.append((message.packet.time_ns, Event(0.0, Kind.DATA, sent, "", message.data)))
+        events.append((message.packet.time_ns, WireEvent(0.0, Kind.DATA, sent, "", message.data)))
     found = _timeline(events, lacks)
     found.unsure = _unsure(found)
     return found

@@ -300,7 +300,7 @@ def assert_agree(verdict, reason, data):
 
     The codec refuses more: it wants whole messages of finite values.
     """
-    broken = isinstance(verdict, egm.Malformed)
+    broken = isinstance(verdict, egm.MalformedEgmMessage)
     if reason is not None:
         assert broken, (reason, data.hex(" "))
     if broken and verdict.fault in WIRE_FAULTS:
@@ -361,7 +361,7 @@ def report_value(layer):
     convert = {
         hid_layers.TranslationReport: lambda r: connexion.Translation(r.x, r.y, r.z),
         hid_layers.RotationReport: lambda r: connexion.Rotation(r.rx, r.ry, r.rz),
-        hid_layers.MotionReport: lambda r: connexion.Motion(r.x, r.y, r.z, r.rx, r.ry, r.rz),
+        hid_layers.MotionReport: lambda r: connexion.MotionReport(r.x, r.y, r.z, r.rx, r.ry, r.rz),
         hid_layers.ButtonReport: lambda r: connexion.ButtonBits(r.mask),
         hid_layers.LongPressBitsReport: lambda r: connexion.LongPressBits(r.mask),
         hid_layers.BatteryReport: lambda r: connexion.Battery(r.percent, bool(r.external_power)),

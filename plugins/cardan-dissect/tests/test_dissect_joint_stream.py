@@ -13,7 +13,7 @@ from scapy.packet import Raw
 from scapy.utils import wrpcap
 
 from cardan.protocols import joint_stream as codec
-from cardan.protocols.joint_stream import ArmCommand, ArmState, ControlMode, Malformed
+from cardan.protocols.joint_stream import ArmCommand, ArmState, ControlMode, MalformedDatagram
 from cardan_dissect import dissect_file, joint_stream as layers
 from cardan_dissect.joint_stream import (
     JointStream,
@@ -127,7 +127,7 @@ def assert_agreed(data):
     for expected, decode in ((state, codec.decode_state), (command, codec.decode_command)):
         found = decode(data)
         if expected is None:
-            assert isinstance(found, Malformed), (reason, found)
+            assert isinstance(found, MalformedDatagram), (reason, found)
         else:
             assert found == expected
     if not isinstance(layer, JointStreamBroken):

@@ -129,7 +129,7 @@ def test_what_the_layers_take_the_codec_takes(payload):
         for dissect, read in ((RtdeReply, codec.read_reply), (RtdeRequest, codec.read_request)):
             layer = dissect(data)
             if malformed(layer) is None:
-                assert not isinstance(read(kind, payload), codec.Malformed)
+                assert not isinstance(read(kind, payload), codec.MalformedPayload)
             assert bytes(layer) == data
 
 

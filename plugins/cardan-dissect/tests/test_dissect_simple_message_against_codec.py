@@ -65,7 +65,7 @@ def test_what_one_calls_malformed_is_no_message_to_the_other(data):
     codec = sm.wire().decode(frame)
     layer = layers.SimpleMessage(frame)
     broken = isinstance(layer, layers.SimpleMessageBroken)
-    if isinstance(codec, sm.Malformed) and sm.detect_wire(frame) is None:
+    if isinstance(codec, sm.MalformedMessage) and sm.detect_wire(frame) is None:
         assert broken
     elif isinstance(codec, sm.Message) and not isinstance(codec.body, sm.Raw):
         assert not broken

@@ -22,7 +22,7 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
 
-from cardan.bus.network import Handle, Network, NetworkError, Service, Topic
+from cardan.bus.network import Handle, Network, NetworkError, ServiceInfo, Topic
 from cardan.common.extras import missing_extra
 from cardan.errors import DriverError, shown
 from cardan.gateway.arm.backlog import STALE_S, is_stale, stale_words
@@ -37,7 +37,7 @@ from cardan.gateway.servers.send_queue import LATCHED_DEPTH, TopicQueue
 from cardan.gateway.servers.subscriptions import Feed, SharedFeeds
 from cardan.gateway.servers.web import ListenerConnection
 from cardan.protocols.rate import MAX_PUBLICATIONS_PER_S, RateLimit
-from cardan.protocols.ros2.cdr import CdrError, Malformed, Message, codec_of
+from cardan.protocols.ros2.cdr import CdrError, MalformedCdr, Message, codec_of
 from cardan.protocols.ros2.interfaces import InterfaceError, full_text, service_type
 from cardan.protocols.ros2.messages import MessageError, Stamp, completed
 from cardan.protocols.ros2.names import RosNameError
@@ -97,7 +97,7 @@ class AdvertisedGraph(NamedTuple):
     """Topics and services that clients see."""
 
     topics: Mapping[str, Topic]
-    services: Mapping[str, Service]
+    services: Mapping[str, ServiceInfo]
 
 
 class Pace(NamedTuple):
@@ -414,7 +414,7 @@ class FoxgloveConnection:
                 self._channels[name] = _Channel(topic, channel)
                 self._topic_of[channel.id()] = name
 
-    def _show_services(self, services: Mapping[str, Service]) -> None:
+    def _show_services(self, services: Mapping[str, ServiceInfo]) -> None:
         gone = [name for name, kind in self._services.items() if _type_of(services, name) != kind]
         if gone:
             self._server.remove_services(gone)
@@ -478,7 +478,7 @@ class FoxgloveConnection:
     def _hear_clock(self, cdr: bytes, _stamp_ns: int) -> None:
         """In any thread."""
         clock = codec_of(CLOCK_TYPE).decode(cdr)
-        if not isinstance(clock, Malformed):
+        if not isinstance(clock, MalformedCdr):
             now = clock["clock"]
             self._server.broadcast_time(now["sec"] * 1_000_000_000 + now["nanosec"])
 
@@ -510,7 +510,7 @@ class FoxgloveConnection:
             except (ValueError, RecursionError):
                 raise RefusedError(f"{published.topic}: {shown(data)} is no JSON") from None
             data = codec.encode(completed(advertised.type, fields, Stamp.of_ns(since_ns)))
-        elif isinstance(found := codec.decode(data), Malformed):
+        elif isinstance(found := codec.decode(data), MalformedCdr):
             raise RefusedError(f"{published.topic}: no {advertised.type}: {found.reason}")
         advertised.publisher.publish(data, since_ns)
 
@@ -542,7 +542,7 @@ class FoxgloveConnection:
             raise CallError(f"{MAX_CALLS} calls have no answer yet; no more are taken")
         kind = service_type(type_name)
         request = codec_of(kind.request).decode(data)
-        if isinstance(request, Malformed):
+        if isinstance(request, MalformedCdr):
             raise CallError(f"{name}: no {kind.request}: {request.reason}")
         response = await self._caller.start(name, type_name, request, self._service_timeout_s)
         return codec_of(kind.response).encode(response)
@@ -760,7 +760,7 @@ async def _connected(host: str, port: int) -> ClientConnection:
         raise DriverError(f"foxglove-sdk's server cannot be reached: {error}") from None
 
 
-def _type_of(services: Mapping[str, Service], name: str) -> str:
+def _type_of(services: Mapping[str, ServiceInfo], name: str) -> str:
     service = services.get(name)
     return service.type if service else ""
 

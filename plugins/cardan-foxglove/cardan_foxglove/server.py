@@ -35,7 +35,7 @@ from cardan.gateway.servers.web import (
     WebSocketListener,
     serve_until,
 )
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan_foxglove.assets import Packages
 from cardan_foxglove.client import AdvertisedGraph, FoxgloveConnection, sdk, shared_feeds
 from cardan_foxglove.protocol import SUBPROTOCOLS
@@ -176,7 +176,7 @@ class FoxgloveServer:
     def _tell_event(self, cdr: bytes) -> None:
         """Tell clients of parameters that have changed."""
         event = codec_of(EVENT).decode(cdr)
-        if isinstance(event, Malformed):
+        if isinstance(event, MalformedCdr):
             return
         changed: list[Any] = [*event["new_parameters"], *event["changed_parameters"]]
         for client in tuple(self._clients):

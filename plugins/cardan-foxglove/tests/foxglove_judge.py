@@ -8,7 +8,7 @@ import sys
 import time
 from types import SimpleNamespace
 
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.messages import completed
 from foxglove_rig import foxglove_client
 from tests.sweep.plan import RESULT, command
@@ -42,7 +42,7 @@ class Ears:
         channel, type_name = self.client.channel(name), self.types[name]
         assert (channel["encoding"], channel["schemaName"]) == ("cdr", type_name), channel
         found = codec_of(type_name).decode(data)
-        assert not isinstance(found, Malformed), (name, found.reason)
+        assert not isinstance(found, MalformedCdr), (name, found.reason)
         self.heard[name] = True
         self.missing.discard(name)
         if name == RESULT:
@@ -80,7 +80,7 @@ def main(port, encoding):
             told["services"][name] = None
             if said["op"] == "response":
                 answer = codec_of(f"{type_name}_Response").decode(said["data"])
-                assert not isinstance(answer, Malformed), (name, answer.reason)
+                assert not isinstance(answer, MalformedCdr), (name, answer.reason)
                 told["services"][name] = answer
             else:
                 print(name, said, file=sys.stderr)

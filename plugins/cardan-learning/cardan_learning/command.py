@@ -26,7 +26,7 @@ def export(
         typer.Option(metavar="USER/NAME", help="LeRobot's name for it; default: by the folder."),
     ] = "",
     arm: Annotated[
-        str, typer.Option(metavar="NODE", help="Which arm's, where a record has several.")
+        str, typer.Option(metavar="NODE", help="Arm to take, if a record has several.")
     ] = "",
     each_engagement: Annotated[
         bool,

@@ -9,13 +9,11 @@ from __future__ import annotations
 from cardan.gateway.operator.mapping import MappingOptions
 from cardan.spatial import (
     add,
-    from_rotation_vector,
     limit_norm,
-    multiply,
     norm,
-    normalized,
     rotation_between,
     subtract,
+    turned_by,
 )
 from cardan.types import Frame, Pose
 
@@ -68,7 +66,7 @@ class Approach:
             )
             ahead = Pose(
                 add(at.position, way),
-                normalized(multiply(from_rotation_vector(turn), at.orientation)),
+                turned_by(at.orientation, turn),
                 Frame.BASE,
             )
             if not apart(tcp, ahead, options.slip_m, options.slip_rad):

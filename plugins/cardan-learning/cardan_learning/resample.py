@@ -18,7 +18,7 @@ from typing import NamedTuple
 from cardan.common.tables import read_table
 from cardan.errors import CaptureError, ConfigurationError, OptionError
 from cardan.gateway.session.config import ArmTable
-from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, codec_of
 from cardan.protocols.ros2.interfaces import InterfaceError
 from cardan.recording.arms import (
     CONFIGURATION,
@@ -321,7 +321,7 @@ _Take = Callable[[ArmTracks, Message, int], None]
 def _take(tracks: ArmTracks, take: _Take, message: RecordedMessage) -> None:
     try:
         decoded = codec_of(message.topic.type_name).decode(message.data)
-        if not isinstance(decoded, Malformed):
+        if not isinstance(decoded, MalformedCdr):
             take(tracks, decoded, message.publish_ns)
     except (ValueError, KeyError, TypeError, InterfaceError):
         return  # Another node's topic of that name.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cardan.conform import Level, Outcome, registry, run
+from cardan.conform import Level, VerdictOutcome, registry, run
 from cardan.errors import DeviceNotFoundError
 from cardan_omni.peer import OmniSettings, SimulatedOmni, available
 
@@ -27,7 +27,7 @@ def test_a_library_is_judged_in_real_time():
     outcomes = {each.id: each.outcome for each in report.results}
     # Not those of times: this computer may stand still at any moment.
     assert {*report.failed} <= TIMED | BY_HAND, report.as_text()
-    unseen = {name for name, each in outcomes.items() if each is Outcome.NOT_SEEN}
+    unseen = {name for name, each in outcomes.items() if each is VerdictOutcome.NOT_SEEN}
     assert unseen <= TIMED | BY_HAND, report.as_text()
     serial = device.settings.serial.encode()
     assert any(serial in each.data for each in timeline)

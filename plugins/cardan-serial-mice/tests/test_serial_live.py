@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cardan.conform import Level, Outcome, registry, run
+from cardan.conform import Level, VerdictOutcome, registry, run
 from cardan_serial_mice.peer import SerialPuckPeer, SerialPuckPeerOptions
 from tests.serving import in_a_thread
 from tests.told_hand import ToldHand
@@ -37,5 +37,5 @@ def test_serial_devices_are_judged_at_a_port(suite, model, tmp_path):
         report, _ = run.at(found, peer.endpoint, Level.HOLD, hand.told.put, seconds=1.0)
     # Not those of times: this computer may stand still at any moment.
     assert {*report.failed} <= TIMED, report.as_text()
-    unseen = {each.id for each in report.results if each.outcome is Outcome.NOT_SEEN}
+    unseen = {each.id for each in report.results if each.outcome is VerdictOutcome.NOT_SEEN}
     assert unseen <= TIMED | UNPLUGGED, report.as_text()

@@ -13,7 +13,7 @@ from cardan.sim_peers.scripted import play
 from cardan.sim_peers.spacemouse import (
     SCRIPT_VERBS,
     KeyboardHand,
-    ScriptedHand,
+    ScriptedPuck,
 )
 from cardan.sim_peers.spacemouse.keyboard import status_line
 from cardan_serial_mice.peer import (
@@ -529,7 +529,7 @@ def test_drift_and_overrange_and_a_stuck_button():
 def test_a_stalled_peer_makes_no_burst():
     steps = parse_script("1.0 axes 0 0 0.5 0 0 0", SCRIPT_VERBS)
     puck = simulated_serial_puck(serial_model_by_key("magellan"))
-    hand = ScriptedHand(steps, puck.model)
+    hand = ScriptedPuck(steps, puck.model)
     puck.power(True)
     play(puck, hand, 1.5)
     hand.advance(9.9, puck)

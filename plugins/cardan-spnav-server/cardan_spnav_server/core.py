@@ -23,7 +23,7 @@ from cardan.protocols.spnav.records import (
     OK,
     ConfigChange,
     DeviceChange,
-    Malformed,
+    MalformedRecord,
     encode_handshake,
     encode_reply,
 )
@@ -441,7 +441,7 @@ class SpnavServerCore:
 
     def _set_name(self, client: SpnavClient, request: ClientRequest) -> None:
         name = client.strings.take(request.data)
-        if isinstance(name, Malformed):
+        if isinstance(name, MalformedRecord):
             self._counts["malformed"] += 1
         elif name is not None:
             client.name = name

@@ -25,7 +25,7 @@ from cardan.protocols.spnav.records import (
     ConfigChange,
     Data,
     DeviceChange,
-    Malformed,
+    MalformedRecord,
     decode_handshake,
     encode_sensitivity,
     encode_words,
@@ -52,13 +52,13 @@ class ClientRequest(NamedTuple):
         return self.word & 0xFFFF
 
 
-def decode_request(record: bytes) -> ClientRequest | Malformed:
+def decode_request(record: bytes) -> ClientRequest | MalformedRecord:
     """The value of a record that a client of version 1 sent. Never raises.
 
     Unknown codes are requests, too: a server answers them with `FAILED`.
     """
     if len(record) != RECORD_BYTES:
-        return Malformed("of the wrong length", 0)
+        return MalformedRecord("of the wrong length", 0)
     words = struct.unpack("=8i", record)
     return ClientRequest(words[0], words[1:])
 
@@ -134,13 +134,13 @@ class ClientReader:
         """The version in force."""
         self._buffer = b""
 
-    def feed(self, data: bytes) -> list[ClientRequest | Handshake | Sensitivity | Malformed]:
+    def feed(self, data: bytes) -> list[ClientRequest | Handshake | Sensitivity | MalformedRecord]:
         """The values that `data` completes. Never raises.
 
         `Handshake.version` is what to grant; it is in force for the bytes that follow.
         """
         buffer = self._buffer + data
-        values: list[ClientRequest | Handshake | Sensitivity | Malformed] = []
+        values: list[ClientRequest | Handshake | Sensitivity | MalformedRecord] = []
         at = 0
         while True:
             size = RECORD_BYTES if self.version else WORD_BYTES
@@ -167,8 +167,8 @@ class StringAssembler:
         self._left: int | None = None
         """Bytes that are still to come; None: no string is under way."""
 
-    def take(self, data: Data) -> str | Malformed | None:
-        """The string when `data` ends it, None when more is to come, Malformed out of order.
+    def take(self, data: Data) -> str | MalformedRecord | None:
+        """The string when `data` ends it, None when more is to come, MalformedRecord out of order.
 
         Bytes that are no UTF-8 are replaced. Never raises.
         """
@@ -177,7 +177,7 @@ class StringAssembler:
             self._text.clear()
         elif left != self._left:
             self._left = None
-            return Malformed("with an impossible value", 0)
+            return MalformedRecord("with an impossible value", 0)
         self._text += struct.pack("=6i", *data[:STATUS])[: min(left, CHUNK_BYTES)]
         if left > CHUNK_BYTES:
             self._left = left - CHUNK_BYTES

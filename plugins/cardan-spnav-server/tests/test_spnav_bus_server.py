@@ -14,7 +14,7 @@ from cardan.errors import OptionError
 from cardan.gateway.bus.device_topics import DeviceTopics
 from cardan.gateway.servers import registry
 from cardan.protocols.connexion import MODELS
-from cardan.protocols.spnav.records import Button, Motion, encode_handshake
+from cardan.protocols.spnav.records import Button, MotionEvent, encode_handshake
 from cardan.protocols.spnav.streams import ServerReader
 from cardan.types import NEUTRAL, Axes, DeviceLink, DeviceState
 from cardan_spnav_server import SpnavServerOptions, identity_of
@@ -81,7 +81,7 @@ def test_a_session_serves_programs_that_use_libspnav(tmp_path):
                 topics.offer(state(), time.monotonic(), time.time_ns())
                 time.sleep(0.004)
             assert added == Button(11, False)  # As spacenavd numbers esc.
-            motion = until(lambda each: isinstance(each, Motion) and any(each[:6]), pushed)
+            motion = until(lambda each: isinstance(each, MotionEvent) and any(each[:6]), pushed)
             assert motion.z == pytest.approx(0.5 * 350, abs=1)
             button = until(lambda each: isinstance(each, Button), lambda: state(PUSH, ["menu"]))
             assert button == Button(4, True)

@@ -14,7 +14,7 @@ import pytest
 
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse
-from cardan.drivers.spacemouse.transports import HidCandidate, Link, Transport
+from cardan.drivers.spacemouse.transports import HidCandidate, HidLink, Transport
 from cardan.errors import AddressError, DeviceNotFoundError
 from cardan.protocols.connexion import model_by_key
 from cardan.protocols.spnav.codes import Code, EventMask
@@ -22,8 +22,8 @@ from cardan.protocols.spnav.records import (
     RECORD_BYTES,
     Button,
     DeviceChange,
-    Motion,
-    Reply,
+    MotionEvent,
+    ServerReply,
     encode_handshake,
     encode_request,
 )
@@ -181,12 +181,12 @@ def test_motion_buttons_and_the_end(path, version):
     with served(path) as service:
         program = Program(path, version)
         service.axes = PUSH
-        assert program.until(lambda value: isinstance(value, Motion))[:6] == AWAY
+        assert program.until(lambda value: isinstance(value, MotionEvent))[:6] == AWAY
         service.edges = [ButtonEvent(0.0, "right", True)]
         assert program.until(lambda value: isinstance(value, Button)) == Button(1, True)
         service.axes = REST
         assert (
-            program.until(lambda value: isinstance(value, Motion) and value[:6] != AWAY)[:6]
+            program.until(lambda value: isinstance(value, MotionEvent) and value[:6] != AWAY)[:6]
             == (0,) * 6
         )
     with pytest.raises((EOFError, ConnectionResetError)):
@@ -237,7 +237,7 @@ def test_a_request_is_answered_at_once(path):
         program = Program(path, version=1)
         for _ in range(3):
             program.sock.sendall(encode_request(Code.DEV_NBUTTONS))
-            reply = program.until(lambda value: isinstance(value, Reply))
+            reply = program.until(lambda value: isinstance(value, ServerReply))
             assert reply.data[0] == 2
         program.close()
         assert service.diagnosis() == ()
@@ -290,7 +290,9 @@ def test_what_the_device_is_may_be_known_only_once_it_is_plugged_in(path):
     service.offer(device_state(PUSH), ())
     change = program.until(lambda value: isinstance(value, DeviceChange))
     assert change == DeviceChange(True, 0, 0x20D, 0x256F, 0xC631)
-    assert program.until(lambda value: isinstance(value, Motion)).z == 250  # of 500, as spacenavd
+    assert (
+        program.until(lambda value: isinstance(value, MotionEvent)).z == 250
+    )  # of 500, as spacenavd
     program.close()
     service.stop()
 
@@ -300,16 +302,16 @@ def test_raw_events_may_be_asked_for_and_do_not_come(path):
     with served(path, axes=PUSH) as service:
         program = Program(path, version=1)
         program.sock.sendall(encode_request(Code.SET_EVMASK, (everything,)))
-        assert program.until(lambda value: isinstance(value, Reply)).ok
+        assert program.until(lambda value: isinstance(value, ServerReply)).ok
         program.sock.sendall(encode_request(Code.GET_EVMASK))
-        reply = program.until(lambda value: isinstance(value, Reply))
+        reply = program.until(lambda value: isinstance(value, ServerReply))
         assert reply.data[0] == everything
         service.edges = [ButtonEvent(0.0, "left", True)]
         kinds = set()
         program.until(lambda value: kinds.add(type(value)) or len(kinds) > 1)
         service.edges = [ButtonEvent(0.0, "left", False)]
         program.until(lambda value: kinds.add(type(value)) or value == Button(0, False))
-        assert kinds == {Motion, Button}
+        assert kinds == {MotionEvent, Button}
         program.close()
 
 
@@ -373,9 +375,9 @@ def test_a_device_is_served_and_closed(path, capsys):
     while not path.exists() and time.monotonic() < deadline_s:
         time.sleep(0.01)
     program = Program(path, version=1)
-    assert program.until(lambda value: isinstance(value, Motion)).z == 250
+    assert program.until(lambda value: isinstance(value, MotionEvent)).z == 250
     program.sock.sendall(encode_request(Code.DEV_NBUTTONS))
-    assert program.until(lambda value: isinstance(value, Reply)).data[0] == 3
+    assert program.until(lambda value: isinstance(value, ServerReply)).data[0] == 3
     program.close()
     thread.join()
     assert not hand.opened
@@ -401,7 +403,7 @@ def test_a_path_that_is_taken_leaves_no_device_open(path):
 # -- judged by libspnav -------------------------------------------------------------------------
 
 
-class MotionEvent(ctypes.Structure):
+class MotionStructure(ctypes.Structure):
     _fields_ = (
         ("type", ctypes.c_int),
         ("counts", ctypes.c_int * 6),
@@ -417,7 +419,7 @@ class ButtonEventOfLibrary(ctypes.Structure):
 class LibraryEvent(ctypes.Union):
     _fields_ = (
         ("type", ctypes.c_int),
-        ("motion", MotionEvent),
+        ("motion", MotionStructure),
         ("button", ButtonEventOfLibrary),
     )
 
@@ -499,7 +501,7 @@ class OneDevice(Transport):
         return Resting()
 
 
-class Resting(Link):
+class Resting(HidLink):
     """An open device that nobody touches."""
 
     def read(self, timeout_s):

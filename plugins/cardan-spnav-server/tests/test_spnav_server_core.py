@@ -11,8 +11,8 @@ from cardan.protocols.spnav.records import (
     Button,
     ConfigChange,
     DeviceChange,
-    Motion,
-    Reply,
+    MotionEvent,
+    ServerReply,
     encode_handshake,
     encode_request,
     encode_sensitivity,
@@ -66,7 +66,7 @@ class Program:
     def ask(self, code, *data):
         self.send(encode_request(code, data))
         (reply,) = self.take()
-        assert isinstance(reply, Reply)
+        assert isinstance(reply, ServerReply)
         assert reply.code == code
         return reply
 
@@ -311,7 +311,7 @@ def test_programs_get_the_same_whatever_their_version():
     bench.offer(PUSH, ("left", True))
     got = old.take()
     assert got == new.take()
-    assert [type(value) for value in got] == [Button, Motion]
+    assert [type(value) for value in got] == [Button, MotionEvent]
 
 
 def test_nothing_is_sent_to_one_that_is_gone():
@@ -401,11 +401,11 @@ def test_a_new_program_is_left_in_peace_until_it_has_asked_its_questions():
     bench.run(0.6 * QUIET_S, PUSH)
     assert program.take() == []
     bench.run(0.6 * QUIET_S, PUSH)
-    assert [type(value) for value in program.take()] == [Button, Motion]
+    assert [type(value) for value in program.take()] == [Button, MotionEvent]
     # From then on answers overtake events, and hold none of them back.
     bench.run(0.1, PUSH)
     program.send(encode_request(Code.DEV_NAXES))
-    assert [type(value) for value in program.take()] == [Reply, Motion]
+    assert [type(value) for value in program.take()] == [ServerReply, MotionEvent]
 
 
 def test_one_that_asks_without_end_gets_its_events_all_the_same():
@@ -416,7 +416,7 @@ def test_one_that_asks_without_end_gets_its_events_all_the_same():
         bench.run(TICK_S, PUSH)
         program.send(encode_request(Code.DEV_NAXES))
         kinds |= {type(value) for value in program.take()}
-    assert kinds == {Reply, Motion}
+    assert kinds == {ServerReply, MotionEvent}
 
 
 # -- requests -----------------------------------------------------------------------------------
@@ -445,7 +445,12 @@ def test_a_long_name_comes_in_one_piece_before_any_event():
     program = bench.program(version=1)
     bench.run(0.1, PUSH)
     program.send(encode_request(Code.DEV_NAME))
-    assert [type(value) for value in program.take()] == [Reply, Reply, Reply, Motion]
+    assert [type(value) for value in program.take()] == [
+        ServerReply,
+        ServerReply,
+        ServerReply,
+        MotionEvent,
+    ]
 
 
 def test_no_usb_id_no_device_no_answer():
@@ -523,10 +528,10 @@ def test_masks():
     bench.offer(PUSH, ("left", True))
     assert program.take() == [Button(0, True)]
     program.send(encode_request(Code.SET_EVMASK, (EventMask.MOTION,)))
-    assert [type(value) for value in program.take()] == [Reply, Motion]
+    assert [type(value) for value in program.take()] == [ServerReply, MotionEvent]
     bench.run(0.1, PUSH)
     bench.offer(PUSH, ("left", False))
-    assert {type(value) for value in program.take()} == {Motion}
+    assert {type(value) for value in program.take()} == {MotionEvent}
 
 
 def test_what_ended_while_it_was_left_out_is_told_once_it_is_asked_for():
@@ -577,7 +582,7 @@ def test_programs_of_version_1_are_told_of_plugging():
     assert removed == DeviceChange(False, 0, 0x206, 0x046D, 0xC626)
     bench.offer(REST)
     assert new.take() == [DeviceChange(True, 1, 0x206, 0x046D, 0xC626)]
-    assert {type(value) for value in old.take()} == {Motion}
+    assert {type(value) for value in old.take()} == {MotionEvent}
 
 
 # -- LED ----------------------------------------------------------------------------------------

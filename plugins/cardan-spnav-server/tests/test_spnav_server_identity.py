@@ -8,7 +8,7 @@ from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
 from cardan.drivers.spnav.core import usual_full_scales
 from cardan.protocols.connexion import MODELS, model_by_key
 from cardan.protocols.spnav.codes import DEVICE_TYPES, Code
-from cardan.protocols.spnav.records import Button, Motion, encode_handshake, encode_request
+from cardan.protocols.spnav.records import Button, MotionEvent, encode_handshake, encode_request
 from cardan.protocols.spnav.streams import ServerReader
 from cardan.types import ButtonEvent, DeviceLink, DeviceState
 from cardan_serial_mice.driver import SpaceMouseSerial
@@ -48,7 +48,7 @@ def counts_of(axes, identity, full_scale=None):
     while record := core.outgoing(number, 2.0):
         values += reader.feed(record)
         core.sent(number, len(record))
-    (motion,) = [value for value in values if isinstance(value, Motion)]
+    (motion,) = [value for value in values if isinstance(value, MotionEvent)]
     return motion
 
 

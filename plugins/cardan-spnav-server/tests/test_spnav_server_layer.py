@@ -116,7 +116,7 @@ def test_motion_of_the_codec(axes, period_ms):
     assert type(record) is SpnavMotion
     found = tuple(record.getfieldval(name) for name in ("x", "y", "z", "rx", "ry", "rz"))
     assert (*found, record.period_ms) == (*axes, period_ms)
-    assert spnav_records.decode_server_record(bytes(record)) == spnav_records.Motion(
+    assert spnav_records.decode_server_record(bytes(record)) == spnav_records.MotionEvent(
         *axes, period_ms
     )
 
@@ -158,7 +158,7 @@ def test_requests_and_replies_of_the_codec(code, data):
     reply = SpnavFromServer(spnav_records.encode_reply(word, data[:6], data[6]))
     assert type(reply) is SpnavReply
     assert (reply.code, *reply.words, reply.last) == (code, *data)
-    assert spnav_records.decode_server_record(bytes(reply)) == spnav_records.Reply(word, data)
+    assert spnav_records.decode_server_record(bytes(reply)) == spnav_records.ServerReply(word, data)
 
 
 def test_both_know_the_same_requests_and_devices():
@@ -205,4 +205,4 @@ words = st.integers(0, 2**32 - 1) | st.integers(0, 0xFFF).map(lambda n: codes.RE
 def test_both_refuse_the_same_events(word, rest):
     data = struct.pack("<I", word) + rest
     if isinstance(SpnavFromServer(data), SpnavBroken):
-        assert isinstance(spnav_records.decode_server_record(data), spnav_records.Malformed)
+        assert isinstance(spnav_records.decode_server_record(data), spnav_records.MalformedRecord)

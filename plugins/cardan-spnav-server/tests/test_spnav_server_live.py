@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cardan.conform import Level, Outcome, registry, run
+from cardan.conform import Level, VerdictOutcome, registry, run
 from cardan.errors import AddressError
 from cardan_spnav_server.conform.scenario import ALONE, MASKED, SAME, SCALED
 from tests.spacenavd import spacenavd
@@ -30,9 +30,9 @@ def test_spacenavd_meets_what_our_own_server_does():
     # Not those of times: this computer may stand still at any moment.
     timed = {"SPNAV-007", "SPNAV-011", "SPNAV-101", "SPNAV-102", "SPNAV-103"}
     assert {*report.failed} - timed == UNMET, report.as_text()
-    unseen = {name for name, each in outcomes.items() if each is Outcome.NOT_SEEN}
+    unseen = {name for name, each in outcomes.items() if each is VerdictOutcome.NOT_SEEN}
     assert unseen <= timed | {"SPNAV-301", "SPNAV-302", "SPNAV-303"}, report.as_text()
-    assert outcomes["SPNAV-111"] is Outcome.NOT_APPLICABLE
+    assert outcomes["SPNAV-111"] is VerdictOutcome.NOT_APPLICABLE
 
 
 def test_a_socket_that_is_not_there_is_an_error(tmp_path):

@@ -49,7 +49,7 @@ def test_what_was_taken_in_may_be_given_back_but_has_an_end(before, contact):
 
 
 def test_a_wall_that_stores_is_credited_with_what_it_stores():
-    """It has 18 mJ in its spring: less, and it could not push back as a spring does."""
+    """With less than 18 mJ in its spring it could not push back as a spring does."""
     assert find(KEEPS, CONTACTS[1]).surplus_j > 0.015
 
 

@@ -41,7 +41,7 @@ pytestmark = pytest.mark.matrix
 
 UP = Vector3(0.0, 0.0, 1.0)
 MOST_J = OURS.energy_budget_j + 0.0005
-"""Whatever the sensors hid."""
+"""However much the sensors hid."""
 
 
 @functools.cache
@@ -131,7 +131,7 @@ def test_a_position_is_a_tick_old_and_no_further_off_than_its_quantum():
 
 
 def test_what_the_sensors_hide_stays_small_in_half_a_minute_of_swinging():
-    """It adds up force by force, and may do so without end; rounding is no friend of anyone."""
+    """It adds up force by force, possibly without end; rounding favors neither sign."""
     trace = local(OURS, FRICTIONLESS, 2000.0, seconds=30.0)
     assert np.ptp(hidden_j(trace)) > 1e-4
     assert hidden_j(trace).max() < 5e-4

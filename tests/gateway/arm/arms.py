@@ -1,4 +1,4 @@
-"""A robot in virtual time: where it is commanded to be, less what its faults take away."""
+"""A robot in virtual time: it is where it is commanded to be, but for its faults."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ class World:
             self.v = (self.q - before) / DT_S
 
     def _watch(self):
-        """Position, speed and acceleration of what is commanded, at every tick."""
+        """Commanded position, speed and acceleration, at every tick."""
         servo = self.verbs.servo
         kinematics = servo.kinematics
         driven = isinstance(self.command, (JointCommand, JointVelocityCommand, PoseCommand))

@@ -1,10 +1,10 @@
 """Every state that the controller of one arm can be in, walked breadth-first.
 
 The controller, the verbs and the servo are the real ones, the robot is an ideal one in virtual
-time. What can be told apart is :class:`Abstract`; from each such state, once, each event of EVENTS
-is played, followed by one tick and by as many as it takes to settle, until no new one appears.
-What must hold in every tick, whatever led to it, is checked by :meth:`World.check`; what must hold
-in every state, by :func:`check_state`.
+time. :class:`Abstract` tells states apart; from each such state, once, each event of EVENTS is
+played, followed by one tick and by as many as it takes to settle, until no new one appears.
+:meth:`World.check` checks the invariants of every tick, whatever led to it; :func:`check_state`
+checks those of every state.
 """
 
 from __future__ import annotations
@@ -71,13 +71,13 @@ BRAKES_S = 0.35
 or stream counts as silent, and the ramp."""
 RECOVERS_M_S = 0.052
 RECOVERED_M = 0.11
-"""Longest way of recoveries without a deliberate act: the maximum lead, and a tenth."""
+"""Longest way of recoveries without re-arming: the maximum lead, and a tenth."""
 
 BY_DEADMAN = MappingOptions(deadman=("left",), linear_speed_m_s=SPEED_M_S)
 BY_CLUTCH = MappingOptions(clutch="left", linear_speed_m_s=SPEED_M_S)
 BY_REST = MappingOptions(linear_speed_m_s=SPEED_M_S)
 MAPPINGS = {"dead-man": BY_DEADMAN, "clutch": BY_CLUTCH, "rest": BY_REST}
-"""How the operator's deliberate act is made."""
+"""How the operator re-arms."""
 
 OFF = "the motors are off"
 ALARM = "the port is flooded"
@@ -96,8 +96,8 @@ def available() -> bool:
 
 
 class Abstract(NamedTuple):
-    """What two states of the world differ in that count as two: first what is given from outside,
-    then what the controller has."""
+    """Features that tell two states of the world apart: first the inputs from outside, then the
+    state of the controller."""
 
     robot: RobotLink
     ready: bool
@@ -112,7 +112,7 @@ class Abstract(NamedTuple):
     held_off: bool
     filter_fault: bool
     states: States
-    """What the controller says of itself."""
+    """States that the controller reports."""
     implausible: str
     """"", "rejected", or "rests": the readings were plausible for long enough."""
     following: bool
@@ -173,7 +173,7 @@ class World:
         self.motion = None
         self.command = HoldCommand()
         self.start: float | None = None
-        # What is known of the operator, from outside of the controller.
+        # State of the operator, as seen from outside of the controller.
         self.rearmed = self.let_go = False
         self.interrupted = False
         self.permitted_s = -1.0
@@ -185,7 +185,7 @@ class World:
         self.tick()
 
     def copy(self) -> World:
-        """One that goes on apart from this, to the same bits."""
+        """Return a copy that goes on apart from this world, to the same bits."""
         verbs, servo = self.verbs, self.verbs.servo
         twin = CompiledServo(
             servo.kinematics, servo.collision, servo.options, verbs.model.task.weights
@@ -217,7 +217,7 @@ class World:
             other.verbs._pending = other.verbs._pending[0], rebound
         return other
 
-    # -- what can be told apart ------------------------------------------------------------------
+    # -- distinguishable states ------------------------------------------------------------------
 
     def abstract(self) -> Abstract:
         core, verbs = self.core, self.verbs
@@ -349,7 +349,7 @@ class World:
             if self.abstract() != found:
                 return
 
-    # -- what must hold in every tick ------------------------------------------------------------
+    # -- invariants of every tick ----------------------------------------------------------------
 
     @property
     def driveable(self) -> bool:
@@ -368,13 +368,13 @@ class World:
         self._note_act(events)
 
     def _forget(self, armed: bool) -> None:
-        """What the operator did before counts no more."""
+        """Discard earlier actions of the operator."""
         if armed or self.rearmed:
             self.let_go = False
         self.rearmed = self.interrupted = False
 
     def _note_act(self, events: list[ButtonEvent]) -> None:
-        """Whether the deliberate act is complete by now."""
+        """Note whether re-arming is complete by now."""
         device = self.device
         seen = device.link is DeviceLink.LIVE
         if self.mapping.clutch:
@@ -392,11 +392,11 @@ class World:
             self.rearmed = True
 
     def interrupt(self) -> None:
-        """Whatever the operator had armed is to be armed anew."""
+        """Require that the operator arms anew."""
         self.interrupted = True
 
     def check(self) -> None:
-        """(a), (c) and (f), by what is known from outside."""
+        """Check (a), (c) and (f), by the state known from outside."""
         core, commanded, activity = self.core, self.core.commanded, self.core.activity
         assert (activity is None) is (core.state.motion in RESTING), "who moves it?"
         assert core.rejects is bool(core.supervision.implausible), "rejected for no reason"
@@ -448,7 +448,7 @@ class World:
                 elif activity is not None:
                     assert owner in (VERBS, STREAMER), f"{activity} moves for {owner!r}"
 
-    # -- what people and programs do -------------------------------------------------------------
+    # -- actions of people and programs ----------------------------------------------------------
 
     def hand(self, pressed: bool) -> None:
         if pressed != bool(self.device.buttons):
@@ -687,11 +687,11 @@ def filter_mended(w):
     w.filter.broken = False
 
 
-# -- what must hold in every state ---------------------------------------------------------------
+# -- invariants of every state -------------------------------------------------------------------
 
 
 def commanded(w: World) -> tuple[object, ...]:
-    """What a refusal must not change."""
+    """Return the state that a refusal must not change."""
     commanded = w.core.commanded
     placed = (commanded.pose, commanded.twist) if commanded.placed else ()
     return (w.abstract()._replace(streaming=False), placed, w.core.plan_epoch)
@@ -783,8 +783,8 @@ ADVICE: tuple[tuple[str, Callable[[World], bool], Event], ...] = (
     (UNPLUGGED, lambda w: w.device.link is not DeviceLink.LIVE, _device_back),
     (r"resynchronizing", lambda w: True, _wait),
 )
-"""What messages name, in their words, whether it is so, and what a person who reads them does:
-what is wrong outside comes first."""
+"""Conditions by the words of messages, whether each holds, and the reader's reaction: external
+conditions come first."""
 
 ACTS: tuple[tuple[str, Event], ...] = (
     (r"silent for|silent but|is .* s old", _fresh),
@@ -801,7 +801,7 @@ ACTS: tuple[tuple[str, Event], ...] = (
 
 
 def follow_advice(w: World) -> None:
-    """Do what the message says: one act."""
+    """Follow the message: one act."""
     message = w.core.status().message
     said = message.removeprefix(f"stopped before: {w.core._trip_reason}; ")
     w.stale = False  # A person who acts has a device that reports it.
@@ -849,7 +849,7 @@ def leads_to_motion(w: World) -> int:
 
 
 class Found(NamedTuple):
-    """What a walk has found."""
+    """Results of a walk."""
 
     states: dict[Abstract, tuple[str, ...]]
     """Each with the shortest way to it."""
@@ -863,7 +863,7 @@ class Found(NamedTuple):
 
 
 class ViolationError(AssertionError):
-    """What does not hold, and the way to it."""
+    """A violated invariant, and the way to it."""
 
 
 def way_to(way: tuple[str, ...], mapping: MappingOptions = BY_DEADMAN) -> World:

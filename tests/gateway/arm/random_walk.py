@@ -188,7 +188,7 @@ class Walk:
         if isinstance(activity, TorqueMotion) and isinstance(command, TorqueCommand):
             assert core.authority.owner != HAND
 
-    # -- what may happen ---------------------------------------------------------------------
+    # -- possible events ---------------------------------------------------------------------
 
     def step(self):
         what = self.random.choice(EVENTS)
@@ -205,7 +205,7 @@ class Walk:
         self.device = self.device._replace(axes=axes or REST, buttons=pressed)
 
     def act(self):
-        """The operator's deliberate act."""
+        """The operator re-arms."""
         self.hand()
         self.tick(2)
         if self.mapping.clutch:

@@ -19,7 +19,7 @@ TIMEOUT_S = 20.0
 
 
 class Place(NamedTuple):
-    """An arm that is not open yet, and what ends its loop."""
+    """An arm that is not open yet, and the function that ends its loop."""
 
     device: CartesianDevice | RemoteArm
     end_loop: Callable[[], None]

@@ -142,7 +142,7 @@ SOURCES = st.sampled_from((HAND, VERBS, "a", "b"))
 
 
 class OneOwner(RuleBasedStateMachine):
-    """Whatever sources do: only these four ways change the owner, and only as they say."""
+    """For all actions of sources: only these four ways change the owner, and only as they say."""
 
     policy = AuthorityPolicy.HAND
 

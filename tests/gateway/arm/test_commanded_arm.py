@@ -88,7 +88,7 @@ def test_the_reference_knows_how_far_a_free_pose_is_from_its_robot():
     assert error == pytest.approx((0.03, 0.2, 0.0, ""))
 
 
-# -- what is measured ----------------------------------------------------------------------------
+# -- measured states -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -129,7 +129,7 @@ def test_it_begins_at_rest_where_the_robot_is():
 
 def test_it_goes_on_at_the_speed_that_the_robot_really_has():
     commanded = moving(Vector3(0.2, 0.0, 0.0))
-    commanded.place(at(0.0102), at(0.01), 0.002)  # Half of what was commanded.
+    commanded.place(at(0.0102), at(0.01), 0.002)  # Half of the commanded speed.
     assert commanded.twist.linear == pytest.approx((0.1, 0.0, 0.0))
     assert commanded.pose.position == pytest.approx((0.0102, 0.0, 0.0))
 
@@ -175,7 +175,7 @@ def test_it_is_never_placed_faster_than_commanded_or_in_another_direction(
 
 
 def step(commanded, move):
-    """One period; checks that the pose moves by the twist and the twist within acceleration."""
+    """Move a period; check that the pose moves by the twist and the twist within acceleration."""
     before, twist = commanded.pose, commanded.twist
     move()
     way = subtract(commanded.pose.position, before.position)

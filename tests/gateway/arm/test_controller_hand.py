@@ -305,7 +305,7 @@ def test_gravity_sag_does_not_creep_into_the_reference():
     rig = Rig().arm()
     where = rig.core.reference.pose
     for _ in range(100):
-        # the robot hangs 2 mm below what it is told, and the operator grips again and again
+        # the robot hangs 2 mm below its command, and the operator grips again and again
         sagged = Pose(subtract(where.position, Vector3(0, 0, 0.002)), IDENTITY)
         rig.hand(REST)
         rig.run(pose=sagged)
@@ -315,7 +315,7 @@ def test_gravity_sag_does_not_creep_into_the_reference():
 
 
 def pushed_away(rig, way_m=0.2):
-    """Somebody pushes the arm sideways at 1 m/s; returns where it stays."""
+    """Push the arm sideways at 1 m/s; return the pose where it stays."""
     here = rig.robot.pose
     for step in range(1, round(way_m / DT_S) + 1):
         away = Pose(subtract(here.position, Vector3(0.0, step * DT_S, 0.0)), IDENTITY)
@@ -438,7 +438,7 @@ def test_a_pose_that_leaps_is_not_believed_and_moves_nothing(leap_m, driven):
     assert rig.core.phase in (Phase.DISARMED, Phase.NO_ROBOT)
     assert ("jumped by" if leap_m < 1.0 else "farther than any") in rig.status.message
     assert rig.status.trips == trips + 1
-    # Held through it, the dead-man is no deliberate act; and the reading comes back.
+    # A dead-man held through it does not re-arm; and the reading comes back.
     stays(rig, TRUST_AFTER_S + 0.1, rested)
     rig.hand()
     rig.run(pose=rested)
@@ -499,7 +499,7 @@ def test_a_device_never_heard_keeps_everything_still():
 
 
 class Rule(TwistFilter):
-    """A filter made of a function of the twist; notes what it was given."""
+    """A filter made of a function of the twist; records its inputs."""
 
     def __init__(self, rule, name="rule"):
         self.rule, self.name, self.given, self.words = rule, name, [], ""

@@ -1,4 +1,4 @@
-"""The controller between its robot and those who want to move it, in virtual time."""
+"""The controller between its robot and the sources that request motion, in virtual time."""
 
 import math
 
@@ -121,7 +121,7 @@ def test_a_new_session_while_moving_goes_on_in_a_ramp_from_the_speed_the_robot_h
     assert "new session" in rig.status.message
     assert rig.status.trips == 1
     before = rig.command.pose
-    rig.run(0.5)  # The hand insists: that is no deliberate act.
+    rig.run(0.5)  # The hand insists: that does not re-arm.
     assert rig.command.pose == before
     rig.drive()
 
@@ -241,7 +241,7 @@ def test_a_lost_datagram_while_joints_accelerate_fully_is_no_nonsense():
     assert world.verbs.controller.trips == 0
 
 
-# -- who may move it -----------------------------------------------------------------------------
+# -- authority -----------------------------------------------------------------------------------
 
 
 class Shared(World):
@@ -262,7 +262,7 @@ class Shared(World):
             self._watch()
 
     def act(self):
-        """The deliberate act of the operator."""
+        """Re-arm as the operator."""
         self.hand()
         self.tick(2)
         self.hand(REST, "left")

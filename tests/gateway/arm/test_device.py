@@ -166,7 +166,7 @@ def test_a_rehearsal_tells_what_would_stop_a_motion_and_moves_nothing(arm):
     until(lambda: arm.status().moving)
     assert "when it rests" in arm.rehearse_line(near).refusal
     arm.stop()
-    # What brakes is waited for.
+    # The rehearsal waits for a braking arm.
     assert arm.rehearse_line(near).refusal == ""
 
 
@@ -322,7 +322,7 @@ REFUSED = [
     ("release", (LONG,), f"release: {NO_NAME} {CUT}"),
     ("release", (5,), f"release: {NO_NAME} 5"),
 ]
-"""What every way to an arm refuses: verb, arguments, message."""
+"""Requests that every way to an arm refuses: verb, arguments, message."""
 
 STREAMS_REFUSED = [
     ("twist", SIX, {"owner": "hand"}, "twist: 'hand' is the operator device, no program"),
@@ -342,7 +342,7 @@ STREAMS_REFUSED = [
     ("joints", [math.nan] * 6, {}, "joints: number 1 of 6 is nan"),
     ("joints", [1e9] * 6, {}, "joints: number 1 of 6 is 1e+09; no arm goes beyond 10000"),
 ]
-"""What every way to an arm answers to such a streamed command: verb, value, keywords, message."""
+"""Streamed commands that every way to an arm refuses: verb, value, keywords, message."""
 
 NOT_SET = [
     ("cpts", math.nan, OptionError, "trajectoryRefSpeed", "nan is not allowed"),
@@ -414,7 +414,7 @@ def test_answers_are_of_the_same_types(arm):
 
 
 def test_every_way_has_the_same_verbs():
-    """What an arm has beside `open` and `close` is CartesianArm's, signatures and docs included."""
+    """All members of an arm but `open` and `close` are CartesianArm's, signatures and docs too."""
     for kind in (CartesianDevice, RemoteArm):
         for name in ("set_parameter", *IN_PACKETS):
             assert getattr(kind, name) is getattr(CartesianArm, name)

@@ -221,7 +221,7 @@ def test_a_robot_whose_clock_stands_still_is_braked(period_s):
     assert np.abs(world.command.velocities).max() < 1e-3
 
 
-# -- motion nobody asks for ------------------------------------------------------------------
+# -- motion without a request ----------------------------------------------------------------
 
 
 def test_a_stop_while_it_still_brakes_keeps_a_recovery_from_beginning():
@@ -330,7 +330,7 @@ def test_a_pose_that_waited_for_the_planner_is_not_gone_to():
     assert world.verbs.servo.moving
 
 
-# -- whose motion it is ----------------------------------------------------------------------
+# -- owner of a motion -----------------------------------------------------------------------
 
 
 class Fails(TwistFilter):

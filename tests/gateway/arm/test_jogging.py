@@ -94,7 +94,7 @@ def test_damping_is_a_time_constant_and_not_a_share_of_a_message():
 
 
 def test_the_continuous_wrist_of_a_pr2_is_turned_by_poses_without_a_refusal():
-    """What stopped the thesis: joints beyond ±180 degrees, by absolute poses at 50 Hz."""
+    """The failure in the thesis: joints beyond ±180 degrees, by absolute poses at 50 Hz."""
     world = streaming(
         "pose",
         "pr2_right_arm",
@@ -198,7 +198,7 @@ def test_a_resting_pose_stream_may_be_silent():
 
 
 def test_a_senders_clock_that_is_set_back_is_believed_again_within_a_minute():
-    """What seems to have waited for an hour is refused, as a queue of an hour would be."""
+    """A command that seems to have waited for an hour is refused, as an hour's queue would be."""
     world = streaming("pose")
 
     def asked(stamp_s):

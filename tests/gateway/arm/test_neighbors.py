@@ -1,4 +1,4 @@
-"""What is believed of a neighbor's joint states, and how far it may go, in virtual time."""
+"""Plausibility of a neighbor's joint states, and how far it may move, in virtual time."""
 
 import math
 

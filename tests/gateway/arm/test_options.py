@@ -1,4 +1,4 @@
-"""What options of motions may be, and how limits and streams share a workspace."""
+"""Valid options of motions, and how limits and streams share a workspace."""
 
 import math
 from dataclasses import replace

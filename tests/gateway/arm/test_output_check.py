@@ -1,4 +1,4 @@
-"""The last gate: what is not a number, or leaps, does not pass."""
+"""Output check: a command that is not a number, or leaps, does not pass."""
 
 import math
 
@@ -58,7 +58,7 @@ def passed(*commands, dt_s=DT_S):
     return gate
 
 
-# -- what is no number ---------------------------------------------------------------------------
+# -- values that are no numbers ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("bad", [NAN, INF, -INF])
@@ -106,7 +106,7 @@ def test_a_kind_of_command_that_nothing_limits_does_not_pass():
     )
 
 
-# -- what leaps ----------------------------------------------------------------------------------
+# -- leaps ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -377,7 +377,7 @@ def test_full_acceleration_passes_however_uneven_the_periods_are(periods):
         assert gate.violation(JointCommand(tuple(q), tuple(v)), dt_s) == ""
 
 
-# -- whatever comes ------------------------------------------------------------------------------
+# -- any commands --------------------------------------------------------------------------------
 
 numbers = st.one_of(
     st.floats(-0.02, 0.02), st.floats(), st.sampled_from((0.0, NAN, INF, -INF, 1e308, -1e308))

@@ -1,4 +1,4 @@
-"""An arm by packets, with a test in the session's place: whatever order its packets come in."""
+"""An arm by packets, with a test in the session's place: packets in any order."""
 
 import pytest
 
@@ -16,7 +16,7 @@ from cardan.gateway.arm.requests import (
 
 
 def told(answers, source="program"):
-    """An arm of which each request is answered at once with what `answers` gives of it."""
+    """Return an arm that answers each request at once with the result of `answers`."""
 
     def connect(arm):
         def send(request, packet):

@@ -1,4 +1,4 @@
-"""Packets of requests and replies: what goes out comes back, and no bytes raise."""
+"""Packets of requests and replies: decoding inverts encoding, and no bytes raise."""
 
 import contextlib
 import json
@@ -37,7 +37,7 @@ SIX = [0.1, 0.0, -0.1, 0.0, 0.2, 0.0]
 
 
 def arrived(verb, value=None, sequence=None):
-    """What a request is after its way."""
+    """Encode and decode a request; return its value, and its sequence if it has one."""
     packet = encode_request(Request(7, "pendant", verb, value, sequence))
     assert len(packet) < MAX_REQUEST_BYTES
     assert packet != BEAT

@@ -1,4 +1,4 @@
-"""The machines of an arm's states: see :mod:`tests.gateway.arm.explorer` for what they lead to."""
+"""Machines of an arm's states: see :mod:`tests.gateway.arm.explorer` for their combinations."""
 
 import ast
 import inspect
@@ -10,12 +10,12 @@ from cardan.gateway.arm import controller
 from cardan.gateway.arm.states import (
     RESTING,
     Act,
-    Event,
+    ArmEvent,
     Facts,
     Inhibit,
-    Link,
-    Motion,
+    MotionState,
     Readings,
+    RobotReadiness,
     Separation,
     States,
     arming_after,
@@ -31,7 +31,10 @@ from cardan.gateway.operator.deadman import Arming, armed_by_deadman, armed_by_r
 from cardan.gateway.operator.input import NO_REQUEST
 
 ALL = [
-    States(*each) for each in itertools.product(Link, Readings, Motion, Separation, (Arming.ARMED,))
+    States(*each)
+    for each in itertools.product(
+        RobotReadiness, Readings, MotionState, Separation, (Arming.ARMED,)
+    )
 ]
 FACTS = [Facts(*each) for each in itertools.product((False, True), repeat=4)]
 
@@ -53,12 +56,12 @@ def test_one_place_assigns_states_and_what_moves_the_arm():
     assert places == {"__init__", "_enter"}
 
 
-@pytest.mark.parametrize("event", Event)
+@pytest.mark.parametrize("event", ArmEvent)
 def test_every_event_changes_something(event):
     assert any(each.after(event, facts) != each for each in ALL for facts in FACTS)
 
 
-@pytest.mark.parametrize("event", Event)
+@pytest.mark.parametrize("event", ArmEvent)
 def test_an_event_that_comes_again_changes_nothing_more(event):
     for each, facts in itertools.product(ALL, FACTS):
         once = each.after(event, facts)
@@ -67,20 +70,20 @@ def test_an_event_that_comes_again_changes_nothing_more(event):
 
 def test_an_event_that_forgets_or_places_leaves_no_motion_of_a_source():
     for each, facts in itertools.product(ALL, FACTS):
-        assert each.after(Event.FORGOTTEN, facts).motion is Motion.UNCOMMANDED
-        assert each.after(Event.PLACED, facts).motion in (*RESTING, Motion.BRAKING)
-        assert each.after(Event.DISARMED, facts).arming is Arming.DISARMED
+        assert each.after(ArmEvent.FORGOTTEN, facts).motion is MotionState.UNCOMMANDED
+        assert each.after(ArmEvent.PLACED, facts).motion in (*RESTING, MotionState.BRAKING)
+        assert each.after(ArmEvent.DISARMED, facts).arming is Arming.DISARMED
 
 
 @pytest.mark.parametrize(
     ("event", "after"),
     [
-        (Event.HELD, Separation.TO_RESYNCHRONIZE),
-        (Event.NOT_BACK, Separation.UNTIL_REARMED),
-        (Event.ASKED, Separation.NONE),
-        (Event.PLACED, Separation.LEFT),
-        (Event.UNREADY, Separation.LEFT),
-        (Event.ACKNOWLEDGED, Separation.LEFT),
+        (ArmEvent.HELD, Separation.TO_RESYNCHRONIZE),
+        (ArmEvent.NOT_BACK, Separation.UNTIL_REARMED),
+        (ArmEvent.ASKED, Separation.NONE),
+        (ArmEvent.PLACED, Separation.LEFT),
+        (ArmEvent.UNREADY, Separation.LEFT),
+        (ArmEvent.ACKNOWLEDGED, Separation.LEFT),
     ],
 )
 def test_a_resynchronization_that_a_button_ended_is_left_until_it_has_to_be_again(event, after):
@@ -101,7 +104,7 @@ def test_what_inhibits_for_one_tick_keeps_its_first_reason_and_what_is_said_its_
     assert inhibits_after(inhibits, "", Inhibit.WHILE_SAID) == {Inhibit.ONCE: "first"}
 
 
-# -- each machine: what changes, and that nothing else does ----------------------------------------
+# -- each machine: its transitions, and no others --------------------------------------------------
 
 
 def facts_where(**known):
@@ -116,7 +119,7 @@ def changes_of(after, members):
     """{(state, event, facts): next state} wherever it is another one."""
     return {
         (state, event, facts): after(state, event, facts)
-        for state, event, facts in itertools.product(members, Event, FACTS)
+        for state, event, facts in itertools.product(members, ArmEvent, FACTS)
         if after(state, event, facts) is not state
     }
 
@@ -134,51 +137,56 @@ def changes(*rules):
 
 def test_what_changes_the_link():
     moving, at_rest = facts_where(moving=True), facts_where(moving=False)
-    assert changes_of(link_after, Link) == changes(
-        (Link, Event.READY, FACTS, Link.READY),
-        (Link, Event.UNREADY, moving, Link.BRAKING_BLIND),
-        (Link, Event.UNREADY, at_rest, Link.ABSENT),
-        ([Link.BRAKING_BLIND], Event.FORGOTTEN, FACTS, Link.ABSENT),
+    assert changes_of(link_after, RobotReadiness) == changes(
+        (RobotReadiness, ArmEvent.READY, FACTS, RobotReadiness.READY),
+        (RobotReadiness, ArmEvent.UNREADY, moving, RobotReadiness.BRAKING_BLIND),
+        (RobotReadiness, ArmEvent.UNREADY, at_rest, RobotReadiness.ABSENT),
+        ([RobotReadiness.BRAKING_BLIND], ArmEvent.FORGOTTEN, FACTS, RobotReadiness.ABSENT),
     )
 
 
-@pytest.mark.parametrize("link", Link)
-@pytest.mark.parametrize("motion", Motion)
+@pytest.mark.parametrize("link", RobotReadiness)
+@pytest.mark.parametrize("motion", MotionState)
 def test_what_changes_whether_readings_are_believed(link, motion):
     states = States(link=link, motion=motion)
     rejected = [Readings.REJECTED, Readings.REJECTED_ELSEWHERE]
-    absent, uncommanded = link is Link.ABSENT, motion is Motion.UNCOMMANDED
+    absent, uncommanded = link is RobotReadiness.ABSENT, motion is MotionState.UNCOMMANDED
     elsewhere = Readings.REJECTED_ELSEWHERE
 
     def after(readings, event, facts):
         return readings_after(readings, event, states)
 
     assert changes_of(after, Readings) == changes(
-        (Readings, Event.PLACED, FACTS, Readings.ACCEPTED),
-        (Readings, Event.PLAUSIBLE, FACTS, Readings.ACCEPTED),
-        (Readings if absent else [], Event.LEAPT, FACTS, elsewhere),
-        ([] if absent else [Readings.ACCEPTED], Event.LEAPT, FACTS, Readings.REJECTED),
-        (rejected if uncommanded else [], Event.RETURNED, FACTS, elsewhere),
-        (rejected, Event.INVALID, FACTS, elsewhere),
+        (Readings, ArmEvent.PLACED, FACTS, Readings.ACCEPTED),
+        (Readings, ArmEvent.PLAUSIBLE, FACTS, Readings.ACCEPTED),
+        (Readings if absent else [], ArmEvent.LEAPT, FACTS, elsewhere),
+        ([] if absent else [Readings.ACCEPTED], ArmEvent.LEAPT, FACTS, Readings.REJECTED),
+        (rejected if uncommanded else [], ArmEvent.RETURNED, FACTS, elsewhere),
+        (rejected, ArmEvent.INVALID, FACTS, elsewhere),
     )
 
 
 def test_what_changes_what_moves_the_arm():
     device, none = facts_where(device=True), facts_where(device=False)
-    commanded = others(Motion, Motion.UNCOMMANDED)
-    assert changes_of(motion_after, Motion) == changes(
-        (Motion, Event.FORGOTTEN, FACTS, Motion.UNCOMMANDED),
-        (Motion, Event.PLACED, facts_where(moving=True), Motion.BRAKING),
-        (Motion, Event.PLACED, facts_where(moving=False, device=True), Motion.HOLDING),
-        (Motion, Event.PLACED, facts_where(moving=False, device=False), Motion.UNCOMMANDED),
-        ([Motion.UNCOMMANDED], Event.ENGAGED, FACTS, Motion.HOLDING),
-        (Motion, Event.FOLLOWS, FACTS, Motion.FOLLOWING),
-        (Motion, Event.EXECUTES, FACTS, Motion.EXECUTING),
-        (Motion, Event.RESYNCHRONIZES, FACTS, Motion.RESYNCHRONIZING),
-        (others(Motion, *RESTING), Event.BRAKES, FACTS, Motion.BRAKING),
-        (Motion, Event.COASTED, none, Motion.UNCOMMANDED),
-        (commanded, Event.COASTED, device, Motion.HOLDING),
-        (commanded, Event.OVER, FACTS, Motion.HOLDING),
+    commanded = others(MotionState, MotionState.UNCOMMANDED)
+    assert changes_of(motion_after, MotionState) == changes(
+        (MotionState, ArmEvent.FORGOTTEN, FACTS, MotionState.UNCOMMANDED),
+        (MotionState, ArmEvent.PLACED, facts_where(moving=True), MotionState.BRAKING),
+        (MotionState, ArmEvent.PLACED, facts_where(moving=False, device=True), MotionState.HOLDING),
+        (
+            MotionState,
+            ArmEvent.PLACED,
+            facts_where(moving=False, device=False),
+            MotionState.UNCOMMANDED,
+        ),
+        ([MotionState.UNCOMMANDED], ArmEvent.ENGAGED, FACTS, MotionState.HOLDING),
+        (MotionState, ArmEvent.FOLLOWS, FACTS, MotionState.FOLLOWING),
+        (MotionState, ArmEvent.EXECUTES, FACTS, MotionState.EXECUTING),
+        (MotionState, ArmEvent.RESYNCHRONIZES, FACTS, MotionState.RESYNCHRONIZING),
+        (others(MotionState, *RESTING), ArmEvent.BRAKES, FACTS, MotionState.BRAKING),
+        (MotionState, ArmEvent.COASTED, none, MotionState.UNCOMMANDED),
+        (commanded, ArmEvent.COASTED, device, MotionState.HOLDING),
+        (commanded, ArmEvent.OVER, FACTS, MotionState.HOLDING),
     )
 
 
@@ -188,37 +196,39 @@ def test_what_changes_whether_command_and_robot_are_apart():
     done = [facts for facts in FACTS if facts not in again]
     waits, apart = Separation.TO_RESYNCHRONIZE, Separation.UNTIL_REARMED
     assert changes_of(separation_after, Separation) == changes(
-        (others(Separation, Separation.LEFT), Event.UNREADY, FACTS, Separation.NONE),
-        (others(Separation, Separation.LEFT), Event.PLACED, FACTS, Separation.NONE),
-        ([waits], Event.LEAPT, FACTS, Separation.NONE),
-        ([waits], Event.RESYNCHRONIZES, FACTS, Separation.NONE),
-        (Separation, Event.HELD, resynchronizes, waits),
-        (Separation, Event.HELD, stay, apart),
-        (Separation, Event.NOT_BACK, FACTS, apart),
-        (Separation, Event.LEFT, FACTS, Separation.LEFT),
-        ([Separation.LEFT], Event.ASKED, FACTS, Separation.NONE),
-        ([apart], Event.ACKNOWLEDGED, again, waits),
-        ([apart], Event.ACKNOWLEDGED, done, Separation.NONE),
+        (others(Separation, Separation.LEFT), ArmEvent.UNREADY, FACTS, Separation.NONE),
+        (others(Separation, Separation.LEFT), ArmEvent.PLACED, FACTS, Separation.NONE),
+        ([waits], ArmEvent.LEAPT, FACTS, Separation.NONE),
+        ([waits], ArmEvent.RESYNCHRONIZES, FACTS, Separation.NONE),
+        (Separation, ArmEvent.HELD, resynchronizes, waits),
+        (Separation, ArmEvent.HELD, stay, apart),
+        (Separation, ArmEvent.NOT_BACK, FACTS, apart),
+        (Separation, ArmEvent.LEFT, FACTS, Separation.LEFT),
+        ([Separation.LEFT], ArmEvent.ASKED, FACTS, Separation.NONE),
+        ([apart], ArmEvent.ACKNOWLEDGED, again, waits),
+        ([apart], ArmEvent.ACKNOWLEDGED, done, Separation.NONE),
     )
 
 
 def test_an_event_acts_on_each_machine_and_only_being_disarmed_on_the_arming():
-    for each, event, facts in itertools.product(ALL, Event, FACTS):
+    for each, event, facts in itertools.product(ALL, ArmEvent, FACTS):
         assert each.after(event, facts) == States(
             link_after(each.link, event, facts),
             readings_after(each.readings, event, each),
             motion_after(each.motion, event, facts),
             separation_after(each.separation, event, facts),
-            Arming.DISARMED if event is Event.DISARMED else Arming.ARMED,
+            Arming.DISARMED if event is ArmEvent.DISARMED else Arming.ARMED,
         )
 
 
 def test_what_a_state_is_asked():
-    assert {each for each in Link if each.ready} == {Link.READY}
+    assert {each for each in RobotReadiness if each.ready} == {RobotReadiness.READY}
     assert {each for each in Readings if each.rejected} == set(Readings) - {Readings.ACCEPTED}
     assert {each for each in Readings if each.elsewhere} == {Readings.REJECTED_ELSEWHERE}
-    assert {each for each in Motion if each.commanded} == set(Motion) - {Motion.UNCOMMANDED}
-    assert {each for each in Motion if each.braking} == {Motion.BRAKING}
+    assert {each for each in MotionState if each.commanded} == set(MotionState) - {
+        MotionState.UNCOMMANDED
+    }
+    assert {each for each in MotionState if each.braking} == {MotionState.BRAKING}
     assert {each for each in Separation if each.waits} == {Separation.TO_RESYNCHRONIZE}
     assert {each for each in Separation if each.until_rearmed} == {Separation.UNTIL_REARMED}
     assert {each for each in Separation if each.together} == {Separation.NONE}
@@ -284,28 +294,28 @@ def test_the_act_without_a_button_is_rest_and_where_it_is_barred_to_let_go(befor
     assert armed_by_rest(before, True, True) == (Arming.DISARMED, before is Arming.DEFLECTED)
 
 
-# -- what people are told --------------------------------------------------------------------------
+# -- messages to people ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("moving", BOTH)
 @pytest.mark.parametrize("asks", BOTH)
 @pytest.mark.parametrize("recovers", BOTH)
 def test_a_robot_that_is_not_ready_is_told_first(moving, asks, recovers):
-    for motion, arming in itertools.product(Motion, Arming):
-        absent = States(Link.ABSENT, motion=motion, arming=arming)
+    for motion, arming in itertools.product(MotionState, Arming):
+        absent = States(RobotReadiness.ABSENT, motion=motion, arming=arming)
         assert phase_of(absent, moving, asks, recovers) is Phase.NO_ROBOT
-        blind = absent._replace(link=Link.BRAKING_BLIND)
+        blind = absent._replace(link=RobotReadiness.BRAKING_BLIND)
         assert phase_of(blind, moving, asks, recovers) is Phase.BRAKING
-        ready = absent._replace(link=Link.READY)
+        ready = absent._replace(link=RobotReadiness.READY)
         assert (phase_of(ready, moving, asks, recovers) is Phase.RECOVERING) == recovers
 
 
 def test_a_robot_that_is_ready_moves_as_somebody_wants_or_brakes_or_rests():
-    for motion, arming, asks in itertools.product(Motion, Arming, BOTH):
-        states = States(Link.READY, motion=motion, arming=arming)
-        wanted = motion is Motion.EXECUTING or (motion is Motion.FOLLOWING and asks)
+    for motion, arming, asks in itertools.product(MotionState, Arming, BOTH):
+        states = States(RobotReadiness.READY, motion=motion, arming=arming)
+        wanted = motion is MotionState.EXECUTING or (motion is MotionState.FOLLOWING and asks)
         phase = Phase.MOVING if wanted else Phase.BRAKING
         assert phase_of(states, True, asks, False) is phase
-        driven = motion in (Motion.FOLLOWING, Motion.EXECUTING)
+        driven = motion in (MotionState.FOLLOWING, MotionState.EXECUTING)
         phase = Phase.HOLDING if driven or arming.armed else Phase.DISARMED
         assert phase_of(states, False, asks, False) is phase

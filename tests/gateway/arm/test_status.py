@@ -1,4 +1,4 @@
-"""What limits an arm, in one word each, as its metrics have it."""
+"""Limits in effect on an arm, a word each, as in its metrics."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Streaming commands on simulated time: what is taken, refused, limited, and ends in silence."""
+"""Streaming commands on simulated time: taken, refused, limited, and ended by silence."""
 
 import math
 
@@ -50,7 +50,7 @@ def test_a_stream_that_its_sender_has_left_is_in_the_way_of_no_other_one():
     world.rest()
     assert world.verbs.stream("joints", [0.1] * joints, owner="two", begins=Begins.NEW) == ""
     assert (world.verbs.streams.kind, world.verbs.status().authority.owner) == (Stream.JOINT, "two")
-    # One that somebody has chosen and nobody used is not left.
+    # A stream that was chosen and not used yet stays chosen.
     world.verbs.release("two")
     world.rest()
     world.verbs.set_parameter("cpsc", "jnts")
@@ -286,7 +286,7 @@ def test_the_first_stamp_of_a_sender_moves_nothing_until_another_one_agrees():
     world = streaming("twst")
     twist = [0.05, 0.0, 0.0, 0.0, 0.0, 0.0]
     sent_s = world.verbs.stamp_s - 2.0
-    # What waited during an outage comes at once, the oldest first.
+    # Commands queued during an outage come at once, the oldest first.
     for number in range(50):
         why = world.verbs.stream("twist", twist, owner="a", stamp_s=sent_s + 0.04 * number)
         assert "not known yet" in why
@@ -297,7 +297,7 @@ def test_the_first_stamp_of_a_sender_moves_nothing_until_another_one_agrees():
         world.tick(5)
         taken += not world.verbs.stream("twist", twist, owner="a", stamp_s=world.verbs.stamp_s)
     assert taken >= 2
-    # What is known of its clock outlives its silence.
+    # The estimate of its clock outlives its silence.
     world.tick(int(5.0 / DT_S))
     world.verbs.set_parameter("cpsc", "twst")
     why = world.verbs.stream("twist", twist, owner="a", stamp_s=world.verbs.stamp_s - 2.0)

@@ -1,4 +1,4 @@
-"""What a look at the robot finds, tick by tick, in virtual time."""
+"""Findings of the robot's supervision, tick by tick, in virtual time."""
 
 import math
 

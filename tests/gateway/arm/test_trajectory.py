@@ -222,7 +222,7 @@ def test_an_arm_that_lags_behind_leaves_its_path_tolerance(tolerance):
     world = World()
     motion = world.verbs.trajectory(to(world, STEP, path_tolerance=tolerance))
     world.tick(int(0.6 / DT_S))
-    world.sag[0] = -0.05  # Less than what trips the supervision.
+    world.sag[0] = -0.05  # Less than the supervision trips at.
     world.tick(int(0.9 / DT_S))
     world.sag[0] = 0.0
     world.run(motion)

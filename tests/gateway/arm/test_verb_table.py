@@ -1,4 +1,4 @@
-"""One table of verbs: all that has verbs has these, and a new one is an entry and a method."""
+"""Table of verbs: every object with verbs has these, and a new verb is an entry and a method."""
 
 import inspect
 import math
@@ -18,7 +18,7 @@ from cardan.types import Frame, Pose, Quaternion, Vector3
 from tests.gateway.arm.arms import World
 
 HAS = {"open", "close", "source", SET_ONE}
-"""What an arm has beside its verbs."""
+"""Members of an arm beside its verbs."""
 
 
 def test_an_arm_has_the_verbs_of_the_table_and_no_others():
@@ -50,7 +50,7 @@ def test_what_the_network_has_is_of_the_table():
 
 
 class Arm:
-    """Writes down what it is asked for."""
+    """Records its requests."""
 
     def __getattr__(self, name):
         def asked(*values):

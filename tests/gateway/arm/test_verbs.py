@@ -626,7 +626,7 @@ def test_a_robot_that_is_lost_ends_the_motion(cause):
     if cause in ("silent", "stall"):
         assert world.command == HoldCommand()
     else:
-        # Whatever still obeys is braked in a ramp.
+        # A robot that still obeys is braked in a ramp.
         speeds = np.abs(world.command.velocities)
         assert (speeds <= np.abs(commanded) + 1e-9).all()
         assert speeds.max() > 0.5 * np.abs(commanded).max()
@@ -660,7 +660,7 @@ def test_a_held_arm_trips_and_the_command_comes_back():
     for _ in range(6):
         before = np.array(world.verbs.commanded.pose.position)
         world.tick(1000)
-        # Nobody asked for this motion: the maximum lead, and then only after a deliberate act.
+        # No source requested this motion: the maximum lead, and then only after re-arming.
         assert np.linalg.norm(world.verbs.commanded.pose.position - before) <= max_lead_m
         assert not world.verbs.servo.moving
         if not world.verbs.controller.inhibited:
@@ -720,7 +720,7 @@ def test_a_pose_robot_with_another_tool_is_refused():
         world.verbs.movl(world.moved(0.0, 0.0, -0.05))
 
 
-# -- whatever comes ------------------------------------------------------------------------------
+# -- any requests --------------------------------------------------------------------------------
 
 steps = st.tuples(*[st.floats(-0.25, 0.25)] * 3, *[st.floats(-0.8, 0.8)] * 3)
 actions = st.lists(

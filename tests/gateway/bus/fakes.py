@@ -1,4 +1,4 @@
-"""A node on no bus: what arrives is put in, and what is published can be read."""
+"""Node without a bus: tests put messages in, and can read published ones."""
 
 from collections import deque
 

@@ -29,7 +29,7 @@ GID = bytes(range(16))
 
 
 class FakePublisher:
-    """Keeps what is published, decoded."""
+    """Keeps published messages, decoded."""
 
     def __init__(self, type_name, qos):
         self.type_name, self.qos, self.messages = type_name, qos, []
@@ -69,7 +69,7 @@ class Ring:
 
 
 class FakeNode:
-    """What an arm's server needs of a node."""
+    """Stand-in for a node, with the members that an arm's server needs."""
 
     full_name = NODE
     namespace, name = "/", NODE[1:]
@@ -151,7 +151,7 @@ class Bench:
     # -- the worker's part -----------------------------------------------------------------------
 
     def offer(self, client, packet, _now_s):
-        """Carry out what a client asks, at once."""
+        """Carry out a client's request, at once."""
         try:
             request = client.decode(packet)
         except PacketError as error:

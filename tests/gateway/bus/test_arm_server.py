@@ -268,8 +268,8 @@ def test_a_stop_passes_while_the_worker_has_enough_to_do(bench):
 @pytest.mark.parametrize("other", [False, True])
 @pytest.mark.parametrize("verb", ["movl", "movv", "goal"])
 def test_a_motion_and_a_stop_that_come_together(bench, verb, other, known):
-    # What stops is looked at first, and goals are looked at less often. The clock of another
-    # program says nothing of the order.
+    # Stops are read first, and goals less often. The clock of another program says nothing of
+    # the order.
     user = gid_of_token(bench.appear("/left/user"))
     stop = gid_of_token(
         bench.appear("/left/other", number="1") if other else bench.appear("/left/user")
@@ -375,7 +375,7 @@ def test_no_request_to_any_service_waits_for_ever(bench):
     assert still(bench)
 
 
-# -- what an operator needs has a topic ------------------------------------------------------------
+# -- topics for the needs of an operator -----------------------------------------------------------
 
 TWIST_TOPIC = "/command/twist"
 
@@ -439,7 +439,7 @@ def test_what_waited_on_its_way_does_not_go_on_with_a_stream(bench):
     bench.world.rest()
     bench.poll(1.0)
     bench.world.tick()
-    # A publisher that is known sends what is a second old.
+    # A known publisher sends a message that is a second old.
     streamed(bench, 20, source_ns=10**18 + round(bench.now_s * 1e9) - 10**9)
     assert still(bench)
 

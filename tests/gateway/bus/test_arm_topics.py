@@ -1,4 +1,4 @@
-"""What a session publishes of its arm."""
+"""Topics that a session publishes about its arm."""
 
 import math
 
@@ -11,7 +11,7 @@ from cardan.gateway.bus.arm_topics import (
     OK,
     ArmNames,
     ArmTopics,
-    Part,
+    DiagnosticStatus,
 )
 from cardan.protocols.ros2.cdr import Codec
 from cardan.spatial import compose
@@ -205,7 +205,10 @@ def test_it_is_due_once_a_period_and_never_catches_up(shown):
 
 
 def test_diagnostics_come_once_a_second(shown):
-    parts = [Part("robot", OK, "link live", values={"rate": 250}), Part("device", ERROR, "lost")]
+    parts = [
+        DiagnosticStatus("robot", OK, "link live", values={"rate": 250}),
+        DiagnosticStatus("device", ERROR, "lost"),
+    ]
     for now_s in (0.0, 0.5, 0.99, 1.0):
         shown.topics.put_diagnostics(parts, now_s, NOW_NS)
     first, second = shown.heard("/diagnostics")

@@ -17,7 +17,7 @@ WITHIN_S = 10.0
 
 
 class Node:
-    """Keeps what is published, decoded, by topic."""
+    """Keeps published messages, decoded, by topic."""
 
     def __init__(self):
         self.sent = {}
@@ -47,7 +47,7 @@ def state(axes=NEUTRAL, buttons=(), link=DeviceLink.LIVE, stamp_s=0.0):
 
 
 def played(device_of, seconds, buttons=("left", "right"), period_s=0.004, **more):
-    """What is published while a session's loop offers `device_of(now_s)`."""
+    """Return the messages published while a session's loop offers `device_of(now_s)`."""
     node = Node()
     topics = DeviceTopics(node, buttons, **more)
     for cycle in range(round(seconds / period_s)):

@@ -23,7 +23,7 @@ QUARTER = Quaternion(math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
 
 
 class Taken:
-    """What feedback was given."""
+    """Recorder of the feedback that was given."""
 
     why_no_torques = ""
 

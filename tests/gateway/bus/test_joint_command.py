@@ -1,4 +1,4 @@
-"""Joint speeds as JointState: what JointStateTopicSystem sends to a session."""
+"""Joint speeds as JointState: messages of JointStateTopicSystem to a session."""
 
 import xml.etree.ElementTree as ET
 from pathlib import Path

@@ -33,7 +33,7 @@ GONE = "the node that asked is gone"
 
 
 class Served:
-    """A session in a thread, with what it tells on the bus."""
+    """A session in a thread, with its messages on the bus."""
 
     def __init__(self, endpoint, **network):
         self.endpoint = endpoint

@@ -1,4 +1,4 @@
-"""Options of a session on the bus: what is refused, and in which words."""
+"""Options of a session on the bus: refused values, and the words of refusals."""
 
 import pytest
 

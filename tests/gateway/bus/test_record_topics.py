@@ -1,4 +1,4 @@
-"""What a session publishes for recorders, on a bus without Zenoh."""
+"""Topics that a session publishes for recorders, on a bus without Zenoh."""
 
 import json
 
@@ -11,7 +11,7 @@ from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.bus.record_topics import AT_ONCE, HIDDEN, KEPT_PACKETS, KEPT_S, SessionTaps
 from cardan.gateway.session.assembly import make_controller, make_robot
 from cardan.gateway.session.config import parse_config
-from cardan.protocols.joint_stream import Malformed, decode_state
+from cardan.protocols.joint_stream import MalformedDatagram, decode_state
 from cardan.protocols.ros2.cdr import codec_of
 
 TABLES = {
@@ -145,7 +145,7 @@ def test_raw_bytes_are_those_that_were_exchanged(rig):
     assert {each["direction"] for each in rig.raw.messages} == {0, 1}
     states = [decode_state(each["data"]) for each in rig.raw.messages if not each["direction"]]
     assert len(states) > 90
-    assert not any(isinstance(state, Malformed) for state in states)
+    assert not any(isinstance(state, MalformedDatagram) for state in states)
     sequences = [state.sequence for state in states]
     assert sequences == list(range(sequences[0], sequences[0] + len(states)))
     stamps = [

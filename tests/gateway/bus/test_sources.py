@@ -18,7 +18,7 @@ TWIST, COMMAND = "//servo_node/delta_twist_cmds", "/command/twist"
 JOG = "//servo_node/delta_joint_cmds"
 SPEED_M_S = 0.1
 FULL_M_S = 0.4
-"""Of MoveIt Servo's commands: what 1 means."""
+"""Of MoveIt Servo's commands: the speed that 1 means."""
 
 
 @pytest.fixture
@@ -433,7 +433,7 @@ def test_what_its_sender_may_have_kept_until_it_was_connected_moves_nothing(
     told = outcomes(bench)
     assert [outcome for _, outcome, _ in told] == ["refused"] * len(told) != []
     assert "may have waited until it was" in told[0][2]
-    # What is live then moves it.
+    # Live commands then move it.
     assert sum(send(-0.25) or go_on(0.02) for _ in range(25)) < -0.02
 
 

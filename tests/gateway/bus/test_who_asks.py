@@ -1,4 +1,4 @@
-"""Motions without end end with who asked for them."""
+"""Endless motions end with the client that requested them."""
 
 import json
 

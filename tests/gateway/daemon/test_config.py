@@ -1,4 +1,4 @@
-"""What the daemon's files may say."""
+"""Valid contents of the daemon's files."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Who may open the daemon's socket, and what those can do to it who may."""
+"""Access control of the daemon's socket, and its robustness against clients with access."""
 
 import contextlib
 import errno

@@ -1,4 +1,4 @@
-"""What happened, by a session's snapshots; and the file that keeps it."""
+"""Events by a session's snapshots, and the file that keeps them."""
 
 import errno
 import json

@@ -1,4 +1,4 @@
-"""What a process writes, as the daemon takes it."""
+"""Output lines of a process, as the daemon takes them."""
 
 import pytest
 

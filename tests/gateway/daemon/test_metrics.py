@@ -197,7 +197,7 @@ def test_its_linter_finds_nothing(server):
 
 
 def test_names_are_as_the_linter_wants_them(server):
-    """What ``promtool check metrics`` checks: help, base units, suffixes."""
+    """The rules of ``promtool check metrics``: help, base units, suffixes."""
     for family in text_string_to_metric_families(get(server)[0]):
         assert family.documentation, family.name
         assert family.name.startswith("cardan_"), family.name
@@ -294,7 +294,7 @@ def test_it_asks_the_daemon_s_socket(tmp_path, monkeypatch):
         server.close()
 
 
-# -- what the figures are of ----------------------------------------------------------------------
+# -- sources of the figures -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What the daemon tells systemd."""
+"""Notifications from the daemon to systemd."""
 
 import itertools
 import socket

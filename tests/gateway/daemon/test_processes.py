@@ -8,7 +8,7 @@ import time
 from cardan.gateway.daemon import processes
 from cardan.gateway.daemon.processes import HUNG_S, STARTS_WITHIN_S, RunningSession
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.gateway.session.supervisor import Outcome
+from cardan.gateway.session.supervisor import SessionExit
 from tests.waiting import WITHIN_S
 
 
@@ -24,7 +24,7 @@ class Starting:
         last = take(Snapshot(phase="disarmed").to_bytes())
         self.told.set()
         assert self.may_end.wait(WITHIN_S)
-        return Outcome(0, last)
+        return SessionExit(0, last)
 
 
 def test_a_session_has_longer_for_its_first_snapshot(monkeypatch):

@@ -97,7 +97,7 @@ class Lab:
         self.look()
 
     def speed(self, name):
-        """What its process runs with."""
+        """Return the speed limit that its process runs with, m/s."""
         return self.session(name).config.limits.linear_speed_m_s
 
     def row(self, name):
@@ -120,7 +120,7 @@ def test_the_watchdog_is_fed_while_no_session_is_overdue(lab):
     assert not lab.daemon._all_answer(99.1)
 
 
-WAITS = " (waits until nobody has the arm)"
+WAITS = " (waits until no source has authority)"
 
 
 def test_a_session_is_restarted_once_nobody_has_its_arm(lab):

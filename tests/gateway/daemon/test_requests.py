@@ -1,4 +1,4 @@
-"""What the daemon answers, without a process: nothing here is started."""
+"""Answers of the daemon, without a process: nothing here is started."""
 
 import pytest
 
@@ -11,7 +11,7 @@ from cardan.gateway.daemon.daemon import (
     LINES_WAITING,
     Daemon,
 )
-from cardan.gateway.daemon.services import Line
+from cardan.gateway.daemon.services import LogLine
 
 LAB = """
 [devices.mouse]
@@ -32,7 +32,7 @@ model = "ur5"
 
 
 class Asker:
-    """A connection that keeps what it is told."""
+    """A connection that keeps messages to it."""
 
     def __init__(self):
         self.told, self.gone = [], []
@@ -84,10 +84,10 @@ def test_a_connection_has_only_so_many_requests_that_go_on(tmp_path):
 def test_what_is_kept_of_lines_is_bounded(tmp_path):
     daemon = daemon_of(tmp_path, SESSION.format("one", "false"))
     for number in range(LINES_KEPT + 10):
-        daemon._keep_line(Line(0.0, "one", str(number), "info"))
+        daemon._keep_line(LogLine(0.0, "one", str(number), "info"))
     assert len(daemon._do_log(Ask(1, "log"), Asker())) == LINES_KEPT
     for _ in range(CHARACTERS_KEPT // 4000 + 10):
-        daemon._keep_line(Line(0.0, "one", "x" * 4000, "info"))
+        daemon._keep_line(LogLine(0.0, "one", "x" * 4000, "info"))
     kept = daemon._do_log(Ask(1, "log"), Asker())
     assert sum(len(text) for _, _, text, _ in kept) <= CHARACTERS_KEPT
     assert kept[-1][2] == "x" * 4000
@@ -96,7 +96,7 @@ def test_what_is_kept_of_lines_is_bounded(tmp_path):
 def test_lines_that_come_too_fast_wait_in_no_endless_queue(tmp_path, caplog):
     daemon = daemon_of(tmp_path, SESSION.format("one", "false"))
     for number in range(LINES_WAITING + 7):
-        daemon._say(Line(0.0, "one", str(number), "info"))
+        daemon._say(LogLine(0.0, "one", str(number), "info"))
     assert len(daemon._events) == LINES_WAITING
-    daemon._keep_line(Line(0.0, "one", "next", "info"))
+    daemon._keep_line(LogLine(0.0, "one", "next", "info"))
     assert "7 lines of processes were left out" in caplog.text

@@ -1,4 +1,4 @@
-"""Requests on their way through the daemon, and what becomes of them when somebody is gone; without
+"""Requests on their way through the daemon, also when a client or session is gone; without
 processes."""
 
 import contextlib
@@ -19,7 +19,7 @@ from cardan.gateway.daemon.control import Ask, LineReader, decode_told
 from cardan.gateway.daemon.daemon import Daemon
 from cardan.gateway.daemon.processes import RunningSession
 from cardan.gateway.daemon.restart_policy import Ended
-from cardan.gateway.daemon.server import Connection, ControlServer
+from cardan.gateway.daemon.server import ControlConnection, ControlServer
 from cardan.gateway.daemon.services import _ended
 from cardan.gateway.session.snapshot import Snapshot
 
@@ -61,7 +61,7 @@ class Bench:
         self.theirs, ours = socket.socketpair()
         self.theirs.settimeout(5.0)
         ours.setblocking(False)
-        self.connection = Connection(ours)
+        self.connection = ControlConnection(ours)
         self._reader, self._lines = LineReader(), []
 
     def ask(self, verb, number=7, **more):
@@ -176,7 +176,7 @@ def test_a_streamed_command_that_may_have_waited_is_not_passed_on(bench):
 
 
 def test_the_session_is_told_since_when_a_request_can_have_waited(bench):
-    """Whatever its client says."""
+    """A time given by the client is ignored."""
     for number, verb in enumerate(("twist", "movl")):
         bench.connection.since_s = time.monotonic() - 0.1 * STALE_S
         bench.ask(verb, number, since=0.0)
@@ -209,7 +209,7 @@ def flooded(tmp_path, monkeypatch):
     flood = Flood()
     monkeypatch.setattr(serving, "time", flood)
     with contextlib.closing(ControlServer(str(tmp_path / "sock"), "", lambda *_: None)) as server:
-        yield server, Connection(flood), flood
+        yield server, ControlConnection(flood), flood
 
 
 def floods(flooded, seconds):
@@ -285,7 +285,7 @@ def test_what_a_session_did_last_is_told_though_its_process_has_ended(bench, mon
 def test_nothing_counts_as_empty_that_was_looked_at_before_the_daemon_stood_still(
     flooded, monkeypatch
 ):
-    """What epoll says then: the time is up, and nothing is there."""
+    """epoll then reports that the time is up, and nothing is there."""
     server, connection, flood = flooded
     connection.asked, connection.sock = deque(), flood
     monkeypatch.setattr(server, "_connections", {7: connection})

@@ -148,7 +148,7 @@ def test_a_session_that_is_killed_comes_back_disarmed(one):
     def afterwards():
         return happened()[happened().index(("waiting", "session")) :]
 
-    # What a row shows has not always been written down yet.
+    # The event log may lag behind the row.
     until(lambda: {("arm", "disarmed"), ("robot", "live")} <= {*afterwards()}, "the events")
     assert ("authority", "verbs") in happened()[: -len(afterwards())]
     assert [what for event, what in afterwards() if event == "arm"] == ["disarmed"]
@@ -362,14 +362,14 @@ def test_a_reload_says_each_key_and_restarts_the_session_once_nobody_has_its_arm
 
         def without_waits(lines):
             # A computer that is busy enough has stopped the arm by now.
-            return {line.removesuffix(" (waits until nobody has the arm)") for line in lines}
+            return {line.removesuffix(" (waits until no source has authority)") for line in lines}
 
         assert without_waits(one.cardan("daemon", "reload", "--check").splitlines()) == said
         assert [each["name"] for each in one.ask("units")] == ["one"]
         assert without_waits(one.cardan("daemon", "reload").splitlines()) == said
         assert one.row("one")["pid"] == pid
         arm.stop()
-        # The lease of who moved it ends.
+        # The lease of its last source ends.
         until(lambda: one.row("one")["pid"] not in (pid, None), "the new process")
         one.until("one", authority="", phase="disarmed", changes_wait=[])
         assert one.cardan("daemon", "reload") == "nothing has changed\n"

@@ -88,7 +88,7 @@ def test_files_that_are_not_there(tmp_path):
 
 @pytest.fixture
 def systemctl(tmp_path, monkeypatch):
-    """A systemctl that writes down what it was told."""
+    """A systemctl that records its arguments."""
     told = tmp_path / "told"
     program = tmp_path / "bin" / "systemctl"
     program.parent.mkdir()

@@ -179,7 +179,7 @@ def test_two_arms_that_know_each_other_move_while_they_hear_each_other(lab):
         text.replace(network, f'{network}router = "{endpoint}"\n')
     )
     lab.start(lab.folder / "arms.toml", EXAMPLE / "simulated-mice.toml")
-    # A state that is heard is what takes the words about the neighbor away.
+    # A received state removes the words about the neighbor.
     lab.until_snapshot(
         "left", lambda s: s["message"] and "neighbor" not in s["message"], "the neighbor's states"
     )
@@ -194,7 +194,7 @@ def test_two_arms_that_know_each_other_move_while_they_hear_each_other(lab):
     )
     at = lab.snapshot("left")["joints_rad"]
     lab.ask("start", "right")
-    # What stopped it is still told then, as what was before.
+    # The message still names the cause of the stop then, as past.
     lab.until_snapshot(
         "left", lambda s: not s["message"].startswith("where the neighbor"), "the return"
     )

@@ -1,4 +1,4 @@
-"""A haptic device that remembers what it was told, and a robot that has its states from a test."""
+"""A haptic device that remembers its commands, and a robot that has its states from a test."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class FakeHapticOptions:
 
 
 class FakeHaptic(HapticDevice):
-    """Its state is what a test puts into `pose`, `buttons` and `now_s`."""
+    """Its state is set by the test in `pose`, `buttons` and `now_s`."""
 
     Options = FakeHapticOptions
     capabilities = DeviceCapabilities(True, ("button_1", "button_2"), frozenset(), False)
@@ -102,7 +102,7 @@ class FakeHaptic(HapticDevice):
 
 
 class FakeSensor(OperatorDevice):
-    """A force-torque sensor that says what a test puts into `sensed`."""
+    """A force-torque sensor whose reading is set by the test in `sensed`."""
 
     Options = FakeHapticOptions
     capabilities = DeviceCapabilities(False, (), frozenset(), False)

@@ -19,7 +19,7 @@ MOST_N = 3.3
 
 
 class Way:
-    """One direction: late, uneven, lossy, out of order, and at times silent."""
+    """Direction of a link: late, uneven, lossy, out of order, and at times silent."""
 
     def __init__(self, delay_s, jitter_s, loss, stalls, chosen):
         self._delay_s, self._jitter_s, self._loss = delay_s, jitter_s, loss
@@ -41,7 +41,7 @@ class Way:
 
 
 class Hand(NamedTuple):
-    """What holds the stylus: by a spring to where it wants to be."""
+    """Hand that holds the stylus, by a spring to the place where it wants to be."""
 
     mass_kg: float = 0.1
     damping_n_s_m: float = 1.0

@@ -1,4 +1,4 @@
-"""The packets between a session and a force node, and who may command the force."""
+"""The packets between a session and a force node, and the right to command the force."""
 
 import math
 import re

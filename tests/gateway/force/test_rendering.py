@@ -1,4 +1,4 @@
-"""What a haptic device is told in each cycle, in virtual time."""
+"""Commands to a haptic device in each cycle, in virtual time."""
 
 import itertools
 import math
@@ -161,7 +161,9 @@ def test_one_stamp_of_the_future_does_not_keep_a_force_for_ever():
 
 
 def test_the_rate_of_a_force_is_bounded_by_the_force():
-    rig = Rig(source=MeasuredSource(felt=True), conditioning=Conditioning(scale=1.0, tare=False))
+    rig = Rig(
+        source=MeasuredSource(reaction=True), conditioning=Conditioning(scale=1.0, tare=False)
+    )
     rig.cycle(count=200, force=(0.0, 0.0, 1.0))
     measured = rig.cycle(force=(0.0, 0.0, -3.0)).measured
     assert abs(measured.rate_n_s.z) * 0.008 <= abs(measured.force.z) + 1e-9
@@ -200,7 +202,7 @@ def test_a_surface_at_the_start_and_one_at_clutch_in():
 def test_a_measured_force_is_turned_into_the_hands_axes_and_scaled():
     quarter = matrix_of(from_euler_zyx(0.0, 0.0, math.pi / 2))
     world = WorldMap(quarter, rotation=quarter)
-    rig = Rig(source=MeasuredSource(felt=True), stiffness_n_m=30.0)
+    rig = Rig(source=MeasuredSource(reaction=True), stiffness_n_m=30.0)
     measured = rig.cycle(count=130, world=world, force=(0.0, 10.0, 5.0)).measured
     assert measured.force == pytest.approx((1.0, 0.0, 0.5))
     assert measured.rate_n_s == (0.0, 0.0, 0.0)
@@ -213,7 +215,7 @@ def test_a_measured_force_is_turned_into_the_hands_axes_and_scaled():
 
 def test_what_is_touched_absorbs_what_the_hand_pushes_in_until_it_is_clutched_out():
     """A device on another computer needs to know: its law is of both ends."""
-    rig = Rig(source=MeasuredSource(felt=True))
+    rig = Rig(source=MeasuredSource(reaction=True))
     pressed = {"force": (0.0, 0.0, 10.0)}
     assert rig.cycle(count=200, **pressed).measured.absorbed_j == 0.0
     deeper = HAND._replace(position=subtract(HAND.position, Vector3(0.0, 0.0, 0.01)))
@@ -226,7 +228,7 @@ def test_what_is_touched_absorbs_what_the_hand_pushes_in_until_it_is_clutched_ou
 
 def test_a_measured_force_is_zero_until_force_is_let_out_and_then_fades_in():
     """Clutching in while the tool presses: a device begins with a small force alone."""
-    rig = Rig(source=MeasuredSource(felt=True), stiffness_n_m=100.0)
+    rig = Rig(source=MeasuredSource(reaction=True), stiffness_n_m=100.0)
     pressed = {"force": (0.0, 0.0, 20.0)}
     rig.device.lets_out = False
     for measured in (rig.cycle(**pressed).measured for _ in range(50)):
@@ -252,7 +254,7 @@ def test_a_robot_that_stops_reporting_gives_no_old_force():
 
 
 def test_a_force_that_comes_back_grows_slowly():
-    rig = Rig(source=MeasuredSource(felt=True), stiffness_n_m=100.0)
+    rig = Rig(source=MeasuredSource(reaction=True), stiffness_n_m=100.0)
     pushed = {"force": (0.0, 0.0, 10.0)}
     assert rig.cycle(count=130, **pushed).measured.force.z == pytest.approx(1.0)
     assert rig.cycle(count=30).measured is None
@@ -307,7 +309,7 @@ def test_without_rendering_the_device_is_only_looked_at():
 
 
 def test_the_summary_has_what_was_felt_and_what_was_touched():
-    rig = Rig([SPHERE], MeasuredSource(felt=True), contact_target_n=5.0)
+    rig = Rig([SPHERE], MeasuredSource(reaction=True), contact_target_n=5.0)
     rig.device.told = HapticState(
         state=OperatingState.ENABLED,
         force=Vector3(0.0, 0.0, 0.6),

@@ -149,7 +149,7 @@ def test_a_robot_that_stops_is_not_felt():
 
 
 def forces(session):
-    """What renders a session's forces."""
+    """Return the renderer of a session's forces."""
     return next(part._force for part in session._parts if isinstance(part, Forces))
 
 

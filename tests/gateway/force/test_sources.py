@@ -1,4 +1,4 @@
-"""Where forces come from, and what is made of them on the way to the hand."""
+"""Sources of forces, and the processing of forces on the way to the hand."""
 
 import math
 
@@ -33,7 +33,7 @@ HERE = Pose(Vector3(0.5, 0.0, 0.4), IDENTITY)
 def test_what_the_robot_exerts_the_world_gives_back():
     state = robot_state(1.0, force=(1.0, -2.0, 3.0), frame=Frame.TOOL)
     assert MeasuredSource().read(state, None) == Reading(1.0, (-1.0, 2.0, -3.0), Frame.TOOL)
-    assert MeasuredSource(felt=True).read(state, None).force == (1.0, -2.0, 3.0)
+    assert MeasuredSource(reaction=True).read(state, None).force == (1.0, -2.0, 3.0)
 
 
 def test_a_robot_without_a_force_says_so():
@@ -94,7 +94,7 @@ def test_a_stamp_a_little_ahead_is_of_a_clock_that_runs_with_this_one():
 
 
 def test_a_robot_that_reports_a_huge_force_is_not_believed():
-    source = MeasuredSource(felt=True)
+    source = MeasuredSource(reaction=True)
     assert source.read(robot_state(1.0, force=(0.0, 0.0, 1e300)), None) is None
     assert source.diagnosis() == (
         "no measured force: the robot gives 1e+300 N; more than 1000 N is rejected",

@@ -1,4 +1,4 @@
-"""[force] and [[fixtures]]: what is allowed, and what the words of an error are."""
+"""[force] and [[fixtures]]: allowed values, and the words of errors."""
 
 import json
 
@@ -41,7 +41,7 @@ CONTACT = {
         {"force": {"source": "contact", "contact": [CONTACT]}},
         {"force": {"source": "sensor", "sensor": {"driver": "jr3_can", "node_id": 3}}},
         {"force": {"source": "remote", "socket": "x.sock"}},
-        {"force": {"source": "measured", "sense": "felt", "contact_target_n": 5.0}},
+        {"force": {"source": "measured", "sense": "reaction", "contact_target_n": 5.0}},
     ],
 )
 def test_a_configuration_is_the_same_in_the_sessions_own_process(tables):

@@ -31,7 +31,7 @@ class Rig:
         self.watchdog.engage(5, self.now_s)
 
     def see(self, state, seconds=0.0, fixtures=True, refusal="", source=""):
-        """What the guard says at the end of so long, and when it began to."""
+        """Return the watchdog's reason within `seconds`, and the time until it came (or None)."""
         begun_s = self.now_s
         for _ in range(max(1, round(seconds / PERIOD_S))):
             self.now_s += PERIOD_S
@@ -57,7 +57,7 @@ def test_the_robot_waits_for_a_force_that_has_not_begun_or_is_gone():
     rig.see(IN)
     assert not rig.watchdog.in_doubt
     rig.see(OUT, 0.008)
-    assert not rig.watchdog.in_doubt  # One tick that was late is nothing.
+    assert not rig.watchdog.in_doubt  # A single late tick does not count.
     rig.see(OUT, 0.008)
     assert rig.watchdog.in_doubt
     rig.see(IN)
@@ -185,7 +185,7 @@ class Exact:
 
 
 def pushing(given_n, of_n, **known):
-    """A device that pushes with so much of what is commanded."""
+    """A device that pushes with this share of the commanded force."""
     return IN._replace(
         force=Vector3(given_n, 0.0, 0.0), force_commanded=Vector3(of_n, 0.0, 0.0), **known
     )

@@ -15,7 +15,7 @@ from cardan.gateway.kinematics.collision import (
     Obstacle,
     box_obstacle,
 )
-from cardan.robots import BodyShape, Box, Capsule, load_arm
+from cardan.robots import BodyShape, Capsule, OrientedBox, load_arm
 from cardan.types import Pose, Quaternion, Vector3
 
 FLOOR = Obstacle("floor", HalfSpace(Vector3(0.0, 0.0, 1.0), -0.4))
@@ -156,10 +156,10 @@ def nested(generator, body):
     for number in range(4):
         at = Vector3(*generator.uniform(-0.1, 0.1, 3))
         pose = Pose(at, Quaternion(*(each / 2.0 for each in generator.choice((-1.0, 1.0), 4))))
-        outer = Box(pose, tuple(generator.uniform(0.12, 0.2, 3)))
+        outer = OrientedBox(pose, tuple(generator.uniform(0.12, 0.2, 3)))
         if number % 2:
             outer = Capsule(at, at._replace(x=at.x + 0.1), 0.12)
-        inner = Box(pose, (0.04, 0.05, 0.06)), Capsule(at, at._replace(y=at.y + 0.01), 0.02)
+        inner = OrientedBox(pose, (0.04, 0.05, 0.06)), Capsule(at, at._replace(y=at.y + 0.01), 0.02)
         found += [BodyShape(f"inner {number}", body, shape) for shape in inner]
         found += [BodyShape(f"outer {number}", body, outer) for _ in range(2)]
     return found
@@ -179,7 +179,7 @@ def test_a_shape_inside_another_of_its_body_is_left_out_and_no_distance_is_large
     every = made()
     assert 4 * len(fewer.pairs) < len(every.pairs)
     of_wrist = {pair[0] for pair in fewer.pairs if pair[1] == "wrist_1_link"}
-    # What is around it is not kept apart there.
+    # The wrist ignores the shape around this one.
     assert "inner 0" in of_wrist
     assert not of_wrist & {"inner 1", "inner 2", "inner 3"}
 

@@ -1,4 +1,4 @@
-"""The reference stays inside its limits whatever it is asked, and never steps."""
+"""The reference stays inside its limits for all requests, and never steps."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Shaped velocities and poses keep their bounds whatever they follow, arrive, and do not pass."""
+"""Shaped velocities and poses keep their bounds for all targets, arrive, and do not overshoot."""
 
 import math
 

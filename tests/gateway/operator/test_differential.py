@@ -158,7 +158,7 @@ def test_recapture_forgets_slip_and_lag():
     way = 0.0
     for _ in range(250):
         rig.run()
-        assert rig.velocity[0].y >= -1e-9  # What moved on while it braked is not drawn back.
+        assert rig.velocity[0].y >= -1e-9  # Motion while it braked is not drawn back.
         way = rig.moved.y - y
     assert rig.core.at_rest
     assert way == pytest.approx(before**2 / 2.0, abs=2e-3)
@@ -238,7 +238,7 @@ def test_the_devices_axes_mean_nothing():
     assert rig.core.status().trips == 0
 
 
-# -- what takes the hand off, and what does not bring it back --------------------------------------
+# -- causes that take the hand off, and acts that do not bring it back -----------------------------
 
 
 @pytest.mark.parametrize("link", [DeviceLink.LOST, DeviceLink.STALE, DeviceLink.NEEDS_NEUTRAL])

@@ -1,4 +1,4 @@
-"""What the hand is given back, in virtual time."""
+"""Feedback to the operator's hand, in virtual time."""
 
 import pytest
 

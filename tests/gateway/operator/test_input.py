@@ -71,7 +71,7 @@ class Asked:
         return self.source.advice("", self.arming)
 
 
-# -- the deliberate act --------------------------------------------------------------------------
+# -- re-arming -----------------------------------------------------------------------------------
 
 
 def test_the_act_is_the_dead_man_pressed_after_device_and_dead_man_were_at_rest():
@@ -273,7 +273,7 @@ def test_only_an_armed_hand_has_faults():
     assert asked.tick(FORWARD, link=DeviceLink.LOST).fault == ""
 
 
-# -- whatever the operator does ------------------------------------------------------------------
+# -- any acts of the operator --------------------------------------------------------------------
 
 ticks = st.lists(
     st.tuples(
@@ -352,7 +352,7 @@ def test_motion_of_any_kind_is_asked_for(linear, angular, rates, asks):
     assert NO_REQUEST._replace(twist=twist, rates=rates).asks is asks
 
 
-# -- what a request says beside the twist ----------------------------------------------------------
+# -- fields of a request beside the twist ----------------------------------------------------------
 
 BACK = (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 BOTH = MappingOptions(clutch="right", deadman=("left",))
@@ -363,7 +363,7 @@ AWAY = Pose(Vector3(0.101, 0.2, 0.3), IDENTITY)
 
 
 def clutched(options, *held, pose=None):
-    """A source whose clutch was pressed and let go."""
+    """A source whose clutch was pressed and released."""
     asked = Asked(options)
     asked.tick(pose=pose)
     assert asked.tick(REST, "right", *held, events=[press()], pose=pose).armed

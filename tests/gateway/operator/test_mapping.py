@@ -1,4 +1,4 @@
-"""What deflections and buttons come to mean."""
+"""Mapping of deflections and buttons to motion requests."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""A network within one process, for tests: what rosbridge has behind it, without a bus."""
+"""A network within one process, for tests: the network behind rosbridge, without a bus."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from cardan.bus.network import Failure, NetworkError, Service, Topic
+from cardan.bus.network import Failure, NetworkError, ServiceInfo, Topic
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.interfaces import name_on_the_wire, service_type
 from cardan.protocols.ros2.messages import completed
@@ -48,7 +48,7 @@ class MemoryNetwork:
         self.publishers: list[tuple[str, str, bool]] = []
         self.servers: dict[str, tuple[str, str, Any]] = {}
         self.published: list[tuple[str, dict]] = []
-        """What the server published, decoded."""
+        """Messages that the server published, decoded."""
         self.called: list[str] = []
         self.refuses = ""
 
@@ -77,7 +77,9 @@ class MemoryNetwork:
 
     def services(self):
         with self.lock:
-            return {name: Service(kind, (node,)) for name, (kind, node, _) in self.servers.items()}
+            return {
+                name: ServiceInfo(kind, (node,)) for name, (kind, node, _) in self.servers.items()
+            }
 
     def nodes(self):
         return [TEST_NODE, SERVER]
@@ -114,7 +116,7 @@ class MemoryNetwork:
             self.servers[service] = (type_name, node, asked)
         return _Handle(lambda: self.servers.pop(service))
 
-    # -- what a test does ------------------------------------------------------------------------
+    # -- actions of a test -----------------------------------------------------------------------
 
     def publish(self, topic: str, type_name: str, stamp_ns: int = 1_500_000_000, **fields) -> None:
         """Publish as another node."""

@@ -14,7 +14,7 @@ from cardan.gateway.servers.rosbridge import RosbridgeOptions, RosbridgeServer
 from tests.waiting import WITHIN_S
 
 WAIT_S = WITHIN_S
-"""Longest wait for what comes at once."""
+"""Longest wait for messages that come at once."""
 
 
 class Running:
@@ -70,7 +70,7 @@ def served(make):
 
 
 class PlainClient:
-    """Sends operations, and keeps what else comes while it waits for something."""
+    """Sends operations, and keeps other messages while it waits for one."""
 
     def __init__(self, connection):
         self.connection = connection

@@ -1,4 +1,4 @@
-"""What clients of a server may use."""
+"""Allow list of a server: the names that its clients may use."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""How old what a client sent can be, in virtual time."""
+"""Greatest age of a client's message, in virtual time."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""What somebody without a right tries at each server that has a web server.
+"""Attacks of unauthorized clients on each server that has a web server.
 
 See docs/safety-and-access.md.
 """
@@ -44,7 +44,7 @@ UPGRADE = (
 
 
 class Target(NamedTuple):
-    """A server, and how somebody with a right comes in."""
+    """A server, and how an authorized client connects."""
 
     serve: object
     path: str
@@ -127,7 +127,7 @@ def head(connection):
 
 
 def comes_in(target, running):
-    """Whether somebody with a right still does."""
+    """Return whether an authorized client still connects."""
     return status(answer(running, target.request(target.path_with(TOKEN)))) == target.welcome
 
 
@@ -192,7 +192,7 @@ def test_foreign_pages_and_names_stay_out_even_with_the_token(target, running, h
     assert status(answer(running, request)) == denied
 
 
-# -- what is no request ---------------------------------------------------------------------------
+# -- invalid requests -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -326,7 +326,7 @@ def by_tls(running, certificate):
 
 
 class Tap:
-    """Somebody on the way: carries one connection, and keeps what the client sent."""
+    """Man in the middle: carries one connection, and keeps the client's bytes."""
 
     def __init__(self, port):
         self._there = port

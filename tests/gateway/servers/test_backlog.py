@@ -1,4 +1,4 @@
-"""What a client sends faster than it can be handled is dropped, not acted on late."""
+"""Messages sent faster than they can be handled are dropped, not acted on late."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""What clients sent to a server that stood still moves nothing when it goes on."""
+"""Messages sent to a server that stood still move nothing when it goes on."""
 
 import threading
 import time

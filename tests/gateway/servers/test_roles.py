@@ -1,4 +1,4 @@
-"""What a viewer may do at each server, and an operator may."""
+"""Permissions of viewers and operators at each server."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def test_others_of_rosbridge_command(network, bridge, role):
     assert speed(network) == 1.0
 
 
-# -- what is known to change nothing --------------------------------------------------------------
+# -- services known to change nothing -------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", sorted(READING_SERVICES))

@@ -26,7 +26,7 @@ cbor2 = pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install
 from cardan.gateway.servers import connection, rosbridge as server, rosbridge_client, web  # noqa: E402
 from cardan.gateway.servers.rosbridge import RosbridgeOptions  # noqa: E402
 from cardan.protocols.rosbridge.delivery import MAX_SUBSCRIPTIONS  # noqa: E402
-from cardan.protocols.rosbridge.forms import Sample  # noqa: E402
+from cardan.protocols.rosbridge.forms import EncodedMessage  # noqa: E402
 from tests import certificates  # noqa: E402
 from tests.gateway.servers.memory_network import SERVER, TEST_NODE, MemoryNetwork  # noqa: E402
 from tests.gateway.servers.nodes import MOVE, Mover, Parameters  # noqa: E402
@@ -648,13 +648,13 @@ def test_a_client_that_answers_no_ping_is_gone(network, monkeypatch):
 
 def test_a_message_is_encoded_once_for_all_clients(network, running, monkeypatch):
     encoded = []
-    once = Sample._encoded
+    once = EncodedMessage._encoded
 
     def counted(self, *key):
         encoded.append(key)
         return once(self, *key)
 
-    monkeypatch.setattr(Sample, "_encoded", counted)
+    monkeypatch.setattr(EncodedMessage, "_encoded", counted)
     with ExitStack() as stack:
         clients = [stack.enter_context(plain_client(running)) for _ in range(10)]
         for number, each in enumerate(clients):
@@ -790,7 +790,7 @@ def test_rosapi_reaches_parameters(network, client):
     assert "names no parameter" in ask("set_param", name="x", value="1")["reason"]
 
 
-# -- who may come in, and what they may do --------------------------------------------------------
+# -- access control and permissions ---------------------------------------------------------------
 
 
 def test_patterns_bound_what_clients_may_use(network):
@@ -859,7 +859,7 @@ def test_a_token_in_the_address_lets_in_and_is_in_no_log(network, caplog, path):
         client.settle()
         refused = refusal(running, path.replace(TOKEN, f"{TOKEN}x"))
     assert refused == 401
-    # The client's own library logs what it sends.
+    # The client's own library logs its messages.
     said = [each for each in caplog.records if each.name != "websockets.client"]
     assert said
     assert not [each for each in said if "0123456789" in each.getMessage() + str(each.exc_info)]

@@ -217,7 +217,7 @@ async def test_a_client_that_cancels_and_leaves_has_none():
 
 @in_loop
 async def test_a_client_that_leaves_asks_at_once_too():
-    # What serves it may end with it, before the goal is accepted.
+    # The client's handler may end with it, before the goal is accepted.
     async with a_goal() as bench:
         bench.leave()
         assert bench.server.codes == [CancelCode.UNKNOWN_GOAL_ID]

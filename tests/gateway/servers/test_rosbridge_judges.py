@@ -28,7 +28,7 @@ STRING, TRIGGER = "std_msgs/msg/String", "std_srvs/srv/Trigger"
 
 
 class World:
-    """What a client meets: topics that speak when it is ready, services, parameters, an action."""
+    """Network of a client: topics that speak when it is ready, services, parameters, an action."""
 
     def __init__(self) -> None:
         self.network = network = MemoryNetwork()
@@ -80,7 +80,7 @@ def world():
 
 
 def told(command, folder=None):
-    """What a program prints: one JSON object."""
+    """Return the output of a program: one JSON object."""
     result = subprocess.run(
         command, cwd=folder, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False
     )
@@ -89,7 +89,7 @@ def told(command, folder=None):
 
 
 def check_common(found, world):
-    """What every client must have found."""
+    """Check the results that every client must have."""
     assert found["pose"]["header"]["frame_id"] == "base"
     assert found["pose"]["pose"]["position"] == {"x": 1, "y": 2.5, "z": -3}
     assert found["description"] == {"data": "<robot/>"}

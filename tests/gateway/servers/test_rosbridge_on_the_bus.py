@@ -1,4 +1,4 @@
-"""The rosbridge server on the Zenoh bus: what another node does reaches a client, and back."""
+"""The rosbridge server on the Zenoh bus: messages of other nodes reach a client, and back."""
 
 from __future__ import annotations
 

@@ -143,7 +143,7 @@ def bridge(here):
 
 
 class Joined:
-    """What a client has, until it leaves."""
+    """Resources of a client, until it leaves."""
 
     def __init__(self, transport, name):
         self._stack = ExitStack()

@@ -438,7 +438,7 @@ LARGEST_FRAME_BYTES = 4096
     None in (shutil.which("cc"), shutil.which("nm")), reason="no C compiler, or no nm beside it"
 )
 def test_a_tick_takes_no_memory_and_asks_the_system_for_nothing(tmp_path):
-    """Whatever is called from outside of `create.c`, which runs before the first tick."""
+    """Holds for all calls from outside of `create.c`, which runs before the first tick."""
     theirs, ours = set(), set()
     for source in sorted(SOURCES.glob("*.c")):
         made = tmp_path / f"{source.stem}.o"

@@ -13,7 +13,7 @@ FIXED = np.zeros(2, dtype=bool)
 
 
 def _run(lag: ResponseLag, path, measured, until_s):
-    """The largest difference between what is commanded and what is expected."""
+    """The largest difference between the command and the expectation."""
     worst = 0.0
     for k in range(round(until_s / DT_S)):
         now_s = k * DT_S

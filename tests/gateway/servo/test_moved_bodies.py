@@ -12,13 +12,15 @@ from cardan.gateway.servo import native
 from cardan.gateway.servo.compiled import CompiledServo
 from cardan.gateway.servo.options import ServoOptions
 from cardan.gateway.servo.servo import Servo
-from cardan.robots import BodyShape, Box, Capsule, load_arm
+from cardan.robots import BodyShape, Capsule, OrientedBox, load_arm
 from cardan.types import Pose, Quaternion, Vector3
 
 DT_S = 0.004
 OTHER = load_arm("ur5")
 BRICK = BodyShape(
-    "brick", 1, Box(Pose(Vector3(0.1, 0.0, 0.02), Quaternion(1.0, 0.0, 0.0, 0.0)), (0.2, 0.1, 0.3))
+    "brick",
+    1,
+    OrientedBox(Pose(Vector3(0.1, 0.0, 0.02), Quaternion(1.0, 0.0, 0.0, 0.0)), (0.2, 0.1, 0.3)),
 )
 
 

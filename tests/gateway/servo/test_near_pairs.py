@@ -1,4 +1,4 @@
-"""Which pairs of bodies the compiled servo looks at: whatever it leaves out changes nothing."""
+"""Pairs of bodies that the compiled servo looks at: leaving the others out changes nothing."""
 
 import numpy as np
 import pinocchio as pin

@@ -1,4 +1,4 @@
-"""What is not asked for stays undone: at the ends of joint ranges, near bodies, when singular."""
+"""No motion beyond the request: at the ends of joint ranges, near bodies, when singular."""
 
 import math
 
@@ -16,7 +16,7 @@ from tests.servo_oracles import surroundings
 
 DT_S = 0.005
 OFF_M, OFF_RAD = 0.005, math.radians(2.0)
-"""Most of what was not asked for."""
+"""Most motion beyond the request."""
 
 FEW = ("ur5", "pr2_left_arm", 0, 1)
 """Arms and seeds of make test."""

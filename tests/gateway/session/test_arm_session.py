@@ -156,7 +156,7 @@ def test_an_arm_that_something_holds_is_let_go_and_glided_back_to():
     run.go(0.3, FORWARD)
     plant = run.robot.arm.plant
     held = np.array(plant.positions)
-    held[1] += 0.8  # somebody pushes the elbow far away
+    held[1] += 0.8  # The elbow is pushed far away.
     plant.set_state(held, (0.0,) * 6)
     before = len(run.commands)
     run.go(3.0, FORWARD)

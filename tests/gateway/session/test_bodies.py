@@ -1,4 +1,4 @@
-"""Arms whose links have no body, beside obstacles: what the session and the doctor say."""
+"""Arms whose links have no body, beside obstacles: messages of the session and the doctor."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cardan.gateway.kinematics.collision import Obstacle
 from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.cautions import cautions
 from cardan.gateway.session.scene import surroundings
-from cardan.robots import Box, load_arm
+from cardan.robots import OrientedBox, load_arm
 from cardan.types import Vector3
 from tests.doctor.told import told
 
@@ -93,7 +93,7 @@ def test_the_doctor_says_it(session):
 def test_a_program_is_refused_likewise(session):
     model = load_arm(load_config(session("")).arm.model)
     able = SimArm(SimArmOptions(robot="ur5")).capabilities
-    box = [Obstacle("box", Box.between(Vector3(0.2, -0.2, 0.0), Vector3(0.6, 0.2, 0.4)))]
+    box = [Obstacle("box", OrientedBox.between(Vector3(0.2, -0.2, 0.0), Vector3(0.6, 0.2, 0.4)))]
     with pytest.raises(ConfigurationError, match=f"obstacles: {SAID}.*{ACCEPTED[:-8]}"):
         ArmVerbs.alone(model, able, obstacles=box)
     ArmVerbs.alone(model, able)

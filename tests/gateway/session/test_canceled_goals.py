@@ -123,7 +123,7 @@ def test_by_zenoh(endpoint, watcher, verb):
     with BusNetwork(BusOptions(router=endpoint, listen=()), "user") as user:
         assert user.wait_for_service(f"{ARM}/action/{verb}/_action/get_result", TIMEOUT_S)
         for _ in range(3):
-            # One connection keeps the order: the goal is there when its cancellation is.
+            # A single connection keeps the order: the goal is there when its cancellation is.
             assert canceled_at_once(user, watcher, verb) == 0
 
 

@@ -1,4 +1,4 @@
-"""Configuration errors name the key, the value and what is allowed; good files are taken whole."""
+"""Configuration errors name the key, the value and the allowed ones; good files are taken whole."""
 
 import contextlib
 from pathlib import Path

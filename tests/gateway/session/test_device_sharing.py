@@ -11,7 +11,7 @@ WITHIN_S = 10.0
 
 
 class Device:
-    """Tells what was done to it."""
+    """Records the calls to it."""
 
     def __init__(self, failures=0):
         self.is_open = False

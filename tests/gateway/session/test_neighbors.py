@@ -109,7 +109,7 @@ class Topic:
 
 
 class Session:
-    """One arm's session, without its process and its bus: a scripted hand, and a topic."""
+    """Session of an arm, without its process and its bus: a scripted hand, and a topic."""
 
     def __init__(self, **config):
         self.config = parse_config(table(**config))

@@ -180,7 +180,7 @@ class User:
         )
 
     def rest(self):
-        """Stop what moves and wait until it rests."""
+        """Stop the motion and wait until the arm rests."""
         assert self.call("stop", "std_srvs/srv/Trigger")["success"]
         topic = f"{ARM}/state/status"
         self.heard(topic)

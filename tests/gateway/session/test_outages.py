@@ -1,5 +1,5 @@
-"""What a client of rosbridge published while there was no server, and sends once there is one,
-moves nothing: roslibpy keeps all of it, and sends the oldest first."""
+"""Messages that a rosbridge client published while there was no server, and sends once there is
+one, move nothing: roslibpy keeps all of them, and sends the oldest first."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TIMEOUT_S = 30.0
 SPEED_M_S = 0.1
 RESTS_S = 0.3
 MOVED_M = 1e-3
-"""What counts as moved."""
+"""Least motion that counts as such."""
 
 CLIENT = """
 import sys, time

@@ -58,7 +58,7 @@ def mark():
 
 @pytest.fixture
 def folder():
-    """One with a short path: the paths of sockets have 107 bytes at most."""
+    """Folder with a short path: the paths of sockets have 107 bytes at most."""
     with tempfile.TemporaryDirectory() as made:
         yield Path(made)
 
@@ -72,7 +72,7 @@ def folder():
     ],
 )
 def test_a_killed_demo_takes_everything_with_it(name, early, number, mark, folder, tmp_path):
-    # One that is cut short before it moves, as the computer stood still, is followed by another.
+    # If a standstill of the computer cuts a demo short before it moves, another demo follows.
     assert any(killed(name, early, number, mark, folder, tmp_path) for _ in range(TRIES))
 
 

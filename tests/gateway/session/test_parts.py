@@ -1,4 +1,4 @@
-"""What the parts of a session share."""
+"""Behavior common to the parts of a session."""
 
 import dataclasses
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""What `cardan run --record` says of a recorder that ended on the way."""
+"""Messages of `cardan run --record` about a recorder that ended on the way."""
 
 import contextlib
 import sys

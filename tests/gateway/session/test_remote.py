@@ -36,7 +36,7 @@ from cardan.gateway.session.heartbeat import BEAT_PERIOD_S
 from cardan.gateway.session.remote import session_arm
 from cardan.gateway.session.session import make_session
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.gateway.session.supervisor import Outcome as SessionOutcome, SessionProcess
+from cardan.gateway.session.supervisor import SessionExit, SessionProcess
 from cardan.robots import load_arm
 from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArmPeer
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
@@ -130,7 +130,7 @@ class ThreadProcess(SessionProcess):
     def _reap(self, last):
         self._thread.join(TIMEOUT_S)
         self._channel.close()
-        return SessionOutcome(0, last)
+        return SessionExit(0, last)
 
 
 @pytest.fixture

@@ -99,7 +99,7 @@ def test_a_process_that_stands_still_stops_the_arm_until_a_deliberate_act(joined
     joined.wait_until_moving()
     joined.rests_in_time_after(lambda: joined.share.process.send_signal(signal.SIGSTOP))
     joined.share.process.send_signal(signal.SIGCONT)
-    joined.wait_until_moving()  # The hand lets go, and presses anew.
+    joined.wait_until_moving()  # The hand releases, and presses anew.
 
 
 def test_a_stranger_that_floods_with_old_states_neither_moves_the_arm_nor_keeps_it_moving(joined):

@@ -1,4 +1,4 @@
-"""Requests are carried out beside the loop, and answered, whatever they are."""
+"""All requests are carried out beside the loop, and answered."""
 
 import json
 import queue
@@ -437,7 +437,7 @@ def test_a_stream_that_begins_waits_for_what_is_planned_and_one_that_goes_on_doe
     first = Request(1, "ros2", "twist", POSE, begins=Begins.NEW)
     bench.worker.offer(client, first, bench.now_s)
     bench.ask(2, "get_parameter", "cpf")
-    assert bench.heard() == (2, 1.0)  # What was offered before is decided on.
+    assert bench.heard() == (2, 1.0)  # The earlier offer is decided on.
     bench.verbs.streams.kind = Stream.TWIST
     second = first._replace(source="another", stamp_s=5.0)
     bench.worker.offer(client, second, bench.now_s)
@@ -456,7 +456,7 @@ def test_the_commands_of_a_stream_that_begins_keep_their_order(bench):
     first = Request(1, "ros2", "twist", POSE, stamp_s=1.0, begins=Begins.NEW)
     bench.worker.offer(client, first, bench.now_s)
     bench.ask(2, "get_parameter", "cpf")
-    assert bench.heard() == (2, 1.0)  # What was offered before is decided on.
+    assert bench.heard() == (2, 1.0)  # The earlier offer is decided on.
     bench.verbs.streams.kind = Stream.TWIST
     bench.worker.offer(client, first._replace(stamp_s=2.0), bench.now_s)
     bench.ask(3, "get_parameter", "cpf")

@@ -1,4 +1,4 @@
-"""What a session tells of what is around its arm."""
+"""Description of the arm's surroundings that a session publishes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ TABLES = {
 
 
 def told(tables, rigid=True):
-    """What is around the arm of a session of these tables."""
+    """Return the surroundings of the arm of a session of these tables."""
     return json.loads(surroundings(parse_config(tables), rigid))
 
 

@@ -1,4 +1,4 @@
-"""The loop: what it asks of its drivers, and what it tells about itself."""
+"""The loop: its calls of the drivers, and its reports about itself."""
 
 import dataclasses
 import gc

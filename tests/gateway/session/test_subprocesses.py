@@ -1,4 +1,4 @@
-"""What a launched command prints before READY, with it and after it, however it comes."""
+"""Output of a launched command before READY, with it and after it, in whatever pieces."""
 
 import sys
 

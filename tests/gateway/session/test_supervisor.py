@@ -50,7 +50,7 @@ def test_runs_for_the_time_it_is_given(waiting):
 def test_a_command_around_it_has_its_signals_and_its_code(waiting):
     outcome = supervise(waiting, 0.5, through=("env", "CARDAN_PROOF=1"))
     assert (outcome.exit_code, outcome.last.robot_link) == (0, "waiting")
-    # One that ends as a shell does, by the signal's number and 128.
+    # A command that ends as a shell does, by the signal's number and 128.
     shell = ("sh", "-c", "trap 'kill $!; exit 143' TERM; sleep 20 & wait", "sh")
     outcome = supervise(waiting, 30.0, poll=lambda: False, through=shell)
     assert (outcome.exit_code, outcome.last.message) == (0, "stopped before it began")

@@ -1,4 +1,4 @@
-"""What people see of a session."""
+"""Terminal view of a session."""
 
 import dataclasses
 import io

@@ -8,7 +8,7 @@ from dataclasses import replace
 from cardan.gateway.arm.commanded_arm import CommandedArm
 from cardan.gateway.arm.motions.base import Activity, Deceleration
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
-from cardan.types import ZERO_TWIST, Twist
+from cardan.types import ZERO3, ZERO_TWIST, Twist
 
 
 class ReferenceMotion(Activity):
@@ -71,7 +71,7 @@ class ReferenceMotion(Activity):
             commanded.brake(dt_s)
             return not commanded.moving
         if (
-            not reference.moving
+            reference.linear == reference.angular == ZERO3
             and (self.braking or wanted == ZERO_TWIST)
             and not rates
             and commanded.settled

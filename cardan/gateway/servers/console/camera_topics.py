@@ -10,7 +10,7 @@ import time
 from collections.abc import Sequence
 from typing import Final
 
-from cardan.bus.network import Network, NetworkError, Publisher
+from cardan.bus.network import Network, NetworkError, PublisherHandle
 from cardan.errors import OptionError
 from cardan.gateway.servers.console.cameras import Camera
 from cardan.protocols.ros2.cdr import codec_of
@@ -79,7 +79,7 @@ async def publish(network: Network, camera: Camera) -> None:
         publisher.close()
 
 
-def _put(publisher: Publisher, camera: Camera) -> None:
+def _put(publisher: PublisherHandle, camera: Camera) -> None:
     picture, had_s = camera.newest, camera.newest_s
     stamp = Stamp.of_ns(time.time_ns() - int(1e9 * (time.monotonic() - had_s)))
     header = {"stamp": stamp._asdict(), "frame_id": frame_of(camera.address.name)}

@@ -9,10 +9,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Final
 
-from cardan.bus.network import Handle, NetworkError, Publisher
+from cardan.bus.network import Handle, NetworkError, PublisherHandle
 from cardan.gateway.servers.console.hold_to_run import Grip, Hold, Verdict
 from cardan.gateway.servers.console.jog import ArmJog, Wish
-from cardan.protocols.handheld.frames import Gamepad, JogJoints, JogTwist, OperatorFrame, Phone
+from cardan.gateway.servers.publishing import RefusedError
+from cardan.protocols.handheld.frames import (
+    GamepadFrame,
+    JogJoints,
+    JogTwist,
+    OperatorFrame,
+    PhoneFrame,
+)
 from cardan.protocols.handheld.orientation import from_angles
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import Stamp
@@ -32,10 +39,6 @@ PAD_ORDER: Final = (
 )  # fmt: skip
 """Buttons in the order of ROS 2's game_controller_node, whose axes are the sticks, left and up
 positive, and the triggers."""
-
-
-class RefusedError(Exception):
-    """The page's request cannot be carried out."""
 
 
 class Channel(ABC):
@@ -95,8 +98,10 @@ class _PublishingChannel(Channel):
     _type: ClassVar[str]
     """Type of the messages."""
 
-    def __init__(self, topic: str, publisher: Publisher, feedback: Handle | None = None) -> None:
-        """`feedback`: what brings a driver's feedback to the page, where one gives any."""
+    def __init__(
+        self, topic: str, publisher: PublisherHandle, feedback: Handle | None = None
+    ) -> None:
+        """`feedback`: subscription to the driver's feedback for the page; None: there is none."""
         super().__init__()
         self.target = topic
         self._publisher, self._feedback = publisher, feedback
@@ -137,7 +142,7 @@ class JoyChannel(_PublishingChannel):
 
     def take(self, frame: OperatorFrame, data: bytes, made_s: float | None, now_s: float) -> None:
         pad = frame.body
-        if not isinstance(pad, Gamepad):
+        if not isinstance(pad, GamepadFrame):
             raise RefusedError(f"channel {frame.channel} is opened for a pad, not for {frame.kind}")
         # A pad has no control of the page's that is held: all its frames have to be young.
         verdict = self.hold.take(frame._replace(hold=True), made_s, now_s)
@@ -163,7 +168,7 @@ class ImuChannel(_PublishingChannel):
 
     def take(self, frame: OperatorFrame, data: bytes, made_s: float | None, now_s: float) -> None:
         phone = frame.body
-        if not isinstance(phone, Phone):
+        if not isinstance(phone, PhoneFrame):
             raise RefusedError(
                 f"channel {frame.channel} is opened for a phone's sensors, not for {frame.kind}"
             )
@@ -179,7 +184,7 @@ class ImuChannel(_PublishingChannel):
         self._publish(imu_message(stamp, phone))
 
 
-def imu_message(stamp: Stamp, phone: Phone) -> dict[str, Any]:
+def imu_message(stamp: Stamp, phone: PhoneFrame) -> dict[str, Any]:
     """``sensor_msgs/msg/Imu``; quantities that the phone does not measure have a covariance that
     begins with -1."""
     angles, rates = phone.angles_deg, phone.rates_rad_s
@@ -204,7 +209,7 @@ def _covariance(measured: object) -> list[float]:
 class SharedPublisher:
     """Publisher of a topic for all of a page's channels: by it drivers tell pages apart."""
 
-    def __init__(self, publisher: Publisher, unused: Callable[[], object]) -> None:
+    def __init__(self, publisher: PublisherHandle, unused: Callable[[], object]) -> None:
         """`unused()` is called when the last one closes it."""
         self.publish = publisher.publish
         self._publisher, self._unused = publisher, unused

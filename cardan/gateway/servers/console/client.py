@@ -15,7 +15,7 @@ from functools import partial
 from typing import Any, Final
 
 from cardan import __version__
-from cardan.bus.network import Handle, Network, NetworkError, Publisher
+from cardan.bus.network import Handle, Network, NetworkError, PublisherHandle
 from cardan.common.clocks import RemoteClock
 from cardan.common.troubles import codes_of
 from cardan.errors import shown
@@ -32,7 +32,6 @@ from cardan.gateway.servers.console.channels import (
     DeviceChannel,
     ImuChannel,
     JoyChannel,
-    RefusedError,
     SharedPublisher,
 )
 from cardan.gateway.servers.console.commands import OrderError, carry_out, words_of
@@ -40,11 +39,17 @@ from cardan.gateway.servers.console.demos import Demos
 from cardan.gateway.servers.console.hold_to_run import FRESH_S, LONGEST_S, Hold
 from cardan.gateway.servers.console.jog import ASK_SERVICE, ArmJog, why_no_arm
 from cardan.gateway.servers.console.records import OpenRecord, Records, RecordsError
+from cardan.gateway.servers.publishing import RefusedError
 from cardan.gateway.servers.tokens import Role
-from cardan.protocols.handheld.frames import Malformed, OperatorFrame, decode_frame, encode_frame
+from cardan.protocols.handheld.frames import (
+    MalformedFrame,
+    OperatorFrame,
+    decode_frame,
+    encode_frame,
+)
 from cardan.protocols.handheld.teleop import TeleopLog, decode_teleop
 from cardan.protocols.rate import RateLimit
-from cardan.protocols.ros2.cdr import Malformed as MalformedCdr, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.messages import Stamp
 from cardan.protocols.ros2.names import RosNameError, checked_name
 from cardan.protocols.rosbridge.forms import Frame, object_text
@@ -94,8 +99,8 @@ async def _at_once() -> None:
     """Nothing is waited for."""
 
 
-class Figures:
-    """Figures of the frames that arrive from a page, for display on it."""
+class FrameStatistics:
+    """Statistics of the frames that arrive from a page, for display on it."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -116,8 +121,8 @@ class Figures:
         return len(self._times_s) / _RATE_S
 
 
-class Operator:
-    """Operator of a page: ``async with Operator(...) as one: one.receive(frame, waited_s)``."""
+class PageOperator:
+    """Operator of a page: ``async with PageOperator(...) as one: one.receive(frame, waited_s)``."""
 
     def __init__(
         self,
@@ -141,7 +146,7 @@ class Operator:
         is jogged without a sign of the person."""
         self.source = self._nameless = source
         self.clock = RemoteClock()
-        self.figures = Figures()
+        self.figures = FrameStatistics()
         self.channels: dict[int, Channel] = {}
         self._network, self._caller, self._mailbox = network, caller, mailbox
         self._allowed, self._role, self._send, self._counts = allowed, role, send, counts
@@ -155,7 +160,7 @@ class Operator:
         self._closing: set[asyncio.Task[None]] = set()
         self._orders: set[asyncio.Task[None]] = set()
         self._told_viewer = False
-        self._requests: dict[str, Publisher] = {}
+        self._requests: dict[str, PublisherHandle] = {}
         """Publishers of requests for the authority, by topic."""
         self._calm, self._records = calm, records
         self._shown: OpenRecord | None = None
@@ -166,7 +171,7 @@ class Operator:
         self._picture = 0
         """Number of the newest picture that was sent, of whatever camera."""
 
-    async def __aenter__(self) -> Operator:
+    async def __aenter__(self) -> PageOperator:
         self._task = self._loop.create_task(self._tell())
         return self
 
@@ -201,7 +206,7 @@ class Operator:
         pose = decode_teleop(data)
         if pose is None:
             return False
-        if isinstance(pose, Malformed):
+        if isinstance(pose, MalformedFrame):
             self._malformed(pose.reason)
         elif not isinstance(pose, TeleopLog):
             self._teleop_frames += 1
@@ -217,7 +222,7 @@ class Operator:
             self._drop("too many")
             return
         frame = decode_frame(data)
-        if isinstance(frame, Malformed):
+        if isinstance(frame, MalformedFrame):
             self._malformed(frame.reason)
             return
         made_s = self.clock.here_s(1e-6 * frame.time_us)
@@ -397,7 +402,7 @@ class Operator:
 
     def _both_ways(
         self, number: int, topic: str, type_name: str, back: str
-    ) -> tuple[Publisher, Handle]:
+    ) -> tuple[PublisherHandle, Handle]:
         """Return the publisher of a topic, and the subscription to the driver's feedback."""
         if not self._allowed.topic(topic):
             raise RefusedError(f"{topic} is not among the topics that clients may use")
@@ -726,30 +731,30 @@ class Operator:
 
 _VIEWER: Final = "a viewer moves nothing: connect with the token of an operator"
 
-_TARGETS: Final[Mapping[str, Callable[[Operator, int, str], Channel]]] = {
-    "arm": Operator._arm_channel,
-    "device": Operator._device_channel,
-    "joy": Operator._joy_channel,
-    "imu": Operator._imu_channel,
+_TARGETS: Final[Mapping[str, Callable[[PageOperator, int, str], Channel]]] = {
+    "arm": PageOperator._arm_channel,
+    "device": PageOperator._device_channel,
+    "joy": PageOperator._joy_channel,
+    "imu": PageOperator._imu_channel,
 }
 
 _OPERATIONS: Final[
-    Mapping[str, Callable[[Operator, Mapping[str, Any], str | int | None], None]]
+    Mapping[str, Callable[[PageOperator, Mapping[str, Any], str | int | None], None]]
 ] = {
-    "cardan.hello": Operator._hello,
-    "cardan.ping": Operator._ping,
-    "cardan.pong": Operator._pong,
-    "cardan.open": Operator._open_channel,
-    "cardan.renew": Operator._renew,
-    "cardan.close": Operator._close_channel,
-    "cardan.ask": Operator._ask_authority,
-    "cardan.keep": Operator._keep_authority,
-    "cardan.codes": Operator._codes,
-    "cardan.daemon": Operator._order,
-    "cardan.demo": Operator._demo,
-    "cardan.records": Operator._ask_records,
-    "cardan.replay": Operator._replay,
-    "cardan.camera": Operator._camera,
+    "cardan.hello": PageOperator._hello,
+    "cardan.ping": PageOperator._ping,
+    "cardan.pong": PageOperator._pong,
+    "cardan.open": PageOperator._open_channel,
+    "cardan.renew": PageOperator._renew,
+    "cardan.close": PageOperator._close_channel,
+    "cardan.ask": PageOperator._ask_authority,
+    "cardan.keep": PageOperator._keep_authority,
+    "cardan.codes": PageOperator._codes,
+    "cardan.daemon": PageOperator._order,
+    "cardan.demo": PageOperator._demo,
+    "cardan.records": PageOperator._ask_records,
+    "cardan.replay": PageOperator._replay,
+    "cardan.camera": PageOperator._camera,
 }
 
 

@@ -13,7 +13,7 @@ import itertools
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from cardan.bus.network import NetworkError, Service
+from cardan.bus.network import NetworkError, ServiceInfo
 from cardan.errors import CardanError
 from cardan.gateway.arm.backlog import UNKNOWN_CLOCK
 from cardan.gateway.arm.requests import (
@@ -201,7 +201,7 @@ class ArmJog:
         return reply.result
 
 
-def why_no_arm(arm: str, services: Mapping[str, Service]) -> str:
+def why_no_arm(arm: str, services: Mapping[str, ServiceInfo]) -> str:
     """Why no arm of this name takes commands; empty: one does."""
     if f"{arm}/{ASK_SERVICE}" in services:
         return ""

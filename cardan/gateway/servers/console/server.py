@@ -30,7 +30,7 @@ from cardan.gateway.servers.console.address import (
 )
 from cardan.gateway.servers.console.cameras import Cameras, parse_camera
 from cardan.gateway.servers.console.certificate import Own, own_certificate
-from cardan.gateway.servers.console.client import Operator
+from cardan.gateway.servers.console.client import PageOperator
 from cardan.gateway.servers.console.demos import Demos
 from cardan.gateway.servers.console.hold_to_run import LONGEST_S
 from cardan.gateway.servers.console.records import records_of
@@ -128,7 +128,7 @@ class ConsoleServer(RosbridgeServer):
         self, client: RosbridgeClient, connection: ListenerConnection, network: Network, role: Role
     ) -> None:
         assert self._mailbox is not None
-        operator = Operator(
+        operator = PageOperator(
             network,
             ServiceCaller(network, self._mailbox),
             self._mailbox,

@@ -13,14 +13,14 @@ an operator, after `=`, and inside brackets.
 from cardan.protocols.ur.script.lexer import LARGEST, LARGEST_WHOLE
 from cardan.protocols.ur.script.parser import DEEPEST, parse, parsed
 from cardan.protocols.ur.script.portions import pause, whole
-from cardan.protocols.ur.script.tree import Program, Refused
+from cardan.protocols.ur.script.tree import ParseFailure, Program
 
 __all__ = [
     "DEEPEST",
     "LARGEST",
     "LARGEST_WHOLE",
+    "ParseFailure",
     "Program",
-    "Refused",
     "parse",
     "parsed",
     "pause",

@@ -80,7 +80,7 @@ class WrongError(Exception):
         self.line, self.reason = line, reason
 
 
-class Words:
+class TokenList:
     """Tokens of a program, in three lists: an object each would keep the garbage collector busy."""
 
     def __init__(self) -> None:
@@ -92,9 +92,9 @@ class Words:
         return Token(self.kinds[at], self.texts[at], self.lines[at])
 
 
-async def words(text: str) -> Words:
+async def words(text: str) -> TokenList:
     """The words of a program, without comments and what is between them. Raises WrongError."""
-    found = Words()
+    found = TokenList()
     kinds, texts, lines, match = found.kinds, found.texts, found.lines, _TOKEN.match
     at, line, pause_at = 0, 1, _PORTION
     while (word := match(text, at)) is not None:

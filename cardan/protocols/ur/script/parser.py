@@ -10,7 +10,7 @@ from cardan.protocols.ur.script.lexer import (
     LARGEST_WHOLE,
     WORDS,
     Token,
-    Words,
+    TokenList,
     WrongError,
     words,
 )
@@ -31,9 +31,9 @@ from cardan.protocols.ur.script.tree import (
     Literal,
     Member,
     Name,
-    Posed,
+    ParseFailure,
+    PoseLiteral,
     Program,
-    Refused,
     Run,
     Statement,
     Switch,
@@ -71,23 +71,23 @@ _GOES_ON: Final = frozenset((*_LEVELS, "[", ".", "("))
 """Tokens that continue the value before them."""
 
 
-def parse(text: str) -> Program | Refused:
+def parse(text: str) -> Program | ParseFailure:
     """The program in `text`, or why it is refused; a single command is a program of one line."""
     return whole(parsed(text))
 
 
-async def parsed(text: str) -> Program | Refused:
+async def parsed(text: str) -> Program | ParseFailure:
     """Parse like `parse`, in portions."""
     if len(text) > LARGEST:
-        return Refused(1, f"the program has {len(text)} characters; {LARGEST} are the most")
+        return ParseFailure(1, f"the program has {len(text)} characters; {LARGEST} are the most")
     try:
         return await _Parser(await words(text)).program()
     except WrongError as wrong:
-        return Refused(wrong.line, wrong.reason)
+        return ParseFailure(wrong.line, wrong.reason)
 
 
 class _Parser:
-    def __init__(self, found: Words) -> None:
+    def __init__(self, found: TokenList) -> None:
         self._tokens = found
         self._kinds = found.kinds
         self._literals: dict[str, Literal] = {}
@@ -421,12 +421,12 @@ class _Parser:
             return Name(token.text, line)
         raise WrongError(line, f"a value is expected, not {token.text!r}")
 
-    async def _pose(self, line: int) -> Posed | Element:
+    async def _pose(self, line: int) -> PoseLiteral | Element:
         """Six are a pose; fewer are indices of a variable that is called `p`."""
         self._expect("[")
         items = await self._items("]")
         if len(items) == _POSE:
-            return Posed(items, line)
+            return PoseLiteral(items, line)
         if len(items) in (1, 2):
             return Element(Name("p", line), items, line)
         raise WrongError(line, f"a pose has {_POSE} numbers, not {len(items)}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal as OneOf, NamedTuple
 
 
-class Refused(NamedTuple):
+class ParseFailure(NamedTuple):
     """A part of a program that is not understood."""
 
     line: int
@@ -35,7 +35,7 @@ class Listed(NamedTuple):
     line: int
 
 
-class Posed(NamedTuple):
+class PoseLiteral(NamedTuple):
     """A pose, `p[x, y, z, rx, ry, rz]`."""
 
     items: tuple[Expression, ...]
@@ -91,7 +91,7 @@ class Binary(NamedTuple):
     line: int
 
 
-Expression = Literal | Name | Listed | Posed | Element | Member | Call | Run | Unary | Binary
+Expression = Literal | Name | Listed | PoseLiteral | Element | Member | Call | Run | Unary | Binary
 
 
 # -- statements ------------------------------------------------------------------------------------

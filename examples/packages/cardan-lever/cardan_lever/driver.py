@@ -34,7 +34,7 @@ class LeverOptions(ShapingOptions):
 
 
 class LeverCore(DeviceCore):
-    """What the lever's lines mean. It counts once it was seen at rest, until it falls silent."""
+    """Interpretation of the lever's lines. It is live from its first rest until it falls silent."""
 
     def __init__(self, options: LeverOptions) -> None:
         super().__init__()
@@ -42,16 +42,16 @@ class LeverCore(DeviceCore):
         self._reader = LineReader()
         self._deflection = NEUTRAL
         self._last_s = NEVER_S
-        """When it was opened, or the last line came."""
+        """Time of opening or of the last line, s."""
 
     def on_opened(self, now_s: float) -> None:
-        """Its port was opened (again)."""
+        """Begin anew: its port was opened (again)."""
         self._reader = LineReader()
         self._last_s = now_s
         self._begin("not seen at rest yet: let go of the lever once", now_s)
 
     def on_bytes(self, data: bytes, now_s: float) -> None:
-        """It has sent `data`."""
+        """Take `data` from the lever."""
         for report in self._reader.feed(data):
             if report is None:
                 self._counts["malformed_lines"] += 1

@@ -9,7 +9,7 @@ from cardan.sim_peers.backends.pseudo_terminal import PseudoTerminal
 from cardan.sim_peers.base import FaultSwitch, ScriptStep, load_script
 from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.hand_peer import HandOptions, HandPeer
-from cardan.sim_peers.motion_profile import Ramp, VectorMotion
+from cardan.sim_peers.motion_profile import VectorMotion, VectorRamp
 from cardan.sim_peers.periodic import PERIODIC_FAULTS, PeriodicDevice
 from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, moving, setting
 
@@ -73,7 +73,9 @@ class ScriptedHand(ScriptHand[SimulatedLever]):
 
     def _read(self, words: StepWords) -> Act[SimulatedLever]:
         if words.verb == "push":
-            return moving(self._motion, Ramp(words.numbers(_DEFLECTIONS, -1.0, 1.0), words.over()))
+            return moving(
+                self._motion, VectorRamp(words.numbers(_DEFLECTIONS, -1.0, 1.0), words.over())
+            )
         if words.verb == "swing":
             amplitude = words.numbers(_DEFLECTIONS, -1.0, 1.0)
             return moving(self._motion, words.swing(amplitude, PERIOD_S))

@@ -1,4 +1,4 @@
-r"""What the lever sends, as bytes and as values: 50 lines a second, 115200 baud, 8N1.
+r"""Protocol of the lever, as bytes and as values: 50 lines a second, 115200 baud, 8N1.
 
 ``L 0.120 -0.030 0.000 1\n``: the letter, deflection forward, to the left and counter-clockwise as
 seen from above, each -1..1, and whether the trigger is pulled.
@@ -20,7 +20,7 @@ _LONGEST = 64
 
 
 class Report(NamedTuple):
-    """One line of the lever's; deflections are -1..1."""
+    """A line of the lever; deflections are -1..1."""
 
     forward: float
     left: float
@@ -29,13 +29,13 @@ class Report(NamedTuple):
 
 
 def encode(report: Report) -> bytes:
-    """The line that says so, with its end."""
+    """Return the line of a report, with its end."""
     forward, left, twist, trigger = report
     return f"L {forward:.3f} {left:.3f} {twist:.3f} {trigger:d}\n".encode()
 
 
 def decode(line: bytes) -> Report | None:
-    """What a line without its end says; None: it is none of a lever's."""
+    """Return the report in a line without its end; None: not a line of a lever."""
     found = _LINE.fullmatch(line)
     if found is None:
         return None

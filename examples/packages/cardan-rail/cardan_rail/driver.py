@@ -8,7 +8,12 @@ from typing import Annotated, ClassVar
 
 from cardan.common import bounds
 from cardan.common.options import check_options
-from cardan.drivers.datagram_robot import DatagramRobot, DatagramSession, Transport, UdpTransport
+from cardan.drivers.datagram_robot import (
+    DatagramRobot,
+    DatagramSession,
+    DatagramTransport,
+    UdpTransport,
+)
 from cardan.drivers.limiters import JointLimiter
 from cardan.drivers.missed_cycles import SlipCompensation
 from cardan.drivers.robot_core import check_numbers, joint_values
@@ -63,10 +68,10 @@ class RailOptions:
 
 
 class RailSession(DatagramSession[RailState]):
-    """One connection to the rail's controller.
+    """A connection to the rail's controller.
 
-    What is sent is a reference that keeps to the axes' ranges, speeds and accelerations, whatever
-    is asked for. Cycles in which nobody commanded are not made up for.
+    Each command sent is a reference within the axes' ranges, speeds and accelerations, whatever
+    the caller commands. Cycles without a command are not made up for.
     """
 
     controller = "the rail's controller"
@@ -160,6 +165,6 @@ class Rail(DatagramRobot[RailSession]):
     def _make_session(self) -> RailSession:
         return RailSession()
 
-    def _join(self) -> Transport:
+    def _join(self) -> DatagramTransport:
         host, port = self.options.host, self.options.port
         return UdpTransport(host, port, f"cannot send to {host}:{port}", LARGEST_STATE)

@@ -25,7 +25,7 @@ LARGEST_STATE = _STATE.size
 
 
 class Condition(enum.IntEnum):
-    """What the controller does, and with that whether commands act."""
+    """State of the controller; it decides whether commands act."""
 
     FOLLOWING = 0
     """Commands act."""
@@ -36,7 +36,7 @@ class Condition(enum.IntEnum):
 
 
 class RailState(NamedTuple):
-    """What the controller measured at one of its cycles."""
+    """Measurement of the controller at one of its cycles."""
 
     session: int
     """Goes up with every start of the controller, and when it has braked by itself; wraps at 2^32.
@@ -55,7 +55,7 @@ class RailCommand(NamedTuple):
     """Of the state; 0 in the greeting, which asks for states and moves nothing."""
     sequence: int
     positions: Positions | None
-    """Where the axes have to be at the next cycle, m; None: brake, and rest."""
+    """Positions of the axes at the next cycle, m; None: brake, and rest."""
 
 
 def encode_state(state: RailState) -> bytes:

@@ -37,11 +37,11 @@ OFF_S = 1.0
 """A restart takes so long."""
 MUTE_S = 0.5
 CLIENT_SILENT_S = 1.0
-"""A client that was silent for so long is none any more, and another one may come."""
+"""After a silence this long of the client another one may take its place."""
 
 TOO_FAST = 1.5
-"""Times an axis' speed. What is asked for within it is taken: where datagrams come late, a command
-has to make good for the cycle before it."""
+"""Times an axis' speed. A command within it is accepted: if datagrams come late, a
+command has to make good for the cycle before it."""
 
 
 class RailController:
@@ -58,7 +58,7 @@ class RailController:
         self.session = session
         self.time_s = 0.0
         self.client: Hashable = None
-        """Whose commands are obeyed, and who is sent the states."""
+        """Address whose commands are obeyed and to which the states are sent."""
         self._heard_s = -CLIENT_SILENT_S
         self._sequence = 0
         self._taken: int | None = None
@@ -152,7 +152,7 @@ class RailController:
 
 @dataclass(frozen=True, kw_only=True)
 class RailPeerOptions:
-    """Where the controller listens, and what goes wrong."""
+    """Address of the controller, and its faults."""
 
     host: Annotated[str, bounds.LISTEN_HOST] = option(
         "127.0.0.1",

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Timeline, Traffic
+from cardan.conform.timeline import Kind, Traffic, WireTimeline
 from cardan.protocols.joint_stream import (
     ArmCommand,
     ArmState,
-    Malformed,
+    MalformedDatagram,
     decode_command,
     decode_state,
 )
@@ -33,7 +33,7 @@ class Command(NamedTuple):
 class JointStreamTraffic(Traffic):
     """The datagrams of a timeline in which we are the client, or the arm where `arm_sends`."""
 
-    def __init__(self, timeline: Timeline, arm_sends: bool = False) -> None:
+    def __init__(self, timeline: WireTimeline, arm_sends: bool = False) -> None:
         super().__init__(timeline)
         self.states: list[State] = []
         self.commands: list[Command] = []
@@ -45,13 +45,13 @@ class JointStreamTraffic(Traffic):
                 self.raw[number] = event.data
             if event.sent is arm_sends:
                 state = decode_state(event.data)
-                if not isinstance(state, Malformed):
+                if not isinstance(state, MalformedDatagram):
                     self.states.append(State(number, event.time_s, state))
                 elif not event.sent:
                     self.unread.append((number, state.reason))
                 continue
             command = decode_command(event.data)
-            if not isinstance(command, Malformed):
+            if not isinstance(command, MalformedDatagram):
                 self.commands.append(Command(number, event.time_s, command))
             elif event.sent:
                 self.commands.append(Command(number, event.time_s, None))

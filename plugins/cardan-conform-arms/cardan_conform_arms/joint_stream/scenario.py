@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_, send
-from cardan.conform.timeline import Event, Kind
+from cardan.conform.runner import Pause, Scenario, Script, Step, ask, mark, open_, send
+from cardan.conform.timeline import Kind, WireEvent
 from cardan.protocols.joint_stream import (
     ArmCommand,
     ArmState,
@@ -42,7 +42,7 @@ class JointStreamScenario(Scenario):
         self._at: tuple[float, ...] = ()
         self._speed = 0.0
 
-    def answer(self, event: Event) -> Iterator[Act]:
+    def answer(self, event: WireEvent) -> Iterator[Step]:
         if event.kind is not Kind.DATA:
             return
         state = decode_state(event.data)
@@ -52,7 +52,7 @@ class JointStreamScenario(Scenario):
         if self._mode is not None:
             yield self._command(self._mode, state)
 
-    def _command(self, mode: ControlMode, state: ArmState, session: int | None = None) -> Act:
+    def _command(self, mode: ControlMode, state: ArmState, session: int | None = None) -> Step:
         self._sequence += 1
         joints = len(state.positions)
         values: tuple[float, ...] = ()
@@ -66,7 +66,7 @@ class JointStreamScenario(Scenario):
         command = ArmCommand(number, self._sequence, self.now_s, mode, values, forward)
         return send(encode_command(command, joints))
 
-    def _greeting(self) -> Act:
+    def _greeting(self) -> Step:
         self._sequence = 1
         greeting = ArmCommand(0, 1, self.now_s, ControlMode.HOLD)
         return send(encode_command(greeting, 1))
@@ -74,39 +74,39 @@ class JointStreamScenario(Scenario):
     def script(self) -> Script:
         yield open_("")
         yield mark("listen")
-        yield Wait(0.3)
+        yield Pause(0.3)
         if self._level < Level.HOLD:
             return
         yield mark("greet")
         yield self._greeting()
-        yield Wait(COME_S, lambda: self._state is not None)
+        yield Pause(COME_S, lambda: self._state is not None)
         if self._state is None:
             return
         yield mark("idle")
-        yield Wait(0.3)
+        yield Pause(0.3)
         self._mode = ControlMode.POSITION
         yield mark("settle")
-        yield Wait(0.4)
+        yield Pause(0.4)
         yield mark("hold")
-        yield Wait(self._seconds)
+        yield Pause(self._seconds)
         yield from self._refused()
         yield mark("silence")
         self._mode = None
-        yield Wait(1.5)
+        yield Pause(1.5)
         yield mark("quiet")
-        yield Wait(0.3)
+        yield Pause(0.3)
         yield mark("greet-again")
         self._at = ()
         yield self._greeting()
-        yield Wait(0.2)
+        yield Pause(0.2)
         if self._level >= Level.MOVE:
             yield from self._moving()
         if self._level >= Level.BY_HAND:
             self._mode = ControlMode.POSITION
             yield mark("estop")
             yield ask("estop", "Stop the arm by its emergency stop.")
-            yield Wait(HAND_S, lambda: bool(self._state and self._state.reason))
-            yield Wait(0.3)
+            yield Pause(HAND_S, lambda: bool(self._state and self._state.reason))
+            yield Pause(0.3)
 
     def _refused(self) -> Script:
         """Send datagrams that change nothing or are refused."""
@@ -115,39 +115,39 @@ class JointStreamScenario(Scenario):
         yield mark("junk")
         for data in (b"CJST", b"\x00" * 24, b"GET / HTTP/1.1\r\n\r\n"):
             yield send(data)
-            yield Wait(0.02)
+            yield Pause(0.02)
         yield mark("foreign")
         self._mode, self._speed = None, SPEED_RAD_S
         other = (state.session + FOREIGN_SESSIONS) & 0xFFFFFFFF
         for _ in range(3):
             yield self._command(ControlMode.VELOCITY, state, session=other)
-            yield Wait(0.02)
+            yield Pause(0.02)
         self._mode = ControlMode.POSITION
-        yield Wait(0.05)
+        yield Pause(0.05)
         yield mark("beyond")
         held, self._at = self._at, (FAR_RAD,) * len(state.positions)
         self._mode = None
         yield self._command(ControlMode.POSITION, state)
-        yield Wait(0.05)
+        yield Pause(0.05)
         self._at, self._mode = held, ControlMode.POSITION
-        yield Wait(0.1)
+        yield Pause(0.1)
 
     def _moving(self) -> Script:
         self._mode = ControlMode.POSITION
         yield mark("before")
-        yield Wait(STEP_S)
+        yield Pause(STEP_S)
         for name, sign in (("out", 1.0), ("back", -1.0)):
             yield mark(name)
             self._at = tuple(q + sign * STEP_RAD for q in self._at)
-            yield Wait(STEP_S)
+            yield Pause(STEP_S)
         yield mark("speed")
         self._mode, self._speed = ControlMode.VELOCITY, SPEED_RAD_S
-        yield Wait(MOVING_S)
+        yield Pause(MOVING_S)
         yield mark("stop")
         self._speed = 0.0
-        yield Wait(0.1)
+        yield Pause(0.1)
         yield mark("deserted")
         self._speed = SPEED_RAD_S
-        yield Wait(0.05)
+        yield Pause(0.05)
         self._mode = None
-        yield Wait(0.5)
+        yield Pause(0.5)

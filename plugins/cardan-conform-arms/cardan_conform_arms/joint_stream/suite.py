@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.suite import Suite, Transport
+from cardan.conform.suite import Suite, SuiteTransport
 from cardan_conform_arms.joint_stream.decoded import JointStreamTraffic
 from cardan_conform_arms.joint_stream.requirements import requires
 from cardan_conform_arms.joint_stream.scenario import JointStreamScenario
@@ -22,7 +22,7 @@ class JointStream(Suite[JointStreamTraffic]):
     target = "HOST[:PORT] of the controller, 6520"
     peer = "arm"
     requirements = requires.all()
-    transport = Transport("udp", {"": PORT})
+    transport = SuiteTransport("udp", {"": PORT})
     decoder = JointStreamTraffic
     asks = JointStreamScenario
     rig = "cardan_conform_arms.joint_stream.simulated:JointStreamRig"

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 from cardan.conform.controllers import COME, KEPT, CyclicController
 from cardan.conform.egm.scenario import JUNK
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Act, Script, Wait, ask, mark, open_, send
-from cardan.conform.timeline import Event, Kind
+from cardan.conform.runner import Pause, Script, Step, ask, mark, open_, send
+from cardan.conform.timeline import Kind, WireEvent
 from cardan.sim_peers.arm.controller import SimulatedArm
 from cardan.sim_peers.arm.faults import RESTART_SILENCE_S
 from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
@@ -47,7 +47,7 @@ class ArmScenario(CyclicController):
             SESSION,
         )
 
-    def answer(self, event: Event) -> Iterator[Act]:
+    def answer(self, event: WireEvent) -> Iterator[Step]:
         if event.kind is Kind.DATA:
             self._core.receive(event.data, self.now_s, event.note)
         return iter(())
@@ -110,4 +110,4 @@ class ArmScenario(CyclicController):
             yield from self._cycles(BETWEEN_S)
             for each in (data, self._sent[-1]):
                 yield send(each)
-                yield Wait(0.5 * STEP_S)
+                yield Pause(0.5 * STEP_S)

@@ -14,7 +14,7 @@ from cardan.protocols.joint_stream import (
     ArmCommand,
     ArmState,
     ControlMode,
-    Malformed,
+    MalformedDatagram,
     decode_command,
     decode_state,
     encode_command,
@@ -76,7 +76,7 @@ class JointStreamDriverRig(DriverRig):
         if self._ended or "mute" in faults:
             return
         found = decode_state(data)
-        if isinstance(found, Malformed):
+        if isinstance(found, MalformedDatagram):
             self._ended = "gives-up" in faults
             session.receive(data, now_s)
             return

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Scenario
-from cardan.conform.suite import Suite, Transport
+from cardan.conform.suite import Suite, SuiteTransport
 from cardan_conform_arms.joint_stream.decoded import JointStreamTraffic
 from cardan_conform_arms.joint_stream.suite import PORT
 from cardan_conform_arms.joint_stream_driver.faults import FAULTS
@@ -25,7 +25,7 @@ class JointStreamDriver(Suite[JointStreamTraffic]):
     peer = "sim_arm"
     harmless = Level.HOLD
     requirements = requires.all()
-    transport = Transport("udp", {"": PORT}, frozenset(("",)))
+    transport = SuiteTransport("udp", {"": PORT}, frozenset(("",)))
     decoder = staticmethod(partial(JointStreamTraffic, arm_sends=True))
     rig = "cardan_conform_arms.joint_stream_driver.simulated:JointStreamDriverRig"
     own_faults = FAULTS

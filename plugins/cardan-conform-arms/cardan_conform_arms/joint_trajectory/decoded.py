@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from cardan.conform.timeline import Event, Kind, Timeline
+from cardan.conform.timeline import Kind, WireEvent, WireTimeline
 from cardan.protocols.ros2.actions import CANCEL_TYPE, STATUS_TYPE, GoalStatus
-from cardan.protocols.ros2.cdr import Malformed, Message, decoded
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, decoded
 from cardan_conform_arms.joint_trajectory.names import CANCEL, FEEDBACK, GOAL, RESULT, STATUS, TYPE
 from cardan_conform_arms.joint_trajectory.scenario import apart
 from cardan_conform_arms.ros2_arm.decoded import RosArmTraffic, State
@@ -75,7 +75,7 @@ class Goal:
 class TrajectoryTraffic(RosArmTraffic):
     """The goals of a timeline, beside the arm's states."""
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: WireTimeline) -> None:
         super().__init__(timeline)
         self.goals: list[Goal] = []
         self.feedback: list[tuple[int, Message]] = []
@@ -87,14 +87,14 @@ class TrajectoryTraffic(RosArmTraffic):
             names = _REQUESTS if event.sent else _HEARD
             if event.kind is Kind.DATA and event.channel in names:
                 _, message = decoded(names[event.channel], event.data)
-                if isinstance(message, Malformed):
+                if isinstance(message, MalformedCdr):
                     self.unread.append((number, message.reason))
                 elif event.sent:
                     self._take_request(number, event, message)
                 else:
                     self._take(number, event, message)
 
-    def _take_request(self, number: int, event: Event, message: Message) -> None:
+    def _take_request(self, number: int, event: WireEvent, message: Message) -> None:
         if event.channel == GOAL:
             goal_id = bytes(message["goal_id"]["uuid"])
             trajectory = message["goal"]["trajectory"]
@@ -105,7 +105,7 @@ class TrajectoryTraffic(RosArmTraffic):
         else:
             self._asked.append(bytes(message["goal_id"]["uuid"]))
 
-    def _take(self, number: int, event: Event, message: Message) -> None:
+    def _take(self, number: int, event: WireEvent, message: Message) -> None:
         if event.channel == GOAL:
             self.goals[int(event.note) - 1].accepted = message["accepted"]
         elif event.channel == RESULT:

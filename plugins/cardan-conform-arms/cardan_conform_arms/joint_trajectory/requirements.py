@@ -7,9 +7,9 @@ from functools import partial
 from itertools import pairwise
 
 from cardan.conform.requirements import (
-    Outcome,
     Requirements,
     Verdict,
+    VerdictOutcome,
     at_most,
     failed,
     met,
@@ -227,7 +227,10 @@ def a_goal_canceled_at_once_is_canceled(seen: TrajectoryTraffic) -> Verdict:
     found = seen.sent_in("at-once")
     if not found:
         return not_seen(_NOTHING)
-    if found[0].accepted is not False and (end := _canceled(found[0])).outcome is Outcome.FAILED:
+    if (
+        found[0].accepted is not False
+        and (end := _canceled(found[0])).outcome is VerdictOutcome.FAILED
+    ):
         return end
     return _still(seen, seen.during("at-once"), HELD)
 
@@ -262,4 +265,4 @@ def a_whole_turn_is_none(seen: TrajectoryTraffic) -> Verdict:
     if not found:
         return not_seen(_NOTHING)
     short = _still(seen, seen.during("wrap"), 2.0 * STEP)
-    return short if short.outcome is not Outcome.PASSED else _succeeded(found)
+    return short if short.outcome is not VerdictOutcome.PASSED else _succeeded(found)

@@ -7,10 +7,10 @@ import math
 from collections.abc import Iterator, Mapping
 
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Act, Scenario, Script, Wait, mark, open_, send
-from cardan.conform.timeline import Event, Kind
+from cardan.conform.runner import Pause, Scenario, Script, Step, mark, open_, send
+from cardan.conform.timeline import Kind, WireEvent
 from cardan.protocols.ros2.actions import CANCEL_TYPE, NO_ID
-from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, codec_of
 from cardan.protocols.ros2.messages import completed
 from cardan_conform_arms.joint_trajectory.names import CANCEL, FEEDBACK, GOAL, RESULT, STATUS, TYPE
 from cardan_conform_arms.ros2_arm.names import DESCRIPTION, STATES, TOPICS, joints_of
@@ -78,12 +78,12 @@ class TrajectoryScenario(Scenario):
         """Numbers of the goals that were rejected or have a result."""
         self._away = False
 
-    def answer(self, event: Event) -> Iterator[Act]:
+    def answer(self, event: WireEvent) -> Iterator[Step]:
         if event.kind is not Kind.DATA:
             return
         if event.channel == DESCRIPTION:
             text = _TEXT.decode(event.data)
-            if not isinstance(text, Malformed):
+            if not isinstance(text, MalformedCdr):
                 self._kinds = joints_of(text["data"])
         elif event.channel == STATES:
             yield from self._take_state(event.data)
@@ -91,16 +91,16 @@ class TrajectoryScenario(Scenario):
             self._settled.add(self._asked[int(event.note) - 1])
         elif event.channel == GOAL:
             number, message = int(event.note), _ACCEPTED.decode(event.data)
-            if isinstance(message, Malformed) or not message["accepted"]:
+            if isinstance(message, MalformedCdr) or not message["accepted"]:
                 self._settled.add(number)
             else:
                 self._asked.append(number)
                 given = {"goal_id": {"uuid": self._ids[number - 1]}}
                 yield send(_encoded(TYPE.get_result.request, given), RESULT)
 
-    def _take_state(self, data: bytes) -> Iterator[Act]:
+    def _take_state(self, data: bytes) -> Iterator[Step]:
         message = _STATE.decode(data)
-        if isinstance(message, Malformed):
+        if isinstance(message, MalformedCdr):
             return
         self._seed = data
         pairs = zip(message["name"], message["position"], strict=False)
@@ -112,11 +112,11 @@ class TrajectoryScenario(Scenario):
     def _from_home(self, name: str) -> float:
         return apart(self._at[name], self._home[name], self._kinds[name])
 
-    def _cancel(self, goal_id: bytes) -> Act:
+    def _cancel(self, goal_id: bytes) -> Step:
         given = {"goal_info": {"goal_id": {"uuid": goal_id}}}
         return send(_encoded(f"{CANCEL_TYPE}_Request", given), CANCEL)
 
-    def _goal(self, target: Mapping[str, float], seconds: float, bad: str = "") -> Act:
+    def _goal(self, target: Mapping[str, float], seconds: float, bad: str = "") -> Step:
         """A goal from where the arm is to `target`, for all its joints. `bad`: how it is spoilt."""
         names = list(self._home)
         # Where it is by the same count of whole turns as where it is to go.
@@ -172,25 +172,25 @@ class TrajectoryScenario(Scenario):
 
     def _ending(self, seconds: float) -> Script:
         """Wait until all goals have ended, the longest of which takes `seconds`, and a while."""
-        yield Wait(seconds + TOLERANCE_S + LATE_S, self._is_settled)
-        yield Wait(2.0 * REST_S)
+        yield Pause(seconds + TOLERANCE_S + LATE_S, self._is_settled)
+        yield Pause(2.0 * REST_S)
 
     def script(self) -> Script:
         for channel in (STATES, DESCRIPTION, STATUS, FEEDBACK):
             yield open_(channel)
         yield mark("listen")
-        yield Wait(self._seconds)
+        yield Pause(self._seconds)
         known = [name for name in self._kinds if name in self._at]
         names = [name for name in self._joints or known if name in known]
         if self._level < Level.HOLD or not names or len(names) < len(self._joints):
             return
         for channel in (GOAL, CANCEL, RESULT):
             yield open_(channel)
-        yield Wait(0.2)
+        yield Pause(0.2)
         self._home = {name: self._at[name] for name in names}
         for step in self._asking():
             if self._away:
-                yield Wait(2.0 * REST_S)
+                yield Pause(2.0 * REST_S)
                 return
             yield step
 
@@ -208,7 +208,7 @@ class TrajectoryScenario(Scenario):
         yield from self._moving("back", self._home)
         yield mark("cancel")
         yield self._goal(self._out(), LONG_S)
-        yield Wait(AFTER_S)
+        yield Pause(AFTER_S)
         yield self._cancel(self._ids[-1])
         yield from self._ending(LONG_S)
         yield mark("at-once")
@@ -217,7 +217,7 @@ class TrajectoryScenario(Scenario):
         yield from self._ending(LONG_S)
         yield mark("two")
         yield self._goal(self._out(), LONG_S)
-        yield Wait(AFTER_S)
+        yield Pause(AFTER_S)
         yield self._goal(self._home, SHORT_S)
         yield from self._ending(LONG_S)
         endless = [name for name in self._home if self._kinds[name] == "continuous"]

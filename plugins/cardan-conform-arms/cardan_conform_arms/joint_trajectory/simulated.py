@@ -17,7 +17,7 @@ from cardan.protocols.ros2.actions import (
     Goals,
     GoalStatus,
 )
-from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
+from cardan.protocols.ros2.cdr import MalformedCdr, Message, codec_of
 from cardan.protocols.ros2.messages import completed
 from cardan.robots import JointKind, load_arm
 from cardan_conform_arms.joint_trajectory.faults import FAULTS
@@ -66,7 +66,7 @@ class ActionRig(DriverRig):
         number = str(self._asked[channel])
         requests = {GOAL: TYPE.send_goal.request, RESULT: TYPE.get_result.request}
         message = codec_of(requests.get(channel, f"{CANCEL_TYPE}_Request")).decode(data)
-        if isinstance(message, Malformed) or "mute" in self._faults:
+        if isinstance(message, MalformedCdr) or "mute" in self._faults:
             return
         if channel == GOAL:
             self._coming.append((self._now_s + GOAL_S, number, message))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cardan.conform.requirements import Level
-from cardan.conform.suite import Suite, Transport
+from cardan.conform.suite import Suite, SuiteTransport
 from cardan.conform.transports import Wires
 from cardan.errors import ConfigurationError
 from cardan.protocols.ros2.names import RosNameError, checked_name
@@ -27,7 +27,7 @@ class JointTrajectory(Suite[TrajectoryTraffic]):
     peer = "pr2_right_arm"
     levels = Level.MOVE
     requirements = requires.all()
-    transport = Transport("other")
+    transport = SuiteTransport("other")
     decoder = TrajectoryTraffic
     rig = "cardan_conform_arms.joint_trajectory.simulated:ActionRig"
     own_faults = FAULTS

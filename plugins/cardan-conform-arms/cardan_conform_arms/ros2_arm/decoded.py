@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Timeline, Traffic
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.conform.timeline import Kind, Traffic, WireTimeline
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan_conform_arms.ros2_arm.names import COMMANDS, DESCRIPTION, STATES, TOPICS, joints_of
 
 
@@ -26,7 +26,7 @@ class State(NamedTuple):
 class RosArmTraffic(Traffic):
     """The messages of a timeline."""
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: WireTimeline) -> None:
         super().__init__(timeline)
         self.states: list[State] = []
         self.commands: list[tuple[int, float]] = []
@@ -41,11 +41,11 @@ class RosArmTraffic(Traffic):
                 self.commands.append((number, event.time_s))
             elif event.channel == DESCRIPTION:
                 said = text.decode(event.data)
-                if not isinstance(said, Malformed):
+                if not isinstance(said, MalformedCdr):
                     self.described = joints_of(said["data"])
             elif event.channel == STATES:
                 message = codec.decode(event.data)
-                if isinstance(message, Malformed):
+                if isinstance(message, MalformedCdr):
                     self.unread.append((number, message.reason))
                     continue
                 publisher, _, digits = event.note.partition(":")

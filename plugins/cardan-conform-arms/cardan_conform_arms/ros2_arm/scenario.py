@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator, Sequence
 
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_, send
-from cardan.conform.timeline import Event, Kind
-from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.conform.runner import Pause, Scenario, Script, Step, ask, mark, open_, send
+from cardan.conform.timeline import Kind, WireEvent
+from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan_conform_arms.ros2_arm.names import COMMANDS, DESCRIPTION, STATES, TOPICS, joints_of
 
@@ -33,20 +33,20 @@ class RosArmScenario(Scenario):
         self._at: list[float] = []
         self._heard_s = 0.0
 
-    def answer(self, event: Event) -> Iterator[Act]:
+    def answer(self, event: WireEvent) -> Iterator[Step]:
         if event.kind is Kind.DATA and event.channel == DESCRIPTION:
             text = _TEXT.decode(event.data)
-            if not isinstance(text, Malformed):
+            if not isinstance(text, MalformedCdr):
                 self._order = joints_of(text["data"])
         elif event.kind is Kind.DATA and event.channel == STATES:
             message = _STATE.decode(event.data)
-            if not isinstance(message, Malformed):
+            if not isinstance(message, MalformedCdr):
                 self._heard_s = self.now_s
                 pairs = zip(message["name"], message["position"], strict=False)
                 self._positions.update((k, v) for k, v in pairs if math.isfinite(v))
         return iter(())
 
-    def _command(self, positions: Sequence[float]) -> Act:
+    def _command(self, positions: Sequence[float]) -> Step:
         message = default_message(TOPICS[COMMANDS].type) | {"data": list(positions)}
         return send(_COMMAND.encode(message), COMMANDS)
 
@@ -54,18 +54,18 @@ class RosArmScenario(Scenario):
         end_s = self.now_s + seconds
         while self.now_s < end_s:
             yield self._command(self._at)
-            yield Wait(COMMAND_S)
+            yield Pause(COMMAND_S)
 
     def script(self) -> Script:
         yield open_(STATES)
         yield open_(DESCRIPTION)
         yield mark("listen")
-        yield Wait(self._seconds)
+        yield Pause(self._seconds)
         names = [name for name in self._order if name in self._positions]
         if self._level < Level.HOLD or not names:
             return
         yield open_(COMMANDS)
-        yield Wait(0.2)
+        yield Pause(0.2)
         self._at = [self._positions[name] for name in names]
         yield mark("hold")
         yield from self._holding(self._seconds)
@@ -77,4 +77,4 @@ class RosArmScenario(Scenario):
         if self._level >= Level.BY_HAND:
             yield mark("gone")
             yield ask("end", "End the nodes of the arm.")
-            yield Wait(HAND_S, lambda: self.now_s - self._heard_s > 0.5)
+            yield Pause(HAND_S, lambda: self.now_s - self._heard_s > 0.5)

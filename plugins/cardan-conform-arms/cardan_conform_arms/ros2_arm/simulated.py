@@ -9,7 +9,7 @@ from cardan.conform.rigs import CyclicRig
 from cardan.conform.runner import Exchange
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.sim_peers.arm.plant import ArmPlant
-from cardan.sim_peers.ros2_arm.controllers import RosArm, StateMessage
+from cardan.sim_peers.ros2_arm.controllers import JointStateMessage, RosArm
 from cardan.sim_peers.ros2_arm.options import RosArmOptions
 from cardan_conform_arms.ros2_arm.names import DESCRIPTION, STATES, TOPICS
 
@@ -17,7 +17,7 @@ WALL_S = 1.7e9
 STEP_S = 0.002
 
 
-class RosArmRig(CyclicRig[StateMessage]):
+class RosArmRig(CyclicRig[JointStateMessage]):
     """The controller manager's cycles, and messages both ways."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
@@ -32,11 +32,11 @@ class RosArmRig(CyclicRig[StateMessage]):
     def _receive(self, data: bytes) -> None:
         self._arm.receive(data)
 
-    def _cycle(self, due_s: float) -> Iterable[StateMessage]:
+    def _cycle(self, due_s: float) -> Iterable[JointStateMessage]:
         found = self._arm.cycle(WALL_S)
         return () if self._ended else found
 
-    def _tell(self, sent: StateMessage) -> None:
+    def _tell(self, sent: JointStateMessage) -> None:
         sender, sequence, data = sent
         self._hear(STATES, data, note=f"{sender}:{sequence}")
 

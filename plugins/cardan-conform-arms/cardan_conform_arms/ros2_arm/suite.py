@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.suite import Suite, Transport
+from cardan.conform.suite import Suite, SuiteTransport
 from cardan.conform.transports import Wires
 from cardan_conform_arms.ros2_arm.decoded import RosArmTraffic
 from cardan_conform_arms.ros2_arm.names import TOPICS
@@ -22,7 +22,7 @@ class Ros2Arm(Suite[RosArmTraffic]):
     target = "the Zenoh router to meet it by, as tcp/127.0.0.1:7447"
     peer = "ros2-arm"
     requirements = requires.all()
-    transport = Transport("other")
+    transport = SuiteTransport("other")
     decoder = RosArmTraffic
     asks = RosArmScenario
     rig = "cardan_conform_arms.ros2_arm.simulated:RosArmRig"

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 
 from cardan.bus.node import BusNode, Client, Publisher, WaitingSubscription
 from cardan.bus.options import BusOptions
-from cardan.conform.transports import Wire, Wires
+from cardan.conform.transports import TargetWire, Wires
 from cardan.protocols.ros2.zenoh import DEFAULT_QOS, LATCHED_QOS
 from cardan_conform_arms.ros2_arm.names import Channel
 
@@ -21,7 +21,7 @@ CALL_S = 60.0
 """How long a response is waited for: a goal's result comes when it has ended."""
 
 
-class _Waking(Wire):
+class _Waking(TargetWire):
     """Queue that other threads `_put` into; wakes `select` up."""
 
     def __init__(self) -> None:
@@ -121,7 +121,7 @@ class RosWires(Wires):
         self._router, self._channels = router, channels
         self._node: BusNode | None = None
 
-    def open(self, channel: str) -> Wire:
+    def open(self, channel: str) -> TargetWire:
         if self._node is None:
             self._node = BusNode(BusOptions(router=self._router), NODE)
             self._node.open()

@@ -11,8 +11,8 @@ from cardan_dissect.network import Endpoint, Segment
 from cardan_dissect.ports import EGM_PORTS, JOINT_STREAM_PORT
 from cardan_dissect.reader import DatagramDissector, Decoded, Message, Numbers, value_of
 
-ROBOT_TYPES = (egm.MessageType.DATA,)
-PC_TYPES = (egm.MessageType.CORRECTION, egm.MessageType.PATH_CORRECTION)
+ROBOT_TYPES = (egm.EgmMessageType.DATA,)
+PC_TYPES = (egm.EgmMessageType.CORRECTION, egm.EgmMessageType.PATH_CORRECTION)
 
 _new = tuple.__new__
 
@@ -20,7 +20,7 @@ MOST_KNOWN = 1024
 """Outlines of EGM that are kept."""
 
 _Decode: TypeAlias = Callable[
-    [bytes], egm.EgmRobot | egm.EgmSensor | egm.EgmSensorPathCorr | egm.Malformed
+    [bytes], egm.EgmRobot | egm.EgmSensor | egm.EgmSensorPathCorr | egm.MalformedEgmMessage
 ]
 
 
@@ -63,10 +63,10 @@ class Egm(DatagramDissector):
         decode: _Decode = egm.decode_robot if to_pc else egm.decode_from_pc
         value = decode(data)
         # The controller's local port may be one of the ports, too.
-        if to_pc and from_pc and isinstance(value, egm.Malformed):
+        if to_pc and from_pc and isinstance(value, egm.MalformedEgmMessage):
             decode = egm.decode_from_pc
             value = decode(data)
-        if isinstance(value, egm.Malformed):
+        if isinstance(value, egm.MalformedEgmMessage):
             title = "EgmRobot" if decode is egm.decode_robot else "EGM from the PC"
             return Decoded(None, title, f"{value.fault.value}: {value.detail}")
         if known is not None or key not in self._known:
@@ -118,7 +118,7 @@ class JointStream(DatagramDissector):
             return None
         state, command = joint_stream.decode_state(data), joint_stream.decode_command(data)
         value = command if joint_stream.is_command(data) else state
-        if isinstance(value, joint_stream.Malformed):
+        if isinstance(value, joint_stream.MalformedDatagram):
             return Decoded(None, "joint stream", value.reason)
         if isinstance(value, joint_stream.ArmCommand):
             return Decoded(value, sequence=value.sequence, asks=value.sequence)

@@ -24,7 +24,7 @@ MOST_ASKED = 1024
 """Questions for device descriptors that are remembered."""
 GET_DEVICE_DESCRIPTOR, SET_OUTPUT_REPORT = b"\x80\x06\x00\x01", b"\x21\x09"
 OUTPUT_TYPE = 2
-MOTION = (connexion.Translation, connexion.Rotation, connexion.Motion)
+MOTION = (connexion.Translation, connexion.Rotation, connexion.MotionReport)
 
 
 def hid_report(value: Any, report: bytes, cut: bool) -> Decoded:
@@ -134,4 +134,4 @@ def _looks_right(reports: list[bytes]) -> bool:
         if len(data) not in lengths or max(map(abs, report)) > MOST_COUNTS:
             return False
         kinds.add(type(report))
-    return connexion.Motion in kinds or kinds == {connexion.Translation, connexion.Rotation}
+    return connexion.MotionReport in kinds or kinds == {connexion.Translation, connexion.Rotation}

@@ -86,7 +86,7 @@ class _SimpleMessages(Conversation):
         wire = simple_message.detect_wire(data)
         wire = wire or simple_message.wire(self.byte_order or ByteOrder.LITTLE)
         message = wire.decode_datagram(data)
-        if isinstance(message, simple_message.Malformed):
+        if isinstance(message, simple_message.MalformedMessage):
             return Decoded(None, "simple message", message.reason)
         body, name_of = message.body, simple_message.name_of
         title = [name_of(MessageType, message.msg_type), name_of(CommType, message.comm_type)]
@@ -174,13 +174,13 @@ class _RtdePackets(Conversation):
         from_device = direction is Direction.FROM_DEVICE
         read = rtde.read_reply if from_device else rtde.read_request
         value = read(data[2], data[self.head_bytes :])
-        if isinstance(value, rtde.Malformed):
+        if isinstance(value, rtde.MalformedPayload):
             return Decoded(None, "RTDE", value.reason)
         title = f"RTDE {rtde.PacketType(data[2]).name}"
         if isinstance(value, rtde.Data):
             return self._data(value, direction, f"{title} recipe {value.recipe}")
         remarks: tuple[str, ...] = ()
-        if isinstance(value, rtde.Setup):
+        if isinstance(value, rtde.RecipeSetup):
             self._asked[value.kind] = [*self._asked.get(value.kind, ()), value.names][-PENDING:]
         elif isinstance(value, rtde.SetupReply):
             remarks = self._agreed(value)
@@ -246,7 +246,7 @@ class Rtde(StreamDissector):
             value = message.decoded.value
             if message.decoded.title.startswith("RTDE DATA"):
                 data.append((message.where, message.data[3], len(message.data)))
-            elif isinstance(value, rtde.Setup):
+            elif isinstance(value, rtde.RecipeSetup):
                 if not all(name.isidentifier() for name in value.names):
                     return ""
             elif isinstance(value, rtde.SetupReply) and not value.types:

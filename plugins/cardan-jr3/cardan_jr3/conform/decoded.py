@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Timeline, TimelinePhase
+from cardan.conform.timeline import Kind, TimelinePhase, WireTimeline
 from cardan_jr3.conform.frames import unpack
 from cardan_jr3.protocol import (
     NODE_MASK,
@@ -42,7 +42,7 @@ class Asked(NamedTuple):
 class Jr3Traffic:
     """The frames of one node."""
 
-    def __init__(self, timeline: Timeline, node_id: int) -> None:
+    def __init__(self, timeline: WireTimeline, node_id: int) -> None:
         self.phases = timeline.phases()
         self.node_id = node_id
         self.said: list[Said] = []

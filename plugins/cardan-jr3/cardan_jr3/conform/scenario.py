@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_, send
-from cardan.conform.timeline import Event, Kind
+from cardan.conform.runner import Pause, Scenario, Script, Step, ask, mark, open_, send
+from cardan.conform.timeline import Kind, WireEvent
 from cardan_jr3.conform.frames import pack, unpack
 from cardan_jr3.protocol import (
     NODE_MASK,
@@ -44,7 +44,7 @@ class Jr3Scenario(Scenario):
         self._node_id = node_id
         self._acked = self._booted = False
 
-    def answer(self, event: Event) -> Iterator[Act]:
+    def answer(self, event: WireEvent) -> Iterator[Step]:
         frame = unpack(event.data) if event.kind is Kind.DATA else None
         if frame is not None and frame.arbitration_id & NODE_MASK == self._node_id:
             value = decode_from_board(*frame)
@@ -52,21 +52,21 @@ class Jr3Scenario(Scenario):
             self._booted = self._booted or isinstance(value, Bootup)
         return iter(())
 
-    def _say(self, message: HostMessage) -> Act:
+    def _say(self, message: HostMessage) -> Step:
         return send(pack(encode_from_host(message, self._node_id)))
 
     def _told(self, message: HostMessage) -> Script:
         self._acked = False
         yield self._say(message)
-        yield Wait(ACK_S, lambda: self._acked)
-        yield Wait(0.005)
+        yield Pause(ACK_S, lambda: self._acked)
+        yield Pause(0.005)
 
     def script(self) -> Script:
         yield open_("")
         yield mark("listen")
         yield ask("rest", "Power the board anew, and leave the sensor alone.")
-        yield Wait(max(BOOT_S, self._seconds), lambda: self._booted)
-        yield Wait(0.1)
+        yield Pause(max(BOOT_S, self._seconds), lambda: self._booted)
+        yield Pause(0.1)
         if self._level < Level.HOLD:
             return
         yield mark("ask")
@@ -74,29 +74,29 @@ class Jr3Scenario(Scenario):
             yield from self._told(question)
         yield mark("start")
         yield from self._told(StartAsync(CUTOFF_CENTIHZ, PERIOD_US))
-        yield Wait(0.1)
+        yield Pause(0.1)
         yield from self._told(ZeroOffs())
         yield from self._told(SetFilter(CUTOFF_CENTIHZ))
-        yield Wait(0.2)
+        yield Pause(0.2)
         yield mark("run")
-        yield Wait(self._seconds)
+        yield Pause(self._seconds)
         yield mark("stop")
         yield from self._told(Stop())
-        yield Wait(0.05)
+        yield Pause(0.05)
         yield mark("stopped")
-        yield Wait(0.2)
+        yield Pause(0.2)
         yield mark("sync")
         yield from self._told(StartSync(CUTOFF_CENTIHZ))
         yield mark("syncs")
         for _ in range(SYNCS):
             yield self._say(Sync())
-            yield Wait(SYNC_S)
+            yield Pause(SYNC_S)
         yield mark("ask-again")
         yield from self._told(GetState())
         if self._level >= Level.BY_HAND:
             yield from self._told(StartAsync(CUTOFF_CENTIHZ, PERIOD_US))
             yield mark("load")
             yield ask("load", "Press on the sensor with a few newtons.")
-            yield Wait(min(HAND_S, 4.0 * self._seconds))
+            yield Pause(min(HAND_S, 4.0 * self._seconds))
         yield mark("leave")
         yield from self._told(Stop())

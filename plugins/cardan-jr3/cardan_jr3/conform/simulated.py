@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cardan.conform.runner import Act, Exchange
+from cardan.conform.runner import Exchange, Step
 from cardan.conform.timeline import Kind
 from cardan_jr3.conform.frames import pack, unpack
 from cardan_jr3.peer import SimulatedJr3
@@ -45,7 +45,7 @@ class Jr3Rig:
                 break
             self._now_s = max(self._now_s + 1e-6, min(board.next_due_s, exchange.next_s))
 
-    def _do(self, acts: list[Act]) -> None:
+    def _do(self, acts: list[Step]) -> None:
         for act in acts:
             if act.kind is Kind.DATA:
                 frame = unpack(act.data)

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Exchange
-from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Timeline
+from cardan.conform.suite import Suite, SuiteTransport
+from cardan.conform.timeline import WireTimeline
 from cardan.conform.transports import Wires
 from cardan.errors import ConfigurationError
 from cardan_jr3.conform.decoded import Jr3Traffic
@@ -35,7 +35,7 @@ class Jr3(Suite[Jr3Traffic]):
     target = "INTERFACE[:NODE], as can0:33; Linux only"
     peer = "jr3"
     requirements = requires.all()
-    transport = Transport("can")
+    transport = SuiteTransport("can")
     seconds = 2.0
     # Times count from when it is told to acquire.
     fault_test_values: ClassVar[Mapping[str, float]] = {
@@ -48,7 +48,7 @@ class Jr3(Suite[Jr3Traffic]):
     def __init__(self) -> None:
         self._node_id = TEO_NODE_IDS["right-hand"]
 
-    def decode(self, timeline: Timeline) -> Jr3Traffic:
+    def decode(self, timeline: WireTimeline) -> Jr3Traffic:
         return Jr3Traffic(timeline, self._node_id)
 
     def scenario(self, level: Level, seconds: float) -> Jr3Scenario:

@@ -7,7 +7,7 @@ import socket
 import struct
 from collections.abc import Iterator
 
-from cardan.conform.transports import Wire, Wires
+from cardan.conform.transports import TargetWire, Wires
 from cardan.errors import AddressError
 from cardan_jr3.conform.frames import pack, unpack
 from cardan_jr3.protocol import CanFrame
@@ -15,7 +15,7 @@ from cardan_jr3.protocol import CanFrame
 _KERNELS = struct.Struct("=IB3x8s")
 
 
-class _Can(Wire):
+class _Can(TargetWire):
     def __init__(self, sock: socket.socket) -> None:
         self._socket = sock
         sock.setblocking(False)
@@ -53,7 +53,7 @@ class CanInterface(Wires):
     def __init__(self, name: str) -> None:
         self._name = name
 
-    def open(self, channel: str) -> Wire:
+    def open(self, channel: str) -> TargetWire:
         try:
             sock = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
         except (OSError, AttributeError) as error:

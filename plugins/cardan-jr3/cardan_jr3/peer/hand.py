@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from cardan.sim_peers.base import ScriptStep
-from cardan.sim_peers.motion_profile import Ramp, VectorMotion
+from cardan.sim_peers.motion_profile import VectorMotion, VectorRamp
 from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, moving
 from cardan_jr3.peer.core import NO_WRENCH, SimulatedJr3
 
@@ -115,9 +115,11 @@ class ScriptedHand(ScriptHand[SimulatedJr3]):
 
     def _read(self, words: StepWords) -> Act[SimulatedJr3]:
         if words.verb == "wrench":
-            return moving(self._wrench, Ramp(words.numbers(COMPONENTS, -1e6, 1e6), words.over()))
+            return moving(
+                self._wrench, VectorRamp(words.numbers(COMPONENTS, -1e6, 1e6), words.over())
+            )
         if words.verb == "release":
-            return moving(self._wrench, Ramp(NO_WRENCH, words.over(), ends_swings=True))
+            return moving(self._wrench, VectorRamp(NO_WRENCH, words.over(), ends_swings=True))
         if words.verb == "swing":
             amplitude = words.numbers(COMPONENTS, -1e6, 1e6)
             return moving(self._wrench, words.swing(amplitude, HAND_PERIOD_S))
@@ -136,6 +138,6 @@ class ScriptedHand(ScriptHand[SimulatedJr3]):
             full = (*force, *(0.1 * value for value in moment))[component]
             load = list(self._wrench.without_swings(at_s))
             load[component] = OVERLOAD * full
-            self._wrench.start(at_s, Ramp(tuple(load), over_s))
+            self._wrench.start(at_s, VectorRamp(tuple(load), over_s))
 
         return overload

@@ -13,7 +13,7 @@ import time
 from collections.abc import Sequence
 
 from cardan.sim_peers.backends.base import Shell
-from cardan.sim_peers.backends.server import Server, StreamClient, bound_to
+from cardan.sim_peers.backends.server import DeviceServer, StreamClient, bound_to
 from cardan_jr3.peer.can import CanBackend, CanNode
 from cardan_jr3.protocol import CanFrame
 
@@ -129,7 +129,7 @@ class SocketcandHub(CanBackend):
     def open(self, shell: Shell) -> None:
         """Listen; AddressError when that cannot be."""
         super().open(shell)
-        self._server: Server[_Client] = Server(
+        self._server: DeviceServer[_Client] = DeviceServer(
             shell.selector,
             MAX_CLIENTS,
             meet=_Client,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Timeline, TimelinePhase
+from cardan.conform.timeline import Kind, TimelinePhase, WireTimeline
 from cardan_leap.protocol import ServiceMessage, TrackingFrame, decode_service
 
 
@@ -27,7 +27,7 @@ class Frame(NamedTuple):
 class LeapTraffic:
     """The messages of a timeline."""
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: WireTimeline) -> None:
         self.phases = timeline.phases()
         self.said: list[Said] = []
         self.ended: list[tuple[int, str]] = []

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_, send
-from cardan.conform.timeline import Event, Kind
+from cardan.conform.runner import Pause, Scenario, Script, Step, ask, mark, open_, send
+from cardan.conform.timeline import Kind, WireEvent
 from cardan_leap.protocol import ClientOptions, TrackingFrame, decode_service, encode_options
 
 CHANNEL = "v6"
@@ -26,7 +26,7 @@ class LeapScenario(Scenario):
         self._hands = 0
         self._gone = False
 
-    def answer(self, event: Event) -> Iterator[Act]:
+    def answer(self, event: WireEvent) -> Iterator[Step]:
         if event.kind in (Kind.CLOSED, Kind.REFUSED):
             self._gone = True
         elif event.kind is Kind.DATA:
@@ -42,33 +42,33 @@ class LeapScenario(Scenario):
     def script(self) -> Script:
         yield open_(CHANNEL)
         yield mark("listen")
-        yield Wait(LISTEN_S, lambda: self._gone)
+        yield Pause(LISTEN_S, lambda: self._gone)
         if self._level < Level.HOLD:
             return
         yield mark("empty")
         yield ask("leave", "Take your hands away from the tracker.")
         yield from self._say(ClientOptions(background=True, optimize_hmd=False))
-        yield Wait(EMPTY_S)
+        yield Pause(EMPTY_S)
         yield mark("enter")
         yield ask("enter", "Hold your right hand 20 cm above the tracker, palm down, and still.")
-        yield Wait(self._hand_s, lambda: self._hands == 1 or self._gone)
-        yield Wait(GONE_S)
+        yield Pause(self._hand_s, lambda: self._hands == 1 or self._gone)
+        yield Pause(GONE_S)
         yield mark("hand")
-        yield Wait(self._seconds)
+        yield Pause(self._seconds)
         yield mark("leave")
         yield ask("leave", "Take your hand away.")
-        yield Wait(self._hand_s, lambda: self._hands == 0 or self._gone)
-        yield Wait(GONE_S)
+        yield Pause(self._hand_s, lambda: self._hands == 0 or self._gone)
+        yield Pause(GONE_S)
         yield mark("focused")
         yield from self._say(ClientOptions(focused=True, background=False))
-        yield Wait(1.0)
+        yield Pause(1.0)
         yield mark("unfocused")
         yield from self._say(ClientOptions(focused=False, background=False))
-        yield Wait(0.1)
+        yield Pause(0.1)
         yield mark("unheard")
-        yield Wait(0.3)
+        yield Pause(0.3)
         if self._level >= Level.BY_HAND:
             yield from self._say(ClientOptions(background=True))
             yield mark("unplug")
             yield ask("unplug", "Unplug the tracker.")
-            yield Wait(min(HAND_S, self._hand_s))
+            yield Pause(min(HAND_S, self._hand_s))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cardan.conform.runner import Act, Exchange
+from cardan.conform.runner import Exchange, Step
 from cardan.conform.timeline import Kind
 from cardan_leap.conform.scenario import CHANNEL
 from cardan_leap.peer import SimulatedLeapService
@@ -48,7 +48,7 @@ class LeapRig:
             self._open = False
             self._do(self._exchange.heard(self._now_s, CHANNEL, kind=Kind.CLOSED, note=why))
 
-    def _do(self, acts: list[Act]) -> None:
+    def _do(self, acts: list[Step]) -> None:
         service = self._service
         for act in acts:
             if act.kind is Kind.DATA and self._open:

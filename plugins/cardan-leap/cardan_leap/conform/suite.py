@@ -8,8 +8,8 @@ from typing import ClassVar
 
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Exchange
-from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Event, Kind, Timeline
+from cardan.conform.suite import Suite, SuiteTransport
+from cardan.conform.timeline import Kind, WireEvent, WireTimeline
 from cardan.conform.transports import Wires, host_and_port
 from cardan_leap.conform.decoded import LeapTraffic
 from cardan_leap.conform.requirements import requires
@@ -30,7 +30,7 @@ class Leap(Suite[LeapTraffic]):
     target = "HOST[:PORT] of the service, 6437"
     peer = "leap"
     requirements = requires.all()
-    transport = Transport("other")
+    transport = SuiteTransport("other")
     seconds = 1.5
     # While a hand is in view; with the focus; for longer than silence may last.
     fault_test_values: ClassVar[Mapping[str, float]] = {
@@ -44,7 +44,7 @@ class Leap(Suite[LeapTraffic]):
         "new-ids": 1.0,
     }
 
-    def decode(self, timeline: Timeline) -> LeapTraffic:
+    def decode(self, timeline: WireTimeline) -> LeapTraffic:
         return LeapTraffic(timeline)
 
     def scenario(self, level: Level, seconds: float) -> LeapScenario:
@@ -56,7 +56,7 @@ class Leap(Suite[LeapTraffic]):
     def wires(self, target: str) -> Wires:
         return Service(*host_and_port(target, "--target", PORT))
 
-    def redacted(self, event: Event) -> Event:
+    def redacted(self, event: WireEvent) -> WireEvent:
         """Device events have the tracker's serial number for an id."""
         if event.kind is not Kind.DATA or b'"event"' not in event.data:
             return event

@@ -6,12 +6,12 @@ import contextlib
 import time
 from collections.abc import Iterator
 
-from cardan.conform.transports import CONNECT_S, Wire, Wires
+from cardan.conform.transports import CONNECT_S, TargetWire, Wires
 from cardan.errors import AddressError
 from cardan_leap.driver.connection import Connection
 
 
-class _WebSocket(Wire):
+class _WebSocket(TargetWire):
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
 
@@ -41,7 +41,7 @@ class Service(Wires):
     def __init__(self, host: str, port: int) -> None:
         self._host, self._port = host, port
 
-    def open(self, channel: str) -> Wire:
+    def open(self, channel: str) -> TargetWire:
         host, port, version = self._host, self._port, int(channel.removeprefix("v"))
         try:
             return _WebSocket(Connection(host, port, version, time.monotonic() + CONNECT_S))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from cardan.sim_peers.base import ScriptStep
-from cardan.sim_peers.motion_profile import Ramp, SinePeriods, VectorMotion
+from cardan.sim_peers.motion_profile import SinePeriods, VectorMotion, VectorRamp
 from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, setting
 from cardan_leap.peer.core import SimulatedLeapService
 from cardan_leap.peer.faults import RESTART_S
@@ -206,7 +206,7 @@ class ScriptedHands(ScriptHand[SimulatedLeapService]):
             swing = words.swing(amplitude, SHORTEST_SWING_S, phased=False)
             return self._moving(side, move=swing, tilt=swing._replace(amplitude=angles))
         if words.verb in _GOALS:
-            ramp = Ramp(_GOALS[words.verb](words), words.over())
+            ramp = VectorRamp(_GOALS[words.verb](words), words.over())
             return self._moving(side, **{words.verb: ramp})
         return calling(words.verb.replace("-", "_"), side)
 
@@ -217,7 +217,7 @@ class ScriptedHands(ScriptHand[SimulatedLeapService]):
 
         return enter
 
-    def _moving(self, side: str, **strokes: Ramp | SinePeriods) -> Act[SimulatedLeapService]:
+    def _moving(self, side: str, **strokes: VectorRamp | SinePeriods) -> Act[SimulatedLeapService]:
         """Strokes by their channels, of a hand which a script may move before it comes."""
 
         def move(_: SimulatedLeapService, at_s: float) -> None:

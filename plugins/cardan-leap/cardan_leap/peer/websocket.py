@@ -15,7 +15,7 @@ from websockets.server import ServerProtocol
 
 from cardan.errors import AddressError
 from cardan.sim_peers.backends.base import DeviceBackend, Shell
-from cardan.sim_peers.backends.server import Server, StreamClient, bound_to
+from cardan.sim_peers.backends.server import DeviceServer, StreamClient, bound_to
 from cardan_leap.peer.core import Message, SimulatedLeapService
 from cardan_leap.protocol import HEARTBEAT_VERSIONS, ClientOptions, version_of
 
@@ -85,7 +85,7 @@ class LeapWebSocket(DeviceBackend[Message]):
     def open(self, shell: Shell) -> None:
         """Listen. Raises AddressError where that cannot be."""
         super().open(shell)
-        self._server: Server[_Link] = Server(
+        self._server: DeviceServer[_Link] = DeviceServer(
             shell.selector, MAX_CLIENTS, meet=self._meet, take=self._receive, part=self._part
         )
         # Even if no client is to be accepted yet: a port in use is reported at once.

@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from cardan.conform.timeline import Kind, Timeline, TimelinePhase
+from cardan.conform.timeline import Kind, TimelinePhase, WireTimeline
 
 
 class Answer(NamedTuple):
@@ -48,7 +48,7 @@ class Tick(NamedTuple):
 class HdapiTraffic:
     """The answers and ticks of a timeline."""
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: WireTimeline) -> None:
         self.phases = timeline.phases()
         self.functions: tuple[str, ...] | None = None
         self.answers: list[Answer] = []

@@ -8,8 +8,8 @@ from functools import partial
 
 from cardan.conform.hands import HAND_S
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_, send
-from cardan.conform.timeline import Event, Kind
+from cardan.conform.runner import Pause, Scenario, Script, Step, ask, mark, open_, send
+from cardan.conform.timeline import Kind, WireEvent
 from cardan_omni.conform.calls import END_CALLBACK, ERROR_STACK, FORCE, GREATEST_N, request
 from cardan_omni.driver.library import RATE_HZ
 from cardan_omni.protocol import INVALID_HANDLE, Capability, Error, Info, State, WaitCode
@@ -48,7 +48,7 @@ class HdapiScenario(Scenario):
         self._buttons = self._inkwell = 0
         self._troubled = False
 
-    def answer(self, event: Event) -> Iterator[Act]:
+    def answer(self, event: WireEvent) -> Iterator[Step]:
         if event.kind is Kind.DATA:
             said = json.loads(event.data)
             if "tick" in said:
@@ -63,7 +63,7 @@ class HdapiScenario(Scenario):
     def script(self) -> Script:
         yield open_(WIRE)
         yield mark("load")
-        yield Wait(0.05)
+        yield Pause(0.05)
         if self._level < Level.HOLD:
             return
         yield mark("without-device")
@@ -72,7 +72,7 @@ class HdapiScenario(Scenario):
         yield send(request("hdInitDevice", NOBODY))
         yield mark("init")
         yield send(request("hdInitDevice", None))
-        yield Wait(SETTLE_S)
+        yield Pause(SETTLE_S)
         if self._handle == INVALID_HANDLE:
             return
         yield send(request("hdGetCurrentDevice"))
@@ -89,19 +89,19 @@ class HdapiScenario(Scenario):
             yield mark("unplug")
             self._troubled = False
             yield ask("unplug", "Pull the device's plug.")
-            yield Wait(self._hand_s, lambda: self._troubled)
-            yield Wait(SETTLE_S)
+            yield Pause(self._hand_s, lambda: self._troubled)
+            yield Pause(SETTLE_S)
         yield mark("end-callback")
         yield send(request(END_CALLBACK))
-        yield Wait(SETTLE_S)
+        yield Pause(SETTLE_S)
         yield mark("ended")
         yield send(request("hdWaitForCompletion", self._scheduled, WaitCode.CHECK_STATUS))
-        yield Wait(SETTLE_S)
+        yield Pause(SETTLE_S)
         yield mark("let-go")
         yield send(request("hdStopScheduler"))
         yield send(request("hdDisableDevice", self._handle))
         yield send(request("hdBeginFrame", self._handle))
-        yield Wait(ANSWER_S)
+        yield Pause(ANSWER_S)
 
     def _questions(self) -> Script:
         for what in STRINGS:
@@ -119,38 +119,38 @@ class HdapiScenario(Scenario):
         for call in ("hdEnable", "hdDisable"):
             yield send(request(call, Capability.FORCE_OUTPUT))
             yield send(request("hdIsEnabled", Capability.FORCE_OUTPUT))
-        yield Wait(ANSWER_S)
+        yield Pause(ANSWER_S)
 
     def _served(self) -> Script:
         yield ask("hold", "Hold the stylus still in the middle of its reach.")
-        yield Wait(SETTLE_S)
+        yield Pause(SETTLE_S)
         yield mark("hold")
-        yield Wait(self._seconds)
+        yield Pause(self._seconds)
         yield mark("asked")
         yield send(request("hdGetIntegerv", Info.UPDATE_RATE, 1))
         yield send(request("hdWaitForCompletion", self._scheduled, WaitCode.CHECK_STATUS))
         yield send(request("hdCheckCalibration"))
-        yield Wait(ANSWER_S)
+        yield Pause(ANSWER_S)
         yield mark("move")
         yield ask("move", "Move the stylus to and fro, 5 cm to each side, up and away.")
-        yield Wait(MOVES * self._seconds)
+        yield Pause(MOVES * self._seconds)
         yield ask("hold", "Hold the stylus still in the middle of its reach.")
-        yield Wait(SETTLE_S)
+        yield Pause(SETTLE_S)
         for name, how, bits in (
             ("press", "Press the stylus' front button.", 1),
             ("release", "Let the button go.", 0),
         ):
             yield mark(name)
             yield ask(name, how)
-            yield Wait(self._hand_s, partial(self._has_buttons, bits))
-            yield Wait(SETTLE_S)
+            yield Pause(self._hand_s, partial(self._has_buttons, bits))
+            yield Pause(SETTLE_S)
         yield mark("dock")
         yield ask("dock", "Put the stylus into its inkwell.")
-        yield Wait(self._hand_s, lambda: bool(self._inkwell))
+        yield Pause(self._hand_s, lambda: bool(self._inkwell))
         yield mark("undock")
         yield ask("hold", "Take the stylus out again, and hold it in the middle of its reach.")
-        yield Wait(self._hand_s, lambda: not self._inkwell)
-        yield Wait(STILL_S)
+        yield Pause(self._hand_s, lambda: not self._inkwell)
+        yield Pause(STILL_S)
 
     def _has_buttons(self, bits: int) -> bool:
         return self._buttons == bits
@@ -159,11 +159,11 @@ class HdapiScenario(Scenario):
         yield mark("force")
         yield ask("hold", f"Hold the stylus: it is pushed upwards, by {GREATEST_N} N at most.")
         yield send(request("hdEnable", Capability.FORCE_OUTPUT))
-        yield Wait(SETTLE_S)
+        yield Pause(SETTLE_S)
         end_s = RAMP_S + self._seconds
         course = [[0.0, 0.0], [RAMP_S, GREATEST_N], [end_s, GREATEST_N], [end_s + RAMP_S, 0.0]]
         yield send(request(FORCE, course))
-        yield Wait(end_s + RAMP_S + SETTLE_S)
+        yield Pause(end_s + RAMP_S + SETTLE_S)
         yield mark("force-over")
         yield send(request("hdDisable", Capability.FORCE_OUTPUT))
-        yield Wait(SETTLE_S)
+        yield Pause(SETTLE_S)

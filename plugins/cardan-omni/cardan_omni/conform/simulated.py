@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from cardan.conform.runner import Act, Exchange
+from cardan.conform.runner import Exchange, Step
 from cardan.conform.timeline import Kind
 from cardan.types import ZERO3, Vector3
 from cardan_omni.conform.calls import HdCalls
@@ -54,7 +54,7 @@ class HdapiRig:
         finally:
             self._calls.end()
 
-    def _do(self, acts: list[Act]) -> None:
+    def _do(self, acts: list[Step]) -> None:
         for act in acts:
             if act.kind is Kind.DATA:
                 answer = self._calls.do(act.data)

@@ -8,8 +8,8 @@ from typing import ClassVar
 
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Exchange
-from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Event, Kind, Timeline
+from cardan.conform.suite import Suite, SuiteTransport
+from cardan.conform.timeline import Kind, WireEvent, WireTimeline
 from cardan.conform.transports import Wires
 from cardan_omni.conform.decoded import HdapiTraffic
 from cardan_omni.conform.requirements import requires
@@ -32,12 +32,12 @@ class Hdapi(Suite[HdapiTraffic]):
     target = "the path of libHD.so"
     peer = "omni"
     requirements = requires.all()
-    transport = Transport("other")
+    transport = SuiteTransport("other")
     seconds = 0.4
     # Longer than a gap may be; more than ticks may be early and late.
     fault_test_values: ClassVar[Mapping[str, float]] = {"late-tick": 20.0, "jitter": 1000.0}
 
-    def decode(self, timeline: Timeline) -> HdapiTraffic:
+    def decode(self, timeline: WireTimeline) -> HdapiTraffic:
         return HdapiTraffic(timeline)
 
     def scenario(self, level: Level, seconds: float) -> HdapiScenario:
@@ -49,7 +49,7 @@ class Hdapi(Suite[HdapiTraffic]):
     def wires(self, target: str) -> Wires:
         return Library(target)
 
-    def redacted(self, event: Event) -> Event:
+    def redacted(self, event: WireEvent) -> WireEvent:
         """One of the strings is the device's serial number."""
         if event.kind is not Kind.DATA or b"hdGetString" not in event.data:
             return event

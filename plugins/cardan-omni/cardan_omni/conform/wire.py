@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Iterator
 
-from cardan.conform.transports import LARGEST_READ, Wire, Wires
+from cardan.conform.transports import LARGEST_READ, TargetWire, Wires
 from cardan_omni.conform.calls import HdCalls
 from cardan_omni.driver.library import load
 
@@ -16,7 +16,7 @@ TOLD_EVERY = 20
 scheduler's."""
 
 
-class _Program(Wire):
+class _Program(TargetWire):
     def __init__(self, path: str) -> None:
         self._reading, self._writing = os.pipe()
         for each in (self._reading, self._writing):
@@ -62,5 +62,5 @@ class Library(Wires):
     def __init__(self, path: str) -> None:
         self._path = path
 
-    def open(self, channel: str) -> Wire:
+    def open(self, channel: str) -> TargetWire:
         return _Program(self._path)

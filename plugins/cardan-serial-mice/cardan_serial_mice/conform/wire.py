@@ -5,11 +5,11 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 
-from cardan.conform.transports import Wire, Wires
+from cardan.conform.transports import TargetWire, Wires
 from cardan.drivers.serial_port import SerialPort
 
 
-class _Serial(Wire):
+class _Serial(TargetWire):
     """A serial line."""
 
     def __init__(self, port: SerialPort) -> None:
@@ -41,5 +41,5 @@ class SerialLine(Wires):
     def __init__(self, path: str, baud: int, stop_bits: int = 1) -> None:
         self._path, self._baud, self._stop_bits = path, baud, stop_bits
 
-    def open(self, channel: str) -> Wire:
+    def open(self, channel: str) -> TargetWire:
         return _Serial(SerialPort(self._path, self._baud, stop_bits=self._stop_bits))

@@ -1,7 +1,7 @@
 """Session with a serial device: identifies its model, starts it, and watches the connection.
 
 Without any I/O and in the caller's time: bytes in, bytes and reports out. Reports are those of a
-HID device: `Motion` and `ButtonBits`, in the raw frame of the HID devices.
+HID device: `MotionReport` and `ButtonBits`, in the raw frame of the HID devices.
 
 Motion is repeated, so the next packet replaces a lost one. A change of the keys is sent once: while
 a key is down, and after every unreadable packet, the device is asked for them.
@@ -23,7 +23,7 @@ from cardan.protocols.connexion import (
     InputReport,
     MalformedReport,
     Model,
-    Motion,
+    MotionReport,
 )
 from cardan_serial_mice.driver.jumps import JUMP, JumpGuard
 from cardan_serial_mice.driver.notices import Doubt, Lapse, Notice, Restart
@@ -385,7 +385,7 @@ class SerialSession:
             if self._unanswered_s - self._motion_s >= _rest_after_s(self.model):
                 self._rests_owed -= 1
                 self._jumps.reset()
-                self._report(Motion(0, 0, 0, 0, 0, 0))
+                self._report(MotionReport(0, 0, 0, 0, 0, 0))
         self._unanswered_s = None
         self._doubted = False
         self._held = mask != 0
@@ -420,7 +420,7 @@ class SerialSession:
                 self._lapse(model, now_s)
                 return
             self._heard_s = self._motion_s = now_s
-            self._report(Motion._make(to_hid_counts(model, value)))
+            self._report(MotionReport._make(to_hid_counts(model, value)))
         elif isinstance(value, MagellanKeys):
             self._keys(value.mask, now_s)
             if not self._commands:
@@ -495,7 +495,7 @@ class SerialSession:
             if garbled:
                 self._malformed(Malformed(JUMPED, _D), now_s)
         if counts is not None:
-            self._report(Motion._make(to_hid_counts(model, counts)))
+            self._report(MotionReport._make(to_hid_counts(model, counts)))
 
     def _on_orb(self, value: object, model: SerialModel, now_s: float) -> None:
         if isinstance(value, Malformed):
@@ -506,7 +506,7 @@ class SerialSession:
             if value.status != self._orb_status:
                 self._orb_status = value.status
                 self._report(ButtonBits(value.status))
-            self._report(Motion._make(to_hid_counts(model, value[1:])))
+            self._report(MotionReport._make(to_hid_counts(model, value[1:])))
         elif isinstance(value, OrbKeys):
             self._orb_status = value.status
             self._report(ButtonBits(value.status))

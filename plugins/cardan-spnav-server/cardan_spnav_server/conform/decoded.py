@@ -4,8 +4,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Timeline, TimelinePhase
-from cardan.protocols.spnav.records import RECORD_BYTES, Button, Motion, Reply, ServerRecord
+from cardan.conform.timeline import Kind, TimelinePhase, WireTimeline
+from cardan.protocols.spnav.records import (
+    RECORD_BYTES,
+    Button,
+    MotionEvent,
+    ServerRecord,
+    ServerReply,
+)
 from cardan.protocols.spnav.streams import Handshake, ServerReader
 from cardan_spnav_server.conform.scenario import STRINGS
 from cardan_spnav_server.protocol import ClientRequest, decode_request
@@ -23,7 +29,7 @@ class Record(NamedTuple):
     @property
     def counts(self) -> tuple[int, ...]:
         """Counts of a motion."""
-        return tuple(self.value[:6]) if isinstance(self.value, Motion) else ()
+        return tuple(self.value[:6]) if isinstance(self.value, MotionEvent) else ()
 
 
 class Asked(NamedTuple):
@@ -35,7 +41,7 @@ class Asked(NamedTuple):
     answers: tuple[Record, ...]
 
     @property
-    def reply(self) -> Reply | None:
+    def reply(self) -> ServerReply | None:
         """The first of them."""
         return self.answers[0].value if self.answers else None  # type: ignore[return-value]
 
@@ -43,7 +49,7 @@ class Asked(NamedTuple):
 class SpnavTraffic:
     """The records of a timeline."""
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: WireTimeline) -> None:
         self.phases = timeline.phases()
         self.records: list[Record] = []
         self.streams: dict[str, bytes] = {}
@@ -88,7 +94,7 @@ class SpnavTraffic:
             each
             for each in self.records
             if each.channel == channel
-            and isinstance(each.value, Reply)
+            and isinstance(each.value, ServerReply)
             and each.value.code == request.code
             and each.number > number
             and (end is None or each.number < end)

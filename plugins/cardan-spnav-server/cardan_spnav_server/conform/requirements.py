@@ -31,8 +31,8 @@ from cardan.protocols.spnav.records import (
     Button,
     ConfigChange,
     DeviceChange,
-    Malformed,
-    Motion,
+    MalformedRecord,
+    MotionEvent,
 )
 from cardan.protocols.spnav.streams import Handshake
 from cardan_spnav_server.conform.decoded import Asked, Record, SpnavTraffic
@@ -98,7 +98,7 @@ def records_are_whole(seen: SpnavTraffic) -> Verdict:
     wrong = (
         (each.number, f"a record {each.value.reason}")
         for each in seen.records
-        if isinstance(each.value, Malformed)
+        if isinstance(each.value, MalformedRecord)
     )
     return _bad(wrong, len(seen.records), f"{len(seen.records)} records", "no records came")
 
@@ -110,7 +110,7 @@ def version_0_gets_motion_and_buttons(seen: SpnavTraffic) -> Verdict:
     wrong = (
         (each.number, type(each.value).__name__)
         for each in found
-        if not isinstance(each.value, (Motion, Button, Malformed))
+        if not isinstance(each.value, (MotionEvent, Button, MalformedRecord))
     )
     return _bad(wrong, len(found), f"{len(found)} records", "no records came")
 
@@ -196,7 +196,7 @@ def periods_are_those_of_motion(seen: SpnavTraffic) -> Verdict:
     told_s, took_s, wrong = 0.0, 0.0, []
     for name in HELD:
         for one, other in pairwise(seen.motions(OLD, name)):
-            assert isinstance(other.value, Motion)
+            assert isinstance(other.value, MotionEvent)
             period_s, between_s = 1e-3 * other.value.period_ms, other.time_s - one.time_s
             told_s, took_s = told_s + period_s, took_s + between_s
             if abs(period_s - between_s) > PERIOD_S:
@@ -370,7 +370,11 @@ def strings_are_whole(seen: SpnavTraffic) -> Verdict:
             text = strings.take(getattr(answer.value, "data"))  # noqa: B009
         whole = each.reply.data[STATUS]
         if not isinstance(text, str) or len(text.encode()) < whole:
-            why = "a piece is out of order" if isinstance(text, Malformed) else "its end is missing"
+            why = (
+                "a piece is out of order"
+                if isinstance(text, MalformedRecord)
+                else "its end is missing"
+            )
             return failed(why, (answer.number for answer in each.answers))
         texts.append(text)
     return passed(repr(texts[0])) if texts[0] else failed("it has no name", [found[0].number])

@@ -11,11 +11,11 @@ from cardan.protocols.spnav.records import (
     Button,
     ConfigChange,
     DeviceChange,
-    Malformed,
-    Motion,
+    MalformedRecord,
+    MotionEvent,
     RawAxis,
     RawButton,
-    Reply,
+    ServerReply,
 )
 from cardan.protocols.spnav.streams import Handshake
 from cardan_spnav_server.conform.decoded import Record, SpnavTraffic
@@ -38,7 +38,7 @@ def readings_differ(seen: SpnavTraffic) -> Verdict:
             layer = word if greets else layers.SpnavFromServer(stream[at : at + size])
             at += size
             broken = isinstance(layer, layers.SpnavBroken)
-            if broken != isinstance(each.value, Malformed):
+            if broken != isinstance(each.value, MalformedRecord):
                 return failed("one of them cannot read it", [each.number])
             if not broken and not _alike(each, _flat(layer.fields.values())):
                 return failed("they read other numbers", [each.number])
@@ -59,9 +59,9 @@ def _alike(record: Record, read: list[int]) -> bool:
     words: tuple[int, ...] = ()
     if isinstance(value, Handshake):
         words = (value.version,)
-    elif isinstance(value, Reply):
+    elif isinstance(value, ServerReply):
         words = (value.code, value.word >> 16, *value.data)
-    elif isinstance(value, Motion):
+    elif isinstance(value, MotionEvent):
         words = (0, *value)
     elif isinstance(value, Button):
         words = (1 if value.pressed else 2, value.number)

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 from cardan.conform.hands import QUIET_S, HandScenario, Steps
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Script, Wait, ask, close, mark, open_, send
-from cardan.conform.timeline import Event
+from cardan.conform.runner import Pause, Script, ask, close, mark, open_, send
+from cardan.conform.timeline import WireEvent
 from cardan.protocols.spnav.codes import MASK_V1, NEWEST_VERSION, REQUEST_TAG, Code, EventMask
 from cardan.protocols.spnav.records import (
     STATUS,
     Button,
     DeviceChange,
-    Motion,
-    Reply,
+    MotionEvent,
+    ServerReply,
     encode_handshake,
     encode_request,
     encode_sensitivity,
@@ -54,9 +54,9 @@ class SpnavScenario(HandScenario):
         self._granted = self._answered = self._removed = self._added = False
         self._led: int | None = None
 
-    def _note(self, event: Event) -> None:
+    def _note(self, event: WireEvent) -> None:
         for value in self._readers[event.channel].feed(event.data):
-            if isinstance(value, Motion):
+            if isinstance(value, MotionEvent):
                 self._moved = self._moved or any(value[:6])
             elif isinstance(value, Button):
                 self._pressed = True
@@ -64,7 +64,7 @@ class SpnavScenario(HandScenario):
                 self._added, self._removed = value.added, not value.added
             elif isinstance(value, Handshake):
                 self._granted = value.version >= NEWEST_VERSION
-            elif isinstance(value, Reply):
+            elif isinstance(value, ServerReply):
                 left = value.data[STATUS] & 0xFFFF if value.code in STRINGS and value.ok else 0
                 self._answered = left <= CHUNK_BYTES
                 if value.code == Code.GCFG_LED and value.ok:
@@ -74,7 +74,7 @@ class SpnavScenario(HandScenario):
         yield open_(OLD)
         yield mark("rest")
         yield ask("rest", "Do not touch the device.")
-        yield Wait(REST_S)
+        yield Pause(REST_S)
         yield from self._motions(REST_S)
         yield from self._keys()
         if self._level < Level.HOLD:
@@ -96,17 +96,17 @@ class SpnavScenario(HandScenario):
         self._granted = False
         yield open_(channel)
         yield send(encode_handshake(version), channel)
-        yield Wait(ANSWER_S, lambda: self._granted or self._gone)
+        yield Pause(ANSWER_S, lambda: self._granted or self._gone)
 
     def _told(self, code: int, data: Sequence[int] = (), channel: str = NEW) -> Script:
         self._answered = False
         yield send(encode_request(code, data), channel)
-        yield Wait(ANSWER_S, lambda: self._answered or self._gone)
+        yield Pause(ANSWER_S, lambda: self._answered or self._gone)
 
     def _questions(self) -> Script:
         for record in encode_string(REQUEST_TAG | Code.SET_NAME, "cardan conform"):
             yield send(record, NEW)
-        yield Wait(0.05)
+        yield Pause(0.05)
         yield from self._told(Code.GET_EVMASK)
         for code in (*STRINGS, *IDENTITY, *SETTINGS):
             yield from self._told(code)
@@ -117,7 +117,7 @@ class SpnavScenario(HandScenario):
             yield from self._told(Code.SET_EVMASK, [MASK_V1 | EventMask.CONFIG], OTHER)
             yield mark("led")
             yield from self._told(Code.SCFG_LED, [self._led])
-            yield Wait(0.1)
+            yield Pause(0.1)
         yield from self._told(Code.SET_EVMASK, [MASK_V1])
 
     def _pushes(self) -> Script:
@@ -138,12 +138,12 @@ class SpnavScenario(HandScenario):
         yield mark("unplug")
         self._removed = False
         yield ask("unplug", "Hold the cap deflected, and unplug the device.")
-        yield Wait(self._hand_s, lambda: self._removed or self._gone)
-        yield Wait(QUIET_S)
+        yield Pause(self._hand_s, lambda: self._removed or self._gone)
+        yield Pause(QUIET_S)
         yield mark("unplugged")
         yield from self._told(Code.DEV_NAXES)
         yield mark("replug")
         self._added = False
         yield ask("replug", "Plug the device in again.")
-        yield Wait(self._hand_s, lambda: self._added or self._gone)
-        yield Wait(QUIET_S)
+        yield Pause(self._hand_s, lambda: self._added or self._gone)
+        yield Pause(QUIET_S)

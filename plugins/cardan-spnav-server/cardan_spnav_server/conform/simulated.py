@@ -9,7 +9,7 @@ import random
 from collections import Counter
 from collections.abc import Iterator, Mapping
 
-from cardan.conform.runner import Act, Exchange
+from cardan.conform.runner import Exchange, Step
 from cardan.conform.timeline import Kind
 from cardan.protocols.spnav.codes import Code, EventMask
 from cardan.protocols.spnav.records import (
@@ -19,8 +19,8 @@ from cardan.protocols.spnav.records import (
     Button,
     ConfigChange,
     DeviceChange,
-    Motion,
-    Reply,
+    MotionEvent,
+    ServerReply,
     decode_handshake,
     decode_server_record,
     encode_handshake,
@@ -75,7 +75,7 @@ class SpnavRig:
         self._mask: int | None = None
         """Event mask set by the program of version 1."""
         self._sensitivity = bits_of(1.0)
-        self._shown: dict[str, Motion] = {}
+        self._shown: dict[str, MotionEvent] = {}
         self._repeat_s = self._offer_s = self._now_s = 0.0
 
     def run(self) -> None:
@@ -130,7 +130,7 @@ class SpnavRig:
 
     # -- programs ------------------------------------------------------------------------------
 
-    def _do(self, acts: list[Act]) -> None:
+    def _do(self, acts: list[Step]) -> None:
         for act in acts:
             if act.kind is Kind.DATA:
                 if act.channel in self._numbers:
@@ -229,7 +229,7 @@ class SpnavRig:
         burst_s = self._faults.get("burst", 0.0)
         if burst_s and due_s % (2.0 * burst_s) < burst_s:
             due_s += burst_s - due_s % (2.0 * burst_s)
-        if len(data) == RECORD_BYTES and isinstance(decode_server_record(data), Reply):
+        if len(data) == RECORD_BYTES and isinstance(decode_server_record(data), ServerReply):
             due_s += 1e-3 * self._faults.get("slow-answer", 0.0)
         heapq.heappush(self._sent, (due_s, next(self._order), channel, data))
 
@@ -252,11 +252,11 @@ class SpnavRig:
             return
         value = decode_server_record(record)
         found: Iterator[bytes] = iter((record,))
-        if isinstance(value, Motion):
+        if isinstance(value, MotionEvent):
             found = self._motion(channel, value)
         elif isinstance(value, Button):
             found = self._button(channel, value)
-        elif isinstance(value, Reply):
+        elif isinstance(value, ServerReply):
             found = iter((self._reply(value),))
         elif isinstance(value, (ConfigChange, DeviceChange)) and self._untold(value):
             return
@@ -269,7 +269,7 @@ class SpnavRig:
             return bool(self._faults.get("led-untold"))
         return bool(self._faults.get("replug-untold" if value.added else "unplug-untold"))
 
-    def _motion(self, channel: str, value: Motion) -> Iterator[bytes]:
+    def _motion(self, channel: str, value: MotionEvent) -> Iterator[bytes]:
         faults = self._faults
         counts: tuple[int, ...] = value[:6]
         if self._now_s >= faults.get("silence", math.inf):
@@ -304,7 +304,7 @@ class SpnavRig:
         if self._every("key-twice", f"keys of {channel}"):
             yield record
 
-    def _reply(self, value: Reply) -> bytes:
+    def _reply(self, value: ServerReply) -> bytes:
         faults, data = self._faults, list(value.data)
         replaced = {
             Code.DEV_NAXES: "axes",

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Exchange
-from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Timeline
+from cardan.conform.suite import Suite, SuiteTransport
+from cardan.conform.timeline import WireTimeline
 from cardan.conform.transports import Wires
 from cardan.sim_peers.base import FaultSwitch
 from cardan_spnav_server.conform.decoded import SpnavTraffic
@@ -28,7 +28,7 @@ class SpnavDaemon(Suite[SpnavTraffic]):
     target = "the socket of the daemon, as /run/spnav.sock"
     peer = "spnav"
     requirements = requires.all()
-    transport = Transport("other")
+    transport = SuiteTransport("other")
     seconds = 1.2
     # Both need a device that is unplugged, and that is done on level 3.
     tried_on: ClassVar[Mapping[str, Level]] = {
@@ -37,7 +37,7 @@ class SpnavDaemon(Suite[SpnavTraffic]):
         "replug-untold": Level.BY_HAND,
     }
 
-    def decode(self, timeline: Timeline) -> SpnavTraffic:
+    def decode(self, timeline: WireTimeline) -> SpnavTraffic:
         return SpnavTraffic(timeline)
 
     def scenario(self, level: Level, seconds: float) -> SpnavScenario:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 
-from cardan.conform.transports import CONNECT_S, StreamWire, Wire, Wires
+from cardan.conform.transports import CONNECT_S, StreamWire, TargetWire, Wires
 from cardan.errors import AddressError
 
 
@@ -14,7 +14,7 @@ class UnixStream(Wires):
     def __init__(self, path: str) -> None:
         self._path = path
 
-    def open(self, channel: str) -> Wire:
+    def open(self, channel: str) -> TargetWire:
         found = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             found.settimeout(CONNECT_S)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Timeline, TimelinePhase
+from cardan.conform.timeline import Kind, TimelinePhase, WireTimeline
 from cardan_wiimote.protocol import (
     InputReport,
     OutputReport,
@@ -54,7 +54,7 @@ class Memory(NamedTuple):
 class WiimoteTraffic:
     """The reports of a timeline."""
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: WireTimeline) -> None:
         self.phases = timeline.phases()
         self.reports: list[Report] = []
         self.asked: list[Asked] = []

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_, send
-from cardan.conform.timeline import Event, Kind
+from cardan.conform.runner import Pause, Scenario, Script, Step, ask, mark, open_, send
+from cardan.conform.timeline import Kind, WireEvent
 from cardan_wiimote.protocol import (
     ACCELEROMETER_CALIBRATION_ADDRESSES,
     ACCELEROMETER_CALIBRATION_BYTES,
@@ -47,7 +47,7 @@ class WiimoteScenario(Scenario):
         self._pressed: int | None = None
         self._gone = False
 
-    def answer(self, event: Event) -> Iterator[Act]:
+    def answer(self, event: WireEvent) -> Iterator[Step]:
         if event.kind in (Kind.CLOSED, Kind.REFUSED):
             self._gone = True
         elif event.kind is Kind.DATA:
@@ -63,14 +63,14 @@ class WiimoteScenario(Scenario):
     def _asked(self, report: OutputReport, answer: type) -> Script:
         self._got.discard(answer)
         yield send(encode_output(report))
-        yield Wait(ANSWER_S, lambda: answer in self._got or self._gone)
-        yield Wait(0.02)
+        yield Pause(ANSWER_S, lambda: answer in self._got or self._gone)
+        yield Pause(0.02)
 
     def _read(self, report: ReadMemory) -> Script:
         self._read_bytes, self._read_failed = 0, False
         self._got.discard(Ack)
         yield send(encode_output(report))
-        yield Wait(
+        yield Pause(
             ANSWER_S,
             lambda: (
                 self._gone
@@ -79,42 +79,42 @@ class WiimoteScenario(Scenario):
                 or Ack in self._got
             ),
         )
-        yield Wait(0.02)
+        yield Pause(0.02)
 
     def script(self) -> Script:
         yield open_("")
         yield mark("rest")
         yield ask("flat", "Put the remote flat on a table, its buttons up, with its Nunchuk.")
-        yield Wait(0.3)
+        yield Pause(0.3)
         yield mark("press")
         yield ask("press", "Press A.")
-        yield Wait(self._hand_s, lambda: self._gone or self._is_down() is True)
-        yield Wait(0.05)
+        yield Pause(self._hand_s, lambda: self._gone or self._is_down() is True)
+        yield Pause(0.05)
         yield mark("release")
         yield ask("release", "Let A go.")
-        yield Wait(self._hand_s, lambda: self._gone or self._is_down() is False)
-        yield Wait(0.05)
+        yield Pause(self._hand_s, lambda: self._gone or self._is_down() is False)
+        yield Pause(0.05)
         if self._level >= Level.HOLD:
             yield from self._asking()
             yield mark("data")
             yield from self._asked(DataMode(DATA_MODE, continuous=True, ack=True), Ack)
             yield mark("stream")
-            yield Wait(self._seconds, lambda: self._gone)
+            yield Pause(self._seconds, lambda: self._gone)
             yield mark("status")
             yield from self._asked(StatusRequest(), Status)
             yield mark("after-status")
-            yield Wait(0.4)
+            yield Pause(0.4)
             yield mark("extension")
             yield from self._asked(DataMode(EXTENSION_MODE, continuous=True, ack=True), Ack)
             yield mark("extension-stream")
-            yield Wait(0.4)
+            yield Pause(0.4)
             yield mark("last")
             yield from self._asked(StatusRequest(), Status)
         if self._level >= Level.BY_HAND:
             yield mark("power-off")
             yield ask("power-off", "Hold the remote's power button until it is off.")
-            yield Wait(self._hand_s, lambda: self._gone)
-            yield Wait(0.2)
+            yield Pause(self._hand_s, lambda: self._gone)
+            yield Pause(0.2)
 
     def _is_down(self) -> bool | None:
         return None if self._pressed is None else bool(self._pressed)

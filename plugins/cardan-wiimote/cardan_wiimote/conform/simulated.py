@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cardan.conform.runner import Act, Exchange
+from cardan.conform.runner import Exchange, Step
 from cardan.conform.timeline import Kind
 from cardan_wiimote.peer import SimulatedWiimote
 
@@ -40,7 +40,7 @@ class WiimoteRig:
                 break
             self._now_s = max(self._now_s + 1e-6, min(remote.next_due_s, exchange.next_s))
 
-    def _do(self, acts: list[Act]) -> None:
+    def _do(self, acts: list[Step]) -> None:
         remote = self._remote
         for act in acts:
             if act.kind is Kind.DATA and self._open:

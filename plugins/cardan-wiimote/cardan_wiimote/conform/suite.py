@@ -7,8 +7,8 @@ from typing import ClassVar
 
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Exchange
-from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Timeline
+from cardan.conform.suite import Suite, SuiteTransport
+from cardan.conform.timeline import WireTimeline
 from cardan.conform.transports import DeviceFile, Wires
 from cardan_wiimote.conform.decoded import WiimoteTraffic
 from cardan_wiimote.conform.requirements import requires
@@ -25,7 +25,7 @@ class Wiimote(Suite[WiimoteTraffic]):
     target = "/dev/hidrawN of the remote, which `cardan devices` names"
     peer = "wiimote"
     requirements = requires.all()
-    transport = Transport("other")
+    transport = SuiteTransport("other")
     dissector = "wiimote"
     seconds = 1.2
     # While data come.
@@ -41,7 +41,7 @@ class Wiimote(Suite[WiimoteTraffic]):
         "stolen-mode": 1.2,
     }
 
-    def decode(self, timeline: Timeline) -> WiimoteTraffic:
+    def decode(self, timeline: WireTimeline) -> WiimoteTraffic:
         return WiimoteTraffic(timeline)
 
     def scenario(self, level: Level, seconds: float) -> WiimoteScenario:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 from cardan.sim_peers.base import ScriptStep
-from cardan.sim_peers.motion_profile import Ramp, VectorMotion
+from cardan.sim_peers.motion_profile import VectorMotion, VectorRamp
 from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, moving, setting
 from cardan_wiimote.peer.core import ZERO, SimulatedWiimote
 from cardan_wiimote.protocol import BUTTONS, IrDot
@@ -224,10 +224,10 @@ class ScriptedHand(ScriptHand[SimulatedWiimote]):
         return lambda remote, at_s: getattr(remote, method)(at_s)
 
     def _tilt(self, words: StepWords) -> Act[SimulatedWiimote]:
-        return moving(self._angles_rad, Ramp(_angles_rad(words), words.over()))
+        return moving(self._angles_rad, VectorRamp(_angles_rad(words), words.over()))
 
     def _level(self, words: StepWords) -> Act[SimulatedWiimote]:
-        return moving(self._angles_rad, Ramp(ZERO, words.over(), ends_swings=True))
+        return moving(self._angles_rad, VectorRamp(ZERO, words.over(), ends_swings=True))
 
     def _swing(self, words: StepWords) -> Act[SimulatedWiimote]:
         return moving(self._angles_rad, words.swing(_angles_rad(words), HAND_PERIOD_S))
@@ -237,7 +237,7 @@ class ScriptedHand(ScriptHand[SimulatedWiimote]):
         return moving(self._acceleration_g, words.swing(amplitude_g, HAND_PERIOD_S, phased=False))
 
     def _move_stick(self, words: StepWords) -> Act[SimulatedWiimote]:
-        act = moving(self._stick, Ramp(words.numbers(("X", "Y"), -1.0, 1.0), words.over()))
+        act = moving(self._stick, VectorRamp(words.numbers(("X", "Y"), -1.0, 1.0), words.over()))
         self._need_nunchuk(words)
         return act
 

@@ -13,7 +13,7 @@ from cardan.sim_peers.backends.base import DeviceBackend
 from cardan.sim_peers.backends.uhid import BUS_BLUETOOTH, HidIdentity, UhidBackend
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import option
-from cardan.sim_peers.hand_peer import HandPeer, NodeOptions
+from cardan.sim_peers.hand_peer import DeviceNodeOptions, HandPeer
 from cardan_wiimote.address import BLUETOOTH_ADDRESS
 from cardan_wiimote.peer.core import ExtensionName, NoiseLsb, SimulatedWiimote
 from cardan_wiimote.peer.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
@@ -32,7 +32,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class WiimotePeerOptions(NodeOptions):
+class WiimotePeerOptions(DeviceNodeOptions):
     """Options of the simulated remote. Exactly one of `l2cap`, `bluetooth`, `uhid` is required."""
 
     l2cap: str = option("", "Folder for the Unix seqpacket sockets psm11 and psm13.", metavar="DIR")

@@ -1,4 +1,4 @@
-"""Braking from whatever speed an arm has."""
+"""Braking from any speed of an arm."""
 
 import pytest
 from hypothesis import given, settings, strategies as st

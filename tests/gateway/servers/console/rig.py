@@ -39,7 +39,7 @@ def console(network, folder, **options):
 
 
 class FakeArm:
-    """Answers `ask` of a memory network, and keeps what it was asked for."""
+    """Answers `ask` of a memory network, and keeps its requests."""
 
     def __init__(self, network, name=ARM):
         self.requests = []

@@ -1,4 +1,4 @@
-"""Cameras are shown to each client with access, the newest picture, and rest while nobody looks."""
+"""Cameras show each client with access the newest picture, and rest while there is no viewer."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def camera(path="/stream", image=b""):
 
 
 def announced(page):
-    """The next picture, and what was said of it just before."""
+    """The next picture, and the message about it just before."""
     about = None
     while True:
         frame = page.connection.recv(timeout=WAIT_S)
@@ -168,7 +168,7 @@ def test_the_next_picture_goes_out_when_the_one_before_was_shown_and_is_the_newe
         passed = server.pictures + 5
         until(lambda: server.pictures >= passed, "pictures come that nobody has room for")
         assert settled(page)
-        # One that passed over the first has shown both.
+        # A page that skipped the first picture has shown both.
         show(page, ahead[1])
         assert announced(page)[1]["picture"] == ahead[1] + 1
 

@@ -1,4 +1,4 @@
-"""What a page's frames do: who may, what ends a hold, and what the page is told."""
+"""Frames of a page: permissions, ends of a hold, and messages to the page."""
 
 from __future__ import annotations
 
@@ -16,7 +16,13 @@ from cardan.gateway.arm.vocab import Begins
 from cardan.gateway.servers.console import commands
 from cardan.gateway.servers.console.hold_to_run import FRESH_S
 from cardan.gateway.servers.pause_detector import STOOD_STILL_S
-from cardan.protocols.handheld.frames import Gamepad, JogJoints, JogTwist, Phone, decode_frame
+from cardan.protocols.handheld.frames import (
+    GamepadFrame,
+    JogJoints,
+    JogTwist,
+    PhoneFrame,
+    decode_frame,
+)
 from cardan.types import Frame, Twist, Vector3
 from tests.gateway.servers.console.rig import ARM, FakeArm, console, page_program
 from tests.gateway.servers.memory_network import MemoryNetwork
@@ -294,7 +300,7 @@ def test_a_server_that_stood_still_acts_on_nothing_that_waited(arm, running, pag
     until(lambda: arm.verbs()[-1] == "release", "the page was cut off")
     after = [each for each in arm.requests if each.verb == "twist"][1:]
     moving = [each for each in after if numbers(each) != REST]
-    assert len(moving) <= 1  # What was under way before.
+    assert len(moving) <= 1  # A twist that was under way before.
 
 
 def test_what_the_arm_refuses_ends_the_hold_with_its_reason(arm, page):
@@ -379,10 +385,10 @@ def test_a_page_has_so_many_channels(page):
 
 def test_device_frames_go_to_the_driver_as_they_are(network, page):
     page.open(2, device="/phone")
-    page.frame(Phone(None), False, channel=2)
-    page.frame(Phone(Vector3(10, 20, 30)), True, channel=2, late_s=0.05)
-    page.frame(Phone(Vector3(10, 20, 30)), True, channel=2, late_s=FRESH_S + 0.05)
-    page.frame(Phone(None), False, channel=2)
+    page.frame(PhoneFrame(None), False, channel=2)
+    page.frame(PhoneFrame(Vector3(10, 20, 30)), True, channel=2, late_s=0.05)
+    page.frame(PhoneFrame(Vector3(10, 20, 30)), True, channel=2, late_s=FRESH_S + 0.05)
+    page.frame(PhoneFrame(None), False, channel=2)
     until(lambda: len(network.published) == 3, "three are passed on")
     topics, messages = zip(*network.published, strict=True)
     assert set(topics) == {"/phone"}
@@ -398,7 +404,7 @@ def test_both_hands_of_a_page_are_one_sender(network, page):
         page.open(channel, device="/xr")
     assert [topic for topic, *_ in network.publishers] == ["/xr"]
     page.ask("cardan.close", channel=4)
-    page.frame(Phone((0.0, 0.0, 0.0)), channel=5)
+    page.frame(PhoneFrame((0.0, 0.0, 0.0)), channel=5)
     until(lambda: network.published, "it goes on")
     page.ask("cardan.close", channel=5)
     until(lambda: not network.publishers, "it ends with the last one")
@@ -413,7 +419,7 @@ def test_what_a_driver_lets_the_hand_feel_goes_to_the_page(network, page):
 def test_frames_go_only_where_they_belong(arm, network, page):
     page.open(1, arm=ARM)
     page.open(2, device="/pad")
-    page.frame(Gamepad(0, 0, 0, 0), True, channel=1)
+    page.frame(GamepadFrame(0, 0, 0, 0), True, channel=1)
     assert "jogs an arm" in page.next("cardan.refused")["why"]
     page.jog(True, channel=2)
     page.jog(True, channel=9)
@@ -481,11 +487,11 @@ def test_every_page_is_a_source_of_its_own(arm, running):
 
 def test_a_pad_is_a_game_controller_of_ros_2(network, page):
     page.open(3, joy="/joy")
-    pad = Gamepad(-0.5, -1.0, 0.25, 0.75, 0.5, 1.0, 1 << 0 | 1 << 4 | 1 << 15)
+    pad = GamepadFrame(-0.5, -1.0, 0.25, 0.75, 0.5, 1.0, 1 << 0 | 1 << 4 | 1 << 15)
     page.frame(pad, False, channel=3)
     page.frame(pad, False, channel=3, late_s=FRESH_S + 0.05)
     page.frame(pad, False, channel=3, visible=False)
-    page.frame(Phone(None), False, channel=3)
+    page.frame(PhoneFrame(None), False, channel=3)
     assert "opened for a pad" in page.next("cardan.refused")["why"]
     ((topic, message),) = network.published
     assert topic == "/joy"
@@ -499,7 +505,7 @@ def test_a_pad_is_a_game_controller_of_ros_2(network, page):
 def test_the_driver_of_joy_reads_a_pad_as_it_is_held():
     """Stick away and left is x and y, as the driver's layout has it."""
     layout = LAYOUTS["game_controller"][0]
-    pad = Gamepad(-0.5, -1.0, 0.25, 0.75)
+    pad = GamepadFrame(-0.5, -1.0, 0.25, 0.75)
     axes = [0.5, 1.0, -0.25, -0.75, 0.0, 0.0]
     x, y, z, _, _, yaw = (axes[each - 1] if each else 0.0 for each in layout)
     assert (x, y) == (-pad.left_down, -pad.left_right)

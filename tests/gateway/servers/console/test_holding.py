@@ -1,4 +1,4 @@
-"""When a hand on a page holds, and what its clock says, in virtual time."""
+"""Conditions for a hold on a page, and the page's clock, in virtual time."""
 
 import math
 

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
 
-from cardan.protocols.handheld.frames import JogTwist, Phone
+from cardan.protocols.handheld.frames import JogTwist, PhoneFrame
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.types import Vector3
 from tests.gateway.servers.console.rig import console, page_program
@@ -20,12 +20,12 @@ pytestmark = pytest.mark.matrix
 VIEWER, OPERATOR = "viewers-0123456789", "operators-0123456789"
 TOPIC, IMU = "/phone/imu", "sensor_msgs/msg/Imu"
 
-UPRIGHT = Phone(
+UPRIGHT = PhoneFrame(
     angles_deg=Vector3(0.0, 90.0, 0.0),
     rates_rad_s=Vector3(0.1, 0.2, 0.3),
     acceleration_m_s2=Vector3(0.0, 9.8, 0.0),
 )
-BLIND = Phone(None, acceleration_m_s2=Vector3(0.0, 0.0, 9.8))
+BLIND = PhoneFrame(None, acceleration_m_s2=Vector3(0.0, 0.0, 9.8))
 
 
 @pytest.fixture
@@ -85,7 +85,7 @@ def test_what_it_does_not_measure_is_marked(page, heard):
 def test_what_is_old_or_nothing_is_not_published(page, heard):
     page.open(7, imu=TOPIC)
     page.frame(UPRIGHT, False, channel=7, late_s=1.0)
-    page.frame(Phone(None), False, channel=7)
+    page.frame(PhoneFrame(None), False, channel=7)
     page.frame(UPRIGHT, False, channel=7, visible=False)
     page.frame(UPRIGHT, False, channel=7)
     until(lambda: heard, "it is published")

@@ -48,7 +48,7 @@ def running(tmp_path_factory):
 
 
 class Watcher(threading.Thread):
-    """Keeps what a page hears of the arm, and answers the server's clock."""
+    """Keeps a page's messages about the arm, and answers the server's clock."""
 
     def __init__(self, page):
         super().__init__(daemon=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from cardan.conform.hands import HandScenario
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Script, Wait, mark, send
-from cardan.conform.timeline import Event
+from cardan.conform.runner import Pause, Script, mark, send
+from cardan.conform.timeline import WireEvent
 from cardan_serial_mice.protocol import (
     MagellanKeys,
     MagellanMotion,
@@ -36,7 +36,7 @@ class MagellanScenario(HandScenario):
         self._reader = MagellanReader()
         self._answered = False
 
-    def _note(self, event: Event) -> None:
+    def _note(self, event: WireEvent) -> None:
         for value in self._reader.feed(event.data):
             if isinstance(value, MagellanMotion):
                 self._moved = self._moved or any(value)
@@ -53,7 +53,7 @@ class MagellanScenario(HandScenario):
             yield mark("ask")
             # An empty command ends one that another program may have begun.
             yield send(b"\r")
-            yield Wait(0.05)
+            yield Pause(0.05)
             for command in (QUERY_VERSION, MODE_3D, EXTENDED_COMPRESSED, QUERY_KEYS, UNKNOWN):
                 yield from self._told(command)
             yield from self._again()
@@ -65,5 +65,5 @@ class MagellanScenario(HandScenario):
     def _told(self, command: bytes) -> Script:
         self._answered = False
         yield send(command + b"\r")
-        yield Wait(ANSWER_S, lambda: self._answered or self._gone)
-        yield Wait(0.02)
+        yield Pause(ANSWER_S, lambda: self._answered or self._gone)
+        yield Pause(0.02)

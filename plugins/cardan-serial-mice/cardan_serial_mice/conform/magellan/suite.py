@@ -7,8 +7,8 @@ from typing import ClassVar
 
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Exchange
-from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Timeline
+from cardan.conform.suite import Suite, SuiteTransport
+from cardan.conform.timeline import WireTimeline
 from cardan.conform.transports import Wires
 from cardan.sim_peers.base import FaultSwitch
 from cardan_serial_mice.conform.magellan.decoded import MagellanMeaning, MagellanTraffic
@@ -29,7 +29,7 @@ class Magellan(Suite[MagellanTraffic]):
     target = "the serial port of the device, as /dev/ttyUSB0"
     peer = "spacemouse-serial"
     requirements = requires.all()
-    transport = Transport("other")
+    transport = SuiteTransport("other")
     seconds = 1.2
     # While it is held deflected; between two commands; more than any sensitivity's default gives.
     fault_test_values: ClassVar[Mapping[str, float]] = {
@@ -38,7 +38,7 @@ class Magellan(Suite[MagellanTraffic]):
         "overrange": 1.5,
     }
 
-    def decode(self, timeline: Timeline) -> MagellanTraffic:
+    def decode(self, timeline: WireTimeline) -> MagellanTraffic:
         return MagellanTraffic(timeline, MagellanMeaning())
 
     def scenario(self, level: Level, seconds: float) -> MagellanScenario:

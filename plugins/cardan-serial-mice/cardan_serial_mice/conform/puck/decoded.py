@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
-from cardan.conform.timeline import Kind, Timeline, TimelinePhase
+from cardan.conform.timeline import Kind, TimelinePhase, WireTimeline
 from cardan_serial_mice.protocol import Malformed
 
 V = TypeVar("V")
@@ -70,7 +70,7 @@ class PacketMeaning(ABC, Generic[V]):
 class PuckTraffic(Generic[V]):
     """The packets of a timeline."""
 
-    def __init__(self, timeline: Timeline, meaning: PacketMeaning[V]) -> None:
+    def __init__(self, timeline: WireTimeline, meaning: PacketMeaning[V]) -> None:
         self.phases = timeline.phases()
         self.packets: list[Packet[V]] = []
         self.stream = b""

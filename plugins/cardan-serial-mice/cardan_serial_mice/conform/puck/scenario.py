@@ -6,8 +6,8 @@ from typing import Any
 
 from cardan.conform.hands import HandScenario
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Script, Wait, mark, send
-from cardan.conform.timeline import Event
+from cardan.conform.runner import Pause, Script, mark, send
+from cardan.conform.timeline import WireEvent
 from cardan_serial_mice.conform.puck.decoded import PacketMeaning
 
 REST_S = 0.6
@@ -23,7 +23,7 @@ class PuckScenario(HandScenario):
         self._command = b""
         self._answered = False
 
-    def _note(self, event: Event) -> None:
+    def _note(self, event: WireEvent) -> None:
         for value in self._reader.feed(event.data):
             self._moved = self._moved or any(self._meaning.counts(value))
             mask = self._meaning.mask(value)
@@ -36,13 +36,13 @@ class PuckScenario(HandScenario):
     def _told(self, command: bytes, within_s: float = ANSWER_S) -> Script:
         self._answered, self._command = False, command
         yield send(command + b"\r")
-        yield Wait(within_s, lambda: self._answered or self._gone)
-        yield Wait(0.02)
+        yield Pause(within_s, lambda: self._answered or self._gone)
+        yield Pause(0.02)
 
     def _asked(self, commands: tuple[bytes, ...]) -> Script:
         yield mark("ask")
         # An empty command ends one that another program may have begun.
         yield send(b"\r")
-        yield Wait(0.05)
+        yield Pause(0.05)
         for command in commands:
             yield from self._told(command)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cardan.conform.runner import Act, Exchange
+from cardan.conform.runner import Exchange, Step
 from cardan.conform.timeline import Kind
 from cardan_serial_mice.peer.core import simulated_serial_puck
 from cardan_serial_mice.protocol import serial_model_by_key
@@ -45,7 +45,7 @@ class PuckRig:
                 break
             self._now_s = max(self._now_s + 1e-6, min(device.next_due_s, exchange.next_s))
 
-    def _do(self, acts: list[Act]) -> None:
+    def _do(self, acts: list[Step]) -> None:
         for act in acts:
             if act.kind is Kind.DATA:
                 self._device.receive(act.data)

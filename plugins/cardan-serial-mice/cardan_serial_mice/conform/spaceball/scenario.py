@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Script, Wait, mark
+from cardan.conform.runner import Pause, Script, mark
 from cardan_serial_mice.conform.puck.scenario import REST_S, PuckScenario
 from cardan_serial_mice.conform.spaceball.packets import UNKNOWN, SpaceballMeaning
 from cardan_serial_mice.protocol.spaceball import (
@@ -31,7 +31,7 @@ class SpaceballScenario(PuckScenario):
         if self._level >= Level.HOLD:
             yield mark("reset")
             yield from self._told(RESET, RESET_S)
-            yield Wait(0.1)
+            yield Pause(0.1)
             yield from self._asked((BINARY, RATE_20_HZ, SEND_VECTORS, QUERY_KEYS, UNKNOWN))
             yield from self._motions(REST_S)
         if self._level >= Level.BY_HAND:

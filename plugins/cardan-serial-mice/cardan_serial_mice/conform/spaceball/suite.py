@@ -7,8 +7,8 @@ from typing import ClassVar
 
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Exchange
-from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Timeline
+from cardan.conform.suite import Suite, SuiteTransport
+from cardan.conform.timeline import WireTimeline
 from cardan.conform.transports import Wires
 from cardan.sim_peers.base import FaultSwitch
 from cardan_serial_mice.conform.puck.simulated import PuckRig
@@ -29,12 +29,12 @@ class Spaceball(Suite[BallTraffic]):
     target = "the serial port of the device, as /dev/ttyUSB0"
     peer = "spacemouse-serial"
     requirements = requires.all()
-    transport = Transport("other")
+    transport = SuiteTransport("other")
     seconds = 1.2
     # While it is held deflected; more than the range has over.
     fault_test_values: ClassVar[Mapping[str, float]] = {"power-loss": 4.5, "overrange": 1.5}
 
-    def decode(self, timeline: Timeline) -> BallTraffic:
+    def decode(self, timeline: WireTimeline) -> BallTraffic:
         return BallTraffic(timeline, SpaceballMeaning())
 
     def scenario(self, level: Level, seconds: float) -> SpaceballScenario:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cardan.conform.requirements import Level
-from cardan.conform.runner import Script, Wait, mark
+from cardan.conform.runner import Pause, Script, mark
 from cardan_serial_mice.conform.puck.scenario import REST_S, PuckScenario
 from cardan_serial_mice.conform.spaceorb.packets import NULL_REGION, POLL, SpaceOrbMeaning
 from cardan_serial_mice.protocol.spaceorb import HEARTBEAT_S, QUERY
@@ -23,7 +23,7 @@ class SpaceOrbScenario(PuckScenario):
     def script(self) -> Script:
         yield from self._begin(BOOT_S)
         yield mark("beats")
-        yield Wait(BEATS * HEARTBEAT_S)
+        yield Pause(BEATS * HEARTBEAT_S)
         yield from self._motions(REST_S)
         yield from self._keys()
         if self._level >= Level.HOLD:

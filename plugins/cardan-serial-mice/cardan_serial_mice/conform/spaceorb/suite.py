@@ -7,8 +7,8 @@ from typing import ClassVar
 
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Exchange
-from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Timeline
+from cardan.conform.suite import Suite, SuiteTransport
+from cardan.conform.timeline import WireTimeline
 from cardan.conform.transports import Wires
 from cardan.sim_peers.base import FaultSwitch
 from cardan_serial_mice.conform.puck.simulated import PuckRig
@@ -29,12 +29,12 @@ class SpaceOrb(Suite[OrbTraffic]):
     target = "the serial port of the device, as /dev/ttyUSB0"
     peer = "spacemouse-serial"
     requirements = requires.all()
-    transport = Transport("other")
+    transport = SuiteTransport("other")
     seconds = 1.2
     # When it has started.
     fault_test_values: ClassVar[Mapping[str, float]] = {"power-loss": 5.5}
 
-    def decode(self, timeline: Timeline) -> OrbTraffic:
+    def decode(self, timeline: WireTimeline) -> OrbTraffic:
         return OrbTraffic(timeline, SpaceOrbMeaning())
 
     def scenario(self, level: Level, seconds: float) -> SpaceOrbScenario:
