@@ -14,7 +14,8 @@ from cardan.drivers.gamepad import GamepadCore, GamepadOptions
 from cardan.drivers.keyboard import KeyboardCore, KeyboardOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spnav import SpnavCore, SpnavOptions
-from cardan.protocols import connexion, uevent
+from cardan.protocols import uevent
+from cardan.protocols.connexion import descriptors, devices, reports as connexion_reports
 from cardan.protocols.evdev import events as evdev_events, requests as evdev_requests, uinput
 from cardan.protocols.handheld import frames as handheld_frames, teleop
 from cardan.protocols.hid import MalformedReport
@@ -70,19 +71,19 @@ def told(core: DeviceCore, now_s: float) -> tuple[str, ...]:
 
 
 def _connexion(data: bytes) -> object:
-    found = connexion.decode_input(data)
-    connexion.full_scale_of(data)
-    out = connexion.decode_output(data)
-    if isinstance(out, connexion.LedOutput):
-        same(connexion.decode_output(connexion.encode_led(out.on)), out)
+    found = connexion_reports.decode_input(data)
+    descriptors.full_scale_of(data)
+    out = connexion_reports.decode_output(data)
+    if isinstance(out, connexion_reports.LedOutput):
+        same(connexion_reports.decode_output(connexion_reports.encode_led(out.on)), out)
     encoders: dict[type, Callable[..., bytes]] = {
-        connexion.Translation: connexion.encode_translation,
-        connexion.Rotation: connexion.encode_rotation,
-        connexion.MotionReport: connexion.encode_motion,
-        connexion.Battery: connexion.encode_battery,
+        connexion_reports.Translation: connexion_reports.encode_translation,
+        connexion_reports.Rotation: connexion_reports.encode_rotation,
+        connexion_reports.MotionReport: connexion_reports.encode_motion,
+        connexion_reports.Battery: connexion_reports.encode_battery,
     }
     if type(found) in encoders:
-        same(connexion.decode_input(encoders[type(found)](*found)), found)
+        same(connexion_reports.decode_input(encoders[type(found)](*found)), found)
     return found
 
 
@@ -90,16 +91,16 @@ def _connexion_reports() -> Iterator[bytes]:
     names = ("TRANSLATION", "ROTATION", "MOTION", "BUTTONS_PRO", "BUTTONS_TWO", "KEYS_DOWN")
     for name in (*names, "BATTERY", "LED", "CALIBRATE"):
         yield getattr(worked, name)
-    yield connexion.encode_long_press((103, 104))
-    for model in connexion.MODELS[:6]:
-        yield connexion.descriptor_for(model)
+    yield connexion_reports.encode_long_press((103, 104))
+    for model in devices.MODELS[:6]:
+        yield descriptors.descriptor_for(model)
 
 
 def _spacemouse(packets: Packets) -> object:
     """After garbage and a pause a device that is at rest is live."""
     results: list[object] = []
     for key in ("spacenavigator", "spacemouse-pro-wireless-receiver"):
-        model = connexion.model_by_key(key)
+        model = devices.model_by_key(key)
         core = SpaceMouseCore(SpaceMouseOptions(), model)
         now_s = 1000.0
         core.on_opened(now_s, model)
@@ -114,17 +115,17 @@ def _spacemouse(packets: Packets) -> object:
         now_s += 1.0
         for _ in range(4):
             now_s += 0.016
-            if model.family is connexion.Family.SPLIT:
-                core.on_report(connexion.encode_translation(0, 0, 0), now_s)
-                core.on_report(connexion.encode_rotation(0, 0, 0), now_s)
+            if model.family is devices.Family.SPLIT:
+                core.on_report(connexion_reports.encode_translation(0, 0, 0), now_s)
+                core.on_report(connexion_reports.encode_rotation(0, 0, 0), now_s)
             else:
-                core.on_report(connexion.encode_motion(0, 0, 0, 0, 0, 0), now_s)
+                core.on_report(connexion_reports.encode_motion(0, 0, 0, 0, 0, 0), now_s)
         assert core.state(now_s).link is DeviceLink.LIVE, core.diagnosis(now_s)
     return tuple(results[:8])
 
 
 def _spacemouse_packets() -> Iterator[Packets]:
-    rest = connexion.encode_motion(0, 0, 0, 0, 0, 0)
+    rest = connexion_reports.encode_motion(0, 0, 0, 0, 0, 0)
     yield (rest, worked.MOTION, worked.BUTTONS_PRO, worked.BATTERY, worked.KEYS_DOWN, rest)
     yield (worked.TRANSLATION, worked.ROTATION, worked.BUTTONS_TWO, b"\x03", b"")
 

@@ -7,7 +7,8 @@ from functools import cache
 from typing import Any
 
 from cardan.errors import ScriptError
-from cardan.protocols import connexion, joint_stream as js
+from cardan.protocols import joint_stream as js
+from cardan.protocols.connexion import devices as connexion_devices
 from cardan.protocols.evdev import requests as evdev_requests
 from cardan.protocols.spnav import records
 from cardan.sim_peers.arm import SimulatedArm
@@ -213,7 +214,7 @@ def _evdev_calls() -> Iterator[Packets]:
 
 
 def _mouse(packets: Packets) -> object:
-    mouse = SimulatedSpaceMouse(connexion.MODELS[0])
+    mouse = SimulatedSpaceMouse(connexion_devices.MODELS[0])
     now_s = 0.0
     for data in packets:
         now_s += 0.01
@@ -224,7 +225,7 @@ def _mouse(packets: Packets) -> object:
 
 def _usbip(data: bytes) -> object:
     outputs: list[bytes] = []
-    session = usbip.UsbipSession(SpaceMouseUsb(connexion.MODELS[0], outputs.append))
+    session = usbip.UsbipSession(SpaceMouseUsb(connexion_devices.MODELS[0], outputs.append))
     for at in range(0, len(data), 97):
         session.receive(data[at : at + 97])
         session.push(1, b"\x01\x02")
@@ -275,7 +276,7 @@ def _spnav_server(packets: Packets) -> object:
 
 
 def _mouse_hand(steps: Any) -> object:
-    return mouse_hand.ScriptedPuck(steps, connexion.MODELS[0])
+    return mouse_hand.ScriptedPuck(steps, connexion_devices.MODELS[0])
 
 
 def _evdev_hand(steps: Any) -> object:

@@ -3,7 +3,7 @@
 import pytest
 
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
-from cardan.protocols.connexion import MODELS, model_by_key
+from cardan.protocols.connexion.devices import MODELS, model_by_key
 from cardan.sim_peers.spacemouse import FAULTS, SimulatedSpaceMouse
 from cardan.types import DeviceLink
 

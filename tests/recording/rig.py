@@ -18,7 +18,7 @@ from cardan.gateway.arm.loop import ArmLoop
 from cardan.gateway.session.assembly import make_controller, make_robot
 from cardan.gateway.session.config import SessionConfig, parse_config
 from cardan.gateway.session.session import make_session
-from cardan.protocols.connexion import model_by_key
+from cardan.protocols.connexion.devices import model_by_key
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.type_hash import type_hash
 from cardan.recording.mcap_file import RecordedMessage, RecordedTopic, RecordWriter

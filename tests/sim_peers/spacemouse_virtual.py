@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan.protocols.connexion import model_by_key
+from cardan.protocols.connexion.devices import model_by_key
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedPuck, SimulatedSpaceMouse
 

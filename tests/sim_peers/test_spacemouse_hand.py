@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cardan.errors import ScriptError
-from cardan.protocols.connexion import MODELS, model_by_key
+from cardan.protocols.connexion.devices import MODELS, model_by_key
 from cardan.sim_peers.base import load_script, parse_script
 from cardan.sim_peers.scripted import play
 from cardan.sim_peers.spacemouse import (

@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.errors import DeviceAccessError, ScriptError
-from cardan.protocols.connexion import decode_input
 from cardan.protocols.connexion.descriptors import descriptor_for
+from cardan.protocols.connexion.reports import decode_input
 from cardan.sim_peers.backends.uhid import (
     BUS_BLUETOOTH,
     BUS_USB,

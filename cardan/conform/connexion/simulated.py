@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from cardan.conform.rigs import Rig
 from cardan.conform.runner import Exchange
 from cardan.conform.timeline import Kind
-from cardan.protocols.connexion import model_by_key
+from cardan.protocols.connexion.devices import model_by_key
 from cardan.sim_peers.spacemouse import SimulatedSpaceMouse
 
 _MODEL = "spacenavigator"

@@ -27,7 +27,7 @@ from cardan.drivers.core import DeviceCore
 from cardan.drivers.shaping import Shaper
 from cardan.drivers.spnav.options import SpnavOptions
 from cardan.drivers.spnav.repeats import RepeatDetector
-from cardan.protocols.connexion import Family, find_model
+from cardan.protocols.connexion.devices import Family, find_model
 from cardan.protocols.spnav.codes import (
     DEVICE_TYPES,
     MASK_V1,

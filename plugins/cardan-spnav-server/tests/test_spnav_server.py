@@ -16,7 +16,7 @@ from cardan.drivers.base import OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.drivers.spacemouse.transports import HidCandidate, HidLink, Transport
 from cardan.errors import AddressError, DeviceNotFoundError
-from cardan.protocols.connexion import model_by_key
+from cardan.protocols.connexion.devices import model_by_key
 from cardan.protocols.spnav.codes import Code, EventMask
 from cardan.protocols.spnav.records import (
     RECORD_BYTES,

@@ -6,7 +6,7 @@ from cardan.drivers.base import OperatorDevice
 from cardan.drivers.gamepad import Gamepad
 from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
 from cardan.drivers.spnav.core import usual_full_scales
-from cardan.protocols.connexion import MODELS, model_by_key
+from cardan.protocols.connexion.devices import MODELS, model_by_key
 from cardan.protocols.spnav.codes import DEVICE_TYPES, Code
 from cardan.protocols.spnav.records import Button, MotionEvent, encode_handshake, encode_request
 from cardan.protocols.spnav.streams import ServerReader
