@@ -11,7 +11,7 @@ from cardan.protocols import joint_stream as js
 from cardan.protocols.connexion import devices as connexion_devices
 from cardan.protocols.evdev import requests as evdev_requests
 from cardan.protocols.spnav import records
-from cardan.sim_peers.arm import SimulatedArm
+from cardan.sim_peers.arm.controller import SimulatedArm
 from cardan.sim_peers.backends import uhid, usbip
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.egm_controller import EgmController, scripts as egm_scripts
@@ -22,7 +22,8 @@ from cardan.sim_peers.motoros_controller import (
     MotorosControllerOptions,
     MotorosServers,
 )
-from cardan.sim_peers.spacemouse import SimulatedSpaceMouse, hand as mouse_hand
+from cardan.sim_peers.spacemouse import hand as mouse_hand
+from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
 from cardan_jr3.peer import SimulatedJr3, hand as jr3_hand, socketcand
 from cardan_jr3.protocol import TEO_SENSORS

@@ -24,7 +24,8 @@ from cardan.protocols.ros2.type_hash import type_hash
 from cardan.recording.mcap_file import RecordedMessage, RecordedTopic, RecordWriter
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.scripted import play
-from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedPuck, SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, ScriptedPuck
 from tests.serving import PATIENT
 from tests.waiting import WITHIN_S, until
 

@@ -15,7 +15,9 @@ from cardan.protocols.joint_stream import (
     decode_state,
     encode_command,
 )
-from cardan.sim_peers.arm import FAULTS, PlantOptions, SimulatedArm, SimulatedArmOptions
+from cardan.sim_peers.arm.controller import SimulatedArm
+from cardan.sim_peers.arm.faults import FAULTS
+from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
 from cardan.sim_peers.base import parse_faults
 
 PERIOD_S = 0.002

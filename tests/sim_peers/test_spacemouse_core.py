@@ -20,7 +20,7 @@ from cardan.protocols.connexion.reports import (
     to_robot_axes,
 )
 from cardan.protocols.hid import MalformedReport
-from cardan.sim_peers.spacemouse import SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
 from tests.sim_peers.spacemouse_virtual import DEFLECTED, NEUTRAL, make, motions, run
 
 

@@ -19,7 +19,7 @@ import pytest
 
 from cardan.errors import AddressError, OptionError, ScriptError
 from cardan.sim_peers.backends.unix_socket import MAX_CLIENTS, QUEUE_REPORTS
-from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
+from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
 from tests.waiting import WITHIN_S
 
 pytestmark = pytest.mark.matrix
