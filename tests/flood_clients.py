@@ -22,7 +22,7 @@ from cardan.gateway.arm.requests import Request, encode_request
 from cardan.gateway.arm.vocab import Begins
 from cardan.gateway.daemon.control import Ask, encode_ask
 from cardan.protocols.handheld.frames import JogTwist, OperatorFrame, PhoneFrame, encode_frame
-from cardan.protocols.joint_stream import (
+from cardan.protocols.joint_stream.codec import (
     ArmCommand,
     ControlMode,
     decode_state,

@@ -7,9 +7,9 @@ from functools import cache
 from typing import Any
 
 from cardan.errors import ScriptError
-from cardan.protocols import joint_stream as js
 from cardan.protocols.connexion import devices as connexion_devices
 from cardan.protocols.evdev import requests as evdev_requests
+from cardan.protocols.joint_stream import codec as js
 from cardan.protocols.spnav import records
 from cardan.sim_peers.arm.controller import SimulatedArm
 from cardan.sim_peers.backends import uhid, usbip

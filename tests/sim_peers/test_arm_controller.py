@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cardan.errors import ConfigurationError, ScriptError
-from cardan.protocols.joint_stream import (
+from cardan.protocols.joint_stream.codec import (
     ArmCommand,
     ControlMode,
     MalformedDatagram,
