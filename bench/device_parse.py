@@ -20,7 +20,8 @@ from bench.figures import median_costs
 from cardan.drivers.core import DeviceCore
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spnav import SpnavCore, SpnavOptions
-from cardan.protocols.connexion import encode_motion, find_model
+from cardan.protocols.connexion.devices import find_model
+from cardan.protocols.connexion.reports import encode_motion
 from cardan.types import DeviceLink, DeviceState
 from cardan_leap.driver import LeapCore, LeapOptions
 from cardan_leap.peer import SimulatedLeapService

@@ -19,14 +19,13 @@ import pyspacemouse
 from pyspacemouse.device import SpaceMouseDevice
 
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
-from cardan.protocols.connexion import (
-    Family,
+from cardan.protocols.connexion.devices import Family, find_model
+from cardan.protocols.connexion.reports import (
     decode_input,
     encode_buttons,
     encode_motion,
     encode_rotation,
     encode_translation,
-    find_model,
 )
 
 MODELS = ("SpaceNavigator", "SpaceMousePro", "SpaceMouseWireless", "SpaceMouseEnterprise")

@@ -28,11 +28,12 @@ from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import SessionProcess
 from cardan.robots import load_arm
-from cardan.sim_peers.arm import SimulatedArmOptions, SimulatedArmPeer
+from cardan.sim_peers.arm.options import SimulatedArmOptions
+from cardan.sim_peers.arm.udp import SimulatedArmPeer
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, EgmMode
 from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
-from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
+from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
 
 SPEEDS_M_S = (0.1, 0.25)
 TIMES = 5

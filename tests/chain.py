@@ -16,11 +16,12 @@ from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.operator.mapping import MappingOptions
-from cardan.protocols.connexion import model_by_key
+from cardan.protocols.connexion.devices import model_by_key
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, FaultyLink
 from cardan.sim_peers.scripted import play
-from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedPuck, SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, ScriptedPuck
 from cardan.spatial import norm, subtract
 from cardan.types import RobotState, Vector3
 from tests.controllers import controller_for_hand

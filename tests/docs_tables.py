@@ -26,7 +26,7 @@ from cardan.drivers import registry as drivers
 from cardan.drivers.base import Driver, OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.gateway.arm.states import States
-from cardan.protocols.connexion import MODELS
+from cardan.protocols.connexion.devices import MODELS
 from cardan.sim_peers import registry as peers
 from cardan_serial_mice.driver import SpaceMouseSerial
 from cardan_serial_mice.protocol import SERIAL_MODELS

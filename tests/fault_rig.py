@@ -31,10 +31,11 @@ from cardan.drivers.ur_rtde import UrRtde, UrRtdeOptions
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.protocols.egm import MCIState, decode_robot, encode_robot
 from cardan.protocols.egm.messages import EgmRobot
-from cardan.protocols.joint_stream import decode_state, encode_state
+from cardan.protocols.joint_stream.codec import decode_state, encode_state
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.robots import ArmModel, load_arm
-from cardan.sim_peers.arm import PlantOptions, SimulatedArm, SimulatedArmOptions
+from cardan.sim_peers.arm.controller import SimulatedArm
+from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, EgmMode
 from cardan.sim_peers.ros2_arm import RosArm, RosArmOptions
 from cardan.types import HoldCommand, RobotCapabilities, RobotCommand, RobotState, Vector3

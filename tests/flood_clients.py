@@ -21,8 +21,8 @@ from cardan.bus.options import BusOptions
 from cardan.gateway.arm.requests import Request, encode_request
 from cardan.gateway.arm.vocab import Begins
 from cardan.gateway.daemon.control import Ask, encode_ask
-from cardan.protocols.handheld import JogTwist, OperatorFrame, PhoneFrame, encode_frame
-from cardan.protocols.joint_stream import (
+from cardan.protocols.handheld.frames import JogTwist, OperatorFrame, PhoneFrame, encode_frame
+from cardan.protocols.joint_stream.codec import (
     ArmCommand,
     ControlMode,
     decode_state,
@@ -30,7 +30,8 @@ from cardan.protocols.joint_stream import (
 )
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
-from cardan.protocols.spnav import NEWEST_VERSION, encode_handshake, encode_sensitivity
+from cardan.protocols.spnav.codes import NEWEST_VERSION
+from cardan.protocols.spnav.records import encode_handshake, encode_sensitivity
 from cardan.types import Vector3
 from cardan_spnav_server.protocol import encode_motion
 from tests.gateway.servers.console.rig import PageProgram

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.arm.parameters import ParameterRule, find_rule
-from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions
+from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
 from tests.docs_tables import markdown
 from tests.flood_clients import ARM, MAKERS
 from tests.result_tables import FLOODS as RESULTS
@@ -158,7 +158,7 @@ class Row(NamedTuple):
 def arm(link: Connection) -> None:
     """The simulated arm, until the other end of its pipe is closed; first it tells its endpoint,
     and then, whenever it is asked, for how long it moved by now, and when last (monotonic, s)."""
-    from cardan.sim_peers.arm import SimulatedArmPeer
+    from cardan.sim_peers.arm.udp import SimulatedArmPeer
 
     class Watched(SimulatedArmPeer):
         moved_s = newest_s = 0.0

@@ -10,14 +10,9 @@ import time
 
 import pytest
 
-from cardan.protocols.spnav import (
-    Code,
-    Handshake,
-    ServerReader,
-    ServerReply,
-    encode_handshake,
-    encode_request,
-)
+from cardan.protocols.spnav.codes import Code
+from cardan.protocols.spnav.records import ServerReply, encode_handshake, encode_request
+from cardan.protocols.spnav.streams import Handshake, ServerReader
 from cardan_serial_mice.peer import SerialPuckPeer, SerialPuckPeerOptions
 from tests.serving import in_a_thread
 from tests.waiting import WITHIN_S

@@ -57,7 +57,13 @@ MAY_IMPORT = {
     "__init__": {"api"},
 }
 EXCEPTIONS = {
-    "drivers/sim_arm": ("cardan.sim_peers", "cardan.sim_peers.arm", "cardan.sim_peers.base"),
+    "drivers/sim_arm": (
+        "cardan.sim_peers",
+        "cardan.sim_peers.arm.controller",
+        "cardan.sim_peers.arm.faults",
+        "cardan.sim_peers.arm.options",
+        "cardan.sim_peers.base",
+    ),
     "gateway/bus": ("cardan.protocols", "cardan.protocols.ros2.*"),
     "recording": ("cardan.protocols", "cardan.protocols.ros2.*"),
     "gateway/servers": (
@@ -70,6 +76,7 @@ EXCEPTIONS = {
     "gateway/servers/console": (
         "cardan.protocols",
         "cardan.protocols.handheld",
+        "cardan.protocols.handheld.*",
         "cardan.protocols.mjpeg",
         "cardan.protocols.rate",
         "cardan.protocols.ros2.*",

@@ -11,7 +11,7 @@ import pytest
 from bench import pages, sessions
 from bench.sessions.crowd import Crowd, Played, compiler, template
 from bench.sessions.lab import Row
-from cardan.protocols.connexion import decode_input
+from cardan.protocols.connexion.reports import decode_input
 from cardan.protocols.egm import decode_robot, encode_joint_reply
 from cardan.protocols.egm.reader import FeedbackReader
 from cardan.robots import load_arm

@@ -13,7 +13,7 @@ import random
 import pytest
 
 from cardan.drivers.spnav import SpnavCore, SpnavOptions, core as spnav
-from cardan.protocols.connexion import model_by_key
+from cardan.protocols.connexion.devices import model_by_key
 from cardan.types import DeviceLink
 from cardan_spnav_server.protocol import encode_button, encode_motion
 from tests.drivers import (

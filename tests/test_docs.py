@@ -28,7 +28,8 @@ from cardan.errors import ConfigurationError
 from cardan.gateway.daemon.config import read_layout
 from cardan.gateway.session import assembly, config
 from cardan.gateway.session.driver_assembly import make_device
-from cardan.protocols import connexion, egm, simple_message as sm
+from cardan.protocols import egm, simple_message as sm
+from cardan.protocols.connexion import devices as connexion_devices, reports
 from cardan.sim_peers import registry as peers
 from cardan.types import Pose, Quaternion, Vector3
 from cardan_filters.camera import CameraOptions
@@ -291,13 +292,13 @@ def test_every_model_is_there_as_it_is():
         f"| {model.name} | {model.vendor_id:04x}:{model.product_id:04x} | `{model.key}` "
         f"| {model.family.value} | {len(model.buttons) or '–'} "
         f"| {'yes' if model.led else '–'} | {'yes' if model.battery else '–'} |"
-        for model in connexion.MODELS
+        for model in connexion_devices.MODELS
     ]
 
 
 def test_every_button_name_is_there():
     listed = section(text("spacemouse.md"), "Buttons")
-    labels = {label for model in connexion.MODELS for label in model.buttons.values()}
+    labels = {label for model in connexion_devices.MODELS for label in model.buttons.values()}
     assert [label for label in labels if not label.isdecimal() and f"`{label}`" not in listed] == []
 
 
@@ -378,7 +379,7 @@ def test_every_exit_code_is_there():
     assert [code for code in codes if f"\n| {code} | " not in table] == []
 
 
-@pytest.mark.parametrize(("page", "protocol"), [("abb-egm.md", egm), ("spacemouse.md", connexion)])
+@pytest.mark.parametrize(("page", "protocol"), [("abb-egm.md", egm), ("spacemouse.md", reports)])
 def test_every_function_of_a_codec_is_there(page, protocol):
     functions = [name for name in vars(protocol) if re.match(r"(de|en)code_", name)]
     told = section(text(page), "Functions")
@@ -395,8 +396,8 @@ def test_worked_reports_are_what_the_codec_says():
     for line in section(text("spacemouse.md"), "Worked bytes").splitlines():
         if found := re.match(r"\| `([0-9a-f ]+)` \| `(.*?)`", line):
             report, value = bytes.fromhex(found[1]), found[2].replace("\\|", "|")
-            decode = connexion.decode_output if report[0] == 4 else connexion.decode_input
-            expected = eval(value, vars(connexion))
+            decode = reports.decode_output if report[0] == 4 else reports.decode_input
+            expected = eval(value, vars(reports))
             assert (type(decode(report)), decode(report)) == (type(expected), expected)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from cardan.gateway.arm.status import Phase
 from cardan.sim_peers.egm_controller import FAULTS as ROBOT_FAULTS
-from cardan.sim_peers.spacemouse import FAULTS as HAND_FAULTS
+from cardan.sim_peers.spacemouse.faults import FAULTS as HAND_FAULTS
 from tests.chain import PC_ADDRESS, PUSH, PUSH_AND_REGRIP, Chain
 
 pytestmark = pytest.mark.matrix

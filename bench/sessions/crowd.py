@@ -16,7 +16,7 @@ import numpy as np
 from bench.arms import kinematics
 from cardan.errors import DriverError
 from cardan.gateway.kinematics.base import to_pose
-from cardan.protocols.connexion import encode_buttons
+from cardan.protocols.connexion.reports import encode_buttons
 from cardan.protocols.egm import EgmHeader, EgmMotion, EgmPose, EgmRobot, encode_robot
 from cardan.robots import load_arm
 

@@ -19,7 +19,8 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from cardan.common.realtime import ask_for_real_time
-from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArmPeer
+from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
+from cardan.sim_peers.arm.udp import SimulatedArmPeer
 from cardan.sim_peers.base import ScriptStep, SimulatedPeer
 from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, EgmMode
 from cardan.sim_peers.evdev.hand import ScriptedInput as PadHand
@@ -27,8 +28,8 @@ from cardan.sim_peers.evdev.peer import EvdevPeer, EvdevPeerOptions
 from cardan.sim_peers.hand_peer import HandPeer
 from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
 from cardan.sim_peers.scripted import Hand
-from cardan.sim_peers.spacemouse import ScriptedPuck as PuckHand, SpaceMousePeer
-from cardan.sim_peers.spacemouse.peer import SpaceMousePeerOptions
+from cardan.sim_peers.spacemouse.hand import ScriptedPuck as PuckHand
+from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
 from cardan_wiimote.peer.hand import ScriptedHand as RemoteHand
 from cardan_wiimote.peer.peer import WiimotePeer, WiimotePeerOptions
 

@@ -111,6 +111,14 @@ def read_text(
         ) from None
 
 
+def text_or_empty(path: Path) -> str:
+    """The text of a file of the system, without spaces around it; empty where it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""
+
+
 def _with_line_ends(text: str) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 

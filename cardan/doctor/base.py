@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Final, NamedTuple
 
 from cardan.bus.options import BusOptions
+from cardan.common.files import text_or_empty
 from cardan.drivers.base import Driver, FoundDevice
 from cardan.errors import CardanError
 from cardan.gateway.daemon.config import DaemonOptions, Layout, ServerEntry, SessionEntry
@@ -156,10 +157,7 @@ class Subject:
 
     def read_path(self, path: Path) -> str:
         """The text of a file by its whole path; empty where it cannot be read."""
-        try:
-            return path.read_text(errors="replace").strip()
-        except OSError:
-            return ""
+        return text_or_empty(path)
 
 
 class Check(ABC):

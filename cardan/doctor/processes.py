@@ -9,6 +9,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from cardan.common.files import text_or_empty
+
 _PARENT = re.compile(r"^PPid:\s*(\d+)$", re.MULTILINE)
 _MOST_ANCESTORS = 8
 _WORDS_SHOWN = 80
@@ -57,12 +59,14 @@ def processes(root: Path) -> Iterator[Path]:
 
 def named(name: str, root: Path = Path("/")) -> list[int]:
     """The processes of the program `name`."""
-    return sorted(int(each.name) for each in processes(root) if _text(each / "comm") == name)
+    return sorted(
+        int(each.name) for each in processes(root) if text_or_empty(each / "comm") == name
+    )
 
 
 def _holder(process: Path) -> Holder:
     words = _words(process)
-    command = " ".join(words) or _text(process / "comm") or "a program"
+    command = " ".join(words) or text_or_empty(process / "comm") or "a program"
     if len(command) > _WORDS_SHOWN:
         command = command[: _WORDS_SHOWN - 3] + "..."
     return Holder(int(process.name), command, _is_ours(process))
@@ -74,7 +78,7 @@ def _is_ours(process: Path) -> bool:
         words = _words(process)
         if any(os.path.basename(word) == "cardan" for word in words[:3]):
             return True
-        parent = _PARENT.search(_text(process / "status"))
+        parent = _PARENT.search(text_or_empty(process / "status"))
         if parent is None or parent[1] in ("0", "1"):
             return False
         process = process.parent / parent[1]
@@ -82,11 +86,4 @@ def _is_ours(process: Path) -> bool:
 
 
 def _words(process: Path) -> list[str]:
-    return [word for word in _text(process / "cmdline").split("\0") if word]
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(errors="replace").strip()
-    except OSError:
-        return ""
+    return [word for word in text_or_empty(process / "cmdline").split("\0") if word]

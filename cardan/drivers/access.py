@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from cardan.common.files import text_or_empty
+
 UDEV_HINT = "install the udev rules (`cardan devices udev` prints them) and plug it in again"
 
 USB_DEVICES = Path("/sys/bus/usb/devices")
@@ -87,17 +89,10 @@ def usb_devices() -> Iterator[UsbDevice]:
     """Yield the USB devices plugged into this machine (Linux). Never raises."""
     for vendor in sorted(USB_DEVICES.glob("*/idVendor")):
         vendor_id, product_id, name = (
-            _text(vendor.with_name(part)) for part in ("idVendor", "idProduct", "product")
+            text_or_empty(vendor.with_name(part)) for part in ("idVendor", "idProduct", "product")
         )
         if vendor_id and product_id:
             yield UsbDevice(vendor_id, product_id, name, vendor.parent)
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(errors="replace").strip()
-    except OSError:
-        return ""
 
 
 def _node(path: str, root: Path) -> Path | None:

@@ -22,7 +22,7 @@ from cardan.common.bounds import LONGEST_BLIND_S
 from cardan.common.sockets import opened, waiting
 from cardan.drivers.missed_cycles import AgreedTime
 from cardan.drivers.robot_core import WAKE_S, LoopingRobot, implausible, leap
-from cardan.protocols.joint_stream import is_newer
+from cardan.protocols.joint_stream.codec import is_newer
 from cardan.types import (
     NEVER_S,
     HoldCommand,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import pkgutil
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -101,6 +102,14 @@ def page_of_modules(title: str, modules: tuple[str, ...]) -> str:
     return text
 
 
+def protocol_modules(name: str) -> tuple[str, ...]:
+    """The package of a protocol where it gives names itself, else it and the modules in it."""
+    package = importlib.import_module(name)
+    if any(public(package)):
+        return (name,)
+    return (name, *(each.name for each in pkgutil.iter_modules(package.__path__, f"{name}.")))
+
+
 def page_of_classes(title: str, kind: type[Any]) -> str:
     """Of a driver or a simulated peer: its class, and that of its options."""
     options: type[Any] = kind.Options
@@ -130,7 +139,7 @@ def pages() -> dict[str, dict[str, str]]:
         },
         "Protocols": {
             f"protocol-{name}": page_of_modules(
-                f"cardan.protocols.{name}", (f"cardan.protocols.{name}",)
+                f"cardan.protocols.{name}", protocol_modules(f"cardan.protocols.{name}")
             )
             for name in PROTOCOLS
         },

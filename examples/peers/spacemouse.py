@@ -8,8 +8,8 @@ It prints:
     01 00 00 51 ff 00 00
 """
 
-from cardan.protocols.connexion import model_by_key
-from cardan.sim_peers.spacemouse import SimulatedSpaceMouse
+from cardan.protocols.connexion.devices import model_by_key
+from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
 
 mouse = SimulatedSpaceMouse(model_by_key("spacemouse-compact"))
 mouse.set_axes((0.5, 0.0, 0.0, 0.0, 0.0, 0.0))

@@ -14,15 +14,12 @@ from cardan.drivers.gamepad import GamepadCore, GamepadOptions
 from cardan.drivers.keyboard import KeyboardCore, KeyboardOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spnav import SpnavCore, SpnavOptions
-from cardan.protocols import (
-    connexion,
-    evdev,
-    handheld,
-    spnav,
-    uevent,
-)
-from cardan.protocols.evdev import requests as evdev_requests, uinput
+from cardan.protocols import uevent
+from cardan.protocols.connexion import descriptors, devices, reports as connexion_reports
+from cardan.protocols.evdev import events as evdev_events, requests as evdev_requests, uinput
+from cardan.protocols.handheld import frames as handheld_frames, teleop
 from cardan.protocols.hid import MalformedReport
+from cardan.protocols.spnav import codes as spnav_codes, records, streams, strings
 from cardan.sim_peers.evdev import MODELS as EVDEV_MODELS
 from cardan.types import DeviceLink, DeviceState
 from cardan_jr3 import protocol as jr3_can
@@ -74,19 +71,19 @@ def told(core: DeviceCore, now_s: float) -> tuple[str, ...]:
 
 
 def _connexion(data: bytes) -> object:
-    found = connexion.decode_input(data)
-    connexion.full_scale_of(data)
-    out = connexion.decode_output(data)
-    if isinstance(out, connexion.LedOutput):
-        same(connexion.decode_output(connexion.encode_led(out.on)), out)
+    found = connexion_reports.decode_input(data)
+    descriptors.full_scale_of(data)
+    out = connexion_reports.decode_output(data)
+    if isinstance(out, connexion_reports.LedOutput):
+        same(connexion_reports.decode_output(connexion_reports.encode_led(out.on)), out)
     encoders: dict[type, Callable[..., bytes]] = {
-        connexion.Translation: connexion.encode_translation,
-        connexion.Rotation: connexion.encode_rotation,
-        connexion.MotionReport: connexion.encode_motion,
-        connexion.Battery: connexion.encode_battery,
+        connexion_reports.Translation: connexion_reports.encode_translation,
+        connexion_reports.Rotation: connexion_reports.encode_rotation,
+        connexion_reports.MotionReport: connexion_reports.encode_motion,
+        connexion_reports.Battery: connexion_reports.encode_battery,
     }
     if type(found) in encoders:
-        same(connexion.decode_input(encoders[type(found)](*found)), found)
+        same(connexion_reports.decode_input(encoders[type(found)](*found)), found)
     return found
 
 
@@ -94,16 +91,16 @@ def _connexion_reports() -> Iterator[bytes]:
     names = ("TRANSLATION", "ROTATION", "MOTION", "BUTTONS_PRO", "BUTTONS_TWO", "KEYS_DOWN")
     for name in (*names, "BATTERY", "LED", "CALIBRATE"):
         yield getattr(worked, name)
-    yield connexion.encode_long_press((103, 104))
-    for model in connexion.MODELS[:6]:
-        yield connexion.descriptor_for(model)
+    yield connexion_reports.encode_long_press((103, 104))
+    for model in devices.MODELS[:6]:
+        yield descriptors.descriptor_for(model)
 
 
 def _spacemouse(packets: Packets) -> object:
     """After garbage and a pause a device that is at rest is live."""
     results: list[object] = []
     for key in ("spacenavigator", "spacemouse-pro-wireless-receiver"):
-        model = connexion.model_by_key(key)
+        model = devices.model_by_key(key)
         core = SpaceMouseCore(SpaceMouseOptions(), model)
         now_s = 1000.0
         core.on_opened(now_s, model)
@@ -118,17 +115,17 @@ def _spacemouse(packets: Packets) -> object:
         now_s += 1.0
         for _ in range(4):
             now_s += 0.016
-            if model.family is connexion.Family.SPLIT:
-                core.on_report(connexion.encode_translation(0, 0, 0), now_s)
-                core.on_report(connexion.encode_rotation(0, 0, 0), now_s)
+            if model.family is devices.Family.SPLIT:
+                core.on_report(connexion_reports.encode_translation(0, 0, 0), now_s)
+                core.on_report(connexion_reports.encode_rotation(0, 0, 0), now_s)
             else:
-                core.on_report(connexion.encode_motion(0, 0, 0, 0, 0, 0), now_s)
+                core.on_report(connexion_reports.encode_motion(0, 0, 0, 0, 0, 0), now_s)
         assert core.state(now_s).link is DeviceLink.LIVE, core.diagnosis(now_s)
     return tuple(results[:8])
 
 
 def _spacemouse_packets() -> Iterator[Packets]:
-    rest = connexion.encode_motion(0, 0, 0, 0, 0, 0)
+    rest = connexion_reports.encode_motion(0, 0, 0, 0, 0, 0)
     yield (rest, worked.MOTION, worked.BUTTONS_PRO, worked.BATTERY, worked.KEYS_DOWN, rest)
     yield (worked.TRANSLATION, worked.ROTATION, worked.BUTTONS_TWO, b"\x03", b"")
 
@@ -206,16 +203,16 @@ def _serial_session(data: bytes) -> object:
 
 
 def _spnav_server(data: bytes) -> object:
-    return kinds(joined_streams(lambda: spnav.ServerReader().feed, data))
+    return kinds(joined_streams(lambda: streams.ServerReader().feed, data))
 
 
 def _spnav_records() -> Iterator[bytes]:
-    yield spnav.encode_handshake(1) + spnav_server.encode_motion((0, 0, 175, 0, 0, 0), 16)
+    yield records.encode_handshake(1) + spnav_server.encode_motion((0, 0, 175, 0, 0, 0), 16)
     yield spnav_server.encode_motion((0, 0, 175, 0, 0, 0), 16) + spnav_server.encode_button(1, True)
-    yield spnav_server.encode_device(spnav.DeviceChange(True, 0, 0x206, 0x46D, 0xC626))
-    yield spnav_server.encode_config(spnav.ConfigChange(3, (1, 2, 3, 4, 5, 6)))
-    yield spnav.encode_reply(int(spnav.Code.DEV_NAXES), (6,))
-    yield b"".join(spnav.encode_string(int(spnav.Code.DEV_NAME), "SpaceNavigator " * 4))
+    yield spnav_server.encode_device(records.DeviceChange(True, 0, 0x206, 0x46D, 0xC626))
+    yield spnav_server.encode_config(records.ConfigChange(3, (1, 2, 3, 4, 5, 6)))
+    yield records.encode_reply(int(spnav_codes.Code.DEV_NAXES), (6,))
+    yield b"".join(strings.encode_string(int(spnav_codes.Code.DEV_NAME), "SpaceNavigator " * 4))
 
 
 def _spnav_client(data: bytes) -> object:
@@ -225,23 +222,23 @@ def _spnav_client(data: bytes) -> object:
 
 
 def _spnav_requests() -> Iterator[bytes]:
-    yield spnav.encode_handshake(1) + b"".join(
-        spnav.encode_request(int(code), (1,)) for code in spnav.Code
+    yield records.encode_handshake(1) + b"".join(
+        records.encode_request(int(code), (1,)) for code in spnav_codes.Code
     )
-    yield spnav.encode_sensitivity(0.5) * 3
-    yield spnav.encode_handshake(1) + b"".join(
-        spnav.encode_string(int(spnav.Code.SET_NAME), "a program " * 9)
+    yield records.encode_sensitivity(0.5) * 3
+    yield records.encode_handshake(1) + b"".join(
+        strings.encode_string(int(spnav_codes.Code.SET_NAME), "a program " * 9)
     )
 
 
-_DATA = (spnav.ServerReply, spnav_server.ClientRequest)
+_DATA = (records.ServerReply, spnav_server.ClientRequest)
 
 
 def _spnav_strings(packets: Packets) -> object:
     assembler = spnav_server.StringAssembler()
     found: list[object] = []
     for packet in packets:
-        record = spnav.decode_server_record(packet[:32].ljust(32, b"\0"))
+        record = records.decode_server_record(packet[:32].ljust(32, b"\0"))
         request = spnav_server.decode_request(packet[:32].ljust(32, b"\0"))
         asked = (each for each in (record, request) if isinstance(each, _DATA))
         found += [assembler.take(each.data) for each in asked]
@@ -249,7 +246,9 @@ def _spnav_strings(packets: Packets) -> object:
 
 
 def _spnav_string_packets() -> Iterator[Packets]:
-    yield tuple(spnav.encode_string(int(spnav.Code.DEV_NAME), "SpaceNavigator for Notebooks " * 3))
+    yield tuple(
+        strings.encode_string(int(spnav_codes.Code.DEV_NAME), "SpaceNavigator for Notebooks " * 3)
+    )
 
 
 def _spnav_core(packets: Packets) -> object:
@@ -272,10 +271,10 @@ def _spnav_core(packets: Packets) -> object:
         now_s += 0.01
         for piece in core.outgoing():
             for value in reader.feed(piece):
-                if isinstance(value, spnav.Handshake):
-                    core.on_bytes(spnav.encode_handshake(value.version), now_s)
+                if isinstance(value, streams.Handshake):
+                    core.on_bytes(records.encode_handshake(value.version), now_s)
                 elif isinstance(value, spnav_server.ClientRequest):
-                    core.on_bytes(spnav.encode_reply(value.word, (), spnav.FAILED), now_s)
+                    core.on_bytes(records.encode_reply(value.word, (), records.FAILED), now_s)
         core.on_time(now_s)
     core.on_bytes(spnav_server.encode_motion((0,) * 6, 16), now_s)
     now_s += 0.01
@@ -288,8 +287,8 @@ def _spnav_core(packets: Packets) -> object:
 def _spnav_core_packets() -> Iterator[Packets]:
     yield tuple(_spnav_records())
     yield (
-        spnav.encode_handshake(1),
-        *(spnav.encode_reply(int(code), (2, 0, 0)) for code in spnav.Code),
+        records.encode_handshake(1),
+        *(records.encode_reply(int(code), (2, 0, 0)) for code in spnav_codes.Code),
         spnav_server.encode_motion((0, 0, 175, 0, 0, 0), 16),
     )
 
@@ -402,11 +401,11 @@ _HAND = leap_frames.hand()
 
 
 def _handheld(data: bytes) -> object:
-    found = handheld.decode_frame(data)
-    if isinstance(found, handheld.OperatorFrame):
-        again = handheld.decode_frame(handheld.encode_frame(found))
-        assert isinstance(again, handheld.OperatorFrame), again
-        if isinstance(found.body, handheld.XrFrame):
+    found = handheld_frames.decode_frame(data)
+    if isinstance(found, handheld_frames.OperatorFrame):
+        again = handheld_frames.decode_frame(handheld_frames.encode_frame(found))
+        assert isinstance(again, handheld_frames.OperatorFrame), again
+        if isinstance(found.body, handheld_frames.XrFrame):
             # It is of length 1 in doubles, and rounded to floats again.
             turn = found.body.orientation
             again = again._replace(body=again.body._replace(orientation=turn))
@@ -420,11 +419,11 @@ def _handheld_frames() -> Iterator[bytes]:
 
 
 def _teleop(data: bytes) -> object:
-    found = handheld.decode_teleop(text_of(data))
-    if isinstance(found, handheld.TeleopPose):
+    found = teleop.decode_teleop(text_of(data))
+    if isinstance(found, teleop.TeleopPose):
         all_finite(found)
-        again = handheld.decode_frame(handheld.encode_frame(found.frame(7, 1000, 2)))
-        assert isinstance(again, handheld.OperatorFrame), again
+        again = handheld_frames.decode_frame(handheld_frames.encode_frame(found.frame(7, 1000, 2)))
+        assert isinstance(again, handheld_frames.OperatorFrame), again
     return found
 
 
@@ -554,12 +553,12 @@ def _jr3_core(packets: Packets) -> object:
 
 
 def _evdev(data: bytes) -> object:
-    events = evdev.decode_events(data)
+    events = evdev_events.decode_events(data)
     if isinstance(events, list):
-        same(evdev.decode_events(evdev.encode_events(events)), events)
+        same(evdev_events.decode_events(evdev_events.encode_events(events)), events)
         return len(events) > 0
     rumble = evdev_requests.decode_rumble(data)
-    if isinstance(rumble, evdev.Rumble):
+    if isinstance(rumble, evdev_requests.Rumble):
         same(evdev_requests.decode_rumble(evdev_requests.encode_rumble(rumble)), rumble)
     call = evdev_requests.decode_call(data)
     if isinstance(call, evdev_requests.IoctlCall):
@@ -575,21 +574,21 @@ def _evdev(data: bytes) -> object:
 
 
 def _evdev_packets() -> Iterator[bytes]:
-    event = evdev.InputEvent
-    yield evdev.encode_events(
+    event = evdev_events.InputEvent
+    yield evdev_events.encode_events(
         [
-            event(1, 2, evdev.EV_ABS, 0, 1000),
-            event(1, 2, evdev.EV_KEY, 304, 1),
+            event(1, 2, evdev_events.EV_ABS, 0, 1000),
+            event(1, 2, evdev_events.EV_KEY, 304, 1),
             event(1, 2, 0, 0, 0),
         ]
     )
-    yield evdev_requests.encode_rumble(evdev.Rumble(3, 0x8000, 0x4000, 250))
+    yield evdev_requests.encode_rumble(evdev_requests.Rumble(3, 0x8000, 0x4000, 250))
     yield evdev_requests.encode_call(
         evdev_requests.IoctlCall(evdev_requests.EVIOCGKEY, 0, b"\x01" * 96)
     )
-    yield evdev_requests.encode_id(evdev.InputId(3, 0x45E, 0x28E, 0x110))
-    yield uinput.begin_upload(7) + evdev_requests.encode_rumble(evdev.Rumble(3, 1, 2, 3))
-    yield evdev_requests.encode_absinfo(evdev.AbsInfo(0, -32768, 32767, 16, 128, 0))
+    yield evdev_requests.encode_id(evdev_requests.InputId(3, 0x45E, 0x28E, 0x110))
+    yield uinput.begin_upload(7) + evdev_requests.encode_rumble(evdev_requests.Rumble(3, 1, 2, 3))
+    yield evdev_requests.encode_absinfo(evdev_requests.AbsInfo(0, -32768, 32767, 16, 128, 0))
 
 
 def _evdev_core(packets: Packets) -> object:
@@ -617,24 +616,27 @@ def _evdev_core(packets: Packets) -> object:
         code = next(iter(model.codes.values()))
         for value in (1, 0):
             now_s += 0.01
-            pressed = [evdev.InputEvent(0, 0, evdev.EV_KEY, code, value)]
-            core.on_packet(evdev.encode_events([*pressed, evdev.InputEvent(0, 0, 0, 0, 0)]), now_s)
+            pressed = [evdev_events.InputEvent(0, 0, evdev_events.EV_KEY, code, value)]
+            core.on_packet(
+                evdev_events.encode_events([*pressed, evdev_events.InputEvent(0, 0, 0, 0, 0)]),
+                now_s,
+            )
         core.on_checked(now_s)
         assert core.state(now_s).link is DeviceLink.LIVE, core.diagnosis(now_s)
     return tuple(words[:8])
 
 
 def _evdev_core_packets() -> Iterator[Packets]:
-    event = evdev.InputEvent
+    event = evdev_events.InputEvent
     end = event(1, 2, 0, 0, 0)
     for model in EVDEV_MODELS[:2]:
         codes = list(model.codes.values())[:4]
         yield tuple(
-            evdev.encode_events([event(1, 2, evdev.EV_KEY, code, value), end])
+            evdev_events.encode_events([event(1, 2, evdev_events.EV_KEY, code, value), end])
             for code in codes
             for value in (1, 0)
         ) + tuple(
-            evdev.encode_events([event(1, 2, evdev.EV_ABS, code, info.maximum), end])
+            evdev_events.encode_events([event(1, 2, evdev_events.EV_ABS, code, info.maximum), end])
             for code, info in list(model.axes.items())[:4]
         )
 

@@ -7,9 +7,11 @@ from functools import cache
 from typing import Any
 
 from cardan.errors import ScriptError
-from cardan.protocols import connexion, joint_stream as js, spnav
+from cardan.protocols.connexion import devices as connexion_devices
 from cardan.protocols.evdev import requests as evdev_requests
-from cardan.sim_peers.arm import SimulatedArm
+from cardan.protocols.joint_stream import codec as js
+from cardan.protocols.spnav import records
+from cardan.sim_peers.arm.controller import SimulatedArm
 from cardan.sim_peers.backends import uhid, usbip
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.egm_controller import EgmController, scripts as egm_scripts
@@ -20,7 +22,8 @@ from cardan.sim_peers.motoros_controller import (
     MotorosControllerOptions,
     MotorosServers,
 )
-from cardan.sim_peers.spacemouse import SimulatedSpaceMouse, hand as mouse_hand
+from cardan.sim_peers.spacemouse import hand as mouse_hand
+from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
 from cardan_jr3.peer import SimulatedJr3, hand as jr3_hand, socketcand
 from cardan_jr3.protocol import TEO_SENSORS
@@ -212,7 +215,7 @@ def _evdev_calls() -> Iterator[Packets]:
 
 
 def _mouse(packets: Packets) -> object:
-    mouse = SimulatedSpaceMouse(connexion.MODELS[0])
+    mouse = SimulatedSpaceMouse(connexion_devices.MODELS[0])
     now_s = 0.0
     for data in packets:
         now_s += 0.01
@@ -223,7 +226,7 @@ def _mouse(packets: Packets) -> object:
 
 def _usbip(data: bytes) -> object:
     outputs: list[bytes] = []
-    session = usbip.UsbipSession(SpaceMouseUsb(connexion.MODELS[0], outputs.append))
+    session = usbip.UsbipSession(SpaceMouseUsb(connexion_devices.MODELS[0], outputs.append))
     for at in range(0, len(data), 97):
         session.receive(data[at : at + 97])
         session.push(1, b"\x01\x02")
@@ -263,8 +266,8 @@ def _spnav_server(packets: Packets) -> object:
         core.disconnect(number)
     number = core.connect(now_s)
     assert number is not None
-    core.receive(number, spnav.encode_handshake(1), now_s)
-    assert core.outgoing(number, now_s) == spnav.encode_handshake(1)
+    core.receive(number, records.encode_handshake(1), now_s)
+    assert core.outgoing(number, now_s) == records.encode_handshake(1)
     core.metrics()
     core.diagnosis()
     return tuple(found[:4])
@@ -274,7 +277,7 @@ def _spnav_server(packets: Packets) -> object:
 
 
 def _mouse_hand(steps: Any) -> object:
-    return mouse_hand.ScriptedPuck(steps, connexion.MODELS[0])
+    return mouse_hand.ScriptedPuck(steps, connexion_devices.MODELS[0])
 
 
 def _evdev_hand(steps: Any) -> object:

@@ -20,7 +20,8 @@ from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.session import MotorosSession
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
-from cardan.protocols import egm, joint_stream as js, simple_message as sm
+from cardan.protocols import egm, simple_message as sm
+from cardan.protocols.joint_stream import codec as js
 from cardan.protocols.simple_message import io_addresses, messages
 from cardan.types import HoldCommand, Quaternion, RobotLink, Vector3
 from fuzz.target import Form, Target

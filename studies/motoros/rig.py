@@ -26,7 +26,7 @@ from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import Session, make_session
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.subprocesses import launched
-from cardan.protocols.connexion import MotionReport, Translation, decode_input
+from cardan.protocols.connexion.reports import MotionReport, Translation, decode_input
 from cardan.types import JointCommand
 
 Array = npt.NDArray[np.float64]

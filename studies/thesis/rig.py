@@ -25,7 +25,7 @@ from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
 from cardan.gateway.servo.choice import choose_servo
 from cardan.robots import load_arm
-from cardan.sim_peers.arm import SimulatedArmOptions
+from cardan.sim_peers.arm.options import SimulatedArmOptions
 from cardan.types import ZERO3, ZERO_TWIST, CommandKind, Pose, RobotCommand, RobotState, Twist
 
 Array = npt.NDArray[np.float64]

@@ -3,8 +3,8 @@
 from cardan.drivers.evdev.nodes import EvdevDeviceInfo, EvdevState
 from cardan.drivers.gamepad import GamepadCore, GamepadOptions
 from cardan.drivers.keyboard import KeyboardCore, KeyboardOptions
-from cardan.protocols.evdev import decode_absinfo, decode_bits, encode_events, eviocgabs
-from cardan.protocols.evdev.requests import EVIOCGKEY
+from cardan.protocols.evdev.events import encode_events
+from cardan.protocols.evdev.requests import EVIOCGKEY, decode_absinfo, decode_bits, eviocgabs
 from cardan.sim_peers.evdev import MODELS, SimulatedInput
 
 STEP_S = 0.004

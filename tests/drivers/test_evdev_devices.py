@@ -15,15 +15,9 @@ from cardan.drivers.evdev.core import UNREAD_AFTER_S
 from cardan.drivers.gamepad import Gamepad, GamepadOptions
 from cardan.drivers.keyboard import Keyboard, KeyboardOptions
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
-from cardan.protocols import evdev
-from cardan.protocols.evdev import (
-    BUS_VIRTUAL,
-    AbsInfo,
-    InputId,
-    codes as c,
-    encode_bits,
-    encode_events,
-)
+from cardan.protocols.evdev import codes as c, events as evdev_events, requests
+from cardan.protocols.evdev.events import encode_events
+from cardan.protocols.evdev.requests import BUS_VIRTUAL, AbsInfo, InputId, encode_bits
 from cardan.sim_peers.evdev import EvdevPeer, EvdevPeerOptions, SimulatedInput
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.drivers.evdev_bench import BY_KEY
@@ -142,7 +136,7 @@ class FakeKernel:
         if self.gone:
             raise OSError(errno.ENODEV, "No such device")
         self.requests.append(request)
-        data = evdev.encode_int(argument) if isinstance(argument, int) else bytes(argument)
+        data = requests.encode_int(argument) if isinstance(argument, int) else bytes(argument)
         answer = self.device.call("client", request, data, self.now_s)
         if answer.result < 0:
             raise OSError(-answer.result, os.strerror(-answer.result))
@@ -185,7 +179,7 @@ def test_a_pad_read_from_a_node(kernel):
         wait_for(lambda: pad.state().axes[0] == 1.0, "not deflected")
         assert pad.diagnosis() == ()
     assert pad.state().link is DeviceLink.CLOSED
-    assert evdev.EVIOCGRAB not in fake.requests
+    assert requests.EVIOCGRAB not in fake.requests
 
 
 def test_a_keyboard_is_grabbed_only_while_no_key_is_down(kernel):
@@ -574,8 +568,8 @@ class Slow:
         self.sock, _ = self.listener.accept()
 
     def answer(self):
-        call = evdev.decode_call(self.sock.recv(4096))
-        self.sock.send(evdev.encode_call(call))
+        call = requests.decode_call(self.sock.recv(4096))
+        self.sock.send(requests.encode_call(call))
 
     def close(self):
         self.link.close()
@@ -583,14 +577,14 @@ class Slow:
         self.listener.close()
 
 
-EVENT = encode_events([evdev.InputEvent(0, 0, 1, 304, 1)])
+EVENT = encode_events([evdev_events.InputEvent(0, 0, 1, 304, 1)])
 
 
 def test_late_answers_are_no_garbage(tmp_path):
     slow = Slow(str(tmp_path / "s"))
     link = slow.link
     with pytest.raises(TimeoutError):
-        link.call(evdev.EVIOCSFF, b"", links.FEEDBACK_TIMEOUT_S)
+        link.call(requests.EVIOCSFF, b"", links.FEEDBACK_TIMEOUT_S)
     assert not link.answers(0.01)
     assert not link.answers(0.01)
     slow.answer()
@@ -613,7 +607,7 @@ def test_late_answers_are_no_garbage(tmp_path):
 
 def test_an_answer_that_nobody_asked_for_is_garbage(tmp_path):
     slow = Slow(str(tmp_path / "s"))
-    answer = evdev.encode_call(evdev.IoctlCall(evdev.EVIOCGID, 0, bytes(8)))
+    answer = requests.encode_call(requests.IoctlCall(requests.EVIOCGID, 0, bytes(8)))
     slow.sock.send(answer)
     assert slow.link.read(0.1) == answer
     slow.close()

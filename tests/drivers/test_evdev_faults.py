@@ -5,7 +5,8 @@ import itertools
 import pytest
 
 from cardan.drivers.gamepad import GamepadOptions
-from cardan.protocols.evdev import BUS_BLUETOOTH, BUS_USB, InputEvent, encode_events
+from cardan.protocols.evdev.events import InputEvent, encode_events
+from cardan.protocols.evdev.requests import BUS_BLUETOOTH, BUS_USB
 from cardan.types import DeviceLink
 from tests.drivers.evdev_bench import REST, STEP_S, Bench
 

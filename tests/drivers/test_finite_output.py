@@ -17,7 +17,7 @@ from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
 from cardan.errors import CommandError
 from cardan.protocols.egm import MalformedEgmMessage, decode_from_pc
-from cardan.protocols.joint_stream import (
+from cardan.protocols.joint_stream.codec import (
     ArmCommand,
     ArmState,
     ControlMode as ArmMode,

@@ -5,7 +5,9 @@ from hypothesis import given, strategies as st
 
 from cardan.drivers.evdev.nodes import EvdevDeviceInfo, EvdevState
 from cardan.drivers.gamepad import GamepadCore, GamepadOptions
-from cardan.protocols.evdev import AbsInfo, InputEvent, codes as c, encode_events
+from cardan.protocols.evdev import codes as c
+from cardan.protocols.evdev.events import InputEvent, encode_events
+from cardan.protocols.evdev.requests import AbsInfo
 from cardan.types import DeviceLink
 from tests.drivers.evdev_bench import REST, Bench
 

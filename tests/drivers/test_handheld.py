@@ -8,7 +8,7 @@ from cardan.demos.examples import free_ports
 from cardan.drivers.bus_devices import Phone, Xr
 from cardan.drivers.handheld import HandheldOptions, PhoneOptions, XrOptions
 from cardan.errors import DeviceNotFoundError, OptionError
-from cardan.protocols.handheld import BodyPart, GamepadFrame, OperatorFrame, encode_frame
+from cardan.protocols.handheld.frames import BodyPart, GamepadFrame, OperatorFrame, encode_frame
 from cardan.sim_peers.handheld import FAULTS, PagePeer, PagePeerOptions, XrPeerOptions
 from cardan.sim_peers.handheld.core import FULL_WAY_M, SimulatedHand
 from cardan.sim_peers.handheld.peer import wrapped

@@ -4,7 +4,7 @@ import pytest
 
 from cardan.drivers.keyboard import KeyboardOptions
 from cardan.drivers.keyboard.core import MOTION_KEYS
-from cardan.protocols.evdev import KEYS
+from cardan.protocols.evdev.codes import KEYS
 from cardan.types import DeviceLink
 from tests.drivers.evdev_bench import REST, Bench
 

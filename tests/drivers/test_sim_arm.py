@@ -15,8 +15,10 @@ import pytest
 from cardan.drivers import registry
 from cardan.drivers.sim_arm import SimArm, SimArmOptions, SimArmSession
 from cardan.errors import AddressError, CommandError, NotOpenError
-from cardan.protocols.joint_stream import ArmState, ControlMode, decode_command, encode_state
-from cardan.sim_peers.arm import FAULTS, PlantOptions, SimulatedArmOptions, SimulatedArmPeer
+from cardan.protocols.joint_stream.codec import ArmState, ControlMode, decode_command, encode_state
+from cardan.sim_peers.arm.faults import FAULTS
+from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
+from cardan.sim_peers.arm.udp import SimulatedArmPeer
 from cardan.types import (
     IDENTITY_POSE,
     CommandKind,

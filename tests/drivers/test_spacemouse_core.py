@@ -14,8 +14,8 @@ from cardan.drivers.buttons import MAX_EVENTS
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spacemouse.core import GAP_AFTER_S, SETTLE_S, STALE_AFTER_S
 from cardan.errors import CommandError, OptionError
-from cardan.protocols.connexion import (
-    Family,
+from cardan.protocols.connexion.devices import Family, find_model, model_by_key
+from cardan.protocols.connexion.reports import (
     decode_input,
     encode_battery,
     encode_buttons,
@@ -24,8 +24,6 @@ from cardan.protocols.connexion import (
     encode_motion,
     encode_rotation,
     encode_translation,
-    find_model,
-    model_by_key,
     to_robot_axes,
 )
 from cardan.types import NEUTRAL, NEVER_S, DeviceLink

@@ -3,8 +3,9 @@
 import pytest
 
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
-from cardan.protocols.connexion import MODELS, model_by_key
-from cardan.sim_peers.spacemouse import FAULTS, SimulatedSpaceMouse
+from cardan.protocols.connexion.devices import MODELS, model_by_key
+from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse.faults import FAULTS
 from cardan.types import DeviceLink
 
 STEP_S = 0.002

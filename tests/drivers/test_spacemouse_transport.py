@@ -28,15 +28,15 @@ from cardan.errors import (
     DriverError,
     NotOpenError,
 )
-from cardan.protocols.connexion import (
-    descriptor_for,
+from cardan.protocols.connexion.descriptors import descriptor_for
+from cardan.protocols.connexion.devices import model_by_key
+from cardan.protocols.connexion.reports import (
     encode_battery,
     encode_buttons,
     encode_led,
     encode_motion,
     encode_rotation,
     encode_translation,
-    model_by_key,
 )
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.waiting import WITHIN_S, until

@@ -17,14 +17,14 @@ from cardan.drivers import reader_thread
 from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
 from cardan.drivers.spacemouse.usb import UsbTransport
 from cardan.errors import DeviceAccessError, DeviceNotFoundError
-from cardan.protocols.connexion import (
-    descriptor_for,
+from cardan.protocols.connexion.descriptors import descriptor_for
+from cardan.protocols.connexion.devices import model_by_key
+from cardan.protocols.connexion.reports import (
     encode_buttons,
     encode_led,
     encode_motion,
     encode_rotation,
     encode_translation,
-    model_by_key,
 )
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.waiting import WITHIN_S, until

@@ -13,7 +13,8 @@ import pytest
 
 from cardan.drivers.spnav import Spnav, SpnavCore, SpnavOptions
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
-from cardan.protocols.spnav import RECORD_BYTES, Code, encode_handshake
+from cardan.protocols.spnav.codes import Code
+from cardan.protocols.spnav.records import RECORD_BYTES, encode_handshake
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
 from cardan_serial_mice.driver import SpaceMouseSerial

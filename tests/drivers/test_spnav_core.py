@@ -16,17 +16,16 @@ from cardan.drivers.spnav.core import (
     USUAL_STALE_AFTER_S,
     usual_full_scales,
 )
-from cardan.protocols.spnav import (
+from cardan.protocols.spnav.codes import Code, LedMode
+from cardan.protocols.spnav.records import (
     FAILED,
     RECORD_BYTES,
-    Code,
     ConfigChange,
     DeviceChange,
-    Handshake,
-    LedMode,
     encode_handshake,
     encode_reply,
 )
+from cardan.protocols.spnav.streams import Handshake
 from cardan.types import ButtonEvent, DeviceLink
 from cardan_spnav_server.protocol import (
     ClientReader,

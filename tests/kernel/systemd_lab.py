@@ -24,7 +24,7 @@ from cardan.gateway.daemon import service as service_module
 from cardan.gateway.daemon.client import SYSTEM_SOCKET, ControlClient
 from cardan.gateway.daemon.service import NAME, install, make_service, remove
 from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer
-from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
+from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
 from tests.kernel.waiting import in_a_process, wait_for
 
 _T = TypeVar("_T")

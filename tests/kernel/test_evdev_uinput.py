@@ -12,7 +12,7 @@ import pytest
 
 from cardan.drivers.gamepad import Gamepad, GamepadOptions
 from cardan.drivers.keyboard import Keyboard, KeyboardOptions
-from cardan.protocols.evdev import ABS_RZ, ABS_Y, BTN_SOUTH, KEY_CODES
+from cardan.protocols.evdev.codes import ABS_RZ, ABS_Y, BTN_SOUTH, KEY_CODES
 from cardan.sim_peers.evdev import EvdevPeer, EvdevPeerOptions
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.kernel.waiting import wait_for

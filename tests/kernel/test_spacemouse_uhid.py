@@ -13,10 +13,11 @@ from pathlib import Path
 import pytest
 
 from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions, list_devices
-from cardan.protocols.connexion import encode_rotation, encode_translation, model_by_key
 from cardan.protocols.connexion.descriptors import descriptor_for
+from cardan.protocols.connexion.devices import model_by_key
+from cardan.protocols.connexion.reports import encode_rotation, encode_translation
 from cardan.sim_peers.backends.uhid import BUS_USB, HidIdentity, UhidDevice
-from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
+from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.kernel.waiting import wait_for
 from tests.serving import in_a_thread

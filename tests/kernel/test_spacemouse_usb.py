@@ -13,8 +13,8 @@ import usb.util
 from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
 from cardan.drivers.spacemouse.transports import hid_transport
 from cardan.drivers.spacemouse.usb import UsbTransport
-from cardan.protocols.connexion import decode_input
-from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
+from cardan.protocols.connexion.reports import decode_input
+from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.kernel.usbip import attach, is_unplugged, usbip
 from tests.kernel.waiting import in_a_process, wait_for

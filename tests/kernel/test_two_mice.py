@@ -11,13 +11,9 @@ import pytest
 
 from cardan.common.tables import read_toml
 from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions, list_devices
-from cardan.protocols.connexion import (
-    encode_buttons,
-    encode_rotation,
-    encode_translation,
-    model_by_key,
-)
 from cardan.protocols.connexion.descriptors import descriptor_for
+from cardan.protocols.connexion.devices import model_by_key
+from cardan.protocols.connexion.reports import encode_buttons, encode_rotation, encode_translation
 from cardan.sim_peers.backends.uhid import BUS_USB, HidIdentity, Open, UhidDevice
 from cardan.types import DeviceLink, DeviceState
 from tests.kernel.waiting import wait_for

@@ -14,7 +14,7 @@ from cardan.drivers.gamepad import Gamepad
 from cardan.drivers.spacemouse import list_devices
 from cardan.drivers.udev import udev_rules
 from cardan.sim_peers.evdev import EvdevPeer, EvdevPeerOptions
-from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
+from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
 from tests.kernel.usbip import attach, is_unplugged
 from tests.kernel.waiting import wait_for
 from tests.serving import in_a_thread

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cardan.common.realtime import ask_for_real_time
-from cardan.sim_peers.arm import SimulatedArmOptions, SimulatedArmPeer
-from cardan.sim_peers.arm.options import PlantOptions
+from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
+from cardan.sim_peers.arm.udp import SimulatedArmPeer
 from cardan.sim_peers.base import ScriptStep, SimulatedPeer, parse_script
 from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, EgmMode
 from cardan.sim_peers.evdev import hand as pad
@@ -28,7 +28,8 @@ from cardan.sim_peers.motoros_controller import MotorosControllerOptions, Motoro
 from cardan.sim_peers.ros2_arm.options import RosArmOptions
 from cardan.sim_peers.ros2_arm.peer import RosArmPeer
 from cardan.sim_peers.ros2_device.peer import NodePeer, NodePeerOptions
-from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions, hand as puck
+from cardan.sim_peers.spacemouse import hand as puck
+from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
 from cardan_wiimote.peer import hand as remote
 from cardan_wiimote.peer.peer import WiimotePeer, WiimotePeerOptions
 

@@ -8,7 +8,7 @@ import math
 import random
 from pathlib import Path
 
-from cardan.protocols.handheld import (
+from cardan.protocols.handheld.frames import (
     BodyPart,
     GamepadFrame,
     JogJoints,
@@ -16,12 +16,10 @@ from cardan.protocols.handheld import (
     OperatorFrame,
     PhoneFrame,
     XrFrame,
-    drag_on_screen,
     encode_frame,
-    from_angles,
-    orientation_from_xr,
-    position_from_xr,
 )
+from cardan.protocols.handheld.motion import drag_on_screen
+from cardan.protocols.handheld.orientation import from_angles, orientation_from_xr, position_from_xr
 from cardan.types import Frame, Quaternion, Vector3
 
 FILE = Path(__file__).with_name("handheld_vectors.json")

@@ -4,14 +4,13 @@ import pytest
 from hypothesis import given, strategies as st
 from pyspacemouse.loader import get_device_specs
 
-from cardan.protocols.connexion import (
+from cardan.protocols.connexion.descriptors import descriptor_for, full_scale_of
+from cardan.protocols.connexion.devices import (
     MODELS,
     NEVER_OPEN,
     V3DK,
     Family,
-    descriptor_for,
     find_model,
-    full_scale_of,
     is_candidate,
     model_by_key,
 )

@@ -3,14 +3,13 @@
 import pytest
 from hypothesis import example, given, strategies as st
 
-from cardan.protocols.connexion import (
+from cardan.protocols.connexion.reports import (
     Battery,
     ButtonBits,
     KeysDown,
     LedOutput,
     LongPress,
     LongPressBits,
-    MalformedReport,
     MotionReport,
     Rotation,
     Translation,
@@ -28,6 +27,7 @@ from cardan.protocols.connexion import (
     from_serial_axes,
     to_robot_axes,
 )
+from cardan.protocols.hid import MalformedReport
 
 INPUT_VALUES = (
     Translation, Rotation, MotionReport, ButtonBits, KeysDown, LongPress, LongPressBits, Battery,

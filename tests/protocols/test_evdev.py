@@ -10,8 +10,12 @@ from pathlib import Path
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.protocols import evdev
-from cardan.protocols.evdev import codes, requests, uinput
+from cardan.protocols.evdev import (
+    codes,
+    events as evdev_events,
+    requests,
+    uinput,
+)
 from cardan.protocols.evdev.events import EVENT_BYTES, InputEvent, MalformedPacket
 
 pytestmark = pytest.mark.skipif(
@@ -44,19 +48,19 @@ def test_worked_frame_of_a_pad():
         "00f15365 00000000 80380100 00000000 0000 0000 00000000"
     )
     frame = [
-        InputEvent(1700000000, 80000, evdev.EV_ABS, evdev.ABS_Y, -16384),
-        InputEvent(1700000000, 80000, evdev.EV_KEY, evdev.BTN_SOUTH, 1),
-        InputEvent(1700000000, 80000, evdev.EV_SYN, evdev.SYN_REPORT, 0),
+        InputEvent(1700000000, 80000, evdev_events.EV_ABS, codes.ABS_Y, -16384),
+        InputEvent(1700000000, 80000, evdev_events.EV_KEY, codes.BTN_SOUTH, 1),
+        InputEvent(1700000000, 80000, evdev_events.EV_SYN, evdev_events.SYN_REPORT, 0),
     ]
-    assert evdev.decode_events(data) == frame
-    assert evdev.encode_events(frame) == data
+    assert evdev_events.decode_events(data) == frame
+    assert evdev_events.encode_events(frame) == data
 
 
 @pytest.mark.judged(device="Gamepad", transport="evdev", by="worked bytes")
 def test_worked_rumble():
     data = bytes.fromhex("5000 ffff 0000 0000 0000 9001 0000 0000 0080 0040").ljust(48, b"\0")
-    assert evdev.encode_rumble(evdev.Rumble(-1, 0x8000, 0x4000, 400)) == data
-    assert evdev.decode_rumble(data) == evdev.Rumble(-1, 0x8000, 0x4000, 400)
+    assert requests.encode_rumble(requests.Rumble(-1, 0x8000, 0x4000, 400)) == data
+    assert requests.decode_rumble(data) == requests.Rumble(-1, 0x8000, 0x4000, 400)
 
 
 @pytest.mark.parametrize(
@@ -89,31 +93,31 @@ events = st.builds(
 
 @given(st.lists(events, min_size=1, max_size=8))
 def test_events_come_back(frame):
-    assert evdev.decode_events(evdev.encode_events(frame)) == frame
+    assert evdev_events.decode_events(evdev_events.encode_events(frame)) == frame
 
 
 @given(st.binary(max_size=200))
 def test_no_bytes_raise(data):
-    value = evdev.decode_events(data)
+    value = evdev_events.decode_events(data)
     assert isinstance(value, MalformedPacket) == (not data or len(data) % EVENT_BYTES != 0)
-    evdev.decode_rumble(data)
-    evdev.decode_call(data)
-    evdev.decode_absinfo(data)
-    evdev.decode_id(data)
-    evdev.decode_int(data)
-    evdev.decode_bits(data)
+    requests.decode_rumble(data)
+    requests.decode_call(data)
+    requests.decode_absinfo(data)
+    requests.decode_id(data)
+    requests.decode_int(data)
+    requests.decode_bits(data)
 
 
 def test_what_does_not_fit_is_refused():
     with pytest.raises(ValueError, match="cannot encode"):
-        evdev.encode_events([InputEvent(0, 0, 0x10000, 0, 0)])
+        evdev_events.encode_events([InputEvent(0, 0, 0x10000, 0, 0)])
     with pytest.raises(ValueError, match="cannot encode"):
-        evdev.encode_rumble(evdev.Rumble(-1, 0x10000, 0, 0))
+        requests.encode_rumble(requests.Rumble(-1, 0x10000, 0, 0))
 
 
 @given(st.sets(st.integers(0, 0x2FF)))
 def test_masks_come_back(keys):
-    assert evdev.decode_bits(evdev.encode_bits(keys, 96)) == keys
+    assert requests.decode_bits(requests.encode_bits(keys, 96)) == keys
 
 
 @given(
@@ -129,16 +133,16 @@ def test_masks_come_back(keys):
 )  # fmt: skip
 def test_calls_come_back_and_are_never_taken_for_events(number, result, data):
     size = requests.argument_bytes(number)
-    call = evdev.IoctlCall(number, result, data.draw(st.binary(min_size=size, max_size=size)))
-    packet = evdev.encode_call(call)
+    call = requests.IoctlCall(number, result, data.draw(st.binary(min_size=size, max_size=size)))
+    packet = requests.encode_call(call)
     assert len(packet) % EVENT_BYTES
-    assert evdev.decode_call(packet) == call
+    assert requests.decode_call(packet) == call
 
 
 def test_an_upload_of_another_effect_is_told_apart():
     argument = bytearray(uinput.begin_upload(7))
-    argument[8:56] = evdev.encode_rumble(evdev.Rumble(3, 1, 2, 100))
-    assert uinput.decode_upload(bytes(argument)) == (7, evdev.Rumble(3, 1, 2, 100))
+    argument[8:56] = requests.encode_rumble(requests.Rumble(3, 1, 2, 100))
+    assert uinput.decode_upload(bytes(argument)) == (7, requests.Rumble(3, 1, 2, 100))
     assert uinput.end_upload(bytes(argument), -22)[:8] == struct.pack("@Ii", 7, -22)
     argument[8] = 0x51  # FF_PERIODIC
     assert uinput.decode_upload(bytes(argument)) == (7, None)
@@ -168,15 +172,15 @@ def test_codes_are_those_of_the_header():
     for label, code in codes.PAD_CODES.items():
         assert header[f"BTN_{OTHER_NAMES.get(label, label.upper())}"] == code, label
     names = [
-        name
-        for module in (codes, evdev.events)
+        (module, name)
+        for module in (codes, evdev_events)
         for name in vars(module)
         if name.startswith(("ABS_", "BTN_", "EV_", "SYN_", "MSC_", "FF_"))
     ]
-    for name in names:
+    for module, name in names:
         if name in ("ABS_COUNT", "FF_COUNT", "EV_UINPUT"):
             continue
-        assert header[name] == getattr(evdev, name), name
+        assert header[name] == getattr(module, name), name
     assert header["KEY_MAX"] + 1 == codes.KEY_COUNT
     assert header["ABS_MAX"] + 1 == codes.ABS_COUNT
     assert header["FF_MAX"] + 1 == codes.FF_COUNT
@@ -205,7 +209,7 @@ def test_numbers_and_layouts_are_those_of_the_compiled_headers(tmp_path):
         "EVIOCGBIT(EV_FF, 16)": requests.eviocgbit(0x15),
         "EVIOCGABS(ABS_HAT0Y)": requests.eviocgabs(codes.ABS_HAT0Y),
         "UI_GET_SYSNAME(64)": uinput.UI_GET_SYSNAME,
-        "EV_UINPUT": evdev.EV_UINPUT,
+        "EV_UINPUT": evdev_events.EV_UINPUT,
         **{
             name: getattr(uinput, name)
             for name in vars(uinput)

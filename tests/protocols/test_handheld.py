@@ -7,31 +7,27 @@ import math
 import pytest
 from hypothesis import assume, given, strategies as st
 
-from cardan.protocols.handheld import (
+from cardan.protocols.handheld.frames import (
     BodyPart,
-    Held,
     JogTwist,
     MalformedFrame,
     OperatorFrame,
     PhoneFrame,
-    PoseSample,
-    TeleopLog,
-    TeleopPose,
     XrFrame,
-    Yaw,
     decode_frame,
-    decode_teleop,
-    drag_on_screen,
     encode_frame,
+)
+from cardan.protocols.handheld.motion import Held, PoseSample, Yaw, drag_on_screen, leap
+from cardan.protocols.handheld.orientation import (
     from_angles,
     heading_rad,
-    leap,
     orientation_from_xr,
     orientation_to_xr,
     position_from_xr,
     position_to_xr,
     to_angles,
 )
+from cardan.protocols.handheld.teleop import TeleopLog, TeleopPose, decode_teleop
 from cardan.spatial import (
     from_rotation_vector,
     multiply,

@@ -6,7 +6,7 @@ import struct
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.protocols.joint_stream import (
+from cardan.protocols.joint_stream.codec import (
     MAX_DATAGRAM_BYTES,
     MAX_JOINTS,
     MAX_REASON_BYTES,

@@ -18,13 +18,14 @@ from cardan.gateway.arm.loop import ArmLoop
 from cardan.gateway.session.assembly import make_controller, make_robot
 from cardan.gateway.session.config import SessionConfig, parse_config
 from cardan.gateway.session.session import make_session
-from cardan.protocols.connexion import model_by_key
+from cardan.protocols.connexion.devices import model_by_key
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.type_hash import type_hash
 from cardan.recording.mcap_file import RecordedMessage, RecordedTopic, RecordWriter
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.scripted import play
-from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedPuck, SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, ScriptedPuck
 from tests.serving import PATIENT
 from tests.waiting import WITHIN_S, until
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from cardan.protocols.connexion import model_by_key
+from cardan.protocols.connexion.devices import model_by_key
 from cardan.sim_peers.base import parse_script
-from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedPuck, SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, ScriptedPuck
 
 Stamped = list[tuple[float, bytes]]
 

@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 
 from cardan.errors import ConfigurationError, ScriptError
-from cardan.protocols.joint_stream import (
+from cardan.protocols.joint_stream.codec import (
     ArmCommand,
     ControlMode,
     MalformedDatagram,
     decode_state,
     encode_command,
 )
-from cardan.sim_peers.arm import FAULTS, PlantOptions, SimulatedArm, SimulatedArmOptions
+from cardan.sim_peers.arm.controller import SimulatedArm
+from cardan.sim_peers.arm.faults import FAULTS
+from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
 from cardan.sim_peers.base import parse_faults
 
 PERIOD_S = 0.002

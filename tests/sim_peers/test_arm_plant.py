@@ -11,7 +11,8 @@ import pytest
 
 from cardan.errors import ConfigurationError
 from cardan.robots import load_arm, parse_urdf
-from cardan.sim_peers.arm import ArmPlant, Ball, DriveMode, PlantOptions, TouchPlane
+from cardan.sim_peers.arm.options import Ball, PlantOptions, TouchPlane
+from cardan.sim_peers.arm.plant import ArmPlant, DriveMode
 from cardan.types import Vector3
 
 FRICTIONLESS = {"viscous_friction_1_s": 0.0, "coulomb_friction_rad_s2": 0.0}

@@ -12,9 +12,15 @@ import pytest
 
 from cardan import cli
 from cardan.errors import AddressError
-from cardan.protocols.joint_stream import ArmCommand, ControlMode, decode_state, encode_command
+from cardan.protocols.joint_stream.codec import (
+    ArmCommand,
+    ControlMode,
+    decode_state,
+    encode_command,
+)
 from cardan.robots import load_arm
-from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArmPeer
+from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
+from cardan.sim_peers.arm.udp import SimulatedArmPeer
 from tests.serving import in_a_thread
 from tests.waiting import WITHIN_S
 

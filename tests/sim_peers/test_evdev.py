@@ -12,8 +12,12 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.errors import AddressError, ConfigurationError, OptionError, ScriptError
-from cardan.protocols import evdev
-from cardan.protocols.evdev import codes as c, uinput
+from cardan.protocols.evdev import (
+    codes as c,
+    events as evdev_events,
+    requests as evdev_requests,
+    uinput,
+)
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.evdev import (
     FAULTS,
@@ -69,9 +73,9 @@ def test_ranges_are_the_models(model, pushed, half):
     device = make(model)
     device.set_controls((0.0, 1.0, 0.0, 0.0, 0.25, 0.0))
     frames = device.reports(0.1)
-    assert (c.ABS_Y, pushed) in values(frames, evdev.EV_ABS)
-    assert (c.ABS_Z, half) in values(frames, evdev.EV_ABS)
-    pressed = values(frames, evdev.EV_KEY)
+    assert (c.ABS_Y, pushed) in values(frames, evdev_events.EV_ABS)
+    assert (c.ABS_Z, half) in values(frames, evdev_events.EV_ABS)
+    pressed = values(frames, evdev_events.EV_KEY)
     assert pressed == ([(c.BTN_TL2, 1)] if model == "dualshock-4" else [])
 
 
@@ -79,23 +83,23 @@ def test_an_xbox_pad_exchanges_north_and_west_as_the_kernel_does():
     for model, code in (("xbox-360", c.BTN_NORTH), ("dualshock-4", c.BTN_WEST)):
         device = make(model)
         device.press("west")
-        assert values(device.reports(0.1), evdev.EV_KEY) == [(code, 1)]
+        assert values(device.reports(0.1), evdev_events.EV_KEY) == [(code, 1)]
 
 
 def test_a_press_between_two_polls_is_not_lost():
     device = make()
     device.press("south")
     device.release("south")
-    assert values(device.reports(1.0), evdev.EV_KEY) == [(c.BTN_SOUTH, 1), (c.BTN_SOUTH, 0)]
+    assert values(device.reports(1.0), evdev_events.EV_KEY) == [(c.BTN_SOUTH, 1), (c.BTN_SOUTH, 0)]
 
 
 def test_dpad_is_a_hat():
     device = make()
     device.press("dpad-left")
-    assert values(device.reports(0.1), evdev.EV_ABS) == [(c.ABS_HAT0X, -1)]
+    assert values(device.reports(0.1), evdev_events.EV_ABS) == [(c.ABS_HAT0X, -1)]
     device.press("dpad-right")
     device.release("dpad-left")
-    assert values(device.reports(0.2), evdev.EV_ABS) == [(c.ABS_HAT0X, 1)]
+    assert values(device.reports(0.2), evdev_events.EV_ABS) == [(c.ABS_HAT0X, 1)]
 
 
 def test_keys_are_repeated_as_the_kernel_does():
@@ -107,7 +111,7 @@ def test_keys_are_repeated_as_the_kernel_does():
     assert repeats[0] == pytest.approx(0.25, abs=0.01)
     assert len(repeats) == 1 + int((0.5 - repeats[0]) / 0.033)
     device.release("a")
-    assert values(device.reports(2.0), evdev.EV_KEY)[-1] == (30, 0)
+    assert values(device.reports(2.0), evdev_events.EV_KEY)[-1] == (30, 0)
     assert device.next_due_s == math.inf
     assert not make("keyboard", uinput=True).reports(1.0)
 
@@ -132,42 +136,57 @@ def test_answers_what_it_is_and_holds():
     device.set_controls(PUSHED)
     device.press("east")
     device.reports(0.1)
-    assert evdev.decode_id(call(device, evdev.EVIOCGID).argument).product == 0x02EA
-    assert call(device, evdev.EVIOCGNAME).argument.startswith(b"Microsoft Xbox One S pad\0")
-    assert evdev.decode_bits(call(device, evdev.EVIOCGKEY).argument) == {c.BTN_EAST}
-    info = evdev.decode_absinfo(call(device, evdev.eviocgabs(c.ABS_Y)).argument)
+    assert (
+        evdev_requests.decode_id(call(device, evdev_requests.EVIOCGID).argument).product == 0x02EA
+    )
+    assert call(device, evdev_requests.EVIOCGNAME).argument.startswith(
+        b"Microsoft Xbox One S pad\0"
+    )
+    assert evdev_requests.decode_bits(call(device, evdev_requests.EVIOCGKEY).argument) == {
+        c.BTN_EAST
+    }
+    info = evdev_requests.decode_absinfo(call(device, evdev_requests.eviocgabs(c.ABS_Y)).argument)
     assert info == (-32768, -32768, 32767, 16, 128, 0)
-    assert evdev.decode_absinfo(call(device, evdev.eviocgabs(c.ABS_RZ)).argument).maximum == 1023
-    assert evdev.EV_FF in evdev.decode_bits(call(device, evdev.eviocgbit(0)).argument)
-    assert call(device, evdev.eviocgabs(c.ABS_GAS)).result == -errno.EINVAL
+    assert (
+        evdev_requests.decode_absinfo(
+            call(device, evdev_requests.eviocgabs(c.ABS_RZ)).argument
+        ).maximum
+        == 1023
+    )
+    assert evdev_events.EV_FF in evdev_requests.decode_bits(
+        call(device, evdev_requests.eviocgbit(0)).argument
+    )
+    assert call(device, evdev_requests.eviocgabs(c.ABS_GAS)).result == -errno.EINVAL
     assert call(device, 0x12345678).result == -errno.EINVAL
     device.unplug()
-    assert call(device, evdev.EVIOCGID).result == -errno.ENODEV
+    assert call(device, evdev_requests.EVIOCGID).result == -errno.ENODEV
 
 
 def test_only_one_may_grab():
     device = make("keyboard")
-    on, off = evdev.encode_int(1), evdev.encode_int(0)
-    assert call(device, evdev.EVIOCGRAB, on).result == 0
-    assert call(device, evdev.EVIOCGRAB, on, "you").result == -errno.EBUSY
-    assert call(device, evdev.EVIOCGRAB, off, "you").result == -errno.EINVAL
+    on, off = evdev_requests.encode_int(1), evdev_requests.encode_int(0)
+    assert call(device, evdev_requests.EVIOCGRAB, on).result == 0
+    assert call(device, evdev_requests.EVIOCGRAB, on, "you").result == -errno.EBUSY
+    assert call(device, evdev_requests.EVIOCGRAB, off, "you").result == -errno.EINVAL
     device.gone("me")
-    assert call(device, evdev.EVIOCGRAB, on, "you").result == 0
+    assert call(device, evdev_requests.EVIOCGRAB, on, "you").result == 0
 
 
 def upload(device, effect_id=-1, client="me", now_s=0.0, strong=0x8000):
-    effect = evdev.Rumble(effect_id, strong, 0x4000, 400)
-    return call(device, evdev.EVIOCSFF, evdev.encode_rumble(effect), client, now_s)
+    effect = evdev_requests.Rumble(effect_id, strong, 0x4000, 400)
+    return call(
+        device, evdev_requests.EVIOCSFF, evdev_requests.encode_rumble(effect), client, now_s
+    )
 
 
 def start(device, effect_id, now_s, value=1, client="me"):
-    event = evdev.InputEvent(0, 0, evdev.EV_FF, effect_id, value)
-    device.write(client, evdev.encode_events([event]), now_s)
+    event = evdev_events.InputEvent(0, 0, evdev_events.EV_FF, effect_id, value)
+    device.write(client, evdev_events.encode_events([event]), now_s)
 
 
 def test_effects_play_for_their_time():
     device = make()
-    effect_id = evdev.decode_rumble(upload(device).argument).id
+    effect_id = evdev_requests.decode_rumble(upload(device).argument).id
     assert device.rumble(0.0) == (0.0, 0.0)
     start(device, effect_id, 1.0)
     assert device.rumble(1.3) == pytest.approx((0.5, 0.25), abs=1e-4)
@@ -181,13 +200,13 @@ def test_effects_play_for_their_time():
 
 def test_effects_belong_to_the_client_that_uploaded_them():
     device = make()
-    effect_id = evdev.decode_rumble(upload(device).argument).id
+    effect_id = evdev_requests.decode_rumble(upload(device).argument).id
     start(device, effect_id, 0.0, client="you")
     assert device.rumble(0.0) == (0.0, 0.0)
     assert upload(device, effect_id, "you").result == -errno.EACCES
     assert upload(device, 9).result == -errno.EINVAL
-    erase = evdev.encode_int(effect_id)
-    assert call(device, evdev.EVIOCRMFF, erase, "you").result == -errno.EACCES
+    erase = evdev_requests.encode_int(effect_id)
+    assert call(device, evdev_requests.EVIOCRMFF, erase, "you").result == -errno.EACCES
     start(device, effect_id, 0.0)
     device.gone("me")
     assert device.rumble(0.0) == (0.0, 0.0)
@@ -237,7 +256,9 @@ def test_built_in_scripts_play_to_their_end_and_let_everything_go(kind, name, mo
 def test_taps_go_on_for_ever():
     device = make("keyboard")
     hand = ScriptedInput(parse_script(SCRIPTS["keyboard"]["taps"], SCRIPT_VERBS), device)
-    presses = [pair for pair in values(play(device, hand, 21.0), evdev.EV_KEY) if pair[1] == 1]
+    presses = [
+        pair for pair in values(play(device, hand, 21.0), evdev_events.EV_KEY) if pair[1] == 1
+    ]
     assert len(presses) >= 30
 
 
@@ -330,7 +351,7 @@ def test_a_client_that_does_not_read_loses_events_as_with_the_kernel(tmp_path):
         seen = []
         while (0, 3, 0) not in seen:
             packet = sock.recv(4096)
-            seen += [event[2:] for event in evdev.decode_events(packet)]
+            seen += [event[2:] for event in evdev_events.decode_events(packet)]
         assert seen[seen.index((0, 3, 0)) + 1] == (0, 0, 0)
 
 
@@ -340,10 +361,12 @@ def test_grabbed_events_reach_one_client_alone(tmp_path):
     script.write_text("0.3 hold a for 0.1")
     options = EvdevPeerOptions(kind="keyboard", path=path, script=str(script))
     with in_a_thread(EvdevPeer(options)), connect(path) as mine, connect(path) as other:
-        request = evdev.IoctlCall(evdev.EVIOCGRAB, 0, evdev.encode_int(1))
-        mine.send(evdev.encode_call(request))
-        assert evdev.decode_call(mine.recv(4096)).result == 0
-        assert len(evdev.decode_events(mine.recv(4096))) == 3
+        request = evdev_requests.IoctlCall(
+            evdev_requests.EVIOCGRAB, 0, evdev_requests.encode_int(1)
+        )
+        mine.send(evdev_requests.encode_call(request))
+        assert evdev_requests.decode_call(mine.recv(4096)).result == 0
+        assert len(evdev_events.decode_events(mine.recv(4096))) == 3
         other.settimeout(0.05)
         with pytest.raises(TimeoutError):
             other.recv(4096)
@@ -378,9 +401,9 @@ def fake_uinput(tmp_path, monkeypatch):
         if request == uinput.UI_GET_SYSNAME:
             argument[:7] = b"input9\0"
         elif request == uinput.UI_BEGIN_FF_UPLOAD:
-            argument[8:56] = evdev.encode_rumble(evdev.Rumble(2, 0xFFFF, 0, 400))
+            argument[8:56] = evdev_requests.encode_rumble(evdev_requests.Rumble(2, 0xFFFF, 0, 400))
         elif request == uinput.UI_BEGIN_FF_ERASE:
-            argument[8:12] = evdev.encode_int(2)
+            argument[8:12] = evdev_requests.encode_int(2)
         return 0
 
     monkeypatch.setattr(fcntl, "ioctl", ioctl)
@@ -408,17 +431,22 @@ def test_uinput_makes_the_device_and_serves_the_kernel(fake_uinput):
         def kernel_says(*events):
             """Send events to the maker of the device, as the kernel would."""
             fd = os.open(root / "dev/uinput", os.O_RDWR | os.O_NONBLOCK)
-            os.write(fd, evdev.encode_events(evdev.InputEvent(0, 0, *event) for event in events))
+            os.write(
+                fd,
+                evdev_events.encode_events(
+                    evdev_events.InputEvent(0, 0, *event) for event in events
+                ),
+            )
             for key, _ in selector.select(1.0):
                 key.data()
             os.close(fd)
 
-        kernel_says((evdev.EV_UINPUT, uinput.UI_FF_UPLOAD, 77))
+        kernel_says((evdev_events.EV_UINPUT, uinput.UI_FF_UPLOAD, 77))
         assert asked[-1][0] == uinput.UI_END_FF_UPLOAD
         assert asked[-1][1][:8] == bytes.fromhex("4d000000 00000000")
-        kernel_says((evdev.EV_FF, 2, 1))
+        kernel_says((evdev_events.EV_FF, 2, 1))
         assert device.rumble(1.1) == (1.0, 0.0)
-        kernel_says((evdev.EV_UINPUT, uinput.UI_FF_ERASE, 78))
+        kernel_says((evdev_events.EV_UINPUT, uinput.UI_FF_ERASE, 78))
         assert device.rumble(1.1) == (0.0, 0.0)
 
         device.press("south")

@@ -11,16 +11,16 @@ from hypothesis import given, strategies as st
 from pyspacemouse.device import SpaceMouseDevice
 
 from cardan.errors import ScriptError
-from cardan.protocols.connexion import (
-    MODELS,
+from cardan.protocols.connexion.devices import MODELS
+from cardan.protocols.connexion.reports import (
     Battery,
     KeysDown,
-    MalformedReport,
     MotionReport,
     decode_input,
     to_robot_axes,
 )
-from cardan.sim_peers.spacemouse import SimulatedSpaceMouse
+from cardan.protocols.hid import MalformedReport
+from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
 from tests.sim_peers.spacemouse_virtual import DEFLECTED, NEUTRAL, make, motions, run
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from cardan.errors import ScriptError
 from cardan.sim_peers.base import parse_faults
-from cardan.sim_peers.spacemouse import FAULTS
+from cardan.sim_peers.spacemouse.faults import FAULTS
 from tests.sim_peers.spacemouse_virtual import DEFLECTED, NEUTRAL, Stamped, make, motions, run
 
 

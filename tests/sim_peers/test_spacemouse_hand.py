@@ -9,15 +9,11 @@ from pathlib import Path
 import pytest
 
 from cardan.errors import ScriptError
-from cardan.protocols.connexion import MODELS, model_by_key
+from cardan.protocols.connexion.devices import MODELS, model_by_key
 from cardan.sim_peers.base import load_script, parse_script
 from cardan.sim_peers.scripted import play
-from cardan.sim_peers.spacemouse import (
-    SCRIPT_VERBS,
-    SCRIPTS,
-    ScriptedPuck,
-    SimulatedSpaceMouse,
-)
+from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS, ScriptedPuck
 from tests.sim_peers.spacemouse_virtual import make, motions, perform, run
 
 pytestmark = pytest.mark.matrix

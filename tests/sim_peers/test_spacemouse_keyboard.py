@@ -9,13 +9,14 @@ import termios
 import pytest
 
 from cardan.errors import ScriptError
-from cardan.sim_peers.spacemouse import KeyboardHand, SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
 from cardan.sim_peers.spacemouse.keyboard import (
     KEY_AXES,
     KEY_BUTTONS,
     KEY_DEFLECTION,
     KEY_HOLD_S,
     KEY_SPEED,
+    KeyboardHand,
     Terminal,
     status_line,
 )

@@ -19,7 +19,7 @@ import pytest
 
 from cardan.errors import AddressError, OptionError, ScriptError
 from cardan.sim_peers.backends.unix_socket import MAX_CLIENTS, QUEUE_REPORTS
-from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
+from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
 from tests.waiting import WITHIN_S
 
 pytestmark = pytest.mark.matrix
@@ -324,7 +324,7 @@ def test_keyboard_needs_a_terminal_and_leaves_no_socket_behind(path: str) -> Non
     program = (
         "import sys\n"
         "from cardan.errors import ScriptError\n"
-        "from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions\n"
+        "from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions\n"
         "try: SpaceMousePeer(SpaceMousePeerOptions(hid=sys.argv[1], keyboard=True)).open()\n"
         "except ScriptError as error: print(error)\n"
     )
@@ -344,7 +344,7 @@ def test_keyboard_moves_the_puck(path: str) -> None:
     program = (
         "import sys\n"
         "from cardan.sim_peers.base import serve\n"
-        "from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions\n"
+        "from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions\n"
         "serve(SpaceMousePeer(SpaceMousePeerOptions(hid=sys.argv[1], keyboard=True)), 20)\n"
     )
     keyboard, screen = pty.openpty()

@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.errors import DeviceAccessError, ScriptError
-from cardan.protocols.connexion import decode_input
 from cardan.protocols.connexion.descriptors import descriptor_for
+from cardan.protocols.connexion.reports import decode_input
 from cardan.sim_peers.backends.uhid import (
     BUS_BLUETOOTH,
     BUS_USB,
@@ -38,7 +38,7 @@ from cardan.sim_peers.backends.uhid import (
     encode_input,
     encode_set_report_reply,
 )
-from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
+from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
 
 PUCK = HidIdentity("puck", BUS_USB, 0x256F, 0xC635, b"\x05\x01\x09\x08", "here", "42", 0x431, 7)
 

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.errors import AddressError, OptionError, ScriptError
-from cardan.protocols.connexion import model_by_key
 from cardan.protocols.connexion.descriptors import descriptor_for
+from cardan.protocols.connexion.devices import model_by_key
 from cardan.sim_peers.backends.usbip import ENDPOINT_REPORTS, SetupPacket, Speed, UsbipSession
-from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
+from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
 
 pytestmark = pytest.mark.matrix

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cardan.conform.timeline import Kind, Traffic, WireTimeline
-from cardan.protocols import connexion
+from cardan.protocols.connexion import devices, reports
 
-MOTIONS = (connexion.Translation, connexion.Rotation, connexion.MotionReport)
+MOTIONS = (reports.Translation, reports.Rotation, reports.MotionReport)
 """Reports with axes."""
 
 
@@ -17,7 +17,7 @@ class DeviceReport(NamedTuple):
     number: int
     time_s: float
     raw: bytes
-    value: connexion.InputReport
+    value: reports.InputReport
 
     @property
     def is_motion(self) -> bool:
@@ -36,14 +36,14 @@ class ConnexionTraffic(Traffic):
     def __init__(self, timeline: WireTimeline) -> None:
         super().__init__(timeline)
         self.reports: list[DeviceReport] = []
-        self.model: connexion.Model | None = None
+        self.model: devices.Model | None = None
         """Model by its vendor and product id; None if they are not known."""
         for index, event in enumerate(timeline):
             if event.kind is Kind.OPENED and ":" in event.note:
                 vendor, _, product = event.note.partition(":")
-                self.model = connexion.find_model(int(vendor, 16), int(product, 16))
+                self.model = devices.find_model(int(vendor, 16), int(product, 16))
             elif event.kind is Kind.DATA and not event.sent:
-                value = connexion.decode_input(event.data)
+                value = reports.decode_input(event.data)
                 self.reports.append(DeviceReport(index, event.time_s, event.data, value))
 
     @property
@@ -52,13 +52,13 @@ class ConnexionTraffic(Traffic):
         return [each for each in self.reports if each.is_motion]
 
     @property
-    def family(self) -> connexion.Family | None:
+    def family(self) -> devices.Family | None:
         """Family by the reports it sends; None before any motion."""
         motions = self.motions
         if not motions:
             return None
-        whole = isinstance(motions[0].value, connexion.MotionReport)
-        return connexion.Family.ONE if whole else connexion.Family.SPLIT
+        whole = isinstance(motions[0].value, reports.MotionReport)
+        return devices.Family.ONE if whole else devices.Family.SPLIT
 
     def during(self, *names: str) -> list[DeviceReport]:
         """Return the reports of these phases."""

@@ -22,7 +22,7 @@ from cardan.conform.requirements import (
 )
 from cardan.conform.second_reading import read_twice
 from cardan.conform.timing import never_silent
-from cardan.protocols import connexion
+from cardan.protocols.connexion import devices, reports
 from cardan.protocols.connexion.reports import (
     BATTERY_ID,
     HALF_BYTES,
@@ -39,7 +39,7 @@ DESCRIPTOR = "report descriptors of the devices (docs/spacemouse.md)"
 SPACENAVD = "FreeSpacenav spacenavd, src/dev_usb_linux.c"
 RATE = "captures of SpaceNavigator and SpaceMouse Wireless"
 
-PERIOD_S = {connexion.Family.SPLIT: 0.008, connexion.Family.ONE: 0.016}
+PERIOD_S = {devices.Family.SPLIT: 0.008, devices.Family.ONE: 0.016}
 PERIOD_TOLERANCE = 0.15
 LINK_LOST_S = 0.1
 """Six periods: after this silence of a deflected device a driver considers it gone."""
@@ -102,9 +102,7 @@ def reports_are_not_padded(each: DeviceReport) -> str:
 @requires(6, f"{DESCRIPTOR}: ids 1 and 2 of 7 bytes, or id 1 of 13")
 def the_family_is_one(seen: ConnexionTraffic) -> Verdict:
     """All motion comes in halves (ids 1 and 2), or all of it whole (id 1 of 13 bytes)."""
-    whole = some(
-        [isinstance(each.value, connexion.MotionReport) for each in seen.motions], _NOTHING
-    )
+    whole = some([isinstance(each.value, reports.MotionReport) for each in seen.motions], _NOTHING)
     odd = [each.number for each, one in zip(seen.motions, whole, strict=True) if one != whole[0]]
     return failed("both kinds come", odd) if odd else passed("whole" if whole[0] else "halves")
 
@@ -128,7 +126,7 @@ def _moving(seen: ConnexionTraffic) -> list[list[DeviceReport]]:
 @requires(8, f"{RATE}: one half every 8 ms, in turn")
 def halves_take_turns(seen: ConnexionTraffic) -> Findings:
     """Translations and rotations come in turn, one of each."""
-    if seen.family is connexion.Family.ONE:
+    if seen.family is devices.Family.ONE:
         return not_applicable("motion comes whole")
     for motion in _moving(seen):
         for one, other in pairwise(motion):
@@ -168,7 +166,7 @@ def rest_is_silent(seen: ConnexionTraffic) -> Verdict:
 @requires(12, f"{RATE}: the last value of a motion is zero")
 def the_last_value_is_zero(seen: ConnexionTraffic) -> Findings:
     """Of every motion the last reports say zero on all axes, and there are at most 8 of them."""
-    least = 2 if seen.family is connexion.Family.SPLIT else 1
+    least = 2 if seen.family is devices.Family.SPLIT else 1
     for name in ("push", "twist"):
         found = [each for each in seen.during(f"{name}-held", f"{name}-over") if each.is_motion]
         if any(any(each.counts) for each in found):
@@ -190,7 +188,7 @@ def counts_are_in_range(seen: ConnexionTraffic) -> Verdict:
 
 def _mean(found: list[DeviceReport], kind: type, at: int) -> list[float]:
     rows = [each.counts for each in found if isinstance(each.value, kind)]
-    whole = [each.counts for each in found if isinstance(each.value, connexion.MotionReport)]
+    whole = [each.counts for each in found if isinstance(each.value, reports.MotionReport)]
     rows = [row[at : at + 3] for row in whole] if whole else rows
     return [sum(axis) / len(rows) for axis in zip(*rows, strict=True)] if rows else []
 
@@ -201,8 +199,8 @@ def axes_have_their_signs(seen: ConnexionTraffic) -> Verdict:
     Rz."""
     if seen.model is not None and seen.model.serial_axes:
         return not_applicable("the model has another frame")
-    push = _mean(seen.during("push-held"), connexion.Translation, 0)
-    twist = _mean(seen.during("twist-held"), connexion.Rotation, 3)
+    push = _mean(seen.during("push-held"), reports.Translation, 0)
+    twist = _mean(seen.during("twist-held"), reports.Rotation, 3)
     some(push and twist, "it was not pushed and twisted")
     said = f"X {push[0]:.0f}, Rz {twist[2]:.0f} counts"
     return met(push[0] == max(push, key=abs) > 0 and twist[2] == max(twist, key=abs) > 0, said)
@@ -222,7 +220,7 @@ def buttons_are_told(seen: ConnexionTraffic) -> Verdict:
 
 def _buttons(found: list[DeviceReport]) -> list[bool]:
     """Return for each report of buttons if any is down."""
-    kinds = connexion.ButtonBits, connexion.KeysDown
+    kinds = reports.ButtonBits, reports.KeysDown
     return [any(each.value) for each in found if isinstance(each.value, kinds)]
 
 
@@ -231,7 +229,7 @@ def the_battery_is_not_empty(seen: ConnexionTraffic) -> Findings:
     """The battery, where it is reported, has 10 % and more."""
     percent = 0
     for each in seen.reports:
-        if isinstance(each.value, connexion.Battery):
+        if isinstance(each.value, reports.Battery):
             percent = each.value.percent
             yield each.number, f"{percent} %" if percent < LOW_PERCENT else ""
     return Words(f"{percent} %", not_applicable("no battery was reported"))

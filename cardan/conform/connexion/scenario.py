@@ -7,7 +7,7 @@ from cardan.conform.hands import HandScenario
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Pause, Script, mark, send
 from cardan.conform.timeline import WireEvent
-from cardan.protocols import connexion
+from cardan.protocols.connexion import reports
 
 REST_S = 0.5
 
@@ -16,10 +16,10 @@ class ConnexionScenario(HandScenario):
     """Reads the reports; only from level 1 on it writes, to the LED."""
 
     def _note(self, event: WireEvent) -> None:
-        value = connexion.decode_input(event.data)
+        value = reports.decode_input(event.data)
         if isinstance(value, MOTIONS):
             self._moved = self._moved or any(value)
-        elif isinstance(value, (connexion.ButtonBits, connexion.KeysDown)):
+        elif isinstance(value, (reports.ButtonBits, reports.KeysDown)):
             self._pressed = True
 
     def script(self) -> Script:
@@ -29,7 +29,7 @@ class ConnexionScenario(HandScenario):
         if self._level >= Level.HOLD:
             yield mark("led")
             for on in (True, False, True):
-                yield send(connexion.encode_led(on))
+                yield send(reports.encode_led(on))
                 yield Pause(0.1)
             yield from self._again()
         if self._level >= Level.BY_HAND:

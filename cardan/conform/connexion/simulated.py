@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from cardan.conform.rigs import Rig
 from cardan.conform.runner import Exchange
 from cardan.conform.timeline import Kind
-from cardan.protocols.connexion import model_by_key
-from cardan.sim_peers.spacemouse import SimulatedSpaceMouse
+from cardan.protocols.connexion.devices import model_by_key
+from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
 
 _MODEL = "spacenavigator"
 _WITH_BATTERY = "spacemouse-wireless"

@@ -18,8 +18,7 @@ from typing import ClassVar
 
 from cardan.drivers.core import DeviceCore
 from cardan.drivers.evdev.nodes import EvdevDeviceInfo, EvdevState
-from cardan.protocols.evdev import (
-    BUS_BLUETOOTH,
+from cardan.protocols.evdev.events import (
     EV_ABS,
     EV_KEY,
     EV_MAX,
@@ -32,6 +31,7 @@ from cardan.protocols.evdev import (
     MalformedPacket,
     decode_events,
 )
+from cardan.protocols.evdev.requests import BUS_BLUETOOTH
 from cardan.types import NEVER_S, DeviceLink
 
 UNREAD_AFTER_S = 0.09

@@ -12,12 +12,11 @@ from abc import ABC, abstractmethod
 from collections import deque
 
 from cardan.drivers.packet_socket import PacketSocket
-from cardan.protocols.evdev import (
+from cardan.protocols.evdev.events import EVENT_BYTES, MalformedPacket
+from cardan.protocols.evdev.requests import (
     BY_VALUE,
-    EVENT_BYTES,
     EVIOCGID,
     IoctlCall,
-    MalformedPacket,
     argument_bytes,
     decode_call,
     decode_int,

@@ -10,8 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from cardan.common.files import text_or_empty
 from cardan.drivers.evdev.links import EvdevLink
-from cardan.protocols.evdev import (
+from cardan.protocols.evdev.codes import (
     ABS_BRAKE,
     ABS_GAS,
     ABS_RUDDER,
@@ -20,14 +21,14 @@ from cardan.protocols.evdev import (
     ABS_X,
     ABS_Y,
     BTN_SOUTH,
-    EV_ABS,
-    EV_FF,
-    EV_KEY,
+    JOYSTICK_BUTTONS,
+    KEY_CODES,
+)
+from cardan.protocols.evdev.events import EV_ABS, EV_FF, EV_KEY
+from cardan.protocols.evdev.requests import (
     EVIOCGID,
     EVIOCGKEY,
     EVIOCGNAME,
-    JOYSTICK_BUTTONS,
-    KEY_CODES,
     AbsInfo,
     decode_absinfo,
     decode_bits,
@@ -147,13 +148,16 @@ def find_nodes(root: Path = Path("/")) -> list[Node]:
         for entry in (root / "sys/class/input").iterdir():
             if match := re.fullmatch(r"event(\d+)", entry.name):
                 device = entry / "device"
-                vendor, product = _text(device / "id/vendor"), _text(device / "id/product")
+                vendor, product = (
+                    text_or_empty(device / "id/vendor"),
+                    text_or_empty(device / "id/product"),
+                )
                 node = Node(
                     path=f"/dev/input/{entry.name}",
-                    name=_text(device / "name") or _number(entry.name),
+                    name=text_or_empty(device / "name") or _number(entry.name),
                     identity=f"{vendor}:{product}" if vendor else "",
-                    keys=_bits(_text(device / "capabilities/key")),
-                    axes=_bits(_text(device / "capabilities/abs")),
+                    keys=_bits(text_or_empty(device / "capabilities/key")),
+                    axes=_bits(text_or_empty(device / "capabilities/abs")),
                 )
                 found.append((int(match[1]), node))
     return [node for _, node in sorted(found)]
@@ -193,13 +197,6 @@ def take_snapshot(link: EvdevLink, description: EvdevDeviceInfo) -> EvdevState:
 def _number(path: str) -> str:
     """Substitute for the name of a device without one ("event7")."""
     return os.path.basename(path)
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8", errors="replace").strip()
-    except OSError:
-        return ""
 
 
 def _bits(words: str) -> frozenset[int]:

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from cardan.drivers.evdev.core import EvdevCore
 from cardan.drivers.gamepad.options import GamepadOptions
 from cardan.drivers.shaping import Deflections, Shaper
-from cardan.protocols.evdev import (
+from cardan.protocols.evdev.codes import (
     ABS_BRAKE,
     ABS_GAS,
     ABS_HAT0X,
@@ -29,11 +29,11 @@ from cardan.protocols.evdev import (
     FF_RUMBLE,
     PAD_BUTTONS,
     PAD_LABELS,
-    AbsInfo,
     AxisPair,
     PadLayout,
     pad_layout,
 )
+from cardan.protocols.evdev.requests import AbsInfo
 from cardan.types import Axes, DeviceLink
 
 LEAST_REST = 0.02

@@ -13,15 +13,12 @@ from cardan.drivers.evdev.nodes import CONSOLE_HINT, is_gamepad, joystick, pad_i
 from cardan.drivers.gamepad.core import GamepadCore
 from cardan.drivers.gamepad.options import GamepadOptions
 from cardan.drivers.simulated import OWN
-from cardan.protocols.evdev import (
-    EV_FF,
+from cardan.protocols.evdev.events import EV_FF, InputEvent, MalformedPacket, encode_events
+from cardan.protocols.evdev.requests import (
     EVIOCRMFF,
     EVIOCSFF,
-    InputEvent,
-    MalformedPacket,
     Rumble,
     decode_rumble,
-    encode_events,
     encode_int,
     encode_rumble,
 )

@@ -9,7 +9,7 @@ from cardan.common import bounds
 from cardan.common.options import require
 from cardan.drivers.evdev.device import check_way
 from cardan.drivers.shaping import ShapingOptions
-from cardan.protocols.evdev import PAD_CODES
+from cardan.protocols.evdev.codes import PAD_CODES
 
 STALE_AFTER_S = bounds.Range(0.0, 60.0, "s", "no held stick keeps still for longer", zero="off")
 

@@ -23,24 +23,24 @@ from typing import ClassVar, NamedTuple
 from cardan.drivers.handheld.options import HandheldOptions, PhoneOptions, XrOptions
 from cardan.drivers.ros2_nodes.core import BusCore
 from cardan.drivers.shaping import Deflections, Shaper
-from cardan.protocols.handheld import (
+from cardan.protocols.handheld.frames import (
     BUTTONS,
-    Held,
     MalformedFrame,
     OperatorFrame,
     PhoneFrame,
-    PoseSample,
     XrFrame,
-    Yaw,
     decode_frame,
+)
+from cardan.protocols.handheld.motion import (
+    Held,
+    PoseSample,
+    Yaw,
     drag_on_screen,
     elsewhere,
-    from_angles,
     leap,
-    orientation_from_xr,
     pitched,
-    position_from_xr,
 )
+from cardan.protocols.handheld.orientation import from_angles, orientation_from_xr, position_from_xr
 from cardan.protocols.ros2.cdr import Message
 from cardan.spatial import add, rotate, scale, subtract
 from cardan.types import (

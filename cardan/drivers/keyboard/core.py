@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from cardan.drivers.evdev.core import EvdevCore
 from cardan.drivers.keyboard.options import KeyboardOptions
 from cardan.drivers.shaping import Shaper
-from cardan.protocols.evdev import KEY_CODES, KEYS
+from cardan.protocols.evdev.codes import KEY_CODES, KEYS
 from cardan.types import Axes, DeviceLink
 
 _LETTERS = ("a z", "s x", "d c", "f v", "g b", "h n")

@@ -10,7 +10,7 @@ from cardan.drivers.evdev.nodes import GROUP_HINT, is_keyboard
 from cardan.drivers.keyboard.core import KeyboardCore
 from cardan.drivers.keyboard.options import KeyboardOptions
 from cardan.drivers.simulated import OWN
-from cardan.protocols.evdev import EVIOCGRAB, encode_int
+from cardan.protocols.evdev.requests import EVIOCGRAB, encode_int
 from cardan.types import DeviceCapabilities
 
 

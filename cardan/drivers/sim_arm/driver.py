@@ -17,10 +17,10 @@ from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
 from cardan.drivers.simulated import LOOPBACK
-from cardan.protocols.joint_stream import MAX_DATAGRAM_BYTES
+from cardan.protocols.joint_stream.codec import MAX_DATAGRAM_BYTES
 
 if TYPE_CHECKING:  # Imports Pinocchio, which only the arm in this process needs.
-    from cardan.sim_peers.arm import SimulatedArm
+    from cardan.sim_peers.arm.controller import SimulatedArm
 
 _monotonic = time.monotonic
 
@@ -35,7 +35,7 @@ class _InProcess:
     """The arm in this process, which runs while the driver waits for its next cycle."""
 
     def __init__(self, options: SimArmOptions) -> None:
-        from cardan.sim_peers.arm import SimulatedArm
+        from cardan.sim_peers.arm.controller import SimulatedArm
 
         self.arm = SimulatedArm(options.arm_options)
         self.lateness = LatencyHistogram()

@@ -9,8 +9,8 @@ from cardan.common import bounds
 from cardan.common.options import Options, require, require_each
 from cardan.errors import ConfigurationError, ScriptError
 from cardan.robots import load_arm
-from cardan.sim_peers.arm import (
-    FAULTS,
+from cardan.sim_peers.arm.faults import FAULTS
+from cardan.sim_peers.arm.options import (
     PERIOD_S,
     Ball,
     PlantOptions,

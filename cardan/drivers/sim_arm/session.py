@@ -10,7 +10,7 @@ from cardan.drivers.missed_cycles import SlipCompensation
 from cardan.drivers.robot_core import check_command, check_count, joint_values
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.errors import CommandError
-from cardan.protocols.joint_stream import (
+from cardan.protocols.joint_stream.codec import (
     ArmCommand,
     ArmState,
     ControlMode,

@@ -6,17 +6,8 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from cardan.drivers.buttons import ButtonEdges
-from cardan.protocols.connexion import (
-    LONG_PRESS,
-    PRO_BUTTONS,
-    TWO_BUTTONS,
-    V3DK,
-    ButtonBits,
-    KeysDown,
-    LongPress,
-    LongPressBits,
-    Model,
-)
+from cardan.protocols.connexion.devices import LONG_PRESS, PRO_BUTTONS, TWO_BUTTONS, V3DK, Model
+from cardan.protocols.connexion.reports import ButtonBits, KeysDown, LongPress, LongPressBits
 
 ButtonReport = ButtonBits | KeysDown | LongPress | LongPressBits
 

@@ -20,15 +20,12 @@ from cardan.drivers.spacemouse.buttons import Buttons
 from cardan.drivers.spacemouse.drift import DRIFT_AFTER_S, DriftDetector
 from cardan.drivers.spacemouse.options import MouseOptions
 from cardan.errors import CommandError
-from cardan.protocols.connexion import (
-    DEFAULT_FULL_SCALE,
+from cardan.protocols.connexion.devices import DEFAULT_FULL_SCALE, Family, Model
+from cardan.protocols.connexion.reports import (
     HALF_BYTES,
     MOTION_BYTES,
     Battery,
-    Family,
     InputReport,
-    MalformedReport,
-    Model,
     MotionReport,
     Rotation,
     Translation,
@@ -36,6 +33,7 @@ from cardan.protocols.connexion import (
     from_serial_axes,
     to_robot_axes,
 )
+from cardan.protocols.hid import MalformedReport
 from cardan.types import NEVER_S, Axes, DeviceLink
 
 REPORT_PERIOD_S = 0.016

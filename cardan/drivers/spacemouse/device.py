@@ -24,15 +24,14 @@ from cardan.drivers.spacemouse.transports import (
 )
 from cardan.drivers.spacemouse.usb import UsbTransport
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
-from cardan.protocols.connexion import (
+from cardan.protocols.connexion.descriptors import full_scale_of
+from cardan.protocols.connexion.devices import Model, model_by_key
+from cardan.protocols.connexion.reports import (
     BUTTONS_ID,
     KEYS_DOWN_ID,
     ROTATION_ID,
     TRANSLATION_ID,
-    Model,
     encode_led,
-    full_scale_of,
-    model_by_key,
 )
 from cardan.types import DeviceCapabilities, DeviceFeedback
 

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from cardan.common import bounds
 from cardan.common.options import require, suggestion
 from cardan.drivers.shaping import ShapingOptions
-from cardan.protocols.connexion import MODELS
+from cardan.protocols.connexion.devices import MODELS
 
 _MODEL_KEYS = tuple(model.key for model in MODELS)
 

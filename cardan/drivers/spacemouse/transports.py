@@ -15,13 +15,7 @@ from cardan.drivers.access import refusal
 from cardan.drivers.hid import HidDevice, load_hid
 from cardan.drivers.packet_socket import PacketSocket, open_simulated
 from cardan.errors import DeviceAccessError
-from cardan.protocols.connexion import (
-    CONNEXION,
-    LOGITECH,
-    Model,
-    find_model,
-    is_candidate,
-)
+from cardan.protocols.connexion.devices import CONNEXION, LOGITECH, Model, find_model, is_candidate
 
 
 class HidCandidate(NamedTuple):

@@ -11,7 +11,7 @@ from cardan.drivers.access import refusal
 from cardan.drivers.hid import REPORT_ROOM
 from cardan.drivers.spacemouse.transports import HidCandidate, HidLink, Transport
 from cardan.errors import DeviceAccessError, DriverError
-from cardan.protocols.connexion import CONNEXION, LOGITECH, Model, find_model, is_candidate
+from cardan.protocols.connexion.devices import CONNEXION, LOGITECH, Model, find_model, is_candidate
 
 _HID_CLASS = 3
 _BOOT_PROTOCOLS = (1, 2)

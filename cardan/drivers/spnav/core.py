@@ -27,31 +27,32 @@ from cardan.drivers.core import DeviceCore
 from cardan.drivers.shaping import Shaper
 from cardan.drivers.spnav.options import SpnavOptions
 from cardan.drivers.spnav.repeats import RepeatDetector
-from cardan.protocols.connexion import Family, find_model
-from cardan.protocols.spnav import (
+from cardan.protocols.connexion.devices import Family, find_model
+from cardan.protocols.spnav.codes import (
     DEVICE_TYPES,
     MASK_V1,
     NEWEST_VERSION,
-    RECORD_BYTES,
     REQUEST_TAG,
-    Button,
     Code,
+    EventMask,
+    LedMode,
+)
+from cardan.protocols.spnav.records import (
+    RECORD_BYTES,
+    Button,
     ConfigChange,
     DeviceChange,
-    EventMask,
-    Handshake,
-    LedMode,
     MalformedRecord,
     MotionEvent,
-    ServerReader,
     ServerRecord,
     ServerReply,
     encode_handshake,
     encode_request,
     encode_sensitivity,
-    encode_string,
     to_robot_axes,
 )
+from cardan.protocols.spnav.streams import Handshake, ServerReader
+from cardan.protocols.spnav.strings import encode_string
 from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceLink
 
 USUAL_STALE_AFTER_S = SpnavOptions().stale_after_s

@@ -18,7 +18,7 @@ from cardan.drivers.simulated import OWN
 from cardan.drivers.spnav.core import SpnavCore
 from cardan.drivers.spnav.options import SpnavOptions
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
-from cardan.protocols.spnav import DEFAULT_SOCKET, LedMode
+from cardan.protocols.spnav.codes import DEFAULT_SOCKET, LedMode
 from cardan.types import DeviceCapabilities, DeviceFeedback, DeviceLink
 
 SOCKET_VARIABLE = "SPNAV_SOCKET"

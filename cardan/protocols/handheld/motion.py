@@ -27,8 +27,6 @@ HAND_RAD_S: Final = 20.0
 """No hand that drives an arm is faster. A step is a leap where it is above both: frames that were
 lost on the way make steps long, and not fast."""
 
-UPRIGHT: Final = Vector3(0.0, 0.0, 1.0)
-
 
 class PoseSample(NamedTuple):
     """Pose of a device at a time."""

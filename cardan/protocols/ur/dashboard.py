@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
+from cardan.protocols.ur.framing import StreamReader
+
 DASHBOARD_PORT: Final = 29999
 GREETING: Final = "Connected: Universal Robots Dashboard Server"
 LONGEST_LINE: Final = 4096
@@ -58,23 +60,16 @@ def greets(said: bytes) -> bool | None:
     return None if said != greeting and greeting.startswith(said) else said.startswith(greeting)
 
 
-class DashboardReader:
+class DashboardReader(StreamReader):
     """Cuts a TCP stream into lines."""
 
     def __init__(self) -> None:
-        self._pending = bytearray()
+        super().__init__()
         self._skips = False
-        self.failure = ""
-        """Reason why nothing after this can be read; empty: none."""
-
-    @property
-    def pending_bytes(self) -> int:
-        """Bytes that wait for the rest of their line."""
-        return len(self._pending)
 
     def feed(self, data: bytes) -> None:
         """Add what came."""
-        self._pending += data
+        super().feed(data)
         if self._skips:
             _, end, rest = self._pending.partition(b"\n")
             self._pending, self._skips = rest, not end

@@ -1,4 +1,4 @@
-"""Framing of the scripts on a connection that carries one after the other.
+"""Framing of TCP streams: the base of its readers, and scripts that come one after the other.
 
 The interfaces that take scripts have no packets: a program is over with the `end` that closes its
 `def` (or `sec`), and a line outside of a program is a command of its own. Lines of comments before
@@ -18,6 +18,24 @@ UNFINISHED_S: Final = 2.0
 """A program of which nothing more has come for so long is taken as it is."""
 
 _WORD = re.compile(r"""\#.*|"[^"]*"?|'[^']*'|(?<![\w.])[A-Za-z_]\w*""")
+
+
+class StreamReader:
+    """Unread bytes of a TCP stream, which a subclass cuts into whole messages by `take`."""
+
+    def __init__(self) -> None:
+        self._pending = bytearray()
+        self.failure = ""
+        """Reason why nothing after this can be read; empty: none."""
+
+    @property
+    def pending_bytes(self) -> int:
+        """Bytes that wait for the rest of their message."""
+        return len(self._pending)
+
+    def feed(self, data: bytes) -> None:
+        """Add what came."""
+        self._pending += data
 
 
 def depth_of(line: str) -> int:

@@ -14,6 +14,7 @@ import enum
 import struct
 from typing import Final, NamedTuple
 
+from cardan.protocols.ur.framing import StreamReader
 from cardan.protocols.ur.states import RobotMode, SafetyMode
 
 PRIMARY_PORT: Final = 30001
@@ -90,22 +91,8 @@ def package(kind: int, content: bytes) -> bytes:
     return _HEADER.pack(_HEADER.size + len(content), kind) + content
 
 
-class PackageReader:
+class PackageReader(StreamReader):
     """Cuts a TCP stream into packages."""
-
-    def __init__(self) -> None:
-        self._pending = bytearray()
-        self.failure = ""
-        """Reason why nothing after this can be read; empty: none."""
-
-    @property
-    def pending_bytes(self) -> int:
-        """Bytes that wait for the rest of their package."""
-        return len(self._pending)
-
-    def feed(self, data: bytes) -> None:
-        """Add what came."""
-        self._pending += data
 
     def take(self) -> PrimaryPackage | None:
         """The next package; None: it has not all come."""

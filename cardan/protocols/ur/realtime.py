@@ -12,6 +12,8 @@ import struct
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
+from cardan.protocols.ur.framing import StreamReader
+
 REALTIME_PORT: Final = 30003
 LARGEST: Final = 1 << 16
 """No packet of a controller is longer."""
@@ -117,22 +119,8 @@ class RealtimeForm:
         return found
 
 
-class RealtimeReader:
+class RealtimeReader(StreamReader):
     """Cuts a TCP stream into packets."""
-
-    def __init__(self) -> None:
-        self._pending = bytearray()
-        self.failure = ""
-        """Reason why nothing after this can be read; empty: none."""
-
-    @property
-    def pending_bytes(self) -> int:
-        """Bytes that wait for the rest of their packet."""
-        return len(self._pending)
-
-    def feed(self, data: bytes) -> None:
-        """Add what came."""
-        self._pending += data
 
     def take(self) -> bytes | None:
         """The next packet with its size; None: it has not all come."""

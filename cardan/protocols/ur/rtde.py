@@ -17,6 +17,8 @@ from functools import lru_cache, partial
 from operator import itemgetter
 from typing import Any, Final, NamedTuple
 
+from cardan.protocols.ur.framing import StreamReader
+
 RTDE_PORT: Final = 30004
 VERSION: Final = 2
 VERSIONS: Final = (1, 2)
@@ -198,18 +200,8 @@ def reply_setup(reply: SetupReply, version: int = VERSION) -> bytes:
 # -- reading ---------------------------------------------------------------------------------------
 
 
-class PacketReader:
+class PacketReader(StreamReader):
     """Cuts a TCP stream into packets."""
-
-    def __init__(self) -> None:
-        self._pending = bytearray()
-        self.failure = ""
-        """Reason why nothing after this can be read; empty: none."""
-
-    @property
-    def pending_bytes(self) -> int:
-        """Bytes that wait for the rest of their packet."""
-        return len(self._pending)
 
     @property
     def foreign(self) -> bool:
@@ -225,10 +217,6 @@ class PacketReader:
         """The same of a client's first packet; one may ask for a recipe, however long, before the
         version is agreed on."""
         return self.foreign and self._pending[_WORD.size] not in _SETUPS
-
-    def feed(self, data: bytes) -> None:
-        """Add what came."""
-        self._pending += data
 
     def take(self) -> tuple[int, bytes] | None:
         """The next packet's type and payload; None: it has not all come."""

@@ -8,7 +8,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from typing import NamedTuple
 
 from cardan.common.arm_libraries import np
-from cardan.protocols.joint_stream import (
+from cardan.protocols.joint_stream.codec import (
     ArmCommand,
     ArmState,
     ControlMode,

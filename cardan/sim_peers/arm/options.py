@@ -10,7 +10,7 @@ from typing import Annotated, Literal, NamedTuple
 from cardan.common import bounds
 from cardan.common.bounds import Range
 from cardan.common.options import Options, require, require_each
-from cardan.protocols.joint_stream import MAX_JOINTS
+from cardan.protocols.joint_stream.codec import MAX_JOINTS
 from cardan.robots import load_arm
 from cardan.sim_peers.arm.faults import FAULTS
 from cardan.sim_peers.base import check_faults, check_jam

@@ -23,7 +23,6 @@ from typing import NamedTuple
 from cardan.sim_peers.backends.base import DeviceBackend, Shell
 from cardan.sim_peers.backends.server import DeviceServer, StreamClient, bound_to
 
-USBIP_PORT = 3240
 VERSION = 0x0111
 
 REQUEST_DEVLIST, REPLY_DEVLIST = 0x8005, 0x0005
@@ -47,7 +46,6 @@ _OP = struct.Struct(">HHI")
 _BUS_ID_BYTES = 32
 _DEVICE = struct.Struct(">256s32sIIIHHHBBBBBB")
 _INTERFACE = struct.Struct(">BBBx")
-_BASIC = struct.Struct(">IIIII")
 _SUBMIT = struct.Struct(">IIIIIIiiii8s")
 _UNLINK = struct.Struct(">IIIIII24x")
 _RET_SUBMIT = struct.Struct(">IIIIIiiiii8x")

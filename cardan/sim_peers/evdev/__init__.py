@@ -1,20 +1,13 @@
 """A simulated gamepad or keyboard: the hardware, the kernel's side of it, and a scripted hand."""
 
-from cardan.sim_peers.evdev.core import (
-    SimulatedInput as SimulatedInput,
-)
-from cardan.sim_peers.evdev.faults import (
-    FAULTS as FAULTS,
-)
+from cardan.sim_peers.evdev.core import SimulatedInput as SimulatedInput
+from cardan.sim_peers.evdev.faults import FAULTS as FAULTS
 from cardan.sim_peers.evdev.hand import (
     SCRIPT_VERBS as SCRIPT_VERBS,
     SCRIPTS as SCRIPTS,
     ScriptedInput as ScriptedInput,
 )
-from cardan.sim_peers.evdev.models import (
-    MODELS as MODELS,
-    InputDeviceModel as InputDeviceModel,
-)
+from cardan.sim_peers.evdev.models import MODELS as MODELS
 from cardan.sim_peers.evdev.peer import (
     EvdevPeer as EvdevPeer,
     EvdevPeerOptions as EvdevPeerOptions,

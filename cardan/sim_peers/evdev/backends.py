@@ -15,7 +15,7 @@ from pathlib import Path
 
 from cardan.common.sockets import OWNER_ONLY
 from cardan.errors import AddressError
-from cardan.protocols.evdev import (
+from cardan.protocols.evdev.events import (
     EV_ABS,
     EV_FF,
     EV_KEY,
@@ -29,11 +29,10 @@ from cardan.protocols.evdev import (
     SYN_REPORT,
     InputEvent,
     MalformedPacket,
-    decode_call,
     decode_events,
-    encode_call,
     encode_events,
 )
+from cardan.protocols.evdev.requests import decode_call, encode_call
 from cardan.protocols.evdev.uinput import (
     SYSNAME_BYTES,
     UI_ABS_SETUP,

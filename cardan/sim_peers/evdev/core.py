@@ -13,16 +13,25 @@ from collections.abc import Hashable, Mapping, Sequence
 from typing import NamedTuple
 
 from cardan.errors import ScriptError
-from cardan.protocols.evdev import (
-    ABS_HAT0X,
-    ABS_HAT0Y,
-    BITS_BYTES,
+from cardan.protocols.evdev.codes import ABS_HAT0X, ABS_HAT0Y, KEY_CODES, KEY_COUNT
+from cardan.protocols.evdev.events import (
     EV_ABS,
     EV_FF,
     EV_KEY,
     EV_MSC,
     EV_REP,
     EV_SYN,
+    KEY_DOWN,
+    KEY_REPEAT,
+    KEY_UP,
+    MSC_SCAN,
+    SYN_REPORT,
+    InputEvent,
+    MalformedPacket,
+    decode_events,
+)
+from cardan.protocols.evdev.requests import (
+    BITS_BYTES,
     EVIOCGEFFECTS,
     EVIOCGID,
     EVIOCGKEY,
@@ -30,21 +39,11 @@ from cardan.protocols.evdev import (
     EVIOCGRAB,
     EVIOCRMFF,
     EVIOCSFF,
-    KEY_CODES,
-    KEY_COUNT,
-    KEY_DOWN,
-    KEY_REPEAT,
-    KEY_UP,
-    MSC_SCAN,
     NAME_BYTES,
-    SYN_REPORT,
     AbsInfo,
-    InputEvent,
     IoctlCall,
-    MalformedPacket,
     Rumble,
     argument_bytes,
-    decode_events,
     decode_int,
     decode_rumble,
     encode_absinfo,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-from cardan.protocols.evdev import (
+from cardan.protocols.evdev.codes import (
     ABS_HAT0X,
     ABS_HAT0Y,
     ABS_RX,
@@ -21,15 +21,13 @@ from cardan.protocols.evdev import (
     BTN_TL2,
     BTN_TR2,
     BTN_WEST,
-    BUS_USB,
     FF_GAIN,
     FF_RUMBLE,
     KEY_CODES,
     PAD_CODES,
-    AbsInfo,
-    InputId,
     north_and_west_exchanged,
 )
+from cardan.protocols.evdev.requests import BUS_USB, AbsInfo, InputId
 
 _MEMLESS_EFFECTS = frozenset({FF_RUMBLE, 0x51, 0x58, 0x59, 0x5A, FF_GAIN})
 """Effects that the kernel offers for two motors: rumble, and periodic ones that become rumble."""

@@ -10,17 +10,15 @@ import math
 from collections.abc import Mapping
 from typing import Final, Literal
 
-from cardan.protocols.handheld import (
+from cardan.protocols.handheld.frames import (
     BUTTONS,
     BodyPart,
     OperatorFrame,
     PhoneFrame,
     XrFrame,
     encode_frame,
-    orientation_to_xr,
-    position_to_xr,
-    to_angles,
 )
+from cardan.protocols.handheld.orientation import orientation_to_xr, position_to_xr, to_angles
 from cardan.sim_peers.base import FaultSwitch, TimedActs
 from cardan.sim_peers.periodic import PERIODIC_FAULTS, HeldModel, HeldPeriodicDevice
 from cardan.spatial import add, conjugate, from_rotation_vector, multiply, rotate, scale

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from cardan.protocols.handheld import BodyPart
+from cardan.protocols.handheld.frames import BodyPart
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.sim_peers.backends.base import DeviceBackend

@@ -2,15 +2,12 @@
 
 from cardan.sim_peers.motoros_controller.controller import MotorosController as MotorosController
 from cardan.sim_peers.motoros_controller.faults import FAULTS as FAULTS
-from cardan.sim_peers.motoros_controller.io_image import IoImage as IoImage
 from cardan.sim_peers.motoros_controller.options import (
     MotorosControllerOptions as MotorosControllerOptions,
 )
-from cardan.sim_peers.motoros_controller.plant import PLANTS as PLANTS
 from cardan.sim_peers.motoros_controller.servers import (
     CONNECTIONS as CONNECTIONS,
     PORT_KINDS as PORT_KINDS,
     MotorosServers as MotorosServers,
-    ServerCounters as ServerCounters,
 )
 from cardan.sim_peers.motoros_controller.tcp import MotorosControllerPeer as MotorosControllerPeer

@@ -1,10 +1,6 @@
 """A stock ROS 2 node with a simulated operator device: spacenav_node, joy_node."""
 
-from cardan.sim_peers.ros2_device.core import (
-    FAULTS as FAULTS,
-    SimulatedNode as SimulatedNode,
-    StockNode as StockNode,
-)
+from cardan.sim_peers.ros2_device.core import SimulatedNode as SimulatedNode
 from cardan.sim_peers.ros2_device.peer import (
     NodePeer as NodePeer,
     NodePeerOptions as NodePeerOptions,

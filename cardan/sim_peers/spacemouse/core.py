@@ -7,11 +7,10 @@ import random
 from collections.abc import Mapping, Sequence
 
 from cardan.errors import ScriptError
-from cardan.protocols.connexion import (
-    LONG_PRESS,
-    Family,
+from cardan.protocols.connexion.devices import LONG_PRESS, Family, Model
+from cardan.protocols.connexion.reports import (
+    KEY_SLOTS,
     LedOutput,
-    Model,
     decode_output,
     encode_battery,
     encode_buttons,
@@ -23,7 +22,6 @@ from cardan.protocols.connexion import (
     from_robot_axes,
     from_serial_axes,
 )
-from cardan.protocols.connexion.reports import KEY_SLOTS
 from cardan.sim_peers.spacemouse.faults import FaultyLine
 
 Axes = tuple[float, float, float, float, float, float]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 from cardan.errors import ScriptError
-from cardan.protocols.connexion import Family, Model
+from cardan.protocols.connexion.devices import Family, Model
 from cardan.sim_peers import base
 from cardan.sim_peers.base import FaultSwitch
 from cardan.sim_peers.report_line import DelayLine

@@ -12,8 +12,8 @@ from typing import Annotated, TypeVar
 
 from cardan.common import bounds
 from cardan.errors import ConfigurationError, OptionError, ScriptError
-from cardan.protocols.connexion import CONNEXION, MODELS, model_by_key
 from cardan.protocols.connexion.descriptors import descriptor_for
+from cardan.protocols.connexion.devices import CONNEXION, MODELS, model_by_key
 from cardan.sim_peers.backends.base import DeviceBackend
 from cardan.sim_peers.backends.uhid import (
     BUS_BLUETOOTH,

@@ -9,8 +9,8 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
-from cardan.protocols.connexion import Family, Model
 from cardan.protocols.connexion.descriptors import descriptor_for
+from cardan.protocols.connexion.devices import Family, Model
 from cardan.sim_peers.backends.usbip import (
     SetupPacket,
     Speed,

@@ -8,7 +8,8 @@ import math
 import pytest
 from hypothesis import assume, example, given, strategies as st
 
-from cardan.protocols import connexion, egm
+from cardan.protocols import egm, hid
+from cardan.protocols.connexion import reports
 from cardan.types import Pose, Quaternion, Twist, Vector3
 from cardan_dissect import connexion as hid_layers, egm as layers
 from cardan_dissect.protobuf import tagged
@@ -359,15 +360,15 @@ code = st.integers(1, 2**16 - 1)
 def report_value(layer):
     """Return a report's value in the codec's types; None where only the codec can tell it."""
     convert = {
-        hid_layers.TranslationReport: lambda r: connexion.Translation(r.x, r.y, r.z),
-        hid_layers.RotationReport: lambda r: connexion.Rotation(r.rx, r.ry, r.rz),
-        hid_layers.MotionReport: lambda r: connexion.MotionReport(r.x, r.y, r.z, r.rx, r.ry, r.rz),
-        hid_layers.ButtonReport: lambda r: connexion.ButtonBits(r.mask),
-        hid_layers.LongPressBitsReport: lambda r: connexion.LongPressBits(r.mask),
-        hid_layers.BatteryReport: lambda r: connexion.Battery(r.percent, bool(r.external_power)),
-        hid_layers.KeysDownReport: lambda r: connexion.KeysDown(r.codes),
-        hid_layers.LongPressReport: lambda r: connexion.LongPress(r.codes),
-        hid_layers.LedReport: lambda r: connexion.LedOutput(bool(r.on)),
+        hid_layers.TranslationReport: lambda r: reports.Translation(r.x, r.y, r.z),
+        hid_layers.RotationReport: lambda r: reports.Rotation(r.rx, r.ry, r.rz),
+        hid_layers.MotionReport: lambda r: reports.MotionReport(r.x, r.y, r.z, r.rx, r.ry, r.rz),
+        hid_layers.ButtonReport: lambda r: reports.ButtonBits(r.mask),
+        hid_layers.LongPressBitsReport: lambda r: reports.LongPressBits(r.mask),
+        hid_layers.BatteryReport: lambda r: reports.Battery(r.percent, bool(r.external_power)),
+        hid_layers.KeysDownReport: lambda r: reports.KeysDown(r.codes),
+        hid_layers.LongPressReport: lambda r: reports.LongPress(r.codes),
+        hid_layers.LedReport: lambda r: reports.LedOutput(bool(r.on)),
     }.get(type(layer))
     return None if convert is None else convert(layer)
 
@@ -380,50 +381,50 @@ def slots(codes):
 def test_motion_reports(axes):
     x, y, z, rx, ry, rz = axes
     for data, layer in (
-        (connexion.encode_translation(x, y, z), hid_layers.TranslationReport(x=x, y=y, z=z)),
-        (connexion.encode_rotation(rx, ry, rz), hid_layers.RotationReport(rx=rx, ry=ry, rz=rz)),
+        (reports.encode_translation(x, y, z), hid_layers.TranslationReport(x=x, y=y, z=z)),
+        (reports.encode_rotation(rx, ry, rz), hid_layers.RotationReport(rx=rx, ry=ry, rz=rz)),
         (
-            connexion.encode_motion(*axes),
+            reports.encode_motion(*axes),
             hid_layers.MotionReport(x=x, y=y, z=z, rx=rx, ry=ry, rz=rz),
         ),
     ):
         assert bytes(layer) == data
-        assert connexion.decode_input(data) == report_value(hid_layers.ConnexionInput(data))
+        assert reports.decode_input(data) == report_value(hid_layers.ConnexionInput(data))
 
 
 @given(st.integers(0, 2**16 - 1), st.lists(code, max_size=6, unique=True), st.booleans())
 def test_button_key_battery_and_led_reports(mask, codes, flag):
     for data, layer in (
         (
-            connexion.encode_buttons(mask, 3),
+            reports.encode_buttons(mask, 3),
             hid_layers.ButtonReport(bits=mask.to_bytes(2, "little")),
         ),
         (
-            connexion.encode_buttons(mask, 7),
+            reports.encode_buttons(mask, 7),
             hid_layers.ButtonReport(bits=mask.to_bytes(6, "little")),
         ),
-        (connexion.encode_keys_down(codes), hid_layers.KeysDownReport(slots=slots(codes))),
-        (connexion.encode_long_press(codes), hid_layers.LongPressReport(slots=slots(codes))),
+        (reports.encode_keys_down(codes), hid_layers.KeysDownReport(slots=slots(codes))),
+        (reports.encode_long_press(codes), hid_layers.LongPressReport(slots=slots(codes))),
         (
-            connexion.encode_battery(mask % 101, flag),
+            reports.encode_battery(mask % 101, flag),
             hid_layers.BatteryReport(percent=mask % 101, external_power=int(flag)),
         ),
     ):
         assert bytes(layer) == data
-        assert connexion.decode_input(data) == report_value(hid_layers.ConnexionInput(data))
+        assert reports.decode_input(data) == report_value(hid_layers.ConnexionInput(data))
     bits = bytes(hid_layers.LongPressBitsReport(bits=mask))
-    assert connexion.decode_input(bits) == connexion.LongPressBits(mask)
-    led = connexion.encode_led(flag)
+    assert reports.decode_input(bits) == reports.LongPressBits(mask)
+    led = reports.encode_led(flag)
     assert led == bytes(hid_layers.LedReport(on=int(flag)))
-    assert connexion.decode_output(led) == report_value(hid_layers.ConnexionOutput(led))
+    assert reports.decode_output(led) == report_value(hid_layers.ConnexionOutput(led))
 
 
 def assert_reports_agree(data):
     layer = hid_layers.ConnexionInput(data)
-    verdict = connexion.decode_input(data)
+    verdict = reports.decode_input(data)
     expected = report_value(layer)
     if expected is None:
-        assert isinstance(verdict, connexion.MalformedReport), (verdict, data.hex(" "))
+        assert isinstance(verdict, hid.MalformedReport), (verdict, data.hex(" "))
     elif isinstance(layer, hid_layers.BatteryReport) and layer.percent > 100:
         pass  # readable, but no percentage: the codec may refuse it
     elif isinstance(layer, hid_layers.ButtonReport):

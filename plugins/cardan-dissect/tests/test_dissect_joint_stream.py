@@ -12,8 +12,13 @@ from scapy.layers.l2 import Ether
 from scapy.packet import Raw
 from scapy.utils import wrpcap
 
-from cardan.protocols import joint_stream as codec
-from cardan.protocols.joint_stream import ArmCommand, ArmState, ControlMode, MalformedDatagram
+from cardan.protocols.joint_stream.codec import (
+    ArmCommand,
+    ArmState,
+    ControlMode,
+    MalformedDatagram,
+    codec,
+)
 from cardan_dissect import dissect_file, joint_stream as layers
 from cardan_dissect.joint_stream import (
     JointStream,

@@ -5,7 +5,7 @@ import itertools
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.protocols.connexion import from_robot_axes
+from cardan.protocols.connexion.reports import from_robot_axes
 from cardan.types import DeviceLink
 from cardan_serial_mice.driver import SerialMouseCore, SpaceMouseSerialOptions
 from cardan_serial_mice.driver.jumps import JUMP, REST, JumpGuard

@@ -5,7 +5,7 @@ import itertools
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.protocols.connexion import to_robot_axes
+from cardan.protocols.connexion.reports import to_robot_axes
 from cardan_serial_mice.protocol import (
     SERIAL_MODELS,
     CommandReader,

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 
-from cardan.protocols.spnav import MASK_V1
+from cardan.protocols.spnav.codes import MASK_V1
 from cardan_spnav_server.protocol import (
     INT_MAX,
     INT_MIN,

@@ -16,21 +16,19 @@ from typing import Annotated
 
 from cardan.common.bounds import COUNTS
 from cardan.common.options import check_value
-from cardan.protocols.spnav import (
+from cardan.protocols.spnav.codes import Code, EventMask, LedMode
+from cardan.protocols.spnav.records import (
     FAILED,
     MAX_BUTTONS,
     OK,
-    Code,
     ConfigChange,
     DeviceChange,
-    EventMask,
-    Handshake,
-    LedMode,
     MalformedRecord,
     encode_handshake,
     encode_reply,
-    encode_string,
 )
+from cardan.protocols.spnav.streams import Handshake
+from cardan.protocols.spnav.strings import encode_string
 from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
 from cardan_spnav_server.client import SpnavClient
 from cardan_spnav_server.identity import DeviceIdentity

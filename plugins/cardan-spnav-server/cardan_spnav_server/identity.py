@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.drivers.spnav.core import usual_full_scales
-from cardan.protocols.spnav import UNKNOWN_DEVICE
+from cardan.protocols.spnav.codes import UNKNOWN_DEVICE
 from cardan_spnav_server.buttons import button_number
 
 DEFAULT_NAME = "Cardan"

@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 from cardan.common import bounds
 from cardan.common.options import Options, suggestion
 from cardan.errors import OptionError
-from cardan.protocols.connexion import MODELS
-from cardan.protocols.spnav import DEFAULT_SOCKET
+from cardan.protocols.connexion.devices import MODELS
+from cardan.protocols.spnav.codes import DEFAULT_SOCKET
 from cardan_spnav_server.identity import DeviceIdentity, identity_behind_bus
 
 

@@ -9,31 +9,28 @@ import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from cardan.protocols.spnav import (
-    MAX_BUTTONS,
-    NEWEST_VERSION,
-    RECORD_BYTES,
-    STATUS,
-    ConfigChange,
-    Data,
-    DeviceChange,
-    EventMask,
-    Handshake,
-    MalformedRecord,
-    decode_handshake,
-    encode_sensitivity,
-)
+from cardan.protocols.spnav.codes import NEWEST_VERSION, EventMask
 from cardan.protocols.spnav.records import (
     ADDED,
     CONFIG,
     DEVICE,
+    MAX_BUTTONS,
     MOTION,
     PRESS,
+    RECORD_BYTES,
     RELEASE,
     REMOVED,
+    STATUS,
     WORD_BYTES,
+    ConfigChange,
+    Data,
+    DeviceChange,
+    MalformedRecord,
+    decode_handshake,
+    encode_sensitivity,
     encode_words,
 )
+from cardan.protocols.spnav.streams import Handshake
 from cardan.protocols.spnav.strings import CHUNK_BYTES, CONTINUED
 
 MASK_V0 = EventMask.MOTION | EventMask.BUTTON

@@ -13,8 +13,9 @@ from cardan.drivers.spacemouse import SpaceMouse
 from cardan.errors import OptionError
 from cardan.gateway.bus.device_topics import DeviceTopics
 from cardan.gateway.servers import registry
-from cardan.protocols.connexion import MODELS
-from cardan.protocols.spnav import Button, MotionEvent, ServerReader, encode_handshake
+from cardan.protocols.connexion.devices import MODELS
+from cardan.protocols.spnav.records import Button, MotionEvent, encode_handshake
+from cardan.protocols.spnav.streams import ServerReader
 from cardan.types import NEUTRAL, Axes, DeviceLink, DeviceState
 from cardan_spnav_server import SpnavServerOptions, identity_of
 from cardan_spnav_server.bus_server import DeviceTopic, SpnavBusServer, SpnavBusServerOptions

@@ -16,20 +16,18 @@ from cardan.drivers.base import OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.drivers.spacemouse.transports import HidCandidate, HidLink, Transport
 from cardan.errors import AddressError, DeviceNotFoundError
-from cardan.protocols.connexion import model_by_key
-from cardan.protocols.spnav import (
+from cardan.protocols.connexion.devices import model_by_key
+from cardan.protocols.spnav.codes import Code, EventMask
+from cardan.protocols.spnav.records import (
     RECORD_BYTES,
     Button,
-    Code,
     DeviceChange,
-    EventMask,
-    Handshake,
     MotionEvent,
-    ServerReader,
     ServerReply,
     encode_handshake,
     encode_request,
 )
+from cardan.protocols.spnav.streams import Handshake, ServerReader
 from cardan.types import ButtonEvent, DeviceCapabilities, DeviceLink, DeviceState
 from cardan_spnav_server import (
     DeviceIdentity,

@@ -6,23 +6,19 @@ from itertools import pairwise
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.protocols.spnav import (
-    MASK_V1,
+from cardan.protocols.spnav.codes import MASK_V1, Code, EventMask, LedMode
+from cardan.protocols.spnav.records import (
     Button,
-    Code,
     ConfigChange,
     DeviceChange,
-    EventMask,
-    Handshake,
-    LedMode,
     MotionEvent,
-    ServerReader,
     ServerReply,
     encode_handshake,
     encode_request,
     encode_sensitivity,
-    encode_string,
 )
+from cardan.protocols.spnav.streams import Handshake, ServerReader
+from cardan.protocols.spnav.strings import encode_string
 from cardan.types import ButtonEvent, DeviceLink, DeviceState
 from cardan_spnav_server import DeviceIdentity, SpnavServerCore, SpnavServerOptions
 from cardan_spnav_server.client import QUIET_S, UNREAD_EDGES

@@ -6,16 +6,10 @@ from cardan.drivers.base import OperatorDevice
 from cardan.drivers.gamepad import Gamepad
 from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
 from cardan.drivers.spnav.core import usual_full_scales
-from cardan.protocols.connexion import MODELS, model_by_key
-from cardan.protocols.spnav import (
-    DEVICE_TYPES,
-    Button,
-    Code,
-    MotionEvent,
-    ServerReader,
-    encode_handshake,
-    encode_request,
-)
+from cardan.protocols.connexion.devices import MODELS, model_by_key
+from cardan.protocols.spnav.codes import DEVICE_TYPES, Code
+from cardan.protocols.spnav.records import Button, MotionEvent, encode_handshake, encode_request
+from cardan.protocols.spnav.streams import ServerReader
 from cardan.types import ButtonEvent, DeviceLink, DeviceState
 from cardan_serial_mice.driver import SpaceMouseSerial
 from cardan_serial_mice.protocol import SERIAL_MODELS

@@ -7,7 +7,7 @@ import sys
 import pytest
 from hypothesis import example, given, strategies as st
 
-from cardan.protocols import spnav as codec
+from cardan.protocols.spnav import codes, records as spnav_records, strings
 from cardan_spnav_server import dissect as layers, protocol as server
 from cardan_spnav_server.dissect import (
     SpnavBroken,
@@ -116,21 +116,25 @@ def test_motion_of_the_codec(axes, period_ms):
     assert type(record) is SpnavMotion
     found = tuple(record.getfieldval(name) for name in ("x", "y", "z", "rx", "ry", "rz"))
     assert (*found, record.period_ms) == (*axes, period_ms)
-    assert codec.decode_server_record(bytes(record)) == codec.MotionEvent(*axes, period_ms)
+    assert spnav_records.decode_server_record(bytes(record)) == spnav_records.MotionEvent(
+        *axes, period_ms
+    )
 
 
-@given(st.integers(0, codec.MAX_BUTTONS - 1), st.booleans())
+@given(st.integers(0, spnav_records.MAX_BUTTONS - 1), st.booleans())
 def test_buttons_of_the_codec(number, pressed):
     record = SpnavFromServer(server.encode_button(number, pressed))
     assert type(record) is (SpnavPress if pressed else layers.SpnavRelease)
     assert (record.button, record.pressed) == (number, pressed)
     raw = layers.SpnavRawButton(button=number, pressed=pressed)
-    assert codec.decode_server_record(bytes(raw)) == codec.RawButton(number, pressed)
+    assert spnav_records.decode_server_record(bytes(raw)) == spnav_records.RawButton(
+        number, pressed
+    )
 
 
 @given(st.booleans(), st.integers(0, 2**31 - 1), i32, i32, i32)
 def test_devices_of_the_codec(added, number, device_type, vendor, product):
-    change = codec.DeviceChange(added, number, device_type, vendor, product)
+    change = spnav_records.DeviceChange(added, number, device_type, vendor, product)
     record = SpnavFromServer(server.encode_device(change))
     found = (record.device, record.device_type, record.vendor, record.product)
     assert (not record.operation, *found) == change
@@ -138,36 +142,36 @@ def test_devices_of_the_codec(added, number, device_type, vendor, product):
 
 @given(i32, six, i32)
 def test_other_events_of_the_codec(code, data, axis):
-    record = SpnavFromServer(server.encode_config(codec.ConfigChange(code, data)))
+    record = SpnavFromServer(server.encode_config(spnav_records.ConfigChange(code, data)))
     found = tuple(record.getfieldval(f"data_{n}") for n in range(6))
     assert (record.code, found) == (code, data)
     raw = layers.SpnavRawAxis(axis=axis, value=code)
-    assert codec.decode_server_record(bytes(raw)) == codec.RawAxis(axis, code)
+    assert spnav_records.decode_server_record(bytes(raw)) == spnav_records.RawAxis(axis, code)
 
 
 @given(st.integers(0x1000, 0xFFFF) | st.sampled_from(sorted(layers.REQUESTS)), seven)
 def test_requests_and_replies_of_the_codec(code, data):
-    request = SpnavFromClient(codec.encode_request(code, data))
+    request = SpnavFromClient(spnav_records.encode_request(code, data))
     assert (request.code, request.mark) == (code, layers.REQUEST_MARK)
     assert (*request.words, request.last) == data
-    word = codec.REQUEST_TAG | code
-    reply = SpnavFromServer(codec.encode_reply(word, data[:6], data[6]))
+    word = codes.REQUEST_TAG | code
+    reply = SpnavFromServer(spnav_records.encode_reply(word, data[:6], data[6]))
     assert type(reply) is SpnavReply
     assert (reply.code, *reply.words, reply.last) == (code, *data)
-    assert codec.decode_server_record(bytes(reply)) == codec.ServerReply(word, data)
+    assert spnav_records.decode_server_record(bytes(reply)) == spnav_records.ServerReply(word, data)
 
 
 def test_both_know_the_same_requests_and_devices():
     assert {code: name for code, (name, _) in layers.REQUESTS.items()} == {
-        code.value: code.name for code in codec.Code
+        code.value: code.name for code in codes.Code
     }
-    assert set(layers.DEVICE_TYPES) == set(codec.DEVICE_TYPES)
-    assert set(layers.EVENT_MASK) == {mask.value for mask in codec.EventMask}
+    assert set(layers.DEVICE_TYPES) == set(codes.DEVICE_TYPES)
+    assert set(layers.EVENT_MASK) == {mask.value for mask in codes.EventMask}
 
 
 @given(st.text(max_size=90))
 def test_strings_of_the_codec(text):
-    records = codec.encode_string(codec.REQUEST_TAG | 0x2000, text)
+    records = strings.encode_string(codes.REQUEST_TAG | 0x2000, text)
     replies = list(map(SpnavFromServer, records))
     assert all(type(reply) is SpnavReply for reply in replies)
     assert b"".join(reply.text for reply in replies) == text.encode()
@@ -182,23 +186,23 @@ def test_strings_of_the_codec(text):
 @given(st.integers(0, 255), st.floats(width=32))
 def test_words_of_the_codec(version, sensitivity):
     for entry in (SpnavFromServer, SpnavFromClient):
-        handshake = entry(codec.encode_handshake(version))
+        handshake = entry(spnav_records.encode_handshake(version))
         assert type(handshake) is SpnavHandshake
         assert handshake.version == version
-    record = SpnavFromClient(codec.encode_sensitivity(sensitivity))
+    record = SpnavFromClient(spnav_records.encode_sensitivity(sensitivity))
     if type(record) is not SpnavHandshake:  # some NaN
         assert type(record) is SpnavSensitivity
         same_nan = math.isnan(record.sensitivity) and math.isnan(sensitivity)
         assert same_nan or record.sensitivity == sensitivity
 
 
-words = st.integers(0, 2**32 - 1) | st.integers(0, 0xFFF).map(lambda n: codec.REQUEST_TAG | n)
+words = st.integers(0, 2**32 - 1) | st.integers(0, 0xFFF).map(lambda n: codes.REQUEST_TAG | n)
 
 
 @given(words, st.binary(min_size=28, max_size=28))
 @example(7, bytes(28))
-@example(codec.REQUEST_TAG | 7, bytes(28))
+@example(codes.REQUEST_TAG | 7, bytes(28))
 def test_both_refuse_the_same_events(word, rest):
     data = struct.pack("<I", word) + rest
     if isinstance(SpnavFromServer(data), SpnavBroken):
-        assert isinstance(codec.decode_server_record(data), codec.MalformedRecord)
+        assert isinstance(spnav_records.decode_server_record(data), spnav_records.MalformedRecord)

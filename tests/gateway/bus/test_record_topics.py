@@ -11,7 +11,7 @@ from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.bus.record_topics import AT_ONCE, HIDDEN, KEPT_PACKETS, KEPT_S, SessionTaps
 from cardan.gateway.session.assembly import make_controller, make_robot
 from cardan.gateway.session.config import parse_config
-from cardan.protocols.joint_stream import MalformedDatagram, decode_state
+from cardan.protocols.joint_stream.codec import MalformedDatagram, decode_state
 from cardan.protocols.ros2.cdr import codec_of
 
 TABLES = {

@@ -12,7 +12,7 @@ from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.daemon.client import daemon_arm
 from cardan.gateway.daemon.config import read_layout
-from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
+from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
 from tests.gateway.daemon.event_files import read_events
 from tests.gateway.daemon.test_serve import Lab
 from tests.programs import Program

@@ -38,8 +38,9 @@ from cardan.gateway.session.session import make_session
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import SessionExit, SessionProcess
 from cardan.robots import load_arm
-from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArmPeer
-from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
+from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
+from cardan.sim_peers.arm.udp import SimulatedArmPeer
+from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.types import DeviceCapabilities, DeviceLink, DeviceState
 from tests.serving import PATIENT, in_a_thread
 from tests.waiting import STOOD_STILL, WITHIN_S, done_again, until

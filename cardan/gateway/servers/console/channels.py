@@ -6,21 +6,21 @@ import contextlib
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from typing import Any, Final
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Final
 
 from cardan.bus.network import Handle, NetworkError, PublisherHandle
 from cardan.gateway.servers.console.hold_to_run import Grip, Hold, HoldVerdict
 from cardan.gateway.servers.console.jog import ArmJog, Wish
 from cardan.gateway.servers.publishing import RefusedError
-from cardan.protocols.handheld import (
+from cardan.protocols.handheld.frames import (
     GamepadFrame,
     JogJoints,
     JogTwist,
     OperatorFrame,
     PhoneFrame,
-    from_angles,
 )
+from cardan.protocols.handheld.orientation import from_angles
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import Stamp
 from cardan.types import Quaternion, Vector3
@@ -92,14 +92,35 @@ class ArmChannel(Channel):
         await self._jog.close()
 
 
-class DeviceChannel(Channel):
-    """Passes frames on to the driver of a session, which decides by itself."""
+class _PublishingChannel(Channel):
+    """Publishes frames as messages of a topic."""
 
-    def __init__(self, topic: str, publisher: PublisherHandle, feedback: Handle) -> None:
+    _type: ClassVar[str]
+    """Type of the messages."""
+
+    def __init__(
+        self, topic: str, publisher: PublisherHandle, feedback: Handle | None = None
+    ) -> None:
+        """`feedback`: subscription to the driver's feedback for the page; None: there is none."""
         super().__init__()
         self.target = topic
         self._publisher, self._feedback = publisher, feedback
-        self._codec = codec_of(FRAME_TYPE)
+        self._codec = codec_of(self._type)
+
+    def _publish(self, message: Mapping[str, Any]) -> None:
+        with contextlib.suppress(NetworkError):
+            self._publisher.publish(self._codec.encode(message))
+
+    async def close(self) -> None:
+        self._publisher.close()
+        if self._feedback is not None:
+            self._feedback.close()
+
+
+class DeviceChannel(_PublishingChannel):
+    """Passes frames on to the driver of a session, which decides by itself."""
+
+    _type = FRAME_TYPE
 
     def take(self, frame: OperatorFrame, data: bytes, made_s: float | None, now_s: float) -> None:
         if isinstance(frame.body, (JogTwist, JogJoints)):
@@ -111,23 +132,13 @@ class DeviceChannel(Channel):
         age_s = 0.0 if made_s is None else max(0.0, now_s - made_s)
         stamp = Stamp.of_ns(time.time_ns())
         header = {"stamp": stamp._asdict(), "frame_id": ""}
-        message = {"header": header, "age": age_s, "frame": data}
-        with contextlib.suppress(NetworkError):
-            self._publisher.publish(self._codec.encode(message))
-
-    async def close(self) -> None:
-        self._publisher.close()
-        self._feedback.close()
+        self._publish({"header": header, "age": age_s, "frame": data})
 
 
-class JoyChannel(Channel):
+class JoyChannel(_PublishingChannel):
     """Publishes a pad as game_controller_node does, for the driver ros2_joy."""
 
-    def __init__(self, topic: str, publisher: PublisherHandle, feedback: Handle) -> None:
-        super().__init__()
-        self.target = topic
-        self._publisher, self._feedback = publisher, feedback
-        self._codec = codec_of(JOY_TYPE)
+    _type = JOY_TYPE
 
     def take(self, frame: OperatorFrame, data: bytes, made_s: float | None, now_s: float) -> None:
         pad = frame.body
@@ -146,22 +157,14 @@ class JoyChannel(Channel):
             "axes": [*(0.0 - each for each in sticks), pad.left_trigger, pad.right_trigger],
             "buttons": [int(name in down) for name in PAD_ORDER],
         }
-        with contextlib.suppress(NetworkError):
-            self._publisher.publish(self._codec.encode(message))
-
-    async def close(self) -> None:
-        self._publisher.close()
-        self._feedback.close()
+        self._publish(message)
 
 
-class ImuChannel(Channel):
+class ImuChannel(_PublishingChannel):
     """Publishes the sensors of a phone as an inertial measurement unit: REP-145, in the phone's own
     axes (x right, y to the top edge, z out of the screen)."""
 
-    def __init__(self, topic: str, publisher: PublisherHandle) -> None:
-        super().__init__()
-        self.target = topic
-        self._publisher, self._codec = publisher, codec_of(IMU_TYPE)
+    _type = IMU_TYPE
 
     def take(self, frame: OperatorFrame, data: bytes, made_s: float | None, now_s: float) -> None:
         phone = frame.body
@@ -178,11 +181,7 @@ class ImuChannel(Channel):
             return
         age_ns = 0 if made_s is None else round(1e9 * max(0.0, now_s - made_s))
         stamp = Stamp.of_ns(time.time_ns() - age_ns)
-        with contextlib.suppress(NetworkError):
-            self._publisher.publish(self._codec.encode(imu_message(stamp, phone)))
-
-    async def close(self) -> None:
-        self._publisher.close()
+        self._publish(imu_message(stamp, phone))
 
 
 def imu_message(stamp: Stamp, phone: PhoneFrame) -> dict[str, Any]:

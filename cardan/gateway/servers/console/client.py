@@ -41,14 +41,13 @@ from cardan.gateway.servers.console.jog import ASK_SERVICE, ArmJog, why_no_arm
 from cardan.gateway.servers.console.records import OpenRecord, Records, RecordsError
 from cardan.gateway.servers.publishing import RefusedError
 from cardan.gateway.servers.tokens import Role
-from cardan.protocols.handheld import (
+from cardan.protocols.handheld.frames import (
     MalformedFrame,
     OperatorFrame,
-    TeleopLog,
     decode_frame,
-    decode_teleop,
     encode_frame,
 )
+from cardan.protocols.handheld.teleop import TeleopLog, decode_teleop
 from cardan.protocols.rate import RateLimit
 from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.messages import Stamp

@@ -12,7 +12,7 @@ import math
 from collections import Counter
 from typing import Final
 
-from cardan.protocols.handheld import OperatorFrame
+from cardan.protocols.handheld.frames import OperatorFrame
 
 FRESH_S: Final = 0.15
 """A frame counts for so long after the page made it: nine of sixty a second."""

@@ -26,7 +26,7 @@ from cardan.gateway.arm.requests import (
 from cardan.gateway.arm.vocab import Begins, Parameter, Stream
 from cardan.gateway.servers.calls import CallError, ServiceCaller
 from cardan.gateway.servers.console.hold_to_run import FRESH_S
-from cardan.protocols.handheld import JogJoints, JogTwist
+from cardan.protocols.handheld.frames import JogJoints, JogTwist
 from cardan.types import NEVER_S, Twist, Vector3
 
 ASK_SERVICE, ASK_TYPE = "ask", "cardan_msgs/srv/Ask"

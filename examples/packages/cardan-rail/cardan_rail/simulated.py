@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from cardan.common import bounds
 from cardan.common.options import check_options
-from cardan.protocols.joint_stream import is_newer
+from cardan.protocols.joint_stream.codec import is_newer
 from cardan.robots import load_arm
 from cardan.sim_peers.base import FaultSwitch, TimedActs, check_faults
 from cardan.sim_peers.command import PeerCommand, option

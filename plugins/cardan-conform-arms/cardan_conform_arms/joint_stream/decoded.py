@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cardan.conform.timeline import Kind, Traffic, WireTimeline
-from cardan.protocols.joint_stream import (
+from cardan.protocols.joint_stream.codec import (
     ArmCommand,
     ArmState,
     MalformedDatagram,

@@ -20,7 +20,7 @@ from cardan.conform.requirements import (
 )
 from cardan.conform.second_reading import read_twice, refused
 from cardan.conform.timing import steady
-from cardan.protocols.joint_stream import ControlMode
+from cardan.protocols.joint_stream.codec import ControlMode
 from cardan_conform_arms.joint_stream.decoded import JointStreamTraffic, State
 from cardan_conform_arms.joint_stream.scenario import SPEED_RAD_S, STEP_RAD
 

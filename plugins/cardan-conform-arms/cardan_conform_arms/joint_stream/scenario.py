@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Pause, Scenario, Script, Step, ask, mark, open_, send
 from cardan.conform.timeline import Kind, WireEvent
-from cardan.protocols.joint_stream import (
+from cardan.protocols.joint_stream.codec import (
     ArmCommand,
     ArmState,
     ControlMode,

@@ -22,7 +22,7 @@ from cardan.conform.requirements import (
     passed,
 )
 from cardan.conform.second_reading import read_twice, refused
-from cardan.protocols.joint_stream import ArmCommand, ControlMode, is_newer
+from cardan.protocols.joint_stream.codec import ArmCommand, ControlMode, is_newer
 from cardan.robots import load_arm
 from cardan_conform_arms.joint_stream.decoded import Command, JointStreamTraffic, State
 

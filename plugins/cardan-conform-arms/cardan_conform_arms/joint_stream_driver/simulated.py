@@ -10,7 +10,7 @@ from cardan.conform.runner import Exchange
 from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
-from cardan.protocols.joint_stream import (
+from cardan.protocols.joint_stream.codec import (
     ArmCommand,
     ArmState,
     ControlMode,

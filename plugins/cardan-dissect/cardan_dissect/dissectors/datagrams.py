@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple, TypeAlias
 
-from cardan.protocols import egm, joint_stream
+from cardan.protocols import egm
+from cardan.protocols.joint_stream import codec as joint_stream
 from cardan_dissect.network import Endpoint, Segment
 from cardan_dissect.ports import EGM_PORTS, JOINT_STREAM_PORT
 from cardan_dissect.reader import DatagramDissector, Decoded, Message, Numbers, value_of

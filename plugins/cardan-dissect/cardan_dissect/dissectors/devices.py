@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
-from cardan.protocols import connexion
+from cardan.protocols.connexion import devices, reports as connexion_reports
 from cardan.protocols.connexion.devices import MULTI_AXIS_CONTROLLER
 from cardan.protocols.hid import EMPTY, TOO_SHORT, MalformedReport
 from cardan_dissect import usbmon
@@ -24,7 +24,7 @@ MOST_ASKED = 1024
 """Questions for device descriptors that are remembered."""
 GET_DEVICE_DESCRIPTOR, SET_OUTPUT_REPORT = b"\x80\x06\x00\x01", b"\x21\x09"
 OUTPUT_TYPE = 2
-MOTION = (connexion.Translation, connexion.Rotation, connexion.MotionReport)
+MOTION = (connexion_reports.Translation, connexion_reports.Rotation, connexion_reports.MotionReport)
 
 
 def hid_report(value: Any, report: bytes, cut: bool) -> Decoded:
@@ -48,10 +48,10 @@ class _UsbDevice:
         self.held: deque[tuple[CapturedPacket, Urb]] = deque(maxlen=HELD_REPORTS)
 
     def identify(self, vendor: int, product: int) -> None:
-        model = connexion.find_model(vendor, product)
+        model = devices.find_model(vendor, product)
         name = model.name if model else "unknown 3Dconnexion device"
         self.name = f"{vendor:04x}:{product:04x} {name}"
-        self.ours = connexion.is_candidate(vendor, product, *MULTI_AXIS_CONTROLLER)
+        self.ours = devices.is_candidate(vendor, product, *MULTI_AXIS_CONTROLLER)
         self.held.clear()
 
 
@@ -103,10 +103,10 @@ class Connexion(Dissector):
         elif urb.data or urb.cut:
             control = bool(urb.setup and urb.setup.startswith(SET_OUTPUT_REPORT))
             if _is_input(urb):
-                value = connexion.decode_input(urb.data)
+                value = connexion_reports.decode_input(urb.data)
                 yield Message(packet, where, hid_report(value, urb.data, urb.cut), urb.data)
             elif urb.event == "S" and (control or _is_interrupt(urb, Direction.TO_DEVICE)):
-                decoded = hid_report(connexion.decode_output(urb.data), urb.data, urb.cut)
+                decoded = hid_report(connexion_reports.decode_output(urb.data), urb.data, urb.cut)
                 if control and urb.setup and urb.setup[3] != OUTPUT_TYPE and not decoded.fault:
                     decoded = Decoded({"data": urb.data}, "feature report")
                 yield Message(packet, where, decoded, urb.data)
@@ -127,11 +127,14 @@ def _looks_right(reports: list[bytes]) -> bool:
     """Whether an endpoint's reports can only be motion of a six-axis device."""
     kinds = set()
     for data in reports:
-        report = connexion.decode_input(data)
+        report = connexion_reports.decode_input(data)
         if not isinstance(report, MOTION):
             continue
-        lengths = (connexion.HALF_BYTES, connexion.MOTION_BYTES)
+        lengths = (connexion_reports.HALF_BYTES, connexion_reports.MOTION_BYTES)
         if len(data) not in lengths or max(map(abs, report)) > MOST_COUNTS:
             return False
         kinds.add(type(report))
-    return connexion.MotionReport in kinds or kinds == {connexion.Translation, connexion.Rotation}
+    return connexion_reports.MotionReport in kinds or kinds == {
+        connexion_reports.Translation,
+        connexion_reports.Rotation,
+    }

@@ -11,7 +11,7 @@ from cardan.common.sockets import absence
 from cardan.drivers.reader_thread import ReadDevice
 from cardan.drivers.simulated import OWN
 from cardan.errors import DeviceNotFoundError
-from cardan.protocols.connexion import Model
+from cardan.protocols.connexion.devices import Model
 from cardan.types import DeviceCapabilities
 from cardan_serial_mice.driver.core import SerialMouseCore
 from cardan_serial_mice.driver.notices import Doubt, Lapse, Restart

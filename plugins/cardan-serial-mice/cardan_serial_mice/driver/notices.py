@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.protocols.connexion import Model
+from cardan.protocols.connexion.devices import Model
 
 
 class Doubt(NamedTuple):

@@ -9,7 +9,8 @@ from collections.abc import Callable
 
 from cardan.drivers.serial_port import WAIT_S, SerialPort
 from cardan.errors import DeviceAccessError
-from cardan.protocols.connexion import InputReport, Model
+from cardan.protocols.connexion.devices import Model
+from cardan.protocols.connexion.reports import InputReport
 from cardan_serial_mice.driver.notices import Notice
 from cardan_serial_mice.driver.session import SerialSession, device_model
 from cardan_serial_mice.protocol import SerialModel

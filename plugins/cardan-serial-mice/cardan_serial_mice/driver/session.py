@@ -17,14 +17,9 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-from cardan.protocols.connexion import (
-    ButtonBits,
-    Family,
-    InputReport,
-    MalformedReport,
-    Model,
-    MotionReport,
-)
+from cardan.protocols.connexion.devices import Family, Model
+from cardan.protocols.connexion.reports import ButtonBits, InputReport, MotionReport
+from cardan.protocols.hid import MalformedReport
 from cardan_serial_mice.driver.jumps import JUMP, JumpGuard
 from cardan_serial_mice.driver.notices import Doubt, Lapse, Notice, Restart
 from cardan_serial_mice.protocol import (

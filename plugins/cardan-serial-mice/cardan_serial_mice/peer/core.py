@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 
 from cardan.errors import ScriptError
-from cardan.protocols.connexion import from_robot_axes
+from cardan.protocols.connexion.reports import from_robot_axes
 from cardan.sim_peers.spacemouse.core import NEUTRAL
 from cardan_serial_mice.peer.line import SerialLine
 from cardan_serial_mice.protocol import (

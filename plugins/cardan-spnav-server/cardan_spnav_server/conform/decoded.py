@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cardan.conform.timeline import Kind, TimelinePhase, WireTimeline
-from cardan.protocols.spnav import (
+from cardan.protocols.spnav.records import (
     RECORD_BYTES,
     Button,
-    Handshake,
     MotionEvent,
-    ServerReader,
     ServerRecord,
     ServerReply,
 )
+from cardan.protocols.spnav.streams import Handshake, ServerReader
 from cardan_spnav_server.conform.scenario import STRINGS
 from cardan_spnav_server.protocol import ClientRequest, decode_request
 

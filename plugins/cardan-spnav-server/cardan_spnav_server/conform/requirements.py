@@ -16,23 +16,25 @@ from cardan.conform.requirements import (
     passed,
 )
 from cardan.conform.timing import never_silent
-from cardan.protocols.spnav import (
+from cardan.protocols.spnav.codes import (
     DEVICE_TYPES,
     MASK_V1,
-    MAX_BUTTONS,
     NEWEST_VERSION,
-    STATUS,
     UNKNOWN_DEVICE,
-    Button,
     Code,
+    EventMask,
+    LedMode,
+)
+from cardan.protocols.spnav.records import (
+    MAX_BUTTONS,
+    STATUS,
+    Button,
     ConfigChange,
     DeviceChange,
-    EventMask,
-    Handshake,
-    LedMode,
     MalformedRecord,
     MotionEvent,
 )
+from cardan.protocols.spnav.streams import Handshake
 from cardan_spnav_server.conform.decoded import Asked, Record, SpnavTraffic
 from cardan_spnav_server.conform.scapy_check import readings_differ
 from cardan_spnav_server.conform.scenario import (

@@ -6,18 +6,18 @@ from typing import Any
 
 from cardan.conform.requirements import Verdict, failed, not_seen, passed
 from cardan.conform.second_reading import second_description
-from cardan.protocols.spnav import (
+from cardan.protocols.spnav.records import (
     RECORD_BYTES,
     Button,
     ConfigChange,
     DeviceChange,
-    Handshake,
     MalformedRecord,
     MotionEvent,
     RawAxis,
     RawButton,
     ServerReply,
 )
+from cardan.protocols.spnav.streams import Handshake
 from cardan_spnav_server.conform.decoded import Record, SpnavTraffic
 
 WORD_BYTES = 4

@@ -8,25 +8,19 @@ from cardan.conform.hands import QUIET_S, HandScenario, Steps
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Pause, Script, ask, close, mark, open_, send
 from cardan.conform.timeline import WireEvent
-from cardan.protocols.spnav import (
-    CHUNK_BYTES,
-    MASK_V1,
-    NEWEST_VERSION,
-    REQUEST_TAG,
+from cardan.protocols.spnav.codes import MASK_V1, NEWEST_VERSION, REQUEST_TAG, Code, EventMask
+from cardan.protocols.spnav.records import (
     STATUS,
     Button,
-    Code,
     DeviceChange,
-    EventMask,
-    Handshake,
     MotionEvent,
-    ServerReader,
     ServerReply,
     encode_handshake,
     encode_request,
     encode_sensitivity,
-    encode_string,
 )
+from cardan.protocols.spnav.streams import Handshake, ServerReader
+from cardan.protocols.spnav.strings import CHUNK_BYTES, encode_string
 from cardan_spnav_server.protocol import bits_of
 
 OLD, NEW, OTHER = "v0", "v1", "other"

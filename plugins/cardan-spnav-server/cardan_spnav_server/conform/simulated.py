@@ -11,15 +11,14 @@ from collections.abc import Iterator, Mapping
 
 from cardan.conform.runner import Exchange, Step
 from cardan.conform.timeline import Kind
-from cardan.protocols.spnav import (
+from cardan.protocols.spnav.codes import Code, EventMask
+from cardan.protocols.spnav.records import (
     OK,
     RECORD_BYTES,
     STATUS,
     Button,
-    Code,
     ConfigChange,
     DeviceChange,
-    EventMask,
     MotionEvent,
     ServerReply,
     decode_handshake,

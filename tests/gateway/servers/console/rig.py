@@ -11,7 +11,7 @@ from websockets.sync.client import connect
 from cardan.gateway.arm.requests import decode_request, encode_error, encode_reply
 from cardan.gateway.servers.console.server import ConsoleOptions, ConsoleServer
 from cardan.gateway.servers.console.site import Site
-from cardan.protocols.handheld import JogTwist, OperatorFrame, encode_frame
+from cardan.protocols.handheld.frames import JogTwist, OperatorFrame, encode_frame
 from cardan.types import Vector3
 from tests.gateway.servers.rig import WAIT_S, served
 

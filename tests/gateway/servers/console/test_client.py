@@ -16,7 +16,13 @@ from cardan.gateway.arm.vocab import Begins
 from cardan.gateway.servers.console import commands
 from cardan.gateway.servers.console.hold_to_run import FRESH_S
 from cardan.gateway.servers.pause_detector import STOOD_STILL_S
-from cardan.protocols.handheld import GamepadFrame, JogJoints, JogTwist, PhoneFrame, decode_frame
+from cardan.protocols.handheld.frames import (
+    GamepadFrame,
+    JogJoints,
+    JogTwist,
+    PhoneFrame,
+    decode_frame,
+)
 from cardan.types import Frame, Twist, Vector3
 from tests.gateway.servers.console.rig import ARM, FakeArm, console, page_program
 from tests.gateway.servers.memory_network import MemoryNetwork

@@ -11,7 +11,7 @@ from cardan.gateway.servers.console.hold_to_run import (
     Hold,
     HoldVerdict,
 )
-from cardan.protocols.handheld import JogTwist, OperatorFrame
+from cardan.protocols.handheld.frames import JogTwist, OperatorFrame
 from cardan.types import Vector3
 
 BODY = JogTwist(Vector3(0.1, 0.0, 0.0), Vector3(0.0, 0.0, 0.0))

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
 
-from cardan.protocols.handheld import JogTwist, PhoneFrame
+from cardan.protocols.handheld.frames import JogTwist, PhoneFrame
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.types import Vector3
 from tests.gateway.servers.console.rig import console, page_program

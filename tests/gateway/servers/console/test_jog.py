@@ -11,7 +11,7 @@ import pytest
 from cardan.gateway.arm.backlog import Delays
 from cardan.gateway.arm.requests import encode_reply
 from cardan.gateway.servers.console.jog import ArmJog, Wish
-from cardan.protocols.handheld import JogJoints, JogTwist
+from cardan.protocols.handheld.frames import JogJoints, JogTwist
 from cardan.types import Frame, Vector3
 
 NOWHERE = Vector3(0.0, 0.0, 0.0)

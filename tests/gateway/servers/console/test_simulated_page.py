@@ -11,7 +11,7 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.drivers.bus_devices import Phone, Xr
 from cardan.errors import AddressError, DriverError
-from cardan.protocols.handheld import decode_frame
+from cardan.protocols.handheld.frames import decode_frame
 from cardan.sim_peers.handheld import PagePeer, PagePeerOptions, XrPeerOptions
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.gateway.servers.console.rig import console
