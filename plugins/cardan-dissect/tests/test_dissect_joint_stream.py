@@ -12,13 +12,8 @@ from scapy.layers.l2 import Ether
 from scapy.packet import Raw
 from scapy.utils import wrpcap
 
-from cardan.protocols.joint_stream.codec import (
-    ArmCommand,
-    ArmState,
-    ControlMode,
-    MalformedDatagram,
-    codec,
-)
+from cardan.protocols.joint_stream import codec
+from cardan.protocols.joint_stream.codec import ArmCommand, ArmState, ControlMode, MalformedDatagram
 from cardan_dissect import dissect_file, joint_stream as layers
 from cardan_dissect.joint_stream import (
     JointStream,
