@@ -122,7 +122,7 @@ class ConfigurationError(CardanError, ValueError):
 
     place = ""
     others: tuple[ConfigurationError, ...] = ()
-    """What else is wrong in the same file: a line each after this one's."""
+    """Further errors of the same file: a line each after this one's."""
 
     def __init__(self, key: str, message: str) -> None:
         super().__init__(printable(f"{_bounded(key)}: {message}" if key else message, _LINE_END))
@@ -133,7 +133,7 @@ class ConfigurationError(CardanError, ValueError):
 
     @property
     def message(self) -> str:
-        """What is wrong, without the key and its place, and without the `others`."""
+        """Description of the error, without the key, its place and the `others`."""
         words: str = self.args[0].removeprefix(f"{self.place}: ")
         return words.removeprefix(f"{printable(_bounded(self.key), _LINE_END)}: ")
 
@@ -266,7 +266,7 @@ class ExtraNameError(ExtraMissingError, AttributeError):
 
 
 def install_command(extra: str) -> str:
-    """What installs an extra of Cardan's."""
+    """Return the command that installs an extra of Cardan."""
     return f'pip install "cardan[{extra}]"'
 
 

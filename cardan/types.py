@@ -92,7 +92,7 @@ IDENTITY = Quaternion(1.0, 0.0, 0.0, 0.0)
 
 
 class Pose(NamedTuple):
-    """Where a frame (usually the TCP) is: position in m, orientation as a unit quaternion."""
+    """Pose of a frame (usually the TCP): position in m, orientation as a unit quaternion."""
 
     position: Vector3
     orientation: Quaternion
@@ -154,8 +154,8 @@ IDENTITY_POSE = Pose(ZERO3, IDENTITY)
 
 
 def _equals(self: tuple[Any, ...], other: object) -> bool:
-    """Of two kinds of the same fields; a tuple's own takes any tuple. What is neither (a plain
-    tuple) is asked in turn, and compares as tuples do."""
+    """Equality that tells classes with the same fields apart; that of tuples does not. A plain
+    tuple is asked in turn, and compares as tuples do."""
     return tuple.__eq__(self, other) if other.__class__ is self.__class__ else NotImplemented
 
 
@@ -202,7 +202,7 @@ class Wrench(NamedTuple):
 
 
 class DeviceLink(enum.Enum):
-    """Whether the newest state of an operator device is usable."""
+    """State of the link to an operator device: is its newest state usable?"""
 
     CLOSED = "closed"
     """Not opened, or closed on request."""
@@ -217,7 +217,7 @@ class DeviceLink(enum.Enum):
 
 
 class ButtonEvent(NamedTuple):
-    """One edge of one button, in the order the device reported it."""
+    """Edge of a button, in the order in which the device reported it."""
 
     stamp_s: float
     button: str
@@ -240,7 +240,7 @@ NEUTRAL = Axes(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Inertia(NamedTuple):
-    """What the accelerometer and the gyroscope of a device measure, along its own axes: x forward,
+    """Readings of the accelerometer and the gyroscope of a device, along its own axes: x forward,
     y left, z up, as it lies before the operator."""
 
     acceleration: Vector3
@@ -264,7 +264,7 @@ class DeviceState(NamedTuple):
     battery: float | None = None
     """Charge, 0..1, where the device reports it."""
     reason: str = ""
-    """Why `link` is not LIVE; empty when it is."""
+    """Reason why `link` is not LIVE; empty when it is."""
     wrench: Wrench | None = None
     """Measured force and torque, for force-torque sensors."""
     inertia: Inertia | None = None
@@ -272,7 +272,7 @@ class DeviceState(NamedTuple):
 
 
 class DeviceCapabilities(NamedTuple):
-    """What an operator device can give and take."""
+    """Inputs and feedback channels of an operator device."""
 
     gives_pose: bool
     """True: `DeviceState.pose` is measured (position control)."""
@@ -289,7 +289,7 @@ class DeviceCapabilities(NamedTuple):
 
 
 class DeviceFeedback(NamedTuple):
-    """What the gateway shows and renders to the operator. None leaves a channel as it is."""
+    """Feedback for the operator, by light, motor and force. None leaves a channel as it is."""
 
     led: bool | None = None
     rumble: float | None = None
@@ -302,7 +302,7 @@ class DeviceFeedback(NamedTuple):
 
 
 class RobotLink(enum.Enum):
-    """Whether the robot's controller is being heard."""
+    """State of the link to the robot's controller."""
 
     WAITING = "waiting"
     """Nothing was ever heard."""
@@ -312,7 +312,7 @@ class RobotLink(enum.Enum):
 
 
 class RobotState(NamedTuple):
-    """What a robot reported at one of its control instants, or that it is silent."""
+    """State of a robot at one of its control instants, or its silence."""
 
     stamp_s: float
     """Local monotonic time of reception (of this tick, when the link is not LIVE), s."""
@@ -330,14 +330,14 @@ class RobotState(NamedTuple):
     pose: Pose | None
     """Measured TCP pose."""
     hold_reason: str
-    """Why commands would not act now ("motors are off"); empty when they do."""
+    """Reason why commands would not act now ("motors are off"); empty when they do."""
     wrench: Wrench | None = None
     utilization: float | None = None
     """Share of the robot's ability the last reference needed; above 1 it was shortened."""
     clock_s: float | None = None
     """The controller's own clock, s since the Unix epoch."""
     alarm: str = ""
-    """Why the robot must not be driven although commands act (the port is flooded)."""
+    """Reason why the robot must not be driven although commands act (the port is flooded)."""
     velocities: tuple[float, ...] = ()
     """Measured joint velocities, rad/s or m/s; empty where the robot does not report them."""
     torques: tuple[float, ...] = ()
@@ -350,7 +350,7 @@ class RobotState(NamedTuple):
 
 
 class CommandKind(enum.Enum):
-    """What a robot driver can be sent."""
+    """Kind of a command to a robot driver."""
 
     HOLD = "hold"
     JOINT = "joint"
@@ -416,7 +416,7 @@ class PathCorrectionCommand(NamedTuple):
     offset: Vector3
     """m, in the sensor tool frame."""
     age_s: float
-    """How old the measurement behind it is, s."""
+    """Age of the measurement behind it, s."""
     kind: CommandKind = CommandKind.PATH_CORRECTION
 
 
@@ -456,7 +456,7 @@ class JointLimits(NamedTuple):
 
 
 class RobotCapabilities(NamedTuple):
-    """What a robot driver takes and how often."""
+    """Commands that a robot driver takes, and their period."""
 
     commands: frozenset[CommandKind]
     period_s: float

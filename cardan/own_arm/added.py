@@ -37,9 +37,9 @@ class Published(NamedTuple):
 
     text: str
     name: str
-    """What it is called where it is wrong."""
+    """Name of the description in error messages."""
     origin: str
-    """Where it is from, in words."""
+    """Origin of the description, in words."""
 
 
 class Covered(NamedTuple):
@@ -65,7 +65,7 @@ class Added(NamedTuple):
     """Joints of which the caller gave limits."""
 
     def report(self) -> list[tuple[str, str]]:
-        """What was taken from where: parts and words."""
+        """Return the parts of the arm and the origin of each, in words."""
         arm = self.arm
         proposed = ", ".join(dict.fromkeys(each.joint for each in self.proposals))
         found = []
@@ -123,7 +123,7 @@ class Added(NamedTuple):
 
 
 def toml_beside(urdf: str) -> Path:
-    """Where an arm's TOML is, unless told otherwise. Raises ConfigurationError."""
+    """Return the default path of an arm's TOML. Raises ConfigurationError."""
     at = _described_at(urdf)
     return (at.with_suffix("") if is_xacro(at) else at).with_suffix(".toml")
 
@@ -284,7 +284,7 @@ def _text(
     origin: str,
     has_home: bool,
 ) -> str:
-    """The TOML. What is from the URDF stands in one line each: names add none."""
+    """Return the TOML text. Each value of the URDF takes one line: names add none."""
     lines = [
         f"# The arm of {printable(head['urdf'])}, as `cardan robots add` took it.",
         *([f"# That file is the text of {printable(origin)}."] if origin else ()),

@@ -14,7 +14,7 @@ from cardan.robots.urdf import Tree
 TOOL_NAME = re.compile(
     r"(^|[^a-z])(tool0?|tcp|ee|eef|end_effector|attachment(_site)?|gripper|grasp\w*)([^a-z]|$)"
 )
-"""What makers call the frame of a tool."""
+"""Names that makers give to the frame of a tool."""
 
 MOST_SHOWN = 12
 
@@ -53,7 +53,7 @@ def ends_of(tree: Tree, base: str = "") -> list[End]:
 
 
 def which_end(tree: Tree, base: str = "") -> ConfigurationError:
-    """What asks for one of them."""
+    """Return the error that asks the user to choose an end link."""
     ends = ends_of(tree, base)
     lines = [
         f"--tcp {shlex.quote(printable(end.link))}  # {len(end.joints)} "

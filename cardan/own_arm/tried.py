@@ -1,4 +1,4 @@
-"""What an arm can do, tried: its inverse, its reach, postures in which nothing touches."""
+"""Trial of an arm: its inverse, its reach, postures without collision."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ POSTURE_TRIES = 1_000
 
 
 class Tried(NamedTuple):
-    """How many reachable poses were tried, and of how many the inverse was found."""
+    """Numbers of reachable poses tried, and of those with an inverse."""
 
     wanted: int
-    """How many were to be tried, if there was time."""
+    """Number of poses to try, if there was time."""
     tried: int
     found: int
     outside: int
@@ -119,5 +119,5 @@ def postures(arm: ArmModel, number: int = 3) -> list[tuple[float, ...]]:
 
 
 def pairs_watched(arm: ArmModel) -> int:
-    """How many pairs of bodies are kept apart in each cycle."""
+    """Number of pairs of bodies that are kept apart in each cycle."""
     return len(CollisionModel(ArmKinematics(arm)).pairs)

@@ -88,7 +88,7 @@ def random_command(choice, state):
 
 
 def changed_by(choice):
-    """What a network, another controller or a fault make of a state, now and then."""
+    """States as a network, another controller or a fault change them now and then."""
     kept = []
 
     def changed(data):

@@ -1,4 +1,4 @@
-"""What UR's driver does in every cycle, compiled: one call to take a state, one to answer it.
+"""Compiled cycle of the UR driver: one call to take a state, one to answer it.
 
 Taking is :mod:`cardan.drivers.ur_rtde.feed` and what the session looks for in a state of usual
 motion. Answering is the command's range, the limiter and the data package, as of
@@ -151,8 +151,8 @@ None, and nothing is changed, for what is no target, and for a command that is n
 
 
 def compiled_answer(limiter: JointLimiter, head: bytes, token: int) -> AnswerFunction | None:
-    """What answers targets for the joints as Motion does, in data packages that begin with `head`;
-    None where nothing was compiled."""
+    """Return the function that answers joint targets as UrMotion does, in data packages that begin
+    with `head`; None if nothing was compiled."""
     try:
         library = ur_library()
     except NativePartError:

@@ -207,8 +207,8 @@ class RtdeFeed:
 
     @property
     def command_head(self) -> bytes:
-        """What each package of commands begins with where the controller has the registers as
-        documented; else empty."""
+        """First bytes of each command package, if the controller has the registers as documented;
+        else empty."""
         inputs = self._inputs
         return inputs.head if inputs is not None and inputs.types == INPUT_TYPES else b""
 

@@ -381,7 +381,7 @@ class Recipe:
         head = (self._packet.size, _DATA, *(() if number is None else (number,)))
         self._pack = partial(self._packet.pack, *head)
         self.head = (_HEADER if number is None else _DATA_HEAD).pack(*head)
-        """What every data package of it begins with."""
+        """First bytes of every data package of the recipe."""
 
     @property
     def size(self) -> int:

@@ -42,12 +42,12 @@ class EgmClientDefects:
         return True
 
     def ignored(self, message: object) -> Iterator[bytes]:
-        """What is sent on what a client without defects does not answer."""
+        """Yield the answers to a message that a client without defects does not answer."""
         if self._faults.get("answers-old") and isinstance(message, egm.EgmRobot):
             yield from self._as_before()
 
     def said(self, answer: bytes, message: object) -> Iterator[bytes]:
-        """What is sent in the place of an answer to `message`."""
+        """Yield the datagrams sent in place of `answer` to `message`."""
         self._asked += 1
         if "lazy" in self._faults and not strikes(self._faults, "lazy", self._asked):
             return
@@ -57,7 +57,7 @@ class EgmClientDefects:
             yield self._spoilt(answer, message)
 
     def unasked(self, now_s: float) -> Iterator[bytes]:
-        """What is sent while the controller is silent."""
+        """Yield the datagrams sent while the controller is silent."""
         every_s = 1e-3 * self._faults.get("chatters", 0.0)
         if every_s and now_s - self._heard_s > SILENT_S and now_s >= self._chatter_s:
             for data in self._as_before():
@@ -65,7 +65,7 @@ class EgmClientDefects:
                 yield data
 
     def last(self, words: bytes | None) -> bytes | None:
-        """What is sent in the place of the last message; None: nothing."""
+        """Return the datagram sent in place of the last message; None: nothing."""
         self._ended = True
         if "leaves-moving" not in self._faults:
             return words

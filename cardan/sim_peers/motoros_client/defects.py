@@ -24,7 +24,7 @@ TRUSTING = ("blind", "no-start", "takes-no-for-yes")
 
 
 class Sent(NamedTuple):
-    """What comes of something that the client says."""
+    """Bytes that reach the controller in place of a message of the client."""
 
     data: bytes
     late_s: float | None = None
@@ -59,7 +59,7 @@ class MotorosClientDefects:
         return found.take() is None or bool(found.pending_bytes)
 
     def heard(self, message: sm.Message, is_state: bool, now_s: float) -> sm.Message | None:
-        """What the client takes a message for; None: it does not see it."""
+        """Return the message as the client reads it; None: the client does not see it."""
         found = self._believed(message)
         if found is not None and is_state:
             self._states[found.msg_type], self._heard_s = found, now_s
@@ -117,7 +117,7 @@ class MotorosClientDefects:
     # -- what the client says ---------------------------------------------------------------------
 
     def connected(self, port: str, order: sm.ByteOrder) -> Iterator[Sent]:
-        """What it says first on a new connection to a port."""
+        """Yield the first messages of the client on a new connection to a port."""
         self._told = None
         if port == "state" and "talks-to-states" in self._faults:
             yield from self._written(sm.request(sm.Empty(), sm.MessageType.PING), order)
@@ -138,7 +138,7 @@ class MotorosClientDefects:
     def said(
         self, message: sm.Message, order: sm.ByteOrder, leaves: bool, now_s: float
     ) -> Iterator[Sent]:
-        """What comes of a message; `leaves`: the client is about to end."""
+        """Yield the bytes sent in place of a message; `leaves`: the client is about to end."""
         faults, body = self._faults, message.body
         if isinstance(body, sm.MotionCtrl):
             command = body.command
@@ -167,7 +167,7 @@ class MotorosClientDefects:
         asks = comm_type == sm.CommType.SERVICE_REQUEST
         if asks:
             comm_type = int(sm.CommType.TOPIC) if "topics" in faults else comm_type
-            # What is awaited is what the client said.
+            # The reply that is awaited is that to the message of the client.
             self._told, self._told_s = message, now_s
             self._requests += 1
         yield from self._written(message._replace(comm_type=comm_type, body=body), order)
@@ -175,7 +175,7 @@ class MotorosClientDefects:
             yield from self._own(sm.MotionCommand.CHECK_MOTION_READY, order)
 
     def _info(self) -> sm.VelocityInfo:
-        """What a controller of this arm would say of its velocity mode."""
+        """Return the velocity-mode limits that a controller of this arm would report."""
         arm, joints = self._arm, len(self._arm.joints)
         accelerations = sm.joints10(joint.acceleration for joint in arm.joints)
         limits = (sm.joints10(arm.velocity), accelerations, sm.joints10(arm.lower))
