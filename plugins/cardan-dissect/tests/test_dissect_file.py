@@ -599,7 +599,7 @@ def test_usb_device_without_descriptor_is_known_by_its_motion(usb_capture):
     assert counts.other_packets == 5
     assert "USB 1.5 endpoint 1 IN ButtonBits | mask 3" in text  # held until the device was known
     assert "3Dconnexion USB 1.5 endpoint 1 IN: by the look of its reports" in text
-    assert "endpoint 1 IN Motion | x -210 | y 33 | z -1 | rx 350 | ry -350 | rz 128" in text
+    assert "endpoint 1 IN MotionReport | x -210 | y 33 | z -1 | rx 350 | ry -350 | rz 128" in text
     assert "USB 1.7" not in text
     assert "USB 1.8" not in text
     assert "other packets: USB x5" in text
