@@ -451,7 +451,6 @@ class ArmController:
                     cause is Cause.NEW_SESSION and reason
                 ):
                     return self._robot_lost(finding, robot, device, events, dt_s)
-                self.not_ready = ""
                 self._act_on(finding, robot)
             if not self.state.link.ready:
                 self.not_ready = ""
