@@ -16,7 +16,7 @@ from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.arm.vocab import Parameter, Stream
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.mapping import MappingOptions
 from cardan.gateway.session.arm_assembly import make_arm
 from cardan.gateway.session.config import parse_config

@@ -21,8 +21,8 @@ from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import SE3, to_pose
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
+from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.gateway.servo.choice import choose_servo
 from cardan.robots import load_arm
 from cardan.sim_peers.arm.options import SimulatedArmOptions

@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.gateway.servo.status import ServoStatus
 from cardan.spatial import (
     add,

@@ -40,7 +40,7 @@ from cardan.gateway.arm.states import (
 )
 from cardan.gateway.arm.status import TAUT_SHARE, ArmStatus, Phase
 from cardan.gateway.arm.supervision import Cause, StopReason, Supervision, Watchdogs, step_s
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.gateway.operator.deadman import Arming
 from cardan.gateway.operator.input import NO_REQUEST, ArmView, MotionRequest, OperatorInput
 from cardan.gateway.operator.position import resting_pose

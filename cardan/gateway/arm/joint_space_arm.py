@@ -21,7 +21,7 @@ from cardan.gateway.arm.commanded_arm import (
 from cardan.gateway.arm.neighbors import NeighborBodies
 from cardan.gateway.arm.output_check import OutputLimits
 from cardan.gateway.kinematics.base import SE3, FloatArray, Kinematics, short_way, to_pose
-from cardan.gateway.motion.reference import Reference
+from cardan.gateway.motion.speed_limited_reference import Reference
 from cardan.gateway.servo.choice import AnyServo
 from cardan.gateway.servo.lag import ResponseLag, farthest
 from cardan.gateway.servo.servo import servo_steps

@@ -18,7 +18,7 @@ from cardan.common import bounds
 from cardan.common.options import CODE_ONLY, Options
 from cardan.gateway.arm.commanded_arm import CommandedArm, FollowingError
 from cardan.gateway.arm.motions.base import Activity
-from cardan.gateway.motion.reference import Reference
+from cardan.gateway.motion.speed_limited_reference import Reference
 from cardan.types import NEVER_S, RobotLink, RobotState
 
 LONGEST_STEP_PERIODS = 2.5

@@ -13,7 +13,7 @@ from cardan.gateway.arm.commanded_arm import (
     FollowingError,
     TaskSpaceArm,
 )
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.spatial import (
     dot,
     from_rotation_vector,

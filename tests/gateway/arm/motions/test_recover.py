@@ -10,7 +10,7 @@ from cardan.gateway.arm.commanded_arm import (
     TaskSpaceArm,
 )
 from cardan.gateway.arm.motions.recover import MARGIN_M, MARGIN_SHARE, Recover
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.spatial import add, from_rotation_vector, norm, rotation_between, subtract
 from cardan.types import IDENTITY_POSE, ZERO3, Pose, RobotLink, RobotState, Vector3
 
