@@ -21,7 +21,8 @@ from typing import Protocol
 
 from cardan.common.haptics import WorldMap
 from cardan.gateway.arm.authority import HAND, Authority
-from cardan.gateway.arm.commanded_arm import CommandedArm, FollowingError
+from cardan.gateway.arm.commanded_arm import CommandedArm
+from cardan.gateway.arm.following_error import FollowingError
 from cardan.gateway.arm.motions.base import Activity
 from cardan.gateway.arm.motions.brake import Brake
 from cardan.gateway.arm.motions.hand import FollowHand
