@@ -14,7 +14,7 @@ from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.motion import Motion
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.supervision import Watchdogs
-from cardan.gateway.arm.verbs import ArmVerbs
+from cardan.gateway.arm.verb_methods import ArmVerbs
 from cardan.gateway.arm.vocab import Parameter, Stream
 from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.mapping import MappingOptions

@@ -173,7 +173,7 @@ ARM_MODEL = (
     "cardan.gateway.arm.planner",
     "cardan.gateway.arm.plans",
     "cardan.gateway.arm.streams",
-    "cardan.gateway.arm.verbs",
+    "cardan.gateway.arm.verb_methods",
     "cardan.gateway.bus.neighbors",
     "cardan.gateway.kinematics.",
     "cardan.gateway.motion.paths",

@@ -21,8 +21,8 @@ from cardan.drivers.foreign import RobotCalls, close_in_order, counted, told
 from cardan.errors import CommandError, ConfigurationError
 from cardan.gateway.arm.commanded_arm import TaskSpaceArm
 from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.loop import Cycle
+from cardan.gateway.arm.loop_link import LoopLink
 from cardan.gateway.arm.requests import MAX_REQUEST_BYTES
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import ArmStatus, Phase

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 from cardan.common.resource_errors import shortage
 from cardan.errors import CardanError, MotionRefusedError
 from cardan.gateway.arm.backlog import STREAMED_S
-from cardan.gateway.arm.link import LoopLink
+from cardan.gateway.arm.loop_link import LoopLink
 from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import (
     CANCELED,
@@ -40,7 +40,7 @@ from cardan.gateway.arm.vocab import Begins
 from cardan.types import NEVER_S
 
 if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
-    from cardan.gateway.arm.verbs import ArmVerbs
+    from cardan.gateway.arm.verb_methods import ArmVerbs
 
 GONE = "the node that asked is gone"
 """Why a motion without end was ended, or not begun."""

@@ -28,8 +28,8 @@ from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.drivers.foreign import RobotCalls, close_in_order
 from cardan.errors import CardanError, ConfigurationError, DriverError
 from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.loop import ArmLoop, Cycle
+from cardan.gateway.arm.loop_link import LoopLink
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.force.rendering import ForceRenderer
 from cardan.gateway.session.arm_assembly import make_neighbors
