@@ -36,8 +36,8 @@ from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.device_sharing import GIVE, TAKE, DeviceLease
 from cardan.gateway.session.driver_assembly import using_driver
 from cardan.gateway.session.heartbeat import BEAT, Heartbeat
-from cardan.gateway.session.request_worker import ChannelClient, RequestWorker
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
+from cardan.gateway.session.stop_and_requests import ChannelClient, RequestWorker
 from cardan.spatial import norm, subtract
 from cardan.types import (
     IDENTITY_POSE,

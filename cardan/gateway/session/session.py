@@ -52,8 +52,8 @@ from cardan.gateway.session.parts import (
     Supervisor,
     Whole,
 )
-from cardan.gateway.session.request_worker import RequestWorker
 from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.stop_and_requests import RequestWorker
 
 SNAPSHOT_PERIOD_S = 0.1
 """A person reads no faster; at 250 Hz one tick in 25 bears the cost, after its answer was sent."""

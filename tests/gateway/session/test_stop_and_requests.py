@@ -24,7 +24,7 @@ from cardan.gateway.arm.requests import (
     result_of,
 )
 from cardan.gateway.arm.vocab import Begins, Stream
-from cardan.gateway.session.request_worker import (
+from cardan.gateway.session.stop_and_requests import (
     MAX_PENDING,
     MAX_WAITS,
     ChannelClient,
