@@ -35,9 +35,9 @@ from cardan.gateway.session.assembly import check_buttons, check_mode, has_outpu
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.device_sharing import GIVE, TAKE, DeviceLease
 from cardan.gateway.session.driver_assembly import using_driver
-from cardan.gateway.session.heartbeat import BEAT, Heartbeat
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 from cardan.gateway.session.stop_and_requests import ChannelClient, RequestWorker
+from cardan.gateway.session.supervisor_heartbeat import BEAT, SupervisorHeartbeat
 from cardan.spatial import norm, subtract
 from cardan.types import (
     IDENTITY_POSE,
@@ -492,7 +492,7 @@ class Supervisor(Part):
 
     def begin(self, now_s: float) -> None:
         silence_s = self.whole.controller.supervision.watchdogs.heartbeat_s
-        self._heartbeat = Heartbeat(silence_s, now_s)
+        self._heartbeat = SupervisorHeartbeat(silence_s, now_s)
 
     def after(self, cycle: Cycle, now_s: float) -> None:
         if now_s < self._next_s:

@@ -1,4 +1,4 @@
-"""Carries out `stop` and all other requests to a session beside its loop, which only passes packets.
+"""Carries out stops and other requests to a session beside its loop, which only passes packets on.
 
 Two threads, which begin with the first request: one decodes and carries out quick requests, so that
 `stop` acts at once during any other; the other plans or waits for rest, one request after the
