@@ -135,11 +135,11 @@ GONE = frozenset(
 )
 """Names of modules that the field has other words for: CHANGELOG.md has them."""
 GONE_WORDS = (
-    "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "DaemonArm", "EgmPilot", "EgmSeen",
-    "EngineReport", "Felt", "FeltFigures", "FeltForce", "ForceGuard", "FreeBody", "HandPilot",
-    "JointStreamSeen", "MapGlide", "MotorosPilot", "MotorosSeen", "Outbox", "PlainBook",
-    "RemoteCartesianDevice", "RemotePacketArm", "Tongue", "UrPilot", "UrSeen", "VerbDesk",
-    "leash_used", "leashed", "no_farewell_after_s", "off_the_wire",
+    "AbbGofa", "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "DaemonArm", "EgmPilot",
+    "EgmSeen", "EngineReport", "Felt", "FeltFigures", "FeltForce", "ForceGuard", "FreeBody",
+    "HandPilot", "JointStreamSeen", "MapGlide", "MotomanGp8", "MotorosPilot", "MotorosSeen",
+    "Outbox", "PlainBook", "RemoteCartesianDevice", "RemotePacketArm", "Tongue", "UrPilot",
+    "UrSeen", "VerbDesk", "leash_used", "leashed", "no_farewell_after_s", "off_the_wire",
     "owes_answer", "replay_engine", "tongue", "tried_with",
 )  # fmt: skip
 """Words of identifiers, likewise."""
@@ -173,7 +173,7 @@ ARM_MODEL = (
     "cardan.gateway.arm.planner",
     "cardan.gateway.arm.plans",
     "cardan.gateway.arm.streams",
-    "cardan.gateway.arm.verbs",
+    "cardan.gateway.arm.verb_methods",
     "cardan.gateway.bus.neighbors",
     "cardan.gateway.kinematics.",
     "cardan.gateway.motion.paths",

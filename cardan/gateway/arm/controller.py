@@ -21,7 +21,8 @@ from typing import Protocol
 
 from cardan.common.haptics import WorldMap
 from cardan.gateway.arm.authority import HAND, Authority
-from cardan.gateway.arm.commanded_arm import CommandedArm, FollowingError
+from cardan.gateway.arm.commanded_arm import CommandedArm
+from cardan.gateway.arm.following_error import FollowingError
 from cardan.gateway.arm.motions.base import Activity
 from cardan.gateway.arm.motions.brake import Brake
 from cardan.gateway.arm.motions.hand import FollowHand
@@ -40,7 +41,7 @@ from cardan.gateway.arm.states import (
 )
 from cardan.gateway.arm.status import TAUT_SHARE, ArmStatus, Phase
 from cardan.gateway.arm.supervision import Cause, StopReason, Supervision, Watchdogs, step_s
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.gateway.operator.deadman import Arming
 from cardan.gateway.operator.input import NO_REQUEST, ArmView, MotionRequest, OperatorInput
 from cardan.gateway.operator.position import resting_pose

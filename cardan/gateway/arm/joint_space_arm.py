@@ -16,14 +16,14 @@ from cardan.gateway.arm.commanded_arm import (
     FASTEST_TCP_RAD_S,
     SHORTEST_S,
     CommandedArm,
-    FollowingError,
 )
+from cardan.gateway.arm.following_error import FollowingError
 from cardan.gateway.arm.neighbors import NeighborBodies
 from cardan.gateway.arm.output_check import OutputLimits
 from cardan.gateway.kinematics.base import SE3, FloatArray, Kinematics, short_way, to_pose
-from cardan.gateway.motion.reference import Reference
+from cardan.gateway.motion.speed_limited_reference import Reference
 from cardan.gateway.servo.choice import AnyServo
-from cardan.gateway.servo.lag import ResponseLag, farthest
+from cardan.gateway.servo.response_lag import ResponseLag, farthest
 from cardan.gateway.servo.servo import servo_steps
 from cardan.gateway.servo.status import SINGULAR, ServoStatus
 from cardan.spatial import is_finite, norm, rotation_between, subtract

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from cardan.gateway.arm.options import STREAM_LIMITS, ControllerOptions
-from cardan.gateway.arm.verbs import ArmVerbs
+from cardan.gateway.arm.verb_methods import ArmVerbs
 from cardan.robots import load_arm
 from cardan.sim_peers.motoros_controller.plant import PLANTS, Plant
 from cardan.spatial import from_rotation_vector, multiply, to_rotation_vector

@@ -8,7 +8,7 @@ from cardan.gateway.arm.commanded_arm import TaskSpaceArm
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.supervision import LONGEST_STEP_PERIODS, TRUST_AFTER_S, Watchdogs
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.filters import TwistFilter
 from cardan.gateway.operator.mapping import GripperOptions, MappingOptions
 from cardan.spatial import norm, subtract

@@ -10,7 +10,7 @@ from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.supervision import TRUST_AFTER_S
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.filters import TwistFilter
 from cardan.gateway.operator.mapping import MappingOptions
 from cardan.spatial import add, norm, subtract

@@ -15,7 +15,7 @@ from cardan.gateway.arm.supervision import (
     Watchdogs,
     step_s,
 )
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.types import IDENTITY, Pose, RobotLink, RobotState, Vector3
 
 DT_S = 0.004

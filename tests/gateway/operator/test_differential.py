@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.filters import TwistFilter
 from cardan.gateway.operator.mapping import AXES, MappingOptions, Mode, Orientation
 from cardan.gateway.operator.position import mirrors, unfollowed

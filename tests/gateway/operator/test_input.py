@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.deadman import Arming
 from cardan.gateway.operator.input import CLUTCH_WITHIN_S, NO_REQUEST, ArmView, OperatorInput
 from cardan.gateway.operator.mapping import GripperOptions, MappingOptions, Mode, TwistMapping

@@ -6,7 +6,7 @@ import pytest
 
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.supervision import Watchdogs
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.mapping import MappingOptions, Mode
 from cardan.spatial import (
     add,

@@ -13,7 +13,7 @@ from cardan.doctor.files import Files, read_files
 from cardan.drivers.sim_arm import SimArm, SimArmOptions
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.arm.verbs import ArmVerbs
+from cardan.gateway.arm.verb_methods import ArmVerbs
 from cardan.gateway.kinematics.collision import Obstacle
 from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.cautions import cautions

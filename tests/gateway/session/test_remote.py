@@ -32,11 +32,11 @@ from cardan.gateway.arm.vocab import State
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.session import remote
 from cardan.gateway.session.config import parse_config
-from cardan.gateway.session.heartbeat import BEAT_PERIOD_S
 from cardan.gateway.session.remote import session_arm
 from cardan.gateway.session.session import make_session
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import SessionExit, SessionProcess
+from cardan.gateway.session.supervisor_heartbeat import BEAT_PERIOD_S
 from cardan.robots import load_arm
 from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
 from cardan.sim_peers.arm.udp import SimulatedArmPeer

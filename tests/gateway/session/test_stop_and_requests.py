@@ -12,7 +12,7 @@ import pytest
 
 from cardan.errors import MotionLoopError, MotionRefusedError
 from cardan.gateway.arm.backlog import STALE_S, STREAMED_S
-from cardan.gateway.arm.link import LoopLink
+from cardan.gateway.arm.loop_link import LoopLink
 from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import (
     LATE_S,
@@ -24,7 +24,7 @@ from cardan.gateway.arm.requests import (
     result_of,
 )
 from cardan.gateway.arm.vocab import Begins, Stream
-from cardan.gateway.session.request_worker import (
+from cardan.gateway.session.stop_and_requests import (
     MAX_PENDING,
     MAX_WAITS,
     ChannelClient,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cardan.gateway.servo.lag import ResponseLag
+from cardan.gateway.servo.response_lag import ResponseLag
 
 DT_S = 0.004
 LAG_S = 0.3
