@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cardan.bus.options import BusOptions
 from cardan.bus.reconnecting import Reconnector
+from cardan.common.context import enter, leave
 from cardan.common.extras import missing_extra
 from cardan.common.files import expanded
 from cardan.common.inbox import Inbox, InboxEmptyError
@@ -423,12 +424,8 @@ class BusNode:
         if session is not None and self._beside is None:
             close_session(session)
 
-    def __enter__(self) -> BusNode:
-        self.open()
-        return self
-
-    def __exit__(self, *_exception: object) -> None:
-        self.close()
+    __enter__ = enter
+    __exit__ = leave
 
     @property
     def zid(self) -> str:

@@ -15,7 +15,8 @@ from cardan.common.haptics import (
     HapticState,
     OperatingState,
 )
-from cardan.drivers.bus_devices.device import LOOK_S, MEET_S, BusDevice
+from cardan.drivers.base import OperatorDevice
+from cardan.drivers.bus_devices.device import LOOK_S, MEET_S, BusMixin
 from cardan.drivers.haptic import HapticDevice
 from cardan.drivers.node_options import SIMULATED
 from cardan.drivers.remote.core import RemoteCore
@@ -30,7 +31,7 @@ WAIT_S = 0.01
 """The reader looks at its claim so often."""
 
 
-class Remote(BusDevice[RemoteCore]):
+class Remote(BusMixin[RemoteCore], OperatorDevice):
     """An operator device of another computer, where `cardan devices share` publishes it."""
 
     Options: ClassVar[type[RemoteOptions]] = RemoteOptions
