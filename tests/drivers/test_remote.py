@@ -441,6 +441,32 @@ def test_claims_of_a_stranger_under_the_same_number_count_for_nothing():
     assert bench.share.counts["claims while another session has it"] == 1
 
 
+def test_a_claim_that_the_giving_back_overtook_takes_nothing():
+    share = ShareCore("spacemouse", 1)
+    for asked_s, wanted in ((1.0, True), (1.04, False), (1.02, True), (1.04, True)):
+        message = claim_message(claim(asked_s=asked_s, wanted=wanted))
+        share.on_received(received(CLAIM_TYPE, message), 1.0)
+    assert share.lessee(1.0) == ""
+    assert share.counts["claims that came twice or late"] == 2
+    # Another session may have it at once, by a clock of its own, and the same one anew.
+    for lessee, asked_s, sender in ((6, 0.5, 2), (5, 1.06, 1)):
+        for wanted in (True, False):
+            told = claim(lessee, asked_s + 0.01 * (not wanted), wanted)
+            share.on_received(received(CLAIM_TYPE, claim_message(told), sender=sender), 1.0)
+            assert (share.lessee(1.0) != "") is wanted
+
+
+def test_a_claim_from_before_a_silence_takes_nothing_after_it():
+    share = ShareCore("spacemouse", 1)
+    share.on_received(received(CLAIM_TYPE, claim_message(claim(asked_s=1.0))), 1.0)
+    silent_s = 1.1 + LEASE_S
+    assert share.lessee(silent_s) == ""
+    share.on_received(received(CLAIM_TYPE, claim_message(claim(asked_s=0.9))), silent_s)
+    assert share.lessee(silent_s) == ""
+    share.on_received(received(CLAIM_TYPE, claim_message(claim(asked_s=1.5))), silent_s)
+    assert share.lessee(silent_s) == "arm b at robot"
+
+
 def test_claims_that_come_twice_are_counted():
     share = ShareCore("spacemouse", 1)
     for asked_s in (1.0, 1.0, 0.5):

@@ -46,7 +46,7 @@ from cardan.gateway.force.passive import HandPort, share_left
 from cardan.gateway.force.servo_on import ForceEnabling
 from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.names import RosNameError, checked_name, dds_type
-from cardan.protocols.ros2.zenoh import PUBLISHER
+from cardan.protocols.ros2.zenoh import NEWEST_QOS, PUBLISHER
 from cardan.spatial import add
 from cardan.types import (
     NEUTRAL,
@@ -139,6 +139,9 @@ class ShareCore:
         self._heard_s = NEVER_S
         self._leases = 0
         """How many there have been."""
+        self._ended: Claim | None = None
+        """The newest claim of the last lease: what it overtook is late."""
+        self._ended_owner = b""
         self._edges: deque[Edge] = deque()
         self._number = 0
         self._sent_s = NEVER_S
@@ -201,6 +204,14 @@ class ShareCore:
         if known is None:
             if not claim.wanted:
                 return False
+            ended = self._ended
+            if (
+                ended is not None
+                and (claim.lessee, owner) == (ended.lessee, self._ended_owner)
+                and claim.asked_s <= ended.asked_s
+            ):
+                self.counts["claims that came twice or late"] += 1
+                return False
             self._edges.clear()
             self._leases += 1
         elif (claim.lessee, owner) != (known.lessee, self._owner):
@@ -210,6 +221,7 @@ class ShareCore:
             self.counts["claims that came twice or late"] += 1
             return False
         if not claim.wanted:
+            self._claim = claim
             self._end()
             return True
         self._claim, self._owner, self._heard_s = claim, owner, now_s
@@ -223,6 +235,7 @@ class ShareCore:
             self._end()
 
     def _end(self) -> None:
+        self._ended, self._ended_owner = self._claim, self._owner
         self._claim, self._owner = None, b""
         self._edges.clear()
 
@@ -500,7 +513,7 @@ def share_until(
                 )
         stack.enter_context(device)
         claims = node.waiting_subscription(claim_topic(options.name), CLAIM_TYPE, CLAIMS_KEPT)
-        publisher = node.publisher(topic, STATE_TYPE, express=True)
+        publisher = node.publisher(topic, STATE_TYPE, NEWEST_QOS, express=True)
         router = "" if options.bus.zenoh_config else options.bus.router
         news = News(router, routed=bool(node.neighbors()[0]))
         look_s = time.monotonic()
