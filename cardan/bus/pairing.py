@@ -46,7 +46,10 @@ except ImportError as error:
     raise missing_extra("pairing", "spake2", "pair", error) from error
 
 TLS_PORT: Final = 7448
-"""Where the robot's router serves the operator's computer."""
+"""Where the robot's router serves the operator's computer: UDP for QUIC, TCP for TLS."""
+MIXED: Final = "mixed_rel"
+"""Of QUIC's endpoints in Zenoh: what need not arrive goes in datagrams beside the streams, where
+nothing that was lost before holds it up. "auto": where the other side does so, too."""
 WAIT_S: Final = 300.0
 """How long the robot's computer waits."""
 CLIENT_S: Final = 10.0
@@ -216,7 +219,10 @@ def _serve(channel: _Channel, code: str, folder: Path) -> Path:
     # The operator's computer takes the first address of a name, of whichever family it is.
     both = socket.has_dualstack_ipv6() or ":" in asked["host"]
     everywhere = "[::]" if both else "0.0.0.0"
-    settings = zenoh_settings("router", (ROUTER, f"tls/{everywhere}:{TLS_PORT}"), ())
+    outside = f"{everywhere}:{TLS_PORT}"
+    settings = zenoh_settings(
+        "router", (ROUTER, f"quic/{outside}?{MIXED}=auto", f"tls/{outside}"), ()
+    )
     settings |= {"transport/link/tls/close_link_on_expiration": True}
     with _kept(folder, "listen", settings, authority, ours, private):
         channel.send("answer", certificate=theirs.decode(), authority=authority.decode())
@@ -238,7 +244,7 @@ def _join(channel: _Channel, host: str, code: str, folder: Path) -> Path:
     _check_clock(answer["certificate"])
     ours, authority = (answer[name].encode() for name in ("certificate", "authority"))
     at = f"[{host}]" if ":" in host else host
-    settings = zenoh_settings("client", (), (f"tls/{at}:{TLS_PORT}",))
+    settings = zenoh_settings("client", (), (f"quic/{at}:{TLS_PORT}?{MIXED}=1",))
     with _kept(folder, "connect", settings, authority, ours, private):
         channel.send("kept")
         channel.receive("kept too")
