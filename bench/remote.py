@@ -439,6 +439,8 @@ def paired(folder: Path, both: TwoComputers) -> tuple[str, str]:
             code = robot.stdout.readline().partition(";")[0].removeprefix("code ")
             with command(OPERATOR, ADDRESSES[ROBOT], "--code", code) as operator:
                 operator.communicate()
+            if operator.returncode:
+                raise RuntimeError("the two computers cannot be paired: see above")
             robot.communicate(timeout=PAIRED_WITHIN_S)
         finally:
             robot.kill()
