@@ -25,6 +25,7 @@ from cardan.drivers.base import OperatorDevice
 from cardan.drivers.haptic import HapticDevice
 from cardan.drivers.registry import DriverTable
 from cardan.drivers.remote.shared import (
+    CLAIM_PERIOD_S,
     CLAIM_TYPE,
     FEEDBACK,
     MOST_EDGES,
@@ -68,6 +69,11 @@ SHORTEST_S = 0.004
 LONGEST_S = 0.02
 """Between two states of a leased device: whether it is moved or not, its newest state has to be
 young."""
+
+OF_LATENESS = 0.25
+"""Between two states, of the time by which the newest that came is late, as far as claims tell and
+their own silence: what a link does not carry would only wait before it, and hold up what is newer.
+"""
 
 FREE_S = 0.25
 """Between states of a free device, which only say that it is free."""
@@ -247,7 +253,8 @@ class ShareCore:
     def _wait_s(self, changed: bool) -> float:
         if self._claim is None:
             return FREE_S
-        return SHORTEST_S if changed else LONGEST_S
+        late_s = self._claim.late_s + self._sent_s - self._heard_s - CLAIM_PERIOD_S
+        return max(SHORTEST_S if changed else LONGEST_S, OF_LATENESS * late_s)
 
     def offer(
         self,
