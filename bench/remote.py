@@ -5,7 +5,7 @@
 This process plays the device and the robot's controller: it writes a SpaceMouse's reports into a
 socket, and asks sessions by EGM, once in 4 ms, as a controller does. Measured are the times from
 the report that deflects the device to the first answer that moves the arm, and from the report
-that releases the dead-man button to the last answer that moves it.
+that releases the dead-man button to the last answer that moves it on, by SWING_M.
 
 Speed: one session reads the device itself, one by ``cardan devices share`` and a router, and one
 what ROS 2's spacenav_node would publish, on the same router. All run side by side and are asked in
@@ -14,7 +14,7 @@ turns.
 Networks: ``cardan devices share`` is at one computer, router and session are at another, both made
 of network namespaces, and between them is a link (:mod:`bench.two_computers`). It is a model of
 those networks, and not one of them; TCP and UDP over it are the kernel's. Each is measured by TCP,
-and by what ``cardan net pair`` makes of the two, which is QUIC.
+and by QUIC, as ``cardan net pair --quic`` joins the two.
 
 `--pages` writes the tables into docs/measurements.md.
 """
@@ -22,6 +22,7 @@ and by what ``cardan net pair`` makes of the two, which is QUIC.
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import random
 import selectors
@@ -71,6 +72,9 @@ REST_S = 0.1
 """An arm that was not moved for so long, and longer than the network can stand still, rests."""
 PAUSE_S = 0.3
 """At rest, with the button held, before the device is deflected."""
+SWING_M = 1e-3
+"""The robot obeys at once: where an answer is a cycle late, it swings about the place of its rest,
+by less than this, for up to a second. At its speed the arm goes so far in 10 ms."""
 READY_WITHIN_S, ACT_WITHIN_S = 60.0, 5.0
 PAIRED_WITHIN_S = 20.0
 
@@ -203,6 +207,9 @@ class Robot:
         self.place = START
         self.moved_s = 0.0
         """Time of the last answer that moved the arm."""
+        self.went_s = 0.0
+        """Time of the last that had moved it on by SWING_M."""
+        self._went = START.cartesian
 
     def ask(self, cycle: int) -> None:
         """Send one datagram."""
@@ -216,6 +223,8 @@ class Robot:
                 place = obeyed(self.socket.recv(2048), self.place)
                 if place.cartesian != self.place.cartesian:
                     self.moved_s = now_s
+                if math.dist(place.cartesian[0], self._went[0]) >= SWING_M:
+                    self.went_s, self._went = now_s, place.cartesian
                 self.place = place
 
 
@@ -262,11 +271,11 @@ class Cell:
         return robot.moved_s
 
     def rested_after(self, robot: Robot, since_s: float, rest_s: float) -> float:
-        """Return the time of the last motion."""
+        """Return the time of the last motion, but for a swing."""
         self.wait(rest_s)
-        while (now_s := time.monotonic()) < max(since_s, robot.moved_s) + rest_s:
+        while (now_s := time.monotonic()) < max(since_s, robot.went_s) + rest_s:
             self.play(now_s + REST_S)
-        return robot.moved_s
+        return robot.went_s
 
     def act(self, robot: Robot, **what: bool) -> float:
         """Have the hand do it, now; returns when."""
@@ -437,7 +446,7 @@ def paired(folder: Path, both: TwoComputers) -> tuple[str, str]:
         try:
             assert robot.stdout is not None
             code = robot.stdout.readline().partition(";")[0].removeprefix("code ")
-            with command(OPERATOR, ADDRESSES[ROBOT], "--code", code) as operator:
+            with command(OPERATOR, ADDRESSES[ROBOT], "--code", code, "--quic") as operator:
                 operator.communicate()
             if operator.returncode:
                 raise RuntimeError("the two computers cannot be paired: see above")
