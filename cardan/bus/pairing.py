@@ -109,9 +109,11 @@ def wait_for_operator(
     raise AddressError(f"nobody has paired within {wait_s:g} s: begin again on both computers")
 
 
-def pair_with(host: str, port: int, replace: bool, ask: Callable[[], str]) -> Path:
+def pair_with(
+    host: str, port: int, replace: bool, ask: Callable[[], str], *, quic: bool = False
+) -> Path:
     """Pair this computer, the operator's, with the robot's at `host`, by the code that `ask` gives;
-    the client's file.
+    the client's file. `quic`: it is joined by QUIC, else by TLS.
 
     Raises ConfigurationError, and AddressError if the robot's side does not answer to the end.
     """
@@ -133,7 +135,8 @@ def pair_with(host: str, port: int, replace: bool, ask: Callable[[], str]) -> Pa
         raise AddressError(f"nobody waits at {host} port {port} ({error}): {again}") from None
     try:
         with robot:
-            return _join(_Channel(robot, time.monotonic() + CLIENT_S), host, code, folder)
+            channel = _Channel(robot, time.monotonic() + CLIENT_S)
+            return _join(channel, host, code, folder, quic=quic)
     except _WrongCodeError:
         raise ConfigurationError(
             "--code", f"{host} has another one: read there which it shows now, and try again"
@@ -232,7 +235,7 @@ def _serve(channel: _Channel, code: str, folder: Path) -> Path:
     return folder / CONFIG
 
 
-def _join(channel: _Channel, host: str, code: str, folder: Path) -> Path:
+def _join(channel: _Channel, host: str, code: str, folder: Path, *, quic: bool) -> Path:
     channel.agree(SPAKE2_A(code.encode(), b"operator", b"robot"))
     channel.send("ready")
     channel.receive("ready too")
@@ -244,7 +247,8 @@ def _join(channel: _Channel, host: str, code: str, folder: Path) -> Path:
     _check_clock(answer["certificate"])
     ours, authority = (answer[name].encode() for name in ("certificate", "authority"))
     at = f"[{host}]" if ":" in host else host
-    settings = zenoh_settings("client", (), (f"quic/{at}:{TLS_PORT}?{MIXED}=1",))
+    far = f"quic/{at}:{TLS_PORT}?{MIXED}=1" if quic else f"tls/{at}:{TLS_PORT}"
+    settings = zenoh_settings("client", (), (far,))
     with _kept(folder, "connect", settings, authority, ours, private):
         channel.send("kept")
         channel.receive("kept too")

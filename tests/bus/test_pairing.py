@@ -131,6 +131,7 @@ def test_a_host_may_be_written_as_elsewhere(state, monkeypatch, host, meant):
     assert called == [(meant, 1)]
 
 
+@pytest.mark.parametrize("quic", [False, True])
 @pytest.mark.parametrize(
     ("both_families", "host", "served"),
     [
@@ -141,14 +142,14 @@ def test_a_host_may_be_written_as_elsewhere(state, monkeypatch, host, meant):
     ],
 )
 def test_the_router_serves_the_families_that_a_name_may_have(
-    state, monkeypatch, both_families, host, served
+    state, monkeypatch, both_families, host, served, quic
 ):
     monkeypatch.setattr(socket, "has_dualstack_ipv6", lambda: both_families)
     here, there = socket.socketpair()
     with here, there, ThreadPoolExecutor() as threads:
         robot, operator = (pairing._Channel(each, END_S) for each in (here, there))
         of_robot = threads.submit(pairing._serve, robot, "ABCDEFGH", state / "as-robot")
-        client = pairing._join(operator, host, "ABCDEFGH", state / "with")
+        client = pairing._join(operator, host, "ABCDEFGH", state / "with", quic=quic)
         router = json.loads(of_robot.result(30.0).read_text(encoding="utf-8"))
     assert router["listen"]["endpoints"] == [
         ROUTER,
@@ -157,7 +158,9 @@ def test_the_router_serves_the_families_that_a_name_may_have(
     ]
     (far,) = json.loads(client.read_text(encoding="utf-8"))["connect"]["endpoints"]
     at = f"[{host}]" if ":" in host else host
-    assert far == f"quic/{at}:{pairing.TLS_PORT}?mixed_rel=1"
+    assert far == (
+        f"quic/{at}:{pairing.TLS_PORT}?mixed_rel=1" if quic else f"tls/{at}:{pairing.TLS_PORT}"
+    )
 
 
 def test_where_nobody_waits_it_says_what_to_do(state):
@@ -186,7 +189,7 @@ def test_a_code_that_differs_confirms_nothing(state):
     thread = threading.Thread(target=serve)
     thread.start()
     with pytest.raises(pairing._WrongCodeError):
-        pairing._join(operator, HOST, "ABCDEFGJ", state / "with")
+        pairing._join(operator, HOST, "ABCDEFGJ", state / "with", quic=False)
     thread.join(30.0)
     here.close()
     there.close()
@@ -425,12 +428,12 @@ def program(home, *words):
     return Program(*words, env=ENVIRONMENT | {"XDG_STATE_HOME": str(home)})
 
 
-def pair(folder):
-    """Pair two programs; their files of Zenoh's."""
+def pair(folder, *more):
+    """Pair two programs, the operator's with options `more`; their files of Zenoh's."""
     port = str(free_tcp_port())
     with program(folder / "robot", "net", "pair", "--address", HOST, "--port", port) as robot:
         code = robot.wait_for(r"code (\S+); on the operator's computer: cardan net pair ")[1]
-        words = ("net", "pair", HOST, "--port", port, "--code", code.decode())
+        words = ("net", "pair", HOST, "--port", port, "--code", code.decode(), *more)
         with program(folder / "operator", *words) as operator:
             assert operator.process.wait(60.0) == 0, operator.err
             operator.wait_for("cardan devices share spacemouse --zenoh-config ")
@@ -470,8 +473,8 @@ def may_be_lost(router):
 
 @pytest.mark.matrix
 def test_the_router_takes_the_paired_operator_and_nobody_else(tmp_path):
-    router, client = pair(tmp_path / "one")
-    _, stranger = pair(tmp_path / "other")
+    router, client = pair(tmp_path / "one", "--quic")
+    _, stranger = pair(tmp_path / "other", "--quic")
     inside, outside = free_endpoint(), free_tcp_port()
     for path in (router, client, stranger):
         text = path.read_text(encoding="utf-8")
@@ -499,7 +502,7 @@ def test_the_router_takes_the_paired_operator_and_nobody_else(tmp_path):
                 until(lambda: b"used by cardan_device_driver" in share.said["stderr"])
                 assert may_be_lost(inside) == {"/shared/hand/state", "/shared/hand/claim"}
             # By what gives it back: the lease would end a second later, with a word of it.
-            until(lambda: b"used by nobody" in share.said["stderr"])
+            until(lambda: b"not in use" in share.said["stderr"])
             assert b"leases that were not renewed" not in share.said["stderr"]
         assert has_datagrams(client)
         # Where no UDP gets through.

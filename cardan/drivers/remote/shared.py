@@ -2,8 +2,8 @@
 
 cardan_msgs/SharedDevice has the newest state, and the unacknowledged edges of buttons.
 cardan_msgs/DeviceClaim asks for the device or renews its lease, says by its stamp when it was sent,
-how late states come, acknowledges edges, and has the feedback and the force. Times are monotonic, s, each by its sender's
-clock.
+how late states come, acknowledges edges, and has the feedback and the force. Times are monotonic,
+s, each by its sender's clock.
 """
 
 from __future__ import annotations
