@@ -52,7 +52,9 @@ from cardan.bus.options import BusOptions
 from cardan.demos.examples import free_ports
 from cardan.gateway.session.subprocesses import Launched, launched
 from cardan.protocols.connexion.reports import encode_buttons, encode_motion
+from cardan.protocols.egm import EgmMotion
 from cardan.protocols.ros2.cdr import codec_of
+from cardan.types import Vector3
 from studies.cartesian.controller import START, datagram, obeyed
 
 PAGE: Final = Path(__file__).parents[1] / "docs/measurements.md"
@@ -209,7 +211,7 @@ class Robot:
         """Time of the last answer that moved the arm."""
         self.went_s = 0.0
         """Time of the last that had moved it on by SWING_M."""
-        self._went = START.cartesian
+        self._went = _position(START)
 
     def ask(self, cycle: int) -> None:
         """Send one datagram."""
@@ -223,9 +225,16 @@ class Robot:
                 place = obeyed(self.socket.recv(2048), self.place)
                 if place.cartesian != self.place.cartesian:
                     self.moved_s = now_s
-                if math.dist(place.cartesian[0], self._went[0]) >= SWING_M:
-                    self.went_s, self._went = now_s, place.cartesian
+                if math.dist(where := _position(place), self._went) >= SWING_M:
+                    self.went_s, self._went = now_s, where
                 self.place = place
+
+
+def _position(place: EgmMotion) -> Vector3:
+    """Of the TCP, m."""
+    assert place.cartesian is not None
+    assert place.cartesian.pos is not None
+    return place.cartesian.pos
 
 
 class Cell:
