@@ -43,10 +43,10 @@ while time.monotonic() < end_s:
 
 
 @contextlib.contextmanager
-def apart(network):
+def apart(network, way=remote.TCP):
     with contextlib.ExitStack() as stack:
         try:
-            yield stack.enter_context(remote.apart(network))
+            yield stack.enter_context(remote.apart(network, way))
         except NoNamespacesError as error:
             pytest.skip(str(error))
 
@@ -130,11 +130,14 @@ def _flood(two, link):
 
 FAULTS = {
     "cut": (_cut(ROBOT, OPERATOR), LAN, 0.0),
+    "cut, QUIC": (_cut(ROBOT, OPERATOR), LAN, 0.0),
     "cut, LTE": (_cut(ROBOT, OPERATOR), LTE, 0.0),
     "only the way to the robot is cut": (_cut(ROBOT), LAN, 0.0),
     "only the way to the operator is cut": (_cut(OPERATOR), LAN, 0.0),
     "the router is killed": (_kill_router, LAN, 0.0),
+    "the router is killed, QUIC": (_kill_router, LAN, 0.0),
     "the operator's address changes": (_change_address, LAN, 0.0),
+    "a camera fills a link of 2 Mbit/s, QUIC": (_flood, LAN, 0.8),
     # The flood's program starts, and then fills a queue of 64 kB by 1.8 Mbit/s.
     "a camera fills a link of 2 Mbit/s": (_flood, LAN, 0.8),
 }
@@ -143,7 +146,7 @@ FAULTS = {
 @pytest.mark.parametrize("name", FAULTS)
 def test_the_arm_is_at_rest_in_time_and_goes_on_by_the_deliberate_act(name):
     act, network, begins_s = FAULTS[name]
-    with apart(network) as two:
+    with apart(network, remote.QUIC if name.endswith("QUIC") else remote.TCP) as two:
         set_moving(two, network)
         begun_s = time.monotonic()
         fault = act(two, network.link)

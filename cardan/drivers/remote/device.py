@@ -24,6 +24,7 @@ from cardan.drivers.remote.options import RemoteOptions
 from cardan.drivers.remote.shared import CLAIM_TYPE, Claim, claim_message, flat
 from cardan.errors import CommandError, DeviceAccessError
 from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.zenoh import NEWEST_QOS
 from cardan.spatial import is_finite
 from cardan.types import DeviceCapabilities, DeviceFeedback, DeviceLink
 
@@ -94,7 +95,7 @@ class Remote(BusMixin[RemoteCore], OperatorDevice):
         bus, messages = self._bus, self._messages
         assert bus is not None
         assert messages is not None
-        self._claims = bus.publisher(self.options.claim_topic, CLAIM_TYPE, express=True)
+        self._claims = bus.publisher(self.options.claim_topic, CLAIM_TYPE, NEWEST_QOS, express=True)
         until_s = time.monotonic() + MEET_S
         while not self._core.leased:
             if time.monotonic() >= until_s:
@@ -132,7 +133,9 @@ class Remote(BusMixin[RemoteCore], OperatorDevice):
     def _put(self, claim: Claim) -> None:
         if self._claims is not None:
             data = codec_of(CLAIM_TYPE).encode(claim_message(claim))
-            self._claims.put(data, time.time_ns())
+            # What renews is renewed; nothing comes after what gives back.
+            put = self._claims.put if claim.wanted else self._claims.put_reliably
+            put(data, time.time_ns())
 
     def _release(self) -> None:
         self._put(self._core.final_claim(time.monotonic()))

@@ -25,6 +25,7 @@ from cardan.drivers.base import OperatorDevice
 from cardan.drivers.haptic import HapticDevice
 from cardan.drivers.registry import DriverTable
 from cardan.drivers.remote.shared import (
+    CLAIM_PERIOD_S,
     CLAIM_TYPE,
     FEEDBACK,
     MOST_EDGES,
@@ -46,7 +47,7 @@ from cardan.gateway.force.passive import HandPort, share_left
 from cardan.gateway.force.servo_on import ForceEnabling
 from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.names import RosNameError, checked_name, dds_type
-from cardan.protocols.ros2.zenoh import PUBLISHER
+from cardan.protocols.ros2.zenoh import NEWEST_QOS, PUBLISHER
 from cardan.spatial import add
 from cardan.types import (
     NEUTRAL,
@@ -68,6 +69,11 @@ SHORTEST_S = 0.004
 LONGEST_S = 0.02
 """Between two states of a leased device: whether it is moved or not, its newest state has to be
 young."""
+
+OF_LATENESS = 0.25
+"""Between two states, of the time by which the newest that came is late, as far as claims tell and
+their own silence: what a link does not carry would only wait before it, and hold up what is newer.
+"""
 
 FREE_S = 0.25
 """Between states of a free device, which only say that it is free."""
@@ -139,6 +145,9 @@ class ShareCore:
         self._heard_s = NEVER_S
         self._leases = 0
         """How many there have been."""
+        self._ended: Claim | None = None
+        """The newest claim of the last lease: what it overtook is late."""
+        self._ended_owner = b""
         self._edges: deque[Edge] = deque()
         self._number = 0
         self._sent_s = NEVER_S
@@ -201,6 +210,14 @@ class ShareCore:
         if known is None:
             if not claim.wanted:
                 return False
+            ended = self._ended
+            if (
+                ended is not None
+                and (claim.lessee, owner) == (ended.lessee, self._ended_owner)
+                and claim.asked_s <= ended.asked_s
+            ):
+                self.counts["claims that came twice or late"] += 1
+                return False
             self._edges.clear()
             self._leases += 1
         elif (claim.lessee, owner) != (known.lessee, self._owner):
@@ -210,6 +227,7 @@ class ShareCore:
             self.counts["claims that came twice or late"] += 1
             return False
         if not claim.wanted:
+            self._claim = claim
             self._end()
             return True
         self._claim, self._owner, self._heard_s = claim, owner, now_s
@@ -223,6 +241,7 @@ class ShareCore:
             self._end()
 
     def _end(self) -> None:
+        self._ended, self._ended_owner = self._claim, self._owner
         self._claim, self._owner = None, b""
         self._edges.clear()
 
@@ -234,7 +253,8 @@ class ShareCore:
     def _wait_s(self, changed: bool) -> float:
         if self._claim is None:
             return FREE_S
-        return SHORTEST_S if changed else LONGEST_S
+        late_s = self._claim.late_s + self._sent_s - self._heard_s - CLAIM_PERIOD_S
+        return max(SHORTEST_S if changed else LONGEST_S, OF_LATENESS * late_s)
 
     def offer(
         self,
@@ -500,7 +520,7 @@ def share_until(
                 )
         stack.enter_context(device)
         claims = node.waiting_subscription(claim_topic(options.name), CLAIM_TYPE, CLAIMS_KEPT)
-        publisher = node.publisher(topic, STATE_TYPE, express=True)
+        publisher = node.publisher(topic, STATE_TYPE, NEWEST_QOS, express=True)
         router = "" if options.bus.zenoh_config else options.bus.router
         news = News(router, routed=bool(node.neighbors()[0]))
         look_s = time.monotonic()
