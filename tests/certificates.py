@@ -1,8 +1,10 @@
-"""Certificates for tests, made by openssl."""
+"""Certificates for tests: made by openssl, and those of a pair of computers."""
 
 import subprocess
 
 import pytest
+
+from cardan.common.certificates import make_certificate, make_key
 
 
 def make(folder, days=365, names="DNS:lab,IP:192.0.2.1", more=()):
@@ -18,3 +20,23 @@ def make(folder, days=365, names="DNS:lab,IP:192.0.2.1", more=()):
         pytest.skip("openssl is not installed")
     assert made.returncode == 0, made.stderr
     return paths
+
+
+def pair(folder, names=("127.0.0.1",), robot_days=1, operator_days=1, issuer="Cardan pair"):
+    """Paths of authority, and of certificate and key of both, as a pair has them; `names`: of the
+    robot's computer. 0 days: expired."""
+    folder.mkdir()
+    root, _ = make_key()
+    signed = {"authority": make_certificate(issuer, root.public_key(), **_by(issuer, root, 1))}
+    for side, hosts, days in (("robot", names, robot_days), ("operator", ["o"], operator_days)):
+        key, signed[f"{side}-key"] = make_key()
+        more = _by(issuer, root, days)
+        client = side == "operator"
+        signed[side] = make_certificate(side, key.public_key(), hosts, client=client, **more)
+    for name, data in signed.items():
+        (folder / name).write_bytes(data)
+    return {name: folder / name for name in signed}
+
+
+def _by(issuer, key, days):
+    return {"issuer": issuer, "issuer_key": key, "days": days}
