@@ -2,7 +2,9 @@
 what goes wrong between them stops the arm in time, and it moves for nobody who has not asked."""
 
 import contextlib
+import json
 import math
+import re
 import signal
 import subprocess
 import sys
@@ -30,6 +32,8 @@ from tests.programs import Program
 from tests.waiting import WITHIN_S
 
 pytestmark = [pytest.mark.matrix, pytest.mark.timeout(600)]
+
+PAGE = Path(__file__).parents[1] / "docs/faults.md"
 
 LAN = next(network for network in remote.NETWORKS if network.name == "LAN")
 LTE = next(network for network in remote.NETWORKS if network.name == "LTE")
@@ -79,10 +83,12 @@ def set_moving(two, network):
     """The arm is moving, and has for a while."""
     two.cell.make_ready(two.robot, network.longest_s)
     for _ in range(TRIES):
+        begun = two.robot.place.cartesian[0]
         for what in ({"axis": False}, {"buttons": False}, {"buttons": True}, {"axis": True}):
             two.cell.act(two.robot, **what)
             two.cell.wait(RUN_UP_S + network.longest_s)
-        if time.monotonic() - two.robot.moved_s < 2 * STEP_S:
+        gone_m = math.dist(begun, two.robot.place.cartesian[0])
+        if time.monotonic() - two.robot.moved_s < 2 * STEP_S and gone_m >= AGAIN_M:
             return
     raise AssertionError("the arm does not go on moving")
 
@@ -348,17 +354,19 @@ def zenoh_file(folder, mode, endpoints, files):
 
 
 class Pair(NamedTuple):
-    """Zenoh's files of a pair."""
+    """A pair's certificates and keys, and Zenoh's files of both sides."""
 
+    files: dict[str, Path]
     router: Path
     operator: Path
 
 
-def paired_files(folder, **how):
-    files = pair(folder, names=(HOST,), **how)
+def paired_files(folder):
+    files = pair(folder, names=(HOST,))
     inside, outside = ROUTER.format("127.0.0.1"), f"tls/0.0.0.0:{pairing.TLS_PORT}"
     far = f"tls/{HOST}:{pairing.TLS_PORT}"
     return Pair(
+        files,
         zenoh_file(folder / "as-robot", "router", (inside, outside), files),
         zenoh_file(folder / "with", "client", (far,), files),
     )
@@ -395,6 +403,107 @@ def test_an_endpoint_by_name_follows_the_robots_computer_to_its_new_address(secu
     finally:
         secured.both.change_address(ROBOT, back=True)
         secured.name(ADDRESSES[ROBOT])
+
+
+NO_MESSAGE = "no message passes; give the file of the present pair (zenoh_config), or pair both"
+LOST = "hand is not shared any more"
+TWICE_SHARED = "hand is shared already, by the node /cardan_share_hand: end that, or choose another"
+
+
+def test_the_page_has_what_is_said():
+    page = PAGE.read_text(encoding="utf-8")
+    for words in (GONE, NO_MESSAGE, LOST, TWICE_SHARED):
+        assert f"`{words}" in page
+
+
+@pytest.fixture(scope="module")
+def refused_ways(tmp_path_factory, pairs):
+    """Options of shares that the router of the pair "ours" refuses, and what they say."""
+    folder = tmp_path_factory.mktemp("refused")
+    files = pairs["ours"].files
+    expired = {**files, "operator": files["expired"]}
+    others = pairs["theirs"].files
+    forged = {**others, "authority": files["authority"]}
+    far = f"tls/{HOST}:{pairing.TLS_PORT}"
+    places = {}
+    for name, each in {"expired": expired, "forged": forged}.items():
+        places[name] = zenoh_file(folder / name, "client", (far,), each)
+    bare = json.loads(pairs["ours"].operator.read_text())
+    bare["transport"]["link"]["tls"] = {"root_ca_certificate": str(files["authority"])}
+    places["bare"] = folder / "bare.json5"
+    places["bare"].write_text(json.dumps(bare))
+    by = "--zenoh-config"
+    plain = "of a paired computer give its file (zenoh_config) [N008]"
+    return {
+        "of another pair": ((by, pairs["theirs"].operator), f"is not signed by .*: {NO_MESSAGE}"),
+        "forged": ((by, places["forged"]), f"which is of another pair: {NO_MESSAGE}"),
+        "expired": ((by, places["expired"]), f"has expired on 20.*: {NO_MESSAGE}"),
+        "none": ((by, places["bare"]), f"asks for a certificate, and none is given: {NO_MESSAGE}"),
+        "no TLS": (("--router", f"tcp/{HOST}:{pairing.TLS_PORT}"), plain),
+        "its own programs' port": (("--router", ROUTER.format(HOST)), plain),
+        "a second share": (
+            (by, pairs["ours"].operator),
+            TWICE_SHARED,
+        ),
+    }
+
+
+def said_by(program):
+    return " ".join(program.err.split())
+
+
+def assert_refused(lab, share, words):
+    assert lab.code_of(share) == 3
+    assert "READY" not in share.out
+    assert re.search(".*".join(map(re.escape, words.split(".*"))), said_by(share)), share.err
+
+
+def test_who_is_refused_moves_nothing_while_the_pair_does(secured, refused_ways):
+    set_moving(secured, LAN)
+    used = len(secured.session.out)
+    tried = [(secured.sharing(*way), words) for way, words in refused_ways.values()]
+    for share, words in tried:
+        assert_refused(secured, share, words)
+    set_moving(secured, LAN)
+    assert LOST not in secured.session.out[used:]
+    assert secured.share.process.poll() is None
+
+
+def test_where_none_but_refused_ones_share_the_device_is_lost_and_nothing_moves(
+    secured, pairs, refused_ways
+):
+    def share_by_others():
+        said = len(secured.session.out)
+        secured.share.process.terminate()
+        yield 1.0
+        secured.code_of(secured.share)
+        secured.await_said(secured.session, LOST, said)
+        for name in ("of another pair", "expired"):
+            way, words = refused_ways[name]
+            assert_refused(secured, secured.sharing(*way), words)
+        secured.start_share("--zenoh-config", pairs["ours"].operator)
+        secured.await_said(secured.share, "used by")
+
+    assert_moves_by_the_deliberate_act_alone(secured, share_by_others())
+
+
+def test_a_share_whose_router_was_paired_anew_says_so_and_goes_on_with_the_right_one(
+    secured, pairs
+):
+    def pair_anew():
+        said = len(secured.share.out + secured.share.err)
+        secured.router.process.kill()
+        yield 1.0
+        secured.code_of(secured.router)
+        secured.start_router("--zenoh-config", pairs["theirs"].router)
+        secured.await_said(secured.share, GONE, said)
+        secured.await_said(secured.share, NO_MESSAGE, said)
+        secured.end(secured.router)
+        secured.start_router("--zenoh-config", pairs["ours"].router)
+        secured.await_said(secured.share, "is there again", said)
+        secured.await_said(secured.share, "used by", said)
+
+    assert_moves_by_the_deliberate_act_alone(secured, pair_anew())
 
 
 TWICE, OVERTAKING = Conditions(0.005, twice=1.0), Conditions(0.03, 0.03, in_order=False)
