@@ -167,9 +167,9 @@ class Mouse(HandHeld):
             packets.insert(0, encode_buttons(int(self.buttons), 3))
         if self.axis or (self.axis, self.buttons) != self._said[::-1]:
             for reader in self._readers:
-                with contextlib.suppress(OSError):
+                with contextlib.suppress(OSError):  # One that is stopped: as a full buffer's.
                     for packet in packets:
-                        reader.send(packet)
+                        reader.send(packet, socket.MSG_DONTWAIT)
         self._said = (self.buttons, self.axis)
 
     def close(self) -> None:
@@ -253,8 +253,10 @@ class Cell:
         """Go on until `till_s`; return the time."""
         while (now_s := time.monotonic()) < till_s:
             if now_s >= self._slot_s:
-                self._cycle += 1
-                self._slot_s = max(self._slot_s + PERIOD_S, now_s)
+                # A controller's clock does not wait for a busy computer: its cycles are missed.
+                cycles = 1 + int((now_s - self._slot_s) / PERIOD_S)
+                self._cycle += cycles
+                self._slot_s += cycles * PERIOD_S
                 for robot in self.robots.values():
                     robot.ask(self._cycle)
             if now_s >= self._reported_s + REPORT_S:

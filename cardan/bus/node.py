@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cardan.bus.options import BusOptions
 from cardan.bus.reconnecting import Reconnector
+from cardan.bus.tls import tls_obstacle
 from cardan.common.context import enter, leave
 from cardan.common.extras import missing_extra
 from cardan.common.files import expanded
@@ -421,7 +422,8 @@ class BusNode:
                 self._session = zenoh.open(config)
             except zenoh.ZError as error:
                 raise DriverError(
-                    f"the bus cannot be joined: {words_of(error)}{_advice(error)}"
+                    tls_obstacle(config)
+                    or f"the bus cannot be joined: {words_of(error)}{_advice(error)}"
                 ) from None
             make_config = partial(zenoh_config, self.options)
             self._reconnector = Reconnector(zenoh, self._session, make_config)
@@ -731,7 +733,7 @@ def _advice(error: Exception) -> str:
     if "Unable to connect" in str(error):
         return (
             "; start a router there (`cardan net server router --endpoint ENDPOINT`), and see "
-            "that the network lets it be reached"
+            "that the network lets it be reached; of a paired computer give its file (zenoh_config)"
         )
     if "Address already in use" not in str(error):
         return ""

@@ -15,9 +15,11 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
-from cardan.bus.node import BusNode, Received
+from cardan.bus.node import BusNode, Received, zenoh_config
 from cardan.bus.options import BusOptions
+from cardan.bus.tls import TlsWatch, tls_obstacle
 from cardan.common.haptics import HapticCommand, HapticState, MeasuredForce
 from cardan.common.options import Options, require
 from cardan.common.realtime import ask_for_real_time
@@ -452,6 +454,7 @@ class News:
         self._lessee = self._missing = ""
         self._told: set[str] = set()
         self._others: set[str] = set()
+        self._obstacle = ""
 
     def of(self, state: DeviceState, lessee: str, counts: Mapping[str, int]) -> list[str]:
         """Of the device, of its lessee, and of what `counts` has for the first time."""
@@ -468,8 +471,9 @@ class News:
         lines += [f"refused: {what}" if what.startswith("claims") else what for what in new]
         return lines
 
-    def of_bus(self, others: Iterable[str], *, routed: bool) -> list[str]:
-        """Of the router, and of other nodes that share a device under the same name."""
+    def of_bus(self, others: Iterable[str], *, routed: bool, obstacle: str = "") -> list[str]:
+        """Of the router, what prevents TLS with it (`obstacle`), and of other nodes that share a
+        device under the same name."""
         lines = []
         there = set(others)
         lines += [
@@ -484,8 +488,14 @@ class News:
                 f"the router{where} is there again"
                 if routed
                 else f"the router{where} cannot be reached, and nothing moves the arm: start it "
-                "again, or mend the network; this process then goes on by itself"
+                "again, or mend the network; this process then goes on by itself; to a router with "
+                "another address share anew"
             )
+        if obstacle and obstacle != self._obstacle:
+            self._obstacle = obstacle
+            lines.append(obstacle)
+        if routed:
+            self._obstacle = ""
         self._has_router = self._has_router or routed
         self._routed = routed
         return lines
@@ -523,6 +533,7 @@ def share_until(
         publisher = node.publisher(topic, STATE_TYPE, NEWEST_QOS, express=True)
         router = "" if options.bus.zenoh_config else options.bus.router
         news = News(router, routed=bool(node.neighbors()[0]))
+        tls = TlsWatch(partial(tls_obstacle, zenoh_config(options.bus)))
         look_s = time.monotonic()
         stack.callback(device.on_state(lambda _state: claims.wake()))
         ask_for_real_time()
@@ -551,7 +562,9 @@ def share_until(
             if now_s >= look_s:
                 look_s = now_s + NEWS_S
                 others_there = [each.full_node for each in others.others()]
-                lines += news.of_bus(others_there, routed=bool(node.neighbors()[0]))
+                routed = bool(node.neighbors()[0])
+                obstacle = tls.obstacle(now_s, routed=routed)
+                lines += news.of_bus(others_there, routed=routed, obstacle=obstacle)
             for line in lines:
                 tell(line)
         if hand is not None:
