@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from cardan.sim_peers.network import SimulatedNetworkOptions, SimulatedNetworkPeer, DelayedStream
+from cardan.sim_peers.network import DelayedStream, SimulatedNetworkOptions, SimulatedNetworkPeer
 
 CHUNKS = [b"a", b"bc", b"def", b""]
 
