@@ -126,16 +126,14 @@ SCRIPTS: Mapping[str, str] = {
         15.0  move 0 0 0
     """,
     "presses": """
-        # 10 s, again and again: holds button 2, forward against whatever is there, press, back
-        0.5   move -0.03 0 0 over 1
-        2.0   press 2                                  # follow
-        3.0   move 0.03 0 0 over 2
-        5.0   push 1 0 0 over 0.5
-        6.5   push 0 0 0 over 0.5
-        7.0   move -0.03 0 0 over 1.5
-        8.8   release 2                                # stop and hold
-        9.2   move 0 0 0 over 0.7
-        10.0  loop
+        # 9 s, again and again: holds button 2, forward against whatever is there, press, back
+        1.0   press 2                                  # follow
+        1.5   move 0.03 0 0 over 2
+        3.5   push 1.5 0 0 over 0.5
+        5.5   push 0 0 0 over 0.5
+        6.0   move 0 0 0 over 1.5
+        7.8   release 2                                # stop and hold
+        9.0   loop
     """,
     "let-go": """
         # 12 s: the hand throws the stylus and takes it again
