@@ -15,6 +15,7 @@ BUILT_IN = {
     "gamepad": "cardan.sim_peers.evdev.peer:GamepadCommand",
     "keyboard": "cardan.sim_peers.evdev.peer:KeyboardCommand",
     "motoman-gp8": "cardan.sim_peers.motoros_controller.tcp:MotorosControllerCommand",
+    "network": "cardan.sim_peers.network:SimulatedNetworkCommand",
     "phone": "cardan.sim_peers.handheld.peer:PhonePageCommand",
     "ros2-arm": "cardan.sim_peers.ros2_arm.peer:Ros2ArmCommand",
     "ros2-device": "cardan.sim_peers.ros2_device.peer:Ros2DeviceCommand",
