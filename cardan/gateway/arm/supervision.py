@@ -18,7 +18,6 @@ from cardan.common import bounds
 from cardan.common.options import CODE_ONLY, Options
 from cardan.gateway.arm.commanded_arm import CommandedArm, FollowingError
 from cardan.gateway.arm.motions.base import Activity
-from cardan.gateway.motion.reference import Reference
 from cardan.types import NEVER_S, RobotLink, RobotState
 
 LONGEST_STEP_PERIODS = 2.5
@@ -163,12 +162,12 @@ class Supervision:
     def compare(
         self,
         state: RobotState,
-        commanded: CommandedArm,
-        reference: Reference | None,
+        error: FollowingError,
         activity: Activity | None,
     ) -> StopReason | None:
-        """The gravest finding about the robot and its commands; None without any."""
-        self.error = commanded.following_error(state, reference)
+        """The gravest finding about the robot and its commands, with the following error of now;
+        None without any."""
+        self.error = error
         if self.error.exceeds(self.limit):
             return StopReason(
                 Cause.HELD, f"{self.error.in_words('away from')}: something else holds it"
