@@ -125,8 +125,13 @@ class CommandedArm(ABC):
         """
 
     @abstractmethod
-    def following_error(self, state: RobotState, reference: Reference | None) -> FollowingError:
-        """How far the robot is from its command; the TCP's part where a `reference` observes it."""
+    def following_error(
+        self, state: RobotState, reference: Reference | None, observe: bool = False
+    ) -> FollowingError:
+        """How far the robot is from its command; the TCP's part where a `reference` observes it.
+
+        `observe`: the reference, if it is placed, is given the measured TCP first.
+        """
 
     @abstractmethod
     def follow(
@@ -260,9 +265,13 @@ class TaskSpaceArm(CommandedArm):
         turn = scale(rotation_between(before.pose.orientation, measured.orientation), 1.0 / time_s)
         self._twist = Twist(_along(way, last.linear), _along(turn, last.angular), Frame.BASE)
 
-    def following_error(self, state: RobotState, reference: Reference | None) -> FollowingError:
+    def following_error(
+        self, state: RobotState, reference: Reference | None, observe: bool = False
+    ) -> FollowingError:
         if reference is None:
             return FollowingError(0.0, 0.0)
+        if observe and reference.pose is not None:
+            reference.observe(self.measured(state))
         return FollowingError(reference.ahead_m, reference.ahead_rad)
 
     def follow(

@@ -456,9 +456,8 @@ class ArmController:
             if not self.state.link.ready:
                 self.not_ready = ""
                 self._on(ArmEvent.READY)
-            observed = self._observe(robot)
-            if self.state.motion.commanded and not self.state.readings.rejected:
-                finding = self.supervision.compare(robot, self.commanded, observed, self._activity)
+            if not self.state.readings.rejected:
+                finding = self._compare(robot)
                 if finding is not None:
                     self._act_on(finding, robot)
             ignored = bool(self._inhibits) and self._heed_inhibits()
@@ -498,18 +497,18 @@ class ArmController:
         streamed = activity.silence_s < math.inf
         return activity.driven or self.commanded.moving if streamed else not activity.idle
 
-    def _observe(self, robot: RobotState) -> Reference | None:
-        """Give the measured TCP to the reference that it is compared with, and return that; None
-        where joints alone count."""
+    def _compare(self, robot: RobotState) -> StopReason | None:
+        """Give the measured TCP to the reference that it is compared with, where not joints alone
+        count; return what is wrong with a robot that is commanded."""
         activity = self._activity
         if activity is None:
             reference = self.reference if self.hand is not None else None
         else:
             reference = activity.reference
-        if reference is None or reference.pose is None or self.state.readings.rejected:
-            return reference
-        reference.observe(self.commanded.measured(robot))
-        return reference
+        error = self.commanded.following_error(robot, reference, observe=True)
+        if not self.state.motion.commanded:
+            return None
+        return self.supervision.compare(robot, error, activity)
 
     # -- faults ----------------------------------------------------------------------------------
 
@@ -852,8 +851,7 @@ class ArmController:
         reference = self.reference
         reference.place(self.commanded.pose)
         assert self.robot is not None
-        reference.observe(self.commanded.measured(self.robot))
-        error = self.commanded.following_error(self.robot, reference)
+        error = self.commanded.following_error(self.robot, reference, observe=True)
         activity = Recover(self.commanded, reference, near, error, self._recovered_way)
         self._on(ArmEvent.RESYNCHRONIZES, activity)
 
