@@ -21,7 +21,6 @@ from cardan.protocols.ros2.actions import GoalStatus  # noqa: E402
 from cardan.protocols.ros2.cdr import codec_of  # noqa: E402
 from cardan.protocols.ros2.messages import completed  # noqa: E402
 from cardan.protocols.ros2.zenoh import LATCHED_QOS, Attachment, data_key  # noqa: E402
-from cardan.robots import load_arm  # noqa: E402
 from tests.ros2_packages import write_packages  # noqa: E402
 from tests.serving import ARM_SESSION, free_endpoint  # noqa: E402
 from tests.sweep.world import stamp_s  # noqa: E402
@@ -288,30 +287,6 @@ def test_a_service_moves_the_arm_and_wait_says_when_it_arrived(user):
     user.until_at(target)
 
 
-def test_a_parameter_is_set_read_and_told_of(user):
-    events = user.subscribe("/parameter_events", "rcl_interfaces/msg/ParameterEvent")
-    assert user.set("frame", "tcp")["successful"]
-    answer = user.call("get_parameters", "rcl_interfaces/srv/GetParameters", names=["frame"])
-    assert answer["values"][0]["string_value"] == "tcp"
-
-    def changed():
-        told = user.heard("/parameter_events")
-        return [p["name"] for each in told for p in each["changed_parameters"]]
-
-    assert "frame" in until(changed, "the event")
-    assert "allowed" in user.set("gain", 99.0)["reason"]
-    events.close()
-
-
-def test_setting_waits_until_the_arm_rests(user):
-    assert user.call("movv", "cardan_msgs/srv/MoveTwist", xdot={"linear": {"z": 0.05}})["success"]
-    assert "refused while in" in user.set("frame", "tcp")["reason"]
-    user.publish("/command/stop", "std_msgs/msg/Empty")
-    until(lambda: user.state() == int(State.NOT_CONTROLLING), "the stop")
-    # It brakes still, perhaps: then the answer comes when it rests.
-    assert user.set("frame", "tcp") == {"successful": True, "reason": ""}
-
-
 @pytest.mark.real
 def test_an_action_moves_the_arm_with_feedback_and_can_be_canceled(user):
     action = f"{ARM}/action/movl"
@@ -403,36 +378,6 @@ def test_a_plan_of_moveit_is_carried_out(user):
     joints.close()
 
 
-def test_joint_states_with_speeds_are_a_stream_of_them(user):
-    """As JointStateTopicSystem of ros2_control sends them; names in any order."""
-    joint_state = "sensor_msgs/msg/JointState"
-    names = [*load_arm("ur5").joint_names[1:], load_arm("ur5").joint_names[0]]
-    message = {"name": names, "velocity": [0.0, 0.0, 0.0, 0.0, 0.0, 0.2]}
-    user.subscribe("/left/joint_states", joint_state, 1)
-
-    def pan():
-        """Where the first joint is."""
-        found = until(lambda: user.heard("/left/joint_states"), "a joint state")[-1]
-        return found["position"][found["name"].index(names[-1])]
-
-    begun = pan()
-
-    def turned():
-        user.publish("/command/joints", joint_state, message)
-        return pan() > begun + 0.1
-
-    until(turned, "the turn")
-    last = {}
-
-    def rests():  # The stream has fallen silent.
-        before, last["at"] = last.get("at"), pan()
-        return before == last["at"]
-
-    until(rests, "the rest")
-    number = user.publish("/command/joints", joint_state, message | {"name": names[1:]})
-    assert "6 numbers of velocity for 5 names" in user.outcome("joints", number, "refused")[1]
-
-
 def test_a_node_of_dora_rs_watches_and_commands_the_arm(user, tmp_path):
     pytest.importorskip("dora", reason="dora-rs is not installed: pip install dora-rs pyarrow")
     write_packages(tmp_path)
@@ -474,27 +419,6 @@ def counted(user):
     return {each["key"]: int(each["value"]) for each in row["values"]}
 
 
-@pytest.mark.parametrize(
-    ("type_name", "given", "data", "words"),
-    [
-        (TWIST, {"linear": {"x": 1.0}}, None, "it takes geometry_msgs::msg::dds_::Pose_"),
-        (POSE, {"position": {"x": None}}, None, "not numbers"),
-        (POSE, None, b"", "no plain CDR"),
-        (POSE, None, b"\0\1\0\0" + bytes(20), "too few"),
-        (POSE, None, b"\0\1\0\0" + b"\1" * 5_000_000, "too many"),
-        (POSE, {"position": {"x": 9.0}}, None, "reach"),
-    ],
-)
-def test_what_is_no_command_is_refused_with_a_reason_and_moves_nothing(
-    user, type_name, given, data, words
-):
-    before = user.settled()
-    number = user.publish("/command/movl", type_name, given, data)
-    assert words in user.outcome("movl", number, "refused")[1]
-    assert user.where() == before
-    assert user.state() == int(State.NOT_CONTROLLING)
-
-
 def test_another_hash_is_refused_and_counted(user):
     before = counted(user)["refused"]
     config = zenoh.Config()
@@ -515,13 +439,6 @@ def test_another_hash_is_refused_and_counted(user):
     assert "it takes geometry_msgs::msg::dds_::Pose_/RIHS01_d501954e" in told[0]["reason"]
     until(lambda: counted(user)["refused"] > before, "the count")
     assert user.where() == where
-
-
-def test_services_refuse_what_is_no_request(user):
-    assert not user.call("movl", "cardan_msgs/srv/MovePose", data=b"\1\2\3")["success"]
-    name = "rcl_interfaces/srv/SetParameters"
-    (result,) = user.call("set_parameters", name, data=b"\0\1\0\0\xff\xff\xff\xff")["results"]
-    assert not result["successful"]
 
 
 def test_a_flood_is_survived_counted_and_moves_nothing_wrong(user):

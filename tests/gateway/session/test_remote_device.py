@@ -2,7 +2,6 @@
 when that process is killed, stands still, or a stranger floods its topics."""
 
 import contextlib
-import signal
 import threading
 import time
 from typing import NamedTuple
@@ -93,13 +92,6 @@ def test_a_killed_process_stops_the_arm_and_the_second_session_is_refused(joined
     joined.share.wait_for("refused: claims while another session has it", "stderr")
     joined.wait_until_moving()
     joined.rests_in_time_after(joined.share.process.kill)
-
-
-def test_a_process_that_stands_still_stops_the_arm_until_a_deliberate_act(joined):
-    joined.wait_until_moving()
-    joined.rests_in_time_after(lambda: joined.share.process.send_signal(signal.SIGSTOP))
-    joined.share.process.send_signal(signal.SIGCONT)
-    joined.wait_until_moving()  # The hand releases, and presses anew.
 
 
 def test_a_stranger_that_floods_with_old_states_neither_moves_the_arm_nor_keeps_it_moving(joined):
