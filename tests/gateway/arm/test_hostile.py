@@ -240,18 +240,22 @@ def test_a_stop_while_it_still_brakes_keeps_a_recovery_from_beginning():
     assert rig.status.message
 
 
-@pytest.mark.parametrize("how", ["stop", "silence", "alarm"])
-def test_nothing_is_brought_back_while_nobody_may_drive(how):
-    rig = Rig().drive()
-    away = pushed_away(rig, 0.12)
-    stays(rig, 0.1, away)
-    assert rig.core.phase is Phase.RECOVERING
+def nobody_may_drive(rig, how):
     if how == "stop":
         rig.core.inhibit("enough", Inhibit.FOR_GOOD)
     elif how == "silence":
         rig.core.inhibit("the supervisor is silent", Inhibit.WHILE_SAID)
     else:
         rig.robot = rig.robot._replace(alarm="the port is flooded")
+
+
+@pytest.mark.parametrize("how", ["stop", "silence", "alarm"])
+def test_nothing_is_brought_back_while_nobody_may_drive(how):
+    rig = Rig().drive()
+    away = pushed_away(rig, 0.12)
+    stays(rig, 0.1, away)
+    assert rig.core.phase is Phase.RECOVERING
+    nobody_may_drive(rig, how)
     stays(rig, 0.1, away)
     assert stays(rig, 2.0, away) == 0.0
     assert rig.core.phase is Phase.DISARMED
@@ -264,12 +268,7 @@ def test_nothing_is_brought_back_while_nobody_may_drive(how):
 @pytest.mark.parametrize("way_m", [0.04, 0.12])
 def test_nothing_begins_to_be_brought_back_while_nobody_may_drive(how, way_m):
     rig = Rig().arm()
-    if how == "stop":
-        rig.core.inhibit("enough", Inhibit.FOR_GOOD)
-    elif how == "silence":
-        rig.core.inhibit("the supervisor is silent", Inhibit.WHILE_SAID)
-    else:
-        rig.robot = rig.robot._replace(alarm="the port is flooded")
+    nobody_may_drive(rig, how)
     rig.run()
     away = pushed_away(rig, way_m)
     assert stays(rig, 2.0, away) == 0.0

@@ -283,17 +283,6 @@ def test_a_robot_that_reports_nonsense_is_not_commanded(joints, words):
     assert np.isfinite(run.joints).all()
 
 
-def test_a_dead_man_held_through_a_silence_is_no_deliberate_act():
-    for change in ({"hold_reason": "motors are off"}, {"session": 99}):
-        run = Run()
-        run.go(0.1, held=False)  # disarmed, the dead-man seen up
-        hand = DeviceState(run.state.stamp_s, DeviceLink.LIVE, FORWARD, frozenset(("left",)))
-        away = run.state._replace(stamp_s=run.state.stamp_s + 0.002, **change)
-        run.core.tick(away, hand)
-        assert run.go(0.5, FORWARD) == pytest.approx((0, 0, 0), abs=1e-9)
-        assert run.core.phase is Phase.DISARMED
-
-
 @pytest.mark.parametrize("arm", ["ur5", "pr2_right_arm"])
 def test_joints_that_are_measured_wrongly_are_not_chased_for_ever(arm):
     run = Run(arm=arm).arm_it()

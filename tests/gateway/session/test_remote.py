@@ -251,38 +251,6 @@ def test_a_gripper_on_the_robots_output_is_everybodys(in_thread, monkeypatch):
     assert done == [{"digital": True}]
 
 
-def test_a_stop_during_planning_leaves_the_arm_at_rest(in_thread, monkeypatch):
-    with in_thread() as arm:
-        planning, go_on = threading.Event(), threading.Event()
-        planner = ThreadProcess.newest.session._worker._verb_server.verbs.planner
-        inverse = planner.joint_goal
-
-        def slow(*arguments):
-            planning.set()
-            assert go_on.wait(TIMEOUT_S)
-            return inverse(*arguments)
-
-        monkeypatch.setattr(planner, "joint_goal", slow)
-        said = []
-
-        def move():
-            try:
-                arm.movj(by(arm.stat().pose, 0.0, 0.0, -0.1))
-            except MotionRefusedError as error:
-                said.append(str(error))
-
-        mover = threading.Thread(target=move)
-        mover.start()
-        assert planning.wait(TIMEOUT_S)
-        arm.stop()
-        go_on.set()
-        mover.join(TIMEOUT_S)
-        assert said
-        assert "overtaken while it was planned: stopped" in said[0]
-        assert arm.stat().state is State.NOT_CONTROLLING
-        assert ThreadProcess.newest.session.controller.idle
-
-
 def test_a_session_that_verbs_cannot_move_is_refused_at_once():
     with pytest.raises(ConfigurationError, match=r"need an \[arm\]"):
         session_arm(parse_config({"robot": {"driver": "abb_egm"}}))
