@@ -20,7 +20,7 @@ from cardan.gateway.arm.vocab import State  # noqa: E402
 from cardan.protocols.ros2.actions import GoalStatus  # noqa: E402
 from cardan.protocols.ros2.cdr import codec_of  # noqa: E402
 from cardan.protocols.ros2.messages import completed  # noqa: E402
-from cardan.protocols.ros2.zenoh import LATCHED_QOS, Attachment, data_key  # noqa: E402
+from cardan.protocols.ros2.zenoh import LATCHED_QOS, Attachment  # noqa: E402
 from tests.ros2_packages import write_packages  # noqa: E402
 from tests.serving import ARM_SESSION, free_endpoint  # noqa: E402
 from tests.sweep.world import stamp_s  # noqa: E402
@@ -402,58 +402,7 @@ def test_a_node_of_dora_rs_watches_and_commands_the_arm(user, tmp_path):
     assert told["result"][1] == {"success": True, "message": ""}
 
 
-# -- bad input ------------------------------------------------------------------------------------
-
-
-def counted(user):
-    """The counts of the diagnostics' row on commands."""
-    if "/diagnostics" not in user._subscriptions:
-        user.subscribe("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", 4)
-    user.heard("/diagnostics")
-    (row,) = [
-        row
-        for array in until(lambda: user.heard("/diagnostics"), "the diagnostics")[-1:]
-        for row in array["status"]
-        if row["name"] == f"{ARM}: commands"
-    ]
-    return {each["key"]: int(each["value"]) for each in row["values"]}
-
-
-def test_another_hash_is_refused_and_counted(user):
-    before = counted(user)["refused"]
-    config = zenoh.Config()
-    config.insert_json5("connect/endpoints", f'["{user.node.options.router}"]')
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("listen/endpoints", "[]")
-    key = data_key(0, f"{ARM}/command/movl", POSE)
-    pose = codec_of(POSE).encode(user.moved(-0.02))
-    where = user.settled()
-    with zenoh.open(config) as session:
-        publisher = session.declare_publisher(f"{key[:-4]}0000")
-
-        def refused():
-            publisher.put(pose)
-            return [each for each in user.heard(f"{ARM}/result") if each["outcome"] == "refused"]
-
-        told = until(refused, "the refusal")
-    assert "it takes geometry_msgs::msg::dds_::Pose_/RIHS01_d501954e" in told[0]["reason"]
-    until(lambda: counted(user)["refused"] > before, "the count")
-    assert user.where() == where
-
-
-def test_a_flood_is_survived_counted_and_moves_nothing_wrong(user):
-    before, where = counted(user), user.settled()
-    beyond = codec_of(POSE).encode(completed(POSE, {"position": {"x": 9.0}}))
-    for _ in range(5000):
-        user.publish("/command/movl", POSE, data=beyond)
-        user.publish("/command/twist", TWIST)
-    until(lambda: counted(user)["displaced"] > before["displaced"], "the count")
-    told = user.heard(f"{ARM}/result")
-    assert any("displaced by newer ones" in each["reason"] for each in told)
-    assert user.where() == where
-    # And the arm is commanded as before.
-    number = user.publish("/command/movl", POSE, user.moved(-0.02))
-    assert user.outcome("movl", number, "done", "aborted") == ("done", "")
+# -- a publisher that dies ------------------------------------------------------------------------
 
 
 STATUS = f"{ARM}/state/status"
