@@ -278,24 +278,6 @@ def test_somebody_else_may_take_the_hand_off_the_robot():
     assert rig.core.status().trips == 1
 
 
-def test_with_a_clutch_that_is_held_a_trip_takes_it_pressed_anew():
-    rig = HandRig(deadman=("button_2",)).run().press("button_2").run()
-    assert rig.core.following
-    rig.send_hand(displaced(x=0.1)).run(0.2).core.inhibit("the force is lost", Inhibit.ONCE)
-    rig.run(1.0)
-    assert not rig.core.following
-    rig.release("button_2").run().press("button_2").run()
-    assert rig.core.following
-
-
-def test_a_trip_of_nobody_is_nothing():
-    rig = HandRig().run()
-    rig.core.inhibit("the force is lost", Inhibit.ONCE)
-    rig.run().tap("button_2").run(0.1)
-    assert rig.core.following
-    assert rig.core.status().trips == 0
-
-
 def test_a_hand_that_is_suspended_is_waited_for_and_then_followed_without_a_step():
     rig = engaged().send_hand(displaced(x=0.1)).run(0.15)
     before = rig.moved
