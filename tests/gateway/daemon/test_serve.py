@@ -329,6 +329,16 @@ def test_a_reload_that_is_refused_changes_nothing(one):
     assert "ur7" in refused["why"]
 
 
+def test_a_change_begins_a_disarmed_session_anew_at_once(one):
+    pid = one.row("one")["pid"]
+    one.file.write_text(one.file.read_text() + "collisions = false\n")
+    (change,) = json.loads(one.cardan("daemon", "reload", "--json"))
+    assert (change["key"], change["old"], change["new"]) == ("arm.collisions", True, False)
+    assert (change["what"], change["waits"]) == ("changed", "")
+    until(lambda: one.row("one")["pid"] not in (pid, None), "the new process")
+    one.until("one", phase="disarmed", changes_wait=[])
+
+
 def test_a_server_runs_and_its_death_harms_no_session(lab):
     port = int(free_endpoint().rpartition(":")[2])
     lab.write(

@@ -21,6 +21,7 @@ from cardan.protocols.ros2.actions import GoalStatus  # noqa: E402
 from cardan.protocols.ros2.cdr import codec_of  # noqa: E402
 from cardan.protocols.ros2.messages import completed  # noqa: E402
 from cardan.protocols.ros2.zenoh import LATCHED_QOS, Attachment  # noqa: E402
+from cardan.robots import load_arm  # noqa: E402
 from tests.ros2_packages import write_packages  # noqa: E402
 from tests.serving import ARM_SESSION, free_endpoint  # noqa: E402
 from tests.sweep.world import stamp_s  # noqa: E402
@@ -376,6 +377,36 @@ def test_a_plan_of_moveit_is_carried_out(user):
 
     until(arrived, "the goal")
     joints.close()
+
+
+def test_joint_states_with_speeds_are_a_stream_of_them(user):
+    """As JointStateTopicSystem of ros2_control sends them; names in any order."""
+    joint_state = "sensor_msgs/msg/JointState"
+    names = [*load_arm("ur5").joint_names[1:], load_arm("ur5").joint_names[0]]
+    message = {"name": names, "velocity": [0.0, 0.0, 0.0, 0.0, 0.0, 0.2]}
+    user.subscribe("/left/joint_states", joint_state, 1)
+
+    def pan():
+        """Where the first joint is."""
+        found = until(lambda: user.heard("/left/joint_states"), "a joint state")[-1]
+        return found["position"][found["name"].index(names[-1])]
+
+    begun = pan()
+
+    def turned():
+        user.publish("/command/joints", joint_state, message)
+        return pan() > begun + 0.1
+
+    until(turned, "the turn")
+    last = {}
+
+    def rests():  # The stream has fallen silent.
+        before, last["at"] = last.get("at"), pan()
+        return before == last["at"]
+
+    until(rests, "the rest")
+    number = user.publish("/command/joints", joint_state, message | {"name": names[1:]})
+    assert "6 numbers of velocity for 5 names" in user.outcome("joints", number, "refused")[1]
 
 
 def test_a_node_of_dora_rs_watches_and_commands_the_arm(user, tmp_path):
