@@ -24,8 +24,8 @@ from cardan.common.braking import stopping_speed
 from cardan.gateway.kinematics.base import SE3, FloatArray, Kinematics, to_pose, to_se3
 from cardan.gateway.kinematics.collision import Closest, CollisionModel
 from cardan.gateway.servo.bounds import JointBounds
-from cardan.gateway.servo.lag import ResponseLag, farthest
 from cardan.gateway.servo.options import Policy, ServoOptions
+from cardan.gateway.servo.response_lag import ResponseLag, farthest
 from cardan.gateway.servo.status import SLOWED, ServoStatus
 from cardan.robots import SixWeights
 from cardan.types import Pose, Vector3

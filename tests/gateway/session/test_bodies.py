@@ -27,6 +27,12 @@ BOX = '[[obstacles]]\nname = "box"\nbox = [[0.2, -0.2, 0.0], [0.6, 0.2, 0.4]]\n'
 ACCEPTED = "i_accept_links_without_bodies = true\n"
 
 
+def looked_at(file):
+    """What the doctor finds in a file."""
+    layout, wrong = read_files([file])
+    return list(Files.look(Subject((file,), layout, wrong)))
+
+
 @pytest.fixture
 def session(tmp_path):
     """Writes the file of a session whose arm is the UR5 with meshes for bodies."""
@@ -72,20 +78,17 @@ def test_a_singular_home_is_said(session, tmp_path):
     bare.write_text(bare.read_text().replace("-90, -90, -90", "-90, 0, -90"))
     (words,) = cautions(load_config(file))
     assert words.startswith("arm: its home is singular (0.000)")
-    layout, wrong = read_files([file])
-    found = list(Files.look(Subject((file,), layout, wrong)))
+    found = looked_at(file)
     assert told(Files, found) == [("caution", "caution")]
 
 
 def test_the_doctor_says_it(session):
     file = session("")
-    layout, wrong = read_files([file])
-    found = list(Files.look(Subject((file,), layout, wrong)))
+    found = looked_at(file)
     assert told(Files, found) == [("caution", "caution")]
     assert SAID in found[0].what
     file = session(BOX)
-    layout, wrong = read_files([file])
-    found = list(Files.look(Subject((file,), layout, wrong)))
+    found = looked_at(file)
     assert ("failure", "file") in told(Files, found)
     assert any(SAID in each.what for each in found)
 

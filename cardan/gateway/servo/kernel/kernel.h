@@ -147,7 +147,7 @@ KERNEL_API void kernel_pose_at(Kernel *kernel);
 KERNEL_API void kernel_motion(Kernel *kernel);
 KERNEL_API void kernel_status(Kernel *kernel);
 
-/* ResponseLag of cardan/gateway/servo/lag.py: keep the commanded joints of the last `lag_s` (0: of no
+/* ResponseLag of cardan/gateway/servo/response_lag.py: keep the commanded joints of the last `lag_s` (0: of no
  * time), which forgets those before; note those of now. Bit i of `turns`: whole turns of joint i make
  * no difference. */
 KERNEL_API void kernel_keep_past(Kernel *kernel, double lag_s, int32_t turns);

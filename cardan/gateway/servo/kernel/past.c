@@ -1,4 +1,4 @@
-/* The joints of a robot that lags behind its command, as cardan/gateway/servo/lag.py has them. */
+/* The joints of a robot that lags behind its command, as cardan/gateway/servo/response_lag.py has them. */
 #include <string.h>
 
 #include "internal.h"
