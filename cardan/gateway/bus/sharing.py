@@ -152,6 +152,8 @@ class ShareCore:
         self._ended_owner = b""
         self._edges: deque[Edge] = deque()
         self._number = 0
+        self._pressed: set[str] = set()
+        """Buttons that are down by their edges."""
         self._sent_s = NEVER_S
         self._last: DeviceState | None = None
         """State that was published last."""
@@ -284,6 +286,10 @@ class ShareCore:
         now_s: float,
     ) -> Shared | None:
         urgent = self._keep(edges) or self._asked
+        if not state.buttons <= self._pressed:
+            # Pressed after the edges were taken: its edge comes with the next state. Down without
+            # an edge it would count for nothing until it is let go.
+            state = state._replace(buttons=state.buttons & self._pressed)
         self._changed = state != self._last
         if not urgent and now_s < self._sent_s + self._wait_s(self._changed):
             return None
@@ -328,6 +334,7 @@ class ShareCore:
         told = False
         for stamp_s, button, pressed in edges:
             self._number += 1
+            self._pressed = self._pressed | {button} if pressed else self._pressed - {button}
             if self._claim is None:
                 continue
             if len(self._edges) == MOST_EDGES:
