@@ -4,11 +4,9 @@ import math
 
 import pytest
 from hypothesis import given, strategies as st
-from typer.testing import CliRunner
 
-from cardan.cli import sim
 from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
-from cardan.errors import ConfigurationError, ScriptError
+from cardan.errors import ScriptError
 from cardan.sim_peers.egm_controller import ContactSurface, EgmController, EgmControllerOptions
 from cardan.sim_peers.egm_controller.contact import tcp_velocity, touch
 from cardan.sim_peers.kinematics import forward
@@ -145,41 +143,6 @@ def test_a_wall_that_is_none_is_refused(line, tmp_path):
     script.write_text(line + "\n")
     with pytest.raises(ScriptError, match="usage: wall"):
         Pc(script=str(script))
-
-
-@pytest.mark.parametrize(
-    "bad",
-    [
-        {"surface": ContactSurface(math.nan)},
-        {"surface": ContactSurface(0.2, stiffness_n_m=-1.0)},
-        {"surface": ContactSurface(0.2, friction=math.inf)},
-        {"force_frame": "world"},
-        {"force_sense": "pulled"},
-        {"collision_force_n": -1.0},
-        {"joints_deg": (0.0, 0.0, 90.0, 0.0, 0.0, 0.0)},
-        {"joints_deg": (math.nan, 0.0, 0.0, 0.0, 0.0, 0.0)},
-    ],
-)
-def test_bad_options_are_named(bad):
-    with pytest.raises(ConfigurationError, match=next(iter(bad))):
-        EgmControllerOptions(**bad)
-
-
-@pytest.mark.parametrize(
-    ("words", "option"),
-    [
-        (("--surface", "low"), "--surface"),
-        (("--surface", "0.2:1:2:3:4"), "--surface"),
-        (("--surface", "0.2:-1"), "--surface"),
-        (("--force-frame", "world"), "--force-frame"),
-        (("--force-sense", "pulled"), "--force-sense"),
-        (("--joints", "1,2,3"), "--joints"),
-    ],
-)
-def test_wrong_words_on_the_command_line_name_the_option(words, option):
-    outcome = CliRunner().invoke(sim, ["abb-gofa", *words, "--seconds", "0"])
-    assert isinstance(outcome.exception, ConfigurationError)
-    assert outcome.exception.key == option
 
 
 # -- understood by the driver ---------------------------------------------------------------------

@@ -23,6 +23,7 @@ from cardan.protocols.egm.messages import (
 )
 from cardan.sim_peers.egm_controller import (
     SCRIPTS,
+    ContactSurface,
     EgmController,
     EgmControllerOptions,
     EgmState,
@@ -883,6 +884,14 @@ def test_a_path_ends_at_its_fine_point(tmp_path):
         {"comm_timeout_s": 0.0},
         {"joints_deg": (0.0, 0.0)},
         {"pos_corr_gain": 2.0},
+        {"joints_deg": (0.0, 0.0, 90.0, 0.0, 0.0, 0.0)},
+        {"joints_deg": (math.nan, 0.0, 0.0, 0.0, 0.0, 0.0)},
+        {"surface": ContactSurface(math.nan)},
+        {"surface": ContactSurface(0.2, stiffness_n_m=-1.0)},
+        {"surface": ContactSurface(0.2, friction=math.inf)},
+        {"force_frame": "world"},
+        {"force_sense": "pulled"},
+        {"collision_force_n": -1.0},
     ],
 )
 def test_bad_options_name_their_key(options):

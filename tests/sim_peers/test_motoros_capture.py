@@ -7,10 +7,7 @@ here were taken from it too, and are enough for the most of it where the capture
 from __future__ import annotations
 
 import itertools
-import select
-import socket
 import statistics
-import time
 from typing import NamedTuple
 
 import pytest
@@ -18,7 +15,6 @@ import pytest
 from cardan.protocols.simple_message import (
     ZEROS,
     ByteOrder,
-    FrameReader,
     JointTrajPtFull,
     MessageType,
     MotionCommand,
@@ -31,7 +27,6 @@ from cardan.protocols.simple_message import (
 from cardan.sim_peers.motoros_controller import (
     MotorosController,
     MotorosControllerOptions,
-    MotorosControllerPeer,
     MotorosServers,
 )
 from tests import captures
@@ -293,45 +288,3 @@ def test_states_come_as_from_the_real_controller(real):
         assert max(abs(gap - 0.025) for gap in gaps) < 0.002
     feedback = next(m.body for _, m in replay.states if m.msg_type == MessageType.JOINT_FEEDBACK)
     assert feedback.valid_fields == 2
-
-
-def test_over_tcp_replies_come_and_the_move_is_made(real):
-    """On loopback the captured client runs in real time: the same number of points, and replies
-    far within a state period."""
-    peer = MotorosControllerPeer(captured_controller(real, base_port=0))
-    peer.open()
-    try:
-        with socket.create_connection(("127.0.0.1", peer.motion_port)) as link:
-            link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            link.setblocking(False)
-            reader = FrameReader(ByteOrder.BIG)
-
-            def ask(data):
-                link.sendall(data)
-                sent_s = time.monotonic()
-                while time.monotonic() < sent_s + 5.0:
-                    peer.step(time.monotonic() + 0.0005)
-                    if select.select([link], [], [], 0.0)[0]:
-                        reader.feed(link.recv(4096))
-                        frame = reader.take()
-                        if frame is not None:
-                            return time.monotonic() - sent_s, WIRE.decode(frame)
-                raise TimeoutError
-
-            for data in real.requests:
-                ask(data)
-            took_s, busy, begun_s = [], 0, time.monotonic()
-            for data in real.points:
-                while True:
-                    reply_s, answer = ask(data)
-                    took_s.append(reply_s)
-                    peer.step(time.monotonic() + RETRY_S)
-                    if answer.body.result == MotionResult.SUCCESS:
-                        break
-                    assert answer.body.result == MotionResult.BUSY
-                    busy += 1
-            assert 0.25 < time.monotonic() - begun_s < 5.0
-    finally:
-        peer.close()
-    assert busy >= 5
-    assert statistics.median(took_s) < 0.05
