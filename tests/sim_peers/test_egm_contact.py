@@ -124,13 +124,12 @@ def test_a_hard_press_is_a_collision():
     assert -pc.core.contact_force.z < 60.0  # it stopped there
 
 
-def test_a_script_puts_a_surface_there_and_takes_it_away(tmp_path):
-    script = tmp_path / "press"
-    script.write_text(
+def test_a_script_puts_a_surface_there_and_takes_it_away():
+    steps = (
         "0 movej\n0 setup\n0 act window=1e-9\n0 run cond-time=1e6\n"
         "0.1 wall 300 2 10 0.1\n0.5 wall 300 0\n"
     )
-    pc = Pc(mode="pose", joints_deg=DOWN_DEG, script=str(script), force_control=True)
+    pc = Pc(steps, mode="pose", joints_deg=DOWN_DEG, force_control=True)
     pc.run(0.3)
     assert pc.core.contact_force.z == pytest.approx(-2000.0 * (0.3 - pc.core.tcp.position.z))
     pc.run(0.4)
@@ -138,11 +137,9 @@ def test_a_script_puts_a_surface_there_and_takes_it_away(tmp_path):
 
 
 @pytest.mark.parametrize("line", ["0 wall 300", "0 wall 300 -1", "0 wall 300 1 1 1 1"])
-def test_a_wall_that_is_none_is_refused(line, tmp_path):
-    script = tmp_path / "bad"
-    script.write_text(line + "\n")
+def test_a_wall_that_is_none_is_refused(line):
     with pytest.raises(ScriptError, match="usage: wall"):
-        Pc(script=str(script))
+        Pc(line + "\n")
 
 
 # -- understood by the driver ---------------------------------------------------------------------

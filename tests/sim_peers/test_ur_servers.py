@@ -633,7 +633,9 @@ def test_clients_that_never_read_miss_whole_packets_on_every_port_of_states(monk
         "cardan.sim_peers.tcp_peer.time", SimpleNamespace(monotonic=lambda: next(clock))
     )
     kinds = [kind for kind in PORT_KINDS if kind.startswith(("primary", "secondary", "realtime"))]
-    options = UrControllerOptions(robot="ur5", rtde_port=0, primary_port=0, dashboard_port=0)
+    options = UrControllerOptions(
+        robot="ur5", rtde_port=0, primary_port=0, dashboard_port=0, running=True
+    )
     peer = UrControllerPeer(options)
     with contextlib.ExitStack() as stack:
         peer.open()
