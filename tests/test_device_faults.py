@@ -289,6 +289,9 @@ class PhonePage(Subject):
     def let_go(self):
         self.rig.device.release("hold")
         self.rig.run(0.3, REST)
+
+    def replug(self):
+        super().replug()
         # The page is another one, on which Align is pressed anew.
         self.rig.device.aligns_until_s = self.rig.device.next_due_s + 0.1
 

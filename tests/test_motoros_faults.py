@@ -186,6 +186,15 @@ def die(rig, seconds):
         rig.trace.append((rig.now_s, command[0], rig.controller.measured_rad(0)[0]))
 
 
+@pytest.mark.parametrize("mode", MODES)
+def test_a_second_client_is_refused_while_the_robot_moves(mode):
+    rig = moving(mode)
+    assert rig.servers.accepted("motion", rig.now_s) is None
+    rig.run(0.3)
+    assert speed(rig) == pytest.approx(SPEED, rel=0.05)
+    assert rig.session.enabled
+
+
 def test_a_second_client_takes_over_at_rest_and_that_is_said():
     rig = moving("velocity")
     rig.answer = lambda state: JointVelocityCommand((0.0,) * 6)

@@ -6,8 +6,11 @@ here were taken from it too, and are enough for the most of it where the capture
 
 from __future__ import annotations
 
+import contextlib
 import itertools
+import socket
 import statistics
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import pytest
@@ -15,6 +18,7 @@ import pytest
 from cardan.protocols.simple_message import (
     ZEROS,
     ByteOrder,
+    FrameReader,
     JointTrajPtFull,
     MessageType,
     MotionCommand,
@@ -27,6 +31,7 @@ from cardan.protocols.simple_message import (
 from cardan.sim_peers.motoros_controller import (
     MotorosController,
     MotorosControllerOptions,
+    MotorosControllerPeer,
     MotorosServers,
 )
 from tests import captures
@@ -288,3 +293,37 @@ def test_states_come_as_from_the_real_controller(real):
         assert max(abs(gap - 0.025) for gap in gaps) < 0.002
     feedback = next(m.body for _, m in replay.states if m.msg_type == MessageType.JOINT_FEEDBACK)
     assert feedback.valid_fields == 2
+
+
+def test_over_tcp_replies_come_within_a_state_period_and_the_move_is_made(client, monkeypatch):
+    """By a clock that only being read moves."""
+    clock = itertools.count(500.0, 1e-4)
+    monkeypatch.setattr(
+        "cardan.sim_peers.tcp_peer.time", SimpleNamespace(monotonic=lambda: next(clock))
+    )
+    peer = MotorosControllerPeer(captured_controller(client, base_port=0))
+    reader = FrameReader(ByteOrder.BIG)
+    took_s, answers = [], []
+    with contextlib.closing(peer), socket.socket() as link:
+        peer.open()
+        link.connect(("127.0.0.1", peer.motion_port))
+        link.setblocking(False)
+        for data in (*client.requests, *client.points):
+            accepted = False
+            while not accepted:
+                sent_s = next(clock)
+                link.sendall(data)
+                while (frame := reader.take()) is None:
+                    assert next(clock) < sent_s + 1.0
+                    peer.step(next(clock) + 0.0005)
+                    with contextlib.suppress(BlockingIOError):
+                        reader.feed(link.recv(4096))
+                took_s.append(next(clock) - sent_s)
+                answer = WIRE.decode(frame).body
+                answers.append((answer.sequence, answer.result))
+                accepted = data in client.requests or answer.result == MotionResult.SUCCESS
+                assert accepted or answer.result == MotionResult.BUSY
+                peer.step(sent_s + RETRY_S)
+    del answers[: len(client.requests)]
+    assert refusals(answers) == pytest.approx(BUSY, abs=1)
+    assert statistics.median(took_s) < 0.025

@@ -1033,6 +1033,17 @@ def test_a_speed_limit_discards_in_velocity_mode(cell):
     assert cell.it.command_rad(0)[0] - before == pytest.approx(0.25, abs=0.003)
 
 
+def test_a_speed_limit_keeps_the_direction_and_fractions_of_pulses(cell):
+    cell.it.speed_limit(0.1, cell.now_s)
+    cell.start_velocity()
+    before = np.array(cell.it.command_rad(0))
+    cell.drive(0.4, 5.0, 0.02, 0.0, 0.5)
+    assert cell.velocity(5.0, 0.02, 0.0, 0.5).data[0] == 1.0
+    way = np.array(cell.it.command_rad(0)) - before
+    assert way[0] == pytest.approx(0.4 * 0.1 * load_arm("gp8").velocity[0], rel=0.05)
+    assert way[[1, 3]] == pytest.approx(way[0] * np.array([0.004, 0.1]), abs=4e-5)
+
+
 def test_a_speed_limit_that_comes_and_goes_acts_at_once_and_lets_go_in_a_ramp(cell):
     cell.start_velocity()
     cell.drive(0.3, 2.0)

@@ -505,7 +505,12 @@ def test_the_io_port_serves_bits_groups_and_registers(world, io):
     assert world.ask(io, request(WriteIo(1001, 9), T.MOTO_WRITE_IO_GROUP)).body == WriteIoReply(0)
     assert world.ask(io, request(ReadIo(1001), T.MOTO_READ_IO_GROUP)).body == ReadIoReply(9, 0)
     world.ask(io, request(WriteRegister(3, 77)))
-    assert world.ask(io, request(ReadRegister(1_000_003))).body == (77, 0)
+    found = world.ask(io, request(ReadRegister(1_000_003)))
+    assert found[:3] == (T.MOTO_READ_MREGISTER, CommType.SERVICE_REPLY, 1)
+    assert found.body == (77, 0)
+    found = world.ask(io, request(ReadIo(18), T.MOTO_READ_IO_BIT))
+    assert found[:3] == (T.MOTO_READ_IO_BIT_REPLY, CommType.SERVICE_REPLY, 2)
+    assert found.body == (0, 1001)
 
 
 @pytest.mark.parametrize(
@@ -783,7 +788,7 @@ def test_things_happen_in_the_cell_at_a_time(name, field, value):
     assert before != getattr(world.controller.status(), field) == value
 
 
-def test_a_safety_unit_can_limit_the_speed():
+def test_a_speed_limit_of_the_safety_unit_stretches_the_trajectory():
     world = faulty(fsu=0.008)
     motion = world.connect("motion")
     world.start_moving(motion)
@@ -791,6 +796,13 @@ def test_a_safety_unit_can_limit_the_speed():
     # Without a limit, 0.075 rad/s.
     assert world.controller.velocity_rad_s(0)[0] == pytest.approx(
         0.008 * world.options.axis_speeds[0], rel=0.05
+    )
+    world.run(0.5)
+    assert world.controller.moving_data  # for longer than the second of the trajectory
+    world.run(1.0)
+    assert not world.controller.moving_data
+    assert world.controller.command_rad(0)[0] == pytest.approx(
+        world.options.arm.home[0] + 0.05, abs=1e-4
     )
 
 
