@@ -216,6 +216,15 @@ def test_seized_accepts_and_stays_silent(path: str) -> None:
         assert not reader.ended
 
 
+def test_refuse_refuses_and_yields_after_its_time(path: str) -> None:
+    with served(path, "rest", faults={"refuse": 1000.0}) as peer:
+        with pytest.raises(ConnectionRefusedError):
+            connect(path)
+        peer.refused_until_s -= 1000.0
+        peer.step(0.0)
+        connect(path).close()
+
+
 def test_a_stale_socket_is_replaced_and_a_live_one_is_not(path: str) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as dead:
         dead.bind(path)
