@@ -44,8 +44,8 @@ _CONTROLLER = "cardan.gateway.arm.controller:ArmController"
 _EGM = "cardan.drivers.abb_egm"
 PARTS = (
     ("receive", f"{_EGM}.session:EgmSession.receive"),
-    ("device state", "cardan.drivers.reader_thread:ReadDevice.state"),
-    ("button events", "cardan.drivers.reader_thread:ReadDevice.button_events"),
+    ("device state", "cardan.drivers.reader_thread:ReaderMixin.state"),
+    ("button events", "cardan.drivers.reader_thread:ReaderMixin.button_events"),
     ("tick", f"{_CONTROLLER}.tick"),
     ("- robot judged", "cardan.gateway.arm.supervision:Supervision.look"),
     ("- robot observed", f"{_CONTROLLER}._observe"),

@@ -5,7 +5,7 @@
 This process plays the device and the robot's controller: it writes a SpaceMouse's reports into a
 socket, and asks sessions by EGM, once in 4 ms, as a controller does. Measured are the times from
 the report that deflects the device to the first answer that moves the arm, and from the report
-that releases the dead-man button to the last answer that moves it.
+that releases the dead-man button to the last answer that moves it on, by SWING_M.
 
 Speed: one session reads the device itself, one by ``cardan devices share`` and a router, and one
 what ROS 2's spacenav_node would publish, on the same router. All run side by side and are asked in
@@ -13,7 +13,8 @@ turns.
 
 Networks: ``cardan devices share`` is at one computer, router and session are at another, both made
 of network namespaces, and between them is a link (:mod:`bench.two_computers`). It is a model of
-those networks, and not one of them; TCP over it is the kernel's.
+those networks, and not one of them; TCP and UDP over it are the kernel's. Each is measured by TCP,
+and by QUIC, as ``cardan net pair --quic`` joins the two.
 
 `--pages` writes the tables into docs/measurements.md.
 """
@@ -21,6 +22,7 @@ those networks, and not one of them; TCP over it is the kernel's.
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import random
 import selectors
@@ -50,7 +52,9 @@ from cardan.bus.options import BusOptions
 from cardan.demos.examples import free_ports
 from cardan.gateway.session.subprocesses import Launched, launched
 from cardan.protocols.connexion.reports import encode_buttons, encode_motion
+from cardan.protocols.egm import EgmMotion
 from cardan.protocols.ros2.cdr import codec_of
+from cardan.types import Vector3
 from studies.cartesian.controller import START, datagram, obeyed
 
 PAGE: Final = Path(__file__).parents[1] / "docs/measurements.md"
@@ -70,7 +74,11 @@ REST_S = 0.1
 """An arm that was not moved for so long, and longer than the network can stand still, rests."""
 PAUSE_S = 0.3
 """At rest, with the button held, before the device is deflected."""
+SWING_M = 1e-3
+"""The robot obeys at once: where an answer is a cycle late, it swings about the place of its rest,
+by less than this, for up to a second. At its speed the arm goes so far in 10 ms."""
 READY_WITHIN_S, ACT_WITHIN_S = 60.0, 5.0
+PAIRED_WITHIN_S = 20.0
 
 EGM_PORT: Final = 6510
 """Of the session at the robot's computer."""
@@ -124,6 +132,11 @@ NETWORKS: Final = (
 )
 
 
+TCP, QUIC = "TCP", "QUIC"
+"""How the two computers are joined: by the router's endpoint alone, or paired."""
+WAYS: Final = (TCP, QUIC)
+
+
 class HandHeld(ABC):
     """A device that this process holds."""
 
@@ -154,9 +167,9 @@ class Mouse(HandHeld):
             packets.insert(0, encode_buttons(int(self.buttons), 3))
         if self.axis or (self.axis, self.buttons) != self._said[::-1]:
             for reader in self._readers:
-                with contextlib.suppress(OSError):
+                with contextlib.suppress(OSError):  # One that is stopped: as a full buffer's.
                     for packet in packets:
-                        reader.send(packet)
+                        reader.send(packet, socket.MSG_DONTWAIT)
         self._said = (self.buttons, self.axis)
 
     def close(self) -> None:
@@ -196,6 +209,9 @@ class Robot:
         self.place = START
         self.moved_s = 0.0
         """Time of the last answer that moved the arm."""
+        self.went_s = 0.0
+        """Time of the last that had moved it on by SWING_M."""
+        self._went = _position(START)
 
     def ask(self, cycle: int) -> None:
         """Send one datagram."""
@@ -209,7 +225,16 @@ class Robot:
                 place = obeyed(self.socket.recv(2048), self.place)
                 if place.cartesian != self.place.cartesian:
                     self.moved_s = now_s
+                if math.dist(where := _position(place), self._went) >= SWING_M:
+                    self.went_s, self._went = now_s, where
                 self.place = place
+
+
+def _position(place: EgmMotion) -> Vector3:
+    """Of the TCP, m."""
+    assert place.cartesian is not None
+    assert place.cartesian.pos is not None
+    return place.cartesian.pos
 
 
 class Cell:
@@ -228,8 +253,10 @@ class Cell:
         """Go on until `till_s`; return the time."""
         while (now_s := time.monotonic()) < till_s:
             if now_s >= self._slot_s:
-                self._cycle += 1
-                self._slot_s = max(self._slot_s + PERIOD_S, now_s)
+                # A controller's clock does not wait for a busy computer: its cycles are missed.
+                cycles = 1 + int((now_s - self._slot_s) / PERIOD_S)
+                self._cycle += cycles
+                self._slot_s += cycles * PERIOD_S
                 for robot in self.robots.values():
                     robot.ask(self._cycle)
             if now_s >= self._reported_s + REPORT_S:
@@ -255,11 +282,11 @@ class Cell:
         return robot.moved_s
 
     def rested_after(self, robot: Robot, since_s: float, rest_s: float) -> float:
-        """Return the time of the last motion."""
+        """Return the time of the last motion, but for a swing."""
         self.wait(rest_s)
-        while (now_s := time.monotonic()) < max(since_s, robot.moved_s) + rest_s:
+        while (now_s := time.monotonic()) < max(since_s, robot.went_s) + rest_s:
             self.play(now_s + REST_S)
-        return robot.moved_s
+        return robot.went_s
 
     def act(self, robot: Robot, **what: bool) -> float:
         """Have the hand do it, now; returns when."""
@@ -330,11 +357,13 @@ def session(
 
 
 @contextlib.contextmanager
-def shared(folder: Path, mouse: str, router: str, at: Sequence[str] = ()) -> Iterator[Launched]:
-    """``cardan devices share``, of the mouse; `at`: put before the command."""
+def shared(
+    folder: Path, mouse: str, way: Sequence[str], at: Sequence[str] = ()
+) -> Iterator[Launched]:
+    """``cardan devices share``, of the mouse, by the options `way`; `at`: before the command."""
     config = folder / "operator.toml"
     config.write_text(f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{mouse}"\n')
-    words = ("devices", "share", str(config), "--router", router, "--name", "hand")
+    words = ("devices", "share", str(config), *way, "--name", "hand")
     command = Launched(*words, at=at)
     try:
         yield command
@@ -358,7 +387,7 @@ def measure_speed(acts: int) -> Figures:
         stack.callback(far.close)
         node = BusNode(BusOptions(router=router, mode="client"), "spacenav")
         spacenav = Spacenav(stack.enter_context(node))
-        stack.enter_context(shared(folder, f"{name}/far", router))
+        stack.enter_context(shared(folder, f"{name}/far", ("--router", router)))
         robots: dict[str, Robot] = {}
         ways: dict[str, tuple[HandHeld, str, str]] = {
             LOCAL: (
@@ -398,11 +427,12 @@ class Apart(NamedTuple):
     both: TwoComputers
     routers: list[Launched]
     """At the robot's computer: the one that runs is the last."""
+    router_way: Sequence[str]
+    """The router's options."""
 
     def start_router(self) -> None:
         """Start it, once no other runs."""
-        endpoint = f"tcp/0.0.0.0:{ROUTER_PORT}"
-        words = ("net", "server", "router", "--endpoint", endpoint)
+        words = ("net", "server", "router", *self.router_way)
         self.routers.append(Launched(*words, at=self.both.at(ROBOT)))
 
     def end_routers(self) -> None:
@@ -411,9 +441,39 @@ class Apart(NamedTuple):
             router.end()
 
 
+def paired(folder: Path, both: TwoComputers) -> tuple[str, str]:
+    """Pair the two computers; Zenoh's files of the router's and of the operator's."""
+    state = {at: folder / at for at in (ROBOT, OPERATOR)}
+
+    def command(at: str, *words: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [*both.at(at), sys.executable, "-m", "cardan", "net", "pair", *words],
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "XDG_STATE_HOME": str(state[at])},
+        )
+
+    with command(ROBOT) as robot:
+        try:
+            assert robot.stdout is not None
+            code = robot.stdout.readline().partition(";")[0].removeprefix("code ")
+            with command(OPERATOR, ADDRESSES[ROBOT], "--code", code, "--quic") as operator:
+                operator.communicate()
+            if operator.returncode:
+                raise RuntimeError("the two computers cannot be paired: see above")
+            robot.communicate(timeout=PAIRED_WITHIN_S)
+        finally:
+            robot.kill()
+    files = [
+        next(state[at].glob(f"cardan/pair/{name}/zenoh.json5"))
+        for at, name in ((ROBOT, "as-robot"), (OPERATOR, "with-*"))
+    ]
+    return str(files[0]), str(files[1])
+
+
 @contextlib.contextmanager
-def apart(network: Network) -> Iterator[Apart]:
-    """Both, with that network between them."""
+def apart(network: Network, way: str = TCP) -> Iterator[Apart]:
+    """Both, with that network between them; `way`: one of `WAYS`."""
     with tempfile.TemporaryDirectory(prefix="cardan-remote-") as name, _stack() as stack:
         folder = Path(name)
         both = stack.enter_context(two_computers(network.link, network.link))
@@ -421,11 +481,15 @@ def apart(network: Network) -> Iterator[Apart]:
         stack.callback(mouse.close)
         robot = Robot(EGM_PORT, mouse, both.datagrams(ROBOT))
         stack.callback(robot.socket.close)
-        found = Apart(Cell({REMOTE: robot}), robot, both, [])
+        if way == QUIC:
+            ours, theirs = (("--zenoh-config", each) for each in paired(folder, both))
+        else:
+            ours = ("--endpoint", f"tcp/0.0.0.0:{ROUTER_PORT}")
+            theirs = ("--router", f"tcp/{ADDRESSES[ROBOT]}:{ROUTER_PORT}")
+        found = Apart(Cell({REMOTE: robot}), robot, both, [], ours)
         stack.callback(found.end_routers)
         found.start_router()
-        router = f"tcp/{ADDRESSES[ROBOT]}:{ROUTER_PORT}"
-        stack.enter_context(shared(folder, f"{name}/mouse", router, both.at(OPERATOR)))
+        stack.enter_context(shared(folder, f"{name}/mouse", theirs, both.at(OPERATOR)))
         keys = remote(
             f"tcp/127.0.0.1:{ROUTER_PORT}",
             f"max_age_s = {network.max_age_s}\nwait_for_device = true\n",
@@ -435,10 +499,10 @@ def apart(network: Network) -> Iterator[Apart]:
         yield found
 
 
-def measure_network(network: Network, acts: int) -> tuple[Figures, Figures]:
-    """Until motion, and until rest, over it."""
+def measure_network(network: Network, way: str, acts: int) -> tuple[Figures, Figures]:
+    """Until motion, and until rest, over it, that `way`."""
     moves, rests = Figures(network.name), Figures(network.name)
-    with apart(network) as (cell, robot, *_):
+    with apart(network, way) as (cell, robot, *_):
         rest_s = network.longest_s
         cell.make_ready(robot, rest_s)
         for _ in range(acts):
@@ -483,15 +547,15 @@ def speed_table(figures: Figures, conditions: str) -> str:
     return "\n".join(lines) + f"\n\n{aim} {conditions}"
 
 
-def network_table(rows: list[tuple[Network, Figures, Figures]], local: Figures) -> str:
+def network_table(rows: list[tuple[Network, str, Figures, Figures]], local: Figures) -> str:
     """As docs/measurements.md has it."""
     lines = [
-        "| network | delay, jitter, lost, stands still | device to arm beyond its delay and what a "
-        "local device takes, median / p99 | aim | let go to rest, median / longest | aim |",
-        "|---|---|---|---|---|---|",
+        "| network | by | delay, jitter, lost, stands still | device to arm beyond its delay and "
+        "what a local device takes, median / p99 | aim | let go to rest, median / longest | aim |",
+        "|---|---|---|---|---|---|---|",
     ]
     alone = [local.quantile(LOCAL, quantile) for quantile in ("median", "p99")]
-    for network, moves, rests in rows:
+    for network, way, moves, rests in rows:
         beyond = [
             moves.quantile(REMOTE, quantile) - network.link.delay_s - least_s
             for quantile, least_s in zip(("median", "p99"), alone, strict=True)
@@ -499,7 +563,7 @@ def network_table(rows: list[tuple[Network, Figures, Figures]], local: Figures) 
         rest = [rests.quantile(REMOTE, q) for q in ("median", "p99.9")]
         p50_ms, p99_ms = network.aim_ms
         lines.append(
-            f"| {network.name} | {network.in_words} "
+            f"| {network.name} | {way} | {network.in_words} "
             f"| {1e3 * beyond[0]:.1f} / {1e3 * beyond[1]:.1f} ms | {p50_ms:g} / {p99_ms:g} ms "
             f"| {1e3 * rest[0]:.0f} / {1e3 * rest[1]:.0f} ms | {1e3 * network.rest_s:.0f} ms |"
         )
@@ -520,7 +584,11 @@ def main() -> None:
     parts = {SPEED_PART: speed_table(speed, conditions)}
     print(pages.marked(SPEED_PART, parts[SPEED_PART]), flush=True)
     try:
-        rows = [(network, *measure_network(network, acts)) for network in NETWORKS]
+        rows = [
+            (network, way, *measure_network(network, way, acts))
+            for network in NETWORKS
+            for way in WAYS
+        ]
     except NoNamespacesError as error:
         sys.exit(f"the networks are left out, and no page is written: {error}")
     parts[NETWORK_PART] = f"{network_table(rows, speed)}\n\n{conditions}"

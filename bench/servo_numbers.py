@@ -21,7 +21,7 @@ from bench.arms import ACCELERATION_RAD_S2, DampedLeastSquares, kinematics
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import to_pose
 from cardan.gateway.kinematics.collision import CollisionModel, box_obstacle
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.gateway.servo.choice import AnyServo, choose_servo
 from cardan.gateway.servo.options import Policy, ServoOptions
 from cardan.robots import load_arm

@@ -32,8 +32,8 @@ from bench.link import Conditions, Way
 OPERATOR: Final = "operator"
 ROBOT: Final = "robot"
 ADDRESSES: Final = {OPERATOR: "10.77.0.1", ROBOT: "10.77.0.2"}
-OTHER_ADDRESS: Final = "10.77.0.3"
-"""The operator's after :meth:`TwoComputers.change_address`."""
+OTHER_ADDRESSES: Final = {OPERATOR: "10.77.0.3", ROBOT: "10.77.0.4"}
+"""After :meth:`TwoComputers.change_address`."""
 INTERFACE: Final = "net0"
 SENDER: Final = {ROBOT: OPERATOR, OPERATOR: ROBOT}
 """By where a way leads."""
@@ -105,14 +105,14 @@ class TwoComputers:
         found: dict[str, dict[str, int]] = self._ask({})[0]
         return found
 
-    def change_address(self) -> None:
-        """The operator's computer has OTHER_ADDRESS, and no longer its own."""
-        for change in (
-            ("del", f"{ADDRESSES[OPERATOR]}/24"),
-            ("add", f"{OTHER_ADDRESS}/24"),
-        ):
+    def change_address(self, computer: str = OPERATOR, *, back: bool = False) -> None:
+        """OPERATOR or ROBOT has the other of its two addresses, and no longer the one it had;
+        `back`: its first one again."""
+        addresses = [each[computer] for each in (ADDRESSES, OTHER_ADDRESSES)]
+        gone, new = reversed(addresses) if back else addresses
+        for change in (("del", f"{gone}/24"), ("add", f"{new}/24")):
             subprocess.run(
-                [*self.at(OPERATOR), "ip", "address", *change, "dev", INTERFACE], check=True
+                [*self.at(computer), "ip", "address", *change, "dev", INTERFACE], check=True
             )
 
 
@@ -195,11 +195,9 @@ class _Forwarder:
         _ip(*f"link set {INTERFACE} up addrgenmode none".split())
         _ip(*f"address add {ADDRESSES[name]}/24 dev {INTERFACE}".split())
         # ARP that is lost would cost a second, as it does on no long way.
-        known = {**ADDRESSES, OTHER_ADDRESS: OTHER_ADDRESS}
-        for other, address in known.items():
-            if other != name:
-                mac = _MAC.get(other, _MAC[OPERATOR])
-                _ip(*f"neighbor add {address} lladdr {mac} dev {INTERFACE}".split())
+        for addresses in (ADDRESSES, OTHER_ADDRESSES):
+            address, mac = addresses[SENDER[name]], _MAC[SENDER[name]]
+            _ip(*f"neighbor add {address} lladdr {mac} dev {INTERFACE}".split())
         self._congestion = _CONGESTION.read_text().strip()
         return os.open("/proc/self/ns/net", os.O_RDONLY)
 

@@ -14,7 +14,7 @@ from cardan.drivers.spacemouse.core import SpaceMouseCore
 from cardan.gateway.arm.joint_space_arm import JointSpaceArm
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.supervision import Watchdogs
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.mapping import MappingOptions
 from cardan.protocols.connexion.devices import model_by_key
 from cardan.sim_peers.base import parse_script

@@ -3,7 +3,7 @@
 from cardan.gateway.arm.commanded_arm import TaskSpaceArm
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.supervision import Watchdogs
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.input import OperatorInput
 from cardan.gateway.operator.mapping import MappingOptions, TwistMapping
 from cardan.types import RobotCapabilities

@@ -14,13 +14,13 @@ from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.motion import Motion
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.supervision import Watchdogs
-from cardan.gateway.arm.verbs import ArmVerbs
+from cardan.gateway.arm.verb_methods import ArmVerbs
 from cardan.gateway.arm.vocab import Parameter, Stream
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.mapping import MappingOptions
 from cardan.gateway.session.arm_assembly import make_arm
 from cardan.gateway.session.config import parse_config
-from cardan.gateway.session.heartbeat import Heartbeat
+from cardan.gateway.session.supervisor_heartbeat import SupervisorHeartbeat
 from cardan.types import CommandKind, DeviceLink, DeviceState, RobotCommand, RobotState
 from tests.controllers import controller_for_hand
 from tests.fault_rig import Bench
@@ -45,14 +45,14 @@ class Scenario(ABC):
         self.silent = False
         """The device, or the sender of the stream, says nothing more."""
         self.started_s = math.inf
-        self.heartbeat: Heartbeat | None = None
+        self.heartbeat: SupervisorHeartbeat | None = None
         """Of a supervisor that has been stopped; None while one runs."""
 
     controller: ArmController
 
     def stop_supervisor(self) -> None:
         """The process that shows the session is stopped (SIGSTOP)."""
-        self.heartbeat = Heartbeat(Watchdogs().heartbeat_s, self.bench.now_s)
+        self.heartbeat = SupervisorHeartbeat(Watchdogs().heartbeat_s, self.bench.now_s)
 
     def _supervise(self, now_s: float) -> None:
         if self.heartbeat is not None:

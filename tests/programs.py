@@ -11,11 +11,12 @@ from tests.waiting import WITHIN_S, until
 
 
 class Program:
-    """``cardan WORDS`` in a process of its own; it is killed at the end of the block."""
+    """``cardan WORDS`` in a process of its own; it is killed at the end of the block. `at`: words
+    before the command that execute it."""
 
-    def __init__(self, *words, **options):
+    def __init__(self, *words, at=(), **options):
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "cardan", *map(str, words)],
+            [*at, sys.executable, "-m", "cardan", *map(str, words)],
             **{
                 "env": ENVIRONMENT,
                 "stdout": subprocess.PIPE,

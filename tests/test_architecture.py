@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 
 from cardan.common.tables import read_toml
+from cardan.drivers import registry
+from tests.docs_tables import ours
 
 PACKAGE = Path(__file__).parents[1] / "cardan"
 SOURCE_TREE = PACKAGE.parent
@@ -26,6 +28,8 @@ BESIDE = {
 }
 """Packages that build on this one, absent where only the package is installed."""
 PLUGINS = sorted(SOURCE_TREE.glob("plugins/cardan-*"))
+OF_THE_TREE = {"cardan", *BESIDE}
+DRIVERS = ours(registry)
 GROUPS = {
     "cardan.buses", "cardan.captures", "cardan.checks", "cardan.commands", "cardan.conform",
     "cardan.dissect", "cardan.drivers", "cardan.filters", "cardan.second_descriptions",
@@ -135,11 +139,11 @@ GONE = frozenset(
 )
 """Names of modules that the field has other words for: CHANGELOG.md has them."""
 GONE_WORDS = (
-    "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "DaemonArm", "EgmPilot", "EgmSeen",
-    "EngineReport", "Felt", "FeltFigures", "FeltForce", "ForceGuard", "FreeBody", "HandPilot",
-    "JointStreamSeen", "MapGlide", "MotorosPilot", "MotorosSeen", "Outbox", "PlainBook",
-    "RemoteCartesianDevice", "RemotePacketArm", "Tongue", "UrPilot", "UrSeen", "VerbDesk",
-    "leash_used", "leashed", "no_farewell_after_s", "off_the_wire",
+    "AbbGofa", "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "DaemonArm", "EgmPilot",
+    "EgmSeen", "EngineReport", "Felt", "FeltFigures", "FeltForce", "ForceGuard", "FreeBody",
+    "HandPilot", "JointStreamSeen", "MapGlide", "MotomanGp8", "MotorosPilot", "MotorosSeen",
+    "Outbox", "PlainBook", "RemoteCartesianDevice", "RemotePacketArm", "Tongue", "UrPilot",
+    "UrSeen", "VerbDesk", "leash_used", "leashed", "no_farewell_after_s", "off_the_wire",
     "owes_answer", "replay_engine", "tongue", "tried_with",
 )  # fmt: skip
 """Words of identifiers, likewise."""
@@ -173,7 +177,7 @@ ARM_MODEL = (
     "cardan.gateway.arm.planner",
     "cardan.gateway.arm.plans",
     "cardan.gateway.arm.streams",
-    "cardan.gateway.arm.verbs",
+    "cardan.gateway.arm.verb_methods",
     "cardan.gateway.bus.neighbors",
     "cardan.gateway.kinematics.",
     "cardan.gateway.motion.paths",
@@ -683,6 +687,20 @@ def test_a_public_class_has_a_name_of_its_own():
                 modules.setdefault(each.name, []).append(str(path.relative_to(PACKAGE)))
     assert len(modules) > 1000
     assert {name: of for name, of in modules.items() if len(of) > 1} == {}
+
+
+def inheritance(kind):
+    """The longest chain of classes of this source tree from `kind` to one that has no base here."""
+    bases = (base for base in kind.__bases__ if base.__module__.partition(".")[0] in OF_THE_TREE)
+    return [kind.__name__, *max(map(inheritance, bases), key=len, default=[])]
+
+
+@pytest.mark.parametrize("driver", [pytest.param(kind, id=name) for name, kind in DRIVERS.items()])
+def test_a_driver_stands_on_three_bases_at_most(driver):
+    """One above the other: who reads `open()` of a device goes through no more of them."""
+    special = [kind for kind in driver.__subclasses__() if kind.__module__ == driver.__module__]
+    chains = [inheritance(kind) for kind in (driver, *special)]
+    assert [" -> ".join(chain) for chain in chains if len(chain) > 4] == []
 
 
 def test_the_page_of_the_architecture_has_every_room_and_no_other():

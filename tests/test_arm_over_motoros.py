@@ -12,7 +12,7 @@ from cardan.drivers.motoros import Motoros
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.status import Phase
-from cardan.gateway.arm.verbs import ArmVerbs
+from cardan.gateway.arm.verb_methods import ArmVerbs
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.session.arm_assembly import make_arm
 from cardan.gateway.session.assembly import load_config, make_controller

@@ -32,11 +32,16 @@ def test_both_aims_of_the_speed_are_held():
 def test_the_page_has_a_place_for_both_tables():
     page = Path(remote.PAGE).read_text("utf-8")
     local = found(local=0.002, share=0.0025, **{remote.SPACENAV: 0.005})
-    rows = [(network, found(share=0.13), found(share=0.2)) for network in NETWORKS]
+    rows = [
+        (network, way, found(share=0.13), found(share=0.2))
+        for network in NETWORKS
+        for way in remote.WAYS
+    ]
     for part, body in (
         (remote.SPEED_PART, remote.speed_table(local, "")),
         (remote.NETWORK_PART, remote.network_table(rows, local)),
     ):
         assert body.strip() in pages.replaced(page, part, body)
-    internet = remote.network_table(rows, local).splitlines()[-1]
+    *_, internet = remote.network_table(rows, local).splitlines()
+    assert internet.startswith("| Internet | QUIC |")
     assert "| 8.0 / 8.0 ms | 2 / 15 ms | 200 / 200 ms | 370 ms |" in internet

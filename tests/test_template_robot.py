@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from cardan.errors import CommandError
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.mapping import MappingOptions
 from cardan.gateway.session.arm_assembly import make_arm
 from cardan.gateway.session.config import parse_config

@@ -20,6 +20,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cardan.bus.options import BusOptions
 from cardan.bus.reconnecting import Reconnector
+from cardan.bus.tls import tls_obstacle
+from cardan.common.context import enter, leave
 from cardan.common.extras import missing_extra
 from cardan.common.files import expanded
 from cardan.common.inbox import Inbox, InboxEmptyError
@@ -143,6 +145,10 @@ class Publisher:
         # Of a session: more than wait for a link one by one go together. It costs up to 1 ms.
         urgency = Urgency.COMMAND if express else Urgency.STATE
         self._publisher = node.declare_publisher(key, entity.qos, express, urgency)
+        self._reliable = self._publisher
+        if not entity.qos.reliable:
+            reliable = entity.qos._replace(reliable=True)
+            self._reliable = node.declare_publisher(key, reliable, express, urgency)
         self._gone = contextlib.suppress(zenoh_module().ZError)
         """The bus is closed, while another thread publishes still."""
         self._token = node.declare_token(entity)
@@ -155,10 +161,19 @@ class Publisher:
     def put_as(self, sequence: int, data: bytes | bytearray, now_ns: int) -> None:
         """The same with a number of the caller's, for a simulated network that loses, repeats or
         exchanges messages."""
+        self._put(self._publisher, sequence, data, now_ns)
+
+    def put_reliably(self, data: bytes | bytearray, now_ns: int) -> None:
+        """Publish one that nothing replaces, by a publisher whose others may be lost. It may
+        overtake those before it."""
+        self._sequence += 1
+        self._put(self._reliable, self._sequence, data, now_ns)
+
+    def _put(self, publisher: Any, sequence: int, data: bytes | bytearray, now_ns: int) -> None:
         attachment = self._attachment
         ATTACHMENT.pack_into(attachment, 0, sequence, now_ns, _GID_BYTES, self._gid)
         with self._gone:
-            self._publisher.put(data, attachment=attachment)
+            publisher.put(data, attachment=attachment)
 
     @property
     def heard(self) -> bool:
@@ -170,6 +185,8 @@ class Publisher:
         """Leave the graph."""
         self._token.undeclare()
         self._publisher.undeclare()
+        if self._reliable is not self._publisher:
+            self._reliable.undeclare()
 
 
 class Subscription:
@@ -405,7 +422,8 @@ class BusNode:
                 self._session = zenoh.open(config)
             except zenoh.ZError as error:
                 raise DriverError(
-                    f"the bus cannot be joined: {words_of(error)}{_advice(error)}"
+                    tls_obstacle(config)
+                    or f"the bus cannot be joined: {words_of(error)}{_advice(error)}"
                 ) from None
             make_config = partial(zenoh_config, self.options)
             self._reconnector = Reconnector(zenoh, self._session, make_config)
@@ -423,12 +441,8 @@ class BusNode:
         if session is not None and self._beside is None:
             close_session(session)
 
-    def __enter__(self) -> BusNode:
-        self.open()
-        return self
-
-    def __exit__(self, *_exception: object) -> None:
-        self.close()
+    __enter__ = enter
+    __exit__ = leave
 
     @property
     def zid(self) -> str:
@@ -545,8 +559,11 @@ class BusNode:
         """Zenoh's publisher; a publisher of latched messages keeps them for latecomers. `express`:
         each message is sent by itself, at once."""
         zenoh = zenoh_module()
+        reliability = zenoh.Reliability
         # DROP: a full link costs messages, never the publisher's time.
         options = {
+            # Over TCP and TLS both are the same; QUIC sends what is not reliable in datagrams.
+            "reliability": reliability.RELIABLE if qos.reliable else reliability.BEST_EFFORT,
             "congestion_control": zenoh.CongestionControl.DROP,
             "priority": urgency.priority,
             "express": express,
@@ -716,7 +733,7 @@ def _advice(error: Exception) -> str:
     if "Unable to connect" in str(error):
         return (
             "; start a router there (`cardan net server router --endpoint ENDPOINT`), and see "
-            "that the network lets it be reached"
+            "that the network lets it be reached; of a paired computer give its file (zenoh_config)"
         )
     if "Address already in use" not in str(error):
         return ""

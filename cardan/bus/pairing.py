@@ -46,7 +46,10 @@ except ImportError as error:
     raise missing_extra("pairing", "spake2", "pair", error) from error
 
 TLS_PORT: Final = 7448
-"""Where the robot's router serves the operator's computer."""
+"""Where the robot's router serves the operator's computer: UDP for QUIC, TCP for TLS."""
+MIXED: Final = "mixed_rel"
+"""Of QUIC's endpoints in Zenoh: what need not arrive goes in datagrams beside the streams, where
+nothing that was lost before holds it up. "auto": where the other side does so, too."""
 WAIT_S: Final = 300.0
 """How long the robot's computer waits."""
 CLIENT_S: Final = 10.0
@@ -106,9 +109,11 @@ def wait_for_operator(
     raise AddressError(f"nobody has paired within {wait_s:g} s: begin again on both computers")
 
 
-def pair_with(host: str, port: int, replace: bool, ask: Callable[[], str]) -> Path:
+def pair_with(
+    host: str, port: int, replace: bool, ask: Callable[[], str], *, quic: bool = False
+) -> Path:
     """Pair this computer, the operator's, with the robot's at `host`, by the code that `ask` gives;
-    the client's file.
+    the client's file. `quic`: it is joined by QUIC, else by TLS.
 
     Raises ConfigurationError, and AddressError if the robot's side does not answer to the end.
     """
@@ -130,7 +135,8 @@ def pair_with(host: str, port: int, replace: bool, ask: Callable[[], str]) -> Pa
         raise AddressError(f"nobody waits at {host} port {port} ({error}): {again}") from None
     try:
         with robot:
-            return _join(_Channel(robot, time.monotonic() + CLIENT_S), host, code, folder)
+            channel = _Channel(robot, time.monotonic() + CLIENT_S)
+            return _join(channel, host, code, folder, quic=quic)
     except _WrongCodeError:
         raise ConfigurationError(
             "--code", f"{host} has another one: read there which it shows now, and try again"
@@ -216,7 +222,10 @@ def _serve(channel: _Channel, code: str, folder: Path) -> Path:
     # The operator's computer takes the first address of a name, of whichever family it is.
     both = socket.has_dualstack_ipv6() or ":" in asked["host"]
     everywhere = "[::]" if both else "0.0.0.0"
-    settings = zenoh_settings("router", (ROUTER, f"tls/{everywhere}:{TLS_PORT}"), ())
+    outside = f"{everywhere}:{TLS_PORT}"
+    settings = zenoh_settings(
+        "router", (ROUTER, f"quic/{outside}?{MIXED}=auto", f"tls/{outside}"), ()
+    )
     settings |= {"transport/link/tls/close_link_on_expiration": True}
     with _kept(folder, "listen", settings, authority, ours, private):
         channel.send("answer", certificate=theirs.decode(), authority=authority.decode())
@@ -226,7 +235,7 @@ def _serve(channel: _Channel, code: str, folder: Path) -> Path:
     return folder / CONFIG
 
 
-def _join(channel: _Channel, host: str, code: str, folder: Path) -> Path:
+def _join(channel: _Channel, host: str, code: str, folder: Path, *, quic: bool) -> Path:
     channel.agree(SPAKE2_A(code.encode(), b"operator", b"robot"))
     channel.send("ready")
     channel.receive("ready too")
@@ -238,7 +247,8 @@ def _join(channel: _Channel, host: str, code: str, folder: Path) -> Path:
     _check_clock(answer["certificate"])
     ours, authority = (answer[name].encode() for name in ("certificate", "authority"))
     at = f"[{host}]" if ":" in host else host
-    settings = zenoh_settings("client", (), (f"tls/{at}:{TLS_PORT}",))
+    far = f"quic/{at}:{TLS_PORT}?{MIXED}=1" if quic else f"tls/{at}:{TLS_PORT}"
+    settings = zenoh_settings("client", (), (far,))
     with _kept(folder, "connect", settings, authority, ours, private):
         channel.send("kept")
         channel.receive("kept too")

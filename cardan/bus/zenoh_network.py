@@ -24,6 +24,7 @@ from cardan.bus.network import (
 )
 from cardan.bus.node import BusNode, ServiceRequest, Urgency, gid_of, words_of, zenoh_module
 from cardan.bus.options import BusOptions
+from cardan.common.context import enter, leave
 from cardan.errors import DriverError
 from cardan.protocols.ros2.graph import Graph
 from cardan.protocols.ros2.interfaces import InterfaceError, revised
@@ -101,12 +102,8 @@ class BusNetwork:
         server. The network itself must be closed after it."""
         return _Part(self, name, namespace)
 
-    def __enter__(self) -> BusNetwork:
-        self.open()
-        return self
-
-    def __exit__(self, *_exception: object) -> None:
-        self.close()
+    __enter__ = enter
+    __exit__ = leave
 
     def _watch(self, token: str, there: bool) -> None:
         with self._changed:

@@ -167,6 +167,13 @@ def demo(
         ),
     ] = "gofa",
     seconds: Annotated[float, typer.Option(callback=check_seconds, help="How long to run.")] = 30.0,
+    delay: Annotated[
+        float | None,
+        typer.Option(
+            metavar="MS",
+            help="Delay of the demo's simulated network, one way; default: as the demo says.",
+        ),
+    ] = None,
     extras: Annotated[
         bool,
         typer.Option(
@@ -182,7 +189,7 @@ def demo(
     """Run an example against simulated peers, with no hardware: gofa (a SpaceMouse drives an ABB
     GoFa over EGM), gp8 (a Motoman GP8 over MotoROS), ur5e (a UR5e over RTDE), and more, also
     those of installed plug-ins."""
-    from cardan.demos.demo import check_length, choose_demo, run_demo
+    from cardan.demos.demo import check_length, choose_demo, run_demo, with_delay
     from cardan.demos.examples import find_demos
 
     if list_:
@@ -202,7 +209,7 @@ def demo(
         raise typer.Exit
     if as_json:
         raise ConfigurationError("--json", "goes with --list")
-    chosen = choose_demo(name)
+    chosen = with_delay(choose_demo(name), delay)
     if extras:
         print(",".join(chosen.extras))
         raise typer.Exit
@@ -214,7 +221,7 @@ def demo(
         raise typer.Exit(run_lab(chosen, seconds))
     from cardan.gateway.servers.console.address import picture
 
-    raise typer.Exit(run_demo(seconds, name, picture))
+    raise typer.Exit(run_demo(seconds, name, picture, delay))
 
 
 @app.command()

@@ -56,8 +56,15 @@ def pair(
     replace: Annotated[
         bool, typer.Option("--replace", help="Pair again, and replace the old certificates.")
     ] = False,
+    quic: Annotated[
+        bool,
+        typer.Option(
+            "--quic",
+            help="On the operator's computer: join by QUIC (UDP), for networks that lose packets.",
+        ),
+    ] = False,
 ) -> None:
-    """Pair the operator's computer with the robot's, by TLS.
+    """Pair the operator's computer with the robot's, by TLS or QUIC.
 
     Makes a certificate for each and Zenoh's configuration, and prints what to type next. No private
     key leaves its computer."""
@@ -66,10 +73,12 @@ def pair(
 
     if host is None and code:
         raise OptionError("HOST", "", "given with --code: the name or address of the robot's")
+    if host is None and quic:
+        raise OptionError("HOST", "", "given with --quic: the name or address of the robot's")
     if host is not None:
         words = f"Code that {printable(host)} shows"
         ask = lambda: code or str(typer.prompt(words, err=True))  # noqa: E731
-        config = shlex.quote(str(pair_with(host, port, replace, ask)))
+        config = shlex.quote(str(pair_with(host, port, replace, ask, quic=quic)))
         print(
             f"paired; now:\n  cardan devices share spacemouse --zenoh-config {config}", flush=True
         )

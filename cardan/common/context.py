@@ -1,33 +1,28 @@
-"""Base of classes that are opened and closed, also by ``with``."""
+"""Opening and closing by ``with``, for classes with `open()` and `close()`: they take the two
+functions as their ``__enter__`` and ``__exit__``."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from types import TracebackType
-from typing import TypeVar
-
-_O = TypeVar("_O", bound="Openable")
+from typing import Protocol, TypeVar
 
 
-class Openable(ABC):
-    """``with`` opens it and closes it again."""
+class Openable(Protocol):
+    """What is opened and closed. Doing either twice is fine; `close()` never raises."""
 
-    @abstractmethod
-    def open(self) -> None:
-        """Open it; opening twice is fine."""
+    def open(self) -> None: ...
 
-    @abstractmethod
-    def close(self) -> None:
-        """Close it. Never raises; closing twice is fine."""
+    def close(self) -> None: ...
 
-    def __enter__(self: _O) -> _O:
-        self.open()
-        return self
 
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
+_O = TypeVar("_O", bound=Openable)
+
+
+def enter(opened: _O) -> _O:
+    """Open it, and return it."""
+    opened.open()
+    return opened
+
+
+def leave(opened: Openable, *_: object) -> None:
+    """Close it; an exception goes on."""
+    opened.close()

@@ -6,6 +6,7 @@ Between the peers runs the real gateway with the real drivers.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
 import shlex
 import sys
@@ -19,10 +20,11 @@ from cardan.common.troubles import coded
 from cardan.demos.examples import Demo, find_demos, read_demo
 from cardan.demos.pauses import Pauses
 from cardan.demos.peers import Peers
-from cardan.demos.unattended import check_unattended, check_words
+from cardan.demos.unattended import CARDAN, check_unattended, check_words
 from cardan.drivers.haptic import HapticDevice
-from cardan.errors import ConfigurationError, DriverError
-from cardan.gateway.session.config import SessionConfig, parse_config
+from cardan.errors import ConfigurationError, DriverError, OptionError
+from cardan.gateway.bus.sharing import SharedConfig
+from cardan.gateway.session.config import SessionConfig, parse_config, read_part
 from cardan.gateway.session.driver_assembly import make_device
 from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
 from cardan.gateway.session.snapshot import Snapshot
@@ -32,8 +34,6 @@ from cardan.gateway.session.terminal_view import SessionView, summary
 from cardan.gateway.session.with_server import with_server
 
 EXIT_INCOMPLETE = 4
-
-CARDAN = (sys.executable, "-m", "cardan")
 
 ALL_INTERFACES = "0.0.0.0"
 HOSTS = {"console": (ALL_INTERFACES, "127.0.0.1"), "rosbridge": ("127.0.0.1",)}
@@ -107,18 +107,30 @@ def served_servers(
         yield
 
 
+def limits_felt(demo: Demo, config: SessionConfig) -> FeedbackLimits | None:
+    """The limits of the demo's haptic device, wherever it is; None: it has none."""
+    device = make_device(config) if config.device is not None else None
+    if not isinstance(device, HapticDevice):
+        return None
+    if (shared := demo.shared_file) is not None:
+        device = make_device(read_part(SharedConfig, shared))
+    return device.feedback_limits if isinstance(device, HapticDevice) else None
+
+
 def find_problems(
     last: Snapshot,
     felt: FeedbackLimits | None = None,
     *,
     may_rest: bool = False,
     paused_s: float = 0.0,
+    far: bool = False,
 ) -> list[str]:
     """The problems of a demo, by its last snapshot; empty when there were none.
 
     `felt`: the limits of a haptic device, which its force is checked against. `may_rest`: the arm
     need not move. `paused_s`: longest time that this computer stood still (see Pauses); its
-    consequences are no problem of the demo, but a remark.
+    consequences are no problem of the demo, but a remark. `far`: the haptic device is at another
+    computer, which does not know the age of a force; contact has to be felt there.
     """
     found = []
     if last.cycles == 0:
@@ -132,10 +144,12 @@ def find_problems(
         )
     if felt is not None:
         found += _force_problems(last, felt)
-    return found if paused_s > PAUSE_S else found + _interruptions(last, felt)
+        if far and last.felt_stiffness_n_m is None:
+            found.append("the hand felt no contact of the tool")
+    return found if paused_s > PAUSE_S else found + _interruptions(last, felt, far=far)
 
 
-def _interruptions(last: Snapshot, felt: FeedbackLimits | None) -> list[str]:
+def _interruptions(last: Snapshot, felt: FeedbackLimits | None, *, far: bool) -> list[str]:
     """Problems that a computer which stands still for a moment can cause, too."""
     found = []
     if last.trips:
@@ -149,16 +163,21 @@ def _interruptions(last: Snapshot, felt: FeedbackLimits | None) -> list[str]:
             f"teleoperation went on without force for {last.force_out_s:.2f} s: "
             f"{last.force_lost_reason}"
         )
-    if last.measured_age_p99_s is not None and last.measured_age_p99_s > FORCE_AGE_S:
+    age_s = None if far else last.measured_age_p99_s
+    if age_s is not None and age_s > FORCE_AGE_S:
         found.append(
-            f"forces were up to {last.measured_age_p99_s * 1e3:.1f} ms old at the hand "
+            f"forces were up to {age_s * 1e3:.1f} ms old at the hand "
             f"(expected: {FORCE_AGE_S * 1e3:g} ms)"
         )
     return found
 
 
 def find_remarks(
-    last: Snapshot, felt: FeedbackLimits | None = None, *, paused_s: float = 0.0
+    last: Snapshot,
+    felt: FeedbackLimits | None = None,
+    *,
+    paused_s: float = 0.0,
+    far: bool = False,
 ) -> list[str]:
     """Remarks on the computer that a demo ran on, from the arguments of find_problems: no problems
     of the demo."""
@@ -167,7 +186,7 @@ def find_remarks(
         found.append(f"{missed} of {last.cycles} cycles were missed: is this machine very busy?")
     if paused_s > PAUSE_S:
         stood_still = f"not judged, as this computer stood still for {paused_s * 1e3:.0f} ms: "
-        found += [stood_still + problem for problem in _interruptions(last, felt)]
+        found += [stood_still + problem for problem in _interruptions(last, felt, far=far)]
     return found
 
 
@@ -204,6 +223,10 @@ def _success(demo: Demo, last: Snapshot, felt: FeedbackLimits | None) -> str:
     if felt is None:
         return demo.success_message
     said = f"{demo.success_message}, {last.force_peak_n:.2f} N at most"
+    if last.felt_stiffness_n_m is not None:
+        said += f", {last.felt_stiffness_n_m:.0f} N/m, {last.felt_depth_m * 1e3:.1f} mm deep"
+    if demo.delay_ms is not None:
+        said += f", {demo.delay_ms:g} ms away"
     if felt.energy_j is None:
         return said
     return (
@@ -227,6 +250,19 @@ def choose_demo(name: str) -> Demo:
     return demos[name]
 
 
+def with_delay(demo: Demo, delay_ms: float | None) -> Demo:
+    """The demo with this delay of its network; None: its own. Raises ConfigurationError where it
+    has no network, or there is too much."""
+    if delay_ms is None:
+        return demo
+    if demo.delay_ms is None:
+        raise ConfigurationError("--delay", f"the demo {demo.name} has no simulated network")
+    try:
+        return dataclasses.replace(demo, delay_ms=delay_ms)
+    except OptionError as error:
+        raise OptionError("--delay", error.value, error.allowed) from None
+
+
 def check_length(demo: Demo, seconds: float) -> None:
     """Raise ConfigurationError where the demo has nothing to show in `seconds`."""
     if not demo.shortest_s <= seconds < math.inf:
@@ -237,10 +273,15 @@ def check_length(demo: Demo, seconds: float) -> None:
         )
 
 
-def run_demo(seconds: float, name: str = "gofa", picture_of: Callable[[str], str] = str) -> int:
+def run_demo(
+    seconds: float,
+    name: str = "gofa",
+    picture_of: Callable[[str], str] = str,
+    delay_ms: float | None = None,
+) -> int:
     """Run a demo by its name or its file; returns the exit code of the command. `picture_of` turns
-    a page's address into a picture for a camera."""
-    demo = choose_demo(name)
+    a page's address into a picture for a camera; `delay_ms`: of the demo's network, one way."""
+    demo = with_delay(choose_demo(name), delay_ms)
     check_length(demo, seconds)
     with SessionView() as view:
         say = partial(view.console.print, markup=False, highlight=False, soft_wrap=True)
@@ -261,12 +302,12 @@ def run_demo(seconds: float, name: str = "gofa", picture_of: Callable[[str], str
     if not outcome.last.finished or outcome.last.ending == STOPPED_ON_REQUEST:
         view.console.print("ended early: not judged")
         return EXIT_OK
-    device = make_device(config) if config.device is not None else None
-    felt = device.feedback_limits if isinstance(device, HapticDevice) else None
+    felt = limits_felt(demo, config)
+    far, paused_s = demo.shared_file is not None, pauses.longest_s
     problems = find_problems(
-        outcome.last, felt, may_rest=bool(demo.invitation), paused_s=pauses.longest_s
+        outcome.last, felt, may_rest=bool(demo.invitation), paused_s=paused_s, far=far
     )
-    for line in (*find_remarks(outcome.last, felt, paused_s=pauses.longest_s), *problems):
+    for line in (*find_remarks(outcome.last, felt, paused_s=paused_s, far=far), *problems):
         print(f"cardan demo: {line}", file=sys.stderr)
     if not problems:
         view.console.print(_success(demo, outcome.last, felt), markup=False)

@@ -16,7 +16,8 @@ that holds TOML, in the form of PEP 723; a session takes no notice of it::
     # ports = ["robot.listen_port"]
     # ///
 
-In braces stand keys of the file itself, and ``{examples}``, the folder that it is in.
+In braces stand keys of the file itself, ``{examples}``, the folder that it is in, and, where the
+block has them, ``{delay_ms}`` and the names of `peer_ports`.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ from cardan.common.plugins import reason
 from cardan.common.tables import parse_toml, read_table, read_text, read_toml
 from cardan.drivers import registry
 from cardan.errors import ConfigurationError, DriverError, OptionError
+
+DELAY_MS = bounds.Range(0.0, 200.0, "ms", "with more there is no force, and an arm stops")
 
 _BLOCK = re.compile(r"^# /// demo\n((?:#(?: .*)?\n)*?)# ///$", re.MULTILINE)
 _ENDPOINT = re.compile(r"(tcp/[^/]+:)\d+")
@@ -65,6 +68,8 @@ class Demo(Options):
     ports: tuple[str, ...] = ()
     """Keys of the configuration that are given free ports, in a row; of an endpoint of Zenoh's it
     is the port."""
+    peer_ports: tuple[str, ...] = ()
+    """Names of further free ports, in braces in `launch`: between programs that it launches."""
     servers: tuple[Literal["console", "rosbridge"], ...] = ()
     """Servers that run beside the session; their addresses are printed."""
     invitation: str = ""
@@ -73,6 +78,8 @@ class Demo(Options):
     extras: tuple[str, ...] = ()
     """Extras of Cardan that it needs beside ``arm``, such as ``network``: ``make demo`` installs
     them."""
+    delay_ms: Annotated[float, DELAY_MS] | None = None
+    """Delay of its simulated network, one way; None: it has none."""
     shortest_s: Annotated[float, bounds.POSITIVE] = 3.0
     """A shorter run has nothing to show."""
 
@@ -102,6 +109,14 @@ class Demo(Options):
         )
         return frozenset(table["driver"] for table in places if table)
 
+    @property
+    def shared_file(self) -> Path | None:
+        """The file whose device it shares by ``devices share``; None: it shares none."""
+        for words in map(shlex.split, self.launch):
+            if "share" in words:
+                return Path(words[-1].replace("{examples}", str(self.file.parent)))
+        return None
+
     def prepare(self, folder: Path) -> tuple[dict[str, Any], list[list[str]]]:
         """The tables of the configuration and the words of each launch, with files in `folder` and
         with ports that are free now."""
@@ -112,7 +127,12 @@ class Demo(Options):
             if not isinstance(said, str) or Path(said).name in ("", ".."):
                 raise self._wrong("files", key, said, "a path")
             table[name] = str(folder / Path(said).name)
-        for port, key in enumerate(self.ports, free_ports(len(self.ports)) if self.ports else 0):
+        count = len(self.ports) + len(self.peer_ports)
+        first = free_ports(count) if count else 0
+        between = dict(
+            zip(self.peer_ports, range(first + len(self.ports), first + count), strict=True)
+        )
+        for port, key in enumerate(self.ports, first):
             table, name = self._place(tables, key)
             said = table.get(name, 0)
             if isinstance(said, str) and (endpoint := _ENDPOINT.fullmatch(said)):
@@ -125,6 +145,10 @@ class Demo(Options):
         def value(found: re.Match[str]) -> str:
             if found[1] == "examples":
                 return str(self.file.parent)
+            if found[1] == "delay_ms" and self.delay_ms is not None:
+                return f"{self.delay_ms:g}"
+            if found[1] in between:
+                return str(between[found[1]])
             table, name = self._place(tables, found[1])
             if name not in table:
                 raise ConfigurationError(f"{self.file}: demo.launch", f"no key {found[1]!r}")

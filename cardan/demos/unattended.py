@@ -2,13 +2,15 @@
 
 The rule allows programs that are known to be harmless and refuses all others: see
 :mod:`cardan.drivers.simulated` for drivers. Programs that a demo starts are simulated peers, and
-``cardan devices spnav``, of plugins/cardan-spnav-server, of a simulated device; none is given a
-program to run.
+``cardan devices spnav`` (of plugins/cardan-spnav-server) or ``cardan devices share`` of a simulated
+device. These two are also the only programs that a peer is given to run: a device that is simulated
+inside its program needs one, as in ``sim omni -- devices share ...``.
 """
 
 from __future__ import annotations
 
 import shlex
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
@@ -22,6 +24,8 @@ from cardan.errors import ConfigurationError, below
 from cardan.gateway.force.tables import RemoteForceTable, SensorForceTable
 from cardan.gateway.operator.filters import registry as filter_registry
 from cardan.gateway.session.config import SessionConfig
+
+CARDAN = (sys.executable, "-m", "cardan")
 
 SIMULATED_BUSES = frozenset({"udp_multicast", "socketcand", "virtual"})
 """The only ways to a CAN bus that a launched peer may be given."""
@@ -101,8 +105,11 @@ def _check_driver(
 def check_words(demo: Demo, key: str, words: Sequence[str]) -> list[str]:
     """The words of a launched command, each option joined to its value, so that none can be taken
     for a program to run. Raises ConfigurationError for a command that a demo may not start."""
-    if words[:1] == ["devices"] and words[1:2] and words[1] in SERVING and key == "launch":
+    if key == "launch" and _serves(words):
         return _checked_serving(demo, words)
+    if key == "launch" and "--" in words and _serves(program := words[words.index("--") + 1 :]):
+        peer = check_words(demo, key, words[: words.index("--")])
+        return [*peer, "--", *CARDAN, *_checked_serving(demo, program, inside=peer[1])]
     if len(words) < 2 or words[0] != "sim" or words[1].startswith("-"):
         what = shlex.join(words) or "nothing"
         _refuse(
@@ -115,6 +122,11 @@ def check_words(demo: Demo, key: str, words: Sequence[str]) -> list[str]:
     if rest:
         _refuse(demo, key, f"{rest[0]!r} is no option of a peer: a demo runs no other program")
     return [*words[:2], *options]
+
+
+def _serves(words: Sequence[str]) -> bool:
+    """Whether they are a command of SERVING."""
+    return len(words) > 1 and words[0] == "devices" and words[1] in SERVING
 
 
 def _options(demo: Demo, key: str, words: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -150,9 +162,9 @@ def _options(demo: Demo, key: str, words: Sequence[str]) -> tuple[list[str], lis
     return options, rest
 
 
-def _checked_serving(demo: Demo, words: Sequence[str]) -> list[str]:
+def _checked_serving(demo: Demo, words: Sequence[str], inside: str = "") -> list[str]:
     """The words of a command of SERVING, of a file whose device is simulated: its paths are those
-    of the demo's own folder, where the command runs."""
+    of the demo's own folder, where the command runs, or it is `inside` this peer."""
     command, needed = words[1], SERVING[words[1]]
     options, rest = _options(demo, "launch", words[2:])
     named = any(option.startswith(f"{needed}=") for option in options)
@@ -167,7 +179,7 @@ def _checked_serving(demo: Demo, words: Sequence[str]) -> list[str]:
         path = getattr(options_of, name)
         return isinstance(path, str) and path == Path(path).name != ""
 
-    option, why = why_not_simulated(kind, options_of, in_folder, launched=False)
+    option, why = why_not_simulated(kind, options_of, in_folder, launched=kind.peer == inside)
     if why:
         _refuse(demo, f"launch: {rest[0]}: device.{option}", why)
     return [*words[:2], *options, *rest]

@@ -10,13 +10,13 @@ from __future__ import annotations
 import math
 import threading
 import time
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from functools import cached_property
 from typing import Any, ClassVar, Literal, NamedTuple
 
-from cardan.common.context import Openable
+from cardan.common.context import enter, leave
 from cardan.common.forks import IN_CHILD
 from cardan.common.options import require, suggestion
 from cardan.errors import CommandError, ConfigurationError, NotOpenError
@@ -60,7 +60,7 @@ class Endpoint(NamedTuple):
     is needed. Without it they are not waited for, and not judged."""
 
 
-class Driver(Openable):
+class Driver(ABC):
     """Base of operator devices and robots: options, open, close, diagnosis."""
 
     Options: ClassVar[type[Any]]
@@ -116,6 +116,9 @@ class Driver(Openable):
     @abstractmethod
     def close(self) -> None:
         """Release the device, leaving it safe. Never raises; closing twice is fine."""
+
+    __enter__ = enter
+    __exit__ = leave
 
     @abstractmethod
     def diagnosis(self) -> tuple[str, ...]:

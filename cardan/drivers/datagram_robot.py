@@ -3,7 +3,7 @@
 A :class:`DatagramSession` has the protocol, without sockets, clocks and threads; a
 :class:`DatagramRobot` around it has the loop, and a :class:`DatagramTransport` the socket. Their
 parts that do not depend on how a protocol numbers its datagrams are :class:`AnsweringSession` and
-:class:`AnsweringRobot`.
+:class:`AnswerMixin`.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
 
 from cardan.common.bounds import LONGEST_BLIND_S
 from cardan.common.sockets import opened, waiting
+from cardan.drivers.base import RobotDriver
 from cardan.drivers.missed_cycles import AgreedTime
-from cardan.drivers.robot_core import WAKE_S, LoopingRobot, implausible, leap
+from cardan.drivers.robot_core import WAKE_S, LoopMixin, implausible, leap
 from cardan.protocols.joint_stream.codec import is_newer
 from cardan.types import (
     NEVER_S,
@@ -452,8 +453,8 @@ AnsweringSessionT = TypeVar("AnsweringSessionT", bound=AnsweringSession)
 DatagramSessionT = TypeVar("DatagramSessionT", bound=DatagramSession[Any])
 
 
-class AnsweringRobot(LoopingRobot[AnsweringSessionT]):
-    """A driver of a controller that is answered, once for each of its states.
+class AnswerMixin(LoopMixin[AnsweringSessionT]):
+    """The loop of a controller that is answered, once for each of its states.
 
     Of several states that came in at once the newest is yielded; one that the application does not
     answer is answered with a hold. However the loop ends, the robot is braked for as long as its
@@ -560,7 +561,7 @@ class AnsweringRobot(LoopingRobot[AnsweringSessionT]):
         return self._session.protocol_errors()
 
 
-class DatagramRobot(AnsweringRobot[DatagramSessionT]):
+class DatagramRobot(AnswerMixin[DatagramSessionT], RobotDriver):
     """Driver by a :class:`DatagramTransport`; a subclass defines `_make_session` and `_join`."""
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:

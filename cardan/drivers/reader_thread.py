@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from abc import abstractmethod
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, Generic, TypeVar
 
 from cardan.common.forks import IN_CHILD, give_up_in_children
@@ -32,11 +32,18 @@ _log = logging.getLogger(__name__)
 C = TypeVar("C", bound=DeviceCore)
 
 
-class ReadDevice(OperatorDevice, Generic[C]):
-    """An operator device that a thread of its own reads, and opens again when it is lost.
+class ReaderMixin(ABC, Generic[C]):
+    """The thread that reads an operator device, and opens it again when it is lost.
 
-    Its options have `wait_for_device`: open() succeeds without a device.
+    A device names it before :class:`OperatorDevice`, whose calls it answers from the core. The
+    options have `wait_for_device`: open() succeeds without a device.
     """
+
+    # Of the device.
+    options: Any
+    _notify: Callable[[], None]
+    _close_count: int
+    _in_child: bool
 
     _kind: ClassVar[str]
     """Name of the device in messages of `_check_open`."""
@@ -44,7 +51,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
     """Set by the driver's __init__, from `self.options`."""
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
-        super().__init__(options, **keywords)
+        super().__init__(options, **keywords)  # type: ignore[call-arg]  # the device's
         self._opening = threading.RLock()
         """Held while it is opened or closed: one thread at a time. The reader never takes it."""
         self._lock = threading.Lock()
@@ -147,7 +154,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
     def after_fork(self) -> None:
         """Close the device in a forked child: it stays the parent's, whose reader is not here."""
         thread = self._thread
-        self._changed = threading.Condition()
+        vars(self).pop("_changed", None)  # A thread of the parent's may hold it.
         self._opening, self._lock = threading.RLock(), threading.Lock()
         self._ending = None
         if thread is not None:
@@ -243,6 +250,10 @@ class ReadDevice(OperatorDevice, Generic[C]):
             self._release()
         except Exception:  # Of a system's library: the device is tried again all the same.
             _log.exception("the %s was not closed in good order", self._kind)
+
+
+class ReadDevice(ReaderMixin[C], OperatorDevice):
+    """An operator device that a thread of its own reads, and opens again when it is lost."""
 
 
 def _words(error: Exception) -> str:

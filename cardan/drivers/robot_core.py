@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from dataclasses import fields
 from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
@@ -57,13 +57,18 @@ LEAP_NOISE_RAD: Final = 0.05
 """Tolerance added to that (m for a prismatic joint): readings may come late or early."""
 
 
-class LoopingRobot(RobotDriver, Generic[SessionT]):
-    """A driver with one loop at a time, which leaves the robot safe however it ends.
+class LoopMixin(ABC, Generic[SessionT]):
+    """One loop at a time, which leaves the robot safe however it ends.
 
-    A driver defines `_acquire` and `_release`, the loop in `_states`, and in `_leave` how the robot
-    is brought to rest. `_leave` is called once for each loop: when its generator ends or is closed,
-    or by `close`, which lets a loop in another thread come to its end first.
+    A driver names it before :class:`RobotDriver`, and defines `_acquire` and `_release`, the loop
+    in `_states`, and in `_leave` how the robot is brought to rest. `_leave` is called once for each
+    loop: when its generator ends or is closed, or by `close`, which lets a loop in another thread
+    come to its end first.
     """
+
+    # Of the driver.
+    options: Any
+    send: Callable[[RobotCommand], None]
 
     title: ClassVar[str]
     """Name of the driver in messages."""
@@ -72,7 +77,7 @@ class LoopingRobot(RobotDriver, Generic[SessionT]):
     """Set by the driver's __init__, from `self.options`."""
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
-        super().__init__(options, **keywords)
+        super().__init__(options, **keywords)  # type: ignore[call-arg]  # RobotDriver's
         self._open = False
         self._in_child = False
         """Whether it was open in the process that this one was forked from."""
@@ -184,6 +189,10 @@ class LoopingRobot(RobotDriver, Generic[SessionT]):
         if not self._open:
             return (f"{self.title} is not open",)
         return self._session.diagnosis(self._now_s())
+
+
+class LoopingRobot(LoopMixin[SessionT], RobotDriver):
+    """A driver with one loop at a time, which leaves the robot safe however it ends."""
 
 
 def counts(counters: Any) -> dict[str, float]:

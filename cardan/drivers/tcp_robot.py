@@ -17,7 +17,8 @@ from collections.abc import Generator, Iterable
 from typing import Any, ClassVar, Generic, TypeVar
 
 from cardan.common.sockets import hang_up, opened
-from cardan.drivers.robot_core import LoopingRobot, RobotSession
+from cardan.drivers.base import RobotDriver
+from cardan.drivers.robot_core import LoopMixin, RobotSession
 from cardan.errors import AddressError
 from cardan.types import (
     NEVER_S,
@@ -225,7 +226,7 @@ class TcpConnection:
         self.backlog = bytearray()
 
 
-class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT]):
+class TcpRobot(LoopMixin[TcpSessionT], RobotDriver, Generic[TcpSessionT, ChannelT, TaskT]):
     """A driver of a controller with several TCP ports.
 
     A single thread does it all: `cycles` waits on the sockets, `send` answers. If the application

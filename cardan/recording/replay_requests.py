@@ -11,7 +11,7 @@ from cardan.gateway.arm.vocab import Parameter, Stream
 from cardan.types import Frame, Pose, Quaternion, Twist, Vector3, Wrench
 
 if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
-    from cardan.gateway.arm.verbs import ArmVerbs
+    from cardan.gateway.arm.verb_methods import ArmVerbs
 
 
 def _set_parameters(verbs: ArmVerbs, values: Sequence[Sequence[Any]], source: str) -> None:

@@ -31,7 +31,7 @@ from cardan.recording.mcap_file import RecordReader
 from cardan.recording.replay_requests import REPEAT, repeat
 
 if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
-    from cardan.gateway.arm.verbs import ArmVerbs
+    from cardan.gateway.arm.verb_methods import ArmVerbs
 
 CONTROLLER_LOG = "/controller_log"
 """End of the name of a session's topic, after its node's name."""

@@ -14,12 +14,11 @@ import shlex
 import sys
 import threading
 import time
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Generic, NamedTuple, TypeVar
 
-from cardan.common.context import Openable
 from cardan.common.files import read_text
 from cardan.common.realtime import ask_for_real_time
 from cardan.common.signals import on_ending
@@ -189,7 +188,7 @@ THREAD_SLICE_S = 0.02
 _P = TypeVar("_P", bound="SimulatedPeer")
 
 
-class SimulatedPeer(Openable):
+class SimulatedPeer(ABC):
     """A peer that can be served. Shells implement these four.
 
     `serve` is the loop of a program of its own; ``with peer:`` serves it beside something else.

@@ -10,17 +10,18 @@ from cardan.sim_peers.command import PeerCommand
 ENTRY_POINT_GROUP = "cardan.sim_peers"
 
 BUILT_IN = {
-    "abb-gofa": "cardan.sim_peers.egm_controller.udp:AbbGofa",
-    "arm": "cardan.sim_peers.arm.command:Arm",
+    "abb-gofa": "cardan.sim_peers.egm_controller.udp:EgmControllerCommand",
+    "arm": "cardan.sim_peers.arm.command:SimulatedArmCommand",
     "gamepad": "cardan.sim_peers.evdev.peer:GamepadCommand",
     "keyboard": "cardan.sim_peers.evdev.peer:KeyboardCommand",
-    "motoman-gp8": "cardan.sim_peers.motoros_controller.tcp:MotomanGp8",
-    "phone": "cardan.sim_peers.handheld.peer:PhonePage",
+    "motoman-gp8": "cardan.sim_peers.motoros_controller.tcp:MotorosControllerCommand",
+    "network": "cardan.sim_peers.network:SimulatedNetworkCommand",
+    "phone": "cardan.sim_peers.handheld.peer:PhonePageCommand",
     "ros2-arm": "cardan.sim_peers.ros2_arm.peer:Ros2ArmCommand",
-    "ros2-device": "cardan.sim_peers.ros2_device.peer:Ros2Device",
+    "ros2-device": "cardan.sim_peers.ros2_device.peer:Ros2DeviceCommand",
     "spacemouse": "cardan.sim_peers.spacemouse.peer:SpaceMouseCommand",
-    "ur": "cardan.sim_peers.ur_controller.tcp:Ur",
-    "xr": "cardan.sim_peers.handheld.peer:XrPage",
+    "ur": "cardan.sim_peers.ur_controller.tcp:UrControllerCommand",
+    "xr": "cardan.sim_peers.handheld.peer:XrPageCommand",
 }
 """Our own peers. Other packages add theirs by an entry point of the same form."""
 

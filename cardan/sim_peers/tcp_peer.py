@@ -89,7 +89,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
             for kind in self.kinds:
                 host, port = self._host, self.port(kind)
                 problem = f"cannot listen on {host}:{port}"
-                self._listeners[kind] = opened(host, port, socket.SOCK_STREAM, _listen, problem)
+                self._listeners[kind] = opened(host, port, socket.SOCK_STREAM, listen, problem)
             self._opened()
         except BaseException:
             self.close()
@@ -253,7 +253,8 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
                 self._logged[index] = fresh[0]
 
 
-def _listen(sock: socket.socket, address: Any) -> None:
+def listen(sock: socket.socket, address: Any) -> None:
+    """Bind to the address and take connections; of :func:`cardan.common.sockets.opened`."""
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     sock.bind(address)
     sock.listen(_WAITING_CLIENTS)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from cardan.common.arm_libraries import np
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle, box_obstacle
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.robots import load_arm
 from cardan.spatial import scale
 from cardan.types import ZERO_TWIST, Frame, Twist, Vector3

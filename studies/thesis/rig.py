@@ -17,12 +17,12 @@ from cardan.drivers.sim_arm import SimArm
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.gateway.arm.joint_space_arm import JointSpaceArm
 from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.arm.verbs import ArmVerbs
+from cardan.gateway.arm.verb_methods import ArmVerbs
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import SE3, to_pose
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
+from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.gateway.servo.choice import choose_servo
 from cardan.robots import load_arm
 from cardan.sim_peers.arm.options import SimulatedArmOptions

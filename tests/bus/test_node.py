@@ -20,7 +20,7 @@ from cardan.errors import ConfigurationError, DriverError  # noqa: E402
 from cardan.protocols.ros2.cdr import codec_of  # noqa: E402
 from cardan.protocols.ros2.interfaces import InterfaceError  # noqa: E402
 from cardan.protocols.ros2.names import RosNameError  # noqa: E402
-from cardan.protocols.ros2.zenoh import LATCHED_QOS, Attachment, data_key  # noqa: E402
+from cardan.protocols.ros2.zenoh import LATCHED_QOS, NEWEST_QOS, Attachment, Entity, data_key  # noqa: E402
 from tests.serving import free_endpoint  # noqa: E402
 from tests.waiting import WITHIN_S, until  # noqa: E402
 
@@ -106,6 +106,29 @@ def test_who_meets_a_process_that_stands_still_leaves_in_time():
         begun_s = time.monotonic()
         node.close()
         assert time.monotonic() - begun_s < 2e-3 * LEASE_MS
+
+
+def test_what_need_not_arrive_is_said_to_zenoh_and_on_the_graph_and_nothing_else_is(bus):
+    one, join = bus
+    newest = one.publisher("/lost", STRING, NEWEST_QOS, express=True)
+    kept = one.publisher("/kept", STRING, express=True)
+    latched = one.publisher("/latched", STRING, LATCHED_QOS)
+    assert newest._publisher.reliability == zenoh.Reliability.BEST_EFFORT
+    assert newest._reliable.reliability == zenoh.Reliability.RELIABLE
+    for each in (kept, latched):
+        assert each._reliable is each._publisher
+    assert kept._publisher.reliability == zenoh.Reliability.RELIABLE
+    assert not Entity.parse(newest.entity.token(0)).qos.reliable
+
+    heard = join().waiting_subscription("/lost", STRING, 10)
+    until(lambda: newest.heard)
+    newest.put(text("replaced"), 1)
+    newest.put_reliably(text("last"), 2)
+    for number, words in ((1, "replaced"), (2, "last")):
+        received = heard.wait(TIMEOUT_S)
+        assert (received.data, received.attachment.sequence) == (text(words), number)
+    newest.close()
+    kept.put_reliably(text("the same"), 3)
 
 
 def test_a_ring_keeps_the_newest(bus):

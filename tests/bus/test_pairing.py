@@ -16,13 +16,16 @@ import pytest
 pytest.importorskip("spake2", reason='spake2 is not installed: "cardan[pair]"')
 pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
 
+from zenoh import Reliability
+
 from cardan.bus import pairing
 from cardan.bus.node import BusNode
-from cardan.bus.options import BusOptions
+from cardan.bus.options import ROUTER, BusOptions
 from cardan.bus.pairing import wait_for_operator
 from cardan.common.certificates import read_certificate
 from cardan.drivers.remote import Remote
 from cardan.errors import AddressError, ConfigurationError, DriverError, OptionError
+from cardan.protocols.ros2.zenoh import PUBLISHER, Entity
 from tests.programs import Program
 from tests.serving import free_endpoint, free_tcp_port
 from tests.test_cli import ENVIRONMENT
@@ -128,6 +131,7 @@ def test_a_host_may_be_written_as_elsewhere(state, monkeypatch, host, meant):
     assert called == [(meant, 1)]
 
 
+@pytest.mark.parametrize("quic", [False, True])
 @pytest.mark.parametrize(
     ("both_families", "host", "served"),
     [
@@ -138,18 +142,25 @@ def test_a_host_may_be_written_as_elsewhere(state, monkeypatch, host, meant):
     ],
 )
 def test_the_router_serves_the_families_that_a_name_may_have(
-    state, monkeypatch, both_families, host, served
+    state, monkeypatch, both_families, host, served, quic
 ):
     monkeypatch.setattr(socket, "has_dualstack_ipv6", lambda: both_families)
     here, there = socket.socketpair()
     with here, there, ThreadPoolExecutor() as threads:
         robot, operator = (pairing._Channel(each, END_S) for each in (here, there))
         of_robot = threads.submit(pairing._serve, robot, "ABCDEFGH", state / "as-robot")
-        client = pairing._join(operator, host, "ABCDEFGH", state / "with")
+        client = pairing._join(operator, host, "ABCDEFGH", state / "with", quic=quic)
         router = json.loads(of_robot.result(30.0).read_text(encoding="utf-8"))
-    assert router["listen"]["endpoints"][1] == f"tls/{served}:{pairing.TLS_PORT}"
+    assert router["listen"]["endpoints"] == [
+        ROUTER,
+        f"quic/{served}:{pairing.TLS_PORT}?mixed_rel=auto",
+        f"tls/{served}:{pairing.TLS_PORT}",
+    ]
     (far,) = json.loads(client.read_text(encoding="utf-8"))["connect"]["endpoints"]
-    assert far in (f"tls/{host}:{pairing.TLS_PORT}", f"tls/[{host}]:{pairing.TLS_PORT}")
+    at = f"[{host}]" if ":" in host else host
+    assert far == (
+        f"quic/{at}:{pairing.TLS_PORT}?mixed_rel=1" if quic else f"tls/{at}:{pairing.TLS_PORT}"
+    )
 
 
 def test_where_nobody_waits_it_says_what_to_do(state):
@@ -178,7 +189,7 @@ def test_a_code_that_differs_confirms_nothing(state):
     thread = threading.Thread(target=serve)
     thread.start()
     with pytest.raises(pairing._WrongCodeError):
-        pairing._join(operator, HOST, "ABCDEFGJ", state / "with")
+        pairing._join(operator, HOST, "ABCDEFGJ", state / "with", quic=False)
     thread.join(30.0)
     here.close()
     there.close()
@@ -417,12 +428,12 @@ def program(home, *words):
     return Program(*words, env=ENVIRONMENT | {"XDG_STATE_HOME": str(home)})
 
 
-def pair(folder):
-    """Pair two programs; their files of Zenoh's."""
+def pair(folder, *more):
+    """Pair two programs, the operator's with options `more`; their files of Zenoh's."""
     port = str(free_tcp_port())
     with program(folder / "robot", "net", "pair", "--address", HOST, "--port", port) as robot:
         code = robot.wait_for(r"code (\S+); on the operator's computer: cardan net pair ")[1]
-        words = ("net", "pair", HOST, "--port", port, "--code", code.decode())
+        words = ("net", "pair", HOST, "--port", port, "--code", code.decode(), *more)
         with program(folder / "operator", *words) as operator:
             assert operator.process.wait(60.0) == 0, operator.err
             operator.wait_for("cardan devices share spacemouse --zenoh-config ")
@@ -436,10 +447,34 @@ def pair(folder):
     )
 
 
+def has_datagrams(config):
+    """Whether what need not arrive has a link of its own from a client to its router."""
+    with BusNode(BusOptions(zenoh_config=str(config)), "joined") as node:
+        links = node._session.info.links()
+    assert any(each.reliability == Reliability.RELIABLE for each in links)
+    return any(each.reliability == Reliability.BEST_EFFORT for each in links)
+
+
+def may_be_lost(router):
+    """Topics whose publishers say so."""
+    with BusNode(BusOptions(router=router, mode="client"), "looker") as node:
+        watch, found = node.watch_tokens(), {}
+
+        def look():
+            while (change := watch.poll()) is not None:
+                each = Entity.parse(change[0])
+                if each is not None and each.kind == PUBLISHER:
+                    found[each.name] = each.qos.reliable
+            return len(found) >= 2
+
+        until(look)
+    return {name for name, reliable in found.items() if not reliable}
+
+
 @pytest.mark.matrix
 def test_the_router_takes_the_paired_operator_and_nobody_else(tmp_path):
-    router, client = pair(tmp_path / "one")
-    _, stranger = pair(tmp_path / "other")
+    router, client = pair(tmp_path / "one", "--quic")
+    _, stranger = pair(tmp_path / "other", "--quic")
     inside, outside = free_endpoint(), free_tcp_port()
     for path in (router, client, stranger):
         text = path.read_text(encoding="utf-8")
@@ -465,6 +500,18 @@ def test_the_router_takes_the_paired_operator_and_nobody_else(tmp_path):
             share.wait_for("READY /shared/hand/state")
             with Remote(router=inside, device="hand", wait_for_device=True):
                 until(lambda: b"used by cardan_device_driver" in share.said["stderr"])
+                assert may_be_lost(inside) == {"/shared/hand/state", "/shared/hand/claim"}
+            # By what gives it back: the lease would end a second later, with a word of it.
+            until(lambda: b"not in use" in share.said["stderr"])
+            assert b"leases that were not renewed" not in share.said["stderr"]
+        assert has_datagrams(client)
+        # Where no UDP gets through.
+        text = client.read_text(encoding="utf-8")
+        by_tls = tmp_path / "tls.json5"
+        assert text.count(f"quic/{HOST}:{outside}?mixed_rel=1") == 1
+        text = text.replace(f"quic/{HOST}:{outside}?mixed_rel=1", f"tls/{HOST}:{outside}")
+        by_tls.write_text(text, encoding="utf-8")
+        assert not has_datagrams(by_tls)
         for refused in (bare, stranger, forged):
             with pytest.raises(DriverError):
                 BusNode(BusOptions(zenoh_config=str(refused)), "stranger").open()

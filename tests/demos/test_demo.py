@@ -23,10 +23,11 @@ from cardan.demos.demo import (
     find_remarks,
     run_demo,
     simulated_hardware,
+    with_delay,
 )
 from cardan.demos.examples import find_demos
 from cardan.demos.peers import Peers
-from cardan.errors import ConfigurationError, DriverError
+from cardan.errors import ConfigurationError, DriverError, OptionError
 from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.subprocesses import launched
@@ -115,6 +116,25 @@ def test_an_arm_that_nobody_need_move_may_rest(monkeypatch, capsys):
 def test_what_a_drawing_may_lack(lack, words):
     (found,) = find_problems(dataclasses.replace(DRAWN, **lack), LIMITS)
     assert words in found
+
+
+def test_a_hand_far_away_has_to_feel_a_contact_and_no_age_of_it_is_known():
+    felt = dataclasses.replace(DRAWN, felt_stiffness_n_m=60.0, measured_age_p99_s=0.3)
+    assert find_problems(felt, LIMITS, far=True) == []
+    untouched = dataclasses.replace(felt, felt_stiffness_n_m=None)
+    assert find_problems(untouched, LIMITS, far=True) == ["the hand felt no contact of the tool"]
+    (found,) = find_problems(felt, LIMITS)
+    assert "300.0 ms old" in found
+    assert find_remarks(felt, LIMITS, far=True, paused_s=1.0) == []
+
+
+def test_a_delay_is_for_a_demo_with_a_network():
+    with pytest.raises(ConfigurationError, match="the demo gofa has no simulated network"):
+        run_demo(10.0, "gofa", delay_ms=10.0)
+    demo = with_delay(choose_demo("omni-remote"), 10.0)
+    assert demo.delay_ms == 10.0
+    with pytest.raises(OptionError, match="--delay: 300"):
+        with_delay(demo, 300.0)
 
 
 def test_a_device_without_a_bound_of_its_energy_is_held_against_its_force_alone():

@@ -10,7 +10,7 @@ from cardan.demos import demo as demos
 from cardan.demos.demo import run_demo
 from cardan.demos.examples import find_demos, read_demo
 from cardan.demos.peers import Peers
-from cardan.demos.unattended import check_unattended, check_words
+from cardan.demos.unattended import CARDAN, check_unattended, check_words
 from cardan.drivers import registry
 from cardan.errors import ConfigurationError
 from cardan.gateway.session.config import parse_config
@@ -58,7 +58,8 @@ def test_every_demo_of_ours_is_simulated(name, tmp_path):
         check_unattended(DEMOS[name], parse_config(tables))
     for words in launches:
         joined = check_words(DEMOS[name], "launch", words)
-        assert " ".join(joined).replace("=", " ") == " ".join(words).replace("=", " ")
+        plain = " ".join(joined).replace("=", " ").replace(f"-- {' '.join(CARDAN)} ", "-- ")
+        assert plain == " ".join(words).replace("=", " ")
 
 
 def test_a_demo_that_is_simulated_is_allowed(tmp_path):
@@ -230,6 +231,15 @@ def test_what_may_reach_hardware_is_refused(tmp_path, block, tables, words):
             "devices share --listen tcp/127.0.0.1:0 spacemouse",
             "devices share serves {examples}/FILE",
         ),
+        ("sim omni -- devices list", "'--' begins a program"),
+        (
+            "sim omni -- devices share {examples}/omni.toml",
+            "devices share serves {examples}/FILE, and needs --listen",
+        ),
+        (
+            "sim omni --log /dev/x -- devices share --listen tcp/127.0.0.1:0 {examples}/omni.toml",
+            "is a device of this computer",
+        ),
     ],
 )
 def test_a_demo_starts_nothing_but_simulated_peers(tmp_path, command, words):
@@ -250,6 +260,18 @@ def test_a_served_device_is_simulated_too(tmp_path):
         checked(tmp_path, (command, FILES), MOUSE + ARM)
     real.write_text(MOUSE)
     checked(tmp_path, (command, FILES), MOUSE + ARM)
+
+
+def test_a_device_inside_a_launched_program_is_of_that_peer(tmp_path):
+    (tmp_path / "omni.toml").write_text(OMNI)
+    share = "devices share --listen tcp/127.0.0.1:0 {examples}/omni.toml"
+    checked(tmp_path, (f'launch = ["sim omni -- {share}"]', FILES), MOUSE + ARM)
+    for outside in (share, f"sim arm -- {share}"):
+        with pytest.raises(ConfigurationError, match=r"omni\.toml: device\.library: '' may reach"):
+            checked(tmp_path, (f'launch = ["{outside}"]', FILES), MOUSE + ARM)
+    words = shlex.split(f"sim omni -- {share}")
+    with pytest.raises(ConfigurationError, match="'--' begins a program"):
+        check_words(DEMOS["omni"], "launcher", words)
 
 
 def test_a_flag_takes_no_program_for_its_value():

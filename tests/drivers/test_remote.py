@@ -148,6 +148,56 @@ def test_what_was_done_while_the_sharing_process_stood_still_counts_for_nothing(
     assert (bench.state.link, bench.state.buttons) == (DeviceLink.LIVE, {"hold"})
 
 
+def sent_while(bench, seconds, each=lambda: None):
+    """How many states are sent a second while the device is deflected, anew each step."""
+    before = len(bench.sent)
+
+    def step():
+        each()
+        bench.move(0.5 + 0.4 * math.sin(bench.now_s))
+
+    bench.run(seconds, step)
+    return (len(bench.sent) - before) / seconds
+
+
+def test_what_a_link_does_not_carry_is_not_sent():
+    bench = Bench(LAN, max_age_s=0.5).live()
+    free_hz = sent_while(bench, 1.0)
+    bench.down.rate_bps = 200e3  # some 100 states a second
+    sent_while(bench, 1.0)
+    came = len(bench.came)
+    assert sent_while(bench, 2.0) <= 0.5 * free_hz
+    assert max(at_s - sent_s for at_s, sent_s, _ in bench.came[came:]) <= 0.1
+    # The release of a button waits for no other's turn.
+    bench.press()
+    sent_while(bench, 0.5)
+    bench.press(pressed=False)
+    before_s = bench.now_s
+    sent_while(bench, STEP_S)
+    assert list(bench.sent.values())[-1][0] == pytest.approx(before_s + STEP_S)
+    bench.down.rate_bps = math.inf
+    sent_while(bench, 0.2)
+    assert sent_while(bench, 1.0) == pytest.approx(free_hz, rel=0.05)
+
+
+def test_what_is_sent_into_a_stall_is_little_and_what_comes_after_it_is_not():
+    bench = Bench(LTE._replace(in_order=True), max_age_s=0.25).live()
+    moving_hz = sent_while(bench, 1.0)
+    for way in (bench.down, bench.up):
+        way.stall(bench.now_s + 1.0 - 0.1)
+    assert sent_while(bench, 0.9) <= 0.25 * moving_hz
+    sent_while(bench, 2 * LTE.slowest_s)
+    assert sent_while(bench, 1.0) >= 0.8 * moving_hz
+
+
+def test_claims_that_are_late_slow_no_state_down():
+    bench = Bench(LAN, max_age_s=0.5).live()
+    free_hz = sent_while(bench, 1.0)
+    bench.up.link = LAN._replace(delay_s=0.26)
+    sent_while(bench, 0.5)
+    assert sent_while(bench, 1.0) >= 0.95 * free_hz
+
+
 def test_a_press_that_is_too_old_arms_nothing_and_a_release_lets_go():
     bench = Bench().live()
     bench.press("grip")
@@ -441,6 +491,32 @@ def test_claims_of_a_stranger_under_the_same_number_count_for_nothing():
     assert bench.share.counts["claims while another session has it"] == 1
 
 
+def test_a_claim_that_the_giving_back_overtook_takes_nothing():
+    share = ShareCore("spacemouse", 1)
+    for asked_s, wanted in ((1.0, True), (1.04, False), (1.02, True), (1.04, True)):
+        message = claim_message(claim(asked_s=asked_s, wanted=wanted))
+        share.on_received(received(CLAIM_TYPE, message), 1.0)
+    assert share.lessee(1.0) == ""
+    assert share.counts["claims that came twice or late"] == 2
+    # Another session may have it at once, by a clock of its own, and the same one anew.
+    for lessee, asked_s, sender in ((6, 0.5, 2), (5, 1.06, 1)):
+        for wanted in (True, False):
+            told = claim(lessee, asked_s + 0.01 * (not wanted), wanted)
+            share.on_received(received(CLAIM_TYPE, claim_message(told), sender=sender), 1.0)
+            assert (share.lessee(1.0) != "") is wanted
+
+
+def test_a_claim_from_before_a_silence_takes_nothing_after_it():
+    share = ShareCore("spacemouse", 1)
+    share.on_received(received(CLAIM_TYPE, claim_message(claim(asked_s=1.0))), 1.0)
+    silent_s = 1.1 + LEASE_S
+    assert share.lessee(silent_s) == ""
+    share.on_received(received(CLAIM_TYPE, claim_message(claim(asked_s=0.9))), silent_s)
+    assert share.lessee(silent_s) == ""
+    share.on_received(received(CLAIM_TYPE, claim_message(claim(asked_s=1.5))), silent_s)
+    assert share.lessee(silent_s) == "arm b at robot"
+
+
 def test_claims_that_come_twice_are_counted():
     share = ShareCore("spacemouse", 1)
     for asked_s in (1.0, 1.0, 0.5):
@@ -500,7 +576,7 @@ MANY = [
     {"number": n, "stamp": 0.0, "button": "a", "pressed": True} for n in range(1, MOST_EDGES + 2)
 ]
 BAD_STATES = {
-    "version": ({"version": 1}, "of version 1, where this Cardan speaks 2"),
+    "version": ({"version": 1}, "of version 1, where this Cardan speaks 3"),
     "axes": ({"axes": [math.nan] * 6}, "no numbers"),
     "beyond": ({"axes": [2.0] + [0.0] * 5}, "beyond -1 to 1"),
     "sent": ({"sent": math.nan}, "a time sent that is none"),
@@ -546,6 +622,8 @@ BAD_CLAIMS = {
     "nobody": ({"lessee": 0}, "of nobody"),
     "asked": ({"asked": math.inf}, "a time asked that is none"),
     "rumble": ({"rumble": [math.nan]}, "a rumble beyond 0 to 1"),
+    "late": ({"late": math.nan}, "a lateness that are no numbers"),
+    "early": ({"late": -0.1}, "a negative lateness"),
     "lights": ({"led": [True, False]}, "several lights"),
 }
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from cardan.gateway.arm.supervision import Watchdogs
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.mapping import MappingOptions, Mode
 from cardan.spatial import (
     add,

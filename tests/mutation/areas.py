@@ -21,7 +21,7 @@ AREAS: dict[str, tuple[str, ...]] = {
         "cardan/drivers/motoros/trajectory_limiter.py",
         "cardan/drivers/motoros/agreed_limits.py",
         "cardan/gateway/arm/output_check.py",
-        "cardan/gateway/motion/reference.py",
+        "cardan/gateway/motion/speed_limited_reference.py",
         "cardan/gateway/force/watchdog.py",
     ),
     "access": tuple(

@@ -16,8 +16,8 @@ from cardan.drivers.abb_egm.compiled import datagrams
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.session import Address, EgmSession
 from cardan.drivers.abb_egm.stream import EgmStream
-from cardan.drivers.base import Endpoint
-from cardan.drivers.datagram_robot import BRAKE_WITHIN_S, AnsweringRobot
+from cardan.drivers.base import Endpoint, RobotDriver
+from cardan.drivers.datagram_robot import BRAKE_WITHIN_S, AnswerMixin
 from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.errors import DriverError
@@ -46,7 +46,7 @@ def _speaks_egm(data: bytes) -> bool:
     return not isinstance(decode_robot(data), MalformedEgmMessage)
 
 
-class AbbEgm(AnsweringRobot[EgmSession]):
+class AbbEgm(AnswerMixin[EgmSession], RobotDriver):
     """An ABB controller in Externally Guided Motion, over UDP.
 
     An instance serves one motion task on one port; a process may have several. Each datagram of the

@@ -7,7 +7,7 @@ import time
 from contextlib import closing
 
 from cardan.drivers.abb_egm.session import EgmSession
-from cardan.drivers.robot_core import LoopingRobot
+from cardan.drivers.robot_core import LoopMixin
 from cardan.errors import DriverError
 from cardan.types import HoldCommand, RobotCommand, RobotState
 
@@ -22,7 +22,7 @@ class EgmStream:
     until the controller begins a new session; then the robot is braked within its limits.
     """
 
-    def __init__(self, driver: LoopingRobot[EgmSession]) -> None:
+    def __init__(self, driver: LoopMixin[EgmSession]) -> None:
         self._driver = driver
         self._timeout_s = driver.options.late_after_s
         self._thread: threading.Thread | None = None

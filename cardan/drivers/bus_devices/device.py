@@ -10,10 +10,11 @@ from abc import abstractmethod
 from typing import Any, ClassVar, TypeVar
 
 from cardan.bus.node import BusNode, MatchedEndpoints, Publisher, WaitingSubscription
+from cardan.drivers.base import OperatorDevice
 from cardan.drivers.handheld.core import PhoneCore, XrCore
 from cardan.drivers.handheld.options import PhoneOptions, XrOptions
 from cardan.drivers.node_options import SIMULATED, NodeOptions
-from cardan.drivers.reader_thread import ReadDevice
+from cardan.drivers.reader_thread import ReaderMixin
 from cardan.drivers.ros2_nodes.core import BusCore, JoyCore
 from cardan.drivers.ros2_nodes.options import Ros2JoyOptions, Ros2SpacenavOptions
 from cardan.errors import DeviceNotFoundError
@@ -74,8 +75,8 @@ class Rumbler:
         self._shown = level
 
 
-class BusDevice(ReadDevice[C]):
-    """A device whose messages come on a topic."""
+class BusMixin(ReaderMixin[C]):
+    """The reader of a device whose messages come on a topic."""
 
     _bus: BusNode | None = None
     _messages: WaitingSubscription | None = None
@@ -196,7 +197,7 @@ class BusDevice(ReadDevice[C]):
 # -- hands that a page of the console shows ----
 
 
-class Phone(BusDevice[PhoneCore]):
+class Phone(BusMixin[PhoneCore], OperatorDevice):
     """A phone in the hand, by the console's page in its browser."""
 
     Options: ClassVar[type[PhoneOptions]] = PhoneOptions
@@ -216,7 +217,7 @@ class Phone(BusDevice[PhoneCore]):
         return PhoneCore(self.options)
 
 
-class Xr(BusDevice[XrCore]):
+class Xr(BusMixin[XrCore], OperatorDevice):
     """A headset's controller, or a phone with AR, by the console's page in its browser."""
 
     Options: ClassVar[type[XrOptions]] = XrOptions
@@ -239,7 +240,7 @@ class Xr(BusDevice[XrCore]):
 # -- devices that ROS 2 nodes read, and publish as sensor_msgs/Joy ----
 
 
-class Ros2Spacenav(BusDevice[JoyCore]):
+class Ros2Spacenav(BusMixin[JoyCore], OperatorDevice):
     """A 3D mouse that ROS 2's spacenav_node reads."""
 
     Options: ClassVar[type[Ros2SpacenavOptions]] = Ros2SpacenavOptions
@@ -256,7 +257,7 @@ class Ros2Spacenav(BusDevice[JoyCore]):
         return JoyCore(self.options, "touch the cap and let go once")
 
 
-class Ros2Joy(BusDevice[JoyCore]):
+class Ros2Joy(BusMixin[JoyCore], OperatorDevice):
     """A gamepad or joystick that ROS 2's joy_node or game_controller_node reads."""
 
     Options: ClassVar[type[Ros2JoyOptions]] = Ros2JoyOptions

@@ -5,11 +5,11 @@ from __future__ import annotations
 import threading
 import time
 from abc import abstractmethod
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from cardan.common.options import require
 from cardan.drivers.access import obstacle, open_error, such
-from cardan.drivers.base import FoundDevice
+from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.drivers.evdev.core import EvdevCore
 from cardan.drivers.evdev.links import EvdevLink, EvdevSocketLink, NodeLink
 from cardan.drivers.evdev.nodes import (
@@ -21,7 +21,7 @@ from cardan.drivers.evdev.nodes import (
     take_snapshot,
 )
 from cardan.drivers.packet_socket import open_simulated
-from cardan.drivers.reader_thread import ReadDevice
+from cardan.drivers.reader_thread import ReaderMixin
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
 
 READ_TIMEOUT_S = 0.02
@@ -35,32 +35,16 @@ SNAPSHOT_PERIOD_S = 0.02
 """Shortest time between two requests for all that a device holds."""
 
 
-class EvdevOptions(Protocol):
-    """The options that finding and reading need."""
-
-    @property
-    def transport(self) -> str:
-        """ "evdev" or "socket"."""
-
-    @property
-    def path(self) -> str:
-        """Path of the node or the socket; empty: the first found."""
-
-    @property
-    def name(self) -> str:
-        """A part of the device's name; empty: any."""
-
-
-def check_way(options: EvdevOptions) -> None:
+def check_way(transport: str, path: str) -> None:
     """Raise OptionError unless transport and path go together."""
-    good = options.transport != "socket" or options.path
-    require(good, "path", options.path, "the path of the socket for transport 'socket'")
+    good = transport != "socket" or path
+    require(good, "path", path, "the path of the socket for transport 'socket'")
 
 
 K = TypeVar("K", bound=EvdevCore)
 
 
-class EvdevDevice(ReadDevice[K]):
+class EvdevDevice(ReaderMixin[K], OperatorDevice):
     """An input device of one kind."""
 
     _permission_hint: ClassVar[str]
@@ -184,12 +168,8 @@ class EvdevDevice(ReadDevice[K]):
     # -- finding and opening -------------------------------------------------------------------
 
     @classmethod
-    def _nodes(cls) -> list[Node]:
-        return [node for node in find_nodes() if cls._fits(node.keys, node.axes)]
-
-    @classmethod
-    def _others(cls) -> list[Node]:
-        return [node for node in find_nodes() if not cls._fits(node.keys, node.axes)]
+    def _nodes(cls, *, fit: bool = True) -> list[Node]:
+        return [node for node in find_nodes() if cls._fits(node.keys, node.axes) is fit]
 
     def _open_link(self) -> tuple[EvdevLink, str]:
         """The device that the options mean, and the name of its kernel driver."""
@@ -221,7 +201,7 @@ class EvdevDevice(ReadDevice[K]):
             )
         misfits = "".join(
             f"; {node.name} ({node.path}) is none: {misfit}"
-            for node in self._others()
+            for node in self._nodes(fit=False)
             if (misfit := self._misfit(node.identity, node.keys, node.axes))
         )
         raise DeviceNotFoundError(

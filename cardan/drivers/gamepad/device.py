@@ -69,7 +69,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
         """The pads, also those of Logitech whose switch keeps them from being one. Never raises."""
         return super().find() + [
             FoundDevice(node.name, node.identity, "evdev", node.path, words)
-            for node in cls._others()
+            for node in cls._nodes(fit=False)
             if (words := pad_in_mode_d(node.identity))
         ]
 

@@ -39,6 +39,6 @@ class GamepadOptions(ShapingOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_way(self)
+        check_way(self.transport, self.path)
         good = not self.shift or self.shift in PAD_CODES
         require(good, "shift", self.shift, f"empty or one of {', '.join(PAD_CODES)}")

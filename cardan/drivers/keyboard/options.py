@@ -37,4 +37,4 @@ class KeyboardOptions(ShapingOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_way(self)
+        check_way(self.transport, self.path)

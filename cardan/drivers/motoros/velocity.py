@@ -9,9 +9,9 @@ import math
 from collections.abc import Sequence
 
 from cardan.drivers.missed_cycles import SlipCompensation
-from cardan.drivers.motoros.following_error import TrackingMonitor
 from cardan.drivers.motoros.motion import MotionParts, MotorosMotion
 from cardan.drivers.motoros.requests import SEQUENCES, Answer
+from cardan.drivers.motoros.tracking_monitor import TrackingMonitor
 from cardan.protocols.simple_message import (
     ZEROS,
     JointVelocity,

@@ -137,7 +137,9 @@ class RemoteCore(BusCore):
         shown = self._playout.shown
         answers_s = NEVER_S if shown is None else shown.sent_s
         order = None if command is None else RemoteHapticCommand(command, answers_s)
-        return Claim(self._lessee, self._name, now_s, True, self._edge, feedback, order)
+        return Claim(
+            self._lessee, self._name, now_s, True, self._edge, feedback, order, self._late_s(now_s)
+        )
 
     def final_claim(self, now_s: float) -> Claim:
         """The claim that gives the device back."""
@@ -289,6 +291,12 @@ class RemoteCore(BusCore):
         self._buttons.set(sorted(self._down), now_s)
 
     # -- its age -------------------------------------------------------------------------------
+
+    def _late_s(self, now_s: float) -> float:
+        """By how much the newest state is older than a quick one on arrival: of the way of the
+        states alone, whatever holds up the claims."""
+        round_s = self._clock.round_s
+        return 0.0 if round_s is None else max(0.0, now_s - self._newest_s - 0.5 * round_s)
 
     def _age_s(self, now_s: float) -> float:
         """Age of the newest state, at least what its round trip allows."""

@@ -15,7 +15,8 @@ from cardan.common.haptics import (
     HapticState,
     OperatingState,
 )
-from cardan.drivers.bus_devices.device import LOOK_S, MEET_S, BusDevice
+from cardan.drivers.base import OperatorDevice
+from cardan.drivers.bus_devices.device import LOOK_S, MEET_S, BusMixin
 from cardan.drivers.haptic import HapticDevice
 from cardan.drivers.node_options import SIMULATED
 from cardan.drivers.remote.core import RemoteCore
@@ -23,6 +24,7 @@ from cardan.drivers.remote.options import RemoteOptions
 from cardan.drivers.remote.shared import CLAIM_TYPE, Claim, claim_message, flat
 from cardan.errors import CommandError, DeviceAccessError
 from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.zenoh import NEWEST_QOS
 from cardan.spatial import is_finite
 from cardan.types import DeviceCapabilities, DeviceFeedback, DeviceLink
 
@@ -30,7 +32,7 @@ WAIT_S = 0.01
 """The reader looks at its claim so often."""
 
 
-class Remote(BusDevice[RemoteCore]):
+class Remote(BusMixin[RemoteCore], OperatorDevice):
     """An operator device of another computer, where `cardan devices share` publishes it."""
 
     Options: ClassVar[type[RemoteOptions]] = RemoteOptions
@@ -93,7 +95,7 @@ class Remote(BusDevice[RemoteCore]):
         bus, messages = self._bus, self._messages
         assert bus is not None
         assert messages is not None
-        self._claims = bus.publisher(self.options.claim_topic, CLAIM_TYPE, express=True)
+        self._claims = bus.publisher(self.options.claim_topic, CLAIM_TYPE, NEWEST_QOS, express=True)
         until_s = time.monotonic() + MEET_S
         while not self._core.leased:
             if time.monotonic() >= until_s:
@@ -131,7 +133,9 @@ class Remote(BusDevice[RemoteCore]):
     def _put(self, claim: Claim) -> None:
         if self._claims is not None:
             data = codec_of(CLAIM_TYPE).encode(claim_message(claim))
-            self._claims.put(data, time.time_ns())
+            # What renews is renewed; nothing comes after what gives back.
+            put = self._claims.put if claim.wanted else self._claims.put_reliably
+            put(data, time.time_ns())
 
     def _release(self) -> None:
         self._put(self._core.final_claim(time.monotonic()))

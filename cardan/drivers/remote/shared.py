@@ -2,8 +2,8 @@
 
 cardan_msgs/SharedDevice has the newest state, and the unacknowledged edges of buttons.
 cardan_msgs/DeviceClaim asks for the device or renews its lease, says by its stamp when it was sent,
-acknowledges edges, and has the feedback and the force. Times are monotonic, s, each by its sender's
-clock.
+how late states come, acknowledges edges, and has the feedback and the force. Times are monotonic,
+s, each by its sender's clock.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from cardan.types import (
 
 STATE_TYPE, CLAIM_TYPE = "cardan_msgs/msg/SharedDevice", "cardan_msgs/msg/DeviceClaim"
 
-VERSION = 2
+VERSION = 3
 """Version of both messages."""
 
 CLAIM_PERIOD_S = 0.03
@@ -139,6 +139,8 @@ class Claim(NamedTuple):
     """Number of the newest edge that is known there."""
     feedback: DeviceFeedback
     order: RemoteHapticCommand | None = None
+    late_s: float = 0.0
+    """By how much the newest state is older than a quick one is on arrival."""
 
 
 class UnusableError(ValueError):
@@ -240,6 +242,7 @@ def claim_message(claim: Claim) -> Message:
         "lessee": claim.lessee,
         "lessee_name": claim.name,
         "asked": claim.asked_s,
+        "late": claim.late_s,
         "wanted": claim.wanted,
         "edges": claim.edges,
         "led": [] if led is None else [led],
@@ -254,6 +257,9 @@ def read_claim(message: Message) -> Claim:
     if not message["lessee"]:
         raise UnusableError("of nobody")
     rumble = _at_most_one(message["rumble"], "rumbles")
+    late_s = _number(message["late"], "a lateness")
+    if late_s < 0.0:
+        raise UnusableError("of a negative lateness")
     return Claim(
         message["lessee"],
         message["lessee_name"][:MOST_TEXT],
@@ -265,6 +271,7 @@ def read_claim(message: Message) -> Claim:
             None if rumble is None else _share(rumble, "rumble"),
         ),
         _order(_at_most_one(message["force"], "forces")),
+        late_s,
     )
 
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from cardan.gateway.arm.interface import CartesianArm
     from cardan.gateway.arm.motion import ControllerStatus, Motion, Outcome, Stat
     from cardan.gateway.arm.options import ControllerOptions
-    from cardan.gateway.arm.verbs import ArmVerbs
+    from cardan.gateway.arm.verb_methods import ArmVerbs
     from cardan.gateway.arm.vocab import Action, FrameCode, Parameter, State, Stream
 
 _HOMES = {

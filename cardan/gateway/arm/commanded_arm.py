@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.arm.following_error import FollowingError
+from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.gateway.servo.status import ServoStatus
 from cardan.spatial import (
     add,
@@ -57,36 +57,6 @@ APPROACH_TIME_S = 0.2
 
 APPROACH_SPEED_M_S, APPROACH_SPEED_RAD_S = 0.05, 0.3
 """Highest TCP speed of a motion that no operator asks for (invariant 5 of the design)."""
-
-
-class FollowingError(NamedTuple):
-    """How far a robot is from where it is commanded to be."""
-
-    linear_m: float
-    angular_rad: float
-    joint_error: float = 0.0
-    """Of the worst joint: rad, or m for a prismatic one; 0 without an arm's model."""
-    joint: str = ""
-    """That joint's name."""
-
-    def exceeds(self, limit: FollowingError, share: float = 1.0) -> bool:
-        """True when one of the three is larger than `share` of that of `limit`."""
-        return (
-            self.linear_m > share * limit.linear_m
-            or self.angular_rad > share * limit.angular_rad
-            or self.joint_error > share * limit.joint_error
-        )
-
-    def in_words(self, relation: str) -> str:
-        """For example "the robot is 12 mm and 0.10 rad behind its reference (joint_2 by 0.10)"."""
-        if not self.linear_m and not self.angular_rad and self.joint:
-            away = f"{self.joint_error:.3f} rad {relation}"
-            return f"{self.joint} is {away} where it was commanded to be"
-        joint = f" ({self.joint} by {self.joint_error:.2f})" if self.joint else ""
-        return (
-            f"the robot is {self.linear_m * 1e3:.0f} mm and {self.angular_rad:.2f} rad {relation} "
-            f"its reference{joint}"
-        )
 
 
 class CommandedArm(ABC):
@@ -155,8 +125,13 @@ class CommandedArm(ABC):
         """
 
     @abstractmethod
-    def following_error(self, state: RobotState, reference: Reference | None) -> FollowingError:
-        """How far the robot is from its command; the TCP's part where a `reference` observes it."""
+    def following_error(
+        self, state: RobotState, reference: Reference | None, observe: bool = False
+    ) -> FollowingError:
+        """How far the robot is from its command; the TCP's part where a `reference` observes it.
+
+        `observe`: the reference, if it is placed, is given the measured TCP first.
+        """
 
     @abstractmethod
     def follow(
@@ -290,9 +265,13 @@ class TaskSpaceArm(CommandedArm):
         turn = scale(rotation_between(before.pose.orientation, measured.orientation), 1.0 / time_s)
         self._twist = Twist(_along(way, last.linear), _along(turn, last.angular), Frame.BASE)
 
-    def following_error(self, state: RobotState, reference: Reference | None) -> FollowingError:
+    def following_error(
+        self, state: RobotState, reference: Reference | None, observe: bool = False
+    ) -> FollowingError:
         if reference is None:
             return FollowingError(0.0, 0.0)
+        if observe and reference.pose is not None:
+            reference.observe(self.measured(state))
         return FollowingError(reference.ahead_m, reference.ahead_rad)
 
     def follow(

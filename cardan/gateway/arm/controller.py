@@ -21,7 +21,8 @@ from typing import Protocol
 
 from cardan.common.haptics import WorldMap
 from cardan.gateway.arm.authority import HAND, Authority
-from cardan.gateway.arm.commanded_arm import CommandedArm, FollowingError
+from cardan.gateway.arm.commanded_arm import CommandedArm
+from cardan.gateway.arm.following_error import FollowingError
 from cardan.gateway.arm.motions.base import Activity
 from cardan.gateway.arm.motions.brake import Brake
 from cardan.gateway.arm.motions.hand import FollowHand
@@ -40,7 +41,7 @@ from cardan.gateway.arm.states import (
 )
 from cardan.gateway.arm.status import TAUT_SHARE, ArmStatus, Phase
 from cardan.gateway.arm.supervision import Cause, StopReason, Supervision, Watchdogs, step_s
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.gateway.operator.deadman import Arming
 from cardan.gateway.operator.input import NO_REQUEST, ArmView, MotionRequest, OperatorInput
 from cardan.gateway.operator.position import resting_pose
@@ -451,14 +452,12 @@ class ArmController:
                     cause is Cause.NEW_SESSION and reason
                 ):
                     return self._robot_lost(finding, robot, device, events, dt_s)
-                self.not_ready = ""
                 self._act_on(finding, robot)
             if not self.state.link.ready:
                 self.not_ready = ""
                 self._on(ArmEvent.READY)
-            observed = self._observe(robot)
-            if self.state.motion.commanded and not self.state.readings.rejected:
-                finding = self.supervision.compare(robot, self.commanded, observed, self._activity)
+            if not self.state.readings.rejected:
+                finding = self._compare(robot)
                 if finding is not None:
                     self._act_on(finding, robot)
             ignored = bool(self._inhibits) and self._heed_inhibits()
@@ -498,18 +497,18 @@ class ArmController:
         streamed = activity.silence_s < math.inf
         return activity.driven or self.commanded.moving if streamed else not activity.idle
 
-    def _observe(self, robot: RobotState) -> Reference | None:
-        """Give the measured TCP to the reference that it is compared with, and return that; None
-        where joints alone count."""
+    def _compare(self, robot: RobotState) -> StopReason | None:
+        """Give the measured TCP to the reference that it is compared with, where not joints alone
+        count; return what is wrong with a robot that is commanded."""
         activity = self._activity
         if activity is None:
             reference = self.reference if self.hand is not None else None
         else:
             reference = activity.reference
-        if reference is None or reference.pose is None or self.state.readings.rejected:
-            return reference
-        reference.observe(self.commanded.measured(robot))
-        return reference
+        error = self.commanded.following_error(robot, reference, observe=True)
+        if not self.state.motion.commanded:
+            return None
+        return self.supervision.compare(robot, error, activity)
 
     # -- faults ----------------------------------------------------------------------------------
 
@@ -852,8 +851,7 @@ class ArmController:
         reference = self.reference
         reference.place(self.commanded.pose)
         assert self.robot is not None
-        reference.observe(self.commanded.measured(self.robot))
-        error = self.commanded.following_error(self.robot, reference)
+        error = self.commanded.following_error(self.robot, reference, observe=True)
         activity = Recover(self.commanded, reference, near, error, self._recovered_way)
         self._on(ArmEvent.RESYNCHRONIZES, activity)
 

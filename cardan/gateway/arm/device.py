@@ -13,11 +13,11 @@ from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.drivers.foreign import RobotCalls, close_in_order
 from cardan.errors import CommandError
 from cardan.gateway.arm.interface import CartesianArm
-from cardan.gateway.arm.link import NOT_OPEN, LoopLink
 from cardan.gateway.arm.loop import ArmLoop
+from cardan.gateway.arm.loop_link import NOT_OPEN, LoopLink
 from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.verb_methods import ArmVerbs
 from cardan.gateway.arm.verb_server import VerbServer
-from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.arm.vocab import Action
 from cardan.gateway.kinematics.collision import Obstacle
 from cardan.gateway.operator.mapping import MappingOptions

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from cardan.common.context import Openable
+from cardan.common.context import enter, leave
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.authority import VERBS
 from cardan.gateway.arm.motion import ControllerStatus, Motion, Rehearsal, Stat
@@ -15,7 +15,7 @@ from cardan.gateway.arm.validation import Target
 from cardan.gateway.arm.vocab import Action
 
 
-class CartesianArm(Openable):
+class CartesianArm(ABC):
     """An arm with the verbs movj, movl, ... of the Cartesian interface, for any thread.
 
     A verb that is refused raises MotionRefusedError and changes nothing. A verb that takes over
@@ -34,6 +34,9 @@ class CartesianArm(Openable):
     @abstractmethod
     def close(self) -> None:
         """Brake to rest and end the loop. Never raises; twice is fine."""
+
+    __enter__ = enter
+    __exit__ = leave
 
     @abstractmethod
     def _ask(

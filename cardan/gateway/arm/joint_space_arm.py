@@ -16,14 +16,13 @@ from cardan.gateway.arm.commanded_arm import (
     FASTEST_TCP_RAD_S,
     SHORTEST_S,
     CommandedArm,
-    FollowingError,
 )
+from cardan.gateway.arm.following_error import FollowingError
 from cardan.gateway.arm.neighbors import NeighborBodies
 from cardan.gateway.arm.output_check import OutputLimits
 from cardan.gateway.kinematics.base import SE3, FloatArray, Kinematics, short_way, to_pose
-from cardan.gateway.motion.reference import Reference
+from cardan.gateway.motion.speed_limited_reference import Reference
 from cardan.gateway.servo.choice import AnyServo
-from cardan.gateway.servo.lag import ResponseLag, farthest
 from cardan.gateway.servo.servo import servo_steps
 from cardan.gateway.servo.status import SINGULAR, ServoStatus
 from cardan.spatial import is_finite, norm, rotation_between, subtract
@@ -106,7 +105,8 @@ class JointSpaceArm(CommandedArm):
         self._placed: list[Sequence[SE3]] = [()] * len(neighbors)
         self._sent: FloatArray | None = None
         self._relaxed = getattr(servo.kinematics, "relaxed", None)
-        self._lag = ResponseLag(lag_s, servo.kinematics.continuous)
+        self._lag_s = lag_s
+        servo.keep_past(lag_s)
 
     # -- commanded state -------------------------------------------------------------------------
 
@@ -203,7 +203,7 @@ class JointSpaceArm(CommandedArm):
         )
 
     def measured(self, state: RobotState) -> Pose:
-        return self.servo.pose_at(self._joints(state))
+        return self.servo.measure(state.joints)[0]
 
     def reported(self, state: RobotState) -> Pose | None:
         if len(state.joints) != self.servo.joints or not is_finite(state.joints):
@@ -220,22 +220,21 @@ class JointSpaceArm(CommandedArm):
             f"{time_s * 1e3:.0f} ms"
         )
 
-    def _joints(self, state: RobotState) -> Sequence[float]:
-        """Where they will be once the robot has caught up."""
-        lag = self._lag
-        return lag.expected(state.joints, self.servo.q.tolist()) if lag.late else state.joints
-
     def _short(self, difference: FloatArray) -> FloatArray:
         return short_way(difference, self.servo.kinematics.continuous)
 
     def _error(self, state: RobotState) -> FloatArray:
         """Commanded less measured joints."""
-        return self._short(self.servo.q - np.array(self._joints(state)))
+        return self._short(self.servo.q - self.servo.expected(state.joints))
 
-    def following_error(self, state: RobotState, reference: Reference | None) -> FollowingError:
-        worst, joint = farthest(self.servo.q.tolist(), self._joints(state), self._continuous)
+    def following_error(
+        self, state: RobotState, reference: Reference | None, observe: bool = False
+    ) -> FollowingError:
+        pose, worst, joint = self.servo.measure(state.joints)
         linear, angular = 0.0, 0.0
         if reference is not None:
+            if observe and reference.pose is not None:
+                reference.observe(pose)
             linear, angular = reference.ahead_m, reference.ahead_rad
         return FollowingError(linear, angular, worst, self.servo.kinematics.names[joint])
 
@@ -248,7 +247,7 @@ class JointSpaceArm(CommandedArm):
         last = servo.v.copy()
         servo.place(np.array(state.joints))
         servo.twist[:] = 0.0
-        self._lag.reset()
+        self.servo.keep_past(self._lag_s)
         self._sent = None
         self.placed = True
         if before is None or time_s < SHORTEST_S or len(before.joints) != servo.joints:
@@ -262,7 +261,7 @@ class JointSpaceArm(CommandedArm):
     def catch(self, q: FloatArray, velocities: FloatArray) -> None:
         """Take over at `q` an arm that moves at `velocities` and was not commanded by position."""
         self.servo.place(q)
-        self._lag.reset()
+        self.servo.keep_past(self._lag_s)
         self._set_velocities(np.clip(velocities, -self._highest, self._highest))
 
     def _set_velocities(self, v: FloatArray) -> None:
@@ -323,8 +322,8 @@ class JointSpaceArm(CommandedArm):
         self, state: RobotState, dt_s: float, approaching: bool = False, blind: bool = False
     ) -> RobotCommand:
         servo = self.servo
-        if self._lag.late:
-            self._lag.note(servo.q, state.stamp_s)
+        if self._lag_s > 0.0:
+            servo.note(state.stamp_s)
         # A velocity-controlled one would keep its error for ever.
         v = self._still if approaching else servo.v
         if self.kind is CommandKind.JOINT:

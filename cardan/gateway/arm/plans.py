@@ -26,8 +26,8 @@ from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, short_way, to_pose
 from cardan.gateway.motion.joint_trajectory import SHORTEST_STEP_S, JointTrajectory
 from cardan.gateway.motion.paths import JointPath, LinePath, PathLimits
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
+from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.gateway.motion.trajectory import TrajectoryPath, samples
 from cardan.robots import ArmModel
 from cardan.spatial import (

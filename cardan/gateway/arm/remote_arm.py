@@ -16,7 +16,7 @@ from cardan.common.forks import IN_CHILD, give_up_in_children
 from cardan.errors import CardanError, MotionLoopError, OptionError
 from cardan.gateway.arm.authority import HAND, VERBS
 from cardan.gateway.arm.interface import CartesianArm
-from cardan.gateway.arm.link import NOT_OPEN
+from cardan.gateway.arm.loop_link import NOT_OPEN
 from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import (
     MotionNote,

@@ -16,9 +16,9 @@ from typing import Annotated, NamedTuple
 
 from cardan.common import bounds
 from cardan.common.options import CODE_ONLY, Options
-from cardan.gateway.arm.commanded_arm import CommandedArm, FollowingError
+from cardan.gateway.arm.commanded_arm import CommandedArm
+from cardan.gateway.arm.following_error import FollowingError
 from cardan.gateway.arm.motions.base import Activity
-from cardan.gateway.motion.reference import Reference
 from cardan.types import NEVER_S, RobotLink, RobotState
 
 LONGEST_STEP_PERIODS = 2.5
@@ -163,16 +163,15 @@ class Supervision:
     def compare(
         self,
         state: RobotState,
-        commanded: CommandedArm,
-        reference: Reference | None,
+        error: FollowingError,
         activity: Activity | None,
     ) -> StopReason | None:
-        """The gravest finding about the robot and its commands; None without any."""
-        self.error = commanded.following_error(state, reference)
-        if self.error.exceeds(self.limit):
-            return StopReason(
-                Cause.HELD, f"{self.error.in_words('away from')}: something else holds it"
-            )
+        """The gravest finding about the robot and its commands, with the following error of now;
+        None without any."""
+        self.error = error
+        held = error.fault(self.limit)
+        if held:
+            return StopReason(Cause.HELD, held)
         if state.alarm:
             return StopReason(Cause.ALARM, state.alarm)
         if activity is not None:

@@ -8,14 +8,14 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from cardan.gateway.arm.authority import VERBS
-from cardan.gateway.arm.link import LoopLink
+from cardan.gateway.arm.loop_link import LoopLink
 from cardan.gateway.arm.motion import Motion, Outcome, Rehearsal
 from cardan.gateway.arm.validation import checked_sequence, checked_source, checked_timeout
 from cardan.gateway.arm.verb_table import NOTHING, VERB_TABLE
 from cardan.gateway.arm.vocab import Begins, Parameter, State
 
 if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
-    from cardan.gateway.arm.verbs import ArmVerbs
+    from cardan.gateway.arm.verb_methods import ArmVerbs
 
 REST_TIMEOUT_S = 10.0
 """Robot time within which any motion has braked to rest."""

@@ -3,7 +3,7 @@
 The packets of :mod:`cardan.gateway.arm.requests`,
 :class:`~cardan.gateway.arm.verb_server.VerbServer`, the worker of a session, ROS 2 and the command
 line read it. A new verb is an entry here, a method of
-:class:`~cardan.gateway.arm.verbs.ArmVerbs`, and for programs its typed form in
+:class:`~cardan.gateway.arm.verb_methods.ArmVerbs`, and for programs its typed form in
 :class:`~cardan.gateway.arm.interface.CartesianArm`.
 """
 

@@ -32,7 +32,7 @@ from cardan.spatial import rotation_between, scale, subtract
 from cardan.types import Frame, Pose, RobotState, Twist, Vector3, Wrench
 
 if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
-    from cardan.gateway.arm.verbs import ArmVerbs
+    from cardan.gateway.arm.verb_methods import ArmVerbs
 
 POSE = "geometry_msgs/msg/PoseStamped"
 TWIST = "geometry_msgs/msg/TwistStamped"

@@ -15,9 +15,11 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
-from cardan.bus.node import BusNode, Received
+from cardan.bus.node import BusNode, Received, zenoh_config
 from cardan.bus.options import BusOptions
+from cardan.bus.tls import TlsWatch, tls_obstacle
 from cardan.common.haptics import HapticCommand, HapticState, MeasuredForce
 from cardan.common.options import Options, require
 from cardan.common.realtime import ask_for_real_time
@@ -25,6 +27,7 @@ from cardan.drivers.base import OperatorDevice
 from cardan.drivers.haptic import HapticDevice
 from cardan.drivers.registry import DriverTable
 from cardan.drivers.remote.shared import (
+    CLAIM_PERIOD_S,
     CLAIM_TYPE,
     FEEDBACK,
     MOST_EDGES,
@@ -46,7 +49,7 @@ from cardan.gateway.force.passive import HandPort, share_left
 from cardan.gateway.force.servo_on import ForceEnabling
 from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.names import RosNameError, checked_name, dds_type
-from cardan.protocols.ros2.zenoh import PUBLISHER
+from cardan.protocols.ros2.zenoh import NEWEST_QOS, PUBLISHER
 from cardan.spatial import add
 from cardan.types import (
     NEUTRAL,
@@ -68,6 +71,11 @@ SHORTEST_S = 0.004
 LONGEST_S = 0.02
 """Between two states of a leased device: whether it is moved or not, its newest state has to be
 young."""
+
+OF_LATENESS = 0.25
+"""Between two states, of the time by which the newest that came is late, as far as claims tell and
+their own silence: what a link does not carry would only wait before it, and hold up what is newer.
+"""
 
 FREE_S = 0.25
 """Between states of a free device, which only say that it is free."""
@@ -139,6 +147,9 @@ class ShareCore:
         self._heard_s = NEVER_S
         self._leases = 0
         """How many there have been."""
+        self._ended: Claim | None = None
+        """The newest claim of the last lease: what it overtook is late."""
+        self._ended_owner = b""
         self._edges: deque[Edge] = deque()
         self._number = 0
         self._sent_s = NEVER_S
@@ -201,6 +212,14 @@ class ShareCore:
         if known is None:
             if not claim.wanted:
                 return False
+            ended = self._ended
+            if (
+                ended is not None
+                and (claim.lessee, owner) == (ended.lessee, self._ended_owner)
+                and claim.asked_s <= ended.asked_s
+            ):
+                self.counts["claims that came twice or late"] += 1
+                return False
             self._edges.clear()
             self._leases += 1
         elif (claim.lessee, owner) != (known.lessee, self._owner):
@@ -210,6 +229,7 @@ class ShareCore:
             self.counts["claims that came twice or late"] += 1
             return False
         if not claim.wanted:
+            self._claim = claim
             self._end()
             return True
         self._claim, self._owner, self._heard_s = claim, owner, now_s
@@ -223,6 +243,7 @@ class ShareCore:
             self._end()
 
     def _end(self) -> None:
+        self._ended, self._ended_owner = self._claim, self._owner
         self._claim, self._owner = None, b""
         self._edges.clear()
 
@@ -234,7 +255,8 @@ class ShareCore:
     def _wait_s(self, changed: bool) -> float:
         if self._claim is None:
             return FREE_S
-        return SHORTEST_S if changed else LONGEST_S
+        late_s = self._claim.late_s + self._sent_s - self._heard_s - CLAIM_PERIOD_S
+        return max(SHORTEST_S if changed else LONGEST_S, OF_LATENESS * late_s)
 
     def offer(
         self,
@@ -432,6 +454,7 @@ class News:
         self._lessee = self._missing = ""
         self._told: set[str] = set()
         self._others: set[str] = set()
+        self._obstacle = ""
 
     def of(self, state: DeviceState, lessee: str, counts: Mapping[str, int]) -> list[str]:
         """Of the device, of its lessee, and of what `counts` has for the first time."""
@@ -448,8 +471,9 @@ class News:
         lines += [f"refused: {what}" if what.startswith("claims") else what for what in new]
         return lines
 
-    def of_bus(self, others: Iterable[str], *, routed: bool) -> list[str]:
-        """Of the router, and of other nodes that share a device under the same name."""
+    def of_bus(self, others: Iterable[str], *, routed: bool, obstacle: str = "") -> list[str]:
+        """Of the router, what prevents TLS with it (`obstacle`), and of other nodes that share a
+        device under the same name."""
         lines = []
         there = set(others)
         lines += [
@@ -464,8 +488,14 @@ class News:
                 f"the router{where} is there again"
                 if routed
                 else f"the router{where} cannot be reached, and nothing moves the arm: start it "
-                "again, or mend the network; this process then goes on by itself"
+                "again, or mend the network; this process then goes on by itself; to a router with "
+                "another address share anew"
             )
+        if obstacle and obstacle != self._obstacle:
+            self._obstacle = obstacle
+            lines.append(obstacle)
+        if routed:
+            self._obstacle = ""
         self._has_router = self._has_router or routed
         self._routed = routed
         return lines
@@ -500,9 +530,10 @@ def share_until(
                 )
         stack.enter_context(device)
         claims = node.waiting_subscription(claim_topic(options.name), CLAIM_TYPE, CLAIMS_KEPT)
-        publisher = node.publisher(topic, STATE_TYPE, express=True)
+        publisher = node.publisher(topic, STATE_TYPE, NEWEST_QOS, express=True)
         router = "" if options.bus.zenoh_config else options.bus.router
         news = News(router, routed=bool(node.neighbors()[0]))
+        tls = TlsWatch(partial(tls_obstacle, zenoh_config(options.bus)))
         look_s = time.monotonic()
         stack.callback(device.on_state(lambda _state: claims.wake()))
         ask_for_real_time()
@@ -531,7 +562,9 @@ def share_until(
             if now_s >= look_s:
                 look_s = now_s + NEWS_S
                 others_there = [each.full_node for each in others.others()]
-                lines += news.of_bus(others_there, routed=bool(node.neighbors()[0]))
+                routed = bool(node.neighbors()[0])
+                obstacle = tls.obstacle(now_s, routed=routed)
+                lines += news.of_bus(others_there, routed=routed, obstacle=obstacle)
             for line in lines:
                 tell(line)
         if hand is not None:

@@ -41,7 +41,6 @@ from cardan.gateway.daemon.config import Layout, ServerEntry, SessionEntry, shar
 from cardan.gateway.daemon.control import Ask, ControlError, Response
 from cardan.gateway.daemon.device_sharing import Order, SessionState, SharedDevice
 from cardan.gateway.daemon.events import Event, EventLog, default_event_log
-from cardan.gateway.daemon.notify import Notifier
 from cardan.gateway.daemon.processes import (
     ENDS_WITHIN_S,
     RunningSession,
@@ -49,6 +48,7 @@ from cardan.gateway.daemon.processes import (
 from cardan.gateway.daemon.restart_policy import Ended, Unit, UnitState
 from cardan.gateway.daemon.server import ControlConnection, ControlServer
 from cardan.gateway.daemon.services import Kept, KeptServer, LogLine, SessionService
+from cardan.gateway.daemon.systemd_watchdog import Notifier
 from cardan.gateway.servers.tokens import Role
 from cardan.gateway.session.device_sharing import GIVE, TAKE
 from cardan.types import NEVER_S

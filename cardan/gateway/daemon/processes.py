@@ -21,6 +21,7 @@ from cardan.common.resource_errors import shortage
 from cardan.gateway.arm.requests import is_answer
 from cardan.gateway.daemon.client import SOCKET_VARIABLE
 from cardan.gateway.daemon.restart_policy import Ended
+from cardan.gateway.daemon.systemd_watchdog import HUNG_S, STARTS_WITHIN_S
 from cardan.gateway.servers.stats import TELLS_VARIABLE, told
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.session import (
@@ -41,15 +42,6 @@ LINES_AT_ONCE: Final = 1000
 LINES_A_SECOND: Final = 200
 """Most lines of a process that are taken, at once and per second; more are only counted. A flood of
 lines from one process would keep the daemon from all others."""
-
-STARTS_WITHIN_S: Final = 60.0
-"""Longest time until a session's first snapshot: all sessions of a lab import their arms' models at
-once, and a small computer, which would be no quicker if the daemon were started anew, takes some
-10 s for each."""
-
-HUNG_S: Final = 8.0
-"""Longest time between snapshots of a session: one whose loop hangs, and that its supervisor cannot
-help, ends the daemon by its watchdog."""
 
 _log = logging.getLogger(__name__)
 

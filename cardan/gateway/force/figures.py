@@ -8,7 +8,7 @@ from typing import Any
 from cardan.common.haptics import HapticState
 from cardan.common.histogram import LatencyHistogram
 from cardan.gateway.force.conditioning import LowPass
-from cardan.spatial import norm, subtract
+from cardan.spatial import dot, norm, subtract
 from cardan.types import Vector3
 
 CONTACT_CUTOFF_HZ = 10.0
@@ -19,6 +19,9 @@ CONTACT_FROM_N, CONTACT_UNTIL_N = 1.0, 0.5
 
 LONGEST_PERIOD_S = 0.1
 """Longest time that one reading stands for."""
+
+FELT_FROM_N = 0.05
+"""A smaller force on the hand has no direction to measure a depth along."""
 
 PATH_STEP_M = 0.0005
 """The path drawn is counted in steps of this length, so that noise at rest draws nothing."""
@@ -86,6 +89,43 @@ class ContactFigures:
             "contact_target_n": target_n,
             "contact_force_rms_error_n": self.rms_error_n(target_n),
         }
+
+
+class StiffnessFigures:
+    """Depth of the hand in contact, and the stiffness that it feels there."""
+
+    def __init__(self) -> None:
+        self.depth_m = 0.0
+        """Deepest so far, from where the hand was when the tool first touched."""
+        self._origin: Vector3 | None = None
+        self._work = self._square_m2 = 0.0
+
+    def add(self, place: Vector3 | None, force: Vector3) -> None:
+        """Take the hand's place and the force on it (N), both in the hand frame; the place is None
+        while the tool touches nothing, or the hand is clutched out."""
+        if place is None:
+            self._origin = None
+            return
+        if self._origin is None:
+            self._origin = place
+        force_n = norm(force)
+        if force_n < FELT_FROM_N:
+            return
+        depth_m = dot(force, subtract(self._origin, place)) / force_n
+        if depth_m <= 0.0:
+            return
+        self.depth_m = max(self.depth_m, depth_m)
+        self._work += force_n * depth_m
+        self._square_m2 += depth_m * depth_m
+
+    @property
+    def stiffness_n_m(self) -> float | None:
+        """Least squares of force over depth, through zero; None: nothing was felt in contact."""
+        return self._work / self._square_m2 if self._square_m2 else None
+
+    def report(self) -> dict[str, Any]:
+        """The figures of a snapshot, by the snapshot's names."""
+        return {"felt_depth_m": self.depth_m, "felt_stiffness_n_m": self.stiffness_n_m}
 
 
 class HapticFigures:

@@ -15,7 +15,7 @@ from cardan.common.haptics import HapticCommand, MeasuredForce, WorldMap
 from cardan.drivers.haptic import HapticDevice
 from cardan.errors import DriverError
 from cardan.gateway.force.crossfade import MapCrossfade
-from cardan.gateway.force.figures import HapticFigures
+from cardan.gateway.force.figures import HapticFigures, StiffnessFigures
 from cardan.gateway.force.fixtures import FixtureSet, world_point
 from cardan.gateway.force.input import ForceInput, MeasuredTcp
 from cardan.gateway.force.passive import FarPort
@@ -51,6 +51,7 @@ class ForceRenderer:
         self.fixtures = fixtures
         self.measured = measured
         self.figures = HapticFigures()
+        self._stiffness = StiffnessFigures()
         self.watchdog = ForceWatchdog(max_age_s)
         self._enabling = ForceEnabling(device)
         self._crossfade = MapCrossfade()
@@ -101,6 +102,9 @@ class ForceRenderer:
         told = self.device.haptics()
         fixtures = self._engaged and bool(self.fixtures.fixtures)
         self.figures.add(told, fixtures, self._engaged)
+        if self.measured is not None:
+            touching = self._engaged and self.measured.contact.touching
+            self._stiffness.add(hand.pose.position if touching and hand.pose else None, told.force)
         if not self._engaged:
             return ""
         return self.watchdog.disengage_reason(
@@ -181,6 +185,7 @@ class ForceRenderer:
         """The figures of a snapshot, by the snapshot's names."""
         return {
             **self.figures.report(),
+            **self._stiffness.report(),
             "force_losses": self.watchdog.losses,
             "force_out_s": self.watchdog.out_s,
             "force_lost_reason": self.watchdog.lost_reason,

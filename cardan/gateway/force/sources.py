@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 from cardan.common import bounds
-from cardan.common.context import Openable
+from cardan.common.context import enter, leave
 from cardan.common.haptics import WorldMap
 from cardan.common.options import Options
 from cardan.drivers.base import OperatorDevice
@@ -52,7 +52,7 @@ class Reading(NamedTuple):
     """Axes of `force`."""
 
 
-class ForceSource(Openable):
+class ForceSource(ABC):
     """An origin of forces. `reason` says why there is no reading, in words."""
 
     needs_tcp = False
@@ -73,6 +73,9 @@ class ForceSource(Openable):
     def close(self) -> None:
         """Release all resources. Never raises."""
         return
+
+    __enter__ = enter
+    __exit__ = leave
 
     @abstractmethod
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.mapping import MappingOptions, Orientation
 from cardan.gateway.operator.position import FOLLOW_TIME_S, HandMapping, closing_velocity
 from cardan.spatial import (

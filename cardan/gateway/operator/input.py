@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from cardan.common.haptics import WorldMap
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.absolute import AbsoluteMapping
 from cardan.gateway.operator.deadman import Arming, armed_by_deadman, armed_by_rest
 from cardan.gateway.operator.filters.base import TwistFilter

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 
 from cardan.common.braking import stopping_speed
 from cardan.common.haptics import Matrix3, WorldMap
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.gateway.operator.mapping import AXES, MappingOptions, Orientation
 from cardan.spatial import (
     add,

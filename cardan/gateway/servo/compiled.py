@@ -33,6 +33,7 @@ from cardan.types import Pose, Quaternion, Vector3
 
 _pack_goal = struct.Struct("13d").pack_into
 _unpack_pose = struct.Struct("7d").unpack_from
+_unpack_measured = struct.Struct("8d").unpack_from
 
 _FLAGS = tuple(ctypes.c_int32(flags) for flags in range(4))
 """Of a tick, made once: to make one takes longer than to pass it on."""
@@ -85,7 +86,7 @@ class CompiledServo:
         self._memory: Any = _Memory.from_address(address)
         weakref.finalize(self._memory, library.kernel_destroy, self._handle).atexit = False
         self._library = library
-        self._tick = library.kernel_tick
+        self._tick, self._measure = library.kernel_tick, library.kernel_measure
         self._dt_s, self._period = 0.0, ctypes.c_double()
         self.projects = min(sum(1 for weight in weights if weight), n) < 6
         self.q = self._window("q", n)
@@ -93,6 +94,7 @@ class CompiledServo:
         self.twist = self._window("twist", 6).reshape(2, 3)
         self._motion = self._window("motion", 6).reshape(2, 3)
         self._posture = self._window("posture", n)
+        self._expected = self._window("pose_joints", n)
         self._joint_rate = layout.CState.joint_rate.offset
         self._goal_joints = layout.CState.goal_joints.offset
         self._goal_rate = layout.CState.goal_rate.offset
@@ -100,6 +102,8 @@ class CompiledServo:
         self._pose_joints = layout.CState.pose_joints.offset
         self._pose_position = layout.CState.pose_position.offset
         self._reachable = layout.CState.reachable_position.offset
+        self._turns = sum(int(turns) << i for i, turns in enumerate(kinematics.continuous.tolist()))
+        self.keep_past(0.0)
         self._pack_joints = struct.Struct(f"{n}d").pack_into
         movers = 0 if collision is None else len(collision.solids) - collision.first_mover
         self._placements, self._grown_m = np.zeros((movers, 12)), np.zeros(movers)
@@ -188,6 +192,29 @@ class CompiledServo:
         self._library.kernel_pose_at(self._handle)
         x, y, z, w, i, j, k = _unpack_pose(self._memory, self._pose_position)
         return Pose(Vector3(x, y, z), Quaternion(w, i, j, k))
+
+    def keep_past(self, lag_s: float) -> None:
+        """As Servo.keep_past."""
+        self._library.kernel_keep_past(self._handle, lag_s, self._turns)
+
+    def note(self, stamp_s: float) -> None:
+        """As Servo.note."""
+        self._library.kernel_note(self._handle, stamp_s)
+
+    def measure(self, joints: Sequence[float]) -> tuple[Pose, float, int]:
+        """As Servo.measure."""
+        if self.kinematics.tool is not self._tool:
+            self._take_tool()
+        self._pack_joints(self._memory, self._pose_joints, *joints)
+        worst: int = self._measure(self._handle)
+        x, y, z, w, i, j, k, away = _unpack_measured(self._memory, self._pose_position)
+        return Pose(Vector3(x, y, z), Quaternion(w, i, j, k)), away, worst
+
+    def expected(self, joints: Sequence[float]) -> FloatArray:
+        """As Servo.expected."""
+        self.measure(joints)
+        found: FloatArray = self._expected.copy()
+        return found
 
     def _read_pose(self, offset: int) -> Pose:
         x, y, z, w, i, j, k = _unpack_pose(self._memory, offset)

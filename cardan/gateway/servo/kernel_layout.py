@@ -120,6 +120,7 @@ class CState(ctypes.Structure):
         ("pose_joints", _JOINTS),
         ("pose_position", _THREE),
         ("pose_orientation", _FOUR),
+        ("joint_error", c_double),
         ("path_speed", c_double),
         ("smallest_singular_value", c_double),
         ("damping", c_double),

@@ -25,6 +25,7 @@ from cardan.gateway.kinematics.base import SE3, FloatArray, Kinematics, to_pose,
 from cardan.gateway.kinematics.collision import Closest, CollisionModel
 from cardan.gateway.servo.bounds import JointBounds
 from cardan.gateway.servo.options import Policy, ServoOptions
+from cardan.gateway.servo.response_lag import ResponseLag, farthest
 from cardan.gateway.servo.status import SLOWED, ServoStatus
 from cardan.robots import SixWeights
 from cardan.types import Pose, Vector3
@@ -136,6 +137,8 @@ class Servo:
         """Commanded joint positions, rad or m."""
         self.v: FloatArray = np.zeros(n)
         """Commanded joint velocities, rad/s or m/s."""
+        self._continuous: list[bool] = kinematics.continuous.tolist()
+        self.keep_past(0.0)
         self._moves: bool | None = None
         """Whether `v` is a motion; None: not checked since it changed."""
         self.posture: FloatArray | None = None
@@ -232,6 +235,27 @@ class Servo:
     def pose_at(self, q: Sequence[float]) -> Pose:
         """The TCP in the base for the joint positions `q`."""
         return to_pose(self.kinematics.forward(np.array(q)))
+
+    def keep_past(self, lag_s: float) -> None:
+        """Expect a robot that may be `lag_s` behind its commands in good order; those that were
+        noted before are forgotten."""
+        self._lag = ResponseLag(lag_s, self.kinematics.continuous)
+
+    def note(self, stamp_s: float) -> None:
+        """Take the commanded joints for those of `stamp_s`."""
+        self._lag.note(self.q, stamp_s)
+
+    def measure(self, joints: Sequence[float]) -> tuple[Pose, float, int]:
+        """Return the TCP of a robot that is measured at `joints`, base frame, how far the joint
+        that is farthest from its command is away, rad or m, and which it is; all of them for where
+        the robot will be once it has caught up."""
+        commanded = self.q.tolist()
+        joints = self._lag.expected(joints, commanded)
+        return self.pose_at(joints), *farthest(commanded, joints, self._continuous)
+
+    def expected(self, joints: Sequence[float]) -> FloatArray:
+        """Where a robot that is measured at `joints` will be once it has caught up."""
+        return np.array(self._lag.expected(joints, self.q.tolist()))
 
     @property
     def motion(self) -> FloatArray:

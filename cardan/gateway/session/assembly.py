@@ -40,7 +40,7 @@ from cardan.types import IDENTITY_POSE, CommandKind, RobotCapabilities
 
 if TYPE_CHECKING:
     from cardan.gateway.arm.options import ControllerOptions
-    from cardan.gateway.arm.verbs import ArmVerbs
+    from cardan.gateway.arm.verb_methods import ArmVerbs
     from cardan.gateway.session.network import SessionNetwork
 
 ARM_COMMANDS = frozenset({CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE})
@@ -138,7 +138,7 @@ def make_verbs(
     if why := why_no_verbs(config):
         raise MotionRefusedError(why)
     from cardan.gateway.arm.joint_space_arm import JointSpaceArm
-    from cardan.gateway.arm.verbs import ArmVerbs, narrowed
+    from cardan.gateway.arm.verb_methods import ArmVerbs, narrowed
     from cardan.gateway.kinematics.arm import ArmKinematics
 
     table, body = config.arm, controller.commanded

@@ -31,7 +31,7 @@ from cardan.gateway.force.tables import (
     Place,
     RemoteForceTable,
 )
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.feedback import FeedbackOptions
 from cardan.gateway.operator.filters.registry import FilterTable
 from cardan.gateway.operator.mapping import GripperAction, GripperOptions, MappingOptions, Mode

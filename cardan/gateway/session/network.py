@@ -47,7 +47,7 @@ from cardan.gateway.session.snapshot import Snapshot
 from cardan.types import DeviceLink, DeviceState, Pose, RobotLink, RobotState, Vector3
 
 if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
-    from cardan.gateway.arm.verbs import ArmVerbs
+    from cardan.gateway.arm.verb_methods import ArmVerbs
     from cardan.gateway.bus.neighbors import ArmNeighbors
 
 _log = logging.getLogger(__name__)

@@ -21,8 +21,8 @@ from cardan.drivers.foreign import RobotCalls, close_in_order, counted, told
 from cardan.errors import CommandError, ConfigurationError
 from cardan.gateway.arm.commanded_arm import TaskSpaceArm
 from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.loop import Cycle
+from cardan.gateway.arm.loop_link import LoopLink
 from cardan.gateway.arm.requests import MAX_REQUEST_BYTES
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import ArmStatus, Phase
@@ -35,9 +35,9 @@ from cardan.gateway.session.assembly import check_buttons, check_mode, has_outpu
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.device_sharing import GIVE, TAKE, DeviceLease
 from cardan.gateway.session.driver_assembly import using_driver
-from cardan.gateway.session.heartbeat import BEAT, Heartbeat
-from cardan.gateway.session.request_worker import ChannelClient, RequestWorker
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
+from cardan.gateway.session.stop_and_requests import ChannelClient, RequestWorker
+from cardan.gateway.session.supervisor_heartbeat import BEAT, SupervisorHeartbeat
 from cardan.spatial import norm, subtract
 from cardan.types import (
     IDENTITY_POSE,
@@ -492,7 +492,7 @@ class Supervisor(Part):
 
     def begin(self, now_s: float) -> None:
         silence_s = self.whole.controller.supervision.watchdogs.heartbeat_s
-        self._heartbeat = Heartbeat(silence_s, now_s)
+        self._heartbeat = SupervisorHeartbeat(silence_s, now_s)
 
     def after(self, cycle: Cycle, now_s: float) -> None:
         if now_s < self._next_s:

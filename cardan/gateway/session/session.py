@@ -28,8 +28,8 @@ from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.drivers.foreign import RobotCalls, close_in_order
 from cardan.errors import CardanError, ConfigurationError, DriverError
 from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.loop import ArmLoop, Cycle
+from cardan.gateway.arm.loop_link import LoopLink
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.force.rendering import ForceRenderer
 from cardan.gateway.session.arm_assembly import make_neighbors
@@ -52,8 +52,8 @@ from cardan.gateway.session.parts import (
     Supervisor,
     Whole,
 )
-from cardan.gateway.session.request_worker import RequestWorker
 from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.stop_and_requests import RequestWorker
 
 SNAPSHOT_PERIOD_S = 0.1
 """A person reads no faster; at 250 Hz one tick in 25 bears the cost, after its answer was sent."""

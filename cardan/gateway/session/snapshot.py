@@ -113,6 +113,11 @@ class Snapshot:
     """Force requested by fixtures and measured force."""
     force_peak_n: float = 0.0
     """The largest force sent in any tick."""
+    felt_depth_m: float = 0.0
+    """How far the hand went in against a measured force, at most."""
+    felt_stiffness_n_m: float | None = None
+    """Force that the hand felt over that depth, least squares; None: nothing was felt in
+    contact."""
     force_losses: int = 0
     """How often teleoperation was disengaged because the force was lost, or did not come."""
     force_out_s: float = 0.0

@@ -23,9 +23,9 @@ from cardan.common.logs import LogFormat
 from cardan.common.signals import ENDING_SIGNALS, on_ending, signal_name
 from cardan.common.tables import as_table
 from cardan.gateway.session.config import SessionConfig
-from cardan.gateway.session.heartbeat import BEAT, BEAT_PERIOD_S
 from cardan.gateway.session.session import BRAKE_TIMEOUT_S, EXIT_INTERNAL
 from cardan.gateway.session.snapshot import MAX_SNAPSHOT_BYTES, Snapshot
+from cardan.gateway.session.supervisor_heartbeat import BEAT, BEAT_PERIOD_S
 from cardan.types import NEVER_S
 
 KILL_AFTER_S = BRAKE_TIMEOUT_S + 3.0

@@ -168,6 +168,13 @@ def _force_rows(s: Snapshot) -> list[tuple[str, str]]:
             f"at most {s.energy_given_peak_j * 1e3:.2f} mJ",
         ),
     ]
+    if s.felt_stiffness_n_m is not None:
+        rows.append(
+            (
+                "stiffness felt, depth of the hand",
+                f"{s.felt_stiffness_n_m:.0f} N/m, {s.felt_depth_m * 1e3:.1f} mm",
+            )
+        )
     for name, p50, p99 in (
         ("fixture", s.fixture_age_p50_s, s.fixture_age_p99_s),
         ("measured", s.measured_age_p50_s, s.measured_age_p99_s),

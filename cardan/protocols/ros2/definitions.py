@@ -508,6 +508,7 @@ uint8 version
 uint64 lessee
 string lessee_name
 float64 asked
+float64 late
 bool wanted
 uint64 edges
 bool[] led

@@ -8,7 +8,7 @@ from cardan.sim_peers.base import serve
 from cardan.sim_peers.command import PeerCommand
 
 
-class Arm(PeerCommand[SimulatedArmOptions]):
+class SimulatedArmCommand(PeerCommand[SimulatedArmOptions]):
     """An arm with rigid-body dynamics and joint control (joint stream on UDP, 500 Hz)."""
 
     Options = SimulatedArmOptions

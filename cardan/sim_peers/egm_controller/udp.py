@@ -83,7 +83,7 @@ class EgmControllerPeer(DatagramPeer):
                 self._socket.send(data)
 
 
-class AbbGofa(PeerCommand[EgmControllerOptions]):
+class EgmControllerCommand(PeerCommand[EgmControllerOptions]):
     """An ABB GoFa CRB 15000-5 in Externally Guided Motion (protobuf on UDP, 250 Hz)."""
 
     Options, Peer = EgmControllerOptions, EgmControllerPeer

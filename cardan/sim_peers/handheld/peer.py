@@ -141,7 +141,7 @@ class PagePeer(HandPeer[SimulatedHand, bytes]):
         super().__init__(device, hand, made(device, options), options)  # type: ignore[arg-type]
 
 
-class PhonePage(PeerCommand[PagePeerOptions]):
+class PhonePageCommand(PeerCommand[PagePeerOptions]):
     """A page of the console with a phone's orientation and touch."""
 
     Options, Peer = PagePeerOptions, PagePeer
@@ -151,7 +151,7 @@ class PhonePage(PeerCommand[PagePeerOptions]):
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS
 
 
-class XrPage(PhonePage):
+class XrPageCommand(PhonePageCommand):
     """A page of the console with a headset's controllers, or a phone with AR."""
 
     Options = XrPeerOptions

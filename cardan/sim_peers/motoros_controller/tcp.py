@@ -93,7 +93,7 @@ def _created(path: str) -> TextIO:
         raise ConfigurationError("log", f"{path!r} cannot be written: {error.strerror}") from None
 
 
-class MotomanGp8(PeerCommand[MotorosControllerOptions]):
+class MotorosControllerCommand(PeerCommand[MotorosControllerOptions]):
     """A Yaskawa Motoman GP8 that runs MotoROS (simple message on three TCP ports)."""
 
     Options, Peer = MotorosControllerOptions, MotorosControllerPeer

@@ -49,7 +49,7 @@ class NodePeer(HandPeer[SimulatedNode, bytes]):
         super().__init__(device, hand, node_on_bus(device, options), options)  # type: ignore[arg-type]
 
 
-class Ros2Device(PeerCommand[NodePeerOptions]):
+class Ros2DeviceCommand(PeerCommand[NodePeerOptions]):
     """ROS 2's spacenav_node, joy_node or game_controller_node with a device (rmw_zenoh)."""
 
     Options, Peer = NodePeerOptions, NodePeer

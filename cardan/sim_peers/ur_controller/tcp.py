@@ -43,7 +43,7 @@ class UrControllerPeer(TcpPeer[PortKind]):
         return self.options.ports[kind]
 
 
-class Ur(PeerCommand[UrControllerOptions]):
+class UrControllerCommand(PeerCommand[UrControllerOptions]):
     """A Universal Robots UR5e or UR5 (RTDE, client interfaces and dashboard on TCP ports)."""
 
     Options, Peer = UrControllerOptions, UrControllerPeer

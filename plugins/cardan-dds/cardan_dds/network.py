@@ -25,6 +25,7 @@ from cardan.bus.network import (
     ServiceInfo,
     Topic,
 )
+from cardan.common.context import enter, leave
 from cardan.errors import DriverError
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.interfaces import InterfaceError, full_name
@@ -132,12 +133,8 @@ class DdsNetwork:
         """The same network as a node of its own, until it is closed."""
         return _Part(self, name)
 
-    def __enter__(self) -> DdsNetwork:
-        self.open()
-        return self
-
-    def __exit__(self, *_exception: object) -> None:
-        self.close()
+    __enter__ = enter
+    __exit__ = leave
 
     @property
     def hub(self) -> _Hub:

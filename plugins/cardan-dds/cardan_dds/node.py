@@ -13,6 +13,7 @@ from typing import NamedTuple
 from cardan.bus.dds_options import DdsOptions
 from cardan.bus.node import Received
 from cardan.bus.transports import OtherNode
+from cardan.common.context import enter, leave
 from cardan.errors import DriverError
 from cardan.protocols.ros2.interfaces import InterfaceError, full_name
 from cardan.protocols.ros2.names import checked_name, dds_type
@@ -292,12 +293,8 @@ class DdsNode(OtherNode):
         if participant is not None:
             participant.close()
 
-    def __enter__(self) -> DdsNode:
-        self.open()
-        return self
-
-    def __exit__(self, *_exception: object) -> None:
-        self.close()
+    __enter__ = enter
+    __exit__ = leave
 
     def publisher(self, name: str, type_name: str, qos: Qos = DEFAULT_QOS) -> DdsPublisher:
         """A publisher of a topic. Raises InterfaceError, RosNameError or DriverError."""

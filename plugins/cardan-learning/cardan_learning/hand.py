@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from cardan.errors import ConfigurationError
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.deadman import Arming
 from cardan.gateway.operator.input import ArmView, MotionRequest, OperatorInput
 from cardan.gateway.operator.mapping import (

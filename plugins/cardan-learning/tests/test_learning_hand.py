@@ -6,7 +6,7 @@ import math
 import pytest
 
 from cardan.errors import ConfigurationError
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.mapping import GripperOptions, MappingOptions, Mode, Orientation
 from cardan.types import (
     IDENTITY,

@@ -12,10 +12,11 @@ import pytest
 
 import cardan_omni
 from cardan.conform import registry as suites
-from cardan.demos.demo import run_demo
+from cardan.demos.demo import limits_felt, run_demo, with_delay
 from cardan.demos.examples import example_files, find_demos
 from cardan.drivers import registry as drivers
 from cardan.errors import ConfigurationError
+from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import EXIT_OK
 from cardan.gateway.session.subprocesses import launched
 from cardan.sim_peers import registry as peers
@@ -32,6 +33,7 @@ def test_all_of_it_is_found_by_name():
     assert "hdapi" in suites.names()
     demos = find_demos()
     assert all("omni" in demos[name].drivers for name in ("omni", "omni-sphere", "omni-ur5"))
+    assert demos["omni-remote"].drivers == {"remote", "sim_arm"}
     assert {file for file in example_files() if file.parent == EXAMPLES} == {*EXAMPLES.iterdir()}
 
 
@@ -70,8 +72,46 @@ def test_the_drawing_runs_and_is_felt():
         assert never not in ran.stderr, ran.stderr
 
 
+def test_a_hand_far_away_is_held_against_the_limits_of_its_own_device(tmp_path):
+    demo = find_demos()["omni-remote"]
+    tables, launches = demo.prepare(tmp_path)
+    limits = limits_felt(demo, parse_config(tables))
+    assert limits == Omni(OmniOptions()).feedback_limits
+    share, network = (" ".join(words) for words in launches)
+    far = re.search(r"--listen tcp/(\S+)", share)[1]
+    assert f"--listen 127.0.0.1:{tables['device']['port']} --to {far} --delay 60" in network
+    assert "--delay 5" in " ".join(with_delay(demo, 5.0).prepare(tmp_path)[1][1])
+
+
 @pytest.mark.matrix
-@pytest.mark.parametrize("name", sorted(each.name for each in EXAMPLES.glob("*-simulated.toml")))
+def test_a_wall_far_away_is_felt_as_stiff_as_it_is():
+    ran = subprocess.run(
+        [sys.executable, "-m", "cardan", "demo", "omni-remote", "--seconds", "35"],
+        capture_output=True,
+        text=True,
+        timeout=90,
+        check=False,
+    )
+    # A busy machine may find fault with much, never with the force and the energy.
+    assert ran.returncode in (0, 4), ran.stderr
+    for never in ("above", "given", "no contact"):
+        assert never not in ran.stderr, ran.stderr
+    found = re.search(r"stiffness felt, depth of the hand *\S +(\d+) N/m, ([\d.]+) mm", ran.stdout)
+    assert found, ran.stdout + ran.stderr
+    # Scales of motion and force times the wall: 0.25 * 0.03 * 8000 N/m.
+    assert float(found[1]) == pytest.approx(60.0, rel=0.25), ran.stdout
+    assert 10.0 < float(found[2]) < 40.0
+
+
+@pytest.mark.matrix
+@pytest.mark.parametrize(
+    "name",
+    sorted(
+        each.name
+        for each in EXAMPLES.glob("*-simulated.toml")
+        if each.name != "omni-remote-simulated.toml"  # Its demo runs the same programs.
+    ),
+)
 def test_the_haptic_example_runs_and_is_felt(name, tmp_path, monkeypatch):
     for path in EXAMPLES.iterdir():  # An example may name another.
         (tmp_path / path.name).write_text(path.read_text(encoding="utf-8"), encoding="utf-8")

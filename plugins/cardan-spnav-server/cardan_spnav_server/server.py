@@ -11,7 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from cardan.common.context import Openable
+from cardan.common.context import enter, leave
 from cardan.common.realtime import ask_for_real_time
 from cardan.common.serving import interruptible
 from cardan.common.sockets import EVERYBODY, OWNER_ONLY, Advice, UnixSocket
@@ -45,7 +45,7 @@ _MODES = {"owner": OWNER_ONLY, "everybody": EVERYBODY}
 _ADVICE = Advice(served="end that (spacenavd?), or choose another path")
 
 
-class SpnavServer(Openable):
+class SpnavServer:
     """Serves `core` at a Unix socket. Call `step` often; nothing happens in between."""
 
     def __init__(self, core: SpnavServerCore, options: SpnavServerOptions) -> None:
@@ -61,6 +61,9 @@ class SpnavServer(Openable):
     def endpoint(self) -> str:
         """The socket's path."""
         return self._options.socket
+
+    __enter__ = enter
+    __exit__ = leave
 
     def open(self) -> None:
         """Create the socket, in place of an abandoned one. Opening twice is fine.

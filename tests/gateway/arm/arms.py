@@ -7,12 +7,16 @@ from dataclasses import replace
 import numpy as np
 
 from cardan.gateway.arm.options import STREAM_LIMITS, ControllerOptions
-from cardan.gateway.arm.verbs import ArmVerbs
+from cardan.gateway.arm.status import Phase
+from cardan.gateway.arm.verb_methods import ArmVerbs
+from cardan.gateway.operator.mapping import MappingOptions
 from cardan.robots import load_arm
 from cardan.sim_peers.motoros_controller.plant import PLANTS, Plant
 from cardan.spatial import from_rotation_vector, multiply, to_rotation_vector
 from cardan.types import (
     CommandKind,
+    DeviceLink,
+    DeviceState,
     HoldCommand,
     JointCommand,
     JointVelocityCommand,
@@ -29,6 +33,7 @@ DT_S = 0.004
 PULSES_RAD = 1e7
 QUICK = {"cpts": 0.25, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0, "cpjs": 0.5}
 GOFA = "gofa_crb15000_5"
+REST = (0.0,) * 6
 JOINT = frozenset({CommandKind.JOINT, CommandKind.TORQUE})
 
 
@@ -170,6 +175,34 @@ class World:
                 return
             self.tick()
         raise AssertionError("still moving")
+
+
+class HandWorld(World):
+    """A robot with an arm's model, that verbs and an operator device may move."""
+
+    def __init__(self, arm=GOFA, mapping=None, **more):
+        self.device = DeviceState(10.0, DeviceLink.LIVE, REST, frozenset())
+        self.events = ()
+        super().__init__(arm, mapping=mapping or MappingOptions(deadman=("left",)), **more)
+
+    def tick(self, count=1):
+        for _ in range(count):
+            self.now_s += DT_S
+            self.sequence += 1
+            self.device = self.device._replace(stamp_s=self.now_s)
+            events, self.events = self.events, ()
+            self.command = self.verbs.controller.tick(self.state(), self.device, events)
+            self._obey()
+            self._watch()
+
+    def hand(self, axes=REST, *buttons):
+        self.device = self.device._replace(axes=axes, buttons=frozenset(buttons))
+        return self
+
+    def arm_hand(self):
+        self.hand().tick()
+        self.hand(REST, "left").tick()
+        assert self.verbs.controller.phase is Phase.HOLDING
 
 
 def streams(**limits):

@@ -28,7 +28,7 @@ from cardan.gateway.arm.motions.brake import Brake
 from cardan.gateway.arm.motions.hand import FollowHand
 from cardan.gateway.arm.motions.recover import Recover
 from cardan.gateway.arm.states import RESTING, Inhibit, States
-from cardan.gateway.arm.verbs import ArmVerbs
+from cardan.gateway.arm.verb_methods import ArmVerbs
 from cardan.gateway.arm.vocab import Stream
 from cardan.gateway.operator.deadman import Arming
 from cardan.gateway.operator.mapping import MappingOptions

@@ -20,7 +20,7 @@ from cardan.gateway.arm.motions.torque import TorqueMotion
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
-from cardan.gateway.arm.verbs import ArmVerbs
+from cardan.gateway.arm.verb_methods import ArmVerbs
 from cardan.robots import load_arm
 from cardan.spatial import is_finite, norm, subtract
 from cardan.types import (

@@ -10,10 +10,10 @@ from cardan.gateway.arm.commanded_arm import (
     APPROACH_SPEED_RAD_S,
     FASTEST_TCP_M_S,
     READING_NOISE_M,
-    FollowingError,
     TaskSpaceArm,
 )
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.arm.following_error import FollowingError
+from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.spatial import (
     dot,
     from_rotation_vector,

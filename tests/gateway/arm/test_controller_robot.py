@@ -21,7 +21,7 @@ from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.supervision import TRUST_AFTER_S
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.mapping import MappingOptions
 from cardan.spatial import add, norm, scale, subtract
 from cardan.types import (
@@ -39,7 +39,7 @@ from cardan.types import (
     Vector3,
 )
 from tests.controllers import PERIOD_S, controller_for_hand
-from tests.gateway.arm.arms import DT_S, World
+from tests.gateway.arm.arms import DT_S, HandWorld, World
 
 START = Pose(Vector3(0.5, 0.0, 0.8), IDENTITY)
 REST = (0.0,) * 6
@@ -244,22 +244,8 @@ def test_a_lost_datagram_while_joints_accelerate_fully_is_no_nonsense():
 # -- authority -----------------------------------------------------------------------------------
 
 
-class Shared(World):
-    """An arm with verbs, streams and an operator device."""
-
-    axes, buttons = REST, frozenset()
-
-    def hand(self, axes=REST, *buttons):
-        self.axes, self.buttons = axes, frozenset(buttons)
-
-    def tick(self, count=1):
-        for _ in range(count):
-            self.now_s += DT_S
-            self.sequence += 1
-            device = DeviceState(self.now_s, DeviceLink.LIVE, self.axes, self.buttons)
-            self.command = self.verbs.controller.tick(self.state(), device)
-            self._obey()
-            self._watch()
+class Shared(HandWorld):
+    """An arm with verbs, streams and an operator device, and its owner."""
 
     def act(self):
         """Re-arm as the operator."""

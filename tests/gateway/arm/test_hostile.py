@@ -10,16 +10,13 @@ from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.supervision import TRUST_AFTER_S
-from cardan.gateway.motion.reference import ReferenceLimits
-from cardan.gateway.operator.filters import TwistFilter
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.mapping import MappingOptions
 from cardan.spatial import add, norm, subtract
 from cardan.types import (
     IDENTITY,
     ButtonEvent,
     CommandKind,
-    DeviceLink,
-    DeviceState,
     HoldCommand,
     JointCommand,
     JointVelocityCommand,
@@ -30,41 +27,21 @@ from cardan.types import (
     Vector3,
 )
 from tests.controllers import controller_for_hand
-from tests.gateway.arm.arms import DT_S, World
+from tests.gateway.arm.arms import DT_S, HandWorld, World
 from tests.gateway.arm.random_walk import Walk
-from tests.gateway.arm.test_controller_hand import FORWARD, REST, Rig, pushed_away, stays
+from tests.gateway.arm.test_controller_hand import (
+    FORWARD,
+    REST,
+    Rig,
+    Rule,
+    pushed_away,
+    raises,
+    stays,
+)
 
 GOFA = "gofa_crb15000_5"
 QUICK = {"cpts": 0.25, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0, "cpjs": 0.5}
 LEFT = frozenset({"left"})
-
-
-class HandWorld(World):
-    """A robot with an arm's model, that verbs and an operator device may move."""
-
-    def __init__(self, arm=GOFA, mapping=None, **more):
-        self.device = DeviceState(10.0, DeviceLink.LIVE, REST, frozenset())
-        self.events = ()
-        super().__init__(arm, mapping=mapping or MappingOptions(deadman=("left",)), **more)
-
-    def tick(self, count=1):
-        for _ in range(count):
-            self.now_s += DT_S
-            self.sequence += 1
-            self.device = self.device._replace(stamp_s=self.now_s)
-            events, self.events = self.events, ()
-            self.command = self.verbs.controller.tick(self.state(), self.device, events)
-            self._obey()
-            self._watch()
-
-    def hand(self, axes=REST, *buttons):
-        self.device = self.device._replace(axes=axes, buttons=frozenset(buttons))
-        return self
-
-    def arm_hand(self):
-        self.hand().tick()
-        self.hand(REST, "left").tick()
-        assert self.verbs.controller.phase is Phase.HOLDING
 
 
 def planned_meanwhile(world, what):
@@ -187,26 +164,6 @@ def test_states_of_another_arm_never_raise(joints, doing):
     assert world.command == HoldCommand()
 
 
-def test_a_lost_datagram_while_joints_change_speed_is_no_mistake():
-    world = World(GOFA, options=ControllerOptions())
-    world.verbs.set_parameters({**QUICK, "cpjs": 1.0, "cpja": 1.0})
-    target = world.verbs.relj([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-    controller = world.verbs.controller
-    good = world.state
-    for index in range(200):
-        late = index % 3 == 0
-        if late:
-            world.now_s += DT_S
-        period_s = 2 * DT_S if late else DT_S
-        world.state = lambda period_s=period_s: good()._replace(period_s=period_s)
-        world.now_s += DT_S
-        world.command = controller.tick(world.state())
-        world._obey()
-        assert not controller.trips, target
-        if target.over:
-            break
-
-
 @pytest.mark.parametrize("period_s", [0.0, -0.004, float("nan"), float("inf")])
 def test_a_robot_whose_clock_stands_still_is_braked(period_s):
     world = HandWorld(commands=frozenset({CommandKind.JOINT_VELOCITY}))
@@ -240,18 +197,22 @@ def test_a_stop_while_it_still_brakes_keeps_a_recovery_from_beginning():
     assert rig.status.message
 
 
-@pytest.mark.parametrize("how", ["stop", "silence", "alarm"])
-def test_nothing_is_brought_back_while_nobody_may_drive(how):
-    rig = Rig().drive()
-    away = pushed_away(rig, 0.12)
-    stays(rig, 0.1, away)
-    assert rig.core.phase is Phase.RECOVERING
+def nobody_may_drive(rig, how):
     if how == "stop":
         rig.core.inhibit("enough", Inhibit.FOR_GOOD)
     elif how == "silence":
         rig.core.inhibit("the supervisor is silent", Inhibit.WHILE_SAID)
     else:
         rig.robot = rig.robot._replace(alarm="the port is flooded")
+
+
+@pytest.mark.parametrize("how", ["stop", "silence", "alarm"])
+def test_nothing_is_brought_back_while_nobody_may_drive(how):
+    rig = Rig().drive()
+    away = pushed_away(rig, 0.12)
+    stays(rig, 0.1, away)
+    assert rig.core.phase is Phase.RECOVERING
+    nobody_may_drive(rig, how)
     stays(rig, 0.1, away)
     assert stays(rig, 2.0, away) == 0.0
     assert rig.core.phase is Phase.DISARMED
@@ -264,12 +225,7 @@ def test_nothing_is_brought_back_while_nobody_may_drive(how):
 @pytest.mark.parametrize("way_m", [0.04, 0.12])
 def test_nothing_begins_to_be_brought_back_while_nobody_may_drive(how, way_m):
     rig = Rig().arm()
-    if how == "stop":
-        rig.core.inhibit("enough", Inhibit.FOR_GOOD)
-    elif how == "silence":
-        rig.core.inhibit("the supervisor is silent", Inhibit.WHILE_SAID)
-    else:
-        rig.robot = rig.robot._replace(alarm="the port is flooded")
+    nobody_may_drive(rig, how)
     rig.run()
     away = pushed_away(rig, way_m)
     assert stays(rig, 2.0, away) == 0.0
@@ -333,27 +289,8 @@ def test_a_pose_that_waited_for_the_planner_is_not_gone_to():
 # -- owner of a motion -----------------------------------------------------------------------
 
 
-class Fails(TwistFilter):
-    Options = dict
-    failing = False
-
-    def apply(self, twist, robot):
-        if self.failing:
-            raise ValueError("no")
-        return twist
-
-    def open(self):
-        pass
-
-    def close(self):
-        pass
-
-    def status(self):
-        return ""
-
-
 def test_a_clutch_let_go_as_a_filter_fails_is_let_go():
-    fails = Fails()
+    fails = Rule(lambda twist: twist)
     rig = Rig(deadman=(), filters=[fails])
     rig.core = controller_for_hand(MappingOptions(clutch="left"), filters=[fails])
     rig.hand()
@@ -365,10 +302,10 @@ def test_a_clutch_let_go_as_a_filter_fails_is_let_go():
     rig.hand(FORWARD)
     rig.run(0.3)
     assert rig.core.phase is Phase.MOVING
-    fails.failing = True
+    fails.rule = raises
     rig.hand(FORWARD, "left")
     rig.run(events=[ButtonEvent(rig.now_s, "left", True)])
-    fails.failing = False
+    fails.rule = lambda twist: twist
     rig.hand(FORWARD)
     rig.run(0.3, events=[ButtonEvent(rig.now_s, "left", False)])
     rig.run(0.3)

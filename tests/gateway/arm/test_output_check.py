@@ -14,7 +14,7 @@ from cardan.gateway.arm.output_check import (
     OutputCheck,
     OutputLimits,
 )
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.servo.servo import servo_steps
 from cardan.spatial import (
     from_rotation_vector,

@@ -28,8 +28,8 @@ from cardan.gateway.arm.requests import (
 from cardan.gateway.arm.verb_table import IN_PACKETS
 from cardan.gateway.arm.vocab import Action, Begins, Parameter, State, Stream
 from cardan.gateway.servo.status import ServoStatus
-from cardan.gateway.session.heartbeat import BEAT
 from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.supervisor_heartbeat import BEAT
 from cardan.types import Frame, Pose, Quaternion, Twist, Vector3, Wrench
 
 POSE = Pose(Vector3(0.4, 0.1, 0.3), Quaternion(0.5, 0.5, 0.5, 0.5))

@@ -15,7 +15,7 @@ from cardan.gateway.arm.supervision import (
     Watchdogs,
     step_s,
 )
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.types import IDENTITY, Pose, RobotLink, RobotState, Vector3
 
 DT_S = 0.004
@@ -42,8 +42,8 @@ class Watched:
     def compare(self, ahead_m=0.0, activity=None):
         reference = Reference(ReferenceLimits())
         reference.place(self.pose(ahead_m))
-        reference.observe(self.state.pose)
-        return self.supervision.compare(self.state, self.commanded, reference, activity)
+        error = self.commanded.following_error(self.state, reference, observe=True)
+        return self.supervision.compare(self.state, error, activity)
 
 
 def ready(**watchdogs):

@@ -9,7 +9,7 @@ from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.vocab import State
 from cardan.gateway.kinematics.collision import HalfSpace, Obstacle
 from cardan.gateway.motion.joint_trajectory import JointTrajectory
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.types import RobotLink, Vector3
 from tests.gateway.arm.arms import DT_S, World, streams
 

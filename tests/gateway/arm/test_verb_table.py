@@ -9,8 +9,8 @@ import pytest
 from cardan.cli.verbs import SET_ONE, carry_out, offered
 from cardan.errors import ConfigurationError, MotionRefusedError
 from cardan.gateway.arm.interface import CartesianArm
+from cardan.gateway.arm.verb_methods import ArmVerbs
 from cardan.gateway.arm.verb_table import IN_PACKETS, NEW_MOTION, NOTHING, SEQUENCED, VERB_TABLE
-from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.arm.vocab import Parameter, State
 from cardan.gateway.bus.commands import ACTIONS, SERVICES, TOPICS
 from cardan.spatial import from_rotation_vector, rotate

@@ -18,6 +18,9 @@ class FakeQueue:
 
 
 class FakePublisher:
+    heard = False
+    """Whether anybody subscribes."""
+
     def __init__(self, type_name):
         self.codec = codec_of(type_name)
         self.messages = []

@@ -270,6 +270,12 @@ class Bench:
         )
         return sequence
 
+    def command(self, topic, given=None, *, after_s=1.0, **more):
+        """Publish, and let the server read it; the number of the message."""
+        number = self.publish(topic, given, **more)
+        self.poll(after_s)
+        return number
+
     def call(self, service, given=None, *, data=None, gid=None):
         """Call a service and poll once; the request, with its answer."""
         service = service if service.startswith("//") else f"/{NODE}{service}"

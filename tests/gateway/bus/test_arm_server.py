@@ -8,7 +8,6 @@ import pytest
 
 from cardan.bus.node import gid_of_token
 from cardan.gateway.arm.vocab import State, Stream
-from cardan.gateway.bus.sources import BEGINS_S
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
 from tests.gateway.bus.rig import NODE, Asked, Bench, ros_pose
@@ -57,8 +56,7 @@ def test_the_papers_topics_and_services_are_there(bench):
 @pytest.mark.parametrize("verb", ["movj", "movl"])
 def test_a_pose_moves_the_arm_there_and_is_told_of(bench, verb):
     target = bench.world.moved(0.0, 0.0, -0.05)
-    number = bench.publish(f"/command/{verb}", ros_pose(target))
-    bench.poll()
+    number = bench.command(f"/command/{verb}", ros_pose(target))
     assert bench.results() == [(verb, number, "accepted", "")]
     bench.finish()
     assert bench.results()[1:] == [(verb, number, "done", "")]
@@ -67,15 +65,12 @@ def test_a_pose_moves_the_arm_there_and_is_told_of(bench, verb):
 
 def test_a_step_and_a_speed(bench):
     before = bench.world.six()
-    bench.publish("/command/relj", {"position": {"z": -0.05}})
-    bench.poll()
+    bench.command("/command/relj", {"position": {"z": -0.05}})
     bench.finish()
     assert bench.world.six()[2] == pytest.approx(before[2] - 0.05, abs=1e-3)
-    bench.publish("/command/movv", {"linear": {"z": 0.02}})
-    bench.poll()
+    bench.command("/command/movv", {"linear": {"z": 0.02}})
     bench.world.tick(250)
-    number = bench.publish("/command/stop")
-    bench.poll()
+    number = bench.command("/command/stop")
     bench.world.rest()
     bench.poll()
     assert ("stop", number, "done", "") in bench.results()
@@ -83,8 +78,7 @@ def test_a_step_and_a_speed(bench):
 
 
 def test_a_result_is_told_as_json_to_who_has_no_cardan_msgs(bench):
-    bench.publish("/command/movl", data=b"")
-    bench.poll()
+    bench.command("/command/movl", data=b"")
     (result,), (text,) = bench.heard("/result"), bench.heard("/result_text")
     assert json.loads(text["data"]) == result
     assert result["outcome"] == "refused"
@@ -92,11 +86,9 @@ def test_a_result_is_told_as_json_to_who_has_no_cardan_msgs(bench):
 
 
 def test_a_motion_that_another_takes_over_is_told_of(bench):
-    first = bench.publish("/command/movl", ros_pose(bench.world.moved(0.0, 0.0, -0.2)))
-    bench.poll()
+    first = bench.command("/command/movl", ros_pose(bench.world.moved(0.0, 0.0, -0.2)))
     bench.world.tick(100)
-    bench.publish("/command/movj", ros_pose(bench.world.moved(0.0, 0.0, 0.02)))
-    bench.poll()
+    bench.command("/command/movj", ros_pose(bench.world.moved(0.0, 0.0, 0.02)))
     assert ("movl", first, "aborted", "movj took over") in bench.results()
 
 
@@ -115,8 +107,7 @@ def test_a_motion_that_another_takes_over_is_told_of(bench):
     ],
 )
 def test_bad_values_are_refused_with_the_reason(bench, topic, given, words):
-    number = bench.publish(f"/command/{topic}", given)
-    bench.poll()
+    number = bench.command(f"/command/{topic}", given)
     ((_, told, outcome, reason),) = bench.results()
     assert (told, outcome) == (number, "refused")
     assert words in reason
@@ -126,8 +117,7 @@ def test_bad_values_are_refused_with_the_reason(bench, topic, given, words):
 @pytest.mark.parametrize("topic", sorted(TABLE_1))
 @pytest.mark.parametrize("data", [b"", b"\0\1\0\0", b"\0\1\0\0" + bytes(3), b"nonsense"])
 def test_what_is_no_message_is_refused_and_counted(bench, topic, data):
-    bench.publish(f"/command/{topic}", data=data)
-    bench.poll()
+    bench.command(f"/command/{topic}", data=data)
     assert bench.server.refused == 1
     assert bench.requests == []
     assert [each[2] for each in bench.results()] == ["refused"]
@@ -136,15 +126,13 @@ def test_what_is_no_message_is_refused_and_counted(bench, topic, data):
 
 def test_a_message_that_is_too_long_is_refused(bench):
     data = codec_of(POSE).encode(completed(POSE, ros_pose(bench.world.six())))
-    bench.publish("/command/movl", data=data + b"\7" * 1_000_000)
-    bench.poll()
+    bench.command("/command/movl", data=data + b"\7" * 1_000_000)
     assert "1000000 bytes are too many" in bench.results()[0][3]
     assert bench.server.refused == 1
 
 
 def test_another_type_or_hash_is_refused_with_what_it_takes(bench):
-    bench.publish("/command/movl", type_name=TWIST)
-    bench.poll()
+    bench.command("/command/movl", type_name=TWIST)
     reason = bench.results()[0][3]
     assert "it takes geometry_msgs::msg::dds_::Pose_/RIHS01_d501954e" in reason
     assert "not geometry_msgs::msg::dds_::Twist_" in reason
@@ -169,25 +157,17 @@ def test_a_publisher_that_begins_again_under_its_gid_is_heard(bench):
     pose = ros_pose(bench.world.moved(0.0, 0.0, -0.02))
     bench.publish("/command/movj", pose, sequence=500, source_ns=10)
     bench.publish("/command/movj", pose, sequence=1, source_ns=20)
-    bench.publish("/command/movj", pose, sequence=1, source_ns=20)
-    bench.poll()
+    bench.command("/command/movj", pose, sequence=1, source_ns=20)
     assert len(bench.requests) == 2
     assert bench.server.late == 1
 
 
 def test_a_stop_is_carried_out_though_it_comes_late(bench):
-    bench.publish("/command/movv", {"linear": {"z": 0.02}})
-    bench.poll()
-    bench.world.tick(250)
-    bench.publish("/command/stop", sequence=500)
-    bench.poll()
-    bench.world.rest()
-    bench.publish("/command/movv", {"linear": {"z": 0.02}})
-    bench.poll()
-    bench.world.tick(250)
-    bench.publish("/command/stop", sequence=3)
-    bench.poll()
-    bench.world.rest()
+    for sequence in (500, 3):
+        bench.command("/command/movv", {"linear": {"z": 0.02}})
+        bench.world.tick(250)
+        bench.command("/command/stop", sequence=sequence)
+        bench.world.rest()
     assert still(bench)
     assert [each.verb for each in bench.requests] == ["movv", "stop", "movv", "stop"]
 
@@ -201,8 +181,7 @@ def test_publishers_are_told_apart(bench):
 
 def test_a_flood_keeps_the_newest_and_is_told_of(bench):
     pose = ros_pose(bench.world.moved(0.0, 0.0, -0.02))
-    bench.publish("/command/movj", pose, sequence=1)
-    bench.poll()
+    bench.command("/command/movj", pose, sequence=1)
     for sequence in range(2, 1002):
         bench.publish("/command/movj", pose, sequence=sequence)
     before = len(bench.requests)
@@ -221,12 +200,12 @@ def test_of_a_stream_only_the_newest_counts_and_only_changes_are_told(bench):
     assert bench.results()[0][1:3] == (49, "refused")
     assert "select twist streaming first" in bench.results()[0][3]
     for sequence in range(50, 60):
-        bench.publish("/command/twist", {"linear": {"z": 0.01}}, sequence=sequence, source_ns=0)
-        bench.poll(0.02)
+        bench.command(
+            "/command/twist", {"linear": {"z": 0.01}}, sequence=sequence, source_ns=0, after_s=0.02
+        )
     assert len(bench.results()) == 1
     bench.world.verbs.set_parameter("cpsc", "twst")
-    bench.publish("/command/twist", {"linear": {"z": 0.01}}, sequence=60, source_ns=0)
-    bench.poll(0.02)
+    bench.command("/command/twist", {"linear": {"z": 0.01}}, sequence=60, source_ns=0, after_s=0.02)
     assert bench.results()[1][1:] == (60, "accepted", "")
 
 
@@ -241,8 +220,7 @@ def test_a_stream_that_begins_anew_is_answered_though_the_answer_is_the_same(ben
 def test_a_publisher_that_dies_brakes_the_arm(bench):
     bench.world.verbs.set_parameter("cpsc", "twst")
     for _ in range(100):
-        bench.publish("/command/twist", {"linear": {"z": -0.05}})
-        bench.poll()
+        bench.command("/command/twist", {"linear": {"z": -0.05}})
         bench.world.tick()
     assert bench.world.verbs.commanded.moving
     ticks = 0
@@ -256,8 +234,7 @@ def test_a_publisher_that_dies_brakes_the_arm(bench):
 def test_a_stop_passes_while_the_worker_has_enough_to_do(bench):
     bench.server._full = lambda: True
     bench.publish("/command/movj", ros_pose(bench.world.moved(0.0, 0.0, -0.02)))
-    bench.publish("/command/stop")
-    bench.poll()
+    bench.command("/command/stop")
     assert [request.verb for request in bench.requests] == ["stop"]
     bench.server._full = lambda: False
     bench.poll()
@@ -284,8 +261,7 @@ def test_a_motion_and_a_stop_that_come_together(bench, verb, other, known):
     else:
         given = DOWN if verb == "movv" else ros_pose(bench.world.moved(0.0, 0.0, -0.1))
         bench.publish(f"/command/{verb}", given, gid=user, source_ns=10)
-    bench.publish("/command/stop", gid=stop, source_ns=5 if other else 20)
-    bench.poll(DT_S)
+    bench.command("/command/stop", gid=stop, source_ns=5 if other else 20, after_s=DT_S)
     bench.finish()
     bench.poll(DT_S)
     assert [each.verb for each in bench.requests] == ["movv" if verb == "goal" else verb, "stop"]
@@ -296,8 +272,7 @@ def test_a_motion_and_a_stop_that_come_together(bench, verb, other, known):
 def test_a_motion_that_its_sender_sent_after_a_stop_begins(bench):
     user, same = (gid_of_token(bench.appear("/left/user")) for _ in range(2))
     bench.publish("/command/movv", DOWN, gid=user, source_ns=20)
-    bench.publish("/command/stop", gid=same, source_ns=10)
-    bench.poll(DT_S)
+    bench.command("/command/stop", gid=same, source_ns=10, after_s=DT_S)
     assert [each.verb for each in bench.requests] == ["stop", "movv"]
 
 
@@ -384,8 +359,7 @@ def streamed(bench, cycles=50, message=DOWN, **more):
     """Stream twists, as a program that says when it sent each of them."""
     for _ in range(cycles):
         sent_ns = 10**18 + round(bench.now_s * 1e9)
-        bench.publish(TWIST_TOPIC, message, **{"source_ns": sent_ns, **more})
-        bench.poll(DT_S)
+        bench.command(TWIST_TOPIC, message, **{"source_ns": sent_ns, **more}, after_s=DT_S)
         bench.world.tick()
 
 
@@ -412,20 +386,8 @@ def test_zero_chooses_nothing(bench):
     assert bench.world.verbs.streams.kind is Stream.NONE
 
 
-def test_none_is_chosen_while_another_has_the_authority_nor_long_after_it(bench):
-    authority = bench.world.verbs.controller.authority
-    for _ in range(round((BEGINS_S + 0.1) / DT_S)):
-        authority.take("panel", bench.world.now_s)
-        streamed(bench, 1)
-    assert "panel" in reasons(bench)[0]
-    bench.world.verbs.release("panel")
-    streamed(bench)
-    assert still(bench)
-
-
 def test_none_is_chosen_while_a_motion_is_under_way(bench):
-    bench.publish("/command/movl", ros_pose(bench.world.moved(0.0, 0.0, -0.1)))
-    bench.poll()
+    bench.command("/command/movl", ros_pose(bench.world.moved(0.0, 0.0, -0.1)))
     bench.world.tick(10)
     streamed(bench, 5)
     assert bench.results()[-1][2] == "refused"
@@ -434,8 +396,7 @@ def test_none_is_chosen_while_a_motion_is_under_way(bench):
 
 def test_what_waited_on_its_way_does_not_go_on_with_a_stream(bench):
     streamed(bench)
-    bench.publish("/command/stop", source_ns=2)
-    bench.poll(DT_S)
+    bench.command("/command/stop", source_ns=2, after_s=DT_S)
     bench.world.rest()
     bench.poll(1.0)
     bench.world.tick()
@@ -444,52 +405,36 @@ def test_what_waited_on_its_way_does_not_go_on_with_a_stream(bench):
     assert still(bench)
 
 
-def test_of_two_publishers_the_first_has_the_stream_and_the_second_moves_nothing(bench):
-    streamed(bench, 20)
-    before = bench.world.verbs.streams.owner
-    up = {"linear": {"x": 0.0, "y": 0.0, "z": 0.2}}
+def flooded(bench):
     for _ in range(20):
-        streamed(bench, 1)
-        streamed(bench, 1, message=up, gid=b"b" * 16, sequence=None)
-    assert bench.world.verbs.streams.owner == before
-    assert bench.server.contested > 0
-    assert bench.world.verbs.commanded.twist[0].z < 0.0
+        for _ in range(200):
+            bench.publish(TWIST_TOPIC, DOWN, source_ns=10**18 + round(bench.now_s * 1e9))
+        bench.poll(DT_S)
+        bench.world.tick()
 
 
 def test_a_flood_chooses_by_its_newest_command_alone(bench):
-    for _ in range(20):
-        for _ in range(200):
-            bench.publish(TWIST_TOPIC, DOWN, source_ns=10**18 + round(bench.now_s * 1e9))
-        bench.poll(DT_S)
-        bench.world.tick()
+    flooded(bench)
     assert len(bench.requests) <= 20
     assert bench.world.verbs.streams.owner == "ros2"
-    bench.publish("/command/stop")
-    bench.poll(DT_S)
-    for _ in range(20):
-        for _ in range(200):
-            bench.publish(TWIST_TOPIC, DOWN, source_ns=10**18 + round(bench.now_s * 1e9))
-        bench.poll(DT_S)
-        bench.world.tick()
+    bench.command("/command/stop", after_s=DT_S)
+    flooded(bench)
     bench.world.rest()
     assert still(bench)
 
 
 def test_the_authority_is_taken_and_given_up_by_topics(bench):
     authority = bench.world.verbs.controller.authority
-    bench.publish("/command/acquire")
-    bench.poll()
+    bench.command("/command/acquire")
     assert authority.owner == "ros2"
-    bench.publish("/command/release")
-    bench.poll()
+    bench.command("/command/release")
     assert authority.owner == ""
     assert [(verb, outcome) for verb, _, outcome, _ in bench.results()] == [
         ("acquire", "done"),
         ("release", "done"),
     ]
     authority.take("panel", bench.world.now_s)
-    bench.publish("/command/acquire")
-    bench.poll()
+    bench.command("/command/acquire")
     assert bench.results()[-1][2] == "refused"
     assert "panel" in reasons(bench)[-1]
 
@@ -504,6 +449,5 @@ def test_an_acknowledgment_is_an_act_and_none_that_is_repeated(bench):
     assert [outcome for _, _, outcome, _ in bench.results()] == ["done", *["refused"] * 3]
     assert "no deliberate act" in reasons(bench)[-1]
     bench.poll(2.0)
-    bench.publish("/command/acknowledge")
-    bench.poll()
+    bench.command("/command/acknowledge")
     assert len(acts) == 2

@@ -8,38 +8,18 @@ from cardan.bus.node import BusNode, Received
 from cardan.bus.options import BusOptions
 from cardan.demos.examples import free_ports
 from cardan.drivers.bus_devices import Ros2Joy, Ros2Spacenav
-from cardan.gateway.bus.device_topics import RUMBLE_ENDS_S, SPACENAV_FULL, DeviceTopics
+from cardan.gateway.bus.device_topics import (
+    RUMBLE_ENDS_S,
+    RUMBLE_TOPIC,
+    SPACENAV_FULL,
+    DeviceTopics,
+)
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.types import NEUTRAL, Axes, DeviceFeedback, DeviceLink, DeviceState, Inertia, Vector3
+from tests.gateway.bus.fakes import FakeNode
 
 AXES = Axes(0.1, -0.2, 0.3, -0.4, 0.5, -1.0)
 WITHIN_S = 10.0
-
-
-class Node:
-    """Keeps published messages, decoded, by topic."""
-
-    def __init__(self):
-        self.sent = {}
-        self.waiting = []
-
-    def publisher(self, name, type_name, *_qos):
-        sent, codec = self.sent.setdefault(name, []), codec_of(type_name)
-
-        class Publisher:
-            def put(self, data, now_ns):
-                sent.append(codec.decode(bytes(data)))
-
-        return Publisher()
-
-    def subscription(self, name, type_name, depth):
-        node = self
-
-        class Subscription:
-            def poll(self):
-                return node.waiting.pop(0) if node.waiting else None
-
-        return Subscription()
 
 
 def state(axes=NEUTRAL, buttons=(), link=DeviceLink.LIVE, stamp_s=0.0):
@@ -47,13 +27,13 @@ def state(axes=NEUTRAL, buttons=(), link=DeviceLink.LIVE, stamp_s=0.0):
 
 
 def played(device_of, seconds, buttons=("left", "right"), period_s=0.004, **more):
-    """Return the messages published while a session's loop offers `device_of(now_s)`."""
-    node = Node()
+    """Return the messages by topic while a session's loop offers `device_of(now_s)`."""
+    node = FakeNode()
     topics = DeviceTopics(node, buttons, **more)
     for cycle in range(round(seconds / period_s)):
         now_s = cycle * period_s
         topics.offer(device_of(now_s), now_s, round(now_s * 1e9))
-    return node.sent
+    return {name: each.messages for name, each in node.publishers.items()}
 
 
 def test_messages_have_the_stock_nodes_scales_and_axes():
@@ -135,15 +115,16 @@ def feedback(level, kind=1):
 
 
 def test_rumble_is_asked_for_and_ends_by_itself():
-    node = Node()
+    node = FakeNode()
     topics = DeviceTopics(node, ())
     assert topics.rumble(0.0) == 0.0
-    node.waiting = [feedback(0.5)]
+    waiting = node.queues[RUMBLE_TOPIC].waiting
+    waiting.append(feedback(0.5))
     assert topics.rumble(1.0) == 0.5
     assert topics.rumble(1.0 + 0.9 * RUMBLE_ENDS_S) == 0.5
     assert topics.rumble(1.0 + 1.1 * RUMBLE_ENDS_S) == 0.0
     junk = Received(b"junk", "", None)
-    node.waiting = [feedback(0.7), feedback(9.0), feedback(float("nan")), feedback(1.0, 0), junk]
+    waiting += [feedback(0.7), feedback(9.0), feedback(float("nan")), feedback(1.0, 0), junk]
     assert topics.rumble(3.0) == pytest.approx(0.7)
 
 

@@ -12,30 +12,12 @@ from cardan.gateway.bus.record_topics import AT_ONCE, HIDDEN, KEPT_PACKETS, KEPT
 from cardan.gateway.session.assembly import make_controller, make_robot
 from cardan.gateway.session.config import parse_config
 from cardan.protocols.joint_stream.codec import MalformedDatagram, decode_state
-from cardan.protocols.ros2.cdr import codec_of
+from tests.gateway.bus.fakes import FakeNode
 
 TABLES = {
     "robot": {"driver": "sim_arm", "robot": "ur5", "pacing": "virtual", "period_s": 0.004},
     "arm": {"model": "ur5"},
 }
-
-
-class Publisher:
-    def __init__(self, name, type_name):
-        self.name, self.type_name, self.heard = name, type_name, False
-        self.messages = []
-
-    def put(self, data, now_ns):
-        self.messages.append(codec_of(self.type_name).decode(bytes(data)))
-
-
-class Node:
-    def __init__(self):
-        self.publishers = {}
-
-    def publisher(self, name, type_name, qos=None):
-        made = self.publishers[name] = Publisher(name, type_name)
-        return made
 
 
 class Rig:
@@ -44,7 +26,7 @@ class Rig:
         self.robot = make_robot(config)
         assert isinstance(self.robot, SimArm)
         self.controller = make_controller(config, self.robot)
-        self.node = Node()
+        self.node = FakeNode()
         self.taps = SessionTaps(self.node, TABLES, self.controller, self.robot, None)
         self.log = self.node.publishers["~/controller_log"]
         self.raw = self.node.publishers["~/raw/robot"]
@@ -174,7 +156,7 @@ def test_after_its_end_nothing_is_tapped(rig):
 
 
 def test_the_configuration_is_there_without_secrets():
-    node = Node()
+    node = FakeNode()
     config = parse_config(TABLES)
     robot = make_robot(config)
     tables = {**TABLES, "device": {"driver": "theirs", "api_token": "abc", "passwords": ["x"]}}

@@ -348,8 +348,7 @@ def test_a_stop_waits_for_no_token_and_what_waits_does_not_begin_after_it(bench)
     node.send()
     bench.poll(DT_S)
     assert bench.requests == []
-    bench.publish("/command/stop", gid=b"s" * 16, zid="e0")
-    bench.poll(DT_S)
+    bench.command("/command/stop", gid=b"s" * 16, zid="e0", after_s=DT_S)
     assert [each.verb for each in bench.requests] == ["twist", "stop"]
     bench.node.tokens.waiting.append((token, True))
     bench.poll(DT_S)

@@ -56,6 +56,11 @@ class Bench:
             moving = [arm for arm in self.arms.values() if arm.phase != "disarmed" and arm.running]
             assert all(arm in moving for arm in holding) or not moving
 
+    def ends_with(self, name):
+        """Whether the session has the device in the end."""
+        self.run()
+        return self.holder == name
+
     @property
     def holder(self):
         (name,) = [name for name, arm in self.arms.items() if arm.held and arm.running]
@@ -68,15 +73,13 @@ def bench():
 
 
 def test_the_first_begins_with_it(bench):
-    bench.run()
-    assert bench.holder == "one"
+    assert bench.ends_with("one")
 
 
 def test_a_button_passes_it_on_in_a_round(bench):
     for expected in ("two", "three", "one"):
         bench.arms[bench.holder].passes += 1
-        bench.run()
-        assert bench.holder == expected
+        assert bench.ends_with(expected)
 
 
 def test_it_is_passed_on_through_rest(bench):
@@ -85,36 +88,30 @@ def test_it_is_passed_on_through_rest(bench):
     bench.run(2)
     assert bench.arms["one"].phase == "braking"
     assert not bench.arms["three"].held
-    bench.run()
-    assert bench.holder == "three"
+    assert bench.ends_with("three")
 
 
 def test_two_presses_do_not_skip_one(bench):
     bench.arms["one"].passes = 2
-    bench.run()
-    assert bench.holder == "two"
+    assert bench.ends_with("two")
 
 
 def test_a_press_of_one_that_does_not_have_it_counts_nothing(bench):
     bench.arms["two"].passes = 1
-    bench.run()
-    assert bench.holder == "one"
+    assert bench.ends_with("one")
     bench.shared.pass_to("two")
-    bench.run()
-    assert bench.holder == "two"
+    assert bench.ends_with("two")
 
 
 def test_one_that_is_passed_to_itself_keeps_it(bench):
     bench.shared.pass_to("one")
-    bench.run()
-    assert bench.holder == "one"
+    assert bench.ends_with("one")
 
 
 def test_a_session_that_is_stopped_leaves_it_to_the_next_that_runs(bench):
     bench.arms["two"].end()
     bench.arms["one"].end()
-    bench.run()
-    assert bench.holder == "three"
+    assert bench.ends_with("three")
 
 
 def test_a_session_that_dies_and_comes_back_has_it_again(bench):
@@ -124,8 +121,7 @@ def test_a_session_that_dies_and_comes_back_has_it_again(bench):
     bench.run()
     assert bench.shared.holder == "one"
     bench.arms["one"].running = True
-    bench.run()
-    assert bench.holder == "one"
+    assert bench.ends_with("one")
 
 
 def test_while_nobody_runs_it_is_nobodys(bench):
@@ -134,8 +130,7 @@ def test_while_nobody_runs_it_is_nobodys(bench):
     bench.run()
     bench.arms["three"].running = bench.arms["three"].wanted = True
     bench.arms["three"].held = False
-    bench.run()
-    assert bench.holder == "three"
+    assert bench.ends_with("three")
 
 
 def test_one_that_dies_while_it_gives_does_not_keep_it_from_the_next(bench):
@@ -143,12 +138,10 @@ def test_one_that_dies_while_it_gives_does_not_keep_it_from_the_next(bench):
     bench.shared.pass_to("two")
     bench.run(1)
     bench.arms["one"].end(wanted=True)
-    bench.run()
-    assert bench.holder == "two"
+    assert bench.ends_with("two")
     bench.arms["one"].running = True
     bench.arms["one"].phase = "disarmed"
-    bench.run()
-    assert bench.holder == "two"
+    assert bench.ends_with("two")
 
 
 def test_a_robot_that_is_not_ready_is_told_of_before_a_device_that_is_elsewhere():
@@ -162,12 +155,9 @@ def test_a_robot_that_is_not_ready_is_told_of_before_a_device_that_is_elsewhere(
 
 def test_who_has_it_keeps_it_when_other_sessions_come_to_share_it(bench):
     bench.arms["one"].passes = 1
-    bench.run()
-    assert bench.holder == "two"
+    assert bench.ends_with("two")
     bench.shared.serve(["two", "one"])
-    bench.run()
-    assert bench.holder == "two"
+    assert bench.ends_with("two")
     bench.shared.serve(["one", "three"])
     bench.arms["two"].held = False
-    bench.run()
-    assert bench.holder == "one"
+    assert bench.ends_with("one")

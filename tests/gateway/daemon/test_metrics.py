@@ -26,9 +26,9 @@ from cardan.gateway.daemon.client import ControlClient
 from cardan.gateway.daemon.control import Response
 from cardan.gateway.daemon.events import STOP_REASONS, SessionWatch
 from cardan.gateway.daemon.metrics import MetricsOptions, MetricsServer, asked
-from cardan.gateway.daemon.server import ControlServer
 from cardan.gateway.servers.stats import told
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
+from tests.gateway.daemon.test_control_socket import serving
 from tests.gateway.servers.rig import WAIT_S, served
 
 UNPACKED_PROMTOOL = Path(__file__).parents[3] / "build/judges/promtool"
@@ -270,28 +270,15 @@ def test_scrapes_wait_for_each_other():
 
 
 def test_it_asks_the_daemon_s_socket(tmp_path, monkeypatch):
-    path = str(tmp_path / "sock")
-    server = ControlServer(
-        path, "", lambda ask, told: told.tell(Response(ask.id, "result", [ask.do]))
-    )
-    ended = threading.Event()
+    def handle(ask, told):
+        told.tell(Response(ask.id, "result", [ask.do]))
 
-    def serve():
-        while not ended.is_set():
-            server.poll(0.05)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
+    with serving(str(tmp_path / "sock"), handle=handle) as path:
         assert asked(path) == ["figures"]
         monkeypatch.setenv("CARDAN_SOCKET", path)
         assert asked("") == ["figures"]
         with ControlClient() as client:
             assert client.path == path
-    finally:
-        ended.set()
-        thread.join()
-        server.close()
 
 
 # -- sources of the figures -----------------------------------------------------------------------

@@ -6,7 +6,8 @@ import threading
 import time
 
 from cardan.gateway.daemon import processes
-from cardan.gateway.daemon.processes import HUNG_S, STARTS_WITHIN_S, RunningSession
+from cardan.gateway.daemon.processes import RunningSession
+from cardan.gateway.daemon.systemd_watchdog import HUNG_S, STARTS_WITHIN_S
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import SessionExit
 from tests.waiting import WITHIN_S

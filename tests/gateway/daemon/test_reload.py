@@ -67,6 +67,11 @@ class Lab:
     def session(self, name):
         return self.kept(name).process
 
+    def changes(self, **speeds):
+        """Write the file and reload it; its outcome."""
+        self.write(**speeds)
+        return self.reload()
+
     def reload(self, check_only=False):
         """Its outcome; None where it is under way still."""
         self.told = []
@@ -202,10 +207,8 @@ def test_one_reload_at_a_time(lab):
 
 
 def test_of_two_reloads_the_newest_counts(lab):
-    lab.write(one=0.1, two=0.25)
-    lab.reload()
-    lab.write(one=0.2, two=0.1)
-    assert words(lab.reload()) == [
+    lab.changes(one=0.1, two=0.25)
+    assert words(lab.changes(one=0.2, two=0.1)) == [
         f"one limits.linear_speed_m_s: 0.25 -> 0.2{WAITS}",
         f"two limits.linear_speed_m_s: 0.25 -> 0.1{WAITS}",
     ]
@@ -220,12 +223,10 @@ def test_of_two_reloads_the_newest_counts(lab):
 
 
 def test_a_reload_while_a_session_ends_for_one_before(lab):
-    lab.write(one=0.1, two=0.25)
-    lab.reload()
+    lab.changes(one=0.1, two=0.25)
     lab.rest("one")
     assert lab.session("one").ended
-    lab.write(one=0.2, two=0.25)
-    lab.reload()
+    lab.changes(one=0.2, two=0.25)
     lab.look()
     lab.end("one")
     assert lab.speed("one") == 0.2
@@ -236,8 +237,7 @@ def test_a_reload_while_a_session_ends_for_one_before(lab):
 
 def test_what_changes_back_while_it_waits_is_nothing_to_do(lab):
     before = lab.file.read_text()
-    lab.write(one=0.1, two=0.25)
-    lab.reload()
+    lab.changes(one=0.1, two=0.25)
     lab.file.write_text(before)
     assert words(lab.reload()) == ["one limits.linear_speed_m_s: taken back"]
     assert lab.row("one")["changes_wait"] == []
@@ -248,8 +248,7 @@ def test_what_changes_back_while_it_waits_is_nothing_to_do(lab):
 
 def test_a_removal_that_is_taken_back_while_it_waits_is_nothing_to_do(lab):
     before = lab.file.read_text()
-    lab.write(one=0.25)
-    assert words(lab.reload()) == [f"two: removed{WAITS}"]
+    assert words(lab.changes(one=0.25)) == [f"two: removed{WAITS}"]
     assert lab.row("two")["changes_wait"] == ["removed"]
     assert words(lab.reload()) == []
     lab.look()
@@ -262,8 +261,7 @@ def test_a_removal_that_is_taken_back_while_it_waits_is_nothing_to_do(lab):
 
 
 def test_a_session_that_dies_while_it_waits_begins_with_the_new_file(lab):
-    lab.write(one=0.1)
-    lab.reload()
+    lab.changes(one=0.1)
     for name in ("one", "two"):
         lab.end(name, Ended.DIED, "killed")
     assert lab.row("two")["state"] == "stopped"
@@ -274,8 +272,7 @@ def test_a_session_that_dies_while_it_waits_begins_with_the_new_file(lab):
 
 
 def test_a_session_that_cannot_begin_with_its_new_file_says_so_and_harms_no_other(lab):
-    lab.write(one=0.1, two=0.1)
-    lab.reload()
+    lab.changes(one=0.1, two=0.1)
     lab.rest("one")
     lab.end("one")
     why = "mapping.deadman: the device has no button 'z'"
@@ -291,8 +288,7 @@ def test_a_session_that_cannot_begin_with_its_new_file_says_so_and_harms_no_othe
 def test_a_session_that_does_not_run_takes_it_with_its_start(lab):
     lab.kept("one").unit.stop(time.monotonic())
     lab.end("one")
-    lab.write(one=0.4, two=0.25)
-    assert words(lab.reload()) == [
+    assert words(lab.changes(one=0.4, two=0.25)) == [
         "one limits.linear_speed_m_s: 0.25 -> 0.4 (waits until it starts)"
     ]
     lab.look()
@@ -305,25 +301,21 @@ def test_a_session_that_does_not_run_takes_it_with_its_start(lab):
 
 def test_what_leaves_the_files_stops_and_starts_when_it_is_back(lab):
     lab.rest("two")
-    lab.write(one=0.25)
-    assert words(lab.reload()) == ["two: removed"]
+    assert words(lab.changes(one=0.25)) == ["two: removed"]
     lab.look()
     assert lab.session("two").ended
     lab.end("two")
     assert lab.row("two")["reason"] == "it is not in the files any more"
-    lab.write(one=0.25, two=0.1)
-    assert words(lab.reload()) == ["two: added"]
+    assert words(lab.changes(one=0.25, two=0.1)) == ["two: added"]
     lab.look()
     assert lab.speed("two") == 0.1
 
 
 def test_a_session_that_had_failed_is_tried_again_with_what_has_changed(lab):
     lab.end("one", Ended.MISCONFIGURED, "mapping.deadman: ...")
-    lab.write(one=0.25, two=0.1)
-    lab.reload()
+    lab.changes(one=0.25, two=0.1)
     assert lab.row("one")["state"] == "failed"
-    lab.write(one=0.1, two=0.1)
-    lab.reload()
+    lab.changes(one=0.1, two=0.1)
     lab.look()
     assert lab.row("one")["state"] == "running"
     assert lab.speed("one") == 0.1

@@ -1,5 +1,4 @@
-"""Two mice drive two arms under ``cardan daemon run``, as examples/two-arms has them; and two
-operators share one arm."""
+"""Two mice drive two arms under ``cardan daemon run``, as examples/two-arms has them."""
 
 import contextlib
 import tempfile
@@ -8,12 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.motion import Outcome
-from cardan.gateway.daemon.client import daemon_arm
 from cardan.gateway.daemon.config import read_layout
 from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
-from tests.gateway.daemon.event_files import read_events
 from tests.gateway.daemon.test_serve import Lab
 from tests.programs import Program
 from tests.serving import free_endpoint
@@ -211,70 +206,3 @@ def test_the_examples_mice_are_two_of_a_kind(mice, by):
     }
     assert differ == {by}
     assert (left.arm.model, right.arm.model) == ("teo_left_arm", "teo_right_arm")
-
-
-SESSION = """
-[robot]
-driver = "abb_egm"
-listen_port = 0
-[device]
-driver = "spacemouse"
-transport = "socket"
-path = "mouse.sock"
-wait_for_device = true
-[mapping]
-deadman = "left"
-"""
-
-
-def test_a_device_that_is_plugged_in_is_opened_each_time(lab):
-    (mouse,) = lab.plug("mouse")
-    session = lab.folder / "one.toml"
-    session.write_text(SESSION)
-    lab.start(session)
-    until(lambda: mouse.opened, "the session")
-    for _ in range(3):
-        mouse.do("unplug")
-        until(lambda: not mouse.backend.there, "the unplugging")
-        lab.until("one", device_link="lost")
-        mouse.do("replug")
-        until(lambda: mouse.backend.there, "the plugging in")
-        until(lambda: mouse.opened, "the device's opening")
-        mouse.do("press", "left")
-        mouse.do("set_axes", UP)
-        row = lab.until("one", device_link="needs neutral")
-        assert row["authority"] == ""
-        mouse.do("release", "left")
-        mouse.do("set_axes", NEUTRAL)
-
-
-def test_two_operators_share_one_arm(lab):
-    (mouse,) = lab.plug("left")
-    (lab.folder / "devices.toml").write_text(
-        (EXAMPLE / "simulated-mice.toml").read_text(encoding="utf-8")
-    )
-    text = (EXAMPLE / "teo.toml").read_text(encoding="utf-8")
-    first, left, _ = text.split("[[sessions]]\n")
-    (lab.folder / "arm.toml").write_text(first + "[[sessions]]\n" + left)
-    lab.start(lab.folder / "arm.toml", lab.folder / "devices.toml")
-    lab.until("left", robot_link="live")
-    with daemon_arm("left", path=lab.socket) as arm:
-        # The program moves the arm until the hand acts.
-        motion = arm.movv([0.0, 0.0, 0.005, 0.0, 0.0, 0.0])
-        lab.until("left", authority="verbs", phase="moving")
-        lab.arm("left", mouse)
-        until(lambda: motion.over, "the motion's end")
-        assert motion.outcome is not Outcome.DONE
-        # As long as the hand holds on, nobody else does.
-        with pytest.raises(MotionRefusedError, match="'hand' has authority"):
-            arm.movv([0.0, 0.0, 0.005, 0.0, 0.0, 0.0])
-        mouse.do("set_axes", UP)
-        lab.until_moved("left")
-        mouse.do("set_axes", NEUTRAL)
-        mouse.do("release", "left")
-        lab.until("left", authority="")
-        arm.movv([0.0, 0.0, -0.005, 0.0, 0.0, 0.0])
-        lab.until("left", authority="verbs", phase="moving")
-    events = read_events(lab.folder / "events")
-    owners = [each["what"] for each in events if each["event"] == "authority"]
-    assert owners[:4] == ["verbs", "hand", "nobody", "verbs"]

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from cardan.common.haptics import WorldMap
 from cardan.gateway.force.crossfade import CROSSFADE_M_S, LONGEST_STEP_S, MapCrossfade
 from cardan.gateway.force.fixtures import world_point
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.spatial import norm, subtract
 from cardan.types import ZERO3, Vector3
 from tests.examples import examples

@@ -338,6 +338,26 @@ def test_the_summary_has_what_was_felt_and_what_was_touched():
     assert Snapshot.from_bytes(s.to_bytes()) == s
 
 
+def test_the_stiffness_felt_is_force_over_the_depth_of_the_hand():
+    rig = Rig([], MeasuredSource(reaction=True))
+    rig.device.told = HapticState(state=OperatingState.ENABLED, rendering=True)
+    rig.cycle(count=50, force=(0.0, 0.0, 0.0))
+    assert rig.renderer.report()["felt_stiffness_n_m"] is None
+    # Pressed down by 0 to 20 mm against 60 N/m, then lifted and moved on in free air.
+    for k in range(501):
+        depth_m = 4e-5 * k
+        rig.device.told = rig.device.told._replace(force=Vector3(0.0, 0.0, 60.0 * depth_m))
+        hand = Pose(Vector3(0.01, 0.0, 0.05 - depth_m), IDENTITY)
+        rig.cycle(force=(0.0, 0.0, 6.0), hand=hand)
+    rig.device.told = rig.device.told._replace(force=Vector3(0.0, 0.0, 0.5))
+    rig.cycle(count=100, force=(0.0, 0.0, 0.0))
+    rig.cycle(count=500, force=(0.0, 0.0, 0.0), hand=Pose(Vector3(0.01, 0.0, 0.0), IDENTITY))
+    report = rig.renderer.report()
+    # The contact force is filtered before it counts: the first touch is found 0.1 s late at most.
+    assert report["felt_stiffness_n_m"] == pytest.approx(60.0, rel=0.1)
+    assert report["felt_depth_m"] == pytest.approx(0.02, abs=0.001)
+
+
 def test_noise_is_no_contact_and_draws_nothing():
     figures = ContactFigures()
     for k in range(2000):

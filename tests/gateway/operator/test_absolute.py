@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from cardan.gateway.arm.status import Phase
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.mapping import Mode, Orientation
 from cardan.spatial import add, from_euler_zyx, multiply, norm, rotate, rotation_between, subtract
 from cardan.types import DeviceLink, Vector3

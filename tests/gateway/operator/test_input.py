@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.deadman import Arming
 from cardan.gateway.operator.input import CLUTCH_WITHIN_S, NO_REQUEST, ArmView, OperatorInput
 from cardan.gateway.operator.mapping import GripperOptions, MappingOptions, Mode, TwistMapping
@@ -61,6 +61,11 @@ class Asked:
         self.arming = self.request.arming
         return self.request
 
+    def seen(self, **tick):
+        """After one tick with the device at rest."""
+        self.tick(**tick)
+        return self
+
     def arm(self):
         self.tick()
         assert self.tick(REST, "left").engages
@@ -100,8 +105,7 @@ def test_a_dead_man_or_a_deflection_from_before_is_no_act(before):
 
 @pytest.mark.parametrize("age_s", [0.2, -0.2])
 def test_a_deflection_that_may_drive_no_motion_is_no_act(age_s):
-    asked = Asked()
-    asked.tick()
+    asked = Asked().seen()
     request = asked.tick(FORWARD, "left", age_s=age_s)
     assert not request.acts
     assert not request.asks
@@ -109,8 +113,7 @@ def test_a_deflection_that_may_drive_no_motion_is_no_act(age_s):
 
 
 def test_an_act_that_is_barred_is_seen_and_has_to_be_made_anew():
-    asked = Asked()
-    asked.tick()
+    asked = Asked().seen()
     request = asked.tick(REST, "left", inhibited="somebody else has the arm")
     assert request.acts
     assert not request.armed
@@ -154,8 +157,7 @@ def test_without_a_dead_man_rest_arms_and_a_barred_one_takes_a_move_and_rest():
 
 @pytest.mark.parametrize("options", [DEADMAN, CLUTCH, BARE])
 def test_the_act_begins_with_a_device_that_is_there(options):
-    asked = Asked(options)
-    asked.tick()
+    asked = Asked(options).seen()
     act = asked.source.act_words()
     asked.tick(link=DeviceLink.LOST)
     assert asked.source.act_words() == f"wait for the device (the device is lost), then {act}"
@@ -189,8 +191,7 @@ RELEASE = ("right", False, 0.0)
 
 
 def test_presses_toggle_the_clutch():
-    asked = Asked(CLUTCH)
-    asked.tick()
+    asked = Asked(CLUTCH).seen()
     request = asked.tick(REST, "right", events=[press()])
     assert request.engages
     assert request.pressed
@@ -211,8 +212,7 @@ def test_presses_toggle_the_clutch():
     ],
 )
 def test_a_press_that_begins_nothing_says_why(tick, words):
-    asked = Asked(CLUTCH)
-    asked.tick()
+    asked = Asked(CLUTCH).seen()
     asked.tick(tick.pop("axes", REST), "right", **tick)
     assert not asked.armed
     asked.tick(REST)
@@ -221,8 +221,7 @@ def test_a_press_that_begins_nothing_says_why(tick, words):
 
 @pytest.mark.parametrize("tick", [{"inhibited": "no"}, {"tripped": True}, {"void": True}])
 def test_a_press_at_a_bad_moment_begins_nothing_and_nothing_later(tick):
-    asked = Asked(CLUTCH)
-    asked.tick()
+    asked = Asked(CLUTCH).seen()
     request = asked.tick(REST, "right", events=[press()], **tick)
     assert request.acts is ("inhibited" in tick)
     assert not request.armed
@@ -328,8 +327,7 @@ def test_nothing_is_asked_for_but_by_an_armed_live_hand_with_its_dead_man_held(p
 
 
 def test_a_button_that_the_device_has_not_is_told_in_place_of_an_act_that_cannot_be():
-    asked = Asked()
-    asked.tick()
+    asked = Asked().seen()
     asked.source.complaint = "mapping.deadman: the device has no button 'left'; it has: go"
     asked.tick()
     assert asked.advice == asked.source.complaint
@@ -360,6 +358,7 @@ POSE = MappingOptions(mode=Mode.POSITION, deadman=("left",))
 POSE_CLUTCH = MappingOptions(mode=Mode.POSITION, clutch="right")
 POSE_BOTH = MappingOptions(mode=Mode.POSITION, clutch="right", deadman=("left",))
 AWAY = Pose(Vector3(0.101, 0.2, 0.3), IDENTITY)
+NO_NUMBERS = Pose(Vector3(math.nan, 0.0, 0.0), IDENTITY)
 
 
 def clutched(options, *held, pose=None):
@@ -431,8 +430,7 @@ def test_the_gripper_is_the_operator_s_who_drives():
 
 def posed(options=POSE):
     """A source that follows a hand."""
-    asked = Asked(options)
-    asked.tick(pose=HAND)
+    asked = Asked(options).seen(pose=HAND)
     asked.tick(REST, "left", pose=HAND)
     assert asked.armed
     return asked
@@ -480,8 +478,7 @@ def test_letting_go_takes_the_hand_up_anew():
 
 
 def test_a_press_of_the_clutch_lets_go_of_the_hand_although_it_is_engaged_again_at_once():
-    asked = Asked(POSE_CLUTCH)
-    asked.tick(pose=HAND)
+    asked = Asked(POSE_CLUTCH).seen(pose=HAND)
     asked.tick(REST, "right", events=[press()], pose=HAND)
     assert asked.source.hand_map()
     presses = [RELEASE, press(), RELEASE, press()]
@@ -505,8 +502,7 @@ def test_the_references_are_taken_anew_where_hand_and_tcp_are():
 
 
 def test_the_hand_belongs_to_where_the_arm_comes_to_rest():
-    asked = Asked(POSE)
-    asked.tick(pose=HAND)
+    asked = Asked(POSE).seen(pose=HAND)
     resting = Pose(Vector3(0.01, 0.0, 0.0), IDENTITY)
     assert asked.tick(REST, "left", pose=HAND, resting=resting).twist.linear.x > 0.0
 
@@ -571,51 +567,44 @@ def test_how_old_a_report_may_be_to_the_border(age_s, ok):
 
 
 @pytest.mark.parametrize(
-    ("age_s", "words"),
+    ("tick", "words"),
     [
-        (0.25, "the hand's pose is 0.25 s old"),
-        (-0.3, "the robot's pose is 0.3"),
+        ({"age_s": 0.25}, "the hand's pose is 0.25 s old"),
+        ({"age_s": -0.3}, "the robot's pose is 0.3"),
+        ({"pose": None}, "the device gives no pose"),
+        ({"pose": NO_NUMBERS}, "the device gives no pose"),
     ],
 )
-def test_why_a_pose_is_not_taken(age_s, words):
+def test_why_a_pose_is_not_taken(tick, words):
     for options, held in ((POSE, "left"), (POSE_CLUTCH, "right")):
-        asked = Asked(options)
-        asked.tick(pose=HAND)
+        asked = Asked(options).seen(pose=HAND)
         events = [press()] if held == "right" else []
-        assert not asked.tick(REST, held, pose=HAND, age_s=age_s, events=events).armed
+        assert not asked.tick(REST, held, events=events, **{"pose": HAND, **tick}).armed
         assert f"the clutch was not engaged: {words}" in asked.advice
 
 
-def test_a_pose_that_is_none_is_not_taken_nor_followed():
-    broken = Pose(Vector3(math.nan, 0.0, 0.0), IDENTITY)
-    asked = Asked(POSE)
-    asked.tick(pose=HAND)
-    assert not asked.tick(REST, "left", pose=broken).armed
-    assert "the clutch was not engaged: the device gives no pose; " in asked.advice
-    assert posed().tick(REST, "left", pose=broken).fault == "the device gives no pose to follow"
-    assert posed().tick(REST, pose=broken).fault == ""
+def test_a_pose_that_is_none_is_not_followed():
+    fault = "the device gives no pose to follow"
+    assert posed().tick(REST, "left", pose=NO_NUMBERS).fault == fault
+    assert posed().tick(REST, pose=NO_NUMBERS).fault == ""
 
 
 @pytest.mark.parametrize("free", [True, False])
 def test_a_hand_is_taken_when_its_robot_is_there_and_deflections_at_any_time(free):
-    asked = Asked(POSE)
-    asked.tick(pose=HAND)
+    asked = Asked(POSE).seen(pose=HAND)
     assert "not engaged" not in asked.advice
     request = asked.tick(REST, "left", pose=HAND, behind="the robot lags", free=free)
     assert request.acts
     assert not request.armed
     assert "the clutch was not engaged: the robot lags" in asked.advice
-    asked = Asked(POSE)
-    asked.tick()
+    asked = Asked(POSE).seen()
     assert "not engaged" not in asked.advice
-    asked = Asked()
-    asked.tick()
+    asked = Asked().seen()
     assert asked.tick(REST, "left", behind="the robot lags", free=free).engages
 
 
 def test_a_device_that_was_gone_was_not_let_go():
-    asked = Asked()
-    asked.tick()
+    asked = Asked().seen()
     asked.tick(link=DeviceLink.LOST)
     assert asked.arming is Arming.DISARMED
     assert not asked.tick(REST, "left").acts
@@ -640,31 +629,26 @@ def test_a_press_needs_a_button_that_was_seen_up():
     asked = Asked(CLUTCH)
     asked.tick(link=DeviceLink.LOST)
     assert not asked.tick(REST, "right", events=[RELEASE, press()]).acts
-    asked = Asked(CLUTCH)
-    asked.tick()
+    asked = Asked(CLUTCH).seen()
     assert not asked.tick(REST, "right", events=[press()], link=DeviceLink.LOST).acts
 
 
 def test_a_second_press_without_a_release_does_not_count():
-    asked = Asked(CLUTCH)
-    asked.tick()
+    asked = Asked(CLUTCH).seen()
     request = asked.tick(FORWARD, "right", events=[press(), press()])
     assert not request.armed
-    asked = Asked(CLUTCH)
-    asked.tick()
+    asked = Asked(CLUTCH).seen()
     assert not asked.tick(REST, "right", events=[press(), press(), press()]).armed
 
 
 def test_a_press_that_came_too_late_and_a_second_one_are_no_act():
-    asked = Asked(CLUTCH)
-    asked.tick()
+    asked = Asked(CLUTCH).seen()
     events = [press(1.1 * CLUTCH_WITHIN_S), press()]
     assert not asked.tick(REST, "right", events=events).armed
 
 
 def test_other_buttons_are_no_clutch():
-    asked = Asked(CLUTCH)
-    asked.tick()
+    asked = Asked(CLUTCH).seen()
     assert not asked.tick(REST, "x", events=[("x", True, 0.0)]).acts
     asked = clutched(CLUTCH)
     assert asked.tick(REST, "x", events=[("x", True, 0.0)]).armed
@@ -695,16 +679,14 @@ def test_a_press_counts_for_half_a_second():
 
 
 def test_a_press_that_is_accepted_takes_back_why_the_one_before_was_not():
-    asked = Asked(CLUTCH)
-    asked.tick()
+    asked = Asked(CLUTCH).seen()
     asked.tick(FORWARD, "right", events=[press()])
     assert "not engaged" in asked.advice
     asked.tick(REST, events=[RELEASE])
     asked.tick(REST, "right", events=[press()])
     assert asked.armed
     assert "not engaged" not in asked.advice
-    asked = Asked(CLUTCH)
-    asked.tick()
+    asked = Asked(CLUTCH).seen()
     asked.tick(FORWARD, "right", events=[press()])
     asked.disarm()
     assert "not engaged" not in asked.advice
@@ -849,8 +831,7 @@ def test_a_reason_that_is_the_device_s_own_is_told_once():
 
 
 def test_a_refusal_is_told_in_place_of_why():
-    asked = Asked(CLUTCH)
-    asked.tick()
+    asked = Asked(CLUTCH).seen()
     asked.tick(FORWARD, "right", events=[press()])
     asked.tick(REST)
     words = "the clutch was not engaged: the device is not at rest; press 'right' to move"

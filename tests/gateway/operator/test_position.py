@@ -5,123 +5,28 @@ import math
 import pytest
 
 from cardan.gateway.arm.status import Phase
-from cardan.gateway.arm.supervision import Watchdogs
-from cardan.gateway.motion.reference import ReferenceLimits
-from cardan.gateway.operator.mapping import MappingOptions, Mode
-from cardan.spatial import (
-    add,
-    from_euler_zyx,
-    from_rotation_vector,
-    limit_norm,
-    multiply,
-    norm,
-    rotate,
-    rotation_between,
-    scale,
-    subtract,
-)
-from cardan.types import (
-    IDENTITY,
-    ButtonEvent,
-    DeviceLink,
-    DeviceState,
-    Frame,
-    Pose,
-    Quaternion,
-    RobotLink,
-    RobotState,
-    Vector3,
-)
-from tests.controllers import controller_for_hand
-
-DT_S = 0.004
-START = Pose(Vector3(0.5, 0.0, 0.4), from_euler_zyx(math.pi, 0.0, 0.3))
-HAND = Pose(Vector3(0.1, -0.2, 0.3), from_euler_zyx(0.1, 0.2, 0.3))
-NEUTRAL = (0.0,) * 6
-HAND_SPEED_M_S, HAND_SPEED_RAD_S = 2.0, 8.0
+from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
+from cardan.spatial import from_euler_zyx, norm, rotate, scale
+from cardan.types import IDENTITY, ButtonEvent, DeviceLink, Frame, Pose, Quaternion, Vector3
+from tests.gateway.hand_rig import DT_S, HAND, START, HandRig, close, displaced
 
 
-def displaced(x=0.0, y=0.0, z=0.0, rx=0.0, ry=0.0, rz=0.0, hand=HAND):
-    return Pose(
-        add(hand.position, Vector3(x, y, z)),
-        multiply(from_rotation_vector(Vector3(rx, ry, rz)), hand.orientation),
-    )
-
-
-class Rig:
-    """An engine in position mode, a hand that is put somewhere, and an ideal robot."""
+class Rig(HandRig):
+    """A hand that is put somewhere, and is followed while a button is held."""
 
     def __init__(self, limits=None, **options):
-        options = MappingOptions(mode=Mode.POSITION, deadman=("clutch",), **options)
-        self.limits = limits or ReferenceLimits()
-        self.core = controller_for_hand(options, self.limits, Watchdogs(), ())
-        self.now_s = 100.0
-        self.robot = RobotState(self.now_s, RobotLink.LIVE, 1, 0, DT_S, (0.0,) * 6, (), START, "")
-        self.device = DeviceState(self.now_s, DeviceLink.LIVE, NEUTRAL, frozenset(), HAND)
-        self.hand_goal = HAND
-        self.fresh = True
-        self.fastest = 0.0
+        super().__init__(limits=limits, deadman=("clutch",), deflections=(0.0,) * 6, **options)
 
-    @property
-    def tcp(self):
-        return self.robot.pose
-
-    def hand(self, pose=HAND, clutch=True, link=DeviceLink.LIVE):
+    def hand(self, pose=HAND, clutch=True):
         """Send the hand to `pose`, as fast as hands are; without the clutch it is there at once."""
         buttons = frozenset({"clutch"} if clutch else ())
         self.hand_goal = pose
         there = self.device.pose if clutch and "clutch" in self.device.buttons else pose
-        self.device = self.device._replace(pose=there, buttons=buttons, link=link)
-        return self
-
-    def move_hand(self):
-        here = self.device.pose
-        if here is None or here == self.hand_goal:
-            return
-        way = subtract(self.hand_goal.position, here.position)
-        turn = rotation_between(here.orientation, self.hand_goal.orientation)
-        self.device = self.device._replace(
-            pose=Pose(
-                add(here.position, limit_norm(way, HAND_SPEED_M_S * DT_S)),
-                multiply(
-                    from_rotation_vector(limit_norm(turn, HAND_SPEED_RAD_S * DT_S)),
-                    here.orientation,
-                ),
-            )
-        )
-
-    def run(self, seconds=DT_S):
-        for _ in range(max(1, round(seconds / DT_S))):
-            self.now_s += DT_S
-            self.robot = self.robot._replace(stamp_s=self.now_s, sequence=self.robot.sequence + 1)
-            if self.fresh:
-                self.move_hand()
-                self.device = self.device._replace(stamp_s=self.now_s)
-            before = self.tcp.position
-            linear = self.core.reference.linear
-            command = self.core.tick(self.robot, self.device)
-            self.robot = self.robot._replace(pose=command.pose)
-            speed = norm(subtract(self.tcp.position, before)) / DT_S
-            assert speed <= self.limits.linear_speed_m_s * (1 + 1e-9)
-            change = norm(subtract(self.core.reference.linear, linear))
-            assert change <= self.limits.linear_acceleration_m_s2 * DT_S * (1 + 1e-9)
-            self.fastest = max(self.fastest, speed)
+        self.device = self.device._replace(pose=there, buttons=buttons)
         return self
 
     def engage(self):
         return self.hand(clutch=False).run().hand().run(0.1)
-
-    @property
-    def moved(self):
-        return subtract(self.tcp.position, START.position)
-
-    @property
-    def turned(self):
-        return rotation_between(START.orientation, self.tcp.orientation)
-
-
-def close(a, b, tolerance=1e-6):
-    return all(abs(u - v) <= tolerance for u, v in zip(a, b, strict=True))
 
 
 def test_pressing_the_clutch_moves_nothing():
@@ -187,7 +92,7 @@ def test_a_new_grip_starts_from_where_the_tcp_is():
 def test_letting_go_brakes_at_once():
     rig = Rig().engage()
     rig.hand(displaced(x=0.14)).run(0.3)
-    speed = rig.fastest
+    speed = norm(rig.velocity[0])
     rig.hand(displaced(x=0.14), clutch=False).run(speed / 1.0 + 2 * DT_S)
     assert rig.core.at_rest
     x = rig.moved.x
@@ -229,9 +134,9 @@ def test_a_hand_that_is_lost_takes_itself_off_the_robot(change):
     rig = Rig().engage()
     rig.hand(displaced(x=0.1)).run(0.2)
     good = rig.device
-    rig.hand_goal = rig.device.pose
     for _ in range(3):  # Once would do.
         rig.device = good._replace(**change)
+        rig.hand_goal = rig.device.pose
         rig.run()
     rig.hand_goal = good.pose
     rig.device = good

@@ -102,6 +102,11 @@ class PlainClient:
                 return frame
             self.heard.append(frame)
 
+    def subscribe(self, topic="/chatter", kind="std_msgs/msg/String", **fields):
+        """Subscribe; come back when the server has done it."""
+        self.send("subscribe", topic=topic, type=kind, **fields)
+        self.settle()
+
     def settle(self):
         """Come back when the server has done all that was sent before."""
         answer = self.call("/rosapi/get_time")

@@ -126,6 +126,21 @@ def head(connection):
     return received.partition(b"\r\n\r\n")[0]
 
 
+def all_of(connection):
+    """What comes until it is hung up on."""
+    received = b""
+    with contextlib.suppress(ConnectionError):
+        while more := connection.recv(65536):
+            received += more
+    return received
+
+
+def welcomed(target, connection):
+    """Return whether an authorized client is let in on this connection."""
+    connection.sendall(target.request(target.path_with(TOKEN)))
+    return status(head(connection)) == target.welcome
+
+
 def comes_in(target, running):
     """Return whether an authorized client still connects."""
     return status(answer(running, target.request(target.path_with(TOKEN)))) == target.welcome
@@ -365,20 +380,15 @@ def test_a_replayed_handshake_comes_in_nowhere(target, certificate):
     with target.serve(token=TOKEN, **certificate) as running:
         tap = Tap(running.port)
         with by_tls(tap, certificate) as connection:
-            connection.sendall(target.request(target.path_with(TOKEN)))
-            assert status(head(connection)) == target.welcome
+            assert welcomed(target, connection)
         tap.close()
         assert TOKEN.encode() not in tap.heard
         with opened(running) as thief:
             thief.sendall(tap.heard)
-            received = b""
-            with contextlib.suppress(ConnectionError):
-                while more := thief.recv(65536):
-                    received += more
+            received = all_of(thief)
         assert b"HTTP" not in received
         with by_tls(running, certificate) as connection:
-            connection.sendall(target.request(target.path_with(TOKEN)))
-            assert status(head(connection)) == target.welcome
+            assert welcomed(target, connection)
 
 
 def test_plain_requests_to_tls_are_not_answered(target, certificate):
@@ -406,18 +416,14 @@ def test_connections_that_speak_no_tls_are_hung_up_on(target, certificate, monke
         for each in idle:
             assert head(each) == b""
         with by_tls(running, certificate) as connection:
-            connection.sendall(target.request(target.path_with(TOKEN)))
-            assert status(head(connection)) == target.welcome
+            assert welcomed(target, connection)
 
 
 def test_what_a_refused_client_sends_later_is_not_heard(target, running):
     """Two requests in one go: the second one is no way round the first one's answer."""
     with opened(running) as connection:
         connection.sendall(target.request() + target.request(target.path_with(TOKEN)))
-        received = b""
-        with contextlib.suppress(ConnectionError):
-            while more := connection.recv(65536):
-                received += more
+        received = all_of(connection)
     # It is hung up on with the second one unread; that may take the answer with it.
     assert received == b"" or status(received) == 401
     assert b"HTTP/1.1 %d" % target.welcome not in received

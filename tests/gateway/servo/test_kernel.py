@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+from hypothesis import given, settings, strategies as st
 
 import cardan
 from cardan.common.native import NativePartError
@@ -109,6 +110,33 @@ def test_sliding_and_endless_joints_are_pinocchios_and_the_servos(monkeypatch):
     found = servo_oracles.ticks("gantry", 300)
     assert found.velocity <= servo_oracles.SAME_TICK
     assert found.worse == 0
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32), st.sampled_from([0.0, 0.016, 0.3]), st.sampled_from([0.01, 1.0]))
+def test_a_lagging_robot_is_expected_where_the_servo_in_python_expects_it(seed, lag_s, step):
+    """On a grid, so that several places of the past are equally near."""
+    kinematics, rng = ArmKinematics(parse_urdf(PRISMATIC)), np.random.default_rng(seed)
+    servos = Servo(kinematics), CompiledServo(kinematics)
+    for servo in servos:
+        servo.keep_past(lag_s)
+    now_s, way = 1.0, [np.zeros(4)]
+    for k in range(150):
+        now_s += rng.choice([0.004, 0.02, 0.05, 5.0], p=[0.4, 0.4, 0.19, 0.01])
+        way.append(way[-1] + step * rng.integers(-1, 2, 4))
+        for servo in servos:
+            servo.place(way[-1])
+            servo.note(now_s)
+            if k == 100:
+                servo.keep_past(lag_s)
+        measured = way[-rng.integers(1, min(len(way), 20) + 1)] + step * rng.integers(-2, 3, 4) / 2
+        measured[2] += 2.0 * math.pi * rng.integers(-1, 2)
+        joints = measured.tolist()
+        (pose, *error), (other, *too) = (servo.measure(joints) for servo in servos)
+        assert too == error
+        assert np.abs(np.subtract(other.position, pose.position)).max() < 1e-12 * (1.0 + 150 * step)
+        expected, too = (servo.expected(joints).tolist() for servo in servos)
+        assert too == expected
 
 
 @pytest.mark.parametrize("n", range(1, layout.MAX_JOINTS + 1))
@@ -427,7 +455,7 @@ SOURCES = native.library_path().parent / "kernel"
 OPTIMIZED = ("-O3", "-fno-tree-vectorize")
 """As tools/native compiles it."""
 
-HARMLESS = {"atan2", "cos", "memcpy", "memset", "sin", "sqrt"}
+HARMLESS = {"atan2", "cos", "memcpy", "memset", "remainder", "sin", "sqrt"}
 """Functions of C's library that take neither memory nor a lock, and end."""
 
 LARGEST_FRAME_BYTES = 4096

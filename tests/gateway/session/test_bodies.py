@@ -13,7 +13,7 @@ from cardan.doctor.files import Files, read_files
 from cardan.drivers.sim_arm import SimArm, SimArmOptions
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.arm.verbs import ArmVerbs
+from cardan.gateway.arm.verb_methods import ArmVerbs
 from cardan.gateway.kinematics.collision import Obstacle
 from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.cautions import cautions
@@ -25,6 +25,12 @@ from tests.doctor.told import told
 SAID = "6 of 6 links have no body: "
 BOX = '[[obstacles]]\nname = "box"\nbox = [[0.2, -0.2, 0.0], [0.6, 0.2, 0.4]]\n'
 ACCEPTED = "i_accept_links_without_bodies = true\n"
+
+
+def looked_at(file):
+    """What the doctor finds in a file."""
+    layout, wrong = read_files([file])
+    return list(Files.look(Subject((file,), layout, wrong)))
 
 
 @pytest.fixture
@@ -72,20 +78,17 @@ def test_a_singular_home_is_said(session, tmp_path):
     bare.write_text(bare.read_text().replace("-90, -90, -90", "-90, 0, -90"))
     (words,) = cautions(load_config(file))
     assert words.startswith("arm: its home is singular (0.000)")
-    layout, wrong = read_files([file])
-    found = list(Files.look(Subject((file,), layout, wrong)))
+    found = looked_at(file)
     assert told(Files, found) == [("caution", "caution")]
 
 
 def test_the_doctor_says_it(session):
     file = session("")
-    layout, wrong = read_files([file])
-    found = list(Files.look(Subject((file,), layout, wrong)))
+    found = looked_at(file)
     assert told(Files, found) == [("caution", "caution")]
     assert SAID in found[0].what
     file = session(BOX)
-    layout, wrong = read_files([file])
-    found = list(Files.look(Subject((file,), layout, wrong)))
+    found = looked_at(file)
     assert ("failure", "file") in told(Files, found)
     assert any(SAID in each.what for each in found)
 

@@ -321,33 +321,12 @@ def test_a_maximum_lead_longer_than_the_following_error_is_refused():
 
 scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
 values = st.recursive(scalars, lambda v: st.lists(v, max_size=6), max_leaves=8)
-keys = st.sampled_from(
-    [
-        "driver",
-        "frame",
-        "axes",
-        "scale",
-        "deadman",
-        "clutch",
-        "recapture",
-        "orientation",
-        "origin_m",
-        "toggle",
-        "output",
-        "max_lead_m",
-        "device_age_s",
-        "workspace_x_m",
-        "listen_port",
-        "port",
-        "alert_high",
-        "when_stale",
-        "path",
-        "robot",
-        "dead_zone",
-        "mode",
-        "unknown",
-    ]
-)
+KEYS = """
+    driver frame axes scale deadman clutch recapture orientation origin_m toggle output max_lead_m
+    device_age_s workspace_x_m listen_port port alert_high when_stale path robot dead_zone mode
+    unknown
+"""
+keys = st.sampled_from(KEYS.split())
 tables = st.dictionaries(
     st.sampled_from(
         ["device", "robot", "mapping", "gripper", "limits", "watchdogs", "filters", "else"]

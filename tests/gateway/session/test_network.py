@@ -20,7 +20,7 @@ from cardan.gateway.arm.vocab import State  # noqa: E402
 from cardan.protocols.ros2.actions import GoalStatus  # noqa: E402
 from cardan.protocols.ros2.cdr import codec_of  # noqa: E402
 from cardan.protocols.ros2.messages import completed  # noqa: E402
-from cardan.protocols.ros2.zenoh import LATCHED_QOS, Attachment, data_key  # noqa: E402
+from cardan.protocols.ros2.zenoh import LATCHED_QOS, Attachment  # noqa: E402
 from cardan.robots import load_arm  # noqa: E402
 from tests.ros2_packages import write_packages  # noqa: E402
 from tests.serving import ARM_SESSION, free_endpoint  # noqa: E402
@@ -288,30 +288,6 @@ def test_a_service_moves_the_arm_and_wait_says_when_it_arrived(user):
     user.until_at(target)
 
 
-def test_a_parameter_is_set_read_and_told_of(user):
-    events = user.subscribe("/parameter_events", "rcl_interfaces/msg/ParameterEvent")
-    assert user.set("frame", "tcp")["successful"]
-    answer = user.call("get_parameters", "rcl_interfaces/srv/GetParameters", names=["frame"])
-    assert answer["values"][0]["string_value"] == "tcp"
-
-    def changed():
-        told = user.heard("/parameter_events")
-        return [p["name"] for each in told for p in each["changed_parameters"]]
-
-    assert "frame" in until(changed, "the event")
-    assert "allowed" in user.set("gain", 99.0)["reason"]
-    events.close()
-
-
-def test_setting_waits_until_the_arm_rests(user):
-    assert user.call("movv", "cardan_msgs/srv/MoveTwist", xdot={"linear": {"z": 0.05}})["success"]
-    assert "refused while in" in user.set("frame", "tcp")["reason"]
-    user.publish("/command/stop", "std_msgs/msg/Empty")
-    until(lambda: user.state() == int(State.NOT_CONTROLLING), "the stop")
-    # It brakes still, perhaps: then the answer comes when it rests.
-    assert user.set("frame", "tcp") == {"successful": True, "reason": ""}
-
-
 @pytest.mark.real
 def test_an_action_moves_the_arm_with_feedback_and_can_be_canceled(user):
     action = f"{ARM}/action/movl"
@@ -457,86 +433,7 @@ def test_a_node_of_dora_rs_watches_and_commands_the_arm(user, tmp_path):
     assert told["result"][1] == {"success": True, "message": ""}
 
 
-# -- bad input ------------------------------------------------------------------------------------
-
-
-def counted(user):
-    """The counts of the diagnostics' row on commands."""
-    if "/diagnostics" not in user._subscriptions:
-        user.subscribe("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", 4)
-    user.heard("/diagnostics")
-    (row,) = [
-        row
-        for array in until(lambda: user.heard("/diagnostics"), "the diagnostics")[-1:]
-        for row in array["status"]
-        if row["name"] == f"{ARM}: commands"
-    ]
-    return {each["key"]: int(each["value"]) for each in row["values"]}
-
-
-@pytest.mark.parametrize(
-    ("type_name", "given", "data", "words"),
-    [
-        (TWIST, {"linear": {"x": 1.0}}, None, "it takes geometry_msgs::msg::dds_::Pose_"),
-        (POSE, {"position": {"x": None}}, None, "not numbers"),
-        (POSE, None, b"", "no plain CDR"),
-        (POSE, None, b"\0\1\0\0" + bytes(20), "too few"),
-        (POSE, None, b"\0\1\0\0" + b"\1" * 5_000_000, "too many"),
-        (POSE, {"position": {"x": 9.0}}, None, "reach"),
-    ],
-)
-def test_what_is_no_command_is_refused_with_a_reason_and_moves_nothing(
-    user, type_name, given, data, words
-):
-    before = user.settled()
-    number = user.publish("/command/movl", type_name, given, data)
-    assert words in user.outcome("movl", number, "refused")[1]
-    assert user.where() == before
-    assert user.state() == int(State.NOT_CONTROLLING)
-
-
-def test_another_hash_is_refused_and_counted(user):
-    before = counted(user)["refused"]
-    config = zenoh.Config()
-    config.insert_json5("connect/endpoints", f'["{user.node.options.router}"]')
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("listen/endpoints", "[]")
-    key = data_key(0, f"{ARM}/command/movl", POSE)
-    pose = codec_of(POSE).encode(user.moved(-0.02))
-    where = user.settled()
-    with zenoh.open(config) as session:
-        publisher = session.declare_publisher(f"{key[:-4]}0000")
-
-        def refused():
-            publisher.put(pose)
-            return [each for each in user.heard(f"{ARM}/result") if each["outcome"] == "refused"]
-
-        told = until(refused, "the refusal")
-    assert "it takes geometry_msgs::msg::dds_::Pose_/RIHS01_d501954e" in told[0]["reason"]
-    until(lambda: counted(user)["refused"] > before, "the count")
-    assert user.where() == where
-
-
-def test_services_refuse_what_is_no_request(user):
-    assert not user.call("movl", "cardan_msgs/srv/MovePose", data=b"\1\2\3")["success"]
-    name = "rcl_interfaces/srv/SetParameters"
-    (result,) = user.call("set_parameters", name, data=b"\0\1\0\0\xff\xff\xff\xff")["results"]
-    assert not result["successful"]
-
-
-def test_a_flood_is_survived_counted_and_moves_nothing_wrong(user):
-    before, where = counted(user), user.settled()
-    beyond = codec_of(POSE).encode(completed(POSE, {"position": {"x": 9.0}}))
-    for _ in range(5000):
-        user.publish("/command/movl", POSE, data=beyond)
-        user.publish("/command/twist", TWIST)
-    until(lambda: counted(user)["displaced"] > before["displaced"], "the count")
-    told = user.heard(f"{ARM}/result")
-    assert any("displaced by newer ones" in each["reason"] for each in told)
-    assert user.where() == where
-    # And the arm is commanded as before.
-    number = user.publish("/command/movl", POSE, user.moved(-0.02))
-    assert user.outcome("movl", number, "done", "aborted") == ("done", "")
+# -- a publisher that dies ------------------------------------------------------------------------
 
 
 STATUS = f"{ARM}/state/status"

@@ -1,20 +1,15 @@
 """A robot whose operator device is shared by another process, through a router: what the arm does
-when that process is killed, stands still, or a stranger floods its topics."""
+when that process is killed."""
 
 import contextlib
-import signal
-import threading
 import time
 from typing import NamedTuple
 
 import pytest
 
 from bench.killed import REST_M_S, ROBOTS, WINDOW_S, Watch, driven
-from cardan.bus.node import BusNode
-from cardan.bus.options import BusOptions
 from cardan.demos.pauses import Pauses
 from cardan.drivers.remote import Remote
-from cardan.drivers.remote.shared import CLAIM_TYPE, STATE_TYPE, claim_topic, state_topic
 from cardan.errors import DeviceAccessError
 from tests.programs import Program
 from tests.serving import free_endpoint
@@ -35,8 +30,6 @@ BUSY_S = 1.5
 the end of its reach, seconds later."""
 LATE_AT_EACH = 4
 """Session, robot, router and this test, each as late as this computer was meanwhile."""
-FLOOD = 20_000
-"""Messages of a flood at most."""
 
 
 @pytest.fixture
@@ -93,38 +86,3 @@ def test_a_killed_process_stops_the_arm_and_the_second_session_is_refused(joined
     joined.share.wait_for("refused: claims while another session has it", "stderr")
     joined.wait_until_moving()
     joined.rests_in_time_after(joined.share.process.kill)
-
-
-def test_a_process_that_stands_still_stops_the_arm_until_a_deliberate_act(joined):
-    joined.wait_until_moving()
-    joined.rests_in_time_after(lambda: joined.share.process.send_signal(signal.SIGSTOP))
-    joined.share.process.send_signal(signal.SIGCONT)
-    joined.wait_until_moving()  # The hand releases, and presses anew.
-
-
-def test_a_stranger_that_floods_with_old_states_neither_moves_the_arm_nor_keeps_it_moving(joined):
-    over = threading.Event()
-    options = BusOptions(router=joined.router, mode="client")
-    with BusNode(options, "stranger") as node:
-        heard = node.waiting_subscription(state_topic("hand"), STATE_TYPE, 1)
-        states = node.publisher(state_topic("hand"), STATE_TYPE)
-        claims = node.publisher(claim_topic("hand"), CLAIM_TYPE)
-        old = heard.wait(10.0)
-        assert old is not None
-        heard.close()
-
-        def flood():
-            for _ in range(FLOOD):
-                if over.wait(0.0005):
-                    return
-                states.put(old.data, time.time_ns())
-                claims.put(old.data, time.time_ns())
-
-        flooding = threading.Thread(target=flood)
-        flooding.start()
-        try:
-            joined.wait_until_moving()
-            joined.rests_in_time_after(joined.share.process.kill)
-        finally:
-            over.set()
-            flooding.join()

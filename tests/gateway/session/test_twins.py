@@ -75,16 +75,6 @@ def test_the_second_does_not_begin_and_the_first_goes_on(meeting, begin):
     assert arms(presence) == before
 
 
-def test_one_that_was_killed_does_not_keep_its_name(meeting, begin):
-    presence = meeting[0].presence(SERVICE, "/left/arm/movl")
-    first = begin()
-    until(lambda: arms(presence), "the first")
-    before = arms(presence)
-    first.kill()
-    begin()
-    until(lambda: arms(presence) - before, "the next")
-
-
 def test_of_two_that_begin_at_once_one_at_most_takes_commands(meeting, begin):
     presence = meeting[0].presence(SERVICE, "/left/arm/movl")
     both = begin(), begin()

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 from cardan.gateway.arm.vocab import State
-from cardan.gateway.motion.reference import Reference
+from cardan.gateway.motion.speed_limited_reference import Reference
 from cardan.types import RobotCommand, RobotState
 
 

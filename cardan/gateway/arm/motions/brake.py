@@ -5,7 +5,7 @@ from __future__ import annotations
 from cardan.gateway.arm.commanded_arm import CommandedArm
 from cardan.gateway.arm.motions.base import ARRIVED, GOING, Progress
 from cardan.gateway.arm.motions.reference_motion import ReferenceMotion
-from cardan.gateway.motion.reference import Reference
+from cardan.gateway.motion.speed_limited_reference import Reference
 from cardan.types import RobotState
 
 

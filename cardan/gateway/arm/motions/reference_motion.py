@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from cardan.gateway.arm.commanded_arm import CommandedArm
 from cardan.gateway.arm.motions.base import Activity, Deceleration
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.types import ZERO3, ZERO_TWIST, Twist
 
 

@@ -7,7 +7,7 @@ from cardan.gateway.arm.motions.base import GOING, Deceleration, Progress
 from cardan.gateway.arm.motions.path import STUCK_S, STUCK_SHARE
 from cardan.gateway.arm.motions.reference_motion import ReferenceMotion
 from cardan.gateway.arm.vocab import State
-from cardan.gateway.motion.reference import Reference
+from cardan.gateway.motion.speed_limited_reference import Reference
 from cardan.spatial import norm
 from cardan.types import RobotState, Twist
 

@@ -31,6 +31,17 @@ typedef struct {
     double clear_m;  /* the least of theirs, or less */
 } PairGroup;
 
+/* Past commands that are kept: _ROWS of lag.py. */
+#define PAST_ROWS 17
+
+/* Commanded joints of the robot's lag, a ring of rows; without a row before the first command. */
+typedef struct {
+    double spacing_s, next_s; /* between rows, 0: none are kept; when the next is due */
+    double rows[PAST_ROWS][MAX_JOINTS];
+    int filled, newest, nearest; /* nearest: the row that was so last */
+    int32_t turns;               /* bit i: whole turns of joint i make no difference */
+} Past;
+
 /* Around the shapes of a body, in its frame. */
 typedef struct {
     double middle[3], radius_m;
@@ -42,6 +53,8 @@ struct Kernel {
     ChainPose pose; /* where `state.q` was when the last call began */
     double jacobian[6][MAX_JOINTS];
     Program program;
+
+    Past past;
 
     int n;
     double lower[MAX_JOINTS], upper[MAX_JOINTS], velocity[MAX_JOINTS], acceleration[MAX_JOINTS];

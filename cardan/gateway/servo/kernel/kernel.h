@@ -67,8 +67,9 @@ typedef struct {
     double twist[6];                                    /* motion of the reference; base axes */
     double motion[6];                                   /* of the TCP at v; base axes */
     double reachable_position[3], reachable_orientation[4];
-    double pose_joints[MAX_JOINTS];                     /* for kernel_pose_at */
+    double pose_joints[MAX_JOINTS];                     /* for kernel_pose_at, kernel_measure */
     double pose_position[3], pose_orientation[4];       /* of the TCP in the base */
+    double joint_error;                                 /* of kernel_measure */
     double path_speed, smallest_singular_value, damping;
     double distance_m, error_m, error_rad;
     double unreachable_m_s, unreachable_rad_s;
@@ -145,6 +146,17 @@ KERNEL_API void kernel_pose(Kernel *kernel);
 KERNEL_API void kernel_pose_at(Kernel *kernel);
 KERNEL_API void kernel_motion(Kernel *kernel);
 KERNEL_API void kernel_status(Kernel *kernel);
+
+/* ResponseLag of cardan/gateway/servo/response_lag.py: keep the commanded joints of the last `lag_s` (0: of no
+ * time), which forgets those before; note those of now. Bit i of `turns`: whole turns of joint i make
+ * no difference. */
+KERNEL_API void kernel_keep_past(Kernel *kernel, double lag_s, int32_t turns);
+KERNEL_API void kernel_note(Kernel *kernel, double stamp_s);
+
+/* Replace the measured pose_joints by those that are expected once the robot has caught up, fill in
+ * their pose, and joint_error: how far the joint that is returned, the farthest, is from its command.
+ */
+KERNEL_API int32_t kernel_measure(Kernel *kernel);
 
 /* Parts, for the tests that hold them to their oracles. */
 KERNEL_API void kernel_kinematics(Kernel *kernel, const double *q, double rotation[9],

@@ -125,6 +125,16 @@ SCRIPTS: Mapping[str, str] = {
         13.0  click 2
         15.0  move 0 0 0
     """,
+    "presses": """
+        # 9 s, again and again: holds button 2, forward against whatever is there, press, back
+        1.0   press 2                                  # follow
+        1.5   move 0.03 0 0 over 2
+        3.5   push 1.5 0 0 over 0.5
+        5.5   push 0 0 0 over 0.5
+        6.0   move 0 0 0 over 1.5
+        7.8   release 2                                # stop and hold
+        9.0   loop
+    """,
     "let-go": """
         # 12 s: the hand throws the stylus and takes it again
         2.0   click 2

@@ -16,6 +16,15 @@ from cardan.types import Vector3
 from tests.gateway.servers.rig import WAIT_S, served
 
 ARM, ASK = "/arm", "cardan_msgs/srv/Ask"
+VIEWER, OPERATOR = "viewers-0123456789", "operators-0123456789"
+
+
+def token_file(folder):
+    """A file of these two tokens; its path."""
+    tokens = folder / "tokens"
+    tokens.write_text(f"viewer {VIEWER}\noperator {OPERATOR}\n")
+    tokens.chmod(0o600)
+    return str(tokens)
 
 
 def small_site(folder):
@@ -116,6 +125,22 @@ class PageProgram:
 
     def jog(self, hold=True, x=0.1, **more):
         self.frame(JogTwist(Vector3(x, 0.0, 0.0), Vector3(0.0, 0.0, 0.0)), hold, **more)
+
+    def settle(self):
+        """Come back when the server has done all that was sent before."""
+        self.ask("cardan.ping", id="settled")
+        self.next("cardan.pong", id="settled")
+
+    def press(self):
+        """Let go of the arm, which the server says, and hold it."""
+        self.jog(False)
+        self.grip("free")
+        self.jog()
+
+    def refused(self, op, **fields):
+        """Why the server refuses this."""
+        self.ask(op, id="refused", **fields)
+        return self.next("cardan.refused", id="refused")["why"]
 
     def grip(self, wanted):
         """Wait until the server says so; the message."""

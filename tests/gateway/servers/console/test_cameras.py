@@ -27,14 +27,13 @@ from cardan.gateway.servers.console.cameras import parse_camera
 from cardan.gateway.servers.console.server import ConsoleOptions
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.names import checked_name
-from tests.gateway.servers.console.rig import console, page_program
+from tests.gateway.servers.console.rig import VIEWER, console, page_program, token_file
 from tests.gateway.servers.memory_network import MemoryNetwork
 from tests.gateway.servers.rig import WAIT_S
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
 
-VIEWER = "viewers-0123456789"
 ALLOWED = "Basic " + base64.b64encode(b"me:secret").decode()
 
 
@@ -125,6 +124,27 @@ def settled(page):
     return False
 
 
+@pytest.fixture
+def server():
+    """A camera that streams."""
+    with camera() as (server, address):
+        server.address = address
+        yield server
+
+
+@pytest.fixture
+def running(network, tmp_path, server):
+    """A console that has this camera."""
+    with console(network, tmp_path, camera=(server.address,)) as running:
+        yield running
+
+
+@pytest.fixture
+def page(running):
+    with page_program(running) as page:
+        yield page
+
+
 @pytest.mark.parametrize("path", ["/stream", "/one"])
 def test_pages_see_the_newest_picture_and_the_camera_rests_when_they_are_gone(tmp_path, path):
     with (
@@ -145,41 +165,33 @@ def test_pages_see_the_newest_picture_and_the_camera_rests_when_they_are_gone(tm
         until(lambda: server.looks == 0, "the camera rests")
 
 
-def test_the_next_picture_goes_out_when_the_one_before_was_shown_and_is_the_newest(tmp_path):
-    with (
-        camera() as (server, address),
-        console(MemoryNetwork(), tmp_path, camera=(address,)) as running,
-        page_program(running) as page,
-    ):
-        page.ask("cardan.camera", do="open", camera=0, page_us=123)
-        first, about = announced(page)
-        assert about["page_us"] == 123
-        passed = server.pictures + 20
-        until(lambda: server.pictures >= passed, "pictures come that nobody has room for")
-        show(page, about["picture"] + 1)
-        assert settled(page)
-        show(page, about["picture"], page_us=456)
-        second, about = announced(page)
-        assert second >= passed - 1 > first
-        assert about["page_us"] == 456
-        # Two on their way, where the page has room for them, and no third.
-        show(page, about["picture"], two=True)
-        ahead = [announced(page)[1]["picture"] for _ in range(2)]
-        passed = server.pictures + 5
-        until(lambda: server.pictures >= passed, "pictures come that nobody has room for")
-        assert settled(page)
-        # A page that skipped the first picture has shown both.
-        show(page, ahead[1])
-        assert announced(page)[1]["picture"] == ahead[1] + 1
+def test_the_next_picture_goes_out_when_the_one_before_was_shown_and_is_the_newest(server, page):
+    page.ask("cardan.camera", do="open", camera=0, page_us=123)
+    first, about = announced(page)
+    assert about["page_us"] == 123
+    passed = server.pictures + 20
+    until(lambda: server.pictures >= passed, "pictures come that nobody has room for")
+    show(page, about["picture"] + 1)
+    assert settled(page)
+    show(page, about["picture"], page_us=456)
+    second, about = announced(page)
+    assert second >= passed - 1 > first
+    assert about["page_us"] == 456
+    # Two on their way, where the page has room for them, and no third.
+    show(page, about["picture"], two=True)
+    ahead = [announced(page)[1]["picture"] for _ in range(2)]
+    passed = server.pictures + 5
+    until(lambda: server.pictures >= passed, "pictures come that nobody has room for")
+    assert settled(page)
+    # A page that skipped the first picture has shown both.
+    show(page, ahead[1])
+    assert announced(page)[1]["picture"] == ahead[1] + 1
 
 
-def test_a_picture_comes_with_its_age_and_with_how_long_the_page_was_waited_for(tmp_path):
-    with (
-        camera() as (server, address),
-        console(MemoryNetwork(), tmp_path, camera=(address,)) as running,
-        page_program(running) as page,
-        page_program(running) as later,
-    ):
+def test_a_picture_comes_with_its_age_and_with_how_long_the_page_was_waited_for(
+    server, running, page
+):
+    with page_program(running) as later:
         asked_s = time.monotonic()
         page.ask("cardan.camera", do="open", camera=0, page_us=0)
         _, about = announced(page)
@@ -193,37 +205,27 @@ def test_a_picture_comes_with_its_age_and_with_how_long_the_page_was_waited_for(
         assert about["age_us"] >= 0.3e6 > about["held_us"]
 
 
-def test_a_camera_rests_while_a_page_shows_nothing_of_it(tmp_path, monkeypatch):
+def test_a_camera_rests_while_a_page_shows_nothing_of_it(server, page, monkeypatch):
     monkeypatch.setattr(client, "UNSHOWN_S", 0.1)
-    with (
-        camera() as (server, address),
-        console(MemoryNetwork(), tmp_path, camera=(address,)) as running,
-        page_program(running) as page,
-    ):
-        page.ask("cardan.camera", do="open", camera=0)
-        _, about = announced(page)
-        until(lambda: server.looks == 0, "the camera rests")
-        assert settled(page)
-        show(page, about["picture"])
-        announced(page)
-        assert server.looks == 1
+    page.ask("cardan.camera", do="open", camera=0)
+    _, about = announced(page)
+    until(lambda: server.looks == 0, "the camera rests")
+    assert settled(page)
+    show(page, about["picture"])
+    announced(page)
+    assert server.looks == 1
 
 
 @pytest.mark.parametrize("page_us", [None, -1, "0", True, float("inf")])
-def test_what_is_no_time_shows_nothing(tmp_path, page_us):
-    with (
-        camera() as (_, address),
-        console(MemoryNetwork(), tmp_path, camera=(address,)) as running,
-        page_program(running) as page,
-    ):
-        show(page, 1)  # Nothing is on its way.
-        page.ask("cardan.camera", do="open", camera=0)
-        _, about = announced(page)
-        page.ask("cardan.camera", do="shown", id=1, picture=about["picture"], page_us=page_us)
-        assert "page_us" in page.next("cardan.refused", id=1)["why"]
-        assert settled(page)
-        show(page, about["picture"])
-        announced(page)
+def test_what_is_no_time_shows_nothing(page, page_us):
+    show(page, 1)  # Nothing is on its way.
+    page.ask("cardan.camera", do="open", camera=0)
+    _, about = announced(page)
+    page.ask("cardan.camera", do="shown", id=1, picture=about["picture"], page_us=page_us)
+    assert "page_us" in page.next("cardan.refused", id=1)["why"]
+    assert settled(page)
+    show(page, about["picture"])
+    announced(page)
 
 
 def test_pictures_are_on_the_bus_while_somebody_subscribes(tmp_path):
@@ -253,10 +255,8 @@ def test_pictures_are_on_the_bus_while_somebody_subscribes(tmp_path):
     assert stamps == sorted(stamps)
 
 
-def test_cameras_are_not_on_the_bus_unless_that_is_wanted(tmp_path):
-    network = MemoryNetwork()
-    with camera() as (_, address), console(network, tmp_path, camera=(address,)):
-        assert not network.publishers
+def test_cameras_are_not_on_the_bus_unless_that_is_wanted(network, running):
+    assert not network.publishers
 
 
 @pytest.mark.parametrize(
@@ -276,11 +276,8 @@ def test_two_cameras_of_one_topic_are_refused_where_they_are_published():
 
 
 def test_who_has_no_token_sees_nothing(tmp_path):
-    tokens = tmp_path / "tokens"
-    tokens.write_text(f"viewer {VIEWER}\n")
-    tokens.chmod(0o600)
     with camera() as (server, address):
-        options = {"camera": (address,), "token_file": str(tokens)}
+        options = {"camera": (address,), "token_file": token_file(tmp_path)}
         with console(MemoryNetwork(), tmp_path, **options) as running:
             with pytest.raises(InvalidStatus), page_program(running):
                 pass

@@ -10,13 +10,11 @@ import pytest
 pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
 
 from cardan.common.realtime import SCHEDULING_VARIABLE, ask_for_real_time
-from tests.gateway.servers.console.rig import console, page_program
-from tests.gateway.servers.memory_network import MemoryNetwork
+from tests.gateway.servers.console.rig import OPERATOR, VIEWER, page_program
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
 
-VIEWER, OPERATOR = "viewers-0123456789", "operators-0123456789"
 
 LISTING = """
 print('[{"demo": "gofa", "what_is_joined": "a mouse -> an arm"}]')
@@ -32,17 +30,11 @@ print("ended", flush=True)
 
 
 @pytest.fixture
-def running(tmp_path):
-    tokens = tmp_path / "tokens"
-    tokens.write_text(f"viewer {VIEWER}\noperator {OPERATOR}\n")
-    tokens.chmod(0o600)
-    with console(MemoryNetwork(), tmp_path, token_file=str(tokens)) as running:
-        demos = running.server._demos
-        demos._listing, demos._command = (
-            [sys.executable, "-c", LISTING],
-            [sys.executable, "-c", DEMO],
-        )
-        yield running
+def running(with_tokens):
+    demos = with_tokens.server._demos
+    demos._listing = [sys.executable, "-c", LISTING]
+    demos._command = [sys.executable, "-c", DEMO]
+    return with_tokens
 
 
 def asked(page, do, **more):

@@ -11,13 +11,11 @@ pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[
 from cardan.protocols.handheld.frames import JogTwist, PhoneFrame
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.types import Vector3
-from tests.gateway.servers.console.rig import console, page_program
-from tests.gateway.servers.memory_network import MemoryNetwork
+from tests.gateway.servers.console.rig import VIEWER, page_program
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
 
-VIEWER, OPERATOR = "viewers-0123456789", "operators-0123456789"
 TOPIC, IMU = "/phone/imu", "sensor_msgs/msg/Imu"
 
 UPRIGHT = PhoneFrame(
@@ -29,11 +27,6 @@ BLIND = PhoneFrame(None, acceleration_m_s2=Vector3(0.0, 0.0, 9.8))
 
 
 @pytest.fixture
-def network():
-    return MemoryNetwork()
-
-
-@pytest.fixture
 def heard(network):
     messages = []
     codec = codec_of(IMU)
@@ -41,25 +34,9 @@ def heard(network):
     return messages
 
 
-@pytest.fixture
-def running(network, tmp_path):
-    tokens = tmp_path / "tokens"
-    tokens.write_text(f"viewer {VIEWER}\noperator {OPERATOR}\n")
-    tokens.chmod(0o600)
-    with console(network, tmp_path, token_file=str(tokens)) as running:
-        yield running
-
-
-@pytest.fixture
-def page(running):
-    with page_program(running, f"/ws?t={OPERATOR}") as page:
-        page.begin()
-        yield page
-
-
-def test_what_the_phone_measures_is_an_imu_by_its_definition(page, heard):
-    page.open(7, imu=TOPIC)
-    page.frame(UPRIGHT, False, channel=7)
+def test_what_the_phone_measures_is_an_imu_by_its_definition(operator, heard):
+    operator.open(7, imu=TOPIC)
+    operator.frame(UPRIGHT, False, channel=7)
     until(lambda: heard, "it is published")
     (message,) = heard
     assert message["header"]["frame_id"] == "phone"
@@ -72,9 +49,9 @@ def test_what_the_phone_measures_is_an_imu_by_its_definition(page, heard):
     assert set(message["orientation_covariance"]) == {0.0}
 
 
-def test_what_it_does_not_measure_is_marked(page, heard):
-    page.open(7, imu=TOPIC)
-    page.frame(BLIND, False, channel=7)
+def test_what_it_does_not_measure_is_marked(operator, heard):
+    operator.open(7, imu=TOPIC)
+    operator.frame(BLIND, False, channel=7)
     until(lambda: heard, "it is published")
     (message,) = heard
     assert message["orientation_covariance"][0] == -1.0
@@ -82,31 +59,30 @@ def test_what_it_does_not_measure_is_marked(page, heard):
     assert message["linear_acceleration_covariance"][0] == 0.0
 
 
-def test_what_is_old_or_nothing_is_not_published(page, heard):
-    page.open(7, imu=TOPIC)
-    page.frame(UPRIGHT, False, channel=7, late_s=1.0)
-    page.frame(PhoneFrame(None), False, channel=7)
-    page.frame(UPRIGHT, False, channel=7, visible=False)
-    page.frame(UPRIGHT, False, channel=7)
+def test_what_is_old_or_nothing_is_not_published(operator, heard):
+    operator.open(7, imu=TOPIC)
+    operator.frame(UPRIGHT, False, channel=7, late_s=1.0)
+    operator.frame(PhoneFrame(None), False, channel=7)
+    operator.frame(UPRIGHT, False, channel=7, visible=False)
+    operator.frame(UPRIGHT, False, channel=7)
     until(lambda: heard, "it is published")
     assert len(heard) == 1
 
 
-def test_it_ends_with_the_channel(page, heard, network):
-    page.open(7, imu=TOPIC)
+def test_it_ends_with_the_channel(operator, heard, network):
+    operator.open(7, imu=TOPIC)
     assert network.topics()[TOPIC].publishers
-    page.ask("cardan.close", channel=7)
+    operator.ask("cardan.close", channel=7)
     until(lambda: not network.topics()[TOPIC].publishers, "nobody publishes it")
-    page.frame(UPRIGHT, False, channel=7)
-    page.ask("cardan.ping", id=1)
-    page.next("cardan.pong", id=1)
+    operator.frame(UPRIGHT, False, channel=7)
+    operator.settle()
     assert not heard
 
 
-def test_a_viewer_publishes_nothing_and_no_hand_is_an_imu(running, page):
-    with page_program(running, f"/ws?t={VIEWER}") as viewer:
+def test_a_viewer_publishes_nothing_and_no_hand_is_an_imu(with_tokens, operator):
+    with page_program(with_tokens, f"/ws?t={VIEWER}") as viewer:
         viewer.ask("cardan.open", channel=7, imu=TOPIC)
         assert "viewer" in viewer.next("cardan.refused")["why"]
-    page.open(7, imu=TOPIC)
-    page.frame(JogTwist(Vector3(0.1, 0, 0), Vector3(0, 0, 0)), channel=7)
-    assert "phone's sensors" in page.next("cardan.refused")["why"]
+    operator.open(7, imu=TOPIC)
+    operator.frame(JogTwist(Vector3(0.1, 0, 0), Vector3(0, 0, 0)), channel=7)
+    assert "phone's sensors" in operator.next("cardan.refused")["why"]

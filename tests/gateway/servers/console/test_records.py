@@ -13,13 +13,11 @@ from cardan.gateway.servers.console import records as module
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.type_hash import type_hash
 from cardan.recording.mcap_file import RecordedMessage, RecordedTopic, RecordWriter
-from tests.gateway.servers.console.rig import console, page_program
-from tests.gateway.servers.memory_network import MemoryNetwork
+from tests.gateway.servers.console.rig import OPERATOR, VIEWER, console, page_program, token_file
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
 
-VIEWER, OPERATOR = "viewers-0123456789", "operators-0123456789"
 STRING = "std_msgs/msg/String"
 STATE = RecordedTopic("/arm/state", STRING, type_hash(STRING), False, ("/arm",))
 
@@ -38,17 +36,9 @@ print("7 messages of 2 topics", flush=True)
 
 
 @pytest.fixture
-def network():
-    return MemoryNetwork()
-
-
-@pytest.fixture
 def running(network, tmp_path):
-    tokens = tmp_path / "tokens"
-    tokens.write_text(f"viewer {VIEWER}\noperator {OPERATOR}\n")
-    tokens.chmod(0o600)
-    folder = str(tmp_path / "records")
-    with console(network, tmp_path, token_file=str(tokens), records=folder) as running:
+    options = {"token_file": token_file(tmp_path), "records": str(tmp_path / "records")}
+    with console(network, tmp_path, **options) as running:
         yield running
 
 

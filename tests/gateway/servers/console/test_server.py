@@ -22,7 +22,6 @@ from websockets.sync.client import connect
 
 from cardan.gateway.daemon.client import ControlClient
 from cardan.gateway.servers.console.site import FOLDER
-from cardan.gateway.servers.stats import TELLS_VARIABLE
 from tests.gateway.servers.console.rig import PageProgram
 from tests.gateway.servers.rig import WAIT_S
 from tests.serving import ARM_SESSION, free_endpoint
@@ -78,14 +77,6 @@ def test_others_come_by_the_address_that_it_prints_and_by_no_other(tmp_path):
             assert PageProgram(connection).begin()["role"] == "operator"
         with pytest.raises(InvalidStatus), connect(url, ssl=context, compression=None):
             pass
-
-
-def test_what_a_daemon_keeps_has_no_token(tmp_path):
-    with server(tmp_path, "--host", "0.0.0.0", **{TELLS_VARIABLE: "1"}) as lines:
-        tokens = own_tokens(tmp_path)
-        assert len(tokens) == 3
-        assert "#" not in lines[-1]
-        assert not any(token in line for token in tokens for line in lines)
 
 
 def test_a_daemons_console_lists_and_stops_what_it_runs_and_tells_no_token(monkeypatch):

@@ -1,4 +1,4 @@
-"""State of the daemon for systemd: sd_notify(3), without a library."""
+"""State of the daemon for systemd, whose watchdog ends it when a session hangs: sd_notify(3)."""
 
 from __future__ import annotations
 
@@ -8,6 +8,15 @@ import socket
 import time
 from collections.abc import Mapping
 from typing import Final
+
+STARTS_WITHIN_S: Final = 60.0
+"""Longest time until a session's first snapshot: all sessions of a lab import their arms' models at
+once, and a small computer, which would be no quicker if the daemon were started anew, takes some
+10 s for each."""
+
+HUNG_S: Final = 8.0
+"""Longest time between snapshots of a session: one whose loop hangs, and that its supervisor cannot
+help, ends the daemon by its watchdog."""
 
 WATCHDOG_SHARE: Final = 0.4
 """The watchdog is fed this often within its time: sd_watchdog_enabled(3) asks for half of it."""

@@ -12,7 +12,7 @@ import pytest
 
 from cardan.errors import MotionLoopError, MotionRefusedError
 from cardan.gateway.arm.backlog import STALE_S, STREAMED_S
-from cardan.gateway.arm.link import LoopLink
+from cardan.gateway.arm.loop_link import LoopLink
 from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import (
     LATE_S,
@@ -24,7 +24,7 @@ from cardan.gateway.arm.requests import (
     result_of,
 )
 from cardan.gateway.arm.vocab import Begins, Stream
-from cardan.gateway.session.request_worker import (
+from cardan.gateway.session.stop_and_requests import (
     MAX_PENDING,
     MAX_WAITS,
     ChannelClient,
@@ -124,6 +124,11 @@ class Bench:
         packet = encode_request(Request(number, source, verb, value, sequence))
         self.offer(packet)
 
+    def plan(self, number, **more):
+        """Ask for a motion; come back while it is being planned."""
+        self.ask(number, "movl", POSE, **more)
+        assert self.verbs.planning.wait(TIMEOUT_S)
+
     def offer(self, packet):
         self.worker.offer(self.client, packet, self.now_s)
 
@@ -161,8 +166,7 @@ def test_nothing_is_made_before_anybody_asks(bench):
 
 
 def test_a_stop_acts_at_once_while_another_request_is_planned(bench):
-    bench.ask(1, "movl", POSE)
-    assert bench.verbs.planning.wait(TIMEOUT_S)
+    bench.plan(1)
     bench.ask(2, "movj", POSE)
     bench.ask(3, "stop")
     assert bench.heard() == (3, None)
@@ -181,8 +185,7 @@ def test_a_stop_acts_at_once_while_another_request_is_planned(bench):
 
 
 def test_what_a_source_asked_for_before_it_gave_up_its_authority_does_not_begin(bench):
-    bench.ask(1, "movl", POSE, source="a")
-    assert bench.verbs.planning.wait(TIMEOUT_S)
+    bench.plan(1, source="a")
     for number, source in enumerate("ab", 2):
         bench.ask(number, "movj", POSE, source=source)
     bench.ask(4, "release", source="a")
@@ -202,8 +205,7 @@ def test_what_a_source_asked_for_before_it_gave_up_its_authority_does_not_begin(
 
 
 def test_a_stream_does_not_begin_when_its_source_gave_up_its_authority_meanwhile(bench):
-    bench.ask(1, "movl", POSE, source="b")
-    assert bench.verbs.planning.wait(TIMEOUT_S)
+    bench.plan(1, source="b")
     client = Watched()
     bench.worker.offer(client, Request(1, "a", "twist", POSE, begins=Begins.NEW), bench.now_s)
     bench.ask(2, "release", source="a")
@@ -237,8 +239,7 @@ def test_a_motions_end_is_told_without_being_asked(bench):
 
 
 def test_a_streamed_command_that_waited_behind_a_plan_is_not_acted_on(bench):
-    bench.ask(1, "movl", POSE)
-    assert bench.verbs.planning.wait(TIMEOUT_S)
+    bench.plan(1)
     bench.ask(2, "pose", POSE)
     bench.now_s += 2.0 * STALE_S
     bench.verbs.go_on.set()
@@ -343,8 +344,7 @@ def test_a_client_with_a_mistake_does_not_end_the_worker(bench):
 
 
 def test_too_many_requests_are_refused(bench):
-    bench.ask(0, "movl", POSE)
-    assert bench.verbs.planning.wait(TIMEOUT_S)
+    bench.plan(0)
     for number in range(1, MAX_PENDING + 2):
         bench.ask(number, "movl", POSE)
     number, error = bench.heard()
@@ -431,8 +431,7 @@ def test_a_motion_without_end_ends_with_who_asked_for_it(bench):
 
 
 def test_a_stream_that_begins_waits_for_what_is_planned_and_one_that_goes_on_does_not(bench):
-    bench.ask(1, "movl", POSE)
-    assert bench.verbs.planning.wait(TIMEOUT_S)
+    bench.plan(1)
     client = Watched()
     first = Request(1, "ros2", "twist", POSE, begins=Begins.NEW)
     bench.worker.offer(client, first, bench.now_s)
@@ -450,8 +449,7 @@ def test_a_stream_that_begins_waits_for_what_is_planned_and_one_that_goes_on_doe
 def test_the_commands_of_a_stream_that_begins_keep_their_order(bench):
     """The stream has begun while some of its commands still wait: newer ones of the same sender do
     not overtake them."""
-    bench.ask(0, "movl", POSE)
-    assert bench.verbs.planning.wait(TIMEOUT_S)
+    bench.plan(0)
     client = Watched()
     first = Request(1, "ros2", "twist", POSE, stamp_s=1.0, begins=Begins.NEW)
     bench.worker.offer(client, first, bench.now_s)
@@ -471,8 +469,7 @@ def test_the_commands_of_a_stream_that_begins_keep_their_order(bench):
 
 
 def test_a_stream_does_not_begin_when_the_arm_was_stopped_meanwhile(bench):
-    bench.ask(1, "movl", POSE)
-    assert bench.verbs.planning.wait(TIMEOUT_S)
+    bench.plan(1)
     client = Watched()
     stream = Request(1, "ros2", "twist", POSE, begins=Begins.NEW)
     bench.worker.offer(client, stream, bench.now_s)
@@ -501,8 +498,7 @@ def test_a_motion_without_end_does_not_begin_for_who_is_gone(bench):
 
 
 def test_a_motion_that_was_canceled_before_its_turn_does_not_begin(bench):
-    bench.ask(1, "movl", POSE)
-    assert bench.verbs.planning.wait(TIMEOUT_S)
+    bench.plan(1)
     client, wanted = Watched(), [True]
     request = Request(2, "ros2", "movj", POSE, wanted=lambda: wanted[0])
     bench.worker.offer(client, request, bench.now_s)

@@ -1,4 +1,4 @@
-"""The verbs of the Cartesian interface: each checks, works out and starts a motion of the arm.
+"""The verbs of the Cartesian interface as methods: each checks, works out and starts a motion.
 
 Verbs may be called from any thread: slow work (inverse kinematics, dry runs) is done beside the
 loop, which only ever holds the controller's lock for a moment.

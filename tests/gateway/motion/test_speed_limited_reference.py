@@ -7,7 +7,7 @@ from hypothesis import given, settings, strategies as st
 
 from cardan.common.braking import stopping_speed
 from cardan.errors import OptionError
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.spatial import (
     add,
     from_rotation_vector,

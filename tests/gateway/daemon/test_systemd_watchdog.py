@@ -5,7 +5,7 @@ import socket
 
 import pytest
 
-from cardan.gateway.daemon.notify import Notifier
+from cardan.gateway.daemon.systemd_watchdog import Notifier
 
 
 @pytest.fixture

@@ -40,8 +40,6 @@ class ResponseLag:
     def __init__(self, lag_s: float, continuous: npt.NDArray[np.bool_]) -> None:
         """`continuous` marks joints whose whole turns make no difference."""
         self._spacing_s = lag_s / (_ROWS - 1)
-        self.late = lag_s > 0.0
-        """Whether the robot normally lags; False: joints are where they are commanded to be."""
         self._continuous: list[bool] = continuous.tolist()
         self._rows: list[list[float]] = []
         self._next_s = 0.0
@@ -51,10 +49,6 @@ class ResponseLag:
         """The row that was nearest last."""
         self._known: tuple[Sequence[float], Sequence[float], Sequence[float]] = (), (), ()
         """Last arguments of `expected`, and its result: a control cycle asks twice."""
-
-    def reset(self) -> None:
-        """Forget the past: the joints were placed, not moved."""
-        self._rows, self._known, self._nearest = [], ((), (), ()), 0
 
     def note(self, commanded: FloatArray, stamp_s: float) -> None:
         """Where the joints are commanded to be at `stamp_s`."""

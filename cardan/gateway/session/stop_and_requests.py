@@ -1,4 +1,4 @@
-"""Carries out the requests to a session beside its loop, which only passes packets on.
+"""Carries out stops and other requests to a session beside its loop, which only passes packets on.
 
 Two threads, which begin with the first request: one decodes and carries out quick requests, so that
 `stop` acts at once during any other; the other plans or waits for rest, one request after the
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 from cardan.common.resource_errors import shortage
 from cardan.errors import CardanError, MotionRefusedError
 from cardan.gateway.arm.backlog import STREAMED_S
-from cardan.gateway.arm.link import LoopLink
+from cardan.gateway.arm.loop_link import LoopLink
 from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import (
     CANCELED,
@@ -40,7 +40,7 @@ from cardan.gateway.arm.vocab import Begins
 from cardan.types import NEVER_S
 
 if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
-    from cardan.gateway.arm.verbs import ArmVerbs
+    from cardan.gateway.arm.verb_methods import ArmVerbs
 
 GONE = "the node that asked is gone"
 """Why a motion without end was ended, or not begun."""

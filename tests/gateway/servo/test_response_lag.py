@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cardan.gateway.servo.lag import ResponseLag
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.servo.compiled import CompiledServo
+from cardan.gateway.servo.response_lag import ResponseLag
+from cardan.gateway.servo.servo import Servo
+from cardan.robots import load_arm
 
 DT_S = 0.004
 LAG_S = 0.3
@@ -56,15 +60,27 @@ def test_a_robot_that_was_pushed_shows_at_once():
     assert pushed == pytest.approx(still + np.array([0.3, 0.0]))
 
 
-def test_after_a_gap_and_after_a_reset_the_past_is_gone():
+def test_after_a_gap_the_past_is_gone():
     lag = ResponseLag(LAG_S, FIXED)
     for k in range(100):
         lag.note(np.array([0.01 * k, 0.0]), k * DT_S)
     lag.note(np.array([1.0, 0.0]), 10.0)
     behind, now = np.array([0.8, 0.0]), np.array([1.0, 0.0])
     assert lag.expected(behind, now) == pytest.approx(behind)
-    lag.reset()
-    assert lag.expected(behind, now) == pytest.approx(behind)
+
+
+@pytest.mark.parametrize("make", [Servo, CompiledServo])
+def test_a_servo_forgets_the_past_when_it_is_to_keep_it_anew(make):
+    servo = make(ArmKinematics(load_arm("ur5e")))
+    servo.keep_past(LAG_S)
+    for k in range(100):
+        servo.place(np.full(6, 0.01 * k))
+        servo.note(k * DT_S)
+    behind = [0.8] * 6
+    assert servo.measure(behind)[1] < 0.02
+    servo.keep_past(LAG_S)
+    assert servo.measure(behind)[1] == pytest.approx(0.19)
+    assert servo.expected(behind).tolist() == behind
 
 
 def test_whole_turns_of_a_continuous_joint_are_no_distance():

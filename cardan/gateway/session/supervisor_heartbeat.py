@@ -8,7 +8,7 @@ BEAT_PERIOD_S = 0.1
 BEAT = b"beat"
 
 
-class Heartbeat:
+class SupervisorHeartbeat:
     """Judges the supervisor by the time of its last beat. Local monotonic time, s."""
 
     def __init__(self, silence_s: float, now_s: float) -> None:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from cardan.drivers.motoros.following_error import TrackingMonitor
+from cardan.drivers.motoros.tracking_monitor import TrackingMonitor
 
 LAG_S = 0.4
 DT_S = 0.004

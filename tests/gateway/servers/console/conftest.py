@@ -1,0 +1,26 @@
+"""A network within the test, and a console that has tokens."""
+
+import pytest
+
+from tests.gateway.servers.console.rig import OPERATOR, console, page_program, token_file
+from tests.gateway.servers.memory_network import MemoryNetwork
+
+
+@pytest.fixture
+def network():
+    return MemoryNetwork()
+
+
+@pytest.fixture
+def with_tokens(network, tmp_path):
+    """A console for a viewer and an operator."""
+    with console(network, tmp_path, token_file=token_file(tmp_path)) as running:
+        yield running
+
+
+@pytest.fixture
+def operator(with_tokens):
+    """A page of the operator."""
+    with page_program(with_tokens, f"/ws?t={OPERATOR}") as page:
+        page.begin()
+        yield page
