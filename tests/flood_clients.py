@@ -10,7 +10,6 @@ import socket
 import struct
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from typing import Any, ClassVar
 
 from websockets.frames import Frame, Opcode
@@ -425,22 +424,3 @@ class Spnav(_Stream):
         self.made += 1
         counts = (0, 0, self.way * (150 + self.made % 2), 0, 0, 0)
         return encode_motion(counts, 16)
-
-
-MAKERS: dict[str, Callable[[str, int], Client]] = {
-    "rosbridge, JSON": Rosbridge,
-    "rosbridge, CBOR": RosbridgeCbor,
-    "rosbridge, PNG": RosbridgePng,
-    "rosbridge, fragments": RosbridgeFragments,
-    "Foxglove": Foxglove,
-    "DDS": Dds,
-    "Zenoh": Zenoh,
-    "page, JSON": PageJson,
-    "page, phone frames": PagePhone,
-    "page, jog frames": PageJog,
-    "page, teleop": PageTeleop,
-    "daemon's socket": Daemon,
-    "joint stream": JointStream,
-    "spnav": Spnav,
-}
-"""By the server's name in the table."""

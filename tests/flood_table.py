@@ -28,8 +28,9 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.arm.parameters import ParameterRule, find_rule
 from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
+from tests import flood_clients as clients
 from tests.docs_tables import markdown
-from tests.flood_clients import ARM, MAKERS
+from tests.flood_clients import ARM
 from tests.result_tables import FLOODS as RESULTS
 from tests.serving import free_endpoint
 from tests.waiting import until
@@ -103,8 +104,9 @@ PHONE = 'router = "{bus}"\nheading = "each hold"'
 
 
 class Server(NamedTuple):
-    """How a server is started beside a session, whose client is the one of the same name."""
+    """How a server is started beside a session, and its client."""
 
+    client: type[clients.Client]
     server: tuple[str, ...] = ()
     """Words of ``cardan net server``; empty: the session itself is the server."""
     device: str = ""
@@ -116,24 +118,26 @@ class Server(NamedTuple):
     """Messages a second by which it is measured what one costs: as many as it can handle."""
 
 
-_ROSBRIDGE = Server(("rosbridge", "--port", "0"))
+_ROSBRIDGE = ("rosbridge", "--port", "0")
 _PAGE = ("console", "--port", "0")
 
 SERVERS = {
-    "rosbridge, JSON": _ROSBRIDGE,
-    "rosbridge, CBOR": _ROSBRIDGE,
-    "rosbridge, PNG": _ROSBRIDGE,
-    "rosbridge, fragments": _ROSBRIDGE,
-    "Foxglove": Server(("foxglove", "--port", "0")),
-    "DDS": Server(("dds", "--dds-domain", "73")),
-    "Zenoh": Server(counted_per_s=20_000.0),
-    "page, JSON": Server(_PAGE),
-    "page, phone frames": Server(_PAGE, "phone", "hold", PHONE, 100.0),
-    "page, jog frames": Server(_PAGE, counted_per_s=100.0),
-    "page, teleop": Server(_PAGE, "xr", "hold", f'{PHONE}\npart = "viewer"', 100.0),
-    "daemon's socket": Server(),
-    "joint stream": Server(counted_per_s=20_000.0),
-    "spnav": Server((), "spnav", "", 'socket = "{folder}/spnav.sock"', 20_000.0),
+    "rosbridge, JSON": Server(clients.Rosbridge, _ROSBRIDGE),
+    "rosbridge, CBOR": Server(clients.RosbridgeCbor, _ROSBRIDGE),
+    "rosbridge, PNG": Server(clients.RosbridgePng, _ROSBRIDGE),
+    "rosbridge, fragments": Server(clients.RosbridgeFragments, _ROSBRIDGE),
+    "Foxglove": Server(clients.Foxglove, ("foxglove", "--port", "0")),
+    "DDS": Server(clients.Dds, ("dds", "--dds-domain", "73")),
+    "Zenoh": Server(clients.Zenoh, counted_per_s=20_000.0),
+    "page, JSON": Server(clients.PageJson, _PAGE),
+    "page, phone frames": Server(clients.PagePhone, _PAGE, "phone", "hold", PHONE, 100.0),
+    "page, jog frames": Server(clients.PageJog, _PAGE, counted_per_s=100.0),
+    "page, teleop": Server(
+        clients.PageTeleop, _PAGE, "xr", "hold", f'{PHONE}\npart = "viewer"', 100.0
+    ),
+    "daemon's socket": Server(clients.Daemon),
+    "joint stream": Server(clients.JointStream, counted_per_s=20_000.0),
+    "spnav": Server(clients.Spnav, (), "spnav", "", 'socket = "{folder}/spnav.sock"', 20_000.0),
 }
 
 
@@ -221,7 +225,7 @@ def send(
     """A client that floods once it is told that the arm moves; tells when it began, and then when
     it handed over its last byte, for how long the processes `roots` had waited by then, and whether
     the server had ended the connection. It stays until it is killed, unless its end is another."""
-    client = MAKERS[name](endpoint, way)
+    client = SERVERS[name].client(endpoint, way)
     while not link.poll():
         # An arm whose session stood still before it moved moves once its hand has rested.
         client.rest()

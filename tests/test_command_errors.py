@@ -230,6 +230,7 @@ def test_a_duration_is_a_finite_number(cardan, command, seconds):
     [
         (("abb-gofa", "--period", "nan"), "cardan: --period: nan is not allowed"),
         (("motoman-gp8", "--base-port", "99999"), "cardan: --base-port: 99999 is not allowed"),
+        (("motoman-gp8", "--fault", "no"), "cardan: there is no fault 'no'"),
         (("arm", "--sphere", "0,0,0,-1"), "cardan: --sphere: "),
         (("gamepad",), "cardan: --events, --uinput: give either"),
         (("jr3", "--channel", ""), "cardan: --channel: '' is not allowed"),

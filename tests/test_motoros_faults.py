@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from cardan.protocols.simple_message import ActiveMode
-from cardan.sim_peers.motoros_controller import PORT_KINDS
 from cardan.types import JointVelocityCommand, RobotLink
 from tests.drivers.motoros_rig import Rig
 
@@ -249,15 +248,6 @@ def test_a_pause_of_the_state_port_brakes_in_a_ramp():
 
 
 @pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("fault", ["split", "merge"])
-def test_segments_that_are_split_or_merged_are_no_fault(mode, fault):
-    rig = moving(mode, faults={fault: 1.0})
-    rig.run(1.0)
-    assert speed(rig) == pytest.approx(SPEED, rel=0.05)
-    assert rig.session.enabled
-
-
-@pytest.mark.parametrize("mode", MODES)
 def test_the_safety_unit_slows_the_arm_and_nothing_is_caught_up(mode):
     rig = moving(mode)
     rig.controller.speed_limit(0.02, rig.now_s)
@@ -282,10 +272,6 @@ def test_both_byte_orders(big_endian):
     rig.ready()
     rig.run(0.5)
     assert speed(rig) == pytest.approx(SPEED, rel=0.05)
-
-
-def test_every_kind_of_port_has_its_rule():
-    assert set(PORT_KINDS) == {"motion", "state", "io"}
 
 
 def test_every_velocity_is_sent_and_accepted_to_the_last():

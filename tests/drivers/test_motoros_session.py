@@ -423,8 +423,12 @@ def test_faults_of_the_line_never_move_the_robot_afterwards(mode, fault, value, 
 )
 @pytest.mark.parametrize("mode", MODES)
 def test_how_bytes_are_cut_makes_no_difference(mode, fault):
-    run = turning(rig(mode, faults=fault).ready()).run(1.0)
+    run = turning(rig(mode, faults=fault).ready()).run(0.8)
+    run.trace.clear()
+    run.run(0.2)
     assert run.session.enabled
+    for _, speed in commanded_speeds(run, 0.04):
+        assert speed == pytest.approx(0.4, rel=0.05)
     assert run.controller.command_rad(0)[0] > 0.2
 
 
@@ -452,6 +456,22 @@ def test_garbage_between_states_is_named_and_survived():
 def test_a_robot_slowed_by_its_safety_unit_goes_on(mode):
     run = turning(rig(mode, faults={"fsu": 0.02}).ready(), 1.0).run(1.0)
     assert run.session.enabled
+    # Steps of 0.04 s have 10 or 11 interpolation periods.
+    fastest = max(speed for _, speed in commanded_speeds(run, 0.04))
+    assert fastest == pytest.approx(0.02 * run.peer_options.axis_speeds[0], rel=0.1)
+
+
+@pytest.mark.matrix
+def test_a_stream_slowed_by_the_safety_unit_is_stretched_and_loses_nothing():
+    run = rig("stream", faults={"fsu": 0.02}).ready()
+    start = run.states[-1].joints
+    target = (start[0] + 0.2, *start[1:])
+    run.answer = lambda state: JointCommand(target)
+    run.run(0.2 / (0.02 * run.peer_options.axis_speeds[0]))
+    assert run.controller.command_rad(0)[0] < target[0] - 1e-3
+    run.run(0.2)
+    assert run.session.enabled
+    assert run.controller.command_rad(0) == pytest.approx(target, abs=3e-4)
 
 
 def test_the_controllers_own_limits_count_where_they_are_narrower():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tempfile
 from collections.abc import Callable
 
 from cardan.protocols.egm import decode_robot, encode_path_corr, encode_sensor
@@ -28,8 +29,14 @@ Reply = Callable[[EgmRobot], "EgmSensor | EgmSensorPathCorr | bytes | None"]
 class Pc:
     """Owns the core; `run` advances both."""
 
-    def __init__(self, **options: object) -> None:
-        self.core = EgmController(EgmControllerOptions(**options))  # type: ignore[arg-type]
+    def __init__(self, steps: str = "", **options: object) -> None:
+        """`steps`: the text of a script, in place of the option `script`."""
+        with tempfile.NamedTemporaryFile("w", suffix=".txt") as file:
+            if steps:
+                file.write(steps)
+                file.flush()
+                options["script"] = file.name
+            self.core = EgmController(EgmControllerOptions(**options))  # type: ignore[arg-type]
         self.cycles = 0
         self.received: list[EgmRobot] = []
         self.raw: list[bytes] = []

@@ -10,7 +10,6 @@ from contextlib import contextmanager
 
 import pytest
 
-from cardan import cli
 from cardan.errors import AddressError
 from cardan.protocols.joint_stream.codec import (
     ArmCommand,
@@ -99,20 +98,3 @@ def test_the_command_serves_it():
         finally:
             process.terminate()
     assert process.returncode == 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("--plane", "1,2"), "--plane: '1,2' is not 6 numbers with commas"),
-        (("--listen", "5"), "--listen: '5' is not HOST:PORT"),
-        (("--drive", "no"), "--drive: 'no' is unknown; allowed: dynamic, ideal"),
-        (("--fault", "no"), "there is no fault 'no'"),
-    ],
-)
-def test_a_wrong_command_is_told(arguments, said, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["cardan", "sim", "arm", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    assert ended.value.code == cli.EXIT_USAGE
-    assert said in capsys.readouterr().err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint
@@ -82,6 +83,34 @@ def test_a_peer_is_imported_when_its_command_is_asked_for(monkeypatch):
     monkeypatch.setattr(registry, "load", lambda name: (asked.append(name), load(name))[1])
     said("gamepad", "--help")
     assert asked == ["gamepad"]
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "message"),
+    [
+        ("arm", ("--plane", "1,2"), "--plane: '1,2' is not 6 numbers with commas"),
+        ("arm", ("--listen", "5"), "--listen: '5' is not HOST:PORT"),
+        ("arm", ("--drive", "no"), "--drive: 'no' is unknown; allowed: dynamic, ideal"),
+        ("arm", ("--fault", "no"), "there is no fault 'no'"),
+        ("motoman-gp8", ("--plant", "no"), "--plant: 'no' is unknown; allowed: ideal, paper"),
+        ("motoman-gp8", ("--fault", "no"), "there is no fault 'no'"),
+        ("motoman-gp8", ("--fault", "split=2"), "fault split: 2 is not in 0 to 1"),
+        (
+            "motoman-gp8",
+            ("--log", "/nowhere/at/all", "--base-port", "0"),
+            "--log: '/nowhere/at/all'",
+        ),
+        ("abb-gofa", ("--surface", "low"), "--surface: "),
+        ("abb-gofa", ("--surface", "0.2:1:2:3:4"), "--surface: "),
+        ("abb-gofa", ("--surface", "0.2:-1"), "--surface: "),
+        ("abb-gofa", ("--force-frame", "world"), "--force-frame: "),
+        ("abb-gofa", ("--force-sense", "pulled"), "--force-sense: "),
+        ("abb-gofa", ("--joints", "1,2,3"), "--joints: "),
+    ],
+)
+def test_wrong_words_are_told_with_the_option(name, words, message):
+    with pytest.raises((ConfigurationError, ScriptError), match=f"^{re.escape(message)}"):
+        said(name, *words, "--seconds", "0")
 
 
 def test_an_unknown_peer_is_refused():

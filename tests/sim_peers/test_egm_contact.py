@@ -4,11 +4,9 @@ import math
 
 import pytest
 from hypothesis import given, strategies as st
-from typer.testing import CliRunner
 
-from cardan.cli import sim
 from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
-from cardan.errors import ConfigurationError, ScriptError
+from cardan.errors import ScriptError
 from cardan.sim_peers.egm_controller import ContactSurface, EgmController, EgmControllerOptions
 from cardan.sim_peers.egm_controller.contact import tcp_velocity, touch
 from cardan.sim_peers.kinematics import forward
@@ -126,13 +124,12 @@ def test_a_hard_press_is_a_collision():
     assert -pc.core.contact_force.z < 60.0  # it stopped there
 
 
-def test_a_script_puts_a_surface_there_and_takes_it_away(tmp_path):
-    script = tmp_path / "press"
-    script.write_text(
+def test_a_script_puts_a_surface_there_and_takes_it_away():
+    steps = (
         "0 movej\n0 setup\n0 act window=1e-9\n0 run cond-time=1e6\n"
         "0.1 wall 300 2 10 0.1\n0.5 wall 300 0\n"
     )
-    pc = Pc(mode="pose", joints_deg=DOWN_DEG, script=str(script), force_control=True)
+    pc = Pc(steps, mode="pose", joints_deg=DOWN_DEG, force_control=True)
     pc.run(0.3)
     assert pc.core.contact_force.z == pytest.approx(-2000.0 * (0.3 - pc.core.tcp.position.z))
     pc.run(0.4)
@@ -140,46 +137,9 @@ def test_a_script_puts_a_surface_there_and_takes_it_away(tmp_path):
 
 
 @pytest.mark.parametrize("line", ["0 wall 300", "0 wall 300 -1", "0 wall 300 1 1 1 1"])
-def test_a_wall_that_is_none_is_refused(line, tmp_path):
-    script = tmp_path / "bad"
-    script.write_text(line + "\n")
+def test_a_wall_that_is_none_is_refused(line):
     with pytest.raises(ScriptError, match="usage: wall"):
-        Pc(script=str(script))
-
-
-@pytest.mark.parametrize(
-    "bad",
-    [
-        {"surface": ContactSurface(math.nan)},
-        {"surface": ContactSurface(0.2, stiffness_n_m=-1.0)},
-        {"surface": ContactSurface(0.2, friction=math.inf)},
-        {"force_frame": "world"},
-        {"force_sense": "pulled"},
-        {"collision_force_n": -1.0},
-        {"joints_deg": (0.0, 0.0, 90.0, 0.0, 0.0, 0.0)},
-        {"joints_deg": (math.nan, 0.0, 0.0, 0.0, 0.0, 0.0)},
-    ],
-)
-def test_bad_options_are_named(bad):
-    with pytest.raises(ConfigurationError, match=next(iter(bad))):
-        EgmControllerOptions(**bad)
-
-
-@pytest.mark.parametrize(
-    ("words", "option"),
-    [
-        (("--surface", "low"), "--surface"),
-        (("--surface", "0.2:1:2:3:4"), "--surface"),
-        (("--surface", "0.2:-1"), "--surface"),
-        (("--force-frame", "world"), "--force-frame"),
-        (("--force-sense", "pulled"), "--force-sense"),
-        (("--joints", "1,2,3"), "--joints"),
-    ],
-)
-def test_wrong_words_on_the_command_line_name_the_option(words, option):
-    outcome = CliRunner().invoke(sim, ["abb-gofa", *words, "--seconds", "0"])
-    assert isinstance(outcome.exception, ConfigurationError)
-    assert outcome.exception.key == option
+        Pc(line + "\n")
 
 
 # -- understood by the driver ---------------------------------------------------------------------

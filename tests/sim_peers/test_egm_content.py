@@ -115,13 +115,12 @@ def test_force_can_be_absent():
     assert run("7", force=False).last.measured_force is None
 
 
-def test_move_index_counts_starts_of_movements(tmp_path):
-    path = tmp_path / "script"
-    path.write_text(
+def test_move_index_counts_starts_of_movements():
+    pc = Pc(
         "0 movej\n0 getid\n0 setup\n0 act max-speed=180 stream\n"
-        "0.5 run\n1 stop\n1.5 act max-speed=180 stream\n1.5 run\n"
+        "0.5 run\n1 stop\n1.5 act max-speed=180 stream\n1.5 run\n",
+        mode="joint",
     )
-    pc = Pc(mode="joint", script=str(path))
     pc.run(2.0, pc.joints(5, 0, 0, 0, 30, 0))
     seen = sorted({m.move_index for m in pc.received})
     assert seen == [0, 1, 2]

@@ -23,7 +23,7 @@ from cardan.protocols.egm.messages import (
 )
 from cardan.sim_peers.egm_controller import (
     SCRIPTS,
-    EgmController,
+    ContactSurface,
     EgmControllerOptions,
     EgmState,
 )
@@ -34,12 +34,6 @@ from cardan.types import Quaternion, Vector3
 from tests.sim_peers.egm_pc import START_DEG, TS, Pc, echo
 
 QUIET = {"encoder_noise_deg": 0.0}
-
-
-def script(tmp_path, text):
-    path = tmp_path / "script"
-    path.write_text(text)
-    return str(path)
 
 
 TELEOP = """
@@ -85,12 +79,10 @@ def test_seqno_and_tm_wrap():
     assert pc.received[2].header.tm_ms == 2
 
 
-def test_states_through_the_instructions(tmp_path):
+def test_states_through_the_instructions():
     pc = Pc(
         mode="joint",
-        script=script(
-            tmp_path, "1 movej\n1 getid\n2 setup\n2 act\n3 stream-start\n4 run\n4.9 stop\n6 reset\n"
-        ),
+        steps="1 movej\n1 getid\n2 setup\n2 act\n3 stream-start\n4 run\n4.9 stop\n6 reset\n",
     )
     seen = {}
     for second in range(7):
@@ -118,57 +110,56 @@ def test_streaming_without_guidance_moves_nothing():
     assert pc.core.events == []
 
 
-def test_instructions_out_of_order_stop_the_program(tmp_path):
-    for text, complaint in (
-        ("0 movej\n0 getid\n0 act\n", "EGMAct before EGMSetupUC"),
-        ("0 movej\n0 setup\n", "EGMSetupUC before EGMGetId"),
-        ("0 movej\n0 getid\n0 setup\n0 run\n", "EGMRun before EGMAct"),
-        ("0 getid\n0 setup\n0 act\n0 run\n", "first movement"),
-        ("0 movej\n0 getid\n0 setup path\n0 act path sample-rate=16\n", "multiple of 24"),
-    ):
-        pc = Pc(script=script(tmp_path, text))
-        pc.run(0.1)
-        assert complaint in pc.core.events[0].text
-        assert pc.core.events[1].code == 10125
-        assert not pc.received
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"steps": "0 movej\n0 getid\n0 act\n"}, "EGMAct before EGMSetupUC"),
+        ({"steps": "0 movej\n0 setup\n"}, "EGMSetupUC before EGMGetId"),
+        ({"steps": "0 movej\n0 getid\n0 setup\n0 run\n"}, "EGMRun before EGMAct"),
+        ({"steps": "0 getid\n0 setup\n0 act\n0 run\n"}, "first movement"),
+        (
+            {"steps": "0 movej\n0 getid\n0 setup path\n0 act path sample-rate=16\n"},
+            "multiple of 24",
+        ),
+        ({"steps": TELEOP, "mode": "path"}, "no EGMRun for path correction"),
+        ({"level": 2}, "Level 2 is not for mode pose"),
+    ],
+)
+def test_instructions_that_cannot_be_stop_the_program(options, complaint):
+    pc = Pc(**options)
+    pc.run(0.1)
+    assert complaint in pc.core.events[0].text
+    assert pc.core.events[1].code == 10125
+    assert not pc.received
 
 
-def test_mode_mismatch_is_fatal(tmp_path):
-    pc = Pc(script=script(tmp_path, "0 movej\n0 getid\n0 setup pose\n0 act pose\n0 run joint\n"))
+def test_path_correction_has_a_program_of_its_own():
+    assert Pc(mode="path").core.options.program == "path"
+
+
+def test_mode_mismatch_is_fatal():
+    pc = Pc(steps="0 movej\n0 getid\n0 setup pose\n0 act pose\n0 run joint\n")
     pc.run(0.1)
     assert pc.codes == [41826, 10125]
     assert pc.core.state is EgmState.CONNECTED
 
 
-def test_path_correction_has_no_run(tmp_path):
-    pc = Pc(mode="path", script=script(tmp_path, TELEOP))
-    pc.run(0.1)
-    assert "no EGMRun for path correction" in pc.core.events[0].text
-    assert Pc(mode="path").core.options.program == "path"
-
-
-def test_level_must_fit_the_mode(tmp_path):
-    pc = Pc(level=2)
-    pc.run(0.1)
-    assert "Level 2 is not for mode pose" in pc.core.events[0].text
-
-
-def test_a_run_without_axes_returns_at_once(tmp_path):
-    pc = Pc(script=script(tmp_path, TELEOP.replace("run ", "run axes=none ")))
+def test_a_run_without_axes_returns_at_once():
+    pc = Pc(steps=TELEOP.replace("run ", "run axes=none "))
     pc.run(0.1)
     assert not pc.received
     assert pc.core.state is EgmState.CONNECTED
 
 
-def test_no_move_during_a_run(tmp_path):
-    pc = Pc(script=script(tmp_path, TELEOP + "0.5 movej 0 0 0 0 40 0\n"), mode="joint")
+def test_no_move_during_a_run():
+    pc = Pc(steps=TELEOP + "0.5 movej 0 0 0 0 40 0\n", mode="joint")
     pc.run(0.6, echo)
     assert pc.codes == [50453, 10125]
     assert pc.last.mci_state == MCIState.ERROR
 
 
-def test_instructions_wait_for_a_programmed_move(tmp_path):
-    pc = Pc(script=script(tmp_path, TELEOP.replace("movej", "movej 20 0 0 0 40 0")), mode="joint")
+def test_instructions_wait_for_a_programmed_move():
+    pc = Pc(steps=TELEOP.replace("movej", "movej 20 0 0 0 40 0"), mode="joint")
     pc.run(2.0, echo)
     assert pc.times[0] > 0.3
     assert pc.core.events == []
@@ -258,8 +249,8 @@ def test_pose_guidance_follows_a_ramp_without_lag_given_its_speed():
     assert speed * pc.now_s - pc.core.planned_tcp.position.y == pytest.approx(0.0, abs=1e-3)
 
 
-def test_only_selected_axes_move(tmp_path):
-    pose = Pc(script=script(tmp_path, TELEOP.replace("run ", "run axes=y,z ")))
+def test_only_selected_axes_move():
+    pose = Pc(steps=TELEOP.replace("run ", "run axes=y,z "))
     start = pose.core.tcp
     goal = Vector3(start.position.x + 0.05, 0.05, start.position.z - 0.05)
     pose.run(3.0, pose.pose(goal, Quaternion(1.0, 0.0, 0.0, 0.0)))
@@ -267,7 +258,7 @@ def test_only_selected_axes_move(tmp_path):
         (start.position.x, goal.y, goal.z), abs=1e-5
     )
     assert norm(rotation_between(pose.core.tcp.orientation, start.orientation)) < 1e-5
-    joint = Pc(script=script(tmp_path, TELEOP.replace("run ", "run axes=2 ")), mode="joint")
+    joint = Pc(steps=TELEOP.replace("run ", "run axes=2 "), mode="joint")
     joint.run(3.0, joint.joints(5, 5, 5, 5, 35, 5))
     assert joint.joints_deg == pytest.approx((0, 5, 0, 0, 30, 0), abs=1e-3)
 
@@ -379,13 +370,11 @@ def test_an_operator_also_switches_motors_on_and_jogs_back_into_range():
     assert limit.core.state is EgmState.RUNNING
 
 
-def test_error_handler_retries_a_blocking_run_only(tmp_path):
+def test_error_handler_retries_a_blocking_run_only():
     for words, recovered in (("", True), ("nowait ", False)):
         pc = Pc(
             mode="joint",
-            script=script(
-                tmp_path, "0 on-error retry 1\n" + TELEOP.replace("run ", f"run {words}")
-            ),
+            steps="0 on-error retry 1\n" + TELEOP.replace("run ", f"run {words}"),
         )
         pc.run(2.5)
         assert (10125 not in pc.codes) is recovered
@@ -455,7 +444,7 @@ def test_joint_speeds_and_accelerations_stay_within_the_arms():
     assert worst > 100.0
 
 
-def test_singularity_stops_and_only_a_jog_recovers(tmp_path):
+def test_singularity_stops_and_only_a_jog_recovers():
     pc = Pc(mode="pose", joints_deg=(0, 0, 0, 0, 10, 0))
     start = pc.core.tcp
     for _ in range(400):
@@ -491,8 +480,8 @@ def test_jogging_is_refused_while_guided_and_a_movement_while_streaming():
     assert streaming.core.events == guided.core.events[:0]
 
 
-def test_program_stop_and_start(tmp_path):
-    pc = Pc(mode="joint", script=script(tmp_path, TELEOP + "1 program-stop\n2 program-start\n"))
+def test_program_stop_and_start():
+    pc = Pc(mode="joint", steps=TELEOP + "1 program-stop\n2 program-start\n")
     pc.run(1.0 + 3 * TS, pc.joints(5, 0, 0, 0, 30, 0))
     assert pc.codes == [10125]
     assert pc.last.rapid_exec_state == RapidState.STOPPED
@@ -507,9 +496,9 @@ def test_program_stop_and_start(tmp_path):
     assert pc.core.state is EgmState.RUNNING
 
 
-def test_motors_off_and_on(tmp_path):
+def test_motors_off_and_on():
     text = TELEOP + "1 motors-off\n2 program-start\n3 motors-on\n4 program-start\n"
-    pc = Pc(mode="joint", script=script(tmp_path, text))
+    pc = Pc(mode="joint", steps=text)
     pc.run(1.1, pc.joints(speeds_deg_s=(20, 0, 0, 0, 0, 0)))
     assert pc.codes == [10010, 10125]
     assert pc.last.motor_state == MotorState.OFF
@@ -522,14 +511,14 @@ def test_motors_off_and_on(tmp_path):
     pc.run(1.0, echo)
     assert pc.codes == [10010, 10125, 0, 10011, 10151]
     assert pc.last.mci_state == MCIState.RUNNING
-    strict = Pc(mode="joint", script=script(tmp_path, text), do_not_restart_after_motors_off=True)
+    strict = Pc(mode="joint", steps=text, do_not_restart_after_motors_off=True)
     strict.run(5.0, echo)
     assert strict.core.state is EgmState.CONNECTED
 
 
-def test_emergency_stop(tmp_path):
+def test_emergency_stop():
     text = TELEOP + "1 estop\n2 program-start\n3 motors-on\n4 program-start\n"
-    pc = Pc(mode="joint", script=script(tmp_path, text))
+    pc = Pc(mode="joint", steps=text)
     pc.run(1.02, pc.joints(speeds_deg_s=(60, 0, 0, 0, 0, 0)))
     assert pc.codes == [10013, 10010, 10125]
     pc.run(0.1)
@@ -553,8 +542,8 @@ def test_streaming_goes_on_while_the_program_is_stopped():
     assert [m.header.seqno for m in pc.received] == list(range(len(pc.received)))
 
 
-def test_collision_stops(tmp_path):
-    pc = Pc(mode="joint", script=script(tmp_path, TELEOP + "0.5 collision\n"))
+def test_collision_stops():
+    pc = Pc(mode="joint", steps=TELEOP + "0.5 collision\n")
     pc.run(0.52, echo)
     assert pc.codes == [50204, 10125]
     assert pc.last.collision_info.collision_triggered
@@ -582,10 +571,8 @@ def test_teleop_programs_never_converge(mode):
     assert not any(m.mci_convergence_met for m in pc.received)
 
 
-def test_pose_windows(tmp_path):
-    pc = Pc(
-        script=script(tmp_path, "0 movej\n0 getid\n0 setup\n0 act max-speed=180\n0 run\n"), **QUIET
-    )
+def test_pose_windows():
+    pc = Pc(steps="0 movej\n0 getid\n0 setup\n0 act max-speed=180\n0 run\n", **QUIET)
     start = pc.core.tcp
     goal = start.position._replace(y=0.05)
     reply = pc.pose(goal, start.orientation)
@@ -596,9 +583,9 @@ def test_pose_windows(tmp_path):
     assert pc.times[-1] - pc.times[first] == pytest.approx(1.0, abs=3 * TS)
 
 
-def test_ramp_down_returns_to_the_start(tmp_path):
+def test_ramp_down_returns_to_the_start():
     text = "0 movej\n0 getid\n0 setup\n0 act max-speed=180\n0 run ramp-down cond-time=0.2\n"
-    pc = Pc(mode="joint", script=script(tmp_path, text))
+    pc = Pc(mode="joint", steps=text)
     pc.run(6.0, pc.joints(10, 0, 0, 0, 30, 0))
     assert max(m.feed_back.joints[0] for m in pc.received) > math.radians(9.0)
     assert pc.joints_deg == pytest.approx(START_DEG, abs=1e-3)
@@ -606,8 +593,8 @@ def test_ramp_down_returns_to_the_start(tmp_path):
     assert pc.core.servo.at_rest
 
 
-def test_stop_with_hold_ramps_the_speed_down(tmp_path):
-    pc = Pc(mode="joint", script=script(tmp_path, TELEOP + "1 stop hold ramp-out=0.3\n"))
+def test_stop_with_hold_ramps_the_speed_down():
+    pc = Pc(mode="joint", steps=TELEOP + "1 stop hold ramp-out=0.3\n")
     pc.run(2.0, pc.joints(speeds_deg_s=(20, 0, 0, 0, 0, 0)))
     assert pc.core.servo.at_rest
     assert pc.times[-1] == pytest.approx(1.3, abs=0.05)
@@ -765,9 +752,9 @@ def test_mtype_and_seqno_are_noted_or_enforced(strict, moved):
     assert where["seqno did not advance"] > 100
 
 
-def test_datagrams_left_in_the_queue_act_in_the_next_run(tmp_path):
+def test_datagrams_left_in_the_queue_act_in_the_next_run():
     text = TELEOP + "0.5 stop hold ramp-out=0\n1 run cond-time=1e6\n"
-    pc = Pc(mode="joint", script=script(tmp_path, text), **QUIET)
+    pc = Pc(mode="joint", steps=text, **QUIET)
     pc.run(0.6, pc.joints(*START_DEG))
     before = pc.core.counters.accepted
     pc.send(marked(pc, 300))
@@ -775,7 +762,7 @@ def test_datagrams_left_in_the_queue_act_in_the_next_run(tmp_path):
     # The answer to the last datagram of the first run waits there as well.
     assert pc.core.counters.accepted == before + 2
     # A new connection of the device begins with an empty queue.
-    pc = Pc(mode="joint", script=script(tmp_path, text.replace("1 run cond-time=1e6", "1 restart")))
+    pc = Pc(mode="joint", steps=text.replace("1 run cond-time=1e6", "1 restart"))
     pc.run(0.6, pc.joints(*START_DEG))
     before = pc.core.counters.accepted
     pc.send(marked(pc, 300))
@@ -858,9 +845,9 @@ def test_path_correction_of_a_sensor_on_the_tool_closes_the_loop():
     assert pc.core.rapid.guidance.offset_m == pytest.approx((offset, 0.0), abs=5e-4)
 
 
-def test_a_path_ends_at_its_fine_point(tmp_path):
+def test_a_path_ends_at_its_fine_point():
     text = "0 movej\n0 getid\n0 setup path\n0 act path\n0 egmmovel 0 20 0 50\n"
-    pc = Pc(script=script(tmp_path, text))
+    pc = Pc(steps=text)
     pc.run(2.0)
     assert pc.core.tcp.position.y == pytest.approx(0.020, abs=1e-5)
     assert pc.core.state is EgmState.CONNECTED
@@ -883,6 +870,14 @@ def test_a_path_ends_at_its_fine_point(tmp_path):
         {"comm_timeout_s": 0.0},
         {"joints_deg": (0.0, 0.0)},
         {"pos_corr_gain": 2.0},
+        {"joints_deg": (0.0, 0.0, 90.0, 0.0, 0.0, 0.0)},
+        {"joints_deg": (math.nan, 0.0, 0.0, 0.0, 0.0, 0.0)},
+        {"surface": ContactSurface(math.nan)},
+        {"surface": ContactSurface(0.2, stiffness_n_m=-1.0)},
+        {"surface": ContactSurface(0.2, friction=math.inf)},
+        {"force_frame": "world"},
+        {"force_sense": "pulled"},
+        {"collision_force_n": -1.0},
     ],
 )
 def test_bad_options_name_their_key(options):
@@ -916,9 +911,9 @@ def test_bad_faults_are_named(faults):
         "0 dance",
     ],
 )
-def test_bad_script_lines_quote_the_usage(tmp_path, line):
+def test_bad_script_lines_quote_the_usage(line):
     with pytest.raises(ScriptError) as error:
-        EgmController(EgmControllerOptions(script=script(tmp_path, line + "\n")))
+        Pc(steps=line + "\n")
     assert "run " in str(error.value) or line.split()[1] in str(error.value)
 
 

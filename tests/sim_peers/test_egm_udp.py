@@ -130,22 +130,6 @@ def test_a_bad_network_both_ways():
     assert peer.core.counters.noted["seqno did not advance"] > 5
 
 
-def test_no_burst_after_a_stall():
-    with pc_socket() as pc:
-        peer = EgmControllerPeer(
-            EgmControllerOptions(pc_port=pc.getsockname()[1], mode="joint", comm_timeout_s=60.0)
-        )
-        peer.open()
-        try:
-            peer.step(time.monotonic() + 0.05)
-            before = peer.core.counters.sent
-            peer._next_s -= 0.2  # as if nobody had called for so long
-            peer.step(time.monotonic() + 0.05)
-            assert peer.core.counters.sent - before <= 14
-        finally:
-            peer.close()
-
-
 def test_an_address_that_cannot_be():
     host = "a" * 70  # longer than a label may be: refused without asking any server
     peer = EgmControllerPeer(EgmControllerOptions(pc_host=host))

@@ -44,19 +44,22 @@ def make(model="xbox-360", **settings):
     return SimulatedInput(BY_KEY[model], **settings)
 
 
+@pytest.fixture
+def device():
+    return make()
+
+
 def values(frames, kind):
     return [(code, value) for f in frames for t, code, value in f.events if t == kind]
 
 
-def test_rests_in_silence():
-    device = make()
+def test_rests_in_silence(device):
     assert device.reports(0.1) == []
     assert device.reports(3600.0) == []
     assert device.next_due_s == math.inf
 
 
-def test_reports_changes_only_at_its_polls():
-    device = make()
+def test_reports_changes_only_at_its_polls(device):
     device.reports(0.010)
     device.set_controls(PUSHED)
     (frame,) = device.reports(5.0)
@@ -86,15 +89,13 @@ def test_an_xbox_pad_exchanges_north_and_west_as_the_kernel_does():
         assert values(device.reports(0.1), evdev_events.EV_KEY) == [(code, 1)]
 
 
-def test_a_press_between_two_polls_is_not_lost():
-    device = make()
+def test_a_press_between_two_polls_is_not_lost(device):
     device.press("south")
     device.release("south")
     assert values(device.reports(1.0), evdev_events.EV_KEY) == [(c.BTN_SOUTH, 1), (c.BTN_SOUTH, 0)]
 
 
-def test_dpad_is_a_hat():
-    device = make()
+def test_dpad_is_a_hat(device):
     device.press("dpad-left")
     assert values(device.reports(0.1), evdev_events.EV_ABS) == [(c.ABS_HAT0X, -1)]
     device.press("dpad-right")
@@ -184,8 +185,7 @@ def start(device, effect_id, now_s, value=1, client="me"):
     device.write(client, evdev_events.encode_events([event]), now_s)
 
 
-def test_effects_play_for_their_time():
-    device = make()
+def test_effects_play_for_their_time(device):
     effect_id = evdev_requests.decode_rumble(upload(device).argument).id
     assert device.rumble(0.0) == (0.0, 0.0)
     start(device, effect_id, 1.0)
@@ -198,8 +198,7 @@ def test_effects_play_for_their_time():
     assert device.rumble(2.6) == (0.0, 0.0)
 
 
-def test_effects_belong_to_the_client_that_uploaded_them():
-    device = make()
+def test_effects_belong_to_the_client_that_uploaded_them(device):
     effect_id = evdev_requests.decode_rumble(upload(device).argument).id
     start(device, effect_id, 0.0, client="you")
     assert device.rumble(0.0) == (0.0, 0.0)
@@ -370,17 +369,6 @@ def test_grabbed_events_reach_one_client_alone(tmp_path):
         other.settimeout(0.05)
         with pytest.raises(TimeoutError):
             other.recv(4096)
-
-
-def test_a_path_that_is_taken(tmp_path):
-    path = str(tmp_path / "s")
-    options = EvdevPeerOptions(path=path)
-    with in_a_thread(EvdevPeer(options)), pytest.raises(AddressError, match="another program"):
-        EvdevPeer(options).open()
-    assert not os.path.exists(path)
-    (tmp_path / "s").write_text("mine")
-    with pytest.raises(AddressError, match="not a socket"):
-        EvdevPeer(options).open()
 
 
 # ---------------------------------------------------------------------------------------------

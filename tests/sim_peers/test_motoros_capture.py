@@ -6,11 +6,11 @@ here were taken from it too, and are enough for the most of it where the capture
 
 from __future__ import annotations
 
+import contextlib
 import itertools
-import select
 import socket
 import statistics
-import time
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import pytest
@@ -295,43 +295,35 @@ def test_states_come_as_from_the_real_controller(real):
     assert feedback.valid_fields == 2
 
 
-def test_over_tcp_replies_come_and_the_move_is_made(real):
-    """On loopback the captured client runs in real time: the same number of points, and replies
-    far within a state period."""
-    peer = MotorosControllerPeer(captured_controller(real, base_port=0))
-    peer.open()
-    try:
-        with socket.create_connection(("127.0.0.1", peer.motion_port)) as link:
-            link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            link.setblocking(False)
-            reader = FrameReader(ByteOrder.BIG)
-
-            def ask(data):
+def test_over_tcp_replies_come_within_a_state_period_and_the_move_is_made(client, monkeypatch):
+    """By a clock that only being read moves."""
+    clock = itertools.count(500.0, 1e-4)
+    monkeypatch.setattr(
+        "cardan.sim_peers.tcp_peer.time", SimpleNamespace(monotonic=lambda: next(clock))
+    )
+    peer = MotorosControllerPeer(captured_controller(client, base_port=0))
+    reader = FrameReader(ByteOrder.BIG)
+    took_s, answers = [], []
+    with contextlib.closing(peer), socket.socket() as link:
+        peer.open()
+        link.connect(("127.0.0.1", peer.motion_port))
+        link.setblocking(False)
+        for data in (*client.requests, *client.points):
+            accepted = False
+            while not accepted:
+                sent_s = next(clock)
                 link.sendall(data)
-                sent_s = time.monotonic()
-                while time.monotonic() < sent_s + 5.0:
-                    peer.step(time.monotonic() + 0.0005)
-                    if select.select([link], [], [], 0.0)[0]:
+                while (frame := reader.take()) is None:
+                    assert next(clock) < sent_s + 1.0
+                    peer.step(next(clock) + 0.0005)
+                    with contextlib.suppress(BlockingIOError):
                         reader.feed(link.recv(4096))
-                        frame = reader.take()
-                        if frame is not None:
-                            return time.monotonic() - sent_s, WIRE.decode(frame)
-                raise TimeoutError
-
-            for data in real.requests:
-                ask(data)
-            took_s, busy, begun_s = [], 0, time.monotonic()
-            for data in real.points:
-                while True:
-                    reply_s, answer = ask(data)
-                    took_s.append(reply_s)
-                    peer.step(time.monotonic() + RETRY_S)
-                    if answer.body.result == MotionResult.SUCCESS:
-                        break
-                    assert answer.body.result == MotionResult.BUSY
-                    busy += 1
-            assert 0.25 < time.monotonic() - begun_s < 5.0
-    finally:
-        peer.close()
-    assert busy >= 5
-    assert statistics.median(took_s) < 0.05
+                took_s.append(next(clock) - sent_s)
+                answer = WIRE.decode(frame).body
+                answers.append((answer.sequence, answer.result))
+                accepted = data in client.requests or answer.result == MotionResult.SUCCESS
+                assert accepted or answer.result == MotionResult.BUSY
+                peer.step(sent_s + RETRY_S)
+    del answers[: len(client.requests)]
+    assert refusals(answers) == pytest.approx(BUSY, abs=1)
+    assert statistics.median(took_s) < 0.025

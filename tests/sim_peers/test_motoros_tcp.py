@@ -14,7 +14,6 @@ from pathlib import Path
 
 import pytest
 
-from cardan import cli
 from cardan.errors import AddressError, ConfigurationError
 from cardan.protocols.simple_message import (
     ByteOrder,
@@ -30,7 +29,6 @@ from cardan.protocols.simple_message import (
     request,
 )
 from cardan.sim_peers.motoros_controller import (
-    FAULTS,
     MotorosControllerOptions,
     MotorosControllerPeer,
 )
@@ -102,15 +100,6 @@ def test_the_three_ports_serve(order):
         assert [type(body) for body in messages] == [JointFeedback, RobotStatus] * 10
 
 
-def test_split_and_merged_segments():
-    with serving() as peer, Client(peer.motion_port) as motion:
-        data = motion.wire.encode(READY)
-        for at in range(0, len(data), 17):
-            motion.link.sendall(data[at : at + 17])
-        motion.link.sendall(data * 50)
-        assert {motion.next().body.sequence for _ in range(51)} == {7}
-
-
 @pytest.mark.real
 def test_a_second_motion_client_takes_over():
     with serving() as peer, Client(peer.motion_port) as first:
@@ -118,14 +107,6 @@ def test_a_second_motion_client_takes_over():
         with Client(peer.motion_port) as second:
             assert second.ask(PING) is not None
             assert first.next() is None
-
-
-def test_a_wrong_prefix_closes_the_connection():
-    with serving() as peer, Client(peer.motion_port) as motion:
-        motion.link.sendall(b"GET / HTTP/1.1\r\n\r\n")
-        assert motion.next() is None
-        with Client(peer.motion_port) as again:
-            assert again.ask(PING) is not None
 
 
 def test_clients_that_go_in_any_way_do_no_harm():
@@ -165,15 +146,6 @@ def test_a_client_that_reads_nothing_is_dropped_and_the_others_are_served():
         assert any("does not read" in text for _, text in peer.servers.events)
         with Client(peer.motion_port) as motion:
             assert motion.ask(PING) is not None
-
-
-def test_what_a_state_client_sends_stays_unread():
-    with serving() as peer, Client(peer.state_port) as state:
-        state.send(PING)
-        assert isinstance(state.next().body, JointFeedback)
-        assert isinstance(state.next().body, RobotStatus)
-        state.next()
-        assert peer.servers.counters.unread == 1
 
 
 def test_a_silent_controller_keeps_its_sockets_open():
@@ -284,29 +256,3 @@ def test_the_command_serves_it(tmp_path):
             process.terminate()
     assert process.returncode == 0
     assert path.read_text().startswith("monotonic_s,")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("--plant", "no"), "--plant: 'no' is unknown; allowed: ideal, paper"),
-        (("--fault", "no"), "there is no fault 'no'"),
-        (("--fault", "split=2"), "fault split: 2 is not in 0 to 1"),
-        (("--log", "/nowhere/at/all", "--base-port", "0"), "log: '/nowhere/at/all'"),
-    ],
-)
-def test_a_wrong_command_is_told(arguments, said, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["cardan", "sim", "motoman-gp8", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    assert ended.value.code == cli.EXIT_USAGE
-    assert said in capsys.readouterr().err
-
-
-def test_the_command_lists_its_faults(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["cardan", "sim", "motoman-gp8", "--list-faults"])
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    assert not ended.value.code
-    listed = capsys.readouterr().out
-    assert all(switch.name in listed for switch in FAULTS)

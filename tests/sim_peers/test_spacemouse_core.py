@@ -24,14 +24,17 @@ from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
 from tests.sim_peers.spacemouse_virtual import DEFLECTED, NEUTRAL, make, motions, run
 
 
-def test_rests_in_silence() -> None:
-    device = make()
+@pytest.fixture
+def device() -> SimulatedSpaceMouse:
+    return make()
+
+
+def test_rests_in_silence(device: SimulatedSpaceMouse) -> None:
     assert run(device, 3600.0) == []
     assert device.next_due_s == math.inf
 
 
-def test_split_device_alternates_halves_every_8_ms() -> None:
-    device = make()
+def test_split_device_alternates_halves_every_8_ms(device: SimulatedSpaceMouse) -> None:
     device.set_axes(DEFLECTED)
     reports = run(device, 0.1)
     assert [report[0] for _, report in reports] == [1, 2] * 6 + [1]
@@ -67,8 +70,7 @@ def test_three_zero_samples_then_silence(model: str, per_sample: int) -> None:
     assert device.next_due_s == math.inf
 
 
-def test_release_between_halves_still_gets_three_zero_pairs() -> None:
-    device = make()
+def test_release_between_halves_still_gets_three_zero_pairs(device: SimulatedSpaceMouse) -> None:
     device.set_axes(DEFLECTED)
     last = run(device, 0.081)[-1][1]
     assert last[0] == 1
@@ -77,8 +79,7 @@ def test_release_between_halves_still_gets_three_zero_pairs() -> None:
     assert [report[0] for report in motions(run(device, 10.0))] == [2] + [1, 2] * 3
 
 
-def test_touch_during_the_zeros_goes_on_without_a_gap() -> None:
-    device = make()
+def test_touch_during_the_zeros_goes_on_without_a_gap(device: SimulatedSpaceMouse) -> None:
     device.set_axes(DEFLECTED)
     run(device, 0.09)
     device.set_axes(NEUTRAL)
@@ -88,8 +89,7 @@ def test_touch_during_the_zeros_goes_on_without_a_gap() -> None:
     assert all(b - a == pytest.approx(0.008) for a, b in itertools.pairwise(times))
 
 
-def test_first_report_after_rest_is_a_translation() -> None:
-    device = make()
+def test_first_report_after_rest_is_a_translation(device: SimulatedSpaceMouse) -> None:
     assert run(device, 0.013) == []
     device.set_axes(DEFLECTED)
     assert [report[0] for _, report in run(device, 0.04)] == [1, 2, 1, 2]
@@ -131,8 +131,7 @@ def test_axes_must_be_six_finite_numbers(axes: tuple[float, ...]) -> None:
         make().set_axes(axes)
 
 
-def test_button_reports_only_on_change() -> None:
-    device = make()
+def test_button_reports_only_on_change(device: SimulatedSpaceMouse) -> None:
     device.press("left")
     device.press("left")
     device.press("right")
@@ -223,8 +222,7 @@ def test_unknown_button_names_those_there_are() -> None:
         make().press("fire")
 
 
-def test_led_obeys_and_bad_outputs_are_refused() -> None:
-    device = make()
+def test_led_obeys_and_bad_outputs_are_refused(device: SimulatedSpaceMouse) -> None:
     assert device.led
     device.output(b"\x04\x00", 1.5)
     assert not device.led
@@ -267,8 +265,9 @@ def test_battery_report_follows_motion_on_wireless_models_only() -> None:
             assert not any(reports[index - 1][1][1:])
 
 
-def test_unplugged_device_is_silent_and_comes_back_with_its_led_on() -> None:
-    device = make()
+def test_unplugged_device_is_silent_and_comes_back_with_its_led_on(
+    device: SimulatedSpaceMouse,
+) -> None:
     device.output(b"\x04\x00", 0.0)
     device.set_axes(DEFLECTED)
     device.press("left")
@@ -285,8 +284,7 @@ def test_unplugged_device_is_silent_and_comes_back_with_its_led_on() -> None:
     assert reports[0][0] > 1.0
 
 
-def test_silenced_device_goes_on_when_told() -> None:
-    device = make()
+def test_silenced_device_goes_on_when_told(device: SimulatedSpaceMouse) -> None:
     device.set_axes(DEFLECTED)
     run(device, 0.1)
     device.silence()
@@ -295,8 +293,7 @@ def test_silenced_device_goes_on_when_told() -> None:
     assert len(run(device, 1.1)) >= 12
 
 
-def test_skipping_leaves_the_missed_time_out_and_the_zeros_in() -> None:
-    device = make()
+def test_skipping_leaves_the_missed_time_out_and_the_zeros_in(device: SimulatedSpaceMouse) -> None:
     device.set_axes(DEFLECTED)
     run(device, 0.1)
     device.set_axes(NEUTRAL)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 
 import pytest
 
@@ -170,14 +169,11 @@ def test_every_fault_works_with_its_default(switch: object) -> None:
     [
         ("spacenavigator", {"explode": 1.0}, "there is no fault 'explode'; there are: burst"),
         ("spacenavigator", {"short-report": 0.0}, "fault short-report: 0 is not in 1 to"),
-        ("spacenavigator", {"unplug": math.nan}, "fault unplug: nan is not in"),
-        ("spacenavigator", {"burst": math.inf}, "fault burst: inf is not in"),
         ("spacenavigator", {"stuck-button": 7.0}, "no button of bit 7; it has: 0, 1"),
         ("spacenavigator", {"low-battery": 5.0}, "SpaceNavigator has no battery"),
         ("spacemouse-wireless", {"low-battery": 101.0}, "101 is not in 0 to 100"),
         ("spacemouse-wireless", {"late-half": 3.0}, "sends whole reports, not pairs"),
         ("spacenavigator", {"replug": 3.0}, "needs the fault unplug"),
-        ("spacenavigator", {"unplug": 3.0, "replug": 2.0}, "at an earlier time"),
     ],
 )
 def test_faults_that_do_not_fit_are_refused(

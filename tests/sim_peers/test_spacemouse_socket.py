@@ -112,19 +112,6 @@ def test_all_clients_get_all_reports_and_outputs_reach_the_device(path: str) -> 
             assert reports[0] == bytes.fromhex("01 0000 a2fe 0000")
 
 
-def test_reports_are_paced(path: str) -> None:
-    with (
-        served(path, "0 axes 1 0 0 0 0 0", start_on_connect=False) as peer,
-        connect(path) as client,
-    ):
-        reader = Reader(client)
-        step_until(peer, reader.read)
-        start_s, before = time.monotonic(), len(reader.reports)
-        peer.step(start_s + 0.4)
-        took_s, came = time.monotonic() - start_s, len(reader.read()) - before
-        assert came <= took_s / 0.008 + 3
-
-
 def test_a_late_peer_makes_no_burst(path: str) -> None:
     with (
         served(path, "0 axes 1 0 0 0 0 0\n0.5 press left\n0.6 release left") as peer,
@@ -172,29 +159,6 @@ def test_unplug_closes_clients_and_removes_the_socket_until_replug(path: str) ->
         with connect(path) as client:
             step_until(peer, Reader(client).read)
     assert not os.path.exists(path)
-
-
-def test_one_that_was_away_while_the_peer_stood_still_has_closed_its_clients(path: str) -> None:
-    with (
-        served(path, "0 axes 1 0 0 0 0 0\n1000 unplug\n1000.1 replug") as peer,
-        connect(path) as client,
-    ):
-        reader = Reader(client)
-        step_until(peer, reader.read)
-        advance(peer, 2000.0)
-        assert peer.device.plugged
-        step_until(peer, lambda: reader.read() and reader.ended)
-        with connect(path) as again:
-            step_until(peer, Reader(again).read)
-
-
-def test_unplugged_for_good_leaves_nothing_to_connect_to(path: str) -> None:
-    with served(path, "rest", faults={"unplug": 0.02}) as peer:
-        with connect(path) as client:
-            reader = Reader(client)
-            step_until(peer, lambda: reader.read() or reader.ended)
-        with pytest.raises(FileNotFoundError):
-            connect(path)
 
 
 def test_a_client_that_goes_away_harms_nobody(path: str) -> None:
@@ -253,10 +217,11 @@ def test_seized_accepts_and_stays_silent(path: str) -> None:
 
 
 def test_refuse_refuses_and_yields_after_its_time(path: str) -> None:
-    with served(path, "rest", faults={"refuse": 0.3}) as peer:
+    with served(path, "rest", faults={"refuse": 1000.0}) as peer:
         with pytest.raises(ConnectionRefusedError):
             connect(path)
-        peer.step(time.monotonic() + 0.35)
+        peer._opened_s -= 1000.0  # its clock is moved
+        peer.step(0.0)
         connect(path).close()
 
 
@@ -319,24 +284,13 @@ def test_led_changes_are_logged(path: str, caplog: pytest.LogCaptureFixture) -> 
         step_until(peer, lambda: "LED off" in caplog.text)
 
 
-def test_keyboard_needs_a_terminal_and_leaves_no_socket_behind(path: str) -> None:
-    read_end, write_end = os.pipe()
-    program = (
-        "import sys\n"
-        "from cardan.errors import ScriptError\n"
-        "from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions\n"
-        "try: SpaceMousePeer(SpaceMousePeerOptions(hid=sys.argv[1], keyboard=True)).open()\n"
-        "except ScriptError as error: print(error)\n"
-    )
-    try:
-        done = subprocess.run(
-            [sys.executable, "-c", program, path],
-            stdin=read_end, capture_output=True, text=True, timeout=30, check=True,
-        )  # fmt: skip
-    finally:
-        os.close(read_end)
-        os.close(write_end)
-    assert "standard input is not a terminal" in done.stdout
+def test_keyboard_needs_a_terminal_and_leaves_no_socket_behind(
+    path: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with open(os.devnull) as nothing:
+        monkeypatch.setattr(sys, "stdin", nothing)
+        with pytest.raises(ScriptError, match="standard input is not a terminal"):
+            SpaceMousePeer(SpaceMousePeerOptions(hid=path, keyboard=True)).open()
     assert not os.path.exists(path)
 
 

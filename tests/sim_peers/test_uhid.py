@@ -225,12 +225,20 @@ def test_it_appears_moves_once_opened_and_takes_the_led(kernel):
     puck.close()
 
 
-def test_old_ids_come_over_bluetooth_where_the_kernels_logitech_driver_lets_them_be(kernel):
-    puck = peer(model="spacenavigator")
+@pytest.mark.parametrize(
+    ("model", "vendor", "product"),
+    [
+        # The kernel's Logitech driver would take it on USB.
+        ("spacenavigator", 0x046D, 0xC626),
+        ("spacemouse-wireless-bt", 0x256F, 0xC63A),
+    ],
+)
+def test_old_ids_and_models_without_a_cable_come_over_bluetooth(kernel, model, vendor, product):
+    puck = peer(model=model)
     puck.open()
     ((_, body),) = kernel.got()
-    assert struct.unpack_from("=HHII", body, 256)[1:] == (BUS_BLUETOOTH, 0x046D, 0xC626)
-    assert puck.endpoint == "046d:c626"
+    assert struct.unpack_from("=HHII", body, 256)[1:] == (BUS_BLUETOOTH, vendor, product)
+    assert puck.endpoint == f"{vendor:04x}:{product:04x}"
     puck.close()
 
 
@@ -253,11 +261,3 @@ def test_faults_that_are_the_kernels_affair_are_refused():
 def test_a_file_that_is_not_the_kernels_is_refused(tmp_path):
     with pytest.raises(DeviceAccessError, match="cannot open"):
         SpaceMousePeer(SpaceMousePeerOptions(uhid=True, uhid_path=str(tmp_path))).open()
-
-
-def test_models_without_a_cable_come_over_bluetooth(kernel):
-    puck = peer(model="spacemouse-wireless-bt")
-    puck.open()
-    ((_, body),) = kernel.got()
-    assert struct.unpack_from("=HHII", body, 256)[1:] == (BUS_BLUETOOTH, 0x256F, 0xC63A)
-    puck.close()

@@ -120,6 +120,11 @@ class Arm:
         assert np.abs(np.diff(qd, axis=0)).max() / self.dt_s <= a + CLOSE
 
 
+@pytest.fixture
+def arm():
+    return Arm()
+
+
 def same(pose, other, tolerance=1e-9):
     """Whether two poses are one; a turn by half has two rotation vectors."""
     a, b = frame_of(pose), frame_of(other)
@@ -165,8 +170,7 @@ def test_the_jacobian_is_that_of_the_model():
         assert rows == pytest.approx(np.diag([-1.0, -1.0, 1.0]) @ np.array(columns).T, abs=1e-5)
 
 
-def test_functions_of_kinematics():
-    arm = Arm()
+def test_functions_of_kinematics(arm):
     here = arm.call("get_forward_kin")
     assert isinstance(here, UrPose)
     assert here == pytest.approx(arm.call("get_actual_tcp_pose"))
@@ -189,8 +193,7 @@ def test_functions_of_kinematics():
     assert arm.call("get_inverse_kin", lower) == pytest.approx(HOME, abs=1e-9)
 
 
-def test_functions_of_poses():
-    arm = Arm()
+def test_functions_of_poses(arm):
     a, b = UrPose((0.1, 0.2, 0.3, 0.4, -0.5, 0.6)), UrPose((-0.3, 0.1, 0.2, 0.0, 0.7, -0.2))
     both = arm.call("pose_trans", a, b)
     assert arm.call("pose_trans", arm.call("pose_inv", a), both) == pytest.approx(b)
@@ -225,16 +228,14 @@ def test_movej_is_a_trapezoid_that_all_joints_end_together(robot, v, a):
     assert arm.qd.max() == pytest.approx(v)
 
 
-def test_a_time_takes_the_place_of_speed_and_acceleration():
-    arm = Arm()
+def test_a_time_takes_the_place_of_speed_and_acceleration(arm):
     assert arm.do("movej", [1.0, *HOME[1:]], a=0.1, v=0.1, t=2.0) == pytest.approx(2.0, abs=0.002)
     pose = arm.pose(y=0.2)
     assert arm.do("movel", pose, t=1.5) == pytest.approx(1.5, abs=0.002)
     assert same(arm.motion.target_tcp_pose(), pose)
 
 
-def test_movej_to_a_pose_and_to_where_the_arm_is():
-    arm = Arm()
+def test_movej_to_a_pose_and_to_where_the_arm_is(arm):
     pose = arm.pose(z=-0.1)
     arm.do("movej", pose)
     assert same(arm.motion.target_tcp_pose(), pose)
@@ -259,8 +260,7 @@ def test_movel_is_straight(robot):
     assert accelerations.max() <= 1.2 + CLOSE
 
 
-def test_movel_to_joints_and_movep():
-    arm = Arm()
+def test_movel_to_joints_and_movep(arm):
     goal = [0.3, -1.4, 1.4, -1.5, -1.6, 0.2]
     arm.do("movel", goal)
     assert arm.motion.target_q == pytest.approx(goal, abs=1e-9)
@@ -268,8 +268,7 @@ def test_movel_to_joints_and_movep():
 
 
 @pytest.mark.parametrize("mode", [0, 1])
-def test_movec_stays_on_its_circle(mode):
-    arm = Arm()
+def test_movec_stays_on_its_circle(mode, arm):
     start = np.array(arm.motion.target_tcp_pose()[:3])
     center = start + np.array([0.0, 0.1, 0.0])
     begin = frame_of(arm.motion.target_tcp_pose())
@@ -288,15 +287,13 @@ def test_movec_stays_on_its_circle(mode):
     assert arm.tips[-1] == pytest.approx(start + np.array([0.0, 0.2, 0.0]), abs=1e-9)
 
 
-def test_movec_through_points_on_a_line_is_a_line():
-    arm = Arm()
+def test_movec_through_points_on_a_line_is_a_line(arm):
     goal = arm.pose(y=0.2)
     arm.do("movec", arm.pose(y=0.1), goal)
     assert same(arm.motion.target_tcp_pose(), goal)
 
 
-def test_the_waypoint_is_known_while_the_arm_is_on_its_way():
-    arm = Arm()
+def test_the_waypoint_is_known_while_the_arm_is_on_its_way(arm):
     assert arm.call("get_target_waypoint") == arm.call("get_target_tcp_pose")
     goal = arm.pose(y=0.2)
     action = arm.call("movel", goal)
@@ -343,8 +340,7 @@ def test_a_blend_of_joint_moves_goes_on_without_rest():
 
 
 @pytest.mark.parametrize("order", ["jl", "lj", "lcl", "jlj", "lllj"])
-def test_moves_of_all_kinds_blend(order):
-    arm = Arm()
+def test_moves_of_all_kinds_blend(order, arm):
     sideways = 1
     for number, kind in enumerate(order):
         last = number == len(order) - 1
@@ -387,8 +383,7 @@ def test_a_move_whose_successor_never_comes_stops_at_its_waypoint():
         assert accelerations.max() <= 1.2 + CLOSE
 
 
-def test_a_successor_that_comes_late_is_blended_with_what_is_left():
-    arm = Arm()
+def test_a_successor_that_comes_late_is_blended_with_what_is_left(arm):
     first = arm.pose(y=0.2)
     second = arm.pose(y=0.2, z=0.1)
     arm.do("movel", first, r=0.05)
@@ -399,8 +394,7 @@ def test_a_successor_that_comes_late_is_blended_with_what_is_left():
     assert accelerations.max() <= 1.2 + CLOSE
 
 
-def test_blends_that_overlap_skip_the_move():
-    arm = Arm()
+def test_blends_that_overlap_skip_the_move(arm):
     start = arm.motion.target_tcp_pose()
     points = [UrPose((start[0], start[1] + y, *start[2:])) for y in (0.2, 0.25, 0.45)]
     arm.do("movel", points[0], r=0.05)
@@ -412,8 +406,7 @@ def test_blends_that_overlap_skip_the_move():
     assert accelerations.max() <= 1.2 + CLOSE
 
 
-def test_many_short_blends():
-    arm = Arm()
+def test_many_short_blends(arm):
     start, made = arm.motion.target_tcp_pose(), random.Random(4)
     for _ in range(25):
         way = [made.uniform(-0.15, 0.15) for _ in range(3)]
@@ -437,8 +430,7 @@ def test_the_slider_scales_moves():
     assert slow.motion.target_q == goal
 
 
-def test_a_slider_that_is_moved_makes_no_leap():
-    arm = Arm()
+def test_a_slider_that_is_moved_makes_no_leap(arm):
     action = arm.call("movel", arm.pose(y=0.3))
     for slider in (1.0, 0.2, 1.0):
         arm.slider = slider
@@ -449,8 +441,7 @@ def test_a_slider_that_is_moved_makes_no_leap():
     assert accelerations.max() <= 1.2 + 0.25 * 4.0 + CLOSE
 
 
-def test_a_pause_rests_on_the_path_and_goes_on():
-    arm = Arm()
+def test_a_pause_rests_on_the_path_and_goes_on(arm):
     start, goal = arm.motion.target_tcp_pose(), arm.pose(y=0.3)
     action = arm.call("movel", goal)
     for _ in range(300):
@@ -466,8 +457,7 @@ def test_a_pause_rests_on_the_path_and_goes_on():
     assert arm.tips[:, 2] == pytest.approx(start[2], abs=1e-9)
 
 
-def test_a_pause_within_a_blend_rests_there_and_goes_on_to_the_next_move():
-    arm = Arm()
+def test_a_pause_within_a_blend_rests_there_and_goes_on_to_the_next_move(arm):
     first, second = arm.pose(y=0.2), arm.pose(y=0.2, z=0.2)
     arm.do("movel", first, r=0.08)
     arm.motion.paused = True
@@ -522,16 +512,14 @@ def test_telemetry_follows_the_motion():
     assert telemetry.value("actual_TCP_speed")[5] == pytest.approx(0.28, abs=0.02)
 
 
-def test_a_move_begins_at_rest_where_none_has_a_blend():
-    arm = Arm()
+def test_a_move_begins_at_rest_where_none_has_a_blend(arm):
     arm.do("speedj", [0.5, 0, 0, 0, 0, 0], 2.0, 0.5)
     arm.do("movej", list(HOME))
     assert arm.motion.target_q == list(HOME)
     assert np.abs(np.diff(arm.qd, axis=0)).max() <= 15.0 * arm.dt_s + CLOSE
 
 
-def test_speedl_and_stopl():
-    arm = Arm()
+def test_speedl_and_stopl(arm):
     start = np.array(arm.motion.target_tcp_pose()[:3])
     arm.do("speedl", [0.0, 0.1, -0.05, 0.0, 0.0, 0.2], 0.5, 0.6, 0.8)
     assert arm.call("get_target_tcp_speed") == pytest.approx(
@@ -547,15 +535,13 @@ def test_speedl_and_stopl():
     assert np.linalg.norm(np.cross(arm.tips - start, way), axis=1).max() < 1e-6
 
 
-def test_speedl_without_a_time_ends_when_the_speed_is_reached():
-    arm = Arm()
+def test_speedl_without_a_time_ends_when_the_speed_is_reached(arm):
     assert arm.do("speedl", [0.0, 0.1, 0.0, 0.0, 0.0, 0.0], 0.5) == pytest.approx(0.2, abs=0.003)
     arm.wait(0.5)
     assert not arm.motion.moving
 
 
-def test_what_is_out_of_reach_and_what_is_singular_stops_the_arm():
-    arm = Arm()
+def test_what_is_out_of_reach_and_what_is_singular_stops_the_arm(arm):
     arm.do("movel", arm.pose(x=3.0))
     assert arm.why == "the pose that a move leads to is out of the arm's reach"
     arm = Arm()
@@ -572,8 +558,7 @@ def test_what_is_out_of_reach_and_what_is_singular_stops_the_arm():
     assert np.abs(np.diff(arm.qd[begin - 1 :], axis=0)).max() <= 15.0 * arm.dt_s + CLOSE
 
 
-def test_a_line_that_leaves_the_reach_on_its_way_stops_the_arm():
-    arm = Arm()
+def test_a_line_that_leaves_the_reach_on_its_way_stops_the_arm(arm):
     arm.do("speedl", [-0.3, 0.0, 0.0, 0.0, 0.0, 0.0], 1.0, 20.0, most_s=30.0)
     assert arm.why
     for _ in range(200):
@@ -587,8 +572,7 @@ def test_the_end_of_a_range_stops_a_move():
     assert arm.why == "joint 1 is at the end of its range"
 
 
-def test_movej_keeps_to_what_the_joints_can():
-    arm = Arm()
+def test_movej_keeps_to_what_the_joints_can(arm):
     arm.do("movej", [2.0, *HOME[1:]], a=50.0, v=100.0)
     assert not arm.why
     assert np.abs(arm.qd).max() == pytest.approx(math.pi)
@@ -596,8 +580,7 @@ def test_movej_keeps_to_what_the_joints_can():
     assert "was asked for" in arm.why
 
 
-def test_steady_and_history():
-    arm = Arm()
+def test_steady_and_history(arm):
     arm.wait(0.6)
     assert arm.call("is_steady")
     arm.do("movej", [0.1, *HOME[1:]])
@@ -647,8 +630,7 @@ def test_force_mode_presses_with_what_is_asked(robot, asked_n):
     assert speeds.max() <= 0.05 + CLOSE
 
 
-def test_force_mode_without_contact_moves_on_at_its_limit():
-    arm = Arm()
+def test_force_mode_without_contact_moves_on_at_its_limit(arm):
     frame = UrPose((0.0, 0.0, 0.0, 0.0, 0.0, math.pi / 2))
     arm.call("force_mode", frame, [1, 0, 0, 0, 0, 0], [3.0, 0, 0, 0, 0, 0], 2, LIMITS)
     start = arm.motion.target_tcp_pose()
@@ -711,8 +693,7 @@ def test_damping_makes_an_axis_coast():
 
 
 @pytest.mark.parametrize("kind", [1, 2, 3])
-def test_all_types_of_force_frames(kind):
-    arm = Arm()
+def test_all_types_of_force_frames(kind, arm):
     arm.call("force_mode", *DOWN, [0, 0, -5.0, 0, 0, 0], kind, LIMITS)
     arm.do("movel", arm.pose(y=0.1))
     assert not arm.why
@@ -780,8 +761,7 @@ def test_a_sensor_of_others_takes_the_place_of_the_arms_own():
 @pytest.mark.parametrize(
     ("name", "lever"), [("ft_rtde_input_enable", 1.0), ("enable_external_ft_sensor", -1.0)]
 )
-def test_the_payload_is_taken_out_of_what_it_feels(name, lever):
-    arm = Arm()
+def test_the_payload_is_taken_out_of_what_it_feels(name, lever, arm):
     arm.call(name, True)
     arm.call("set_payload", 1.0, [0.1, 0.0, 0.0])
     turn = arm.motion.kinematics.forward(arm.motion.actual_q).orientation
@@ -790,8 +770,7 @@ def test_the_payload_is_taken_out_of_what_it_feels(name, lever):
     assert arm.call("get_tcp_force") == pytest.approx((*weight, *torque))
 
 
-def test_force_mode_goes_by_the_sensor_of_others():
-    arm = Arm()
+def test_force_mode_goes_by_the_sensor_of_others(arm):
     turn = arm.motion.kinematics.forward(arm.motion.actual_q).orientation
     arm.call("ft_rtde_input_enable", True)
     arm.call("force_mode", *DOWN, [0, 0, -10, 0, 0, 0], 2, LIMITS)
@@ -803,8 +782,7 @@ def test_force_mode_goes_by_the_sensor_of_others():
     assert arm.motion.target_tcp_pose()[2] < height
 
 
-def test_torques_move_the_arm_as_its_dynamics_have_it():
-    arm = Arm()
+def test_torques_move_the_arm_as_its_dynamics_have_it(arm):
     motion, dynamics = arm.motion, arm.controller.dynamics
     torque = [4.0, -8.0, 5.0, 0.5, -0.5, 0.2]
     q, qd = list(HOME), [0.0] * 6
@@ -824,8 +802,7 @@ def test_torques_move_the_arm_as_its_dynamics_have_it():
     assert not motion.moving
 
 
-def test_without_torques_the_arm_goes_on_and_keeps_its_energy():
-    arm = Arm()
+def test_without_torques_the_arm_goes_on_and_keeps_its_energy(arm):
     for _ in range(50):
         arm.frame(arm.call("direct_torque", [10.0, 10.0, 5.0, 1.0, 1.0, 0.1]))
 
@@ -853,8 +830,7 @@ def test_torques_that_push_against_something_come_to_rest_on_its_stiffness():
     assert arm.call("get_tcp_force")[2] == pytest.approx(15.0, abs=3.0)
 
 
-def test_what_torques_cannot_be():
-    arm = Arm()
+def test_what_torques_cannot_be(arm):
     with pytest.raises(ValueError, match="which is not 6 joints"):
         arm.call("direct_torque", [0.0] * 5)
     with pytest.raises(ValueError, match="which is not 0 to 1 for each joint"):
@@ -867,8 +843,7 @@ def test_what_torques_cannot_be():
         arm.call("direct_torque", [0.0] * 6)
 
 
-def test_freedrive():
-    arm = Arm()
+def test_freedrive(arm):
     arm.call("freedrive_mode")
     assert arm.motion.control_mode is UrControlMode.TEACH
     with pytest.raises(ValueError, match="freedrive"):
@@ -884,8 +859,7 @@ def test_freedrive():
     assert arm.call("get_freedrive_status") == 2
 
 
-def test_payload_and_gravity():
-    arm = Arm()
+def test_payload_and_gravity(arm):
     arm.call("set_tcp", UrPose((0.0, 0.0, 0.2, 0.0, 0.0, 0.0)))
     arm.call("set_payload", 1.5)
     assert arm.call("get_target_payload") == 1.5

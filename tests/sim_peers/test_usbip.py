@@ -74,6 +74,11 @@ class Puck:
         return self.usb.control(SetupPacket(kind, request, value, target, length or size), data)
 
 
+@pytest.fixture
+def puck() -> Puck:
+    return Puck()
+
+
 # ---------------------------------------------------------------------------------------------
 # The protocol
 
@@ -110,8 +115,7 @@ def test_a_device_in_use_or_unknown_is_refused():
     assert puck.say(IMPORT) == bytes.fromhex("0111 0003 00000004")
 
 
-def test_a_control_read_returns_what_fits():
-    puck = Puck()
+def test_a_control_read_returns_what_fits(puck):
     said = puck.say(submit(7, 0, 64, setup=GET_DEVICE))
     assert said[:48] == returned(7, 0, bytes(18))[:48]
     assert said[48:56] == bytes.fromhex("12 01 1001 00 00 00 08")
@@ -120,8 +124,7 @@ def test_a_control_read_returns_what_fits():
     assert puck.say(submit(8, 0, 64, setup=short)) == returned(8, 0, said[48:56])
 
 
-def test_a_control_write_reaches_the_device():
-    puck = Puck()
+def test_a_control_write_reaches_the_device(puck):
     command = submit(9, 0, 2, to_host=False, setup=SET_LED, data=b"\x04\x00")
     assert puck.say(command) == returned(9, 0, actual=2)
     assert puck.outputs == [b"\x04\x00"]
@@ -133,8 +136,7 @@ def test_what_the_device_does_not_know_stalls():
     assert Puck().say(submit(3, 2, 1, to_host=False, data=b"x")) == returned(3, -errno.EPIPE)
 
 
-def test_a_read_waits_for_a_report_and_a_report_for_a_read():
-    puck = Puck()
+def test_a_read_waits_for_a_report_and_a_report_for_a_read(puck):
     assert puck.say(submit(1, 1, 64)) == b""
     puck.session.push(1, b"\x03\x01\x00")
     assert puck.session.take_output() == returned(1, 0, b"\x03\x01\x00")
@@ -143,8 +145,7 @@ def test_a_read_waits_for_a_report_and_a_report_for_a_read():
     assert puck.say(submit(2, 1, 64)) == returned(2, 0, b"\x03\x00\x00")
 
 
-def test_of_reports_that_nobody_reads_the_oldest_go():
-    puck = Puck()
+def test_of_reports_that_nobody_reads_the_oldest_go(puck):
     for number in range(10):
         puck.session.push(1, bytes((number,)))
     said = puck.say(b"".join(submit(number, 1, 64) for number in range(10)))
@@ -152,14 +153,12 @@ def test_of_reports_that_nobody_reads_the_oldest_go():
     assert said == b"".join(returned(number, 0, data) for number, data in enumerate(kept))
 
 
-def test_a_report_longer_than_the_read_is_an_overflow():
-    puck = Puck()
+def test_a_report_longer_than_the_read_is_an_overflow(puck):
     puck.session.push(1, bytes(9))
     assert puck.say(submit(1, 1, 8)) == returned(1, -errno.EOVERFLOW)
 
 
-def test_a_waiting_read_can_be_taken_back():
-    puck = Puck()
+def test_a_waiting_read_can_be_taken_back(puck):
     puck.say(submit(1, 1, 64))
     assert puck.say(unlink(2, 1)) == unlinked(2, -errno.ECONNRESET)
     puck.session.push(1, b"\x01")
@@ -168,8 +167,7 @@ def test_a_waiting_read_can_be_taken_back():
 
 
 @pytest.mark.parametrize("first", [7, (1 << 32) - 1])
-def test_what_takes_a_transfer_back_before_it_is_asked_for_waits_for_it(first):
-    puck = Puck()
+def test_what_takes_a_transfer_back_before_it_is_asked_for_waits_for_it(first, puck):
     puck.say(submit(first - 1, 1, 64))
     puck.session.push(1, b"\x01")
     assert puck.session.take_output() == returned(first - 1, 0, b"\x01")
@@ -248,8 +246,7 @@ def test_a_receiver_has_five_interfaces_each_with_an_endpoint_of_its_own():
     assert puck.control("81 06 0022 0500 0010") is None
 
 
-def test_standard_requests_are_answered_as_usb_demands():
-    puck = Puck()
+def test_standard_requests_are_answered_as_usb_demands(puck):
     assert puck.control("80 08 0000 0000 0100") == b"\0"
     assert puck.control("00 09 0100 0000 0000") == b""
     assert puck.control("80 08 0000 0000 0100") == b"\1"
