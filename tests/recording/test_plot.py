@@ -35,7 +35,12 @@ def rows(node=NODE):
         yield t, raw, {"header": header(t), "direction": 0}
         yield t, raw, {"header": header(t + 0.0004), "direction": 1}
         if n % 5 == 0:
-            s = Snapshot(cycles=n + 1, tick_p50_s=1e-4, tick_p99_s=2e-4, trips=int(n >= 50))
+            s = Snapshot.of(
+                {
+                    "loop": {"cycles": n + 1, "tick_p50_s": 1e-4, "tick_p99_s": 2e-4},
+                    "arm": {"trips": int(n >= 50)},
+                }
+            )
             text = s.to_bytes().decode()
             yield t, topic(f"{node}/state/snapshot", STRING), {"data": text}
 

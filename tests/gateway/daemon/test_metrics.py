@@ -43,27 +43,36 @@ def histogram(*seconds):
 
 
 CYCLES, AGES = histogram(0.3e-3, 0.4e-3, 0.2), histogram(0.9e-3, 3e-3)
-MOVING = Snapshot(
-    phase="moving",
-    robot_link="live",
-    device_link="live",
-    authority="hand",
-    trips=2,
-    cycles=CYCLES.count,
-    part_cost_s={"network": 2e-5},
-    tick_sum_s=CYCLES.sum,
-    tick_within=CYCLES.within(BOUNDS_S),
-    inputs=AGES.count,
-    input_age_sum_s=AGES.sum,
-    input_age_within=AGES.within(BOUNDS_S),
-    error_m=0.003,
-    error_rms_m=0.002,
-    limits=["workspace", "joint"],
-    robot_errors={"malformed": 2, "order": 0},
-    device_errors={"malformed": 5},
-    refusals={"malformed": 1, "verb": 6, "busy": 0},
-    metrics={"lost": 3.0, "superseded": 1.0, "period_s": 0.004, "unknown": float("nan")},
-    device_metrics={"age_s": 0.08, "jitter_s": float("nan")},
+MOVING = Snapshot.of(
+    {
+        "part_cost_s": {"network": 2e-5},
+        "refusals": {"malformed": 1, "verb": 6, "busy": 0},
+        "arm": {
+            "phase": "moving",
+            "authority": "hand",
+            "trips": 2,
+            "limits": ["workspace", "joint"],
+        },
+        "robot": {
+            "link": "live",
+            "errors": {"malformed": 2, "order": 0},
+            "metrics": {"lost": 3.0, "superseded": 1.0, "period_s": 0.004, "unknown": float("nan")},
+        },
+        "device": {
+            "link": "live",
+            "errors": {"malformed": 5},
+            "metrics": {"age_s": 0.08, "jitter_s": float("nan")},
+        },
+        "loop": {
+            "cycles": CYCLES.count,
+            "tick_sum_s": CYCLES.sum,
+            "tick_within": CYCLES.within(BOUNDS_S),
+            "inputs": AGES.count,
+            "input_age_sum_s": AGES.sum,
+            "input_age_within": AGES.within(BOUNDS_S),
+        },
+        "tracking": {"error_m": 0.003, "error_rms_m": 0.002},
+    }
 )
 
 
