@@ -92,7 +92,8 @@ def _take_wrench(series: Series, message: Message, _log_ns: int) -> None:
 def _take_snapshot(series: Series, message: Message, log_ns: int) -> None:
     snapshot = json.loads(message["data"])
     # Records of before 0.2.0 have all of it in one object.
-    loop, arm = snapshot.get("loop", snapshot), snapshot.get("arm", snapshot)
+    nested = "loop" in snapshot
+    loop, arm = (snapshot["loop"], snapshot["arm"]) if nested else (snapshot, snapshot)
     if loop["cycles"]:
         series.ticks.append((log_ns, loop["tick_p50_s"], loop["tick_p99_s"]))
     if arm["trips"] > series._trips:

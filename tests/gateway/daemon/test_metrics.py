@@ -8,7 +8,6 @@ import subprocess
 import threading
 import urllib.error
 import urllib.request
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -30,6 +29,7 @@ from cardan.gateway.servers.stats import told
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 from tests.gateway.daemon.test_control_socket import serving
 from tests.gateway.servers.rig import WAIT_S, served
+from tests.snapshots import changed
 
 UNPACKED_PROMTOOL = Path(__file__).parents[3] / "build/judges/promtool"
 OPEN_METRICS = "application/openmetrics-text; version=1.0.0"
@@ -296,16 +296,16 @@ def test_it_asks_the_daemon_s_socket(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"robot_link": "lost", "trips": 3}, "robot"),
-        ({"device_link": "lost", "trips": 3}, "device"),
-        ({"device_link": "lost", "device_held": False}, "none"),
-        ({"trips": 3}, "trip"),
+        ({"robot__link": "lost", "arm__trips": 3}, "robot"),
+        ({"device__link": "lost", "arm__trips": 3}, "device"),
+        ({"device__link": "lost", "device__held": False}, "none"),
+        ({"arm__trips": 3}, "trip"),
         ({}, "none"),
     ],
 )
 def test_stops_are_counted_by_what_was_wrong(changes, reason):
     watch = SessionWatch("gofa")
-    for snapshot in (MOVING, replace(MOVING, phase="braking", **changes)) * 2:
+    for snapshot in (MOVING, changed(MOVING, arm__phase="braking", **changes)) * 2:
         list(watch.take(snapshot, 1.0))
     watch.forget()
     assert watch.stops[reason] >= 1
