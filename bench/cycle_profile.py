@@ -113,7 +113,7 @@ def run_session(path: str, *flags: str) -> None:
     session.run(SECONDS)
     share = (time.process_time() - start_cpu_s) / (time.monotonic() - start_s)
     samples = {label: values[-SAMPLES_KEPT:] for label, values in kept.items() if values}
-    print(json.dumps({"cpu": share, "cycles": session.snapshot.cycles, "samples": samples}))
+    print(json.dumps({"cpu": share, "cycles": session.snapshot.loop.cycles, "samples": samples}))
 
 
 # -- the controller's side ------------------------------------------------------------------------

@@ -148,17 +148,17 @@ def measure(config: SessionConfig, beside: str, seconds: float) -> Row:
         raise RuntimeError(f"the session ended: {outcome.last.error or outcome.last.ending}")
     (begin, used_s), (end, used_till_s) = first[0], last[0]
     took_s = end.elapsed_s - begin.elapsed_s
-    metrics = end.metrics
+    metrics = end.robot.metrics
     return Row(
         beside,
         metrics["late_p50_s"],
         metrics["late_p99_s"],
-        end.tick_p50_s,
-        end.tick_p99_s,
-        round(metrics["instants"] - begin.metrics["instants"]),
-        round(metrics["superseded"] - begin.metrics["superseded"]),
+        end.loop.tick_p50_s,
+        end.loop.tick_p99_s,
+        round(metrics["instants"] - begin.robot.metrics["instants"]),
+        round(metrics["superseded"] - begin.robot.metrics["superseded"]),
         (used_till_s - used_s) / took_s,
-        (end.moving_s - begin.moving_s) / took_s,
+        (end.tracking.moving_s - begin.tracking.moving_s) / took_s,
         end.scheduling,
         floor,
     )

@@ -80,7 +80,7 @@ def drive(rate_hz: int, seconds: float, plant: str = "ideal") -> Run:
     found = np.isfinite(ages_s)
     return Run(
         ages_s[found],
-        int(session.snapshot.metrics["commands"]),
+        int(session.snapshot.robot.metrics["commands"]),
         int(rows["accepted"][-1]),
         int(rows["refused"][-1]),
         int((~found).sum()),
@@ -129,11 +129,11 @@ def main() -> None:
             f"{rate_hz:4} Hz   {median:7.2f} ms{p99:7.2f} ms{run.ages_s.max() * 1e3:7.2f} ms"
             f"{late:8}{run.cpu_share:15.1%}"
         )
-        metrics = run.snapshot.metrics
+        metrics, loop = run.snapshot.robot.metrics, run.snapshot.loop
         print(
             f"{'':10}driver's requests: median {metrics['request_p50_s'] * 1e3:.2f} ms, "
             f"p99 {metrics['request_p99_s'] * 1e3:.2f} ms; tick p50 "
-            f"{run.snapshot.tick_p50_s * 1e6:.0f} µs, p99 {run.snapshot.tick_p99_s * 1e6:.0f} µs"
+            f"{loop.tick_p50_s * 1e6:.0f} µs, p99 {loop.tick_p99_s * 1e6:.0f} µs"
         )
     print("\nlate: periods in which the newest command was older than two of its periods")
 
@@ -148,8 +148,8 @@ def soak() -> None:
     print(f"accepted                 {run.accepted}, refused {run.refused}, lost {lost}")
     print(f"oldest at use            {run.ages_s.max() * 1e3:.1f} ms (watchdog 100 ms)")
     print(f"periods out of the mode  {run.left}")
-    print(f"operator's hand taken    {run.snapshot.trips} times")
-    bad = lost or run.refused or run.left or run.snapshot.trips
+    print(f"operator's hand taken    {run.snapshot.arm.trips} times")
+    bad = lost or run.refused or run.left or run.snapshot.arm.trips
     print("no watchdog trip, no lost command" if not bad else "FAILED")
     if bad:
         sys.exit(1)

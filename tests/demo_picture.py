@@ -103,33 +103,37 @@ class Drawing:
         self._hand(snapshot)
         self._arm(snapshot)
         self._draw.rectangle((0, FINER * 328, FINER * WIDTH, FINER * HEIGHT), fill=PAPER)
-        phase = snapshot["phase"]
+        phase = snapshot["arm"]["phase"]
         self._write(16, 334, phase, 16, PHASES.get(phase, HAND))
-        why = snapshot["message"] or snapshot["device_reason"] or snapshot["hold_reason"]
+        why = (
+            snapshot["arm"]["message"]
+            or snapshot["device"]["reason"]
+            or snapshot["robot"]["hold_reason"]
+        )
         self._write(110, 336, why if phase != "moving" else "", 13, INK)
-        way = f"{1e3 * snapshot['path_m']:.0f} mm in {snapshot['elapsed_s']:.1f} s"
+        way = f"{1e3 * snapshot['tracking']['path_m']:.0f} mm in {snapshot['elapsed_s']:.1f} s"
         self._write(530, 336, way, 13, ARM)
         return picture.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS)
 
     def _hand(self, snapshot: dict[str, Any]) -> None:
         """The six deflections as bars, and the button that is held."""
         self._write(16, 52, "hand", 14, INK)
-        for at, (name, value) in enumerate(zip(AXES, snapshot["axes"], strict=True)):
+        for at, (name, value) in enumerate(zip(AXES, snapshot["device"]["axes"], strict=True)):
             y = 84 + 30 * at
             self._write(16, y - 9, name, 13, ARM)
             self._line([(70, y), (190, y)], FAINT, 6)
             if abs(value) > 0.01:
                 self._line([(130, y), (130 + 60 * value, y)], HAND, 8)
             self._dot((130, y), 3, INK)
-        held = bool(snapshot["buttons"])
+        held = bool(snapshot["device"]["buttons"])
         self._dot((25, 276), 8, HAND if held else FAINT)
         self._write(42, 267, "dead-man held" if held else "dead-man not held", 13, ARM)
 
     def _arm(self, snapshot: dict[str, Any]) -> None:
         """Base, joints and TCP, as seen from the side, and where the TCP has been."""
-        pin.forwardKinematics(self._model, self._data, np.array(snapshot["joints_rad"]))
+        pin.forwardKinematics(self._model, self._data, np.array(snapshot["robot"]["joints_rad"]))
         joints = [np.zeros(3), *(np.array(each.translation) for each in self._data.oMi[1:])]
-        tcp = np.array(snapshot["pose"][:3])
+        tcp = np.array(snapshot["robot"]["pose"][:3])
         self._line([self._seen((x, -0.45, 0.0)) for x in (-0.3, 0.8)], FAINT, 1)
         for y in (-0.45, -0.15, 0.15, 0.45):
             self._line([self._seen((x, y, 0.0)) for x in (-0.3, 0.8)], FAINT, 1)
@@ -189,12 +193,12 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         snapshots = recorded(Path(folder))
     drawing = Drawing()
-    if (way_mm := 1e3 * snapshots[-1]["path_m"]) < SHORTEST_MM:
+    if (way_mm := 1e3 * snapshots[-1]["tracking"]["path_m"]) < SHORTEST_MM:
         sys.exit(f"the arm has moved by {way_mm:.0f} mm only: is this machine busy? Try again")
     frames = [
         drawing.frame(each)
         for each in snapshots
-        if each["joints_rad"] and each["device_link"] != "lost" and not each["finished"]
+        if each["robot"]["joints_rad"] and each["device"]["link"] != "lost" and not each["finished"]
     ]
     first, *others = alike(frames)
     first.save(

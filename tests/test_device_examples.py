@@ -123,7 +123,7 @@ def run(tmp_path, monkeypatch):
                     arguments = [word for word in arguments if word != "--keyboard"]
                     arguments += ["--script", DEVICES[name]]
                 peers.enter_context(served(arguments, said))
-            outcome = supervised(name, lambda snapshot: snapshot.path_m > MOVED_M)
+            outcome = supervised(name, lambda snapshot: snapshot.tracking.path_m > MOVED_M)
             wait_until_said(said, words)
         return outcome
 
@@ -136,8 +136,8 @@ def test_the_example_runs(run, name):
     # Dark while the session waits, lit while the hand is on the robot, dark in the end.
     outcome = run(name, (dark, lit, dark) if lit else ())
     last = outcome.last
-    assert (outcome.exit_code, last.error, last.trips) == (EXIT_OK, "", 0), last.message
-    assert last.path_m > 1e-4, (last.message, last.device_reason, last.diagnosis)
+    assert (outcome.exit_code, last.error, last.arm.trips) == (EXIT_OK, "", 0), last.arm.message
+    assert last.tracking.path_m > 1e-4, (last.arm.message, last.device.reason, last.diagnosis)
 
 
 @contextlib.contextmanager

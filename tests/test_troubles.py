@@ -138,8 +138,11 @@ def test_people_are_shown_the_code():
     """Where no error ends the command: the views of a session and of the daemon."""
     off = "the motors are off"
     ends = f"{off} [{troubles.code_of(off)}]"
-    snapshot = Snapshot(
-        message=off, diagnosis=["the cap rests off zero, at (1, 2) counts: re-zero"]
+    snapshot = Snapshot.of(
+        {
+            "diagnosis": ["the cap rests off zero, at (1, 2) counts: re-zero"],
+            "arm": {"message": off},
+        }
     )
     console = Console(file=io.StringIO(), width=140)
     console.print(render(snapshot))

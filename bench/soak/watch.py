@@ -242,7 +242,7 @@ class Watch:
 
     def _tick(self, name: str, pid: int, snapshot: dict[str, Any]) -> tuple[float, float]:
         """p50 and p99 of the cycle since the sample before, s."""
-        within, count = snapshot["tick_within"], snapshot["cycles"]
+        within, count = snapshot["loop"]["tick_within"], snapshot["loop"]["cycles"]
         before = self._histograms.get(name)
         self._histograms[name] = pid, within, count
         if before is None or before[0] != pid or not within or len(before[1]) != len(within):

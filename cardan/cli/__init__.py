@@ -289,7 +289,7 @@ def run(
         outcome = supervise(
             config, math.inf if seconds is None else seconds, view.show, shown=view.is_read
         )
-    if outcome.last.cycles or outcome.last.elapsed_s:
+    if outcome.last.loop.cycles or outcome.last.elapsed_s:
         view.console.print(summary(outcome.last))
     if recorder is not None:
         sys.stderr.write(recorder.complaints)
@@ -310,12 +310,12 @@ def _final_problem(last: Snapshot) -> str:
     """Problem at the end of a session that ended as asked; empty if there was none."""
     if last.elapsed_s == 0.0:
         return ""
-    if last.cycles == 0:
-        return f"the robot was never commanded: {last.hold_reason or 'nothing was heard'}"
-    if last.robot_link != RobotLink.LIVE.value:
-        return f"at the end the robot was {last.robot_link}: {last.hold_reason}"
-    if last.device_link in (DeviceLink.LOST.value, DeviceLink.STALE.value):
-        return f"at the end the device was {last.device_link}: {last.device_reason}"
+    if last.loop.cycles == 0:
+        return f"the robot was never commanded: {last.robot.hold_reason or 'nothing was heard'}"
+    if last.robot.link != RobotLink.LIVE.value:
+        return f"at the end the robot was {last.robot.link}: {last.robot.hold_reason}"
+    if last.device.link in (DeviceLink.LOST.value, DeviceLink.STALE.value):
+        return f"at the end the device was {last.device.link}: {last.device.reason}"
     return ""
 
 

@@ -133,18 +133,18 @@ def find_problems(
     computer, which does not know the age of a force; contact has to be felt there.
     """
     found = []
-    if last.cycles == 0:
+    if last.loop.cycles == 0:
         found.append("the robot was never commanded")
-    if last.path_m == 0.0 and not may_rest and not last.trips:
+    if last.tracking.path_m == 0.0 and not may_rest and not last.arm.trips:
         found.append("no path was commanded")
-    if last.error_max_m > WELL_FOLLOWED_M:
+    if last.tracking.error_max_m > WELL_FOLLOWED_M:
         found.append(
-            f"the robot was up to {last.error_max_m * 1e3:.1f} mm away from its reference "
+            f"the robot was up to {last.tracking.error_max_m * 1e3:.1f} mm away from its reference "
             f"(expected: {WELL_FOLLOWED_M * 1e3:.0f} mm)"
         )
     if felt is not None:
         found += _force_problems(last, felt)
-        if far and last.felt_stiffness_n_m is None:
+        if far and last.force.felt_stiffness_n_m is None:
             found.append("the hand felt no contact of the tool")
     return found if paused_s > PAUSE_S else found + _interruptions(last, felt, far=far)
 
@@ -152,18 +152,18 @@ def find_problems(
 def _interruptions(last: Snapshot, felt: FeedbackLimits | None, *, far: bool) -> list[str]:
     """Problems that a computer which stands still for a moment can cause, too."""
     found = []
-    if last.trips:
-        found.append(f"teleoperation was disengaged {last.trips} times")
+    if last.arm.trips:
+        found.append(f"teleoperation was disengaged {last.arm.trips} times")
     if felt is None:
         return found
-    if last.force_losses:
-        found.append(f"{last.force_losses} times there was no force: {last.force_lost_reason}")
-    elif last.force_out_s > OUT_SHARE * last.elapsed_s:
+    if last.force.losses:
+        found.append(f"{last.force.losses} times there was no force: {last.force.lost_reason}")
+    elif last.force.out_s > OUT_SHARE * last.elapsed_s:
         found.append(
-            f"teleoperation went on without force for {last.force_out_s:.2f} s: "
-            f"{last.force_lost_reason}"
+            f"teleoperation went on without force for {last.force.out_s:.2f} s: "
+            f"{last.force.lost_reason}"
         )
-    age_s = None if far else last.measured_age_p99_s
+    age_s = None if far else last.force.measured_age_p99_s
     if age_s is not None and age_s > FORCE_AGE_S:
         found.append(
             f"forces were up to {age_s * 1e3:.1f} ms old at the hand "
@@ -182,8 +182,10 @@ def find_remarks(
     """Remarks on the computer that a demo ran on, from the arguments of find_problems: no problems
     of the demo."""
     found = []
-    if (missed := last.missed_cycles) > MISSED_SHARE * last.cycles:
-        found.append(f"{missed} of {last.cycles} cycles were missed: is this machine very busy?")
+    if (missed := last.robot.missed_cycles) > MISSED_SHARE * last.loop.cycles:
+        found.append(
+            f"{missed} of {last.loop.cycles} cycles were missed: is this machine very busy?"
+        )
     if paused_s > PAUSE_S:
         stood_still = f"not judged, as this computer stood still for {paused_s * 1e3:.0f} ms: "
         found += [stood_still + problem for problem in _interruptions(last, felt, far=far)]
@@ -193,44 +195,46 @@ def find_remarks(
 def _force_problems(last: Snapshot, felt: FeedbackLimits) -> list[str]:
     """The problems of the force feedback."""
     found = []
-    if last.contact_target_n is not None:
-        allowed_n = HELD_SHARE * last.contact_target_n
-        if last.contact_path_m == 0.0:
+    force, contact = last.force, last.contact
+    if contact.target_n is not None:
+        allowed_n = HELD_SHARE * contact.target_n
+        if contact.path_m == 0.0:
             found.append("nothing was drawn: the tool touched nothing")
-        elif last.contact_force_rms_error_n > allowed_n:
+        elif contact.rms_error_n > allowed_n:
             found.append(
-                f"the contact force was {last.contact_force_rms_error_n:.1f} N RMS away from its "
-                f"target of {last.contact_target_n:g} N (expected: {allowed_n:.1f} N)"
+                f"the contact force was {contact.rms_error_n:.1f} N RMS away from its "
+                f"target of {contact.target_n:g} N (expected: {allowed_n:.1f} N)"
             )
-    if last.force_peak_n == 0.0:
+    if force.peak_n == 0.0:
         found.append("no force was rendered to the hand")
-    if last.force_peak_n > felt.force_n * (1.0 + 1e-6):
-        found.append(f"the force was {last.force_peak_n:.2f} N, above {felt.force_n:g} N")
-    if felt.energy_j is not None and last.energy_given_peak_j > felt.energy_j:
+    if force.peak_n > felt.force_n * (1.0 + 1e-6):
+        found.append(f"the force was {force.peak_n:.2f} N, above {felt.force_n:g} N")
+    if felt.energy_j is not None and force.energy_given_peak_j > felt.energy_j:
         found.append(
-            f"the hand was given up to {last.energy_given_peak_j * 1e3:.1f} mJ in one engagement "
+            f"the hand was given up to {force.energy_given_peak_j * 1e3:.1f} mJ in one engagement "
             f"(bound: {felt.energy_j * 1e3:g} mJ)"
         )
-    if last.haptic_state != "enabled":
-        found.append(f"the force was {last.haptic_state} at the end: {last.haptic_reason}")
+    if force.state != "enabled":
+        found.append(f"the force was {force.state} at the end: {force.reason}")
     return found
 
 
 def _success(demo: Demo, last: Snapshot, felt: FeedbackLimits | None) -> str:
     """The message of a demo without problems."""
-    if last.path_m == 0.0:
+    if last.tracking.path_m == 0.0:
         return "nobody moved the arm"
     if felt is None:
         return demo.success_message
-    said = f"{demo.success_message}, {last.force_peak_n:.2f} N at most"
-    if last.felt_stiffness_n_m is not None:
-        said += f", {last.felt_stiffness_n_m:.0f} N/m, {last.felt_depth_m * 1e3:.1f} mm deep"
+    force = last.force
+    said = f"{demo.success_message}, {force.peak_n:.2f} N at most"
+    if force.felt_stiffness_n_m is not None:
+        said += f", {force.felt_stiffness_n_m:.0f} N/m, {force.felt_depth_m * 1e3:.1f} mm deep"
     if demo.delay_ms is not None:
         said += f", {demo.delay_ms:g} ms away"
     if felt.energy_j is None:
         return said
     return (
-        f"{said}: it was given at most {last.energy_given_peak_j * 1e3:.2f} mJ in one engagement, "
+        f"{said}: it was given at most {force.energy_given_peak_j * 1e3:.2f} mJ in one engagement, "
         f"of the {felt.energy_j * 1e3:g} mJ that passivity allows"
     )
 
@@ -294,7 +298,7 @@ def run_demo(
             if demo.invitation:
                 say(demo.invitation)
             outcome = supervise(config, seconds, view.show, through=through, shown=view.is_read)
-    if outcome.exit_code == EXIT_OK or outcome.last.cycles:
+    if outcome.exit_code == EXIT_OK or outcome.last.loop.cycles:
         view.console.print(summary(outcome.last))
     if outcome.exit_code != EXIT_OK:
         print(f"cardan: {coded(outcome.last.error)}", file=sys.stderr)

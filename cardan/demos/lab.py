@@ -109,10 +109,11 @@ class ObservedArms:
             snapshot = row["snapshot"]
             if row["robot_link"] == "live":
                 self._absent.pop(row["name"], None)
-            if snapshot is not None and snapshot["phase"]:
-                self._moved |= snapshot["path_m"] > 0.0
+            if snapshot is not None and snapshot["arm"]["phase"]:
+                tracking = snapshot["tracking"]
+                self._moved |= tracking["path_m"] > 0.0
                 before = self._errors_m.get(row["name"], 0.0)
-                self._errors_m[row["name"]] = max(before, snapshot["error_max_m"])
+                self._errors_m[row["name"]] = max(before, tracking["error_max_m"])
 
     @property
     def all_there(self) -> bool:

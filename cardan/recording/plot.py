@@ -91,11 +91,14 @@ def _take_wrench(series: Series, message: Message, _log_ns: int) -> None:
 
 def _take_snapshot(series: Series, message: Message, log_ns: int) -> None:
     snapshot = json.loads(message["data"])
-    if snapshot["cycles"]:
-        series.ticks.append((log_ns, snapshot["tick_p50_s"], snapshot["tick_p99_s"]))
-    if snapshot["trips"] > series._trips:
+    # Records of before 0.2.0 have all of it in one object.
+    nested = "loop" in snapshot
+    loop, arm = (snapshot["loop"], snapshot["arm"]) if nested else (snapshot, snapshot)
+    if loop["cycles"]:
+        series.ticks.append((log_ns, loop["tick_p50_s"], loop["tick_p99_s"]))
+    if arm["trips"] > series._trips:
         series.trips.append(log_ns)
-    series._trips = snapshot["trips"]
+    series._trips = arm["trips"]
 
 
 def _take_raw(series: Series, message: Message, _log_ns: int) -> None:

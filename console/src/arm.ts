@@ -10,42 +10,33 @@ const ASK_TYPE = "cardan_msgs/srv/Ask";
 /** As often as the page draws: faster topics are thinned by the server. */
 const DRAWN_MS = 16;
 
-/** The session's snapshot, of which the page reads these. */
+/** The session's snapshot, of which the page reads these. A session or record of another version of
+ * Cardan may lack parts. */
 export type Snapshot = {
-  phase: string;
-  message: string;
-  authority: string;
-  authority_s: number | null;
-  authority_refused: string;
-  stops: number;
-  stopped_by: string;
-  device_link: string;
-  device_reason: string;
-  axes: number[];
-  buttons: string[];
-  robot_link: string;
-  hold_reason: string;
-  pose: number[];
-  reference: number[];
-  lead_used: number;
-  at_workspace_limit: boolean;
-  clearance_m: number | null;
-  nearest_pair: string[];
-  arm_limits: string[];
-  path_speed: number | null;
-  singular_value: number | null;
-  missed: number;
-  cycles: number;
-  inputs: number;
-  tick_p50_s: number | null;
-  tick_p99_s: number | null;
-  device_metrics?: Record<string, number | null>;
-  tick_within: number[];
-  input_age_within: number[];
-  gripper_closed: boolean;
-  diagnosis: string[];
-  error: string;
-  finished: boolean;
+  finished?: boolean;
+  error?: string;
+  diagnosis?: string[];
+  arm?: {
+    message: string;
+    authority_s: number | null;
+    stops: number;
+    stopped_by: string;
+    at_workspace_limit: boolean;
+    clearance_m: number | null;
+    nearest_pair: string[];
+    limits_in_words: string[];
+    path_speed: number | null;
+  };
+  robot?: { hold_reason: string };
+  device?: { axes: number[]; metrics: Record<string, number | null> };
+  loop?: {
+    cycles: number;
+    inputs: number;
+    tick_p50_s: number | null;
+    tick_p99_s: number | null;
+    tick_within: number[];
+    input_age_within: number[];
+  };
 };
 
 export type Status = {
@@ -168,9 +159,9 @@ export class Arm {
     }, 0);
     hear(`${name}/state/snapshot`, "std_msgs/msg/String", (m: { data: string }) => {
       this.snapshot = JSON.parse(m.data) as Snapshot;
-      const { stops, stopped_by } = this.snapshot;
+      const told = this.snapshot.arm;
       // This page's own has disarmed it at once: it may be enabled anew before it is counted.
-      if (this.stops.heard(stops) === "other") this.onStop(stopped_by);
+      if (told && this.stops.heard(told.stops) === "other") this.onStop(told.stopped_by);
       this.heard();
     }, 0);
   }

@@ -468,7 +468,7 @@ function refresh(): void {
 
 function showFigures(ageMs: number): void {
   const input = link.inputs.get(JOG_CHANNEL);
-  const p99 = arm?.snapshot?.tick_p99_s;
+  const p99 = arm?.snapshot?.loop?.tick_p99_s;
   const dropped = link.dropped + Object.values(input?.dropped ?? {}).reduce((a, b) => a + b, 0);
   const rows: [Word, string][] = [
     ["roundTrip", ms(link.roundTrips.median)],
@@ -478,7 +478,7 @@ function showFigures(ageMs: number): void {
     ["dropped", String(dropped)],
     ["cycleP99", ms(p99 === null || p99 === undefined ? null : 1000 * p99)],
   ];
-  const way = deviceWay(arm?.snapshot?.device_metrics ?? {});
+  const way = deviceWay(arm?.snapshot?.device?.metrics ?? {});
   if (way) rows.push(["deviceWay", way]);
   if (linkFigures.childElementCount !== 2 * rows.length) {
     linkFigures.replaceChildren(...rows.flatMap(([word]) => [h("dt", {}, t(word)), h("dd")]));
@@ -489,7 +489,7 @@ function showFigures(ageMs: number): void {
 function showAuthority(): void {
   const owner = arm?.status?.authority ?? "";
   const own = owner !== "" && owner === link.hello?.source;
-  const since = arm?.snapshot?.authority_s;
+  const since = arm?.snapshot?.arm?.authority_s;
   const time = owner && since ? ` · ${since.toFixed(0)} s` : "";
   const who = (own ? t("you") : owner || t("nobody")) + time;
   setText(authorityText, who);
@@ -513,7 +513,7 @@ function showReadout(): void {
     const [roll, pitch, yaw] = turn;
     lines.push(`X ${x} mm   Y ${y} mm   Z ${z} mm`, `Roll ${roll}°   Pitch ${pitch}°   Yaw ${yaw}°`);
   }
-  const clearance = shown?.snapshot?.clearance_m;
+  const clearance = shown?.snapshot?.arm?.clearance_m;
   if (clearance !== null && clearance !== undefined) {
     lines.push(`${t("clearance")} ${(1000 * clearance).toFixed(0)} mm`);
   }

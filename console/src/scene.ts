@@ -371,8 +371,8 @@ export class Scene {
       ...(arm.measured?.position ?? []),
       ...(arm.wrench ? arm.wrench.force.map((each) => each / 1000) : []),
       arm.status?.moving ? 1 : 0,
-      arm.snapshot?.clearance_m ?? 1,
-      arm.snapshot?.at_workspace_limit ? 1 : 0,
+      arm.snapshot?.arm?.clearance_m ?? 1,
+      arm.snapshot?.arm?.at_workspace_limit ? 1 : 0,
       ...(arm.surroundings?.neighbors ?? []).flatMap((each) => {
         const heard = arm.neighbors.get(each.name);
         if (!heard) return [];
@@ -449,8 +449,8 @@ export class Scene {
   }
 
   private showClearance(arm: Arm): void {
-    const clearance = arm.snapshot?.clearance_m ?? null;
-    const pair = arm.snapshot?.nearest_pair ?? [];
+    const clearance = arm.snapshot?.arm?.clearance_m ?? null;
+    const pair = arm.snapshot?.arm?.nearest_pair ?? [];
     const near = nearness(clearance, pair, arm.surroundings);
     for (const [name, materials] of this.linkMaterials) {
       for (const material of materials) {
@@ -458,7 +458,7 @@ export class Scene {
         if (near > 0 && pair.includes(name)) material.color.lerp(warning(near), 0.35 + 0.45 * near);
       }
     }
-    this.around.color(near, pair, Boolean(arm.snapshot?.at_workspace_limit));
+    this.around.color(near, pair, Boolean(arm.snapshot?.arm?.at_workspace_limit));
   }
 
   private resize(place: HTMLElement): void {

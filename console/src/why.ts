@@ -52,7 +52,7 @@ export function why(facts: Facts): Why {
   if (snapshot?.finished) {
     return { level: "bad", text: [t("ended"), snapshot.error].filter(Boolean).join(": ") };
   }
-  const stands = [...(snapshot?.diagnosis ?? []), snapshot?.hold_reason].find(Boolean);
+  const stands = [...(snapshot?.diagnosis ?? []), snapshot?.robot?.hold_reason].find(Boolean);
   if (status && !status.ready) {
     const because = status.message || stands;
     return { level: "bad", text: because ? `${t("notReady")}: ${because}` : t("notReady") };
@@ -63,9 +63,10 @@ export function why(facts: Facts): Why {
   }
   if (status?.moving) return { level: limited(facts) ? "warn" : "ok", text: moves(facts) };
   if (facts.held && limited(facts)) return { level: "warn", text: limited(facts) };
-  const message = status?.message || snapshot?.message;
+  const message = status?.message || snapshot?.arm?.message;
   if (message) return { level: "warn", text: message };
-  if (snapshot?.hold_reason) return { level: "warn", text: snapshot.hold_reason };
+  const hold = snapshot?.robot?.hold_reason;
+  if (hold) return { level: "warn", text: hold };
   if (status?.authority && status.authority !== facts.source) {
     return { level: "note", text: `${status.authority} ${t("hasAuthority")}` };
   }
@@ -92,15 +93,15 @@ function refusal(why: string): string {
 }
 
 function limited({ snapshot, status }: Facts): string {
-  const limits = status?.limits.length ? status.limits : (snapshot?.arm_limits ?? []);
+  const limits = status?.limits.length ? status.limits : (snapshot?.arm?.limits_in_words ?? []);
   if (limits.length) return `${t("limitedBy")} ${limits.join(", ")}`;
-  return snapshot?.at_workspace_limit ? t("atWall") : "";
+  return snapshot?.arm?.at_workspace_limit ? t("atWall") : "";
 }
 
 function moves(facts: Facts): string {
   const { snapshot, status } = facts;
   const who = status?.authority === facts.source ? t("you") : status?.authority;
-  const share = snapshot?.path_speed;
+  const share = snapshot?.arm?.path_speed;
   const slow =
     share !== null && share !== undefined && share < 0.99
       ? `${t("slowed")} ${(100 * share).toFixed(0)} %`

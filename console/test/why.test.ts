@@ -13,16 +13,24 @@ const STATUS: Status = {
   lead_used: 0,
   limits: [],
 };
-const SNAPSHOT = {
+const ARM = {
+  message: "",
+  authority_s: null,
+  stops: 0,
+  stopped_by: "",
+  at_workspace_limit: false,
+  clearance_m: null,
+  nearest_pair: [],
+  limits_in_words: [],
+  path_speed: null,
+};
+const SNAPSHOT: Snapshot = {
   finished: false,
   error: "",
-  message: "",
-  hold_reason: "",
   diagnosis: [],
-  arm_limits: [],
-  at_workspace_limit: false,
-  path_speed: null,
-} as unknown as Snapshot;
+  arm: ARM,
+  robot: { hold_reason: "" },
+};
 const FACTS: Facts = {
   link: "live",
   hasToken: true,
@@ -75,9 +83,15 @@ test("the end of a hold is announced before it comes", () => {
 
 test("a motion says who moves and what limits it", () => {
   const moving = status({ moving: true, authority: "console 1", limits: ["elbow_joint"] });
-  const told = says({ ...moving, snapshot: { ...SNAPSHOT, path_speed: 0.4 } });
+  const told = says({ ...moving, snapshot: { ...SNAPSHOT, arm: { ...ARM, path_speed: 0.4 } } });
   assert.equal(told.level, "warn");
   assert.equal(told.text, "Moving (you) · Limited by elbow_joint · slowed to 40 %");
+});
+
+test("a session of another version, whose snapshot lacks parts, is shown as well", () => {
+  const other = { phase: "holding", diagnosis: [], hold_reason: "" } as Snapshot;
+  assert.equal(says({ armed: false, snapshot: other }).text, "At rest. Enable motion to move it.");
+  assert.match(says({ ...status({ moving: true }), snapshot: other }).text, /^Moving/);
 });
 
 test("one late answer is none of a slow link", () => {

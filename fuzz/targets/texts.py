@@ -112,7 +112,7 @@ class _Running(RunningSession):
     """A session's process that takes everything and does nothing."""
 
     def __init__(self) -> None:
-        self.snapshot, self.heard_s = Snapshot(phase="disarmed"), 0.0
+        self.snapshot, self.heard_s = Snapshot.of({"arm": {"phase": "disarmed"}}), 0.0
 
     @property
     def pid(self) -> int:

@@ -21,8 +21,8 @@ def draw(found: Sequence[Driven]) -> Iterator[Drawn]:
     left.legend(fontsize=8)
     places, last = range(len(found)), [each.runs[-1] for each in found]
     for off, name, color, values in (
-        (-0.2, "median", "tab:blue", [1e6 * one.tick_p50_s for one in last]),
-        (0.2, "p99", "tab:orange", [1e6 * one.tick_p99_s for one in last]),
+        (-0.2, "median", "tab:blue", [1e6 * one.loop.tick_p50_s for one in last]),
+        (0.2, "p99", "tab:orange", [1e6 * one.loop.tick_p99_s for one in last]),
     ):
         right.barh([place + off for place in places], values, 0.38, color=color, label=name)
     names = [each.device.name for each in found]

@@ -74,13 +74,14 @@ def measure(devices: Sequence[Device], seconds: float, turns: int) -> list[Drive
 
 def age_s(last: Snapshot) -> float | None:
     """Mean age of the newest report in a control instant."""
-    return last.input_age_sum_s / last.inputs if last.inputs else None
+    loop = last.loop
+    return loop.input_age_sum_s / loop.inputs if loop.inputs else None
 
 
 def within(last: Snapshot) -> list[tuple[float, float]]:
     """Ages, s, and the share of the control instants whose newest report was no older."""
-    counts = last.input_age_within
-    return [(b, n / last.inputs) for b, n in zip(BOUNDS_S, counts, strict=False) if last.inputs]
+    counts, inputs = last.loop.input_age_within, last.loop.inputs
+    return [(b, n / inputs) for b, n in zip(BOUNDS_S, counts, strict=False) if inputs]
 
 
 def table(found: Sequence[Driven]) -> Table:
@@ -93,12 +94,12 @@ def table(found: Sequence[Driven]) -> Table:
                 each.device.name,
                 each.device.published or "–",
                 each.commands,
-                f"{1e3 * last.path_m:.0f} mm",
-                f"{1e3 * last.error_rms_m:.2f} / {1e3 * last.error_max_m:.2f} mm",
+                f"{1e3 * last.tracking.path_m:.0f} mm",
+                f"{1e3 * last.tracking.error_rms_m:.2f} / {1e3 * last.tracking.error_max_m:.2f} mm",
                 "–" if age is None else f"{1e3 * age:.1f} ms",
-                f"{1e6 * last.tick_p50_s:.0f} / {1e6 * last.tick_p99_s:.0f} µs",
-                f"{last.missed_cycles} of {last.cycles}",
-                str(last.trips),
+                f"{1e6 * last.loop.tick_p50_s:.0f} / {1e6 * last.loop.tick_p99_s:.0f} µs",
+                f"{last.robot.missed_cycles} of {last.loop.cycles}",
+                str(last.arm.trips),
                 "; ".join(dict.fromkeys(each.problems)) or "none",
             )
         )
@@ -125,15 +126,19 @@ def figures(found: Sequence[Driven]) -> list[Figure]:
     for each in found:
         name = each.device.name
         columns = (
-            ("arm off its reference, RMS", "mm", [1e3 * last.error_rms_m for last in each.runs]),
-            ("answer, median", "µs", [1e6 * last.tick_p50_s for last in each.runs]),
-            ("answer, p99", "µs", [1e6 * last.tick_p99_s for last in each.runs]),
+            (
+                "arm off its reference, RMS",
+                "mm",
+                [1e3 * last.tracking.error_rms_m for last in each.runs],
+            ),
+            ("answer, median", "µs", [1e6 * last.loop.tick_p50_s for last in each.runs]),
+            ("answer, p99", "µs", [1e6 * last.loop.tick_p99_s for last in each.runs]),
             ("age of the newest report", "ms", [1e3 * (age_s(x) or 0.0) for x in each.runs]),
         )
         for what, unit, values in columns:
             spread = spread_of(values) if len(values) > 1 else None
             mean = known(sum(values) / len(values))
             made.append(Figure(f"{name}: {what}", mean, unit, "less", spread))
-        trips = sum(last.trips for last in each.runs)
+        trips = sum(last.arm.trips for last in each.runs)
         made.append(Figure(f"{name}: disengaged", float(trips), "", "less", 0.0))
     return made

@@ -26,7 +26,7 @@ def measure(seconds: float) -> Drawing:
     with simulated_hardware(choose_demo(DEMO), seconds) as (config, through):
         outcome = supervise(config, seconds, through=through)
         options = make_device(config).options
-    if not outcome.last.cycles:
+    if not outcome.last.loop.cycles:
         raise RuntimeError(f"the drawing did not run: {outcome.last.error or 'nothing was heard'}")
     return Drawing(
         outcome.last, options.energy_budget_j, tuple(find_problems(outcome.last, options))

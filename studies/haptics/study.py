@@ -127,19 +127,19 @@ def drawing_table(drawn: drawing.Drawing) -> Table:
         return "–" if seconds is None else f"{1e3 * seconds:.2f} ms"
 
     rows = (
-        ("drawn: way of the pen on the board", "shown", f"{1e3 * last.contact_path_m:.0f} mm"),
-        ("force on the board, mean", "–", f"{last.contact_force_mean_n:.2f} N"),
-        ("off its target, RMS", "–", f"{last.contact_force_rms_error_n:.2f} N"),
-        ("force at the hand, largest", "felt", f"{last.force_peak_n:.2f} N"),
-        ("age of a measured force in the tick, median", "–", ms(last.measured_age_p50_s)),
-        ("the same, p99", "–", ms(last.measured_age_p99_s)),
-        ("robot's cycle", "4 ms", f"{1e3 * last.elapsed_s / max(1, last.cycles):.2f} ms"),
+        ("drawn: way of the pen on the board", "shown", f"{1e3 * last.contact.path_m:.0f} mm"),
+        ("force on the board, mean", "–", f"{last.contact.mean_n:.2f} N"),
+        ("off its target, RMS", "–", f"{last.contact.rms_error_n:.2f} N"),
+        ("force at the hand, largest", "felt", f"{last.force.peak_n:.2f} N"),
+        ("age of a measured force in the tick, median", "–", ms(last.force.measured_age_p50_s)),
+        ("the same, p99", "–", ms(last.force.measured_age_p99_s)),
+        ("robot's cycle", "4 ms", f"{1e3 * last.elapsed_s / max(1, last.loop.cycles):.2f} ms"),
         (
             "energy given to the hand in one engagement, of what passivity allows",
             "–",
-            f"{1e3 * last.energy_given_peak_j:.2f} of {1e3 * drawn.budget_j:g} mJ",
+            f"{1e3 * last.force.energy_given_peak_j:.2f} of {1e3 * drawn.budget_j:g} mJ",
         ),
-        ("teleoperation disengaged", "–", f"{last.trips} times"),
+        ("teleoperation disengaged", "–", f"{last.arm.trips} times"),
     )
     note = f"{last.elapsed_s:.0f} s, scheduling: {last.scheduling or 'unknown'}."
     if drawn.problems:
@@ -155,11 +155,11 @@ def _figures(
 ) -> list[Figure]:
     last = drawn.last
     once = (
-        ("force off its target, RMS", last.contact_force_rms_error_n, "N"),
-        ("age of the force, median", _ms(last.measured_age_p50_s), "ms"),
-        ("age of the force, p99", _ms(last.measured_age_p99_s), "ms"),
-        ("energy given", 1e3 * last.energy_given_peak_j, "mJ"),
-        ("disengaged", float(last.trips), ""),
+        ("force off its target, RMS", last.contact.rms_error_n, "N"),
+        ("age of the force, median", _ms(last.force.measured_age_p50_s), "ms"),
+        ("age of the force, p99", _ms(last.force.measured_age_p99_s), "ms"),
+        ("energy given", 1e3 * last.force.energy_given_peak_j, "mJ"),
+        ("disengaged", float(last.arm.trips), ""),
     )
     found = [Figure(f"drawing: {name}", value, unit, "less", None) for name, value, unit in once]
     for number, (push, _, point) in enumerate(pushed, 1):

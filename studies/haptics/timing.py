@@ -331,7 +331,7 @@ def session_age(seconds: float = 20.0) -> tuple[float, float]:
     for the last time too. NaN where there was none."""
     with simulated_hardware(choose_demo("omni"), seconds) as (config, through):
         last = supervise(config, seconds, through=through).last
-    median, p99 = last.measured_age_p50_s, last.measured_age_p99_s
+    median, p99 = last.force.measured_age_p50_s, last.force.measured_age_p99_s
     return math.nan if median is None else median, math.nan if p99 is None else p99
 
 

@@ -68,7 +68,7 @@ def analyze(recording: Recording) -> Result:
         phases = tuple(_phase(recording, start_s) for start_s in recording.pushes)
     except ValueError as error:
         last = recording.snapshot
-        raise ValueError(f"{error} ({last.hold_reason or last.message})") from None
+        raise ValueError(f"{error} ({last.robot.hold_reason or last.arm.message})") from None
     return Result(recording.mode, recording.plant, phases)
 
 

@@ -140,12 +140,24 @@ def test_an_arm_follows_both_kinds_of_commands():
 
 
 def test_a_device_is_shown_by_its_last_run():
-    last = Snapshot(
-        cycles=1000, path_m=0.1, error_rms_m=0.001, error_max_m=0.002, tick_p50_s=2e-4,
-        tick_p99_s=4e-4, inputs=1000, input_age_sum_s=5.0,
-        input_age_within=[100 * n for n in range(1, 10)],
-    )  # fmt: skip
-    slower = dataclasses.replace(last, tick_p50_s=3e-4, trips=1)
+    last = Snapshot.of(
+        {
+            "loop": {
+                "cycles": 1000,
+                "tick_p50_s": 2e-4,
+                "tick_p99_s": 4e-4,
+                "inputs": 1000,
+                "input_age_sum_s": 5.0,
+                "input_age_within": [100 * n for n in range(1, 10)],
+            },
+            "tracking": {"path_m": 0.1, "error_rms_m": 0.001, "error_max_m": 0.002},
+        }
+    )
+    slower = dataclasses.replace(
+        last,
+        loop=dataclasses.replace(last.loop, tick_p50_s=3e-4),
+        arm=dataclasses.replace(last.arm, trips=1),
+    )
     leap = sessions.PUBLISHED[1]
     driven = [sessions.Driven(leap, "position, base", (last, slower), ("late", "late"))]
     row = cells(sessions.table(driven))["Leap Motion"]
@@ -166,7 +178,7 @@ def test_a_device_moves_for_as_long_as_its_demo_needs(monkeypatch):
 
     def supervise(config, seconds, **_):
         lengths.append(seconds)
-        return SessionExit(0, Snapshot(cycles=1, path_m=0.1))
+        return SessionExit(0, Snapshot.of({"loop": {"cycles": 1}, "tracking": {"path_m": 0.1}}))
 
     @contextlib.contextmanager
     def hardware(demo, seconds):
@@ -204,8 +216,14 @@ def test_latencies_vary_as_their_blocks_do():
 def test_drawing_and_a_push_that_only_the_plain_loop_does_not_survive():
     push = PUSHES[0]
     pushed = [(push, compare(push.hand, *push.calm), compare(push.hand, *push.pushed))]
-    last = Snapshot(
-        cycles=2500, elapsed_s=10.0, contact_path_m=0.05, force_peak_n=0.8, scheduling="ordinary"
+    last = Snapshot.of(
+        {
+            "elapsed_s": 10.0,
+            "scheduling": "ordinary",
+            "loop": {"cycles": 2500},
+            "contact": {"path_m": 0.05},
+            "force": {"peak_n": 0.8},
+        }
     )
     drawn = drawing.Drawing(last, TickLimits().energy_budget_j, ("it was late",))
     draw, loops = haptics._tables(pushed, drawn, None, None)

@@ -167,7 +167,7 @@ class Arm:
     def position(self) -> list[float]:
         """Of the TCP, m; empty: not known."""
         snapshot = self.row["snapshot"]
-        pose: list[float] = [] if snapshot is None else snapshot["pose"]
+        pose: list[float] = [] if snapshot is None else snapshot["robot"]["pose"]
         return pose[:3]
 
     def take(self, row: view.Row) -> None:
@@ -175,17 +175,17 @@ class Arm:
             self.phases.clear()
         self.row = row
         snapshot = row["snapshot"]
-        if snapshot is None or not snapshot["phase"]:
+        if snapshot is None or not (arm := snapshot["arm"])["phase"]:
             return
-        if self.phases[-1:] != [snapshot["phase"]]:
-            self.phases.append(snapshot["phase"])
-        self.error_max_m = max(self.error_max_m, snapshot["error_max_m"])
-        self.trips = max(self.trips, snapshot["trips"])
+        if self.phases[-1:] != [arm["phase"]]:
+            self.phases.append(arm["phase"])
+        self.error_max_m = max(self.error_max_m, snapshot["tracking"]["error_max_m"])
+        self.trips = max(self.trips, arm["trips"])
         if row["robot_link"] == "live" and len(self.position) == 3:
             self.first = self.first or self.position
             self.moved_m = max(self.moved_m, math.dist(self.first, self.position))
-        if snapshot["phase"] == "moving":
-            self.moved_by.add(snapshot["authority"])
+        if arm["phase"] == "moving":
+            self.moved_by.add(arm["authority"])
 
 
 class Lab:

@@ -128,8 +128,10 @@ def _judge_record(recorder: Launched, path: Path, outcome: SessionExit, say: _Sa
     same = re.search(r": (\d+) cycles, each command bit for bit", lines[0]) if lines else None
     if code != EXIT_OK or len(lines) != 1 or same is None:
         problems.append("the record was not replayed bit for bit to its end")
-    elif int(same[1]) < outcome.last.cycles:
-        problems.append(f"the record has not all of the session's {outcome.last.cycles} cycles")
+    elif int(same[1]) < outcome.last.loop.cycles:
+        problems.append(
+            f"the record has not all of the session's {outcome.last.loop.cycles} cycles"
+        )
     return problems
 
 

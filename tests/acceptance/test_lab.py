@@ -55,9 +55,14 @@ def test_what_is_no_lab_for_this_is_refused(prepared, tmp_path):
 
 
 def seen(**values):
-    snapshot = {"phase": "disarmed", "pose": [0.4, 0.0, 0.4], "error_max_m": 0.001, "trips": 0}
-    snapshot |= {"authority": ""} | values.pop("snapshot", {})
-    return SESSION | {"phase": snapshot["phase"], "snapshot": snapshot} | values
+    given = {"phase": "disarmed", "pose": [0.4, 0.0, 0.4], "error_max_m": 0.001, "authority": ""}
+    given |= values.pop("snapshot", {})
+    snapshot = {
+        "arm": {"phase": given["phase"], "authority": given["authority"], "trips": 0},
+        "robot": {"pose": given["pose"]},
+        "tracking": {"error_max_m": given["error_max_m"]},
+    }
+    return SESSION | {"phase": given["phase"], "snapshot": snapshot} | values
 
 
 def test_what_is_seen_of_an_arm():

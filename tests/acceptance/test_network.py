@@ -108,7 +108,7 @@ def test_a_program_asks_again_for_a_stream_that_was_refused(monkeypatch):
 def test_what_a_record_may_lack(monkeypatch, tmp_path, code, replayed, words):
     monkeypatch.setattr(network, "_cardan", lambda *_: replayed)
     recorder = SimpleNamespace(code=code, lines=("9 messages dropped",), complaints="")
-    outcome = SessionExit(EXIT_OK, Snapshot(cycles=500))
+    outcome = SessionExit(EXIT_OK, Snapshot.of({"loop": {"cycles": 500}}))
     said = []
     found = network._judge_record(recorder, tmp_path, outcome, said.append)
     assert len(found) == (words is not None), found

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import subprocess
 import sys
 import time
@@ -61,9 +60,7 @@ class Session:
 
     def _hear(self, cdr: bytes, _stamp_ns: int) -> None:
         message = self._codec.decode(cdr)
-        table = json.loads(message["data"])
-        known = {key: value for key, value in table.items() if key in Snapshot.__annotations__}
-        self._snapshot = Snapshot(**known)
+        self._snapshot = Snapshot.from_bytes(message["data"].encode())
 
     @property
     def now(self) -> Snapshot:
@@ -79,16 +76,21 @@ class Session:
             now = self.now
             if eval(wanted, {**context}, vars(now)):
                 return now
-            assert time.monotonic() < end_s, (wanted, now.device_link, now.device_reason, now.axes)
+            assert time.monotonic() < end_s, (
+                wanted,
+                now.device.link,
+                now.device.reason,
+                now.device.axes,
+            )
             time.sleep(0.02)
 
     def rests(self, seconds: float = 0.4) -> None:
         """It stands, and for so long nothing moves it."""
-        self.until("not any(twist)")
-        at = self.now.pose
+        self.until("not any(arm.twist)")
+        at = self.now.robot.pose
         end_s = time.monotonic() + seconds
         while time.monotonic() < end_s:
-            now = self.now.pose
+            now = self.now.robot.pose
             assert all(abs(a - b) < 2e-3 for a, b in zip(at, now, strict=True)), (at, now)
             time.sleep(0.02)
 

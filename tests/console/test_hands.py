@@ -67,7 +67,7 @@ def held_until(session, wanted, press, let_go, act, before):
     end_s = time.monotonic() + 35.0
     while True:
         before()
-        known = {"began": session.now.pose}
+        known = {"began": session.now.robot.pose}
         press()
         for goal in ("'hold' in buttons", wanted):
             give_up_s = time.monotonic() + 1.5
@@ -82,7 +82,11 @@ def held_until(session, wanted, press, let_go, act, before):
             act()
         let_go()
         time.sleep(0.2)
-        assert time.monotonic() < end_s, (wanted, session.now.device_reason, session.now.axes)
+        assert time.monotonic() < end_s, (
+            wanted,
+            session.now.device.reason,
+            session.now.device.axes,
+        )
 
 
 class Phone:
@@ -101,7 +105,7 @@ class Phone:
         self.page.until(f"!document.querySelector('{ALIGN}').disabled")
         at = self.page.center(ALIGN)
         self.page.mouse("mousePressed", at)
-        self.session.until("device_link == 'live'")
+        self.session.until("device.link == 'live'")
         self.page.mouse("mouseReleased", at)
 
     def press(self):
@@ -119,7 +123,7 @@ class Phone:
     def turned(self):
         """Held and turned, so that the tool turns."""
         flat, up = partial(turn, self.page), partial(turn, self.page, beta=TILT_DEG)
-        return self.hold_until("abs(axes[4]) > 0.5 and abs(twist[4]) > 0.2", up, flat)
+        return self.hold_until("abs(device.axes[4]) > 0.5 and abs(arm.twist[4]) > 0.2", up, flat)
 
     def drag(self, right, down):
         """The second finger, beside the thumb."""
@@ -142,7 +146,9 @@ def started(lab, browser):
 def phone(started):
     """It, upright on the table, and free."""
     turn(started.page)
-    started.session.until("device_link == 'live' and 'hold' not in buttons and not any(axes)")
+    started.session.until(
+        "device.link == 'live' and 'hold' not in device.buttons and not any(device.axes)"
+    )
     yield started
     with contextlib.suppress(RuntimeError):  # The thumb is up already.
         started.let_go()
@@ -179,14 +185,14 @@ def test_a_phone_turns_the_tool_while_it_is_held(phone):
     phone.session.rests()
     # About the axis to the right, which is -y of an operator who looks along x.
     now = phone.turned()
-    assert max(map(abs, (*now.axes[:4], now.axes[5]))) < 0.05
+    assert max(map(abs, (*now.device.axes[:4], now.device.axes[5]))) < 0.05
     # A phone at rest tells the same angles, and is as alive as before.
     end_s = time.monotonic() + 0.6
     while time.monotonic() < end_s:
-        assert phone.session.now.device_link == "live", phone.session.now
+        assert phone.session.now.device.link == "live", phone.session.now
         time.sleep(0.02)
     phone.let_go()
-    phone.session.until("'hold' not in buttons and not any(axes)")
+    phone.session.until("'hold' not in device.buttons and not any(device.axes)")
     phone.session.rests()
 
 
@@ -211,7 +217,7 @@ def test_the_second_finger_moves_the_tool_as_the_screen_is_turned(phone):
         straight = "axes[0] > 0.3 and max(map(abs, axes[1:])) < 0.1"
         phone.hold_until(straight, lambda: phone.drag(0, -60))
         phone.let_go()
-        phone.session.until("not any(axes)")
+        phone.session.until("not any(device.axes)")
     turn_slowly(phone.page, 90.0, 0.0)
     phone.page.ask("Emulation.setDeviceMetricsOverride", **PORTRAIT)
 
@@ -219,11 +225,11 @@ def test_the_second_finger_moves_the_tool_as_the_screen_is_turned(phone):
 def test_a_page_that_was_hidden_needs_a_new_press(phone, browser):
     phone.turned()
     with browser.in_front():
-        phone.session.until("device_link != 'live' and not any(axes)")
+        phone.session.until("device.link != 'live' and not any(device.axes)")
     phone.page.until("document.visibilityState === 'visible'")
     phone.session.rests()
     phone.let_go()
-    phone.session.until("device_link == 'live'")
+    phone.session.until("device.link == 'live'")
     phone.turned()
     phone.let_go()
 
@@ -234,7 +240,7 @@ def test_a_sensor_that_ends_disarms(phone):
     phone.page.value(
         "window.dispatchEvent(new DeviceOrientationEvent('deviceorientation', {alpha: null}))"
     )
-    phone.session.until("device_link == 'needs neutral' and not any(axes)")
+    phone.session.until("device.link == 'needs neutral' and not any(device.axes)")
     phone.session.rests()
     phone.page.value("window.silent = false")
 
@@ -243,12 +249,12 @@ def test_sensors_that_fall_silent_are_lost_and_need_a_new_press(phone):
     """The thumb stays down on a phone that is tilted, and its sensors tell nothing any more."""
     phone.turned()
     phone.page.value("window.silent = true")
-    phone.session.until("device_link == 'needs neutral' and not any(axes)")
+    phone.session.until("device.link == 'needs neutral' and not any(device.axes)")
     phone.session.rests()
     phone.page.value("window.silent = false")
     phone.session.rests()
     phone.let_go()
-    phone.session.until("device_link == 'live'")
+    phone.session.until("device.link == 'live'")
 
 
 # -- headsets -------------------------------------------------------------------------------------
@@ -283,7 +289,7 @@ class Headset:
             self.place(side)
         page.click(start)
         for side, session in (("left", lab.left), ("right", lab.right)):
-            session.until("device_link == 'needs neutral' and 'aligned' in device_reason")
+            session.until("device.link == 'needs neutral' and 'aligned' in device.reason")
             self.align(side)
 
     def align(self, side):
@@ -291,7 +297,7 @@ class Headset:
         self.look()
         self.press(side, "thumbstick", 1)
         self.look()
-        {"left": self.lab.left, "right": self.lab.right}[side].until("device_link == 'live'")
+        {"left": self.lab.left, "right": self.lab.right}[side].until("device.link == 'live'")
         self.press(side, "thumbstick", 0)
 
     def look(self):
@@ -333,7 +339,7 @@ class Headset:
 
     def raised(self):
         """The right hand is held and raised, so that its tool rises."""
-        return self.hold_until("right", "axes[2] > 0.3 and twist[2] > 0.02", ("y", 1.26))
+        return self.hold_until("right", "device.axes[2] > 0.3 and arm.twist[2] > 0.02", ("y", 1.26))
 
 
 @pytest.fixture(scope="module")
@@ -353,20 +359,20 @@ def headset(worn):
         worn.page.value(each)
     for side in ("left", "right"):
         worn.back(side)
-    worn.lab.right.until("device_link == 'live' and 'hold' not in buttons")
+    worn.lab.right.until("device.link == 'live' and 'hold' not in device.buttons")
     return worn
 
 
 def test_both_hands_of_a_headset_move_an_arm_each(headset):
     left, right = headset.lab.left, headset.lab.right
     # Forward is -z there and x here: the tool goes as far as the hand since it was held.
-    headset.hold_until("left", "abs(pose[0] - began[0] - 0.05) < 0.003", ("z", -0.45))
+    headset.hold_until("left", "abs(robot.pose[0] - began[0] - 0.05) < 0.003", ("z", -0.45))
     headset.press("left", "squeeze", 0)
-    left.until("'hold' not in buttons")
+    left.until("'hold' not in device.buttons")
     headset.raised()
-    assert not any(left.now.axes)
+    assert not any(left.now.device.axes)
     headset.press("right", "squeeze", 0)
-    right.until("not any(axes)")
+    right.until("not any(device.axes)")
     right.rests()
 
 
@@ -402,25 +408,25 @@ def test_a_hand_that_is_lost_stops_and_comes_back_by_a_new_press(headset, loss):
     right = headset.lab.right
     headset.raised()
     loss(headset)
-    right.until("device_link != 'live' and not any(axes)")
+    right.until("device.link != 'live' and not any(device.axes)")
     right.rests()
     headset.page.value(BACK[loss])
     # Squeezed still: it does not count until it has let go.
     right.rests(0.6)
     headset.press("right", "squeeze", 0)
     if loss is leapt:
-        right.until("'not aligned any more' in device_reason")
+        right.until("'not aligned any more' in device.reason")
         headset.align("right")
-    right.until("device_link == 'live'")
-    headset.hold_until("right", "'hold' in buttons")
+    right.until("device.link == 'live'")
+    headset.hold_until("right", "'hold' in device.buttons")
     headset.press("right", "squeeze", 0)
-    right.until("'hold' not in buttons")
+    right.until("'hold' not in device.buttons")
 
 
 def test_a_session_of_a_headset_that_ends_stops_its_hands(headset):
     right = headset.lab.right
     headset.raised()
     headset.page.value("headset.activeSession.end().then(() => 1)")
-    right.until("device_link != 'live' and not any(axes)")
+    right.until("device.link != 'live' and not any(device.axes)")
     right.rests()
-    assert math.isfinite(right.now.pose[0])
+    assert math.isfinite(right.now.robot.pose[0])

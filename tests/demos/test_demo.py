@@ -1,7 +1,6 @@
 """The demos: the programs that they join, and the faults that they report."""
 
 import contextlib
-import dataclasses
 import re
 import socket
 import subprocess
@@ -33,23 +32,30 @@ from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.subprocesses import launched
 from cardan.gateway.session.supervisor import SessionExit
 from tests.gateway.force.fakes import FakeHaptic
+from tests.snapshots import changed
 
-MOVED = Snapshot(cycles=1000, path_m=0.1, error_max_m=0.004, metrics={})
-DRAWN = dataclasses.replace(
+MOVED = Snapshot.of(
+    {
+        "loop": {"cycles": 1000},
+        "tracking": {"path_m": 0.1, "error_max_m": 0.004},
+        "robot": {"metrics": {}},
+    }
+)
+DRAWN = changed(
     MOVED,
-    haptic_state="enabled",
-    force_peak_n=0.9,
-    energy_given_j=-0.02,
-    energy_given_peak_j=0.001,
+    force__state="enabled",
+    force__peak_n=0.9,
+    force__energy_given_j=-0.02,
+    force__energy_given_peak_j=0.001,
     elapsed_s=25.0,
-    measured_age_p50_s=0.004,
-    measured_age_p99_s=0.005,
-    contact_force_n=5.5,
-    contact_s=10.0,
-    contact_path_m=0.2,
-    contact_force_mean_n=5.5,
-    contact_target_n=5.6,
-    contact_force_rms_error_n=0.6,
+    force__measured_age_p50_s=0.004,
+    force__measured_age_p99_s=0.005,
+    contact__force_n=5.5,
+    contact__time_s=10.0,
+    contact__path_m=0.2,
+    contact__mean_n=5.5,
+    contact__target_n=5.6,
+    contact__rms_error_n=0.6,
 )
 
 
@@ -64,20 +70,20 @@ def test_what_went_well_is_not_found_fault_with():
 @pytest.mark.parametrize(
     ("lack", "words"),
     [
-        ({"cycles": 0}, "never commanded"),
-        ({"path_m": 0.0}, "no path"),
-        ({"error_max_m": 0.03}, "30.0 mm away"),
-        ({"trips": 2}, "2 times"),
+        ({"loop__cycles": 0}, "never commanded"),
+        ({"tracking__path_m": 0.0}, "no path"),
+        ({"tracking__error_max_m": 0.03}, "30.0 mm away"),
+        ({"arm__trips": 2}, "2 times"),
     ],
 )
 def test_what_any_demo_may_lack(lack, words):
     for good, options in ((MOVED, None), (DRAWN, LIMITS)):
-        (found,) = find_problems(dataclasses.replace(good, **lack), options)
+        (found,) = find_problems(changed(good, **lack), options)
         assert words in found
 
 
 def test_an_arm_that_nobody_need_move_may_rest(monkeypatch, capsys):
-    rested = dataclasses.replace(MOVED, finished=True, path_m=0.0)
+    rested = changed(MOVED, finished=True, tracking__path_m=0.0)
     assert find_problems(rested, may_rest=True) == []
     pretend(monkeypatch, rested)
     assert run_demo(10.0, "console") == EXIT_OK
@@ -86,42 +92,42 @@ def test_an_arm_that_nobody_need_move_may_rest(monkeypatch, capsys):
     assert "server console: http://127.0.0.1:8443" in said
     assert "nobody moved the arm" in said
     assert run_demo(10.0, "gofa") == EXIT_INCOMPLETE
-    (found,) = find_problems(dataclasses.replace(rested, cycles=0), may_rest=True)
+    (found,) = find_problems(changed(rested, loop__cycles=0), may_rest=True)
     assert "never commanded" in found
 
 
 @pytest.mark.parametrize(
     ("lack", "words"),
     [
-        ({"contact_path_m": 0.0}, "nothing was drawn"),
-        ({"contact_force_rms_error_n": HELD_SHARE * 5.6 + 0.1}, "1.5 N RMS away"),
-        ({"force_peak_n": 0.0}, "no force was rendered"),
-        ({"force_peak_n": LIMITS.force_n + 0.1}, "force was 2.10 N, above 2 N"),
+        ({"contact__path_m": 0.0}, "nothing was drawn"),
+        ({"contact__rms_error_n": HELD_SHARE * 5.6 + 0.1}, "1.5 N RMS away"),
+        ({"force__peak_n": 0.0}, "no force was rendered"),
+        ({"force__peak_n": LIMITS.force_n + 0.1}, "force was 2.10 N, above 2 N"),
         (
-            {"energy_given_peak_j": LIMITS.energy_j + 0.001},
+            {"force__energy_given_peak_j": LIMITS.energy_j + 0.001},
             "given up to 6.0 mJ in one engagement (bound: 5 mJ)",
         ),
         (
-            {"force_losses": 1, "force_lost_reason": "the motors are hot"},
+            {"force__losses": 1, "force__lost_reason": "the motors are hot"},
             "1 times there was no force: the motors are hot",
         ),
         (
-            {"force_out_s": 0.5, "force_lost_reason": "the tick was late"},
+            {"force__out_s": 0.5, "force__lost_reason": "the tick was late"},
             "without force for 0.50 s: the tick was late",
         ),
-        ({"measured_age_p99_s": FORCE_AGE_S + 0.005}, "15.0 ms old"),
-        ({"haptic_state": "fault", "haptic_reason": "too fast"}, "fault at the end: too fast"),
+        ({"force__measured_age_p99_s": FORCE_AGE_S + 0.005}, "15.0 ms old"),
+        ({"force__state": "fault", "force__reason": "too fast"}, "fault at the end: too fast"),
     ],
 )
 def test_what_a_drawing_may_lack(lack, words):
-    (found,) = find_problems(dataclasses.replace(DRAWN, **lack), LIMITS)
+    (found,) = find_problems(changed(DRAWN, **lack), LIMITS)
     assert words in found
 
 
 def test_a_hand_far_away_has_to_feel_a_contact_and_no_age_of_it_is_known():
-    felt = dataclasses.replace(DRAWN, felt_stiffness_n_m=60.0, measured_age_p99_s=0.3)
+    felt = changed(DRAWN, force__felt_stiffness_n_m=60.0, force__measured_age_p99_s=0.3)
     assert find_problems(felt, LIMITS, far=True) == []
-    untouched = dataclasses.replace(felt, felt_stiffness_n_m=None)
+    untouched = changed(felt, force__felt_stiffness_n_m=None)
     assert find_problems(untouched, LIMITS, far=True) == ["the hand felt no contact of the tool"]
     (found,) = find_problems(felt, LIMITS)
     assert "300.0 ms old" in found
@@ -138,9 +144,9 @@ def test_a_delay_is_for_a_demo_with_a_network():
 
 
 def test_a_device_without_a_bound_of_its_energy_is_held_against_its_force_alone():
-    given = dataclasses.replace(DRAWN, energy_given_peak_j=9.0)
+    given = changed(DRAWN, force__energy_given_peak_j=9.0)
     assert find_problems(given, FeedbackLimits(2.0)) == []
-    (found,) = find_problems(dataclasses.replace(given, force_peak_n=2.1), FeedbackLimits(2.0))
+    (found,) = find_problems(changed(given, force__peak_n=2.1), FeedbackLimits(2.0))
     assert "above 2 N" in found
 
 
@@ -159,7 +165,7 @@ def test_what_a_hand_felt_is_told(monkeypatch, capsys, felt, words):
     device = FakeHaptic()
     device.feedback_limits = felt
     monkeypatch.setattr(demo, "make_device", lambda config: device)
-    pretend(monkeypatch, dataclasses.replace(DRAWN, finished=True))
+    pretend(monkeypatch, changed(DRAWN, finished=True))
     assert run_demo(10.0, "gofa") == EXIT_OK
     said = " ".join(capsys.readouterr().out.split())
     _, _, told = said.partition(f"{choose_demo('gofa').success_message}, ")
@@ -188,7 +194,7 @@ def test_a_demo_that_would_not_begin_says_how_long_it_needs(name, seconds, words
     [
         (Snapshot(finished=True, ending="the session's time is over"), EXIT_INCOMPLETE),
         (Snapshot(finished=True, ending=STOPPED_ON_REQUEST), EXIT_OK),
-        (Snapshot(message="stopped before it began"), EXIT_OK),
+        (Snapshot.of({"arm": {"message": "stopped before it began"}}), EXIT_OK),
     ],
 )
 def test_a_demo_that_was_ended_before_its_time_is_not_judged(monkeypatch, capsys, last, code):
@@ -211,7 +217,7 @@ def pretend(monkeypatch, last):
 
 
 def test_what_found_fault_with_is_said(monkeypatch, capsys):
-    pretend(monkeypatch, dataclasses.replace(MOVED, finished=True, trips=2))
+    pretend(monkeypatch, changed(MOVED, finished=True, arm__trips=2))
     assert run_demo(10.0, "gofa") == EXIT_INCOMPLETE
     assert "cardan demo: teleoperation was disengaged 2 times" in capsys.readouterr().err
 
@@ -229,12 +235,12 @@ class StoodStill:
 
 
 def test_what_comes_of_a_computer_that_stood_still_is_no_problem_of_the_demo(monkeypatch, capsys):
-    pretend(monkeypatch, dataclasses.replace(MOVED, finished=True, trips=1, path_m=0.0))
+    pretend(monkeypatch, changed(MOVED, finished=True, arm__trips=1, tracking__path_m=0.0))
     monkeypatch.setattr(demo, "Pauses", StoodStill)
     assert run_demo(10.0, "gofa") == EXIT_OK
     said = "not judged, as this computer stood still for 130 ms: teleoperation was disengaged 1"
     assert said in capsys.readouterr().err
-    pretend(monkeypatch, dataclasses.replace(MOVED, finished=True, trips=1, error_max_m=0.03))
+    pretend(monkeypatch, changed(MOVED, finished=True, arm__trips=1, tracking__error_max_m=0.03))
     assert run_demo(10.0, "gofa") == EXIT_INCOMPLETE
     assert "30.0 mm away" in capsys.readouterr().err
 
@@ -242,20 +248,20 @@ def test_what_comes_of_a_computer_that_stood_still_is_no_problem_of_the_demo(mon
 @pytest.mark.parametrize(
     "change",
     [
-        {"trips": 2},
-        {"force_losses": 1, "force_lost_reason": "the tick was late"},
-        {"force_out_s": 0.5, "force_lost_reason": "the tick was late"},
-        {"measured_age_p99_s": FORCE_AGE_S + 0.005},
+        {"arm__trips": 2},
+        {"force__losses": 1, "force__lost_reason": "the tick was late"},
+        {"force__out_s": 0.5, "force__lost_reason": "the tick was late"},
+        {"force__measured_age_p99_s": FORCE_AGE_S + 0.005},
     ],
 )
 def test_a_pause_explains_what_is_late_and_nothing_else(change):
-    late = dataclasses.replace(DRAWN, **change)
+    late = changed(DRAWN, **change)
     assert find_problems(late, LIMITS, paused_s=PAUSE_S)
     assert find_remarks(late, LIMITS, paused_s=PAUSE_S) == []
     assert find_problems(late, LIMITS, paused_s=PAUSE_S + 0.001) == []
     assert len(find_remarks(late, LIMITS, paused_s=PAUSE_S + 0.001)) == 1
-    for lack in ({"cycles": 0}, {"error_max_m": 0.03}, {"force_peak_n": 0.0}):
-        assert find_problems(dataclasses.replace(late, **lack), LIMITS, paused_s=1.0)
+    for lack in ({"loop__cycles": 0}, {"tracking__error_max_m": 0.03}, {"force__peak_n": 0.0}):
+        assert find_problems(changed(late, **lack), LIMITS, paused_s=1.0)
 
 
 def test_a_file_that_is_no_demo_is_refused():

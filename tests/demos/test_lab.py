@@ -44,10 +44,10 @@ class Failed(Served):
 
 
 def seen(**values):
-    snapshot = {"phase": "disarmed", "path_m": 0.1, "error_max_m": 0.001} | values.pop(
-        "snapshot", {}
-    )
-    return SESSION | {"phase": snapshot["phase"], "snapshot": snapshot} | values
+    tracking = {"path_m": 0.1, "error_max_m": 0.001} | values.pop("tracking", {})
+    phase = values.pop("phase", "disarmed")
+    snapshot = {"arm": {"phase": phase}, "tracking": tracking}
+    return SESSION | {"phase": phase, "snapshot": snapshot} | values
 
 
 class Told:
@@ -112,8 +112,8 @@ def test_what_is_not_simulated_is_refused(changed, pair, end, words):
     [
         ({}, None),
         ({"robot_link": ""}, "the robot of gofa was never there"),
-        ({"snapshot": {"path_m": 0.0}}, "no path was commanded"),
-        ({"snapshot": {"error_max_m": 0.03}}, "gofa was 30 mm away from its reference"),
+        ({"tracking": {"path_m": 0.0}}, "no path was commanded"),
+        ({"tracking": {"error_max_m": 0.03}}, "gofa was 30 mm away from its reference"),
     ],
 )
 def test_what_a_lab_may_lack(row, words):
@@ -128,7 +128,7 @@ def test_a_robot_that_was_there_counts_as_there():
     lab = ObservedArms(["gofa"])
     assert not lab.all_there
     lab.take([seen()])
-    lab.take([seen(robot_link="lost", pid=None, snapshot={"phase": ""})])
+    lab.take([seen(robot_link="lost", pid=None, phase="")])
     assert lab.all_there
     assert lab.problems() == []
 

@@ -69,7 +69,7 @@ GAPS = {f"{ms} ms of delay, each way" for ms in (100, 200)}
 
 def held_up(snapshot: Snapshot, name: str) -> bool:
     """Whether the emulator was too slow for the session or its supervisor: another fault."""
-    said = f"{snapshot.message} {snapshot.hold_reason}"
+    said = f"{snapshot.arm.message} {snapshot.robot.hold_reason}"
     return "supervises" in said or ("stood still" in said and name not in GAPS)
 
 
@@ -94,8 +94,8 @@ class Course:
         now_s = time.monotonic()
         self.all.append(copy.deepcopy(snapshot))
         if not self._name:
-            speed = max((abs(each) for each in snapshot.twist[:3]), default=0.0)
-            going = snapshot.phase == "moving" and speed > 0.9 * SPEED_M_S
+            speed = max((abs(each) for each in snapshot.arm.twist[:3]), default=0.0)
+            going = snapshot.arm.phase == "moving" and speed > 0.9 * SPEED_M_S
             self._steady = self._steady + 1 if going else 0
             if self._left and self._steady >= STEADY:
                 self._name, self._at_s, self._seen = self._left.pop(0), now_s, [self.all[-1]]
@@ -104,7 +104,7 @@ class Course:
         self._seen.append(self.all[-1])
         if now_s >= self._at_s + WATCH_S:
             self._loopback("delay", "0ms")
-            let_go = any("left" not in each.buttons for each in self._seen)
+            let_go = any("left" not in each.device.buttons for each in self._seen)
             if let_go or any(held_up(each, self._name) for each in self._seen):
                 self._left.append(self._name)  # Once more, after the others.
             else:
@@ -113,13 +113,13 @@ class Course:
 
     def _row(self) -> dict[str, Any]:
         first, last = self._seen[0], self._seen[-1]
-        moves = [each.phase == "moving" for each in self._seen]
+        moves = [each.arm.phase == "moving" for each in self._seen]
         stopped = moves.index(False) if False in moves else None
-        said = [each.message or each.hold_reason for each in self._seen]
+        said = [each.arm.message or each.robot.hold_reason for each in self._seen]
         return {
             "name": self._name,
             "stop_s": None if stopped is None else self._seen[stopped].elapsed_s - first.elapsed_s,
-            "distance_m": math.dist(first.pose[:3], last.pose[:3]),
+            "distance_m": math.dist(first.robot.pose[:3], last.robot.pose[:3]),
             "peak_m_s": fastest(self._seen),
             "again": stopped is not None and any(moves[stopped:]),
             "said": next(filter(None, said), ""),
@@ -128,7 +128,7 @@ class Course:
 
 def fastest(snapshots: list[Snapshot]) -> float:
     """The highest speed that was commanded, m/s."""
-    return max(math.hypot(*snapshot.twist[:3]) for snapshot in snapshots)
+    return max(math.hypot(*snapshot.arm.twist[:3]) for snapshot in snapshots)
 
 
 @pytest.mark.timeout(440)

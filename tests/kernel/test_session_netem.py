@@ -87,7 +87,11 @@ def test_a_session_moves_through_delay_and_loss_and_brakes_when_all_is_lost(
 
     def show(snapshot: Snapshot) -> None:
         shown[-1].append(copy.deepcopy(snapshot))
-        if len(shown) == 1 and snapshot.path_m > ENOUGH_M and snapshot.phase == "moving":
+        if (
+            len(shown) == 1
+            and snapshot.tracking.path_m > ENOUGH_M
+            and snapshot.arm.phase == "moving"
+        ):
             loopback("loss", "100%")
             shown.append(dead)
             dead_since.append(time.monotonic())
@@ -98,7 +102,7 @@ def test_a_session_moves_through_delay_and_loss_and_brakes_when_all_is_lost(
     dead_since: list[float] = []
 
     def go_on() -> bool:
-        return not any(snapshot.phase == "moving" for snapshot in again)
+        return not any(snapshot.arm.phase == "moving" for snapshot in again)
 
     loopback("delay", "20ms", "5ms", "loss", "2%")
     with (
@@ -118,29 +122,33 @@ def test_a_session_moves_through_delay_and_loss_and_brakes_when_all_is_lost(
     # Delayed by 40 to 50 ms there and back, out of order, one datagram in 25 lost: it moves.
     assert fastest(bad) < 1.1 * SPEED_M_S, story(bad)
     # Nothing arrives any more: said in words, and the command is at rest.
-    lost = [snapshot for snapshot in dead if snapshot.robot_link == "lost"]
+    lost = [snapshot for snapshot in dead if snapshot.robot.link == "lost"]
     assert lost, dead[-1]
-    assert lost[-1].hold_reason
-    assert lost[-1].phase == "no robot"
-    assert not any(lost[-1].twist)
-    assert len({tuple(snapshot.reference) for snapshot in lost[-5:]}) == 1
+    assert lost[-1].robot.hold_reason
+    assert lost[-1].arm.phase == "no robot"
+    assert not any(lost[-1].arm.twist)
+    assert len({tuple(snapshot.arm.reference) for snapshot in lost[-5:]}) == 1
     # It is back: no step in the commands, and motion only after a new grip.
     assert again
     assert fastest(again) < 1.1 * SPEED_M_S, story(again)
-    assert any("silent" in snapshot.message for snapshot in (*dead, *again)), story(dead + again)
+    assert any("silent" in snapshot.arm.message for snapshot in (*dead, *again)), story(
+        dead + again
+    )
 
 
 def fastest(snapshots: list[Snapshot]) -> float:
     """The highest speed along one axis that was commanded, m/s."""
-    return max(abs(speed) for snapshot in snapshots for speed in snapshot.twist[:3])
+    return max(abs(speed) for snapshot in snapshots for speed in snapshot.arm.twist[:3])
 
 
 def story(snapshots: list[Snapshot]) -> str:
     """Return the changes from snapshot to snapshot."""
     lines = []
     for s in snapshots:
-        words = f"{s.phase} ({s.message}), robot {s.robot_link} ({s.hold_reason}), hand "
-        words += f"{s.device_link} ({s.device_reason}), trips {s.trips}"
+        words = (
+            f"{s.arm.phase} ({s.arm.message}), robot {s.robot.link} ({s.robot.hold_reason}), hand "
+        )
+        words += f"{s.device.link} ({s.device.reason}), trips {s.arm.trips}"
         words = re.sub(r"[\d.]+ s", "... s", words)
         if not lines or not lines[-1].endswith(words):
             lines.append(f"{s.elapsed_s:5.1f} s {words}")

@@ -166,7 +166,7 @@ def live_session(endpoint: str, **tables):
     thread = threading.Thread(target=run)
     thread.start()
     try:
-        until(lambda: failed or session.snapshot.cycles > 0)
+        until(lambda: failed or session.snapshot.loop.cycles > 0)
         yield session
     finally:
         session.stop("enough")

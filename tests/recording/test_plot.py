@@ -35,7 +35,12 @@ def rows(node=NODE):
         yield t, raw, {"header": header(t), "direction": 0}
         yield t, raw, {"header": header(t + 0.0004), "direction": 1}
         if n % 5 == 0:
-            s = Snapshot(cycles=n + 1, tick_p50_s=1e-4, tick_p99_s=2e-4, trips=int(n >= 50))
+            s = Snapshot.of(
+                {
+                    "loop": {"cycles": n + 1, "tick_p50_s": 1e-4, "tick_p99_s": 2e-4},
+                    "arm": {"trips": int(n >= 50)},
+                }
+            )
             text = s.to_bytes().decode()
             yield t, topic(f"{node}/state/snapshot", STRING), {"data": text}
 
@@ -103,6 +108,14 @@ def test_one_of_several_arms_is_named(tmp_path):
         read_series(path)
     with pytest.raises(OptionError, match="--arm"):
         read_series(path, "/middle/server")
+
+
+def test_of_a_record_of_an_earlier_version_the_latencies_are_read(tmp_path):
+    flat = json.dumps({"cycles": 9, "tick_p50_s": 1e-3, "tick_p99_s": 2e-3, "trips": 1})
+    earlier = (1.0, topic(f"{NODE}/state/snapshot", STRING), {"data": flat})
+    series = read_series(write(tmp_path / "r.mcap", [earlier, *rows()]))[1]
+    assert [each[1:] for each in series.ticks][:2] == [(1e-3, 2e-3), (1e-4, 2e-4)]
+    assert len(series.trips) == 2
 
 
 def test_other_nodes_topics_of_these_names_do_no_harm(tmp_path):

@@ -152,7 +152,7 @@ def test_a_session_is_recorded_whole(tmp_path):
     recorder = recorder_on(endpoint, path)
     with recorder:
         with live_session(endpoint) as session:
-            until(lambda: session.snapshot.cycles > 400)
+            until(lambda: session.snapshot.loop.cycles > 400)
             # Some topics are published once a second, and only while they have subscribers.
             until(lambda: topics_of(recorder) >= WHOLE, "every topic")
         report = recorder.close()
@@ -187,7 +187,7 @@ def test_a_session_that_a_program_moved_is_replayed_up_to_there(tmp_path):
     recorder = recorder_on(endpoint, path)
     with recorder:
         with live_session(endpoint) as session, node_at(endpoint, "program") as node:
-            x, y, z, *turn = until(lambda: session.snapshot.pose)
+            x, y, z, *turn = until(lambda: session.snapshot.robot.pose)
             pose = {
                 "position": {"x": x, "y": y, "z": z - 0.01},
                 "orientation": dict(zip("wxyz", turn, strict=True)),
@@ -203,7 +203,7 @@ def test_a_session_that_a_program_moved_is_replayed_up_to_there(tmp_path):
                 if session.controller.at_rest and now_s - sent_s[0] > AGAIN_S:
                     publisher.put(data, 1)
                     sent_s[0] = now_s
-                return session.snapshot.path_m > 0.009
+                return session.snapshot.tracking.path_m > 0.009
 
             until(begun)
         report = recorder.close()

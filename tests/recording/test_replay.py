@@ -347,7 +347,7 @@ def test_messages_in_another_encoding_are_told(tmp_path):
 
 def going(path, session, jogs):
     """Record in which a client sent an arm 3 cm down, after another had jogged it `jogs` times."""
-    x, y, z, *turn = until(lambda: session.snapshot.pose)
+    x, y, z, *turn = until(lambda: session.snapshot.robot.pose)
     pose = {
         "position": {"x": x, "y": y, "z": z - 0.03},
         "orientation": dict(zip("wxyz", turn, strict=True)),
@@ -383,11 +383,11 @@ def asked(tmp_path, commands, jogs=20, **tables):
 @pytest.mark.real
 def test_no_replay_moves_a_live_arm_unasked(tmp_path):
     with asked(tmp_path, commands=False) as (session, report, _, answers):
-        cycles = session.snapshot.cycles
-        until(lambda: session.snapshot.cycles > cycles + 50)
+        cycles = session.snapshot.loop.cycles
+        until(lambda: session.snapshot.loop.cycles > cycles + 50)
         assert {JOG.name, GO.name} < set(report.held_back)
         assert not answers()
-        assert session.snapshot.path_m == 0.0
+        assert session.snapshot.tracking.path_m == 0.0
 
 
 @pytest.mark.matrix
@@ -404,7 +404,7 @@ def test_commands_that_are_asked_for_are_refused_where_their_source_is_not_to_mo
             answers,
         ):
             until(lambda: any(each["command"] == "movl" for each in answers()))
-            assert session.snapshot.path_m == 0.0
+            assert session.snapshot.tracking.path_m == 0.0
             return {each["command"]: each for each in answers()}, report, said
 
     told, report, said = done_again(refused, reason=lambda answer: answer[0]["movl"]["reason"])
@@ -429,7 +429,7 @@ def test_commands_that_are_asked_for_move_an_arm_that_takes_them_from_anybody(tm
 
             told = until(result, "the motion's end")
             outcomes = {name: each["outcome"] for name, each in told.items()}
-            return outcomes, told["movl"]["reason"], session.snapshot.path_m
+            return outcomes, told["movl"]["reason"], session.snapshot.tracking.path_m
 
     told, _, path_m = done_again(moved, reason=lambda answer: answer[1])
     assert told == {"movl": "done"}

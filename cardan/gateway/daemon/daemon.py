@@ -349,9 +349,9 @@ class Daemon:
         return SessionState(
             kept.unit.wanted,
             kept.process is not None,
-            s.device_held,
-            s.phase,
-            s.device_passes,
+            s.device.held,
+            s.arm.phase,
+            s.device.passes,
         )
 
     def _leave(self, server: ControlServer) -> None:
@@ -558,7 +558,7 @@ class Daemon:
         if not isinstance(process, RunningSession):
             why = f": {kept.unit.reason}" if kept.unit.reason else ""
             raise ControlError(f"{kept.name} is {kept.unit.state.value}{why}", ask.id)
-        if not process.snapshot.phase:
+        if not process.snapshot.arm.phase:
             raise ControlError(f"{kept.name} is starting", ask.id)
         late_s, verb = time.monotonic() - connection.since_s, request.get("verb")
         if late_s > LATE_S and verb in NEW_MOTION | SEQUENCED:

@@ -56,11 +56,11 @@ source, or none: a normal stop."""
 
 def _stop_reason(before: Snapshot, now: Snapshot) -> str:
     robot, device, trip, none = STOP_REASONS
-    if now.robot_link != "live":
+    if now.robot.link != "live":
         return robot
-    if now.device_held and now.device_link not in ("", "live"):
+    if now.device.held and now.device.link not in ("", "live"):
         return device
-    return trip if now.trips > before.trips else none
+    return trip if now.arm.trips > before.arm.trips else none
 
 
 class SessionWatch:
@@ -84,27 +84,28 @@ class SessionWatch:
         before, self._before = self._before, now
         if before is None:
             before = Snapshot()
-        why = now.message or now.hold_reason
-        if now.authority != before.authority:
-            yield self._event(time_s, "authority", now.authority or "nobody", why)
-        if now.authority_refused != before.authority_refused and now.authority_refused:
+        arm, was = now.arm, before.arm
+        why = arm.message or now.robot.hold_reason
+        if arm.authority != was.authority:
+            yield self._event(time_s, "authority", arm.authority or "nobody", why)
+        if arm.authority_refused != was.authority_refused and arm.authority_refused:
             self.refusals += 1
-            yield self._event(time_s, "authority refused", now.authority_refused)
-        if now.robot_link != before.robot_link:
-            yield self._event(time_s, "robot", now.robot_link, now.hold_reason)
-        if now.device_link != before.device_link:
-            yield self._event(time_s, "device", now.device_link, now.device_reason)
-        if now.trips > before.trips:
-            yield self._event(time_s, "trip", f"{now.trips - before.trips}", why)
-        if now.phase != before.phase:
-            if now.phase == "braking":
+            yield self._event(time_s, "authority refused", arm.authority_refused)
+        if now.robot.link != before.robot.link:
+            yield self._event(time_s, "robot", now.robot.link, now.robot.hold_reason)
+        if now.device.link != before.device.link:
+            yield self._event(time_s, "device", now.device.link, now.device.reason)
+        if arm.trips > was.trips:
+            yield self._event(time_s, "trip", f"{arm.trips - was.trips}", why)
+        if arm.phase != was.phase:
+            if arm.phase == "braking":
                 self.stops[_stop_reason(before, now)] += 1
-            yield self._event(time_s, "arm", now.phase, why)
-        words = _FIGURES.sub("", now.message)  # Figures in a message change all the time.
+            yield self._event(time_s, "arm", arm.phase, why)
+        words = _FIGURES.sub("", arm.message)  # Figures in a message change all the time.
         if words != self._said:
             self._said = words
             if words:
-                yield self._event(time_s, "message", now.message)
+                yield self._event(time_s, "message", arm.message)
 
     def _event(self, time_s: float, event: str, what: str, why: str = "") -> Event:
         return Event(round(time_s, 3), self._name, event, what, why)

@@ -6,7 +6,7 @@ counters, and labels of few values. Needs prometheus_client.
 
 from __future__ import annotations
 
-import dataclasses
+import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
@@ -30,35 +30,33 @@ LIVE: Final = "live"
 SOURCES: Final = (HAND, VERBS, "stream")
 """Sources that may have the authority; a stream's owner has any name, which is no label."""
 
-_SNAPSHOT_FIELDS: Final = frozenset(each.name for each in dataclasses.fields(Snapshot))
-
 Row = Mapping[str, Any]
 
 
 GAUGES: Final = (
-    ("cardan_tracking_error_meters", "error_m",
+    ("cardan_tracking_error_meters", "tracking.error_m",
      "Distance between reference and robot; only while it moves."),
-    ("cardan_tracking_error_rms_meters", "error_rms_m",
+    ("cardan_tracking_error_rms_meters", "tracking.error_rms_m",
      "Distance between reference and robot while moving, RMS since the session's start."),
-    ("cardan_tracking_error_max_meters", "error_max_m", "The largest such distance."),
-    ("cardan_lead_used_ratio", "lead_used", "Lead of the reference over the robot; 1: all."),
-    ("cardan_path_speed_ratio", "path_speed", "Share of the asked speed that the arm can do."),
-    ("cardan_clearance_meters", "clearance_m", "Distance of the nearest pair of bodies."),
-    ("cardan_device_battery_ratio", "battery", "Charge of the operator device."),
-    ("cardan_force_newtons", "force_n", "Force rendered to the hand."),
-    ("cardan_contact_force_newtons", "contact_force_n", "Contact force at the tool."),
+    ("cardan_tracking_error_max_meters", "tracking.error_max_m", "The largest such distance."),
+    ("cardan_lead_used_ratio", "arm.lead_used", "Lead of the reference over the robot; 1: all."),
+    ("cardan_path_speed_ratio", "arm.path_speed", "Share of the asked speed that the arm can do."),
+    ("cardan_clearance_meters", "arm.clearance_m", "Distance of the nearest pair of bodies."),
+    ("cardan_device_battery_ratio", "device.battery", "Charge of the operator device."),
+    ("cardan_force_newtons", "force.rendered_n", "Force rendered to the hand."),
+    ("cardan_contact_force_newtons", "contact.force_n", "Contact force at the tool."),
 )  # fmt: skip
 """Gauges of a session: name, field of its snapshot, help."""
 
 COUNTERS: Final = (
-    ("cardan_session_cycles", "cycles", "Control instants of the robot that were answered."),
-    ("cardan_cycle_overruns", "missed_cycles",
+    ("cardan_session_cycles", "loop.cycles", "Control instants of the robot that were answered."),
+    ("cardan_cycle_overruns", "robot.missed_cycles",
      "Control instants that never arrived, or that had passed before they were answered."),
-    ("cardan_trips", "trips", "Disengagements of the moving source by a watchdog or a fault."),
-    ("cardan_moving_seconds", "moving_s", "Time in which the arm was moved."),
-    ("cardan_reference_path_meters", "path_m", "How far the reference has traveled."),
-    ("cardan_force_losses", "force_losses", "Disengagements because the force was lost."),
-    ("cardan_device_passes", "device_passes",
+    ("cardan_trips", "arm.trips", "Disengagements of the moving source by a watchdog or a fault."),
+    ("cardan_moving_seconds", "tracking.moving_s", "Time in which the arm was moved."),
+    ("cardan_reference_path_meters", "tracking.path_m", "How far the reference has traveled."),
+    ("cardan_force_losses", "force.losses", "Disengagements because the force was lost."),
+    ("cardan_device_passes", "device.passes",
      "Requests of the operator to pass the device on."),
 )  # fmt: skip
 """Counters of a session; they begin anew with it."""
@@ -127,7 +125,9 @@ def _one_of(family: Metric, name: str, all_of: Iterable[str], now: str) -> None:
 
 
 def _of_sessions(rows: Sequence[Row]) -> Iterator[Metric]:
-    running = [(row, _snapshot(row["snapshot"])) for row in rows if row.get("snapshot") is not None]
+    running = [
+        (row, Snapshot.of(row["snapshot"])) for row in rows if row.get("snapshot") is not None
+    ]
     phases = GaugeMetricFamily(
         "cardan_arm_phase",
         "1 of the phase that the arm is in, 0 of all others.",
@@ -176,19 +176,20 @@ def _of_sessions(rows: Sequence[Row]) -> Iterator[Metric]:
     )
     for row, s in running:
         name = row["name"]
-        _one_of(phases, name, (each.value for each in Phase), s.phase)
-        source = "" if not s.authority else s.authority if s.authority in SOURCES else SOURCES[-1]
+        _one_of(phases, name, (each.value for each in Phase), s.arm.phase)
+        owner = s.arm.authority
+        source = owner if not owner or owner in SOURCES else SOURCES[-1]
         _one_of(authority, name, SOURCES, source)
-        robots.add_metric((name,), float(s.robot_link == LIVE))
+        robots.add_metric((name,), float(s.robot.link == LIVE))
         for limit in LIMITS:
-            limits.add_metric((name, limit), float(limit in s.limits))
-        for peer, counts in (("robot", s.robot_errors), ("device", s.device_errors)):
+            limits.add_metric((name, limit), float(limit in s.arm.limits))
+        for peer, counts in (("robot", s.robot.errors), ("device", s.device.errors)):
             for kind, count in counts.items():
                 errors.add_metric((name, peer, kind), count)
         if row["device"]:
-            devices.add_metric((name,), float(s.device_link == LIVE))
-            inputs.add_metric((name, row["device"]), s.inputs)
-        for family, found in ((figures, s.metrics), (device_figures, s.device_metrics)):
+            devices.add_metric((name,), float(s.device.link == LIVE))
+            inputs.add_metric((name, row["device"]), s.loop.inputs)
+        for family, found in ((figures, s.robot.metrics), (device_figures, s.device.metrics)):
             for figure, value in found.items():
                 if value is not None:
                     family.add_metric((name, figure), value)
@@ -206,7 +207,7 @@ def _of_sessions(rows: Sequence[Row]) -> Iterator[Metric]:
 
 def _filled(family: Metric, field: str, running: Sequence[tuple[Row, Snapshot]]) -> Metric:
     for row, s in running:
-        value = getattr(s, field)
+        value = operator.attrgetter(field)(s)
         if value is not None:
             family.add_metric((row["name"],), value)  # type: ignore[attr-defined]
     return family
@@ -224,9 +225,9 @@ def _histograms(running: Sequence[tuple[Row, Snapshot]]) -> Iterator[Metric]:
         labels=("session",),
     )
     for row, s in running:
-        name = (row["name"],)
-        cycle.add_metric(name, _buckets(s.tick_within, s.cycles), s.tick_sum_s)
-        age.add_metric(name, _buckets(s.input_age_within, s.inputs), s.input_age_sum_s)
+        name, loop = (row["name"],), s.loop
+        cycle.add_metric(name, _buckets(loop.tick_within, loop.cycles), loop.tick_sum_s)
+        age.add_metric(name, _buckets(loop.input_age_within, loop.inputs), loop.input_age_sum_s)
     yield cycle
     yield age
 
@@ -279,13 +280,3 @@ def _of_servers(rows: Sequence[Row]) -> Iterator[Metric]:
             if figure in row["figures"]:
                 family.add_metric((row["name"],), row["figures"][figure])
         yield family
-
-
-def _snapshot(table: Mapping[str, Any]) -> Snapshot:
-    """Of another version of Cardan, the fields that both know."""
-    known = {
-        name: value
-        for name, value in table.items()
-        if name in _SNAPSHOT_FIELDS and value is not None
-    }
-    return Snapshot(**known)

@@ -29,7 +29,7 @@ from cardan.gateway.session.session import (
     EXIT_CONFIGURATION,
     EXIT_OK,
 )
-from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.snapshot import DeviceSnapshot, Snapshot
 from cardan.gateway.session.supervisor import KILL_AFTER_S, SessionProcess
 
 SERVER_LEAVES_WITHIN_S: Final = 8.0
@@ -82,7 +82,7 @@ class RunningSession(Process):
     ) -> None:
         """Start it. `answered` gets its replies and the states of motions; `has_device`: whether it
         begins with its operator device. Raises OSError."""
-        self.snapshot = Snapshot(device_held=has_device)
+        self.snapshot = Snapshot(device=DeviceSnapshot(held=has_device))
         """The newest one."""
         self.due_s = time.monotonic() + STARTS_WITHIN_S
         """Local monotonic time of the next one, at the latest."""
@@ -113,7 +113,7 @@ class RunningSession(Process):
         try:
             outcome = self._process.follow(self._take)
             how = _HOW.get(outcome.exit_code, Ended.DIED)
-            reason = outcome.last.error or outcome.last.ending or outcome.last.message
+            reason = outcome.last.error or outcome.last.ending or outcome.last.arm.message
         except Exception as error:
             reason = shortage(error) or repr(error)
         finally:

@@ -91,9 +91,9 @@ class Kept(ABC):
 def why_nothing_moves(s: Snapshot, lent: str) -> str:
     """Return why nothing moves; `lent`: where its device is while another session has it. A fault
     of the robot comes before that, because programs can move the arm without the device."""
-    if s.device_held:
-        return s.message or s.hold_reason or s.device_reason
-    return s.hold_reason or lent
+    if s.device.held:
+        return s.arm.message or s.robot.hold_reason or s.device.reason
+    return s.robot.hold_reason or lent
 
 
 class SessionService(Kept):
@@ -128,8 +128,8 @@ class SessionService(Kept):
     def engaged(self) -> bool:
         """True if a source moves its arm, or has the authority to."""
         s = self.snapshot
-        moves = s.phase in ENGAGED and s.phase != "holding"
-        return self.process is not None and (moves or s.authority != "")
+        moves = s.arm.phase in ENGAGED and s.arm.phase != "holding"
+        return self.process is not None and (moves or s.arm.authority != "")
 
     def begin(self, told: Tell, say: Say) -> None:
         def over(how: Ended, reason: str) -> None:
@@ -156,17 +156,17 @@ class SessionService(Kept):
         return super().shown(now_s) | {
             "device": config.device.driver if config.device else "",
             "robot": config.robot.driver,
-            "phase": s.phase,
-            "device_link": s.device_link,
-            "robot_link": s.robot_link,
-            "device_held": s.device_held,
-            "device_metrics": s.device_metrics,
-            "authority": s.authority,
-            "authority_s": s.authority_s,
+            "phase": s.arm.phase,
+            "device_link": s.device.link,
+            "robot_link": s.robot.link,
+            "device_held": s.device.held,
+            "device_metrics": s.device.metrics,
+            "authority": s.arm.authority,
+            "authority_s": s.arm.authority_s,
             "why": why_nothing_moves(s, self.lent()),
-            "trips": s.trips,
-            "cycles": s.cycles,
-            "tick_p99_s": s.tick_p99_s,
+            "trips": s.arm.trips,
+            "cycles": s.loop.cycles,
+            "tick_p99_s": s.loop.tick_p99_s,
             "changes_wait": list(self.changes_wait),
         }
 

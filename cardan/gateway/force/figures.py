@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from cardan.common.haptics import HapticState
 from cardan.common.histogram import LatencyHistogram
 from cardan.gateway.force.conditioning import LowPass
+from cardan.gateway.force.snapshot import ContactSnapshot, ForceSnapshot
 from cardan.spatial import dot, norm, subtract
 from cardan.types import Vector3
 
@@ -79,16 +79,16 @@ class ContactFigures:
         square = self._square_sum / self.time_s - 2.0 * target * mean + target * target
         return math.sqrt(max(0.0, square))
 
-    def report(self, target_n: float | None) -> dict[str, Any]:
-        """The figures of a snapshot, by the snapshot's names."""
-        return {
-            "contact_force_n": self.force_n,
-            "contact_s": self.time_s,
-            "contact_path_m": self.path_m,
-            "contact_force_mean_n": self.mean_n,
-            "contact_target_n": target_n,
-            "contact_force_rms_error_n": self.rms_error_n(target_n),
-        }
+    def report(self, target_n: float | None) -> ContactSnapshot:
+        """The figures of a snapshot."""
+        return ContactSnapshot(
+            self.force_n,
+            self.time_s,
+            self.path_m,
+            self.mean_n,
+            target_n,
+            self.rms_error_n(target_n),
+        )
 
 
 class StiffnessFigures:
@@ -123,10 +123,6 @@ class StiffnessFigures:
         """Least squares of force over depth, through zero; None: nothing was felt in contact."""
         return self._work / self._square_m2 if self._square_m2 else None
 
-    def report(self) -> dict[str, Any]:
-        """The figures of a snapshot, by the snapshot's names."""
-        return {"felt_depth_m": self.depth_m, "felt_stiffness_n_m": self.stiffness_n_m}
-
 
 class HapticFigures:
     """Figures of the rendered force: largest force and energy, and the ages of forces."""
@@ -151,25 +147,24 @@ class HapticFigures:
         if measured and math.isfinite(state.force_age_s):
             self.measured_age.add(state.force_age_s)
 
-    def report(self) -> dict[str, Any]:
-        """The figures of a snapshot, by the snapshot's names."""
+    def report(self) -> ForceSnapshot:
+        """Its figures of a snapshot."""
         state = self.newest
-        return {
-            "haptic_state": state.state.value,
-            "haptic_reason": state.reason,
-            "force_n": norm(state.force),
-            "force_commanded_n": norm(state.force_commanded),
-            "force_peak_n": self.peak_n,
-            "energy_j": state.energy_j,
-            "energy_given_j": state.delivered_j,
-            "energy_given_peak_j": self.given_peak_j,
-            "passivity_damping_n_s_m": state.passivity_damping_n_s_m,
-            "force_age_s": state.force_age_s,
-            "fixture_age_p50_s": _percentile(self.fixture_age, 50),
-            "fixture_age_p99_s": _percentile(self.fixture_age, 99),
-            "measured_age_p50_s": _percentile(self.measured_age, 50),
-            "measured_age_p99_s": _percentile(self.measured_age, 99),
-        }
+        return ForceSnapshot(
+            state=state.state.value,
+            reason=state.reason,
+            rendered_n=norm(state.force),
+            peak_n=self.peak_n,
+            age_s=state.force_age_s,
+            fixture_age_p50_s=_percentile(self.fixture_age, 50),
+            fixture_age_p99_s=_percentile(self.fixture_age, 99),
+            measured_age_p50_s=_percentile(self.measured_age, 50),
+            measured_age_p99_s=_percentile(self.measured_age, 99),
+            energy_j=state.energy_j,
+            energy_given_j=state.delivered_j,
+            energy_given_peak_j=self.given_peak_j,
+            passivity_damping_n_s_m=state.passivity_damping_n_s_m,
+        )
 
 
 def _percentile(ages: LatencyHistogram, percent: float) -> float | None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from cardan.common.haptics import MeasuredForce, WorldMap
 from cardan.gateway.force.conditioning import Conditioner
 from cardan.gateway.force.figures import ContactFigures
 from cardan.gateway.force.fixtures import turned_back
+from cardan.gateway.force.snapshot import ContactSnapshot
 from cardan.gateway.force.sources import ForceSource
 from cardan.spatial import scale
 from cardan.types import NEVER_S, Pose, RobotState, Vector3
@@ -115,8 +115,13 @@ class ForceInput:
             )
         return tuple(words)
 
-    def report(self) -> dict[str, Any]:
-        """The figures of a snapshot, by the snapshot's names."""
-        felt = self._valid and not self._stale
-        found = {"measured_force_n": list(self.conditioner.filtered.value) if felt else None}
-        return found if self.source.shaped else found | self.contact.report(self._contact_target_n)
+    @property
+    def felt(self) -> tuple[float, ...]:
+        """The measured force as it would be rendered, N, base axes; empty without one."""
+        return self.conditioner.filtered.value if self._valid and not self._stale else ()
+
+    def report(self) -> ContactSnapshot:
+        """The figures of a snapshot."""
+        if self.source.shaped:
+            return ContactSnapshot()
+        return self.contact.report(self._contact_target_n)

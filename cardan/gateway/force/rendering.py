@@ -9,7 +9,7 @@ Both are rendered from a clutch-in on: before the first one the device is not ev
 from __future__ import annotations
 
 import contextlib
-from typing import Any
+from dataclasses import replace
 
 from cardan.common.haptics import HapticCommand, MeasuredForce, WorldMap
 from cardan.drivers.haptic import HapticDevice
@@ -20,6 +20,7 @@ from cardan.gateway.force.fixtures import FixtureSet, world_point
 from cardan.gateway.force.input import ForceInput, MeasuredTcp
 from cardan.gateway.force.passive import FarPort
 from cardan.gateway.force.servo_on import ForceEnabling
+from cardan.gateway.force.snapshot import ForceSnapshot
 from cardan.gateway.force.watchdog import ForceWatchdog
 from cardan.types import NEVER_S, DeviceState, Pose, RobotState
 
@@ -181,14 +182,15 @@ class ForceRenderer:
             words += self.measured.diagnosis()
         return (*words, *self._warnings)
 
-    def report(self) -> dict[str, Any]:
-        """The figures of a snapshot, by the snapshot's names."""
-        return {
-            **self.figures.report(),
-            **self._stiffness.report(),
-            "force_losses": self.watchdog.losses,
-            "force_out_s": self.watchdog.out_s,
-            "force_lost_reason": self.watchdog.lost_reason,
-            "measured_force_n": None,
-            **({} if self.measured is None else self.measured.report()),
-        }
+    def report(self) -> ForceSnapshot:
+        """The figures of a snapshot."""
+        watchdog, stiffness = self.watchdog, self._stiffness
+        return replace(
+            self.figures.report(),
+            felt_depth_m=stiffness.depth_m,
+            felt_stiffness_n_m=stiffness.stiffness_n_m,
+            losses=watchdog.losses,
+            out_s=watchdog.out_s,
+            lost_reason=watchdog.lost_reason,
+            measured_n=() if self.measured is None else self.measured.felt,
+        )

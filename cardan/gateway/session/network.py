@@ -302,45 +302,45 @@ class SessionNetwork:
         self._topics.put_diagnostics(parts, now_s, now_ns)
         if self._server is not None and self._verbs is not None:
             self._server.parameters.observe(self._verbs.get_parameters(), now_ns)
-        said = snapshot.message or snapshot.phase
+        said = snapshot.arm.message or snapshot.arm.phase
         if said != self._logged:
             self._logged = said
-            self._topics.log(LOG_WARN if snapshot.message else LOG_INFO, said, now_ns)
+            self._topics.log(LOG_WARN if snapshot.arm.message else LOG_INFO, said, now_ns)
 
 
 def _parts(snapshot: Snapshot) -> list[DiagnosticStatus]:
     """Return the diagnostics of each part of a session."""
     s = snapshot
-    lost = s.robot_link != RobotLink.LIVE.value
+    lost = s.robot.link != RobotLink.LIVE.value
     robot = DiagnosticStatus(
         "robot",
-        ERROR if lost else WARN if s.hold_reason else OK,
-        s.hold_reason or f"link {s.robot_link}",
-        values=s.metrics,
+        ERROR if lost else WARN if s.robot.hold_reason else OK,
+        s.robot.hold_reason or f"link {s.robot.link}",
+        values=s.robot.metrics,
     )
     session = DiagnosticStatus(
         "session",
-        WARN if s.message or s.diagnosis else OK,
-        s.message or (s.diagnosis[0] if s.diagnosis else s.phase),
+        WARN if s.arm.message or s.diagnosis else OK,
+        s.arm.message or (s.diagnosis[0] if s.diagnosis else s.arm.phase),
         values={
-            "phase": s.phase,
-            "authority": s.authority,
-            "trips": s.trips,
-            "cycles": s.cycles,
-            "tick_p50_s": s.tick_p50_s,
-            "tick_p99_s": s.tick_p99_s,
+            "phase": s.arm.phase,
+            "authority": s.arm.authority,
+            "trips": s.arm.trips,
+            "cycles": s.loop.cycles,
+            "tick_p50_s": s.loop.tick_p50_s,
+            "tick_p99_s": s.loop.tick_p99_s,
             **{f"diagnosis {number}": line for number, line in enumerate(s.diagnosis, 1)},
         },
     )
     parts = [session, robot]
-    if s.device_link:
-        live = s.device_link == DeviceLink.LIVE.value
+    if s.device.link:
+        live = s.device.link == DeviceLink.LIVE.value
         parts.append(
             DiagnosticStatus(
                 "device",
                 OK if live else WARN,
-                s.device_reason or s.device_link,
-                values=s.device_metrics,
+                s.device.reason or s.device.link,
+                values=s.device.metrics,
             )
         )
     return parts

@@ -10,7 +10,7 @@ import math
 import socket
 import time
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -35,7 +35,14 @@ from cardan.gateway.session.assembly import check_buttons, check_mode, has_outpu
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.device_sharing import GIVE, TAKE, DeviceLease
 from cardan.gateway.session.driver_assembly import using_driver
-from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
+from cardan.gateway.session.snapshot import (
+    BOUNDS_S,
+    ArmSnapshot,
+    LoopSnapshot,
+    RobotSnapshot,
+    Snapshot,
+    TrackingSnapshot,
+)
 from cardan.gateway.session.stop_and_requests import ChannelClient, RequestWorker
 from cardan.gateway.session.supervisor_heartbeat import BEAT, SupervisorHeartbeat
 from cardan.spatial import norm, subtract
@@ -169,44 +176,79 @@ class Figures(Part):
         self._moving_s += state.period_s
 
     def tell(self, snapshot: Snapshot, now: Now) -> None:
-        s, status, state = snapshot, now.status, now.cycle.robot
-        s.phase, s.message, s.trips = status.phase.value, status.message, status.trips
-        authority = status.authority
-        s.authority, s.authority_refused = authority.owner, authority.refused
-        s.stops, s.stopped_by = self.whole.controller.stops, self.whole.controller.stopped_by
-        s.authority_s = state.stamp_s - authority.since_s if authority.owner else None
-        s.robot_link, s.hold_reason = state.link.value, state.hold_reason
-        s.sequence, s.joints_rad = state.sequence, list(state.joints)
-        pose = self.whole.tcp(state) if state.pose is None else state.pose
-        if pose is not None:
-            s.pose = [*pose.position, *pose.orientation]
-        if status.pose is not None:
-            s.reference = [*status.pose.position, *status.pose.orientation]
-        s.twist = [*status.twist.linear, *status.twist.angular]
-        s.lead_used, s.at_workspace_limit = status.lead_used, status.at_workspace_limit
-        s.utilization = state.utilization
-        if (arm := status.arm) is not None:
-            s.path_speed, s.singular_value = arm.path_speed, arm.smallest_singular_value
-            s.clearance_m, s.nearest_pair = arm.distance_m, list(arm.nearest_pair)
-            s.arm_limits = arm.in_words()
-        s.limits = status.limits()
-        s.cycles, s.path_m, s.moving_s = self._cycles, self._path_m, self._moving_s
-        s.error_m = self._error_m if status.phase in IN_MOTION else None
-        s.error_max_m = self._error_max_m
-        if self._moving_cycles:
-            s.error_rms_m = math.sqrt(self._square_sum_m2 / self._moving_cycles)
-        s.tick_p50_s, s.tick_p99_s = self._ticks.percentile(50), self._ticks.percentile(99)
-        s.tick_max_s, s.tick_sum_s = self._ticks.max, self._ticks.sum
-        s.tick_within = self._ticks.within(BOUNDS_S)
-        s.inputs, s.input_age_sum_s = self._input_ages.count, self._input_ages.sum
-        s.input_age_within = self._input_ages.within(BOUNDS_S)
+        status, state, before = now.status, now.cycle.robot, snapshot.robot
+        snapshot.arm = self._arm(status, state.stamp_s, snapshot.arm.reference)
+        snapshot.tracking, snapshot.loop = self._tracking(status.phase), self._loop()
+        metrics, errors = before.metrics, before.errors
         try:
             robot = self.whole.robot
-            s.diagnosis += told(robot.diagnosis())
-            s.metrics = counted(robot.metrics())
-            s.robot_errors = dict(robot.protocol_errors())
+            snapshot.diagnosis += told(robot.diagnosis())
+            metrics, errors = counted(robot.metrics()), dict(robot.protocol_errors())
         except Exception as error:
-            s.diagnosis.append(f"the robot's driver failed: {reason(error)}")
+            snapshot.diagnosis.append(f"the robot's driver failed: {reason(error)}")
+        pose = self.whole.tcp(state) if state.pose is None else state.pose
+        snapshot.robot = RobotSnapshot(
+            state.link.value,
+            state.hold_reason,
+            state.joints,
+            before.pose if pose is None else (*pose.position, *pose.orientation),
+            state.utilization,
+            metrics,
+            errors,
+        )
+
+    def _arm(self, status: ArmStatus, now_s: float, reference: tuple[float, ...]) -> ArmSnapshot:
+        """`reference`: the one before."""
+        authority, controller, pose = status.authority, self.whole.controller, status.pose
+        found = ArmSnapshot(
+            phase=status.phase.value,
+            message=status.message,
+            trips=status.trips,
+            authority=authority.owner,
+            authority_s=now_s - authority.since_s if authority.owner else None,
+            authority_refused=authority.refused,
+            stops=controller.stops,
+            stopped_by=controller.stopped_by,
+            reference=reference if pose is None else (*pose.position, *pose.orientation),
+            twist=(*status.twist.linear, *status.twist.angular),
+            lead_used=status.lead_used,
+            at_workspace_limit=status.at_workspace_limit,
+            filters=status.filters,
+            limits=tuple(status.limits()),
+        )
+        if (arm := status.arm) is None:
+            return found
+        return replace(
+            found,
+            path_speed=arm.path_speed,
+            clearance_m=arm.distance_m,
+            nearest_pair=arm.nearest_pair,
+            limits_in_words=tuple(arm.in_words()),
+        )
+
+    def _tracking(self, phase: Phase) -> TrackingSnapshot:
+        cycles = self._moving_cycles
+        return TrackingSnapshot(
+            self._path_m,
+            self._moving_s,
+            self._error_m if phase in IN_MOTION else None,
+            math.sqrt(self._square_sum_m2 / cycles) if cycles else 0.0,
+            self._error_max_m,
+        )
+
+    def _loop(self) -> LoopSnapshot:
+        ticks, ages = self._ticks, self._input_ages
+        return LoopSnapshot(
+            self._cycles,
+            ticks.percentile(50),
+            ticks.percentile(99),
+            ticks.max,
+            ticks.sum,
+            tuple(ticks.within(BOUNDS_S)),
+            ages.count,
+            ages.sum,
+            tuple(ages.within(BOUNDS_S)),
+        )
 
 
 class Gripper(Part):
@@ -300,22 +342,28 @@ class Operator(Part):
             self._passes += 1
 
     def tell(self, snapshot: Snapshot, now: Now) -> None:
-        s, state = snapshot, now.cycle.device
-        s.device_passes = self._passes
-        s.filters = list(now.status.filters)
-        if state is not None:
-            s.device_link, s.device_reason = state.link.value, state.reason
-            s.axes, s.buttons, s.battery = list(state.axes), sorted(state.buttons), state.battery
-        s.device_held, s.device_metrics = self._lease.held, {}
-        if s.device_held:
-            device = self._device
+        s, device, state = snapshot, self._device, now.cycle.device
+        held = self._lease.held
+        metrics: dict[str, float] = {}
+        errors = s.device.errors
+        if held:
             try:
                 self._look_at_buttons()
                 s.diagnosis += told(device.diagnosis())
-                s.device_errors = dict(device.protocol_errors())
-                s.device_metrics = counted(device.metrics())
+                errors = dict(device.protocol_errors())
+                metrics = counted(device.metrics())
             except Exception as error:
                 s.diagnosis.append(f"the device's driver failed: {reason(error)}")
+        s.device = replace(s.device, held=held, passes=self._passes, metrics=metrics, errors=errors)
+        if state is not None:
+            s.device = replace(
+                s.device,
+                link=state.link.value,
+                reason=state.reason,
+                axes=state.axes,
+                buttons=tuple(sorted(state.buttons)),
+                battery=state.battery,
+            )
         if self._lease.problem:
             s.diagnosis.insert(0, self._lease.problem)
         if self._refused and now.time_s - self._pressed_s < REFUSAL_SHOWN_S:
@@ -412,8 +460,9 @@ class Forces(Part):
     def tell(self, snapshot: Snapshot, now: Now) -> None:
         said = set(snapshot.diagnosis)
         snapshot.diagnosis += [line for line in self._force.diagnosis() if line not in said]
-        for name, value in self._force.report().items():
-            setattr(snapshot, name, value)
+        snapshot.force = self._force.report()
+        if self._force.measured is not None:
+            snapshot.contact = self._force.measured.report()
 
     def close(self) -> None:
         with self._source:

@@ -76,7 +76,7 @@ def _connect(
         try:
             outcome = process.follow(take)
             outcomes.append(outcome)
-            why = outcome.last.error or outcome.last.message
+            why = outcome.last.error or outcome.last.arm.message
         finally:
             arm.end(f"the session has ended: {why}" if why else "the session has ended")
 

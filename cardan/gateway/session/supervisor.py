@@ -16,6 +16,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from cardan.bus.router import RouterKeeper
@@ -208,7 +209,7 @@ class SessionProcess:
         self._relay.join(LAST_OUTPUT_S)
         _log.info("the session's process has ended with status %d", code)
         if code in _BEFORE_IT_BEGAN and last.elapsed_s == 0.0 and not last.error:
-            code, last.message = 0, "stopped before it began"
+            code, last.arm = 0, replace(last.arm, message="stopped before it began")
         if code != 0 and not last.error:
             last.error = f"the session's process ended with status {code}"
             if code < 0:
@@ -283,11 +284,11 @@ class _Logged:
 
     def log(self, snapshot: Snapshot) -> None:
         for what, now in (
-            ("arm", snapshot.phase),
-            ("device", " ".join((snapshot.device_link, snapshot.device_reason))),
-            ("robot", snapshot.robot_link),
-            ("authority", snapshot.authority),
-            ("message", snapshot.message),
+            ("arm", snapshot.arm.phase),
+            ("device", " ".join((snapshot.device.link, snapshot.device.reason))),
+            ("robot", snapshot.robot.link),
+            ("authority", snapshot.arm.authority),
+            ("message", snapshot.arm.message),
         ):
             # Figures in a message change all the time.
             words = _FIGURES.sub("", now).strip()

@@ -14,6 +14,7 @@ from rich.text import Text
 from cardan.common import output
 from cardan.common.troubles import coded
 from cardan.gateway.arm.status import Phase
+from cardan.gateway.force.snapshot import ForceSnapshot
 from cardan.gateway.operator.mapping import AXES
 from cardan.gateway.session.live_display import LivePanel
 from cardan.gateway.session.snapshot import Snapshot
@@ -44,7 +45,7 @@ def _bar(value: float, full_scale: float) -> Text:
     return text.append("│", style="dim").append("█" * right + " " * (BAR_CELLS - right))
 
 
-def _position_mm(pose: list[float]) -> str:
+def _position_mm(pose: Sequence[float]) -> str:
     return "  ".join(f"{v * 1e3:8.1f}" for v in pose[:3]) if pose else "–"
 
 
@@ -62,93 +63,97 @@ def _link(word: str) -> Text:
 
 def _messages(snapshot: Snapshot) -> str:
     """Messages of controller and filters, and the source that was refused authority."""
-    refused = f"refused: {snapshot.authority_refused}" if snapshot.authority_refused else ""
-    return "; ".join(filter(None, (snapshot.message, *snapshot.filters, refused)))
+    arm = snapshot.arm
+    refused = f"refused: {arm.authority_refused}" if arm.authority_refused else ""
+    return "; ".join(filter(None, (arm.message, *arm.filters, refused)))
 
 
 def _diagnosis(snapshot: Snapshot) -> list[str]:
     """The diagnosis, without parts that the message says already."""
-    return [line for line in snapshot.diagnosis if line not in snapshot.message]
+    return [line for line in snapshot.diagnosis if line not in snapshot.arm.message]
 
 
 def render(snapshot: Snapshot) -> RenderableType:
     """Render a frame of the live view."""
-    s = snapshot
+    s, arm, device, loop = snapshot, snapshot.arm, snapshot.device, snapshot.loop
+    force, contact = s.force, s.contact
     hand = Table.grid(padding=(0, 1))
     for index, name in enumerate(AXES):
-        deflection = s.axes[index] if s.axes else 0.0
-        speed = s.twist[index] if s.twist else 0.0
+        deflection = device.axes[index] if device.axes else 0.0
+        speed = arm.twist[index] if arm.twist else 0.0
         unit = "mm/s" if index < 3 else "mrad/s"
         hand.add_row(
             name, _bar(deflection, 1.0), f"{deflection:+.2f}", f"{speed * 1e3:+8.1f}", unit
         )
 
     robot = Table.grid(padding=(0, 2))
-    robot.add_row("TCP measured, mm", _position_mm(s.pose))
-    robot.add_row("TCP commanded, mm", _position_mm(s.reference))
-    robot.add_row("joints, deg", "  ".join(f"{math.degrees(q):6.1f}" for q in s.joints_rad) or "–")
+    robot.add_row("TCP measured, mm", _position_mm(s.robot.pose))
+    robot.add_row("TCP commanded, mm", _position_mm(arm.reference))
+    robot.add_row(
+        "joints, deg", "  ".join(f"{math.degrees(q):6.1f}" for q in s.robot.joints_rad) or "–"
+    )
     robot.add_row(
         "gripper, lead",
-        f"{'closed' if s.gripper_closed else 'open'}, {s.lead_used:.0%}"
-        + (", at the workspace's edge" if s.at_workspace_limit else ""),
+        f"{'closed' if s.gripper_closed else 'open'}, {arm.lead_used:.0%}"
+        + (", at the workspace's edge" if arm.at_workspace_limit else ""),
     )
-    if s.utilization is not None:
-        robot.add_row("needed of the robot's ability", f"{s.utilization:.0%}")
-    if s.path_speed is not None:
-        clearance = "–" if s.clearance_m is None else f"{s.clearance_m * 1e3:.0f} mm"
-        robot.add_row("path speed, clearance", f"{s.path_speed:.0%}, {clearance}")
-    robot.add_row("answered, missed", f"{s.cycles:,}, {s.missed_cycles:,}")
+    if s.robot.utilization is not None:
+        robot.add_row("needed of the robot's ability", f"{s.robot.utilization:.0%}")
+    if arm.path_speed is not None:
+        clearance = "–" if arm.clearance_m is None else f"{arm.clearance_m * 1e3:.0f} mm"
+        robot.add_row("path speed, clearance", f"{arm.path_speed:.0%}, {clearance}")
+    robot.add_row("answered, missed", f"{loop.cycles:,}, {s.robot.missed_cycles:,}")
     robot.add_row(
         "answer latency p50, p99",
-        f"{_microseconds(s.tick_p50_s)}, {_microseconds(s.tick_p99_s)}",
+        f"{_microseconds(loop.tick_p50_s)}, {_microseconds(loop.tick_p99_s)}",
     )
-    if s.haptic_state:
-        robot.add_row("force felt, peak", f"{s.force_n:.2f} N, {s.force_peak_n:.2f} N")
-        robot.add_row("force", Text(_force_words(s)))
-        if s.measured_force_n is not None:
-            robot.add_row("for the hand, x y z", f"{_newtons(s.measured_force_n)} N, base axes")
-        if s.contact_force_n is not None:
+    if force.state:
+        robot.add_row("force felt, peak", f"{force.rendered_n:.2f} N, {force.peak_n:.2f} N")
+        robot.add_row("force", Text(_force_words(force)))
+        if force.measured_n:
+            robot.add_row("for the hand, x y z", f"{_newtons(force.measured_n)} N, base axes")
+        if contact.force_n is not None:
             robot.add_row(
-                "contact force, path", f"{s.contact_force_n:.1f} N, {s.contact_path_m * 1e3:.0f} mm"
+                "contact force, path", f"{contact.force_n:.1f} N, {contact.path_m * 1e3:.0f} mm"
             )
     links = Text.assemble(
         "hand ",
-        _link(s.device_link),
+        _link(device.link),
         "   robot ",
-        _link(s.robot_link),
+        _link(s.robot.link),
         "   ",
-        (s.phase or "starting", _PHASE_STYLES.get(s.phase, "")),
+        (arm.phase or "starting", _PHASE_STYLES.get(arm.phase, "")),
         f"   {s.elapsed_s:6.1f} s",
     )
-    if s.authority:
-        links.append(f"   commanded by {s.authority} for {s.authority_s or 0.0:.0f} s")
-    if s.buttons:
-        links.append(f"   [{', '.join(s.buttons)}]")
-    if s.battery is not None:
-        links.append(f"   battery {s.battery:.0%}")
+    if arm.authority:
+        links.append(f"   commanded by {arm.authority} for {arm.authority_s or 0.0:.0f} s")
+    if device.buttons:
+        links.append(f"   [{', '.join(device.buttons)}]")
+    if device.battery is not None:
+        links.append(f"   battery {device.battery:.0%}")
     lines: list[RenderableType] = [links]
-    if s.message:
-        lines.append(Text(coded(s.message), style="yellow"))
-    if s.authority_refused:
-        lines.append(Text(f"refused: {s.authority_refused}", style="dim"))
-    if s.arm_limits and s.phase != Phase.NO_ROBOT.value:
-        lines.append(Text("; ".join(s.arm_limits), style="magenta"))
-    if s.filters:
-        lines.append(Text("; ".join(s.filters), style="cyan"))
+    if arm.message:
+        lines.append(Text(coded(arm.message), style="yellow"))
+    if arm.authority_refused:
+        lines.append(Text(f"refused: {arm.authority_refused}", style="dim"))
+    if arm.limits_in_words and arm.phase != Phase.NO_ROBOT.value:
+        lines.append(Text("; ".join(arm.limits_in_words), style="magenta"))
+    if arm.filters:
+        lines.append(Text("; ".join(arm.filters), style="cyan"))
     lines += [Text(coded(line), style="dim") for line in _diagnosis(s)[:3]]
     columns = Table.grid(padding=(0, 4))
     columns.add_row(hand, robot)
     return Panel(Group(*lines, Text(), columns), title="cardan", subtitle="Ctrl-C: brake and stop")
 
 
-def _force_words(s: Snapshot) -> str:
+def _force_words(force: ForceSnapshot) -> str:
     """State of the haptic device's force, its age, and its energy."""
-    words = [s.haptic_state]
-    if s.force_age_s is not None and math.isfinite(s.force_age_s):
-        words.append(f"{s.force_age_s * 1e3:.1f} ms old")
-    words.append(f"energy {s.energy_j * 1e3:+.1f} mJ")
-    if s.passivity_damping_n_s_m > 0.0:
-        words.append(f"damped by {s.passivity_damping_n_s_m:.1f} N·s/m")
+    words = [force.state]
+    if force.age_s is not None and math.isfinite(force.age_s):
+        words.append(f"{force.age_s * 1e3:.1f} ms old")
+    words.append(f"energy {force.energy_j * 1e3:+.1f} mJ")
+    if force.passivity_damping_n_s_m > 0.0:
+        words.append(f"damped by {force.passivity_damping_n_s_m:.1f} N·s/m")
     return ", ".join(words)
 
 
@@ -158,44 +163,48 @@ def _milliseconds(seconds: float | None) -> str:
 
 def _force_rows(s: Snapshot) -> list[tuple[str, str]]:
     """The summary's rows of force feedback; none without a haptic device."""
-    if not s.haptic_state:
+    force, contact = s.force, s.contact
+    if not force.state:
         return []
     rows = [
-        ("force felt, peak", f"{s.force_peak_n:.2f} N"),
-        ("energy given to the hand, net", f"at most {s.energy_given_j * 1e3:+.1f} mJ"),
+        ("force felt, peak", f"{force.peak_n:.2f} N"),
+        ("energy given to the hand, net", f"at most {force.energy_given_j * 1e3:+.1f} mJ"),
         (
             "energy given since a clutch-in, net",
-            f"at most {s.energy_given_peak_j * 1e3:.2f} mJ",
+            f"at most {force.energy_given_peak_j * 1e3:.2f} mJ",
         ),
     ]
-    if s.felt_stiffness_n_m is not None:
+    if force.felt_stiffness_n_m is not None:
         rows.append(
             (
                 "stiffness felt, depth of the hand",
-                f"{s.felt_stiffness_n_m:.0f} N/m, {s.felt_depth_m * 1e3:.1f} mm",
+                f"{force.felt_stiffness_n_m:.0f} N/m, {force.felt_depth_m * 1e3:.1f} mm",
             )
         )
     for name, p50, p99 in (
-        ("fixture", s.fixture_age_p50_s, s.fixture_age_p99_s),
-        ("measured", s.measured_age_p50_s, s.measured_age_p99_s),
+        ("fixture", force.fixture_age_p50_s, force.fixture_age_p99_s),
+        ("measured", force.measured_age_p50_s, force.measured_age_p99_s),
     ):
         if p50 is not None:
             rows.append(
                 (f"age of {name} force, p50 / p99", f"{_milliseconds(p50)} / {_milliseconds(p99)}")
             )
-    if s.force_losses or s.force_out_s >= 0.01:
+    if force.losses or force.out_s >= 0.01:
         rows.append(
             (
                 "disengaged for lack of force",
-                f"{s.force_losses} times; force out for {s.force_out_s:.2f} s",
+                f"{force.losses} times; force out for {force.out_s:.2f} s",
             )
         )
-    if s.contact_force_n is not None:
-        about = "its mean" if s.contact_target_n is None else f"{s.contact_target_n:g} N"
+    if contact.force_n is not None:
+        about = "its mean" if contact.target_n is None else f"{contact.target_n:g} N"
         rows += [
-            ("path drawn in contact", f"{s.contact_path_m * 1e3:.0f} mm in {s.contact_s:.1f} s"),
-            ("contact force, mean", f"{s.contact_force_mean_n:.2f} N"),
-            (f"RMS error about {about}", f"{s.contact_force_rms_error_n:.2f} N"),
+            (
+                "path drawn in contact",
+                f"{contact.path_m * 1e3:.0f} mm in {contact.time_s:.1f} s",
+            ),
+            ("contact force, mean", f"{contact.mean_n:.2f} N"),
+            (f"RMS error about {about}", f"{contact.rms_error_n:.2f} N"),
         ]
     return rows
 
@@ -244,33 +253,36 @@ class SessionView:
 def plain(snapshot: Snapshot) -> str:
     """Return a snapshot as a line."""
     s = snapshot
-    speed_mm_s = math.sqrt(sum(v * v for v in s.twist[:3])) * 1e3
+    speed_mm_s = math.sqrt(sum(v * v for v in s.arm.twist[:3])) * 1e3
     text = (
-        f"{s.elapsed_s:6.1f} s  {s.phase or 'starting':9} hand {s.device_link or '–'}, "
-        f"robot {s.robot_link}  TCP {_position_mm(s.pose)} mm  {speed_mm_s:5.1f} mm/s  "
-        f"answers {s.cycles}, missed {s.missed_cycles}, "
-        f"p99 {_microseconds(s.tick_p99_s)}"
+        f"{s.elapsed_s:6.1f} s  {s.arm.phase or 'starting':9} hand {s.device.link or '–'}, "
+        f"robot {s.robot.link}  TCP {_position_mm(s.robot.pose)} mm  {speed_mm_s:5.1f} mm/s  "
+        f"answers {s.loop.cycles}, missed {s.robot.missed_cycles}, "
+        f"p99 {_microseconds(s.loop.tick_p99_s)}"
     )
-    if s.haptic_state:
-        text += f", force {s.force_n:.2f} N"
-        if s.measured_force_n is not None:
-            text += f", for the hand {_newtons(s.measured_force_n)} N"
+    if s.force.state:
+        text += f", force {s.force.rendered_n:.2f} N"
+        if s.force.measured_n:
+            text += f", for the hand {_newtons(s.force.measured_n)} N"
     said = _messages(s)
     return f"{text}  | {coded(said)}" if said else text
 
 
 def summary(snapshot: Snapshot) -> Table:
     """The table at the end of a session."""
-    s, metrics = snapshot, snapshot.metrics
+    s, loop, tracking, metrics = snapshot, snapshot.loop, snapshot.tracking, snapshot.robot.metrics
     table = Table(title="session summary", show_header=False, title_justify="left")
     table.add_column()
     table.add_column(justify="right")
     for name, value in (
-        ("time", f"{s.elapsed_s:.1f} s, moving {s.moving_s:.1f} s"),
-        ("commanded path", f"{s.path_m * 1e3:.0f} mm"),
-        ("following error, RMS / max", f"{s.error_rms_m * 1e3:.2f} / {s.error_max_m * 1e3:.2f} mm"),
-        ("cycles answered", f"{s.cycles:,}"),
-        ("cycles missed", f"{s.missed_cycles:,}"),
+        ("time", f"{s.elapsed_s:.1f} s, moving {tracking.moving_s:.1f} s"),
+        ("commanded path", f"{tracking.path_m * 1e3:.0f} mm"),
+        (
+            "following error, RMS / max",
+            f"{tracking.error_rms_m * 1e3:.2f} / {tracking.error_max_m * 1e3:.2f} mm",
+        ),
+        ("cycles answered", f"{loop.cycles:,}"),
+        ("cycles missed", f"{s.robot.missed_cycles:,}"),
         ("robot sessions", f"{metrics.get('sessions', 0):.0f}"),
         *(
             (
@@ -285,12 +297,12 @@ def summary(snapshot: Snapshot) -> Table:
         ),
         (
             "answer latency, p50 / p99 / max",
-            " / ".join(map(_microseconds, (s.tick_p50_s, s.tick_p99_s, s.tick_max_s))),
+            " / ".join(map(_microseconds, (loop.tick_p50_s, loop.tick_p99_s, loop.tick_max_s))),
         ),
         *_force_rows(s),
         ("scheduling of the loop", s.scheduling or "–"),
-        ("teleoperation disengaged", f"{s.trips} times"),
-        ("last message", s.message or "–"),
+        ("teleoperation disengaged", f"{s.arm.trips} times"),
+        ("last message", s.arm.message or "–"),
     ):
         table.add_row(name, Text(value))  # Text in brackets is no markup.
     return table

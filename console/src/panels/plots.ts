@@ -80,12 +80,12 @@ const KINDS: Record<string, Kind> = {
   axes: {
     word: "plotAxes",
     names: () => ["1", "2", "3", "4", "5", "6"],
-    values: (arm) => arm.snapshot?.axes ?? [],
+    values: (arm) => arm.snapshot?.device?.axes ?? [],
   },
   cycle: {
     word: "plotCycleTime",
     names: () => ["p50", "p99"],
-    values: ({ snapshot }) => [ms(snapshot?.tick_p50_s), ms(snapshot?.tick_p99_s)],
+    values: ({ snapshot }) => [ms(snapshot?.loop?.tick_p50_s), ms(snapshot?.loop?.tick_p99_s)],
   },
   round: {
     word: "plotRound",
@@ -173,9 +173,9 @@ export class PlotsPanel {
   private draw(): void {
     if (this.element.offsetParent === null) return;
     this.chart.draw();
-    const snapshot = this.arm?.snapshot;
-    this.cycles.draw(between(snapshot?.tick_within ?? [], snapshot?.cycles ?? 0));
-    this.ages.draw(between(snapshot?.input_age_within ?? [], snapshot?.inputs ?? 0));
+    const loop = this.arm?.snapshot?.loop;
+    this.cycles.draw(between(loop?.tick_within ?? [], loop?.cycles ?? 0));
+    this.ages.draw(between(loop?.input_age_within ?? [], loop?.inputs ?? 0));
     this.rounds.draw(spread(this.link?.roundTrips.all ?? [], ROUND_MS));
   }
 }

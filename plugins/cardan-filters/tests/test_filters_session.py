@@ -45,12 +45,12 @@ def session(port=None, **options):
 def test_without_its_sensor_nothing_moves_and_everyone_is_told(port):
     made = session(port)
     last = made.run()
-    assert last.path_m == 0.0
-    assert last.filters == ["no proximity reading yet: stopped"]
+    assert last.tracking.path_m == 0.0
+    assert last.arm.filters == ("no proximity reading yet: stopped",)
     assert any("nothing was heard" in line for line in last.diagnosis)
     assert not made.controller.hand.filters[0].listener.is_open
     again = Snapshot.from_bytes(last.to_bytes())
-    assert again.filters == last.filters
+    assert again.arm.filters == last.arm.filters
     assert "no proximity reading yet: stopped" in plain(again)
     assert "no proximity reading yet: stopped" in shown(render(again))
 
@@ -100,8 +100,8 @@ def test_another_program_does_not_hide_what_the_sensor_sees(port):
 
         made.robot.send = sense_and_send
         last = made.run()
-    assert last.path_m == 0.0
-    assert last.filters == ["proximity 900, above 800: stopped"]
+    assert last.tracking.path_m == 0.0
+    assert last.arm.filters == ("proximity 900, above 800: stopped",)
     assert any("the most cautious one counts" in line for line in last.diagnosis)
 
 

@@ -80,10 +80,10 @@ def test_what_pushes_the_sensor_moves_the_arm(example, tmp_path):
     sensor, then = example(name)
     assert then == f"run {name}"
     with served(sensor, tmp_path / "said"):
-        outcome = supervised(name, lambda snapshot: snapshot.path_m > MOVED_M)
+        outcome = supervised(name, lambda snapshot: snapshot.tracking.path_m > MOVED_M)
     last = outcome.last
-    assert (outcome.exit_code, last.error, last.trips) == (EXIT_OK, "", 0), last.message
-    assert last.path_m > 1e-4, (last.message, last.device_reason, last.diagnosis)
+    assert (outcome.exit_code, last.error, last.arm.trips) == (EXIT_OK, "", 0), last.arm.message
+    assert last.tracking.path_m > 1e-4, (last.arm.message, last.device.reason, last.diagnosis)
 
 
 @pytest.mark.matrix
@@ -97,6 +97,6 @@ def test_what_pushes_the_sensor_is_felt(example):
     with launched(*sensor, "--seconds", "40"):
         outcome = supervised(name, lambda seen: seen.force_peak_n > PRESSED_N, through=through)
     last = outcome.last
-    assert (outcome.exit_code, last.error, last.trips) == (EXIT_OK, "", 0), last.message
-    assert PRESSED_N < last.force_peak_n <= OmniOptions().clamp_n, last.diagnosis
-    assert last.haptic_state == "enabled", last.haptic_reason
+    assert (outcome.exit_code, last.error, last.arm.trips) == (EXIT_OK, "", 0), last.arm.message
+    assert PRESSED_N < last.force.peak_n <= OmniOptions().clamp_n, last.diagnosis
+    assert last.force.state == "enabled", last.force.reason

@@ -131,8 +131,8 @@ def test_a_pen_that_is_pressed_down_pushes_the_hand_up(monkeypatch):
     assert np.abs(sent[free]).max() < 0.1
     assert sent[pressed, 2].mean() == pytest.approx(SCALE * BOARD_N, abs=0.1)
     assert np.abs(sent[pressed, :2]).max() < 0.1
-    assert (last.trips, last.force_losses) == (1, 1)
-    assert "the measured force is lost" in last.force_lost_reason
+    assert (last.arm.trips, last.force.losses) == (1, 1)
+    assert "the measured force is lost" in last.force.lost_reason
     out = trace.times_s > LOST_S + 0.1 + 0.1 + 0.05  # max_age_s, SOURCE_LOST_S, and to let go.
     assert np.linalg.norm(sent[out], axis=1).max() == 0.0
 
@@ -173,8 +173,8 @@ def test_the_driver_on_a_bus_is_felt_and_missed():
     s.robot.cycles = cycles
     with in_a_thread(peer):
         last = s.run(seconds=15.0)
-    assert last.ending == "seen", (last.message, last.diagnosis)
+    assert last.ending == "seen", (last.arm.message, last.diagnosis)
     assert max(felt) == pytest.approx(SCALE * BOARD_N, abs=0.2)
     assert min(felt) > -0.1
-    assert (last.trips, last.force_losses) == (1, 1)
-    assert "the measured force is lost" in last.force_lost_reason
+    assert (last.arm.trips, last.force.losses) == (1, 1)
+    assert "the measured force is lost" in last.force.lost_reason

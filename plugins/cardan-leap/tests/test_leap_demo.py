@@ -42,7 +42,7 @@ def test_the_example_runs(path, tmp_path, monkeypatch):
         # A script that comes again, as the session may be ready later than the hand.
         for words in (f"{service} --script clutching", *others):
             peers.enter_context(served(shlex.split(words), said))
-        outcome = supervised(path.name, lambda snapshot: snapshot.path_m > MOVED_M)
+        outcome = supervised(path.name, lambda snapshot: snapshot.tracking.path_m > MOVED_M)
     last = outcome.last
-    assert (outcome.exit_code, last.error, last.trips) == (EXIT_OK, "", 0), last.message
-    assert last.path_m > 1e-4, (last.message, last.device_reason, last.diagnosis)
+    assert (outcome.exit_code, last.error, last.arm.trips) == (EXIT_OK, "", 0), last.arm.message
+    assert last.tracking.path_m > 1e-4, (last.arm.message, last.device.reason, last.diagnosis)

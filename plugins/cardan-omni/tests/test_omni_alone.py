@@ -293,7 +293,7 @@ def test_a_program_makes_a_wall_for_the_hand_that_drives_an_arm(simulated, tmp_p
             def message():
                 for received in iter(snapshots.poll, None):
                     text = user.codec_of(kind).decode(received.data)["data"]
-                    said.append(json.loads(text)["message"])
+                    said.append(json.loads(text)["arm"]["message"])
                 return [each for each in said if "the measured force is lost" in each]
 
             user.until_felt()

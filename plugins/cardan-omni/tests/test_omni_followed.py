@@ -78,7 +78,7 @@ def follow(monkeypatch: pytest.MonkeyPatch, noise_lsb: float, turn_rad: float) -
         )
 
     return Followed(
-        last.trips,
+        last.arm.trips,
         turned_rad(hands),
         turned_rad(tcps),
         max(math.dist(tcps[0].position, pose.position) for pose in tcps),

@@ -124,8 +124,8 @@ def run(monkeypatch, each=lambda now_s, rig: None, until_s=SECONDS, **tables):
 )
 def test_the_hand_feels_what_the_tcp_meets_and_gets_no_energy_of_it(monkeypatch, tables):
     last, trace, places = run(monkeypatch, **tables)
-    assert last.trips == 0
-    assert last.path_m > 0.06
+    assert last.arm.trips == 0
+    assert last.tracking.path_m > 0.06
     sent = np.linalg.norm(trace.sent_n, axis=1)
     early, late = trace.times_s < PRESSED_S, trace.times_s > OUT_S + 0.02
     assert sent[early].max() == 0.0  # Nothing before the operator takes hold.
@@ -140,8 +140,8 @@ def test_the_hand_feels_what_the_tcp_meets_and_gets_no_energy_of_it(monkeypatch,
     assert 0.36 < nearest < 0.395
     # energy of the whole push and return, by the simulation itself
     assert trace.given_j[-1] < 0.005
-    assert last.force_peak_n == pytest.approx(sent.max(), abs=0.1)
-    assert last.energy_given_j == pytest.approx(trace.believed_j[-1], abs=1e-6)
+    assert last.force.peak_n == pytest.approx(sent.max(), abs=0.1)
+    assert last.force.energy_given_j == pytest.approx(trace.believed_j[-1], abs=1e-6)
 
 
 def test_free_space_is_free(monkeypatch):
@@ -166,15 +166,15 @@ def test_clutching_in_while_the_tool_presses_brings_the_force_in_by_a_ramp(monke
     assert PRESSED_S < begun < PRESSED_S + 0.1
     assert np.abs(np.diff(trace.sent_n, axis=0)).max() < 0.1
     assert sent[trace.times_s > 1.45].min() > 0.8
-    assert (last.trips, last.force_losses) == (0, 0)
+    assert (last.arm.trips, last.force.losses) == (0, 0)
 
 
 def test_clutching_in_deep_in_a_fixture_ends_with_words(monkeypatch):
     deep = {**SPHERE, "center_m": [0.39, 0.0, 0.4]}
     last, trace, places = run(monkeypatch, until_s=1.55, fixtures=[deep])
     assert np.linalg.norm(trace.sent_n, axis=1).max() == 0.0
-    assert "move out of the fixture, then clutch in" in last.force_lost_reason
-    assert (last.trips, last.force_losses) == (1, 1)
+    assert "move out of the fixture, then clutch in" in last.force.lost_reason
+    assert (last.arm.trips, last.force.losses) == (1, 1)
     assert places[-1] == places[-2]
 
 
@@ -201,8 +201,8 @@ def test_the_arm_does_not_follow_a_hand_that_falls_in(monkeypatch, fault, value,
     last, trace, places = run(monkeypatch, each, until_s=3.7, **CONTACT)
     sent = np.linalg.norm(trace.sent_n, axis=1)
     assert sent[at["n"] - 1] > 0.8
-    assert last.trips == 1
-    assert words in last.force_lost_reason
+    assert last.arm.trips == 1
+    assert words in last.force.lost_reason
     before, after = places[round(2.9 / 0.004)].x, min(place.x for place in places)
     assert before - after < 0.003  # It would be 15 mm by the end of the hand's way.
     assert places[-1] == places[-40]

@@ -52,7 +52,7 @@ def test_a_remote_is_lit_and_rumbles_where_the_workspace_ends(tmp_path, monkeypa
             if (dark and quiet) or time.monotonic() > deadline_s:
                 break
             time.sleep(0.01)
-    assert last.error == "", last.message
+    assert last.error == "", last.arm.message
     assert "rumble on" in said, said
     assert [words for words in said if "rumble" in words][-1] == "rumble off"
     disarmed = said.index("LEDs ----")

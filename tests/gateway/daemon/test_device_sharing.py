@@ -5,6 +5,7 @@ import pytest
 from cardan.gateway.daemon.device_sharing import Order, SessionState, SharedDevice
 from cardan.gateway.daemon.services import why_nothing_moves
 from cardan.gateway.session.snapshot import Snapshot
+from tests.snapshots import changed
 
 
 class Arm:
@@ -146,11 +147,14 @@ def test_one_that_dies_while_it_gives_does_not_keep_it_from_the_next(bench):
 
 def test_a_robot_that_is_not_ready_is_told_of_before_a_device_that_is_elsewhere():
     there = "its device serves gofa"
-    away = Snapshot(device_held=False, device_reason="closed", message="closed")
+    away = Snapshot.of(
+        {"device": {"held": False, "reason": "closed"}, "arm": {"message": "closed"}}
+    )
     assert why_nothing_moves(away, there) == there
-    away.hold_reason = "the robot is not ready"
-    assert why_nothing_moves(away, there) == "the robot is not ready"
-    assert why_nothing_moves(Snapshot(message="press 'left' to move"), "") == "press 'left' to move"
+    unready = changed(away, robot__hold_reason="the robot is not ready")
+    assert why_nothing_moves(unready, there) == "the robot is not ready"
+    asked = Snapshot.of({"arm": {"message": "press 'left' to move"}})
+    assert why_nothing_moves(asked, "") == "press 'left' to move"
 
 
 def test_who_has_it_keeps_it_when_other_sessions_come_to_share_it(bench):

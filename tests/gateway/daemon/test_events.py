@@ -4,7 +4,6 @@ import errno
 import json
 import os
 import resource
-from dataclasses import replace
 
 import pytest
 
@@ -18,8 +17,11 @@ from cardan.gateway.daemon.events import (
 )
 from cardan.gateway.session.snapshot import Snapshot
 from tests.gateway.daemon.event_files import read_events
+from tests.snapshots import changed
 
-REST = Snapshot(phase="disarmed", robot_link="live", device_link="live")
+REST = Snapshot.of(
+    {"arm": {"phase": "disarmed"}, "robot": {"link": "live"}, "device": {"link": "live"}}
+)
 
 
 @pytest.fixture
@@ -30,7 +32,7 @@ def watch():
 
 
 def told(watch, **changes):
-    found = watch.take(replace(REST, **changes), 2.0)
+    found = watch.take(changed(REST, **changes), 2.0)
     return [(each.event, each.what, each.why) for each in found]
 
 
@@ -44,22 +46,22 @@ def test_nothing_new_is_no_event(watch):
 
 
 def test_who_took_the_authority_and_what_moved(watch):
-    found = told(watch, authority="hand", phase="moving")
+    found = told(watch, arm__authority="hand", arm__phase="moving")
     assert found == [("authority", "hand", ""), ("arm", "moving", "")]
-    found = told(watch, phase="braking", message="the device was unplugged", trips=1)
+    found = told(watch, arm__phase="braking", arm__message="the device was unplugged", arm__trips=1)
     assert ("authority", "nobody", "the device was unplugged") in found
     assert ("trip", "1", "the device was unplugged") in found
     assert ("arm", "braking", "the device was unplugged") in found
 
 
 def test_a_link_that_is_lost_has_its_reason(watch):
-    found = told(watch, robot_link="lost", hold_reason="no datagram for 0.1 s")
+    found = told(watch, robot__link="lost", robot__hold_reason="no datagram for 0.1 s")
     assert found == [("robot", "lost", "no datagram for 0.1 s")]
 
 
 def test_figures_that_change_are_no_news(watch):
-    assert told(watch, message="silent for 0.3 s") == [("message", "silent for 0.3 s", "")]
-    assert told(watch, message="silent for 12.4 s") == []
+    assert told(watch, arm__message="silent for 0.3 s") == [("message", "silent for 0.3 s", "")]
+    assert told(watch, arm__message="silent for 12.4 s") == []
 
 
 def test_a_new_process_begins_anew(watch):

@@ -8,7 +8,6 @@ import subprocess
 import threading
 import urllib.error
 import urllib.request
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -30,6 +29,7 @@ from cardan.gateway.servers.stats import told
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 from tests.gateway.daemon.test_control_socket import serving
 from tests.gateway.servers.rig import WAIT_S, served
+from tests.snapshots import changed
 
 UNPACKED_PROMTOOL = Path(__file__).parents[3] / "build/judges/promtool"
 OPEN_METRICS = "application/openmetrics-text; version=1.0.0"
@@ -43,27 +43,36 @@ def histogram(*seconds):
 
 
 CYCLES, AGES = histogram(0.3e-3, 0.4e-3, 0.2), histogram(0.9e-3, 3e-3)
-MOVING = Snapshot(
-    phase="moving",
-    robot_link="live",
-    device_link="live",
-    authority="hand",
-    trips=2,
-    cycles=CYCLES.count,
-    part_cost_s={"network": 2e-5},
-    tick_sum_s=CYCLES.sum,
-    tick_within=CYCLES.within(BOUNDS_S),
-    inputs=AGES.count,
-    input_age_sum_s=AGES.sum,
-    input_age_within=AGES.within(BOUNDS_S),
-    error_m=0.003,
-    error_rms_m=0.002,
-    limits=["workspace", "joint"],
-    robot_errors={"malformed": 2, "order": 0},
-    device_errors={"malformed": 5},
-    refusals={"malformed": 1, "verb": 6, "busy": 0},
-    metrics={"lost": 3.0, "superseded": 1.0, "period_s": 0.004, "unknown": float("nan")},
-    device_metrics={"age_s": 0.08, "jitter_s": float("nan")},
+MOVING = Snapshot.of(
+    {
+        "part_cost_s": {"network": 2e-5},
+        "refusals": {"malformed": 1, "verb": 6, "busy": 0},
+        "arm": {
+            "phase": "moving",
+            "authority": "hand",
+            "trips": 2,
+            "limits": ["workspace", "joint"],
+        },
+        "robot": {
+            "link": "live",
+            "errors": {"malformed": 2, "order": 0},
+            "metrics": {"lost": 3.0, "superseded": 1.0, "period_s": 0.004, "unknown": float("nan")},
+        },
+        "device": {
+            "link": "live",
+            "errors": {"malformed": 5},
+            "metrics": {"age_s": 0.08, "jitter_s": float("nan")},
+        },
+        "loop": {
+            "cycles": CYCLES.count,
+            "tick_sum_s": CYCLES.sum,
+            "tick_within": CYCLES.within(BOUNDS_S),
+            "inputs": AGES.count,
+            "input_age_sum_s": AGES.sum,
+            "input_age_within": AGES.within(BOUNDS_S),
+        },
+        "tracking": {"error_m": 0.003, "error_rms_m": 0.002},
+    }
 )
 
 
@@ -287,16 +296,16 @@ def test_it_asks_the_daemon_s_socket(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"robot_link": "lost", "trips": 3}, "robot"),
-        ({"device_link": "lost", "trips": 3}, "device"),
-        ({"device_link": "lost", "device_held": False}, "none"),
-        ({"trips": 3}, "trip"),
+        ({"robot__link": "lost", "arm__trips": 3}, "robot"),
+        ({"device__link": "lost", "arm__trips": 3}, "device"),
+        ({"device__link": "lost", "device__held": False}, "none"),
+        ({"arm__trips": 3}, "trip"),
         ({}, "none"),
     ],
 )
 def test_stops_are_counted_by_what_was_wrong(changes, reason):
     watch = SessionWatch("gofa")
-    for snapshot in (MOVING, replace(MOVING, phase="braking", **changes)) * 2:
+    for snapshot in (MOVING, changed(MOVING, arm__phase="braking", **changes)) * 2:
         list(watch.take(snapshot, 1.0))
     watch.forget()
     assert watch.stops[reason] >= 1

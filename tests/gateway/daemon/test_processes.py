@@ -22,7 +22,7 @@ class Starting:
 
     def follow(self, take):
         assert self.may_tell.wait(WITHIN_S)
-        last = take(Snapshot(phase="disarmed").to_bytes())
+        last = take(Snapshot.of({"arm": {"phase": "disarmed"}}).to_bytes())
         self.told.set()
         assert self.may_end.wait(WITHIN_S)
         return SessionExit(0, last)

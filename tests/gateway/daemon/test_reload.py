@@ -33,7 +33,9 @@ class Response(RunningSession):
 
     def __init__(self, config, say, over, answered, has_device=True):
         self.config, self.over, self.has_device = config, over, has_device
-        self.snapshot = Snapshot(phase="moving", authority="verbs", device_held=has_device)
+        self.snapshot = Snapshot.of(
+            {"arm": {"phase": "moving", "authority": "verbs"}, "device": {"held": has_device}}
+        )
         self.due_s = time.monotonic()
         self.told = []
         self.ended = False
@@ -89,7 +91,7 @@ class Lab:
 
     def rest(self, name, phase="disarmed"):
         """Nobody has the arm of a session, which the daemon sees."""
-        self.session(name).snapshot = Snapshot(phase=phase)
+        self.session(name).snapshot = Snapshot.of({"arm": {"phase": phase}})
         self.look()
 
     def look(self):
@@ -143,7 +145,7 @@ def test_a_session_is_restarted_once_nobody_has_its_arm(lab):
     assert lab.session("one") is not before
     assert lab.speed("one") == 0.1
     assert lab.row("one")["changes_wait"] == []
-    lab.session("one").snapshot = Snapshot(phase="disarmed")
+    lab.session("one").snapshot = Snapshot.of({"arm": {"phase": "disarmed"}})
     lab.rest("two")
     assert lab.session("two") is other
     assert not other.ended
@@ -165,7 +167,7 @@ def test_a_session_is_restarted_once_nobody_has_its_arm(lab):
     ],
 )
 def test_a_restart_waits_while_somebody_has_the_arm_or_it_moves(lab, phase, authority, waits):
-    lab.session("one").snapshot = Snapshot(phase=phase, authority=authority)
+    lab.session("one").snapshot = Snapshot.of({"arm": {"phase": phase, "authority": authority}})
     lab.write(one=0.1, two=0.25)
     told = words(lab.reload())
     assert told == ["one limits.linear_speed_m_s: 0.25 -> 0.1" + (WAITS if waits else "")]
@@ -358,13 +360,15 @@ def test_who_has_a_shared_device_keeps_it_until_it_is_restarted_without_it(lab):
     assert [lab.session(name).has_device for name in ("one", "two")] == [True, False]
     assert not lab.session("two").told
     one = lab.session("one")
-    one.snapshot = Snapshot(phase="moving", authority="hand", device_held=True)
+    one.snapshot = Snapshot.of(
+        {"arm": {"phase": "moving", "authority": "hand"}, "device": {"held": True}}
+    )
     lab.file.write_text(SHARED + both.replace('device = "mouse"\n', "", 1))
     lab.reload()
     lab.daemon._pass_devices()
     assert lab.daemon._shared["mouse"].sessions == ("one", "two")
     assert not lab.session("two").told
-    one.snapshot = Snapshot(phase="disarmed", device_held=True)
+    one.snapshot = Snapshot.of({"arm": {"phase": "disarmed"}, "device": {"held": True}})
     lab.look()
     lab.end("one")
     assert "mouse" not in lab.daemon._shared

@@ -38,7 +38,7 @@ class Session(RunningSession):
     """A session's process, by hand."""
 
     def __init__(self):
-        self.snapshot = Snapshot(phase="disarmed")
+        self.snapshot = Snapshot.of({"arm": {"phase": "disarmed"}})
         self.sent = []
         self.reads = True
 
@@ -150,7 +150,7 @@ def test_a_session_that_starts_or_does_not_read_takes_no_requests(bench):
     bench.session.snapshot = Snapshot()
     bench.ask("stat")
     assert bench.heard().value == "one is starting"
-    bench.session.snapshot = Snapshot(phase="disarmed")
+    bench.session.snapshot = Snapshot.of({"arm": {"phase": "disarmed"}})
     bench.session.reads = False
     bench.ask("stat")
     assert "it stands still" in bench.heard().value
@@ -266,7 +266,7 @@ def test_it_is_known_since_when_a_request_can_have_waited(tmp_path):
 def test_what_a_session_did_last_is_told_though_its_process_has_ended(bench, monkeypatch):
     """And that it has ended, by a daemon that comes to look only when the next one is due."""
     bench.daemon._find_events()
-    bench.session.snapshot = Snapshot(phase="moving", authority="a")
+    bench.session.snapshot = Snapshot.of({"arm": {"phase": "moving", "authority": "a"}})
     _ended(bench.kept, Ended.DIED, "killed")
     monkeypatch.setattr(bench.kept, "begin", lambda *_: setattr(bench.kept, "process", Session()))
     bench.daemon._look_after(time.monotonic() + 10.0)

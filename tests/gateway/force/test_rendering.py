@@ -301,11 +301,9 @@ def test_without_rendering_the_device_is_only_looked_at():
     assert rig.cycle(count=10) is None
     rig.renderer.stop()
     assert rig.device.calls == []
-    snapshot = Snapshot()
-    vars(snapshot).update(rig.renderer.report())
-    assert (snapshot.haptic_state, snapshot.force_n) == ("disabled", 1.5)
-    assert snapshot.contact_force_n is None
-    assert snapshot.measured_force_n is None
+    snapshot = Snapshot(force=rig.renderer.report())
+    assert (snapshot.force.state, snapshot.force.rendered_n) == ("disabled", 1.5)
+    assert snapshot.force.measured_n == ()
 
 
 def test_the_summary_has_what_was_felt_and_what_was_touched():
@@ -324,17 +322,20 @@ def test_the_summary_has_what_was_felt_and_what_was_touched():
     rig.cycle(count=50, force=(0.0, 0.0, 0.0))
     for k in range(500):
         rig.cycle(force=(0.0, 0.0, 6.0), place=(0.3 + 0.05 * k * PERIOD_S, 0.0, 0.4))
-    s = Snapshot()
-    vars(s).update(rig.renderer.report())
-    assert s.haptic_state == "enabled"
-    assert s.force_peak_n == pytest.approx(0.7)
-    assert s.contact_path_m == pytest.approx(0.1, rel=0.02)
-    assert s.contact_s == pytest.approx(2.0, rel=0.02)
-    assert s.contact_force_mean_n == pytest.approx(6.0, rel=0.01)
-    assert s.contact_force_rms_error_n == pytest.approx(1.0, rel=0.1)
-    assert s.fixture_age_p99_s == pytest.approx(0.001, rel=0.03)
-    assert s.measured_age_p50_s == pytest.approx(0.003, rel=0.03)
-    assert (s.energy_given_j, s.energy_given_peak_j, s.energy_j) == (-0.002, 0.003, 0.001)
+    s = Snapshot(force=rig.renderer.report(), contact=rig.renderer.measured.report())
+    assert s.force.state == "enabled"
+    assert s.force.peak_n == pytest.approx(0.7)
+    assert s.contact.path_m == pytest.approx(0.1, rel=0.02)
+    assert s.contact.time_s == pytest.approx(2.0, rel=0.02)
+    assert s.contact.mean_n == pytest.approx(6.0, rel=0.01)
+    assert s.contact.rms_error_n == pytest.approx(1.0, rel=0.1)
+    assert s.force.fixture_age_p99_s == pytest.approx(0.001, rel=0.03)
+    assert s.force.measured_age_p50_s == pytest.approx(0.003, rel=0.03)
+    assert (s.force.energy_given_j, s.force.energy_given_peak_j, s.force.energy_j) == (
+        -0.002,
+        0.003,
+        0.001,
+    )
     assert Snapshot.from_bytes(s.to_bytes()) == s
 
 
@@ -342,7 +343,7 @@ def test_the_stiffness_felt_is_force_over_the_depth_of_the_hand():
     rig = Rig([], MeasuredSource(reaction=True))
     rig.device.told = HapticState(state=OperatingState.ENABLED, rendering=True)
     rig.cycle(count=50, force=(0.0, 0.0, 0.0))
-    assert rig.renderer.report()["felt_stiffness_n_m"] is None
+    assert rig.renderer.report().felt_stiffness_n_m is None
     # Pressed down by 0 to 20 mm against 60 N/m, then lifted and moved on in free air.
     for k in range(501):
         depth_m = 4e-5 * k
@@ -354,8 +355,8 @@ def test_the_stiffness_felt_is_force_over_the_depth_of_the_hand():
     rig.cycle(count=500, force=(0.0, 0.0, 0.0), hand=Pose(Vector3(0.01, 0.0, 0.0), IDENTITY))
     report = rig.renderer.report()
     # The contact force is filtered before it counts: the first touch is found 0.1 s late at most.
-    assert report["felt_stiffness_n_m"] == pytest.approx(60.0, rel=0.1)
-    assert report["felt_depth_m"] == pytest.approx(0.02, abs=0.001)
+    assert report.felt_stiffness_n_m == pytest.approx(60.0, rel=0.1)
+    assert report.felt_depth_m == pytest.approx(0.02, abs=0.001)
 
 
 def test_noise_is_no_contact_and_draws_nothing():

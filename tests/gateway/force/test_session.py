@@ -118,7 +118,7 @@ def test_a_session_renders_fixtures_from_clutch_in_on():
     assert world.offset.x + hand.x == pytest.approx(s.robot.place.x, abs=5e-3)
     assert s.robot.place.x < 0.47
     assert [c.sequence for c in commands] == list(range(1, 401))
-    assert last.haptic_state == "enabled"
+    assert last.force.state == "enabled"
     assert last.diagnosis == []
 
 
@@ -132,10 +132,10 @@ def test_a_session_feels_what_the_robot_measures():
     assert s.device.commands[199].measured is None
     assert s.device.commands[240].measured.force == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
     assert s.device.commands[-1].measured.force == pytest.approx((0.0, 0.0, 0.495))
-    assert last.contact_force_n == pytest.approx(10.0)
-    assert last.measured_force_n == pytest.approx([0.0, 0.0, 0.495])  # pushed up: it points up
-    assert last.contact_force_rms_error_n == pytest.approx(2.0, rel=0.1)
-    assert last.contact_path_m > 0.05
+    assert last.contact.force_n == pytest.approx(10.0)
+    assert last.force.measured_n == pytest.approx([0.0, 0.0, 0.495])  # pushed up: it points up
+    assert last.contact.rms_error_n == pytest.approx(2.0, rel=0.1)
+    assert last.contact.path_m > 0.05
 
 
 def test_a_robot_that_stops_is_not_felt():
@@ -174,10 +174,10 @@ def test_a_sensor_that_is_lost_is_felt_no_more():
     # 0.1 s later than a reading could still be felt, the hand is taken off
     out = next(k for k in range(300, 500) if not commands[k].engaged)
     assert (out - 300) * PERIOD_S == pytest.approx(0.2, abs=2 * PERIOD_S)
-    assert (last.trips, last.force_losses) == (1, 1)
-    assert "stopped before: the measured force is lost" in last.message
-    assert "unplugged" in last.message
-    assert "press 'button_2' to move" in last.message
+    assert (last.arm.trips, last.force.losses) == (1, 1)
+    assert "stopped before: the measured force is lost" in last.arm.message
+    assert "unplugged" in last.arm.message
+    assert "press 'button_2' to move" in last.arm.message
     assert forces(s).measured.source.device.calls == ["open", "close"]
 
 
@@ -219,8 +219,8 @@ def test_a_force_that_vanishes_takes_the_hand_off_the_robot(told, within_s, word
     assert (out - 300) * PERIOD_S == pytest.approx(within_s, abs=3 * PERIOD_S)
     assert not any(engaged[out:500])  # Not by itself, although the force would be back.
     assert all(engaged[500:])
-    assert (last.trips, last.force_losses) == (1, 1)
-    assert words in last.force_lost_reason
+    assert (last.arm.trips, last.force.losses) == (1, 1)
+    assert words in last.force.lost_reason
 
 
 def test_the_robot_brakes_when_the_force_is_lost_and_says_so():
@@ -251,7 +251,7 @@ def test_without_a_force_to_lose_nothing_is_lost():
 
     s = session(400, fault)
     last = s.run()
-    assert last.trips == 0
+    assert last.arm.trips == 0
     assert s.robot.place.x < 0.47
 
 
@@ -274,10 +274,10 @@ def test_a_clutch_in_deep_in_a_fixture_ends_within_a_second():
     engaged = [c.engaged for c in s.device.commands]
     out = engaged.index(False, 200)
     assert (out - 200) * PERIOD_S == pytest.approx(1.0, abs=3 * PERIOD_S)
-    assert "move out of the fixture, then clutch in" in last.force_lost_reason
+    assert "move out of the fixture, then clutch in" in last.force.lost_reason
     assert waited == [START.x]  # The robot went no deeper meanwhile.
     assert all(engaged[600:])
-    assert (last.trips, last.force_losses) == (1, 1)
+    assert (last.arm.trips, last.force.losses) == (1, 1)
 
 
 def test_a_force_that_cannot_be_enabled_lets_nobody_drive():
@@ -286,7 +286,7 @@ def test_a_force_that_cannot_be_enabled_lets_nobody_drive():
     last = s.run()
     engaged_s = sum(c.engaged for c in s.device.commands) * PERIOD_S
     assert engaged_s == pytest.approx(1.0, abs=3 * PERIOD_S)
-    assert "there is no force: the device is not calibrated" in last.message
+    assert "there is no force: the device is not calibrated" in last.arm.message
     assert s.robot.place == START
 
 
@@ -312,7 +312,7 @@ def test_a_computed_contact_is_felt():
     last = s.run()
     felt = s.device.commands[-1].measured.force
     assert felt.x == pytest.approx(0.1 * (1000.0 * (0.48 - s.robot.place.x) - 0.1), rel=0.2)
-    assert last.contact_force_n > 10.0
+    assert last.contact.force_n > 10.0
 
 
 @pytest.mark.parametrize(
@@ -370,7 +370,7 @@ def test_without_force_the_device_is_never_enabled():
     last = s.run()
     assert s.device.commands == []
     assert s.device.calls == ["open", "close"]
-    assert last.haptic_state == "disabled"
+    assert last.force.state == "disabled"
 
 
 def test_what_may_not_be_stable_is_said_at_the_start():
@@ -397,7 +397,7 @@ def test_the_view_shows_the_force(capsys):
         gap_s=0.001,
     )
     last = s.run()
-    last.measured_force_n = [0.0, -0.1, 0.2]
+    last.force.measured_n = [0.0, -0.1, 0.2]
     console = Console(width=160)
     console.print(render(last))
     console.print(summary(last))
@@ -410,18 +410,22 @@ def test_the_view_shows_the_force(capsys):
 
 
 def test_the_summary_shows_a_force_that_was_lost(capsys):
-    last = Snapshot(
-        haptic_state="enabled",
-        energy_given_j=-0.002,
-        energy_given_peak_j=0.0031,
-        force_losses=2,
-        force_out_s=0.3,
+    last = Snapshot.of(
+        {
+            "force": {
+                "state": "enabled",
+                "energy_given_j": -0.002,
+                "energy_given_peak_j": 0.0031,
+                "losses": 2,
+                "out_s": 0.3,
+            }
+        }
     )
     Console(width=160).print(summary(last))
     shown = capsys.readouterr().out
     for words in ("at most -2.0 mJ", "at most 3.10 mJ", "2 times; force out for 0.30 s"):
         assert words in shown
-    Console(width=160).print(summary(Snapshot(haptic_state="enabled")))
+    Console(width=160).print(summary(Snapshot.of({"force": {"state": "enabled"}})))
     assert "want of force" not in capsys.readouterr().out
 
 

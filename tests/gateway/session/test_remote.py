@@ -1,7 +1,6 @@
 """A session in a process of its own, moved by verbs; and beside an operator device."""
 
 import io
-import json
 import math
 import runpy
 import signal
@@ -175,7 +174,7 @@ def test_the_hand_takes_the_arm_from_a_verb_and_gives_it_back(in_thread):
         assert arm.movl(start).source == "program"
         assert arm.wait() is True
         until_at(arm, start)
-        until(lambda: ThreadProcess.shown.authority == "program")
+        until(lambda: ThreadProcess.shown.arm.authority == "program")
 
 
 def test_the_sessions_limits_are_the_verbs(in_thread):
@@ -222,7 +221,10 @@ def test_the_sessions_tool_is_the_verbs(in_thread):
         arm.tool([0.0] * 6)
         flange = np.array(arm.stat().pose[:3])
         assert np.linalg.norm(flange - by(pose, 0.0, 0.0, 0.05)[:3]) == pytest.approx(0.1, abs=1e-3)
-        until(lambda: np.allclose(ThreadProcess.shown.pose[:3], flange, atol=1e-3), "the new tool")
+        until(
+            lambda: np.allclose(ThreadProcess.shown.robot.pose[:3], flange, atol=1e-3),
+            "the new tool",
+        )
 
 
 def test_a_gripper_on_the_robots_output_is_everybodys(in_thread, monkeypatch):
@@ -245,7 +247,7 @@ def test_a_gripper_on_the_robots_output_is_everybodys(in_thread, monkeypatch):
             arm.act("acsg")
         arm.release()
         Hand.buttons = frozenset({"go"})
-        until(lambda: ThreadProcess.shown.authority == "hand")
+        until(lambda: ThreadProcess.shown.arm.authority == "hand")
         with pytest.raises(MotionRefusedError, match="'hand' has authority"):
             arm.act("acog")
     assert done == [{"digital": True}]
@@ -290,7 +292,7 @@ def test_verbs_streams_and_stop_on_the_simulated_arm():
 
         arm.movv([0.0, 0.0, -0.02, 0.0, 0.0, 0.0])
         assert arm.get_parameter("streamingCommand") == arm.get_parameters()["streamingCommand"]
-        until(lambda: shown[-1].phase == "moving")
+        until(lambda: shown[-1].arm.phase == "moving")
     assert shown[-1].finished
     with pytest.raises(MotionLoopError, match="not open"):
         arm.stat()
@@ -369,7 +371,7 @@ class Supervising:
     def _read(self):
         for line in self._process.stdout:
             if line.startswith("{"):
-                self.snapshots.append(Snapshot(**json.loads(line)))
+                self.snapshots.append(Snapshot.from_bytes(line.encode()))
             else:
                 word, _, rest = line.strip().partition(" ")
                 self.words[word] = rest
@@ -398,12 +400,12 @@ class Supervising:
         self._process.stdin.flush()
 
     def is_moving(self):
-        return bool(self.snapshots) and self.snapshots[-1].phase == "moving"
+        return bool(self.snapshots) and self.snapshots[-1].arm.phase == "moving"
 
     @property
     def stood_still(self):
         """The session's words for that, empty where it never said so."""
-        said = (each.message for each in self.snapshots)
+        said = (each.arm.message for each in self.snapshots)
         return next((each for each in said if STOOD_STILL in each), "")
 
     def until(self, found, what):
@@ -429,11 +431,11 @@ def assert_it_rested(at_s, said, seconds):
     resting = [each for each in while_stopped if each.elapsed_s > late_s]
     assert len(resting) >= 3
     for each in resting:
-        assert each.phase == "disarmed", each
-        assert each.twist == [0.0] * 6
-        assert "was silent for" in each.message
-        assert each.authority != "hand"
-    assert while_stopped[0].phase == "moving"
+        assert each.arm.phase == "disarmed", each
+        assert each.arm.twist == (0.0,) * 6
+        assert "was silent for" in each.arm.message
+        assert each.arm.authority != "hand"
+    assert while_stopped[0].arm.phase == "moving"
 
 
 @pytest.mark.real

@@ -22,6 +22,7 @@ from cardan.gateway.session.session import make_session
 from cardan.gateway.session.snapshot import MAX_SNAPSHOT_BYTES, Snapshot
 from cardan.types import DeviceCapabilities, DeviceLink, PoseCommand
 from tests.gateway.fakes import FakeDevice, FakeRobot
+from tests.snapshots import changed
 from tests.test_docs import blocks, text
 
 TABLE = {
@@ -50,10 +51,12 @@ def test_a_session_from_rest_to_motion(fake_drivers):
     s = session()
     last = s.run()
     assert last.finished
-    assert last.cycles == 500
+    assert last.loop.cycles == 500
     assert len(s.robot.commands) == 500
-    assert last.path_m > 0.15
-    assert s.robot.commands[-1].pose.position.x - 0.5 == pytest.approx(last.path_m, rel=1e-6)
+    assert last.tracking.path_m > 0.15
+    assert s.robot.commands[-1].pose.position.x - 0.5 == pytest.approx(
+        last.tracking.path_m, rel=1e-6
+    )
     assert last.gripper_closed
     assert s.robot.outputs == [(True, ())]
     assert last.diagnosis == ["the device is fake"]
@@ -115,7 +118,7 @@ def test_stop_brakes_before_it_leaves(fake_drivers):
     assert speeds[199] == pytest.approx(0.1)
     assert speeds[-1] == 0.0
     assert len(speeds) < 240
-    assert last.message == "enough"
+    assert last.arm.message == "enough"
 
 
 def test_snapshots_go_out_and_a_reader_that_sleeps_is_not_waited_for(fake_drivers):
@@ -124,8 +127,8 @@ def test_snapshots_go_out_and_a_reader_that_sleeps_is_not_waited_for(fake_driver
         theirs.setblocking(False)
         session(theirs, robot={"cycles": 3000}).run()
         first = Snapshot.from_bytes(ours.recv(MAX_SNAPSHOT_BYTES))
-        assert first.robot_link == "live"
-        assert len(first.pose) == 7
+        assert first.robot.link == "live"
+        assert len(first.robot.pose) == 7
 
 
 def test_a_session_whose_starter_is_gone_stops(fake_drivers):
@@ -134,8 +137,8 @@ def test_a_session_whose_starter_is_gone_stops(fake_drivers):
     ours.close()
     with theirs:
         last = session(theirs, robot={"cycles": 1_000_000}).run()
-    assert "gone" in last.message
-    assert last.cycles < 1000
+    assert "gone" in last.arm.message
+    assert last.loop.cycles < 1000
 
 
 def test_buttons_that_do_not_exist_are_refused(fake_drivers):
@@ -156,11 +159,16 @@ def test_a_missing_device_leaves_nothing_open(fake_drivers):
 
 
 def test_snapshots_survive_figures_that_are_not_numbers():
-    snapshot = Snapshot(metrics={"period_s": float("nan")}, message="é", pose=[1.0] * 7)
+    snapshot = Snapshot.of(
+        {
+            "robot": {"metrics": {"period_s": float("nan")}, "pose": [1.0] * 7},
+            "arm": {"message": "é"},
+        }
+    )
     back = Snapshot.from_bytes(snapshot.to_bytes())
-    assert back.metrics == {"period_s": None}
-    assert back.message == "é"
-    assert back == dataclasses.replace(snapshot, metrics={"period_s": None})
+    assert back.robot.metrics == {"period_s": None}
+    assert back.arm.message == "é"
+    assert back == changed(snapshot, robot__metrics={"period_s": None})
 
 
 def test_a_published_snapshot_is_json_whatever_its_figures():
@@ -171,21 +179,36 @@ def test_a_published_snapshot_is_json_whatever_its_figures():
         log=lambda *_arguments: None,
     )
     network = SimpleNamespace(_topics=topics, _server=None, _haptic=None, _verbs=None, _logged="")
-    SessionNetwork.tell(network, Snapshot(metrics={"period_s": float("nan")}), 0.0, 0)
+    SessionNetwork.tell(
+        network, Snapshot.of({"robot": {"metrics": {"period_s": float("nan")}}}), 0.0, 0
+    )
     (text,) = told
-    assert json.loads(text, parse_constant=pytest.fail)["metrics"] == {"period_s": None}
+    assert json.loads(text, parse_constant=pytest.fail)["robot"]["metrics"] == {"period_s": None}
 
 
 @pytest.mark.parametrize("unprintable", ["\x1b[2J", "\n", "\x7f", "\u202e", '"\x07'])
 def test_what_a_snapshot_tells_is_printable(unprintable):
-    snapshot = Snapshot(message=f"a{unprintable}b", metrics={unprintable: 1.0}, buttons=["left"])
+    snapshot = Snapshot.of(
+        {
+            "arm": {"message": f"a{unprintable}b"},
+            "robot": {"metrics": {unprintable: 1.0}},
+            "device": {"buttons": ["left"]},
+        }
+    )
     back = Snapshot.from_bytes(snapshot.to_bytes())
-    assert back.message.isprintable()
-    assert back.buttons == ["left"]
-    assert all(name.isprintable() for name in back.metrics)
+    assert back.arm.message.isprintable()
+    assert back.device.buttons == ("left",)
+    assert all(name.isprintable() for name in back.robot.metrics)
     # As another program may write it.
-    plain = json.dumps({"message": f"a{unprintable}b"}, ensure_ascii=False).encode()
-    assert Snapshot.from_bytes(plain).message.isprintable()
+    plain = json.dumps({"arm": {"message": f"a{unprintable}b"}}, ensure_ascii=False).encode()
+    assert Snapshot.from_bytes(plain).arm.message.isprintable()
+
+
+def test_of_a_snapshot_of_another_version_what_both_know_is_read():
+    table = {"phase": "moving", "device": "spacemouse", "trips": 3, "elapsed_s": 2.0, "pose": None}
+    table |= {"arm": {"phase": "holding", "unheard_of": 1, "twist": None}, "loop": {"cycles": 7}}
+    read = Snapshot.from_bytes(json.dumps(table).encode())
+    assert read == changed(Snapshot(), elapsed_s=2.0, arm__phase="holding", loop__cycles=7)
 
 
 def test_a_button_that_a_device_may_have_beside_those_it_tells_is_taken(fake_drivers, monkeypatch):
@@ -216,8 +239,8 @@ def test_of_buttons_that_are_known_once_the_device_is_there_the_operator_is_told
     monkeypatch.setattr(s, "_publish", seen_publish)
     last = s.run()
     told = "mapping.deadman: the device has no button 'Go'; it has: go, grip; did you mean 'go'?"
-    assert told in {snapshot.message for snapshot in seen}
-    assert last.path_m == 0.0
+    assert told in {snapshot.arm.message for snapshot in seen}
+    assert last.tracking.path_m == 0.0
 
 
 def test_each_part_of_a_session_says_what_it_costs(fake_drivers):
@@ -278,8 +301,8 @@ class TestTheJoystickOfThePage:
         port.touch()
         made = self.session(path=str(port))
         last = made.run(0.3)
-        assert last.device_link == "live"
-        assert last.cycles > 0
+        assert last.device.link == "live"
+        assert last.loop.cycles > 0
         assert made.device.state().link is DeviceLink.CLOSED
 
     def test_its_device_is_not_there(self, fake_drivers, joystick, tmp_path):
@@ -326,8 +349,8 @@ class TestADriverThatFails:
         good = s.robot.cycles
         s.robot.cycles = lambda: (state._replace(joints=joints, pose=None) for state in good())
         last = s.run()
-        assert "joints" in last.message
-        assert (last.pose, last.path_m) == ([], 0.0)
+        assert "joints" in last.arm.message
+        assert (last.robot.pose, last.tracking.path_m) == ((), 0.0)
 
     @pytest.mark.parametrize("call", ["diagnosis", "metrics", "protocol_errors"])
     def test_a_robot_s_figures(self, fake_drivers, call):
@@ -340,11 +363,11 @@ class TestADriverThatFails:
     def test_a_device_s_figures(self, fake_drivers):
         s = session(**FEW)
         s.device.metrics = lambda: {"age_s": 0.08}
-        assert s.run().device_metrics == {"age_s": 0.08}
+        assert s.run().device.metrics == {"age_s": 0.08}
         s = session(**FEW)
         s.device.metrics = lambda: {"age_s": "old"}
         last = s.run()
-        assert last.device_metrics == {}
+        assert last.device.metrics == {}
         assert any("metrics() gave 'old' for 'age_s'" in line for line in last.diagnosis)
 
     def test_closing(self, fake_drivers, caplog):
@@ -404,6 +427,8 @@ class TestAFilterThatFails:
         ]
 
     def test_its_words(self, fake_drivers):
-        assert any("the filter mine failed: ZeroDiv" in line for line in self.run("status").filters)
+        assert any(
+            "the filter mine failed: ZeroDiv" in line for line in self.run("status").arm.filters
+        )
         told = self.run("diagnosis").diagnosis
         assert "the filter mine failed: ZeroDivisionError: division by zero" in told

@@ -42,18 +42,18 @@ def test_runs_for_the_time_it_is_given(waiting):
     outcome = supervise(waiting, 0.5, seen.append)
     assert outcome.exit_code == 0
     assert outcome.last.finished
-    assert outcome.last.robot_link == "waiting"
+    assert outcome.last.robot.link == "waiting"
     assert len(seen) >= 3
     assert seen[-1] == outcome.last
 
 
 def test_a_command_around_it_has_its_signals_and_its_code(waiting):
     outcome = supervise(waiting, 0.5, through=("env", "CARDAN_PROOF=1"))
-    assert (outcome.exit_code, outcome.last.robot_link) == (0, "waiting")
+    assert (outcome.exit_code, outcome.last.robot.link) == (0, "waiting")
     # A command that ends as a shell does, by the signal's number and 128.
     shell = ("sh", "-c", "trap 'kill $!; exit 143' TERM; sleep 20 & wait", "sh")
     outcome = supervise(waiting, 30.0, poll=lambda: False, through=shell)
-    assert (outcome.exit_code, outcome.last.message) == (0, "stopped before it began")
+    assert (outcome.exit_code, outcome.last.arm.message) == (0, "stopped before it began")
 
 
 def test_what_only_code_sets_reaches_the_session(waiting, monkeypatch):
@@ -70,14 +70,14 @@ def test_what_only_code_sets_reaches_the_session(waiting, monkeypatch):
 def test_poll_stops_it_even_before_it_has_begun(waiting):
     outcome = supervise(waiting, 30.0, poll=lambda: False)
     assert outcome.exit_code == 0
-    assert outcome.last.message == "stopped before it began"
+    assert outcome.last.arm.message == "stopped before it began"
 
 
 @pytest.mark.real
 def test_an_interrupt_stops_it(waiting):
     outcome = supervise(waiting, 30.0, lambda _snapshot: os.kill(os.getpid(), signal.SIGINT))
     assert outcome.exit_code == 0
-    assert outcome.last.message == "stopped on request"
+    assert outcome.last.arm.message == "stopped on request"
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 

@@ -1,0 +1,16 @@
+"""Snapshots of sessions, as tests make them."""
+
+import dataclasses
+from typing import Any
+
+from cardan.gateway.session.snapshot import Snapshot
+
+
+def changed(snapshot: Snapshot, **fields: Any) -> Snapshot:
+    """`snapshot` with other values: its own fields by name, those of a part as PART__FIELD."""
+    for name, value in fields.items():
+        part, _, field = name.rpartition("__")
+        if part:
+            value = dataclasses.replace(getattr(snapshot, part), **{field: value})
+        snapshot = dataclasses.replace(snapshot, **{part or field: value})
+    return snapshot
