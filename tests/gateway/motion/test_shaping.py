@@ -12,6 +12,8 @@ from cardan.gateway.motion.shaping import (
     JerkLimitedVector,
     PoseShaper,
     PoseShaperLimits,
+    _stop_sample,
+    _stop_way,
     damping_time_s,
 )
 from cardan.spatial import from_rotation_vector, norm, rotation_between, scale, subtract
@@ -86,6 +88,19 @@ def test_a_straight_change_does_not_overshoot_and_is_time_optimal(target, times,
     else:
         best = 2.0 * math.sqrt(wanted / 100.0)
     assert t <= best * 1.05 + 4.0 * max(times)
+
+
+@pytest.mark.parametrize("speed", [0.25, 0.1, 0.02, -0.25])
+@pytest.mark.parametrize("acceleration", [0.0, 0.9, -0.9])
+def test_the_way_of_a_stop_is_what_its_ticks_add_up_to(speed, acceleration):
+    way, v, a = 0.0, speed, acceleration
+    for _ in range(500):
+        mean = 0.5 * v
+        step, v, a = _stop_sample(v, a, 1.0, 10.0, 0.001)
+        assert step == pytest.approx((mean + 0.5 * v) * 0.001, abs=1e-8)
+        way += step
+    assert (v, a) == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert _stop_way(speed, acceleration, 1.0, 10.0) == pytest.approx(way, abs=1e-9)
 
 
 @given(st.floats(0.05, 2.0), st.floats(-2.0, 2.0))
