@@ -53,7 +53,7 @@ class _InProcess:
         self.arm.receive(data, self.now())
 
     def wait(self) -> list[bytes]:
-        until_s = self._cycle_s + WAKE_S
+        begun_s = self._cycle_s
         while True:
             if self._virtual:
                 self._cycle_s += self._period_s
@@ -62,7 +62,7 @@ class _InProcess:
             else:
                 self._next_deadline()
             data = list(self.arm.cycle(self._cycle_s))
-            if data or self._cycle_s >= until_s:
+            if data or self._cycle_s - begun_s >= WAKE_S:
                 return data
 
     def waiting(self) -> list[bytes]:
