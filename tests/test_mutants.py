@@ -27,6 +27,7 @@ class Thing:
             raise ValueError(f"{a + 1}")
         self.last = min(a, b)
         self.say(a, b)
+        self.say(a, a)
         match a:
             case 3 | 4 if a < b:
                 a = b
@@ -53,6 +54,7 @@ def test_each_kind_of_change(source):
         ("Thing.f", "self.last = min(a, b) -> self.last = max(a, b)"),
         ("Thing.f", "self.say(a, b) -> None"),
         ("Thing.f", "self.say(a, b) -> self.say(b, a)"),
+        ("Thing.f", "self.say(a, a) -> None"),
         ("Thing.f", "case 3 | 4 if a < b: -> case 3 | 4 if False:"),
         ("Thing.f", "case 3 | 4 if a < b: -> case 3 | 4 if True:"),
         ("Thing.f", "3 | 4 -> 4 | 4"),
@@ -93,6 +95,7 @@ def test_statements_are_told_before_they_run(source):
         of_the_guard,
         there["self.last = min(a, b) -> self.last = max(a, b)"],
         there["self.say(a, b) -> None"],
+        there["self.say(a, a) -> None"],
         there["3 -> 4"],
         there["return -a -> return +a"],
     ]

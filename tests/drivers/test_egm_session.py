@@ -11,6 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 from cardan.common.tables import read_table
 from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
+from cardan.drivers.abb_egm.slow_motion import SpeedCapDetector
 from cardan.drivers.abb_egm.states import (
     EGM_ERROR,
     EGM_STOPPED,
@@ -1150,6 +1151,12 @@ class TestBadBytes:
             state = bench.hear()
             assert state is not None
             assert (state.pose, state.joints[0]) == (None, pytest.approx(first))
+        for pose in (EgmPose(POSITION, None), EgmPose(None, ORIENTATION)):
+            bench = Bench()
+            bench.controller.fields = {"feed_back": EgmMotion(joints=HOME, cartesian=pose)}
+            state = bench.hear()
+            assert state is not None
+            assert state.pose is None
 
     @given(st.lists(wild, min_size=6, max_size=6), st.tuples(wild, wild, wild))
     def test_what_is_a_state_may_be_sent_back(
@@ -1310,6 +1317,12 @@ class TestInsight:
             target = 0.3 * math.sin(0.01 * k)
             bench.cycle(joint_target(target) if mode == "joint" else pose_target(0.2 * target))
             assert not bench.session.slow_motion.capped
+
+    def test_two_looks_at_one_time_say_nothing_of_a_speed(self) -> None:
+        detector = SpeedCapDetector()
+        for told in (0.0, 0.1):
+            detector.look(((told,), (0.0,)), 1000.0)
+        assert (detector.commanded, detector.done, detector.capped) == (0.0, 0.0, False)
 
     def test_the_hint_about_max_speed_deviation(self) -> None:
         assert "\\MaxSpeedDeviation is 20 deg/s" in self.words(Bench(max_speed_deviation_deg_s=20))

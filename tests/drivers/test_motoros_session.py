@@ -84,7 +84,9 @@ def test_states_come_at_least_every_tenth_of_a_second():
             assert {state.link for state in run.states} == {RobotLink.WAITING}
             assert "refused" in run.states[-1].hold_reason
         stamps = [state.stamp_s for state in run.states]
-        assert max(b - a for a, b in pairwise(stamps)) <= 0.1 + 1e-6
+        gaps = [b - a for a, b in pairwise(stamps)]
+        assert max(gaps) <= 0.1 + 1e-6
+        assert min(gaps) > 0.02  # One for each status, and none twice.
 
 
 def test_a_refused_connection_is_tried_again_later_and_later():
@@ -380,6 +382,10 @@ def test_a_lost_motion_connection_comes_back_without_motion():
     assert run.session.phase is MotionPhase.IDLE
     assert run.controller.command_rad(0) == where  # STOP_MOTION emptied what was left
     assert run.session.metrics(run.now_s)["reconnects"] == 1.0
+    assert not [words for words in run.session.diagnosis(run.now_s) if "motion ended" in words]
+    run.ready().unplug("motion")
+    run.run(0.2)
+    assert "motion ended 2 times" in " ".join(run.session.diagnosis(run.now_s))
 
 
 @pytest.mark.matrix(

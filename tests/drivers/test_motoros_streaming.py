@@ -223,6 +223,13 @@ class TestPointStream:
         assert len(bench.points) == 4
         assert bench.motion.ended
 
+    def test_drives_that_the_first_point_wakes_are_waited_for(self):
+        bench = Bench(PointStream).start()
+        for ends in (False, True):
+            bench.publish(drives_powered=0)
+            assert bench.motion.ends_by_status() is ends
+            bench.now_s += 0.07
+
     def test_a_controller_that_is_not_ready_ends_it_in_words(self):
         bench = Bench(PointStream).start()
         bench.verdicts = [SUCCESS, NOT_READY]
@@ -308,6 +315,13 @@ class TestVelocityStream:
         assert all(body.vel == joints10(()) for _, body in bench.velocities)
         bench.start()
         assert bench.motion.waiting == ""
+
+    def test_a_refused_first_command_is_followed_by_no_other(self):
+        bench = Bench(VelocityStream, mode="velocity")
+        bench.verdicts = [NOT_READY]
+        bench.run(0.02, HoldCommand(), 1e-3)
+        assert [body.sequence for _, body in bench.velocities] == [0]
+        assert "alarm" in bench.motion.ended.lower()
 
     def test_a_controller_that_never_gets_ready_ends_it(self):
         bench = Bench(VelocityStream, mode="velocity")

@@ -13,6 +13,7 @@ import pytest
 
 from cardan import cli
 from cardan.drivers import access, base, reader_thread, registry
+from cardan.drivers.hid import HidDevice
 from cardan.drivers.spacemouse import (
     SpaceMouse,
     SpaceMouseOptions,
@@ -880,6 +881,21 @@ def test_socket_that_is_not_there(tmp_path):
     (tmp_path / "nothing").touch()
     with pytest.raises(DeviceAccessError, match="Connection refused; is its simulated device"):
         SpaceMouse(SpaceMouseOptions(transport="socket", path=path)).open()
+
+
+def test_a_read_of_hidapi_waits_as_long_as_it_may_and_never_for_ever():
+    asked = []
+
+    class Handle:
+        open_path = set_nonblocking = lambda self, value: 0
+
+        def read(self, room, timeout_ms=None):
+            asked.append(timeout_ms)
+            return []
+
+    device = HidDevice(types.SimpleNamespace(device=Handle), "puck")
+    assert [device.read(timeout_s) for timeout_s in (0.25, 1e-5, 0.0)] == [None] * 3
+    assert asked == [250, 1, None]
 
 
 def test_socket_keeps_packets_apart(puck):

@@ -697,6 +697,7 @@ def test_a_server_that_closes_without_a_word_is_said_to_be_another():
         assert "does not seem to speak RTDE" not in session.hold_reason
         session.connected("rtde", float(count))
         session.disconnected("rtde", "the controller closed it", float(count))
+        assert session.outgoing() == []  # Nothing is left for the next connection.
     assert "3 times without an answer: it does not seem to speak RTDE" in session.hold_reason
 
 

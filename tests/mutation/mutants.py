@@ -114,7 +114,8 @@ def variants(node: ast.AST) -> Iterator[ast.AST]:
         args = node.args
         called = ast.unparse(node.func).rpartition(".")[2]
         starred = any(isinstance(each, ast.Starred) for each in args[:2])
-        if len(args) > 1 and not starred and called not in SYMMETRIC:
+        same = len(args) > 1 and ast.dump(args[0]) == ast.dump(args[1])
+        if len(args) > 1 and not (starred or same or called in SYMMETRIC):
             yield changed(args=[args[1], args[0], *args[2:]])
         if isinstance(node.func, ast.Name) and node.func.id in NAMES:
             yield changed(func=ast.Name(NAMES[node.func.id], ast.Load()))

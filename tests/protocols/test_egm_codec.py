@@ -265,6 +265,10 @@ def test_sequence_number_and_clock_wrap():
     joints = (0.0,) * 6
     wrapped = egm.decode_from_pc(egm.encode_joint_reply(2**32 + 5, -1, joints, None))
     assert wrapped.header == EgmHeader(5, 2**32 - 1, CORRECTION)
+    for longer in (2**7, 2**14, 2**21, 2**28):  # A byte more than the number before.
+        header = EgmHeader(longer, longer - 1, CORRECTION)
+        reply = egm.encode_joint_reply(*header[:2], joints, None)
+        assert egm.decode_from_pc(reply).header == header
     sensor = EgmSensor(EgmHeader(2**32, 2**40 + 7, CORRECTION))
     assert egm.decode_from_pc(egm.encode_sensor(sensor)).header == EgmHeader(0, 7, CORRECTION)
     robot = EgmRobot(feed_back=EgmMotion(), move_index=-1)

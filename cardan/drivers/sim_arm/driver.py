@@ -45,7 +45,6 @@ class _InProcess:
         self._period_s = options.period_s
         self._virtual = options.pacing == "virtual"
         self._cycle_s = 0.0 if self._virtual else _monotonic()
-        self._heard_s = self._cycle_s
 
     def now(self) -> float:
         return self._cycle_s if self._virtual else _monotonic()
@@ -54,6 +53,7 @@ class _InProcess:
         self.arm.receive(data, self.now())
 
     def wait(self) -> list[bytes]:
+        begun_s = self._cycle_s
         while True:
             if self._virtual:
                 self._cycle_s += self._period_s
@@ -62,8 +62,7 @@ class _InProcess:
             else:
                 self._next_deadline()
             data = list(self.arm.cycle(self._cycle_s))
-            if data or self._cycle_s - self._heard_s >= WAKE_S:
-                self._heard_s = self._cycle_s
+            if data or self._cycle_s - begun_s >= WAKE_S:
                 return data
 
     def waiting(self) -> list[bytes]:

@@ -813,9 +813,6 @@ class ArmController:
                 self._begin_recovery()
             return
         if activity is None and not self.commanded.moving:
-            if not request.asks and self._drifted:
-                self._begin_recovery()
-                return
             activity = FollowHand(self.commanded, self.reference)
             self._on(ArmEvent.FOLLOWS, activity)
         if isinstance(activity, FollowHand):

@@ -47,7 +47,7 @@ def _stop_way(v: float, a: float, most: float, jerk: float) -> float:
     if v + 0.5 * a * abs(a) / jerk < 0.0:
         return -_stop_way(-v, -a, most, jerk)
     rising = a / jerk
-    squared = jerk * v + 0.5 * a * a
+    squared = max(0.0, jerk * v + 0.5 * a * a)  # Below by rounding, near the end of the stop.
     if squared <= most * most:
         peak = math.sqrt(squared)
         hold = 0.0
@@ -71,7 +71,7 @@ def _stop_sample(
     if v + 0.5 * a * abs(a) / jerk < 0.0:
         way, v, a = _stop_sample(-v, -a, most, jerk, dt)
         return -way, -v, -a
-    squared = jerk * v + 0.5 * a * a
+    squared = max(0.0, jerk * v + 0.5 * a * a)  # Below by rounding, near the end of the stop.
     peak = math.sqrt(squared) if squared <= most * most else most
     hold = (squared - peak * peak) / (jerk * peak) if squared > most * most else 0.0
     way = 0.0

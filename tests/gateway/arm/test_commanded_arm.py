@@ -9,7 +9,9 @@ from cardan.gateway.arm.commanded_arm import (
     APPROACH_SPEED_M_S,
     APPROACH_SPEED_RAD_S,
     FASTEST_TCP_M_S,
+    FASTEST_TCP_RAD_S,
     READING_NOISE_M,
+    READING_NOISE_RAD,
     TaskSpaceArm,
 )
 from cardan.gateway.arm.following_error import FollowingError
@@ -111,7 +113,10 @@ def test_no_tcp_goes_farther_than_any_arm_can():
     most_m = READING_NOISE_M + FASTEST_TCP_M_S * 0.02
     assert commanded.leap(at(), at(0.99 * most_m), 0.02) == ""
     assert "jumped by 112 mm" in commanded.leap(at(), at(1.02 * most_m), 0.02)
-    assert "1.00 rad" in commanded.leap(at(), at(turn=Vector3(1.0, 0.0, 0.0)), 0.02)
+    most_rad = READING_NOISE_RAD + FASTEST_TCP_RAD_S * 0.02
+    turned = at(turn=Vector3(0.99 * most_rad, 0.0, 0.0))
+    assert commanded.leap(at(), turned, 0.02) == ""
+    assert "0.36 rad" in commanded.leap(at(), at(turn=Vector3(1.02 * most_rad, 0.0, 0.0)), 0.02)
     assert commanded.leap(robot(None), at(), 0.02) == commanded.leap(at(), robot(None), 0.02) == ""
 
 

@@ -21,7 +21,7 @@ from cardan.gateway.arm.joint_space_arm import (
 )
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import to_pose
-from cardan.gateway.servo.servo import Servo
+from cardan.gateway.servo.servo import LONGEST_SERVO_STEP_S, Servo
 from cardan.robots import load_arm
 from cardan.spatial import add, from_rotation_vector, multiply
 from cardan.types import (
@@ -72,6 +72,16 @@ def moving(v, *kinds):
 )
 def test_the_best_of_the_commands_that_the_robot_takes_is_sent(kinds, chosen):
     assert arm(*kinds).kind is chosen
+
+
+def test_a_usual_period_is_one_step_and_a_long_one_several():
+    steps = arm().steps
+    assert [steps(dt_s) for dt_s in (0.0, 0.001, LONGEST_SERVO_STEP_S)] == [
+        [],
+        [0.001],
+        [LONGEST_SERVO_STEP_S],
+    ]
+    assert steps(0.02) == pytest.approx([0.005] * 4)
 
 
 def test_the_last_gate_knows_the_joints_limits_and_the_robots_own():

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cardan.gateway.arm.neighbors import NS, NeighborBodies, NeighborWatch
+from cardan.gateway.arm.neighbors import FASTEST, NS, NeighborBodies, NeighborWatch
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.robots import load_arm
 from cardan.types import Pose, Quaternion, Vector3
@@ -69,7 +69,7 @@ WRONG = {
     "joint states with a joint twice": {"names": (*NAMES, NAMES[0]), "joints": (*HOME, 0.0)},
     "joint states with other numbers of values than of joints": {"joints": HOME[:5]},
     "joint states that are not numbers": {"joints": (math.nan, *HOME[1:])},
-    "joint states with speeds that no joint has": {"speeds": (1e300, *HOME[1:])},
+    "joint states with speeds that no joint has": {"speeds": (1.01 * FASTEST, *HOME[1:])},
     "joint states outside the joints' ranges": {"joints": (90.0, *HOME[1:])},
     "joint states from the future": {"late_s": -0.02},
     "joint states that are old": {"late_s": 3600.0},
@@ -91,6 +91,11 @@ def test_what_is_wrong_is_counted_and_refreshes_nothing(reason):
             break
     if reason != "joint states with the stamp of earlier ones":
         assert f"on /right/joint_states come {reason}" in heard.fault
+
+
+def test_a_speed_at_the_limit_is_taken():
+    heard = Heard().say(speeds=(FASTEST, *HOME[1:]))
+    assert (heard.watch.joints, dict(heard.watch.refused)) == (HOME, {})
 
 
 def test_joints_that_are_missing_are_named_and_counted_as_one():

@@ -81,11 +81,17 @@ def test_twists_move_and_silence_brakes(frame):
     world.rest()
     # 0.1 s on and a braking way of v²/2a.
     assert np.linalg.norm(world.six()[:3] - silent[:3]) < 0.1 * 0.11 + 0.005 + 0.004
-    answer = world.verbs.stream("twist", [0.0, 0.0, -0.1, 0.0, 0.0, 0.0])
-    assert "silent" in answer
+    twist, going_on = [0.0, 0.0, -0.1, 0.0, 0.0, 0.0], Begins.GOING_ON
+    assert "silent" in world.verbs.stream("twist", twist)
     held = world.q.copy()
     world.tick(50)
     np.testing.assert_array_equal(world.q, held)
+    # Its own sender alone goes on with it, unless it was stopped.
+    assert "does not begin again" in world.verbs.stream("twist", twist, owner="x", begins=going_on)
+    assert world.verbs.stream("twist", twist, begins=going_on) == ""
+    world.verbs.stop()
+    world.rest()
+    assert "does not begin again" in world.verbs.stream("twist", twist, begins=going_on)
 
 
 def test_a_resting_stream_may_be_silent():

@@ -487,7 +487,7 @@ def test_a_new_motion_takes_over_without_a_step(first, second):
         old = call[first](there)
         world.tick(60)
     new = call[second](back)
-    assert new.outcome is Outcome.WAITING
+    assert (new.outcome, new.note) == (Outcome.WAITING, "")
     if old is not None:
         assert (old.outcome, old.reason) == (Outcome.ABORTED, f"{second} took over")
     for _ in range(500):
@@ -500,6 +500,7 @@ def test_a_new_motion_takes_over_without_a_step(first, second):
     if new.ends:
         assert world.run(new).outcome is Outcome.DONE
         np.testing.assert_allclose(world.six()[:3], back[:3], atol=2e-5)
+        assert world.verbs.start_pending() is None
 
 
 def test_a_motion_that_is_refused_leaves_the_one_under_way_alone():

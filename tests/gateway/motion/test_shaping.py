@@ -12,6 +12,8 @@ from cardan.gateway.motion.shaping import (
     JerkLimitedVector,
     PoseShaper,
     PoseShaperLimits,
+    _stop_sample,
+    _stop_way,
     damping_time_s,
 )
 from cardan.spatial import from_rotation_vector, norm, rotation_between, scale, subtract
@@ -47,9 +49,10 @@ def test_equivalent_ramp_delays(acceleration, jerk, delay_s):
     assert lost / 0.5 == pytest.approx(delay_s, rel=0.05)
 
 
+@pytest.mark.parametrize("jerk", [60.0, 20.0])
 @given(st.lists(st.tuples(vectors, st.lists(periods, min_size=1, max_size=30)), max_size=6))
-def test_velocity_bounds_hold_with_any_targets_and_periods(plan):
-    shaper = JerkLimitedVector(3, 1.0, 4.0, 60.0)
+def test_velocity_bounds_hold_with_any_targets_and_periods(jerk, plan):
+    shaper = JerkLimitedVector(3, 1.0, 4.0, jerk)
     a = ZERO3
     for target, times in plan:
         for dt_s in times:
@@ -58,7 +61,7 @@ def test_velocity_bounds_hold_with_any_targets_and_periods(plan):
             after = Vector3(*shaper.acceleration_now)
             assert norm(v) <= 1.0 + 1e-8
             assert norm(after) <= 4.0 + 1e-9
-            assert norm(subtract(after, a)) <= 60.0 * dt_s * (1 + 1e-9)
+            assert norm(subtract(after, a)) <= jerk * dt_s * (1 + 1e-9)
             assert norm(subtract(v, before)) <= 4.0 * dt_s * (1 + 1e-9)
             a = after
     target = plan[-1][0] if plan else ZERO3
@@ -86,6 +89,19 @@ def test_a_straight_change_does_not_overshoot_and_is_time_optimal(target, times,
     else:
         best = 2.0 * math.sqrt(wanted / 100.0)
     assert t <= best * 1.05 + 4.0 * max(times)
+
+
+@pytest.mark.parametrize("speed", [0.25, 0.1, 0.02, -0.25])
+@pytest.mark.parametrize("acceleration", [0.0, 0.9, -0.9])
+def test_the_way_of_a_stop_is_what_its_ticks_add_up_to(speed, acceleration):
+    way, v, a = 0.0, speed, acceleration
+    for _ in range(500):
+        mean = 0.5 * v
+        step, v, a = _stop_sample(v, a, 1.0, 10.0, 0.001)
+        assert step == pytest.approx((mean + 0.5 * v) * 0.001, abs=1e-8)
+        way += step
+    assert (v, a) == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert _stop_way(speed, acceleration, 1.0, 10.0) == pytest.approx(way, abs=1e-9)
 
 
 @given(st.floats(0.05, 2.0), st.floats(-2.0, 2.0))

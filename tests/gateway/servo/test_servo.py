@@ -240,6 +240,8 @@ def test_without_sliding_the_line_ends_at_the_wall():
     assert status.active_pairs > 0
     assert "wall" in status.nearest_pair
     assert status.path_speed < 0.05
+    drive.servo.place(drive.servo.q)
+    assert drive.servo.status().active_pairs == 0
 
 
 def test_nothing_is_pushed_away_from_an_obstacle_that_nobody_moves_at():
