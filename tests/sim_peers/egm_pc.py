@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from cardan.protocols.egm import decode_robot, encode_path_corr, encode_sensor
+from cardan.protocols.egm.decode import decode_robot
+from cardan.protocols.egm.encode import encode_path_corr, encode_sensor
 from cardan.protocols.egm.messages import (
     EgmHeader,
     EgmMessageType,
