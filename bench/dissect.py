@@ -13,7 +13,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from bench.egm_codec import EULER, JOINTS, SEQNO, TIME_US, TM_MS, robot
-from cardan.protocols.egm import EgmHeader, decode_from_pc, decode_robot, encode_robot
+from cardan.protocols.egm.decode import decode_from_pc, decode_robot
+from cardan.protocols.egm.encode import encode_robot
+from cardan.protocols.egm.messages import EgmHeader
 from cardan.protocols.egm.replies import encode_joint_reply
 from cardan_dissect import EGM_PORTS, dissect_file
 

@@ -16,7 +16,9 @@ from ABBRobotEGM import EGM
 from ABBRobotEGM._egm_protobuf import egm_pb2
 
 from bench.figures import median_costs
-from cardan.protocols.egm import (
+from cardan.protocols.egm.decode import decode_from_pc, decode_robot
+from cardan.protocols.egm.encode import encode_rapid_to_robot, encode_robot
+from cardan.protocols.egm.messages import (
     EgmCollisionInfo,
     EgmHeader,
     EgmMeasuredForce,
@@ -24,14 +26,9 @@ from cardan.protocols.egm import (
     EgmPose,
     EgmRapidData,
     EgmRobot,
-    decode_from_pc,
-    decode_robot,
-    encode_joint_reply,
-    encode_pose_reply,
-    encode_rapid_to_robot,
-    encode_robot,
 )
 from cardan.protocols.egm.reader import FeedbackReader
+from cardan.protocols.egm.replies import encode_joint_reply, encode_pose_reply
 from cardan.types import Pose, Quaternion, Twist, Vector3
 
 SEQNO, TM_MS = 90_000, 12_345_678

@@ -23,7 +23,10 @@ from bench.figures import Figures
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import make_session
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.protocols import simple_message as sm
+from cardan.protocols.simple_message import codec
+from cardan.protocols.simple_message.codes import MessageType, MotionCommand
+from cardan.protocols.simple_message.framing import ByteOrder, FrameReader
+from cardan.protocols.simple_message.messages import Empty, MotionCtrl, VelocityInfoRequest, request
 from studies.motoros.rig import FIRST_PUSH_S, Array, peers, read_log, session_tables
 
 REQUESTS = 2000
@@ -98,13 +101,13 @@ def replies() -> Figures:
         socket.create_connection(("127.0.0.1", port)) as link,
     ):
         link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        wire = sm.wire()
+        wire = codec.wire()
         asked = {
-            "PING": sm.request(sm.Empty(), sm.MessageType.PING),
-            "CHECK_QUEUE_CNT": sm.request(sm.MotionCtrl(0, 0, sm.MotionCommand.CHECK_QUEUE_CNT)),
-            "VELOCITY_INFO": sm.request(sm.VelocityInfoRequest(0)),
+            "PING": request(Empty(), MessageType.PING),
+            "CHECK_QUEUE_CNT": request(MotionCtrl(0, 0, MotionCommand.CHECK_QUEUE_CNT)),
+            "VELOCITY_INFO": request(VelocityInfoRequest(0)),
         }
-        reader = sm.FrameReader(sm.ByteOrder.LITTLE)
+        reader = FrameReader(ByteOrder.LITTLE)
         for _ in range(REQUESTS):
             for kind, message in asked.items():
                 data = wire.encode(message)

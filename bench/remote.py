@@ -52,7 +52,7 @@ from cardan.bus.options import BusOptions
 from cardan.demos.examples import free_ports
 from cardan.gateway.session.subprocesses import Launched, launched
 from cardan.protocols.connexion.reports import encode_buttons, encode_motion
-from cardan.protocols.egm import EgmMotion
+from cardan.protocols.egm.messages import EgmMotion
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.types import Vector3
 from studies.cartesian.controller import START, datagram, obeyed

@@ -11,22 +11,38 @@ import struct
 from collections.abc import Callable
 
 from bench.figures import median_costs
-from cardan.protocols import simple_message as sm
+from cardan.protocols.simple_message.codec import wire
+from cardan.protocols.simple_message.codes import MotionCommand
+from cardan.protocols.simple_message.framing import ByteOrder, FrameReader
+from cardan.protocols.simple_message.messages import (
+    ZEROS,
+    JointFeedback,
+    JointFeedbackEx,
+    JointTrajPtFull,
+    JointVelocity,
+    MotionCtrl,
+    MotionReply,
+    RobotStatus,
+    joints10,
+    reply,
+    request,
+    topic,
+)
 
-JOINTS = sm.joints10((0.1, -0.2, 0.3, -0.4, 0.5, 0.6))
+JOINTS = joints10((0.1, -0.2, 0.3, -0.4, 0.5, 0.6))
 
 
 def cases() -> dict[str, Callable[[], object]]:
     """Timed functions by name; struct alone first."""
-    little, big = sm.wire(), sm.wire(sm.ByteOrder.BIG)
-    feedback = sm.topic(sm.JointFeedback(0, 6, 0.0, JOINTS, JOINTS, sm.ZEROS))
-    status = sm.topic(sm.RobotStatus(1, 0, 0, 0, 0, 2, 1))
-    point = sm.request(sm.JointTrajPtFull(0, 1, 7, 0.04, JOINTS, JOINTS, sm.ZEROS))
-    velocity = sm.topic(sm.JointVelocity(0, 5, 5, 1.25, sm.ZEROS, JOINTS, sm.ZEROS))
-    control = sm.request(sm.MotionCtrl(0, 1, sm.MotionCommand.CHECK_QUEUE_CNT))
-    answer = sm.reply(sm.MotionReply(0, 1, sm.MotionCommand.CHECK_QUEUE_CNT, 0, 3))
-    groups = tuple(sm.JointFeedback(group, 6, 0.0, JOINTS, JOINTS, sm.ZEROS) for group in range(4))
-    several = sm.topic(sm.JointFeedbackEx(4, groups))
+    little, big = wire(), wire(ByteOrder.BIG)
+    feedback = topic(JointFeedback(0, 6, 0.0, JOINTS, JOINTS, ZEROS))
+    status = topic(RobotStatus(1, 0, 0, 0, 0, 2, 1))
+    point = request(JointTrajPtFull(0, 1, 7, 0.04, JOINTS, JOINTS, ZEROS))
+    velocity = topic(JointVelocity(0, 5, 5, 1.25, ZEROS, JOINTS, ZEROS))
+    control = request(MotionCtrl(0, 1, MotionCommand.CHECK_QUEUE_CNT))
+    answer = reply(MotionReply(0, 1, MotionCommand.CHECK_QUEUE_CNT, 0, 3))
+    groups = tuple(JointFeedback(group, 6, 0.0, JOINTS, JOINTS, ZEROS) for group in range(4))
+    several = topic(JointFeedbackEx(4, groups))
     data = {
         name: little.encode(message)
         for name, message in {
@@ -39,7 +55,7 @@ def cases() -> dict[str, Callable[[], object]]:
     }
     big_feedback = big.encode(feedback)
     plain = struct.Struct("<4i2i31f")
-    reader = sm.FrameReader(sm.ByteOrder.LITTLE)
+    reader = FrameReader(ByteOrder.LITTLE)
     cycle = data["feedback"] + data["status"]
 
     def cut_and_decode() -> None:

@@ -29,8 +29,9 @@ from cardan.drivers.ros2_arm.transport import STATES_KEPT
 from cardan.drivers.sim_arm import SimArm, SimArmOptions
 from cardan.drivers.ur_rtde import UrRtde, UrRtdeOptions
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.protocols.egm import MCIState, decode_robot, encode_robot
-from cardan.protocols.egm.messages import EgmRobot
+from cardan.protocols.egm.decode import decode_robot
+from cardan.protocols.egm.encode import encode_robot
+from cardan.protocols.egm.messages import EgmRobot, MCIState
 from cardan.protocols.joint_stream.codec import decode_state, encode_state
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.robots import ArmModel, load_arm

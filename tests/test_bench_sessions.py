@@ -12,8 +12,9 @@ from bench import pages, sessions
 from bench.sessions.crowd import Crowd, Played, compiler, template
 from bench.sessions.lab import Row
 from cardan.protocols.connexion.reports import decode_input
-from cardan.protocols.egm import decode_robot, encode_joint_reply
+from cardan.protocols.egm.decode import decode_robot
 from cardan.protocols.egm.reader import FeedbackReader
+from cardan.protocols.egm.replies import encode_joint_reply
 from cardan.robots import load_arm
 
 pytestmark = pytest.mark.matrix

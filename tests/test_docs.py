@@ -28,8 +28,29 @@ from cardan.errors import ConfigurationError
 from cardan.gateway.daemon.config import read_layout
 from cardan.gateway.session import assembly, config
 from cardan.gateway.session.driver_assembly import make_device
-from cardan.protocols import egm, simple_message as sm
 from cardan.protocols.connexion import devices as connexion_devices, reports
+from cardan.protocols.egm import decode, encode, replies
+from cardan.protocols.egm.decode import decode_robot
+from cardan.protocols.egm.messages import Fault, MCIState
+from cardan.protocols.egm.replies import encode_pose_reply
+from cardan.protocols.simple_message.codec import wire
+from cardan.protocols.simple_message.codes import (
+    InvalidSubcode,
+    IoResult,
+    MessageType,
+    MotionCommand,
+    NotReadySubcode,
+)
+from cardan.protocols.simple_message.messages import (
+    ZEROS,
+    JointVelocity,
+    MotionCtrl,
+    MotionReply,
+    joints10,
+    reply,
+    request,
+    topic,
+)
 from cardan.sim_peers import registry as peers
 from cardan.types import Pose, Quaternion, Vector3
 from cardan_filters.camera import CameraOptions
@@ -379,7 +400,15 @@ def test_every_exit_code_is_there():
     assert [code for code in codes if f"\n| {code} | " not in table] == []
 
 
-@pytest.mark.parametrize(("page", "protocol"), [("abb-egm.md", egm), ("spacemouse.md", reports)])
+@pytest.mark.parametrize(
+    ("page", "protocol"),
+    [
+        ("abb-egm.md", decode),
+        ("abb-egm.md", encode),
+        ("abb-egm.md", replies),
+        ("spacemouse.md", reports),
+    ],
+)
 def test_every_function_of_a_codec_is_there(page, protocol):
     functions = [name for name in vars(protocol) if re.match(r"(de|en)code_", name)]
     told = section(text(page), "Functions")
@@ -387,7 +416,7 @@ def test_every_function_of_a_codec_is_there(page, protocol):
 
 
 def test_every_fault_of_a_datagram_is_there():
-    assert set(rows(section(text("abb-egm.md"), "Malformed"))) == set(egm.Fault.__members__)
+    assert set(rows(section(text("abb-egm.md"), "Malformed"))) == set(Fault.__members__)
 
 
 def test_worked_reports_are_what_the_codec_says():
@@ -407,26 +436,26 @@ def test_worked_datagrams_are_what_the_codec_says():
     answer = bytes.fromhex("".join(pairs))
     pose = Pose(Vector3(0.5975, 0.001, 0.83775), Quaternion(0.5, 0.0, 0.8660254037844386, 0.0))
     assert len(answer) == 81
-    assert egm.encode_pose_reply(301, 1214, pose, None) == answer
+    assert encode_pose_reply(301, 1214, pose, None) == answer
     names: dict[str, Any] = {}
     exec(blocks(page, "python")[1], names)
-    robot = egm.decode_robot(names["data"])
+    robot = decode_robot(names["data"])
     assert len(names["data"]) == 80
     assert robot.feed_back.joints == (0.0, 0.0, 0.0, 0.0, 0.5235987755982988, 0.0)
-    assert robot.mci_state is egm.MCIState.STOPPED
-    assert egm.decode_robot(names["data"][:40]).fault is egm.Fault.TRUNCATED
+    assert robot.mci_state is MCIState.STOPPED
+    assert decode_robot(names["data"][:40]).fault is Fault.TRUNCATED
 
 
 def test_every_number_of_simple_message_is_there():
     page = text("protocols/simple-message.md")
-    for codes in (sm.MessageType, sm.MotionCommand, sm.InvalidSubcode, sm.NotReadySubcode):
+    for codes in (MessageType, MotionCommand, InvalidSubcode, NotReadySubcode):
         missing = [
             code.name
             for code in codes
             if not re.search(rf"\b{code}\b", page) or not re.search(rf"\b{code.name}\b", page)
         ]
         assert set(missing) <= UNSERVED, missing
-    for code in sm.IoResult:
+    for code in IoResult:
         assert f"{code:d} {code.name}" in page
 
 
@@ -446,16 +475,12 @@ UNSERVED = {
 def test_worked_messages_are_what_the_codec_says():
     page = text("protocols/simple-message.md")
     messages = (
-        sm.request(sm.MotionCtrl(0, 2, sm.MotionCommand.START_TRAJ_MODE)),
-        sm.reply(sm.MotionReply(0, 2, sm.MotionCommand.START_TRAJ_MODE, 0, 0)),
-        sm.topic(
-            sm.JointVelocity(
-                0, 5, 5, 1.25, sm.ZEROS, sm.joints10((0.25, -0.1, 0, 0, 0, 0.5)), sm.ZEROS
-            )
-        ),
+        request(MotionCtrl(0, 2, MotionCommand.START_TRAJ_MODE)),
+        reply(MotionReply(0, 2, MotionCommand.START_TRAJ_MODE, 0, 0)),
+        topic(JointVelocity(0, 5, 5, 1.25, ZEROS, joints10((0.25, -0.1, 0, 0, 0, 0.5)), ZEROS)),
     )
     words = "".join(blocks(section(page, "Worked bytes"), ""))
-    assert bytes.fromhex(words) == b"".join(map(sm.wire().encode, messages))
+    assert bytes.fromhex(words) == b"".join(map(wire().encode, messages))
     names: dict[str, Any] = {}
     exec(blocks(page, "python")[0], names)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cardan.protocols.simple_message import ActiveMode
+from cardan.protocols.simple_message.codes import ActiveMode
 from cardan.types import JointVelocityCommand, RobotLink
 from tests.drivers.motoros_rig import Rig
 

@@ -17,7 +17,8 @@ from bench.arms import kinematics
 from cardan.errors import DriverError
 from cardan.gateway.kinematics.base import to_pose
 from cardan.protocols.connexion.reports import encode_buttons
-from cardan.protocols.egm import EgmHeader, EgmMotion, EgmPose, EgmRobot, encode_robot
+from cardan.protocols.egm.encode import encode_robot
+from cardan.protocols.egm.messages import EgmHeader, EgmMotion, EgmPose, EgmRobot
 from cardan.robots import load_arm
 
 ARM = "gofa_crb15000_5"

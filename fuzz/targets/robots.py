@@ -20,9 +20,32 @@ from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.session import MotorosSession
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
-from cardan.protocols import egm, simple_message as sm
+from cardan.protocols.egm.decode import decode_feedback, decode_from_pc, decode_robot
+from cardan.protocols.egm.encode import encode_path_corr, encode_robot, encode_sensor
+from cardan.protocols.egm.messages import (
+    EgmCollisionInfo,
+    EgmFeedback,
+    EgmHeader,
+    EgmMeasuredForce,
+    EgmMessageType,
+    EgmMotion,
+    EgmPose,
+    EgmRapidData,
+    EgmRobot,
+    EgmSensor,
+    EgmSensorPathCorr,
+    EgmSpeedRef,
+    MCIState,
+    MotorState,
+    RapidState,
+)
+from cardan.protocols.egm.reader import FeedbackReader
 from cardan.protocols.joint_stream import codec as js
-from cardan.protocols.simple_message import io_addresses, messages
+from cardan.protocols.simple_message import codec, io_addresses, messages
+from cardan.protocols.simple_message.codec import detect_wire
+from cardan.protocols.simple_message.codes import MessageType
+from cardan.protocols.simple_message.framing import ByteOrder, FrameReader
+from cardan.protocols.simple_message.messages import Message, ReadIoReply
 from cardan.types import HoldCommand, Quaternion, RobotLink, Vector3
 from fuzz.target import Form, Target
 from fuzz.targets.common import near, pieces_of, same
@@ -31,24 +54,24 @@ from tests.protocols import worked
 
 # -- EGM ------------------------------------------------------------------------------------------
 
-_POSE = egm.EgmPose(Vector3(0.6, 0.0, 0.8), Quaternion(0.5, 0.0, 0.866, 0.0), None)
+_POSE = EgmPose(Vector3(0.6, 0.0, 0.8), Quaternion(0.5, 0.0, 0.866, 0.0), None)
 _SIX = (0.0, 0.1, -0.2, 0.0, 0.5, 0.0)
-_MOTION = egm.EgmMotion(_SIX, _POSE, (0.1,), 1_700_000_000_000_000, None)
+_MOTION = EgmMotion(_SIX, _POSE, (0.1,), 1_700_000_000_000_000, None)
 
 
 def egm_state(seqno: int, **changed: Any) -> bytes:
     """A controller's datagram."""
     fields: dict[str, Any] = {
-        "header": egm.EgmHeader(seqno, 4 * seqno, egm.EgmMessageType.DATA),
+        "header": EgmHeader(seqno, 4 * seqno, EgmMessageType.DATA),
         "feed_back": _MOTION,
         "planned": _MOTION,
-        "motor_state": egm.MotorState.ON,
-        "mci_state": egm.MCIState.RUNNING,
+        "motor_state": MotorState.ON,
+        "mci_state": MCIState.RUNNING,
         "mci_convergence_met": True,
-        "rapid_exec_state": egm.RapidState.RUNNING,
+        "rapid_exec_state": RapidState.RUNNING,
         **changed,
     }
-    return egm.encode_robot(egm.EgmRobot(**fields))
+    return encode_robot(EgmRobot(**fields))
 
 
 def _robots() -> Iterator[bytes]:
@@ -56,11 +79,11 @@ def _robots() -> Iterator[bytes]:
     yield egm_state(
         300,
         test_signals=_SIX,
-        measured_force=egm.EgmMeasuredForce((1.0, 2.0, 3.0, 0.1, 0.2, 0.3), True),
+        measured_force=EgmMeasuredForce((1.0, 2.0, 3.0, 0.1, 0.2, 0.3), True),
         utilization_rate=12.5,
         move_index=1,
-        collision_info=egm.EgmCollisionInfo(False, _SIX),
-        rapid_from_robot=egm.EgmRapidData(True, (1.0, 2.0)),
+        collision_info=EgmCollisionInfo(False, _SIX),
+        rapid_from_robot=EgmRapidData(True, (1.0, 2.0)),
         torque_ref=_SIX,
     )
     yield egm_state(5, header=None, planned=None)
@@ -68,24 +91,24 @@ def _robots() -> Iterator[bytes]:
 
 
 def _sensors() -> Iterator[bytes]:
-    header = egm.EgmHeader(7, 28, egm.EgmMessageType.CORRECTION)
-    speed = egm.EgmSpeedRef(_SIX, None, ())
-    yield egm.encode_sensor(egm.EgmSensor(header, _MOTION, None, None))
-    yield egm.encode_sensor(egm.EgmSensor(header, _MOTION, speed, egm.EgmRapidData(None, (1.0,))))
-    path = egm.EgmHeader(8, 32, egm.EgmMessageType.PATH_CORRECTION)
-    yield egm.encode_path_corr(egm.EgmSensorPathCorr(path, Vector3(0.0, 0.0025, -0.001), 1))
+    header = EgmHeader(7, 28, EgmMessageType.CORRECTION)
+    speed = EgmSpeedRef(_SIX, None, ())
+    yield encode_sensor(EgmSensor(header, _MOTION, None, None))
+    yield encode_sensor(EgmSensor(header, _MOTION, speed, EgmRapidData(None, (1.0,))))
+    path = EgmHeader(8, 32, EgmMessageType.PATH_CORRECTION)
+    yield encode_path_corr(EgmSensorPathCorr(path, Vector3(0.0, 0.0025, -0.001), 1))
     yield from (worked.S1, worked.S2, worked.S3, worked.S4, worked.C1)
 
 
 def _egm_robot(data: bytes) -> object:
-    whole, part = egm.decode_robot(data), egm.decode_feedback(data)
-    if isinstance(whole, egm.EgmRobot):
-        again = egm.decode_robot(egm.encode_robot(whole))
+    whole, part = decode_robot(data), decode_feedback(data)
+    if isinstance(whole, EgmRobot):
+        again = decode_robot(encode_robot(whole))
         near(again, whole)
-        if isinstance(part, egm.EgmFeedback):
+        if isinstance(part, EgmFeedback):
             assert whole.header is not None
             assert part.seqno == whole.header.seqno
-    reader = egm.FeedbackReader()
+    reader = FeedbackReader()
     for _ in range(3):  # The reader learns the form of a datagram.
         found = reader.read(data)
         same(found, part)
@@ -93,12 +116,12 @@ def _egm_robot(data: bytes) -> object:
 
 
 def _egm_from_pc(data: bytes) -> object:
-    found = egm.decode_from_pc(data)
-    if isinstance(found, egm.EgmSensor):
-        again = egm.decode_from_pc(egm.encode_sensor(found))
+    found = decode_from_pc(data)
+    if isinstance(found, EgmSensor):
+        again = decode_from_pc(encode_sensor(found))
         near(again, found)
-    elif isinstance(found, egm.EgmSensorPathCorr):
-        again = egm.decode_from_pc(egm.encode_path_corr(found))
+    elif isinstance(found, EgmSensorPathCorr):
+        again = decode_from_pc(encode_path_corr(found))
         near(again, found)
     return found
 
@@ -142,7 +165,7 @@ def _messages() -> tuple[bytes, ...]:
         sizes = []
         for size in range(0, 1024, 4):
             data = struct.pack("<4i", 12 + size, msg_type, 1, 0) + bytes(size)
-            if isinstance(sm.wire().decode(data), sm.Message):
+            if isinstance(codec.wire().decode(data), Message):
                 sizes.append(data)
         found += sizes[: len(bodies) + 1]
     names = ("START_TRAJ_MODE", "START_TRAJ_MODE_REPLY", "SERVO_OFF_REPLY", "TRAJECTORY_POINT")
@@ -153,16 +176,16 @@ def _messages() -> tuple[bytes, ...]:
 
 def _simple_message(data: bytes) -> object:
     result: object = None
-    for order in sm.ByteOrder:
+    for order in ByteOrder:
         for real_bytes in (4, 8):
-            wire = sm.wire(order, real_bytes)
+            wire = codec.wire(order, real_bytes)
             result = wire.decode(data)
             wire.decode_datagram(data)
-            if isinstance(result, sm.Message):
+            if isinstance(result, Message):
                 again = wire.decode(wire.encode(result))
                 same(again, result)
                 return result
-    sm.detect_wire(data)
+    detect_wire(data)
     return result
 
 
@@ -170,7 +193,7 @@ def _simple_message_stream(data: bytes) -> object:
     """A stream means the same whatever pieces it comes in."""
 
     def frames(pieces: list[bytes]) -> tuple[object, ...]:
-        reader = sm.FrameReader()
+        reader = FrameReader()
         found = []
         for piece in pieces:
             reader.feed(piece)
@@ -196,7 +219,7 @@ def _streams() -> Iterator[bytes]:
 
 
 def _io_exchange(packets: tuple[bytes, ...]) -> object:
-    exchange = IoExchange(sm.ByteOrder.LITTLE)
+    exchange = IoExchange(ByteOrder.LITTLE)
     asked = exchange.ask(read_bit(io_addresses.ADDRESS_RANGES[0].first))
     assert asked
     result = None
@@ -210,14 +233,14 @@ def _io_exchange(packets: tuple[bytes, ...]) -> object:
 
 
 def _io_replies() -> Iterator[tuple[bytes, ...]]:
-    wire = sm.wire()
-    types = sm.MessageType
+    wire = codec.wire()
+    types = MessageType
     for value in (0, 1, 2):
-        body = sm.ReadIoReply(value, 0)
-        reply = wire.encode(sm.Message(types.MOTO_READ_IO_BIT_REPLY, 3, 1, body))
+        body = ReadIoReply(value, 0)
+        reply = wire.encode(Message(types.MOTO_READ_IO_BIT_REPLY, 3, 1, body))
         yield (reply,)
         yield (reply[:7], reply[7:])
-    yield (wire.encode(sm.Message(types.MOTO_READ_IO_BIT_REPLY, 3, 2, sm.ReadIoReply(0, 1001))),)
+    yield (wire.encode(Message(types.MOTO_READ_IO_BIT_REPLY, 3, 2, ReadIoReply(0, 1001))),)
 
 
 @cache

@@ -14,15 +14,15 @@ from cardan.common.arm_libraries import np
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import to_pose
 from cardan.gateway.session.subprocesses import launched
-from cardan.protocols.egm import (
+from cardan.protocols.egm.decode import decode_from_pc
+from cardan.protocols.egm.encode import encode_robot
+from cardan.protocols.egm.messages import (
     EgmHeader,
     EgmMeasuredForce,
     EgmMotion,
     EgmPose,
     EgmRobot,
     EgmSensor,
-    decode_from_pc,
-    encode_robot,
 )
 from cardan.robots import load_arm
 from cardan.types import Quaternion, Vector3

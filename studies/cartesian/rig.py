@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 
 from cardan.common.realtime import ask_for_real_time
-from cardan.protocols.egm import EgmMeasuredForce
+from cardan.protocols.egm.messages import EgmMeasuredForce
 from studies.cartesian.controller import START, datagram, obeyed
 
 MODEL = """

@@ -18,12 +18,8 @@ from cardan.drivers.motoros.options import STATE_PERIOD_S
 from cardan.drivers.motoros.requests import Answer
 from cardan.drivers.motoros.session import MotorosSession
 from cardan.drivers.motoros.trajectory_limiter import JointTrajectoryLimiter
-from cardan.protocols.simple_message import (
-    JointTrajPtFull,
-    MotionCommand,
-    MotionReply,
-    MotionResult,
-)
+from cardan.protocols.simple_message.codes import MotionCommand, MotionResult
+from cardan.protocols.simple_message.messages import JointTrajPtFull, MotionReply
 from cardan.types import RobotCapabilities, RobotCommand
 
 ARRIVED_RAD = 0.01

@@ -7,7 +7,7 @@ import pytest
 from cardan.conform.motoros_driver import simulated
 from cardan.drivers.motoros.motion_control import MotionPhase
 from cardan.drivers.motoros.trajectory_limiter import JointTrajectoryLimiter
-from cardan.protocols.simple_message import joints10
+from cardan.protocols.simple_message.messages import joints10
 from studies.motoros.two_point import TwoPointMoves, TwoPointSession, two_point_time_s
 from tests.conform.test_motoros_driver import (
     test_a_client_of_trajectories_meets_what_concerns_it as meets_what_concerns_it,

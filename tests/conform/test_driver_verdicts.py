@@ -14,8 +14,14 @@ from cardan.conform.egm_driver.requirements import (
     references_do_not_leap,
 )
 from cardan.conform.run import simulated
-from cardan.protocols.egm import EgmHeader, EgmMessageType, EgmMotion, EgmRobot, EgmSensor
-from cardan.protocols.egm.messages import EgmPose
+from cardan.protocols.egm.messages import (
+    EgmHeader,
+    EgmMessageType,
+    EgmMotion,
+    EgmPose,
+    EgmRobot,
+    EgmSensor,
+)
 from cardan.spatial import Quaternion, Vector3
 
 

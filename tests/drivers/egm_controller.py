@@ -6,7 +6,9 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from cardan.protocols.egm import (
+from cardan.protocols.egm.decode import decode_from_pc
+from cardan.protocols.egm.encode import encode_robot
+from cardan.protocols.egm.messages import (
     EgmHeader,
     EgmMessageType,
     EgmMotion,
@@ -16,8 +18,6 @@ from cardan.protocols.egm import (
     MCIState,
     MotorState,
     RapidState,
-    decode_from_pc,
-    encode_robot,
 )
 from cardan.types import Quaternion, Vector3
 

@@ -19,7 +19,8 @@ from cardan.drivers.abb_egm.statistics import PlainCycleState
 from cardan.drivers.limiters import JointLimiter
 from cardan.drivers.missed_cycles import SLACK_S
 from cardan.errors import CommandError
-from cardan.protocols.egm import EgmMeasuredForce, FeedbackReader
+from cardan.protocols.egm.messages import EgmMeasuredForce
+from cardan.protocols.egm.reader import FeedbackReader
 from cardan.spatial import from_rotation_vector, multiply, normalized
 from cardan.types import (
     Frame,

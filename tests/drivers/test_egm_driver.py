@@ -18,7 +18,7 @@ import pytest
 from cardan.drivers import registry
 from cardan.drivers.abb_egm import AbbEgm, AbbEgmOptions, address, driver as driver_module
 from cardan.errors import AddressError, CommandError, DriverError, NotOpenError
-from cardan.protocols.egm import EgmMeasuredForce, EgmRapidData
+from cardan.protocols.egm.messages import EgmMeasuredForce, EgmRapidData
 from cardan.types import HoldCommand, JointCommand, JointVelocityCommand, RobotLink, RobotState
 from tests.waiting import WITHIN_S
 

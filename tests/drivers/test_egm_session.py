@@ -21,7 +21,8 @@ from cardan.drivers.abb_egm.states import (
     RAPID_STOPPED,
 )
 from cardan.errors import CommandError, ConfigurationError
-from cardan.protocols.egm import (
+from cardan.protocols.egm.decode import decode_from_pc
+from cardan.protocols.egm.messages import (
     EgmCollisionInfo,
     EgmHeader,
     EgmMeasuredForce,
@@ -33,7 +34,6 @@ from cardan.protocols.egm import (
     MCIState,
     MotorState,
     RapidState,
-    decode_from_pc,
 )
 from cardan.spatial import from_rotation_vector, multiply, rotation_between
 from cardan.types import (

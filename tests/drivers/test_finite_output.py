@@ -16,7 +16,8 @@ from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
 from cardan.errors import CommandError
-from cardan.protocols.egm import MalformedEgmMessage, decode_from_pc
+from cardan.protocols.egm.decode import decode_from_pc
+from cardan.protocols.egm.messages import MalformedEgmMessage
 from cardan.protocols.joint_stream.codec import (
     ArmCommand,
     ArmState,
@@ -24,7 +25,8 @@ from cardan.protocols.joint_stream.codec import (
     decode_command,
     encode_state,
 )
-from cardan.protocols.simple_message import Message, wire
+from cardan.protocols.simple_message.codec import wire
+from cardan.protocols.simple_message.messages import Message
 from cardan.types import (
     HoldCommand,
     JointCommand,

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import pytest
 
 from cardan.drivers.motoros.agreed_limits import agreed_limits
-from cardan.protocols.simple_message import VelocityInfo
+from cardan.protocols.simple_message.messages import VelocityInfo
 from cardan.types import JointLimits
 
 OURS = JointLimits((-1.0, -2.0), (1.0, 2.0), (3.0, 4.0), (5.0, 6.0))

@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.drivers.motoros.diagnosis import io_result_in_words, reply_in_words, status_in_words
-from cardan.protocols.simple_message import (
+from cardan.protocols.simple_message.codes import (
     InvalidSubcode,
     IoResult,
     MessageType,
     MotionCommand,
     MotionResult,
     NotReadySubcode,
-    RobotStatus,
 )
+from cardan.protocols.simple_message.messages import RobotStatus
 
 READY = RobotStatus(1, 0, 0, 0, 0, 2, 1)
 ANSWERED = (

@@ -29,28 +29,29 @@ from cardan.errors import (
     DriverError,
     NotOpenError,
 )
-from cardan.protocols.simple_message import (
-    Body,
-    ByteOrder,
-    FrameReader,
+from cardan.protocols.simple_message.codec import wire
+from cardan.protocols.simple_message.codes import (
     InvalidSubcode,
     IoResult,
-    Message,
     MessageType,
-    MotionReply,
     MotionResult,
+    ReplyCode,
+)
+from cardan.protocols.simple_message.framing import ByteOrder, FrameReader
+from cardan.protocols.simple_message.messages import (
+    Body,
+    Message,
+    MotionReply,
     ReadIo,
     ReadIoReply,
     ReadRegister,
     ReadRegisterReply,
-    ReplyCode,
     WriteIo,
     WriteIoReply,
     WriteRegister,
     WriteRegisterReply,
     reply,
     request,
-    wire,
 )
 
 LITTLE, BIG = wire(ByteOrder.LITTLE), wire(ByteOrder.BIG)

@@ -5,13 +5,13 @@ import math
 import pytest
 
 from cardan.drivers.motoros.requests import MotionRequests
-from cardan.protocols.simple_message import (
+from cardan.protocols.simple_message.codes import MotionCommand
+from cardan.protocols.simple_message.messages import (
     ZEROS,
     JointFeedback,
     JointTrajPtFull,
     JointVelocity,
     MalformedMessage,
-    MotionCommand,
     MotionReply,
     VelocityInfo,
     VelocityInfoRequest,

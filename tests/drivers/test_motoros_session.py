@@ -12,15 +12,9 @@ from cardan.drivers.motoros.motion_control import MotionPhase
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.session import MotorosSession
 from cardan.errors import CommandError
-from cardan.protocols.simple_message import (
-    ZEROS,
-    ByteOrder,
-    JointFeedback,
-    RobotStatus,
-    WireFormat,
-    topic,
-    wire,
-)
+from cardan.protocols.simple_message.codec import WireFormat, wire
+from cardan.protocols.simple_message.framing import ByteOrder
+from cardan.protocols.simple_message.messages import ZEROS, JointFeedback, RobotStatus, topic
 from cardan.robots import load_arm
 from cardan.types import (
     IDENTITY_POSE,

@@ -13,17 +13,17 @@ from cardan.drivers.motoros.requests import MotionRequests
 from cardan.drivers.motoros.streaming import LAST_TIME_MS, RENEW_TIME_MS, PointStream
 from cardan.drivers.motoros.trajectory_limiter import JointTrajectoryLimiter
 from cardan.drivers.motoros.velocity import VelocityStream
-from cardan.protocols.simple_message import (
+from cardan.protocols.simple_message.codec import wire
+from cardan.protocols.simple_message.codes import MotionCommand
+from cardan.protocols.simple_message.messages import (
     JointFeedback,
     JointTrajPtFull,
     JointVelocity,
-    MotionCommand,
     MotionReply,
     RobotStatus,
     joints10,
     reply,
     topic,
-    wire,
 )
 from cardan.types import HoldCommand, JointCommand, JointLimits, JointVelocityCommand
 

@@ -9,7 +9,7 @@ import math
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.message import DecodeError
 
-from cardan.protocols.egm import (
+from cardan.protocols.egm.messages import (
     EgmCollisionInfo,
     EgmHeader,
     EgmMeasuredForce,

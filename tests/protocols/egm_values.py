@@ -2,7 +2,7 @@
 
 from hypothesis import strategies as st
 
-from cardan.protocols.egm import (
+from cardan.protocols.egm.messages import (
     EgmCollisionInfo,
     EgmHeader,
     EgmMeasuredForce,

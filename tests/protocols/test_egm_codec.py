@@ -6,8 +6,14 @@ import random
 import pytest
 from hypothesis import given, settings
 
-from cardan.protocols import egm
-from cardan.protocols.egm import (
+from cardan.protocols.egm.decode import decode_from_pc, decode_robot
+from cardan.protocols.egm.encode import (
+    encode_path_corr,
+    encode_rapid_to_robot,
+    encode_robot,
+    encode_sensor,
+)
+from cardan.protocols.egm.messages import (
     EgmCollisionInfo,
     EgmHeader,
     EgmMeasuredForce,
@@ -25,6 +31,7 @@ from cardan.protocols.egm import (
     MotorState,
     RapidState,
 )
+from cardan.protocols.egm.replies import encode_joint_reply, encode_pose_reply
 from cardan.types import Frame, Pose, Quaternion, Twist, Vector3
 from tests.examples import examples
 from tests.protocols.worked import C1, F6, F7, R0, R1, S1, S2, S3, S4
@@ -145,43 +152,43 @@ def assert_near(found, expected):
 
 @pytest.mark.parametrize(("data", "value"), WORKED_ROBOTS.values(), ids=WORKED_ROBOTS)
 def test_worked_robots_both_ways(data, value):
-    assert_near(egm.decode_robot(data), value)
-    assert egm.encode_robot(value) == data
-    assert egm.encode_robot(egm.decode_robot(data)) == data
+    assert_near(decode_robot(data), value)
+    assert encode_robot(value) == data
+    assert encode_robot(decode_robot(data)) == data
 
 
 @pytest.mark.parametrize(("data", "value"), WORKED_SENSORS.values(), ids=WORKED_SENSORS)
 def test_worked_sensors_both_ways(data, value):
-    assert_near(egm.decode_from_pc(data), value)
-    assert egm.encode_sensor(value) == data
-    assert egm.encode_sensor(egm.decode_from_pc(data)) == data
+    assert_near(decode_from_pc(data), value)
+    assert encode_sensor(value) == data
+    assert encode_sensor(decode_from_pc(data)) == data
 
 
 def test_worked_path_correction_both_ways():
-    assert_near(egm.decode_from_pc(C1), WORKED_PATH_CORR)
-    assert egm.encode_path_corr(WORKED_PATH_CORR) == C1
-    assert egm.encode_path_corr(egm.decode_from_pc(C1)) == C1
+    assert_near(decode_from_pc(C1), WORKED_PATH_CORR)
+    assert encode_path_corr(WORKED_PATH_CORR) == C1
+    assert encode_path_corr(decode_from_pc(C1)) == C1
 
 
 def test_worked_replies():
     planned = S1_PLANNED.joints
     pose = Pose(POS._replace(y=0.001), ORIENT, Frame.BASE)
-    assert egm.encode_joint_reply(300, 1210, planned, None) == S1
-    assert egm.encode_pose_reply(301, 1214, pose, None) == S2
+    assert encode_joint_reply(300, 1210, planned, None) == S1
+    assert encode_pose_reply(301, 1214, pose, None) == S2
     velocities = (math.radians(2.5), 0.0, 0.0, 0.0, 0.0, 0.0)
-    suffix = egm.encode_rapid_to_robot(EgmRapidData(True, (1.0, -2.0)))
-    assert egm.encode_joint_reply(303, 1222, planned, velocities, suffix) == S4
+    suffix = encode_rapid_to_robot(EgmRapidData(True, (1.0, -2.0)))
+    assert encode_joint_reply(303, 1222, planned, velocities, suffix) == S4
 
 
 @pytest.mark.parametrize("kind", [bytes, bytearray, memoryview])
 def test_any_kind_of_buffer_is_read(kind):
-    assert egm.decode_robot(kind(R1)) == egm.decode_robot(R1)
-    assert egm.decode_from_pc(kind(S4)) == egm.decode_from_pc(S4)
+    assert decode_robot(kind(R1)) == decode_robot(R1)
+    assert decode_from_pc(kind(S4)) == decode_from_pc(S4)
 
 
 def test_known_states_come_as_their_enums_and_unknown_ones_as_numbers():
-    short = egm.decode_robot(R1)
-    general = egm.decode_robot(R0)
+    short = decode_robot(R1)
+    general = decode_robot(R0)
     for robot in (short, general):
         assert type(robot.header.mtype) is EgmMessageType
         assert type(robot.motor_state) is MotorState
@@ -189,7 +196,7 @@ def test_known_states_come_as_their_enums_and_unknown_ones_as_numbers():
         assert type(robot.rapid_exec_state) is RapidState
         assert type(robot.mci_convergence_met) is bool
     unknown = R1.replace(b"\x2a\x02\x08\x03", b"\x2a\x02\x08\x09")
-    assert egm.decode_robot(unknown) == short._replace(mci_state=9)
+    assert decode_robot(unknown) == short._replace(mci_state=9)
 
 
 # --- round trips
@@ -198,7 +205,7 @@ def test_known_states_come_as_their_enums_and_unknown_ones_as_numbers():
 @bounded
 @given(values.robot)
 def test_any_robot_comes_back(robot):
-    assert_close_robot(egm.decode_robot(egm.encode_robot(robot)), robot)
+    assert_close_robot(decode_robot(encode_robot(robot)), robot)
 
 
 def assert_close_robot(found, expected):
@@ -218,7 +225,7 @@ def assert_close_robot(found, expected):
 @bounded
 @given(values.sensor)
 def test_any_sensor_comes_back(sensor):
-    found = egm.decode_from_pc(egm.encode_sensor(sensor))
+    found = decode_from_pc(encode_sensor(sensor))
     assert found.header == sensor.header
     assert_near(found._replace(header=None), sensor._replace(header=None))
 
@@ -226,7 +233,7 @@ def test_any_sensor_comes_back(sensor):
 @bounded
 @given(values.path_corr)
 def test_any_path_correction_comes_back(path_corr):
-    found = egm.decode_from_pc(egm.encode_path_corr(path_corr))
+    found = decode_from_pc(encode_path_corr(path_corr))
     assert found.header == path_corr.header
     assert_near(found._replace(header=None), path_corr._replace(header=None))
 
@@ -235,18 +242,18 @@ def test_any_path_correction_comes_back(path_corr):
 @given(values.u32, values.u32, values.vector, values.quaternion, values.six, values.rapid_data)
 def test_replies_are_what_the_general_encoder_writes(seqno, tm, position, orient, six, rapid):
     header = EgmHeader(seqno, tm, CORRECTION)
-    suffix = egm.encode_rapid_to_robot(rapid)
+    suffix = encode_rapid_to_robot(rapid)
     pose = Pose(position, orient, Frame.BASE)
     twist = Twist(Vector3(*six[:3]), Vector3(*six[3:]), Frame.BASE)
     at_pose = EgmMotion(cartesian=EgmPose(position, orient))
     at_joints = EgmMotion(joints=six)
     for reply, planned, speed in (
-        (egm.encode_pose_reply(seqno, tm, pose, twist, suffix), at_pose, EgmSpeedRef(None, six)),
-        (egm.encode_pose_reply(seqno, tm, pose, None, suffix), at_pose, None),
-        (egm.encode_joint_reply(seqno, tm, six, six, suffix), at_joints, EgmSpeedRef(six)),
-        (egm.encode_joint_reply(seqno, tm, six, None, suffix), at_joints, None),
+        (encode_pose_reply(seqno, tm, pose, twist, suffix), at_pose, EgmSpeedRef(None, six)),
+        (encode_pose_reply(seqno, tm, pose, None, suffix), at_pose, None),
+        (encode_joint_reply(seqno, tm, six, six, suffix), at_joints, EgmSpeedRef(six)),
+        (encode_joint_reply(seqno, tm, six, None, suffix), at_joints, None),
     ):
-        assert reply == egm.encode_sensor(EgmSensor(header, planned, speed, rapid))
+        assert reply == encode_sensor(EgmSensor(header, planned, speed, rapid))
 
 
 # --- numbers and units
@@ -256,30 +263,28 @@ def test_every_half_degree_comes_back_to_the_bit():
     for half_degrees in range(-720, 721):
         joint = half_degrees / 2
         data = S1.replace(double(0.5), double(joint))
-        assert egm.encode_sensor(egm.decode_from_pc(data)) == data.replace(
-            double(-0.0), double(0.0)
-        )
+        assert encode_sensor(decode_from_pc(data)) == data.replace(double(-0.0), double(0.0))
 
 
 def test_sequence_number_and_clock_wrap():
     joints = (0.0,) * 6
-    wrapped = egm.decode_from_pc(egm.encode_joint_reply(2**32 + 5, -1, joints, None))
+    wrapped = decode_from_pc(encode_joint_reply(2**32 + 5, -1, joints, None))
     assert wrapped.header == EgmHeader(5, 2**32 - 1, CORRECTION)
     for longer in (2**7, 2**14, 2**21, 2**28):  # A byte more than the number before.
         header = EgmHeader(longer, longer - 1, CORRECTION)
         reply = egm.encode_joint_reply(*header[:2], joints, None)
         assert egm.decode_from_pc(reply).header == header
     sensor = EgmSensor(EgmHeader(2**32, 2**40 + 7, CORRECTION))
-    assert egm.decode_from_pc(egm.encode_sensor(sensor)).header == EgmHeader(0, 7, CORRECTION)
+    assert decode_from_pc(encode_sensor(sensor)).header == EgmHeader(0, 7, CORRECTION)
     robot = EgmRobot(feed_back=EgmMotion(), move_index=-1)
-    assert egm.decode_robot(egm.encode_robot(robot)).move_index == 2**32 - 1
+    assert decode_robot(encode_robot(robot)).move_index == 2**32 - 1
     path = WORKED_PATH_CORR._replace(age_ms=2**32 + 1)
-    assert egm.decode_from_pc(egm.encode_path_corr(path)).age_ms == 1
+    assert decode_from_pc(encode_path_corr(path)).age_ms == 1
 
 
 def test_wide_numbers_are_taken_modulo_their_width():
     header = b"\x08" + varint(2**32 + 300) + b"\x10" + varint(2**63 + 1210) + b"\x18\x02"
-    assert egm.decode_robot(tagged(1, header) + R1[10:]) == egm.decode_robot(R1)
+    assert decode_robot(tagged(1, header) + R1[10:]) == decode_robot(R1)
 
 
 @pytest.mark.parametrize("huge", [1.7e308, -1.7e308])
@@ -290,22 +295,22 @@ def test_encoders_take_any_finite_number(huge):
     header = EgmHeader(-1, -1, 2**40)
     pose = Pose(vector, quaternion, Frame.BASE)
     for data in (
-        egm.encode_robot(
+        encode_robot(
             EgmRobot(header, motion, motion, 2**40, -(2**40), True, six, 7, utilization_rate=huge)
         ),
-        egm.encode_sensor(EgmSensor(header, motion, EgmSpeedRef(six, six, six))),
-        egm.encode_path_corr(EgmSensorPathCorr(header, vector, -1)),
-        egm.encode_pose_reply(-1, -1, pose, Twist(vector, vector, Frame.BASE)),
-        egm.encode_joint_reply(-1, -1, six, six),
+        encode_sensor(EgmSensor(header, motion, EgmSpeedRef(six, six, six))),
+        encode_path_corr(EgmSensorPathCorr(header, vector, -1)),
+        encode_pose_reply(-1, -1, pose, Twist(vector, vector, Frame.BASE)),
+        encode_joint_reply(-1, -1, six, six),
     ):
         assert data
 
 
 def test_numbers_whose_sum_overflows_are_accepted():
     motion = EgmMotion((0.0,) * 6, POSE, None, 1_700_000_001_208_000)
-    usual = egm.decode_robot(R1)._replace(feed_back=motion)
-    data = egm.encode_robot(usual).replace(double(0.0) + b"\x09", double(1e308) + b"\x09")
-    assert egm.decode_robot(data).feed_back.joints[0] == math.radians(1e308)
+    usual = decode_robot(R1)._replace(feed_back=motion)
+    data = encode_robot(usual).replace(double(0.0) + b"\x09", double(1e308) + b"\x09")
+    assert decode_robot(data).feed_back.joints[0] == math.radians(1e308)
 
 
 # --- tolerance
@@ -313,7 +318,7 @@ def test_numbers_whose_sum_overflows_are_accepted():
 
 def test_packed_numbers_are_read():
     packed = tagged(2, tagged(1, tagged(1, b"".join(map(double, range(6))))))
-    robot = egm.decode_robot(packed)
+    robot = decode_robot(packed)
     assert robot.feed_back.joints == tuple(map(math.radians, range(6)))
 
 
@@ -321,51 +326,51 @@ def test_packed_numbers_are_read():
 def test_packed_force_is_read_in_both_layouts(layout):
     force = tagged(9, tagged(layout, b"".join(map(double, FORCE))))
     expected = EgmMeasuredForce(FORCE, None if layout == 1 else False)
-    assert egm.decode_robot(R0 + force).measured_force == expected
+    assert decode_robot(R0 + force).measured_force == expected
 
 
 def test_inactive_force_control_keeps_the_values():
     raw = F7.replace(b"\x08\x01", b"\x08\x00", 1)
-    assert egm.decode_robot(R0 + raw).measured_force == EgmMeasuredForce(FORCE, False)
+    assert decode_robot(R0 + raw).measured_force == EgmMeasuredForce(FORCE, False)
 
 
 def test_unknown_fields_and_any_order_mean_the_same():
     unknown = (
         tagged(15, b"\xff\xff") + varint(99 << 3 | 1) + double(1.0) + varint(77 << 3) + b"\x05"
     )
-    expected = egm.decode_robot(R1)
+    expected = decode_robot(R1)
     header, rest = R1[:10], R1[10:]
-    assert egm.decode_robot(R1 + unknown) == expected
-    assert egm.decode_robot(unknown + R1) == expected
-    assert egm.decode_robot(rest + header) == expected
+    assert decode_robot(R1 + unknown) == expected
+    assert decode_robot(unknown + R1) == expected
+    assert decode_robot(rest + header) == expected
 
 
 def test_a_repeated_field_after_the_usual_start_is_merged():
     again = tagged(4, b"\x08\x02")
-    assert egm.decode_robot(R1 + again) == egm.decode_robot(R1)._replace(motor_state=MotorState.OFF)
+    assert decode_robot(R1 + again) == decode_robot(R1)._replace(motor_state=MotorState.OFF)
 
 
 def test_absent_header_numbers_are_none():
-    robot = egm.decode_robot(tagged(1, b"\x18\x02") + tagged(2, b""))
+    robot = decode_robot(tagged(1, b"\x18\x02") + tagged(2, b""))
     assert robot == EgmRobot(EgmHeader(None, None, EgmMessageType.DATA), EgmMotion())
 
 
 def test_every_optional_field_of_robotware_7_16():
-    full = egm.decode_robot(R1)._replace(
+    full = decode_robot(R1)._replace(
         test_signals=FORCE,
         collision_info=EgmCollisionInfo(False, FORCE),
         rapid_from_robot=EgmRapidData(True, tuple(map(float, range(40)))),
         torque_ref=FORCE,
     )
     full = full._replace(feed_back=full.feed_back._replace(external_joints=FORCE, time_stamp_ns=5))
-    data = egm.encode_robot(full)
-    assert egm.decode_robot(data) == full
+    data = encode_robot(full)
+    assert decode_robot(data) == full
 
 
 @pytest.mark.parametrize("mtype", [None, 0, 1, 2, 9])
 def test_path_corrections_are_known_by_their_shape_where_mtype_does_not_tell(mtype):
     fields = b"" if mtype is None else b"\x18" + varint(mtype)
-    found = egm.decode_from_pc(tagged(1, fields) + C1[9:])
+    found = decode_from_pc(tagged(1, fields) + C1[9:])
     assert found == WORKED_PATH_CORR._replace(header=EgmHeader(None, None, mtype or 0))
 
 
@@ -373,13 +378,13 @@ def test_path_corrections_are_known_by_their_shape_where_mtype_does_not_tell(mty
 @pytest.mark.parametrize("data", [S1, S2, S3, S4], ids=["S1", "S2", "S3", "S4"])
 def test_guidance_is_known_by_its_shape_where_mtype_does_not_tell(mtype, data):
     fields = b"" if mtype is None else b"\x18" + varint(mtype)
-    found = egm.decode_from_pc(tagged(1, fields) + data[10:])
-    expected = egm.decode_from_pc(data)
+    found = decode_from_pc(tagged(1, fields) + data[10:])
+    expected = decode_from_pc(data)
     assert found == expected._replace(header=EgmHeader(None, None, mtype or 0))
 
 
 def test_a_header_alone_is_guidance():
-    assert egm.decode_from_pc(S1[:10]) == EgmSensor(EgmHeader(300, 1210, CORRECTION))
+    assert decode_from_pc(S1[:10]) == EgmSensor(EgmHeader(300, 1210, CORRECTION))
 
 
 # --- refusals
@@ -426,7 +431,7 @@ BAD_ROBOTS = {
 
 @pytest.mark.parametrize(("data", "fault"), BAD_ROBOTS.values(), ids=BAD_ROBOTS)
 def test_bad_robots_are_refused_with_a_reason(data, fault):
-    refused = egm.decode_robot(data)
+    refused = decode_robot(data)
     assert isinstance(refused, MalformedEgmMessage)
     assert refused.fault is fault
     assert refused.detail
@@ -466,16 +471,16 @@ BAD_FROM_PC = {
 
 @pytest.mark.parametrize(("data", "fault"), BAD_FROM_PC.values(), ids=BAD_FROM_PC)
 def test_bad_messages_from_a_pc_are_refused_with_a_reason(data, fault):
-    refused = egm.decode_from_pc(data)
+    refused = decode_from_pc(data)
     assert isinstance(refused, MalformedEgmMessage)
     assert refused.fault is fault
     assert refused.detail
 
 
 def test_the_refusal_names_what_was_wrong():
-    refused = egm.decode_robot(tagged(2, joints(7)))
+    refused = decode_robot(tagged(2, joints(7)))
     assert "feedBack.joints has 7 values" in refused.detail
-    refused = egm.decode_robot(tagged(3, tagged(2, joints(1))))
+    refused = decode_robot(tagged(3, tagged(2, joints(1))))
     assert "planned.cartesian.pos.y" in refused.detail
 
 
@@ -484,35 +489,33 @@ def test_what_only_informs_may_be_anything():
     rate = b"\x51" + double(INF)
     quotas = tagged(12, (b"\x11" + double(NAN)) * 9)
     torques = tagged(14, (b"\x09" + double(INF)) * 9)
-    robot = egm.decode_robot(R0 + signals + rate + quotas + torques)
+    robot = decode_robot(R0 + signals + rate + quotas + torques)
     assert len(robot.test_signals) == len(robot.collision_info.coll_det_quota) == 9
     assert robot.utilization_rate == INF
     assert robot.torque_ref == (INF,) * 9
 
 
 def test_a_short_group_of_axes_is_legal_here():
-    assert egm.decode_robot(tagged(2, joints(5))).feed_back.joints == (0.0,) * 5
-    assert egm.decode_from_pc(from_pc(tagged(2, joints(0)))).planned.joints == ()
+    assert decode_robot(tagged(2, joints(5))).feed_back.joints == (0.0,) * 5
+    assert decode_from_pc(from_pc(tagged(2, joints(0)))).planned.joints == ()
 
 
 # --- nothing raises
 
 
 def test_every_cut_of_a_datagram_is_typed():
-    whole = egm.decode_robot(R1)
+    whole = decode_robot(R1)
     for end in range(len(R1)):
-        found = egm.decode_robot(R1[:end])
+        found = decode_robot(R1[:end])
         assert isinstance(found, EgmRobot | MalformedEgmMessage)
         assert found != whole
     for end in range(len(S4)):
-        assert isinstance(egm.decode_from_pc(S4[:end]), EgmSensor | MalformedEgmMessage)
+        assert isinstance(decode_from_pc(S4[:end]), EgmSensor | MalformedEgmMessage)
 
 
 def test_random_bytes_are_typed():
     source = random.Random(20)
     for _ in range(3000):
         data = source.randbytes(source.randrange(0, 80))
-        assert isinstance(egm.decode_robot(data), EgmRobot | MalformedEgmMessage)
-        assert isinstance(
-            egm.decode_from_pc(data), EgmSensor | EgmSensorPathCorr | MalformedEgmMessage
-        )
+        assert isinstance(decode_robot(data), EgmRobot | MalformedEgmMessage)
+        assert isinstance(decode_from_pc(data), EgmSensor | EgmSensorPathCorr | MalformedEgmMessage)

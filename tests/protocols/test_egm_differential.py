@@ -5,8 +5,9 @@ from contextlib import suppress
 import pytest
 from hypothesis import example, given, settings, strategies as st
 
-from cardan.protocols import egm
-from cardan.protocols.egm import MalformedEgmMessage
+from cardan.protocols.egm.decode import decode_from_pc, decode_robot
+from cardan.protocols.egm.encode import encode_path_corr, encode_robot, encode_sensor
+from cardan.protocols.egm.messages import MalformedEgmMessage
 from tests.examples import examples
 from tests.protocols.worked import C1, F6, F7, R0, R1, S1, S2, S3, S4
 
@@ -29,15 +30,15 @@ def agree(data, decode, expect):
 
 
 def agree_on_robot(data):
-    return agree(data, egm.decode_robot, oracle.robot)
+    return agree(data, decode_robot, oracle.robot)
 
 
 def agree_from_pc(data):
-    return agree(data, egm.decode_from_pc, oracle.from_pc)
+    return agree(data, decode_from_pc, oracle.from_pc)
 
 
-robots = values.robot.map(egm.encode_robot) | values.usual_robot.map(egm.encode_robot)
-from_pc = values.sensor.map(egm.encode_sensor) | values.path_corr.map(egm.encode_path_corr)
+robots = values.robot.map(encode_robot) | values.usual_robot.map(encode_robot)
+from_pc = values.sensor.map(encode_sensor) | values.path_corr.map(encode_path_corr)
 
 
 @bounded

@@ -6,7 +6,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from cardan.drivers.abb_egm.compiled import CompiledReader
-from cardan.protocols.egm import (
+from cardan.protocols.egm import reader
+from cardan.protocols.egm.decode import decode_feedback, decode_robot
+from cardan.protocols.egm.encode import encode_robot
+from cardan.protocols.egm.messages import (
     EgmFeedback,
     EgmHeader,
     EgmMeasuredForce,
@@ -14,16 +17,12 @@ from cardan.protocols.egm import (
     EgmMotion,
     EgmRobot,
     Fault,
-    FeedbackReader,
     MalformedEgmMessage,
     MCIState,
     MotorState,
     RapidState,
-    decode_feedback,
-    decode_robot,
-    encode_robot,
-    reader,
 )
+from cardan.protocols.egm.reader import FeedbackReader
 from cardan.spatial import from_euler_zyx
 from tests.examples import examples
 from tests.protocols.worked import F6, F7, R0, R1

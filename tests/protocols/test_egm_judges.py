@@ -7,8 +7,9 @@ import sys
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.protocols import egm
 from cardan.protocols.egm import schema
+from cardan.protocols.egm.decode import decode_from_pc
+from cardan.protocols.egm.encode import encode_path_corr, encode_robot, encode_sensor
 from tests.examples import examples
 from tests.protocols.worked import C1, F7, R0, R1, S1, S2, S3, S4
 
@@ -67,19 +68,19 @@ robot7 = (values.robot | values.usual_robot).filter(
 def test_abb_robot_egm_knows_every_byte_of_a_robot(robot, states):
     motor, mci, rapid = states
     robot = robot._replace(motor_state=motor, mci_state=mci, rapid_exec_state=rapid)
-    same_bytes(egm_pb2.EgmRobot, egm.encode_robot(robot))
+    same_bytes(egm_pb2.EgmRobot, encode_robot(robot))
 
 
 @bounded
 @given(values.sensor)
 def test_abb_robot_egm_knows_every_byte_of_guidance(sensor):
-    same_bytes(egm_pb2.EgmSensor, egm.encode_sensor(sensor))
+    same_bytes(egm_pb2.EgmSensor, encode_sensor(sensor))
 
 
 @bounded
 @given(values.path_corr)
 def test_abb_robot_egm_knows_every_byte_of_a_path_correction(path_corr):
-    same_bytes(egm_pb2.EgmSensorPathCorr, egm.encode_path_corr(path_corr))
+    same_bytes(egm_pb2.EgmSensorPathCorr, encode_path_corr(path_corr))
 
 
 @bounded
@@ -93,7 +94,7 @@ def test_what_abb_robot_egm_sends_is_read(seqno, six, position, orient, speed):
     pos.x, pos.y, pos.z = position
     quaternion.u0, quaternion.u1, quaternion.u2, quaternion.u3 = orient
     message.speedRef.cartesians.value.extend(speed)
-    found = egm.decode_from_pc(message.SerializeToString())
+    found = decode_from_pc(message.SerializeToString())
     assert found.header == (seqno, None, 3)
     assert found.planned.joints == pytest.approx([v * 0.017453292519943295 for v in six])
     assert found.planned.cartesian.pos == pytest.approx([v / 1000 for v in position])
@@ -124,7 +125,7 @@ def run(program, text=""):
 
 @pytest.mark.parametrize("ours_first", [True, False])
 def test_abb_robot_client_writes_the_same_bytes_in_one_process_with_us(ours_first):
-    ours = "import cardan.protocols.egm"
+    ours = "import cardan.protocols.egm.decode"
     program = ABB_ROBOT_CLIENT.format(first=ours if ours_first else "")
     if not ours_first:
         program += ours
@@ -135,7 +136,10 @@ def test_abb_robot_client_writes_the_same_bytes_in_one_process_with_us(ours_firs
 
 @pytest.mark.parametrize("ours_first", [True, False])
 def test_abb_robot_egm_lives_in_one_process_with_us(ours_first):
-    imports = ["from cardan.protocols import egm", "from ABBRobotEGM._egm_protobuf import egm_pb2"]
+    imports = [
+        "from cardan.protocols.egm import decode",
+        "from ABBRobotEGM._egm_protobuf import egm_pb2",
+    ]
     if not ours_first:
         imports.reverse()
     program = "; ".join(
@@ -143,7 +147,7 @@ def test_abb_robot_egm_lives_in_one_process_with_us(ours_first):
             *imports,
             f"data = bytes.fromhex('{R1.hex()}')",
             "assert egm_pb2.EgmRobot.FromString(data).moveIndex == 1",
-            "print(egm.decode_robot(data).move_index)",
+            "print(decode.decode_robot(data).move_index)",
         ]
     )
     assert run(program) == ["1"]

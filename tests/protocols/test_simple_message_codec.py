@@ -8,16 +8,64 @@ import struct
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.protocols import simple_message as sm
-from cardan.protocols.simple_message import codec, messages
+from cardan.protocols.simple_message import codec, codes, messages
+from cardan.protocols.simple_message.codec import WireFormat, detect_wire
+from cardan.protocols.simple_message.codes import (
+    MessageType,
+    MotionCommand,
+    MotionResult,
+    NotReadySubcode,
+    name_of,
+)
+from cardan.protocols.simple_message.framing import ByteOrder
+from cardan.protocols.simple_message.messages import (
+    DH_LINKS,
+    MAX_GROUPS,
+    ZEROS,
+    Body,
+    DhLink,
+    DhParameters,
+    Empty,
+    JointFeedback,
+    JointFeedbackEx,
+    JointTrajPt,
+    JointTrajPtFull,
+    JointTrajPtFullEx,
+    JointVelocity,
+    JointVelocityEx,
+    MalformedMessage,
+    Message,
+    MotionCtrl,
+    MotionReply,
+    Raw,
+    ReadIo,
+    ReadIoReply,
+    ReadRegister,
+    ReadRegisterReply,
+    RobotStatus,
+    RtGroupCommand,
+    RtGroupState,
+    RtJointCommand,
+    RtJointState,
+    VelocityInfo,
+    VelocityInfoRequest,
+    WriteIo,
+    WriteIoReply,
+    WriteRegister,
+    WriteRegisterReply,
+    joints10,
+    reply,
+    request,
+    topic,
+)
 from tests.examples import examples
 
 INT = st.integers(-(2**31), 2**31 - 1)
 UNSIGNED = st.integers(0, 2**32 - 1)
 REAL = st.floats(width=32, allow_nan=False)
-JOINTS = st.tuples(*[REAL] * sm.JOINTS)
-POINT = st.builds(sm.JointFeedback, INT, INT, REAL, JOINTS, JOINTS, JOINTS)
-LINK = st.builds(sm.DhLink, REAL, REAL, REAL, REAL)
+JOINTS = st.tuples(*[REAL] * messages.JOINTS)
+POINT = st.builds(JointFeedback, INT, INT, REAL, JOINTS, JOINTS, JOINTS)
+LINK = st.builds(DhLink, REAL, REAL, REAL, REAL)
 FIELDS = {"i": INT, "I": UNSIGNED, "f": REAL, "10f": JOINTS}
 
 
@@ -33,38 +81,36 @@ BODIES = {
         for body in bodies
         if "" not in codec.letters(body)
     },
-    sm.JointTrajPtFullEx: st.builds(sm.JointTrajPtFullEx, INT, GROUPS),
-    sm.JointVelocityEx: st.builds(sm.JointVelocityEx, INT, GROUPS),
-    sm.JointFeedbackEx: st.builds(
-        sm.JointFeedbackEx, st.integers(0, 4), st.tuples(POINT, POINT, POINT, POINT)
+    JointTrajPtFullEx: st.builds(JointTrajPtFullEx, INT, GROUPS),
+    JointVelocityEx: st.builds(JointVelocityEx, INT, GROUPS),
+    JointFeedbackEx: st.builds(
+        JointFeedbackEx, st.integers(0, 4), st.tuples(POINT, POINT, POINT, POINT)
     ),
-    sm.DhParameters: st.builds(
-        sm.DhParameters, st.tuples(*[st.tuples(*[LINK] * sm.DH_LINKS)] * sm.MAX_GROUPS)
-    ),
-    sm.RtJointState: st.builds(
-        sm.RtJointState,
+    DhParameters: st.builds(DhParameters, st.tuples(*[st.tuples(*[LINK] * DH_LINKS)] * MAX_GROUPS)),
+    RtJointState: st.builds(
+        RtJointState,
         INT,
         INT,
-        st.lists(st.builds(sm.RtGroupState, INT, JOINTS, JOINTS), max_size=4).map(tuple),
+        st.lists(st.builds(RtGroupState, INT, JOINTS, JOINTS), max_size=4).map(tuple),
     ),
-    sm.RtJointCommand: st.builds(
-        sm.RtJointCommand,
+    RtJointCommand: st.builds(
+        RtJointCommand,
         INT,
-        st.lists(st.builds(sm.RtGroupCommand, INT, JOINTS), max_size=4).map(tuple),
+        st.lists(st.builds(RtGroupCommand, INT, JOINTS), max_size=4).map(tuple),
     ),
-    sm.Raw: st.builds(sm.Raw, st.binary(max_size=200)),
+    Raw: st.builds(Raw, st.binary(max_size=200)),
 }
 SHARED = {
-    sm.Empty: (1, 2, 2020),
-    sm.ReadIo: (2003, 2007),
-    sm.ReadIoReply: (2004, 2008),
-    sm.WriteIo: (2005, 2009),
-    sm.WriteIoReply: (2006, 2010),
-    sm.Raw: (12, 20, 21, 2040000),
+    Empty: (1, 2, 2020),
+    ReadIo: (2003, 2007),
+    ReadIoReply: (2004, 2008),
+    WriteIo: (2005, 2009),
+    WriteIoReply: (2006, 2010),
+    Raw: (12, 20, 21, 2040000),
 }
 """Bodies of several types."""
 TYPES = [(body, msg_type) for body in BODIES for msg_type in SHARED.get(body, (None,))]
-WIRES = [sm.wire(order, reals) for order in sm.ByteOrder for reals in (4, 8)]
+WIRES = [codec.wire(order, reals) for order in ByteOrder for reals in (4, 8)]
 
 
 def named(wire):
@@ -86,15 +132,15 @@ ON_EACH_WIRE = [
 
 def test_every_type_and_every_body_is_served():
     served = {kind for _, kind in TYPES} | set(messages._TYPES.values())
-    assert served >= set(sm.MessageType) - {16, 17}
-    assert set(sm.Body.__args__) == set(BODIES)
+    assert served >= set(MessageType) - {16, 17}
+    assert set(Body.__args__) == set(BODIES)
 
 
 @pytest.mark.parametrize(("body", "msg_type", "wire"), ON_EACH_WIRE)
 @settings(max_examples=examples(20))
 @given(data=st.data())
 def test_every_message_comes_back_as_it_was(body, msg_type, wire, data):
-    message = data.draw(st.sampled_from((sm.request, sm.topic, sm.reply)))(
+    message = data.draw(st.sampled_from((request, topic, reply)))(
         data.draw(BODIES[body]), msg_type=msg_type
     )
     found = wire.encode(message)
@@ -110,27 +156,27 @@ TOTALS = """
 
 
 def test_lengths_are_those_of_the_reference():
-    wire = sm.wire()
+    wire = codec.wire()
     known = {int(k): int(v) for k, v in (word.split(":") for word in TOTALS.split())}
     for msg_type, total in known.items():
         frame = struct.pack("<4i", total - 4, msg_type, 1, 0) + bytes(total - 16)
         message = wire.decode(frame)
-        assert isinstance(message, sm.Message), message
+        assert isinstance(message, Message), message
         assert wire.encode(message) == frame
     for groups in range(5):
-        points = (sm.JointFeedback(0, 7, 0.0, sm.ZEROS, sm.ZEROS, sm.ZEROS),) * groups
-        assert len(wire.encode(sm.request(sm.JointTrajPtFullEx(1, points)))) == 24 + 132 * groups
+        points = (JointFeedback(0, 7, 0.0, ZEROS, ZEROS, ZEROS),) * groups
+        assert len(wire.encode(request(JointTrajPtFullEx(1, points)))) == 24 + 132 * groups
     # Requests and replies that share their type.
     for body, total in (
-        (sm.ReadRegister(5), 20),
-        (sm.ReadRegisterReply(1, 0), 24),
-        (sm.WriteRegister(5, 1), 24),
-        (sm.WriteRegisterReply(0), 20),
-        (sm.VelocityInfoRequest(0), 20),
-        (sm.VelocityInfo(1, 4000, 100, 0, 1, 6, *[sm.ZEROS] * 4), 200),
-        (sm.DhParameters(((sm.DhLink(0.0, 0.0, 0.0, 0.0),) * 8,) * 4), 528),
+        (ReadRegister(5), 20),
+        (ReadRegisterReply(1, 0), 24),
+        (WriteRegister(5, 1), 24),
+        (WriteRegisterReply(0), 20),
+        (VelocityInfoRequest(0), 20),
+        (VelocityInfo(1, 4000, 100, 0, 1, 6, *[ZEROS] * 4), 200),
+        (DhParameters(((DhLink(0.0, 0.0, 0.0, 0.0),) * 8,) * 4), 528),
     ):
-        assert len(wire.encode(sm.request(body))) == total
+        assert len(wire.encode(request(body))) == total
 
 
 def _frame(words: str) -> bytes:
@@ -140,79 +186,79 @@ def _frame(words: str) -> bytes:
 WORKED = [
     (
         "40000000 d1070000 02000000 00000000 00000000 02000000 b90d0300" + "00000000" * 10,
-        sm.request(sm.MotionCtrl(0, 2, sm.MotionCommand.START_TRAJ_MODE)),
+        request(MotionCtrl(0, 2, MotionCommand.START_TRAJ_MODE)),
     ),
     (
         "48000000 d2070000 03000000 01000000 00000000 02000000 b90d0300" + "00000000" * 12,
-        sm.reply(sm.MotionReply(0, 2, sm.MotionCommand.START_TRAJ_MODE, 0, 0)),
+        reply(MotionReply(0, 2, MotionCommand.START_TRAJ_MODE, 0, 0)),
     ),
     (
         "48000000 d2070000 03000000 01000000 00000000 01000000 a50d0300 02000000 8e130000"
         + "00000000" * 10,
-        sm.reply(
-            sm.MotionReply(
+        reply(
+            MotionReply(
                 0,
                 1,
-                sm.MotionCommand.CHECK_MOTION_READY,
-                sm.MotionResult.FAILURE,
-                sm.NotReadySubcode.SERVO_OFF,
+                MotionCommand.CHECK_MOTION_READY,
+                MotionResult.FAILURE,
+                NotReadySubcode.SERVO_OFF,
             )
         ),
     ),
     (
         "28000000 0d000000 01000000 00000000 01000000 00000000 00000000 00000000 00000000"
         "02000000 01000000",
-        sm.topic(sm.RobotStatus(1, 0, 0, 0, 0, 2, 1)),
+        topic(RobotStatus(1, 0, 0, 0, 0, 2, 1)),
     ),
     (
         "28000000 0d000000 01000000 00000000 00000000 01000000 0b100000 01000000 00000000"
         "02000000 00000000",
-        sm.topic(sm.RobotStatus(0, 1, 4107, 1, 0, 2, 0)),
+        topic(RobotStatus(0, 1, 4107, 1, 0, 2, 0)),
     ),
-    ("0c000000 01000000 02000000 00000000", sm.request(sm.Empty(), sm.MessageType.PING)),
+    ("0c000000 01000000 02000000 00000000", request(Empty(), MessageType.PING)),
     (
         "0c000000 01000000 03000000 01000000",
-        sm.reply(sm.Empty(), msg_type=sm.MessageType.PING),
+        reply(Empty(), msg_type=MessageType.PING),
     ),
     (
         "94000000 f8070000 01000000 00000000 00000000 05000000 05000000 0000a03f"
         + "00000000" * 10
         + "0000803e cdccccbd 00000000 00000000 00000000 0000003f 00000000 00000000 00000000"
         "00000000" + "00000000" * 10,
-        sm.topic(
-            sm.JointVelocity(
+        topic(
+            JointVelocity(
                 0,
                 5,
                 5,
                 1.25,
-                sm.ZEROS,
-                sm.joints10((0.25, struct.unpack("f", struct.pack("f", -0.1))[0], 0, 0, 0, 0.5)),
-                sm.ZEROS,
+                ZEROS,
+                joints10((0.25, struct.unpack("f", struct.pack("f", -0.1))[0], 0, 0, 0, 0.5)),
+                ZEROS,
             )
         ),
     ),
     (
         "40000000 ef070000 01000000 00000000 07000000 01000000 00000000 0000803e" + "00000000" * 9,
-        sm.topic(sm.RtJointCommand(7, (sm.RtGroupCommand(0, sm.joints10((0.25,))),))),
+        topic(RtJointCommand(7, (RtGroupCommand(0, joints10((0.25,))),))),
     ),
 ]
 
 
 @pytest.mark.parametrize(("words", "message"), WORKED, ids=lambda v: str(v)[:24])
 def test_worked_bytes(words, message):
-    assert sm.wire().encode(message) == _frame(words)
-    assert sm.wire().decode(_frame(words)) == message
+    assert codec.wire().encode(message) == _frame(words)
+    assert codec.wire().decode(_frame(words)) == message
 
 
 def test_a_worked_point():
-    point = sm.wire().decode(
+    point = codec.wire().decode(
         _frame(
             "94000000 0e000000 02000000 00000000 00000000 01000000 07000000 0ad7233d"
             "f4fdd43d cdcc4cbe 9a99993e 00000000 db0fc9bf 00000000 00000000 00000000 00000000"
             "00000000 cdcc4c3e" + "00000000" * 19
         )
     )
-    assert isinstance(point.body, sm.JointTrajPtFull)
+    assert isinstance(point.body, JointTrajPtFull)
     assert point.body[:3] == (0, 1, 7)
     assert point.body.time == pytest.approx(0.04)
     assert point.body.pos[:5] == pytest.approx((0.104, -0.2, 0.3, 0.0, -1.5707964))
@@ -223,20 +269,20 @@ def test_a_worked_point():
 def test_arbitrary_bytes_give_a_message_or_a_reason(data):
     for wire in WIRES:
         for found in (wire.decode(data), wire.decode_datagram(data)):
-            assert isinstance(found, sm.Message) or found.reason
-    assert sm.detect_wire(data) in (None, *WIRES)
+            assert isinstance(found, Message) or found.reason
+    assert detect_wire(data) in (None, *WIRES)
 
 
 @settings(max_examples=examples(300))
-@given(st.sampled_from(sorted(sm.MessageType)), st.binary(max_size=700))
+@given(st.sampled_from(sorted(MessageType)), st.binary(max_size=700))
 def test_every_length_of_every_type_gives_a_message_or_a_reason(msg_type, data):
     frame = struct.pack("<4i", len(data) + 12, msg_type, 2, 0) + data
-    found = sm.wire().decode(frame)
-    if isinstance(found, sm.MalformedMessage):
+    found = codec.wire().decode(frame)
+    if isinstance(found, MalformedMessage):
         assert found.msg_type == msg_type
         assert found.reason
     else:
-        assert len(sm.wire().encode(found)) <= len(frame)
+        assert len(codec.wire().encode(found)) <= len(frame)
 
 
 @pytest.mark.parametrize(
@@ -254,55 +300,55 @@ def test_every_length_of_every_type_gives_a_message_or_a_reason(msg_type, data):
     ],
 )
 def test_what_is_wrong_is_named(data, words):
-    found = sm.wire().decode(data)
-    assert (isinstance(found, sm.MalformedMessage) and words in found.reason) or not words
+    found = codec.wire().decode(data)
+    assert (isinstance(found, MalformedMessage) and words in found.reason) or not words
 
 
 @pytest.mark.parametrize(
     "body",
     [
-        sm.MotionCtrl(0, 0, 200101, (0.0,) * 9),
-        sm.MotionCtrl(0, 0, 2**40),
-        sm.MotionCtrl(0, 0, "stop"),
-        sm.JointTrajPt(0, sm.ZEROS, 1e39, 0.0),
-        sm.JointTrajPtFullEx(0, (sm.JointFeedback(0, 7, 0.0, *[sm.ZEROS] * 3),) * 5),
-        sm.JointFeedbackEx(1, ()),
-        sm.DhParameters(()),
+        MotionCtrl(0, 0, 200101, (0.0,) * 9),
+        MotionCtrl(0, 0, 2**40),
+        MotionCtrl(0, 0, "stop"),
+        JointTrajPt(0, ZEROS, 1e39, 0.0),
+        JointTrajPtFullEx(0, (JointFeedback(0, 7, 0.0, *[ZEROS] * 3),) * 5),
+        JointFeedbackEx(1, ()),
+        DhParameters(()),
     ],
 )
 def test_what_does_not_fit_is_refused(body):
     with pytest.raises(ValueError, match="cannot be sent"):
-        sm.wire().encode(sm.request(body))
+        codec.wire().encode(request(body))
 
 
 def test_shared_bodies_must_say_their_type():
     with pytest.raises(ValueError, match="say which"):
-        sm.request(sm.ReadIo(10010))
+        request(ReadIo(10010))
     with pytest.raises(ValueError, match="real_bytes"):
-        sm.WireFormat(real_bytes=2)
+        WireFormat(real_bytes=2)
     with pytest.raises(ValueError, match="11 joints"):
-        sm.joints10([0.0] * 11)
+        joints10([0.0] * 11)
 
 
 def test_the_wire_is_found_from_a_message_with_reals():
-    body = sm.JointFeedback(0, 2, 0.0, *[sm.ZEROS] * 3)
+    body = JointFeedback(0, 2, 0.0, *[ZEROS] * 3)
     for wire in WIRES:
-        assert sm.detect_wire(wire.encode(sm.topic(body))) is wire
-    assert sm.detect_wire(b"\xff" * 16) is None
+        assert detect_wire(wire.encode(topic(body))) is wire
+    assert detect_wire(b"\xff" * 16) is None
 
 
 def test_old_numbers_of_the_messages_of_several_groups():
-    points = (sm.JointFeedback(0, 2, 0.0, *[sm.ZEROS] * 3),) * 4
-    old = sm.topic(sm.JointFeedbackEx(2, points), sm.MessageType.OLD_JOINT_FEEDBACK_EX)
-    assert sm.wire().decode(sm.wire().encode(old)) == old
+    points = (JointFeedback(0, 2, 0.0, *[ZEROS] * 3),) * 4
+    old = topic(JointFeedbackEx(2, points), MessageType.OLD_JOINT_FEEDBACK_EX)
+    assert codec.wire().decode(codec.wire().encode(old)) == old
 
 
 @pytest.mark.parametrize(
     "codes",
-    [v for v in vars(sm).values() if isinstance(v, type) and issubclass(v, enum.IntEnum)],
+    [v for v in vars(codes).values() if isinstance(v, type) and issubclass(v, enum.IntEnum)],
     ids=lambda c: c.__name__,
 )
 def test_codes_have_names(codes):
     for code in codes:
-        assert sm.name_of(codes, int(code)) == code.name
-    assert sm.name_of(codes, 987654) == "987654"
+        assert name_of(codes, int(code)) == code.name
+    assert name_of(codes, 987654) == "987654"

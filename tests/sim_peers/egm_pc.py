@@ -6,7 +6,8 @@ import math
 import tempfile
 from collections.abc import Callable
 
-from cardan.protocols.egm import decode_robot, encode_path_corr, encode_sensor
+from cardan.protocols.egm.decode import decode_robot
+from cardan.protocols.egm.encode import encode_path_corr, encode_sensor
 from cardan.protocols.egm.messages import (
     EgmHeader,
     EgmMessageType,

@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 
 from cardan.errors import ConfigurationError, ScriptError
-from cardan.protocols.egm import encode_sensor
+from cardan.protocols.egm.encode import encode_sensor
 from cardan.protocols.egm.messages import (
     EgmHeader,
     EgmMessageType,

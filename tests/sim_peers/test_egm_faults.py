@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 
 from cardan.errors import ScriptError
-from cardan.protocols.egm import decode_robot
+from cardan.protocols.egm.decode import decode_robot
 from cardan.protocols.egm.messages import EgmRobot, MCIState, MotorState
 from cardan.sim_peers.base import parse_faults
 from cardan.sim_peers.egm_controller import FAULTS

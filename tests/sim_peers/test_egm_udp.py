@@ -10,7 +10,8 @@ from itertools import pairwise
 import pytest
 
 from cardan.errors import AddressError
-from cardan.protocols.egm import decode_robot, encode_sensor
+from cardan.protocols.egm.decode import decode_robot
+from cardan.protocols.egm.encode import encode_sensor
 from cardan.protocols.egm.messages import EgmRobot
 from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer
 from tests.serving import in_a_thread

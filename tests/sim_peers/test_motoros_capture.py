@@ -15,16 +15,13 @@ from typing import NamedTuple
 
 import pytest
 
-from cardan.protocols.simple_message import (
+from cardan.protocols.simple_message.codec import WireFormat
+from cardan.protocols.simple_message.codes import MessageType, MotionCommand, MotionResult
+from cardan.protocols.simple_message.framing import ByteOrder, FrameReader
+from cardan.protocols.simple_message.messages import (
     ZEROS,
-    ByteOrder,
-    FrameReader,
     JointTrajPtFull,
-    MessageType,
-    MotionCommand,
     MotionCtrl,
-    MotionResult,
-    WireFormat,
     joints10,
     request,
 )

@@ -9,20 +9,22 @@ import numpy as np
 import pytest
 
 from cardan.errors import ConfigurationError, ScriptError
-from cardan.protocols.simple_message import (
-    ZEROS,
+from cardan.protocols.simple_message.codes import (
     ActiveMode,
     CommType,
-    Empty,
     InvalidSubcode,
+    MessageType,
+    MotionCommand,
+)
+from cardan.protocols.simple_message.messages import (
+    ZEROS,
+    Empty,
     JointFeedback,
     JointTrajPtFull,
     JointTrajPtFullEx,
     JointVelocity,
     JointVelocityEx,
     Message,
-    MessageType,
-    MotionCommand,
     MotionCtrl,
     Raw,
     RobotStatus,

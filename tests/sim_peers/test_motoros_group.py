@@ -8,7 +8,7 @@ import struct
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.protocols.simple_message import InvalidSubcode
+from cardan.protocols.simple_message.codes import InvalidSubcode
 from cardan.sim_peers.motoros_controller.group import ControlGroup, milliseconds
 from tests.examples import examples
 

@@ -6,15 +6,12 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.errors import ScriptError
-from cardan.protocols.simple_message import (
-    CommType,
-    IoResult,
-    MessageType,
+from cardan.protocols.simple_message.codec import WireFormat
+from cardan.protocols.simple_message.codes import CommType, IoResult, MessageType, ReplyCode
+from cardan.protocols.simple_message.messages import (
     MotionCtrl,
     ReadIo,
     ReadRegister,
-    ReplyCode,
-    WireFormat,
     WriteIo,
     WriteRegister,
     request,

@@ -10,17 +10,16 @@ from collections import defaultdict
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.protocols.simple_message import (
-    ByteOrder,
-    CommType,
+from cardan.protocols.simple_message.codec import WireFormat
+from cardan.protocols.simple_message.codes import CommType, MessageType, MotionCommand
+from cardan.protocols.simple_message.framing import ByteOrder
+from cardan.protocols.simple_message.messages import (
     Empty,
     JointFeedback,
     JointTrajPtFull,
     JointTrajPtFullEx,
     JointVelocity,
     Message,
-    MessageType,
-    MotionCommand,
     MotionCtrl,
     MotionReply,
     ReadIo,
@@ -28,7 +27,6 @@ from cardan.protocols.simple_message import (
     ReadRegister,
     SelectTool,
     VelocityInfoRequest,
-    WireFormat,
     WriteIo,
     WriteIoReply,
     WriteRegister,

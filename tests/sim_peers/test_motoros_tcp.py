@@ -15,17 +15,15 @@ from pathlib import Path
 import pytest
 
 from cardan.errors import AddressError, ConfigurationError
-from cardan.protocols.simple_message import (
-    ByteOrder,
+from cardan.protocols.simple_message.codec import WireFormat
+from cardan.protocols.simple_message.codes import MessageType, MotionCommand
+from cardan.protocols.simple_message.framing import ByteOrder, FrameReader
+from cardan.protocols.simple_message.messages import (
     Empty,
-    FrameReader,
     JointFeedback,
-    MessageType,
-    MotionCommand,
     MotionCtrl,
     ReadIo,
     RobotStatus,
-    WireFormat,
     request,
 )
 from cardan.sim_peers.motoros_controller import (

@@ -35,8 +35,8 @@ from cardan.common.native import (
     native_call,
 )
 from cardan.drivers.limiters import JointLimiter, OrientationLimiter, PointLimiter
-from cardan.protocols.egm import EgmFeedback, FeedbackReader, MalformedEgmMessage
-from cardan.protocols.egm.reader import DatagramLayout
+from cardan.protocols.egm.messages import EgmFeedback, MalformedEgmMessage
+from cardan.protocols.egm.reader import DatagramLayout, FeedbackReader
 from cardan.types import (
     Frame,
     HoldCommand,

@@ -10,7 +10,7 @@ from cardan.drivers.abb_egm.counters import EgmCounters
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.slow_motion import SpeedCapDetector
 from cardan.drivers.abb_egm.states import ADVICE
-from cardan.protocols.egm import EgmRobot
+from cardan.protocols.egm.messages import EgmRobot
 from cardan.types import RobotState
 
 _REPORTED_WAITING_S = 0.5

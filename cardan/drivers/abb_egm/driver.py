@@ -21,12 +21,12 @@ from cardan.drivers.datagram_robot import BRAKE_WITHIN_S, AnswerMixin
 from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.errors import DriverError
-from cardan.protocols.egm import (
+from cardan.protocols.egm.decode import decode_robot
+from cardan.protocols.egm.messages import (
     MAX_DATAGRAM_BYTES,
     EgmRapidData,
     EgmRobot,
     MalformedEgmMessage,
-    decode_robot,
 )
 from cardan.types import NEVER_S, RobotCommand, RobotState
 

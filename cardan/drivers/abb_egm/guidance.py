@@ -33,7 +33,8 @@ from cardan.drivers.limiters import JointLimiter, OrientationLimiter, PointLimit
 from cardan.drivers.missed_cycles import SlipCompensation
 from cardan.drivers.robot_core import check_numbers, no_rotation, outside, wrong_kind
 from cardan.errors import CommandError
-from cardan.protocols.egm import (
+from cardan.protocols.egm.encode import encode_path_corr, encode_sensor
+from cardan.protocols.egm.messages import (
     EgmHeader,
     EgmMessageType,
     EgmMotion,
@@ -41,11 +42,8 @@ from cardan.protocols.egm import (
     EgmSensor,
     EgmSensorPathCorr,
     EgmSpeedRef,
-    encode_joint_reply,
-    encode_path_corr,
-    encode_pose_reply,
-    encode_sensor,
 )
+from cardan.protocols.egm.replies import encode_joint_reply, encode_pose_reply
 from cardan.spatial import (
     add,
     rotation_between,

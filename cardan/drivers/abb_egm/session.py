@@ -25,7 +25,9 @@ from cardan.drivers.datagram_robot import FLOOD_DATAGRAMS, AnsweringSession
 from cardan.drivers.missed_cycles import PAUSE_S, SLACK_S, ClockWatch, believed_s
 from cardan.drivers.robot_core import check_command, implausible, no_rotation, outside
 from cardan.errors import CommandError
-from cardan.protocols.egm import (
+from cardan.protocols.egm.decode import decode_robot
+from cardan.protocols.egm.encode import encode_rapid_to_robot
+from cardan.protocols.egm.messages import (
     DNUM_MAX,
     EgmFeedback,
     EgmRapidData,
@@ -34,8 +36,6 @@ from cardan.protocols.egm import (
     MCIState,
     MotorState,
     RapidState,
-    decode_robot,
-    encode_rapid_to_robot,
 )
 from cardan.spatial import from_euler_zyx, normalized
 from cardan.types import (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan.protocols.egm import MCIState, MotorState, RapidState
+from cardan.protocols.egm.messages import MCIState, MotorState, RapidState
 
 FIRST_ANSWER = "a session begins: its first answer is the measured position"
 MOTORS_OFF = "the motors are off"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan.protocols.simple_message import VelocityInfo
+from cardan.protocols.simple_message.messages import VelocityInfo
 from cardan.types import JointLimits
 
 FLOAT32_SHARE = 1.0 - 1e-6

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cardan.protocols.simple_message import (
+from cardan.protocols.simple_message.codes import (
     ControllerMode,
     InvalidSubcode,
     IoResult,
@@ -12,8 +12,8 @@ from cardan.protocols.simple_message import (
     MotionCommand,
     MotionResult,
     NotReadySubcode,
-    RobotStatus,
 )
+from cardan.protocols.simple_message.messages import RobotStatus
 
 _TASKS: Mapping[int, str] = {
     MotionCommand.CHECK_MOTION_READY: "the question whether the robot is ready",

@@ -15,7 +15,7 @@ from cardan.drivers.motoros.session import MotorosSession
 from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.drivers.tcp_robot import TcpRobot
 from cardan.errors import CardanError, NotOpenError
-from cardan.protocols.simple_message import ByteOrder, speaks_simple_message
+from cardan.protocols.simple_message.framing import ByteOrder, speaks_simple_message
 
 
 class Motoros(TcpRobot[MotorosSession, Channel, Task]):

@@ -8,21 +8,19 @@ from collections import Counter
 from cardan.common.bounds import JOINT_POSITION, JOINT_VELOCITY
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.robot_core import outside
-from cardan.protocols.simple_message import (
+from cardan.protocols.simple_message.codec import WireFormat, detect_wire, wire
+from cardan.protocols.simple_message.codes import MessageType, ValidFields, name_of
+from cardan.protocols.simple_message.framing import (
     LONGEST_PREFIX_OF_MOTOROS,
     ByteOrder,
     FrameReader,
+)
+from cardan.protocols.simple_message.messages import (
     JointFeedback,
     MalformedMessage,
     Message,
     RobotStatus,
-    ValidFields,
-    WireFormat,
-    detect_wire,
-    name_of,
-    wire,
 )
-from cardan.protocols.simple_message.codes import MessageType
 from cardan.types import NEVER_S
 
 _KINDS_OF_IGNORED = 32

@@ -23,17 +23,22 @@ from cardan.errors import (
     CommandError,
     NotOpenError,
 )
-from cardan.protocols.simple_message import (
-    IO_PORT,
+from cardan.protocols.simple_message.codec import wire
+from cardan.protocols.simple_message.codes import IO_PORT, CommType, IoResult, MessageType, name_of
+from cardan.protocols.simple_message.framing import (
     LONGEST_PREFIX_OF_MOTOROS,
-    Body,
     ByteOrder,
-    CommType,
     FrameReader,
-    IoResult,
+)
+from cardan.protocols.simple_message.io_addresses import (
+    ADDRESS_RANGES,
+    READABLE_REGISTERS,
+    WRITABLE_REGISTERS,
+)
+from cardan.protocols.simple_message.messages import (
+    Body,
     MalformedMessage,
     Message,
-    MessageType,
     MotionReply,
     ReadIo,
     ReadIoReply,
@@ -43,14 +48,7 @@ from cardan.protocols.simple_message import (
     WriteIoReply,
     WriteRegister,
     WriteRegisterReply,
-    name_of,
     request,
-    wire,
-)
-from cardan.protocols.simple_message.io_addresses import (
-    ADDRESS_RANGES,
-    READABLE_REGISTERS,
-    WRITABLE_REGISTERS,
 )
 
 TIMEOUT_S = bounds.Range(0.0, 3600.0, "s", "a later reply is of no use", above=True, below=True)

@@ -16,17 +16,14 @@ from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.requests import Answer, MotionRequests
 from cardan.drivers.motoros.trajectory_limiter import JointTrajectoryLimiter
 from cardan.errors import CardanError
-from cardan.protocols.simple_message import (
+from cardan.protocols.simple_message.codes import (
     ControllerMode,
     InvalidSubcode,
-    JointTrajPtFull,
-    Message,
     MessageType,
-    MotionReply,
     MotionResult,
     ValidFields,
-    joints10,
 )
+from cardan.protocols.simple_message.messages import JointTrajPtFull, Message, MotionReply, joints10
 from cardan.types import RobotCommand
 
 POINT_FIELDS = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY

@@ -22,11 +22,10 @@ from cardan.drivers.motoros.requests import Answer, MotionRequests
 from cardan.drivers.motoros.streaming import PointStream
 from cardan.drivers.motoros.trajectory_limiter import JointTrajectoryLimiter
 from cardan.drivers.motoros.velocity import VelocityStream
-from cardan.protocols.simple_message import (
+from cardan.protocols.simple_message.codes import MotionCommand, MotionResult
+from cardan.protocols.simple_message.messages import (
     Message,
-    MotionCommand,
     MotionReply,
-    MotionResult,
     VelocityInfo,
     VelocityInfoRequest,
     joints10,

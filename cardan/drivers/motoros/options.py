@@ -8,14 +8,9 @@ from typing import Annotated, Literal
 from cardan.common import bounds
 from cardan.common.bounds import LONGEST_BLIND_S, Range
 from cardan.common.options import Options, require_each
-from cardan.protocols.simple_message import (
-    IO_PORT,
-    JOINTS,
-    MAX_GROUPS,
-    MOTION_PORT,
-    STATE_PORT,
-    ByteOrder,
-)
+from cardan.protocols.simple_message.codes import IO_PORT, MOTION_PORT, STATE_PORT
+from cardan.protocols.simple_message.framing import ByteOrder
+from cardan.protocols.simple_message.messages import JOINTS, MAX_GROUPS
 from cardan.robots import load_arm
 from cardan.types import JointLimits
 

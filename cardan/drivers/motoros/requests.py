@@ -8,22 +8,24 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from cardan.common.histogram import LatencyHistogram
-from cardan.protocols.simple_message import (
-    ZEROS,
+from cardan.protocols.simple_message.codes import (
     CommType,
+    MessageType,
+    MotionCommand,
+    MotionResult,
+    name_of,
+)
+from cardan.protocols.simple_message.messages import (
+    ZEROS,
     Joints,
     JointTrajPtFull,
     JointVelocity,
     MalformedMessage,
     Message,
-    MessageType,
-    MotionCommand,
     MotionCtrl,
     MotionReply,
-    MotionResult,
     VelocityInfo,
     VelocityInfoRequest,
-    name_of,
     request,
 )
 

@@ -20,12 +20,11 @@ from cardan.drivers.motoros.status_text import findings, no_motion_connection, s
 from cardan.drivers.motoros.trajectory_limiter import KINDS
 from cardan.drivers.robot_core import check_joints, counts
 from cardan.drivers.tcp_robot import TcpSession
-from cardan.protocols.simple_message import (
+from cardan.protocols.simple_message.codec import WireFormat, wire
+from cardan.protocols.simple_message.framing import (
     LONGEST_PREFIX_OF_MOTOROS,
     ByteOrder,
     FrameReader,
-    WireFormat,
-    wire,
 )
 from cardan.types import (
     NEVER_S,

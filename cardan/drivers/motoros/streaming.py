@@ -17,7 +17,8 @@ from collections import deque
 
 from cardan.drivers.motoros.motion import MotionParts, Trajectory
 from cardan.drivers.motoros.requests import Answer
-from cardan.protocols.simple_message import JointTrajPtFull, MotionCommand, MotionResult
+from cardan.protocols.simple_message.codes import MotionCommand, MotionResult
+from cardan.protocols.simple_message.messages import JointTrajPtFull
 from cardan.types import HoldCommand, RobotCommand
 
 STANDS_STILL_S = 0.5

@@ -12,14 +12,8 @@ from cardan.drivers.missed_cycles import SlipCompensation
 from cardan.drivers.motoros.motion import MotionParts, MotorosMotion
 from cardan.drivers.motoros.requests import SEQUENCES, Answer
 from cardan.drivers.motoros.tracking_monitor import TrackingMonitor
-from cardan.protocols.simple_message import (
-    ZEROS,
-    JointVelocity,
-    MotionResult,
-    ValidFields,
-    joints10,
-    topic,
-)
+from cardan.protocols.simple_message.codes import MotionResult, ValidFields
+from cardan.protocols.simple_message.messages import ZEROS, JointVelocity, joints10, topic
 from cardan.types import JointCommand, RobotCommand
 
 FIELDS = ValidFields.TIME | ValidFields.VELOCITY | ValidFields.ACCELERATION

@@ -5,8 +5,6 @@ Sources: ROS-Industrial simple_message and motoman_driver (MotoROS 1.9.12). The 
 """
 
 from cardan.protocols.simple_message.codec import (
-    WireFormat as WireFormat,
-    detect_wire as detect_wire,
     wire as wire,
 )
 from cardan.protocols.simple_message.codes import (
@@ -24,32 +22,18 @@ from cardan.protocols.simple_message.codes import (
     NotReadySubcode as NotReadySubcode,
     ReplyCode as ReplyCode,
     ValidFields as ValidFields,
-    name_of as name_of,
 )
 from cardan.protocols.simple_message.framing import (
-    LONGEST_PREFIX as LONGEST_PREFIX,
-    LONGEST_PREFIX_OF_MOTOROS as LONGEST_PREFIX_OF_MOTOROS,
-    SHORTEST_PREFIX as SHORTEST_PREFIX,
     ByteOrder as ByteOrder,
     FrameReader as FrameReader,
     detect_byte_order as detect_byte_order,
-    speaks_simple_message as speaks_simple_message,
 )
 from cardan.protocols.simple_message.messages import (
-    DH_LINKS as DH_LINKS,
-    JOINTS as JOINTS,
-    MAX_GROUPS as MAX_GROUPS,
     ZEROS as ZEROS,
     Body as Body,
-    DhLink as DhLink,
-    DhParameters as DhParameters,
     Empty as Empty,
-    IoCtrlReply as IoCtrlReply,
     JointFeedback as JointFeedback,
-    JointFeedbackEx as JointFeedbackEx,
-    JointPosition as JointPosition,
     Joints as Joints,
-    JointTrajPt as JointTrajPt,
     JointTrajPtFull as JointTrajPtFull,
     JointTrajPtFullEx as JointTrajPtFullEx,
     JointVelocity as JointVelocity,
@@ -61,22 +45,10 @@ from cardan.protocols.simple_message.messages import (
     Raw as Raw,
     ReadIo as ReadIo,
     ReadIoReply as ReadIoReply,
-    ReadRegister as ReadRegister,
-    ReadRegisterReply as ReadRegisterReply,
     RobotStatus as RobotStatus,
-    RtGroupCommand as RtGroupCommand,
-    RtGroupState as RtGroupState,
-    RtJointCommand as RtJointCommand,
-    RtJointState as RtJointState,
-    SelectTool as SelectTool,
     VelocityInfo as VelocityInfo,
     VelocityInfoRequest as VelocityInfoRequest,
-    WriteIo as WriteIo,
-    WriteIoReply as WriteIoReply,
-    WriteRegister as WriteRegister,
-    WriteRegisterReply as WriteRegisterReply,
     joints10 as joints10,
-    reply as reply,
     request as request,
     topic as topic,
 )

@@ -5,7 +5,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from cardan.protocols import egm
+from cardan.protocols.egm.decode import decode_from_pc
+from cardan.protocols.egm.encode import encode_sensor
+from cardan.protocols.egm.messages import (
+    EgmHeader,
+    EgmMessageType,
+    EgmMotion,
+    EgmPose,
+    EgmRobot,
+    EgmSensor,
+    EgmSpeedRef,
+    MCIState,
+)
 from cardan.sim_peers.base import strikes
 from cardan.types import Quaternion, Vector3
 
@@ -23,7 +34,7 @@ class EgmClientDefects:
         self._faults = faults
         self._asked = self._answered = 0
         self._seqno = 0
-        self._reference: egm.EgmMotion | None = None
+        self._reference: EgmMotion | None = None
         self._heard_s = 0.0
         self._chatter_s = 0.0
         self._ended = False
@@ -33,7 +44,7 @@ class EgmClientDefects:
         faults = self._faults
         if self._ended or faults.get("mute"):
             return False
-        if faults.get("gives-up") and not isinstance(message, egm.EgmRobot):
+        if faults.get("gives-up") and not isinstance(message, EgmRobot):
             self._ended = True
             return False
         if faults.get("one-port") and not on_first_port:
@@ -43,7 +54,7 @@ class EgmClientDefects:
 
     def ignored(self, message: object) -> Iterator[bytes]:
         """Yield the answers to a message that a client without defects does not answer."""
-        if self._faults.get("answers-old") and isinstance(message, egm.EgmRobot):
+        if self._faults.get("answers-old") and isinstance(message, EgmRobot):
             yield from self._as_before()
 
     def said(self, answer: bytes, message: object) -> Iterator[bytes]:
@@ -70,18 +81,16 @@ class EgmClientDefects:
         if "leaves-moving" not in self._faults:
             return words
         speed = (1e-3 * self._faults["leaves-moving"], 0, 0, 0, 0, 0)
-        return self._message(self._reference, egm.EgmSpeedRef(cartesians=speed))
+        return self._message(self._reference, EgmSpeedRef(cartesians=speed))
 
     def _as_before(self) -> Iterator[bytes]:
         """The first reference once more, where there was one."""
         if self._reference is not None:
             yield self._message(self._reference)
 
-    def _message(
-        self, planned: egm.EgmMotion | None, speed: egm.EgmSpeedRef | None = None
-    ) -> bytes:
-        header = egm.EgmHeader(self._next_seqno(), None, egm.EgmMessageType.CORRECTION)
-        return egm.encode_sensor(egm.EgmSensor(header, planned, speed))
+    def _message(self, planned: EgmMotion | None, speed: EgmSpeedRef | None = None) -> bytes:
+        header = EgmHeader(self._next_seqno(), None, EgmMessageType.CORRECTION)
+        return encode_sensor(EgmSensor(header, planned, speed))
 
     def _next_seqno(self) -> int:
         self._seqno += int(self._faults.get("step-2", 1.0))
@@ -92,13 +101,13 @@ class EgmClientDefects:
         faults = self._faults
         if not faults:
             return answer
-        sensor = egm.decode_from_pc(answer)
-        assert isinstance(sensor, egm.EgmSensor)
+        sensor = decode_from_pc(answer)
+        assert isinstance(sensor, EgmSensor)
         assert sensor.header is not None
-        assert isinstance(message, egm.EgmRobot)
+        assert isinstance(message, EgmRobot)
         planned = sensor.planned
         mtype = int(faults.get("mtype", sensor.header.mtype))
-        header = egm.EgmHeader(self._next_seqno(), sensor.header.tm_ms, mtype)
+        header = EgmHeader(self._next_seqno(), sensor.header.tm_ms, mtype)
         if faults.get("stale") and self._reference is not None:
             planned = self._reference
         self._reference = self._reference or planned
@@ -107,16 +116,16 @@ class EgmClientDefects:
             planned = planned._replace(cartesian=self._moved(planned.cartesian, message))
         if strikes(faults, "empty", self._answered):
             planned = speed = None
-        data = egm.encode_sensor(egm.EgmSensor(header, planned, speed, sensor.rapid_to_robot))
+        data = encode_sensor(EgmSensor(header, planned, speed, sensor.rapid_to_robot))
         return data[:-7] if strikes(faults, "truncated", self._answered) else data
 
-    def _moved(self, pose: egm.EgmPose, message: egm.EgmRobot) -> egm.EgmPose:
+    def _moved(self, pose: EgmPose, message: EgmRobot) -> EgmPose:
         faults = self._faults
         assert pose.pos is not None
         x, y, z = pose.pos
         if "leap" in faults and self._answered % LEAP_EVERY == 0:
             z += 1e-3 * faults["leap"]
-        if "obstinate" in faults and message.mci_state != egm.MCIState.RUNNING:
+        if "obstinate" in faults and message.mci_state != MCIState.RUNNING:
             z += 1e-3 * faults["obstinate"]
         if faults.get("stale") and message.header and message.header.seqno == 0:
             z += STALE_M

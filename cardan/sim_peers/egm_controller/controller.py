@@ -10,7 +10,8 @@ from dataclasses import fields
 from typing import Any, NamedTuple
 
 from cardan.errors import ScriptError
-from cardan.protocols.egm import decode_from_pc, encode_robot
+from cardan.protocols.egm.decode import decode_from_pc
+from cardan.protocols.egm.encode import encode_robot
 from cardan.protocols.egm.messages import (
     EgmCollisionInfo,
     EgmHeader,

@@ -7,7 +7,32 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-from cardan.protocols import simple_message as sm
+from cardan.protocols.simple_message.codec import wire
+from cardan.protocols.simple_message.codes import (
+    CommType,
+    ControllerMode,
+    InvalidSubcode,
+    MessageType,
+    MotionCommand,
+    MotionResult,
+    ValidFields,
+)
+from cardan.protocols.simple_message.framing import ByteOrder, FrameReader
+from cardan.protocols.simple_message.messages import (
+    Empty,
+    Joints,
+    JointTrajPtFull,
+    JointVelocity,
+    Message,
+    MotionCtrl,
+    MotionReply,
+    RobotStatus,
+    VelocityInfo,
+    VelocityInfoRequest,
+    joints10,
+    reply,
+    request,
+)
 from cardan.robots import ArmModel
 from cardan.sim_peers.base import strikes
 
@@ -17,8 +42,8 @@ OWN_SEQUENCE = 987_654
 DOZES_EVERY_S = 0.5
 STATE_S = 0.025
 LEAP_EVERY, STARVES_EVERY = 50, 25
-STARTS = (sm.MotionCommand.START_TRAJ_MODE, sm.MotionCommand.START_VEL_MODE)
-STOPS = (sm.MotionCommand.STOP_TRAJ_MODE, sm.MotionCommand.STOP_VEL_MODE)
+STARTS = (MotionCommand.START_TRAJ_MODE, MotionCommand.START_VEL_MODE)
+STOPS = (MotionCommand.STOP_TRAJ_MODE, MotionCommand.STOP_VEL_MODE)
 TRUSTING = ("blind", "no-start", "takes-no-for-yes")
 """Faults of clients that do not look at the status either."""
 
@@ -41,11 +66,11 @@ class MotorosClientDefects:
         self._faults = faults
         self._arm = arm
         self._requests = self._commands = self._sent = 0
-        self._told: sm.Message | None = None
+        self._told: Message | None = None
         """The request that is open, for those who take any reply for its answer."""
         self._told_s = math.inf
-        self._point: sm.JointTrajPtFull | None = None
-        self._states: dict[int, sm.Message] = {}
+        self._point: JointTrajPtFull | None = None
+        self._states: dict[int, Message] = {}
         self._heard_s, self._repeated_s = math.inf, 0.0
 
     # -- what the controller says -----------------------------------------------------------------
@@ -54,60 +79,60 @@ class MotorosClientDefects:
         """Whether the client does not understand what one read brought."""
         if "one-read" not in self._faults:
             return False
-        found = sm.FrameReader()
+        found = FrameReader()
         found.feed(data)
         return found.take() is None or bool(found.pending_bytes)
 
-    def heard(self, message: sm.Message, is_state: bool, now_s: float) -> sm.Message | None:
+    def heard(self, message: Message, is_state: bool, now_s: float) -> Message | None:
         """Return the message as the client reads it; None: the client does not see it."""
         found = self._believed(message)
         if found is not None and is_state:
             self._states[found.msg_type], self._heard_s = found, now_s
         return found
 
-    def _believed(self, message: sm.Message) -> sm.Message | None:
+    def _believed(self, message: Message) -> Message | None:
         faults, body = self._faults, message.body
-        if isinstance(body, sm.RobotStatus) and any(name in faults for name in TRUSTING):
+        if isinstance(body, RobotStatus) and any(name in faults for name in TRUSTING):
             well = body._replace(
                 drives_powered=1,
                 e_stopped=0,
                 in_error=0,
-                mode=int(sm.ControllerMode.AUTO),
+                mode=int(ControllerMode.AUTO),
                 motion_possible=1,
             )
             return message._replace(body=well)
-        if isinstance(body, sm.RobotStatus) and "hasty" in faults:
+        if isinstance(body, RobotStatus) and "hasty" in faults:
             return message._replace(body=body._replace(in_motion=0))
-        if not isinstance(body, sm.MotionReply):
+        if not isinstance(body, MotionReply):
             return message
         if body.sequence == OWN_SEQUENCE or (body.command == 0 and "unknown-command" in faults):
             return None
         asked, self._told, self._told_s = self._told, None, math.inf
         if asked is None and "impatient" in faults:
             return None
-        first = body.sequence == 0 and body.subcode == sm.InvalidSubcode.DATA_START_POS
-        refused = body.result == sm.MotionResult.NOT_READY
+        first = body.sequence == 0 and body.subcode == InvalidSubcode.DATA_START_POS
+        refused = body.result == MotionResult.NOT_READY
         believes = (
-            ("skips-busy" in faults and body.result == sm.MotionResult.BUSY)
+            ("skips-busy" in faults and body.result == MotionResult.BUSY)
             or ("skips-first" in faults and first)
             or ("blind" in faults and refused and body.command not in STARTS)
             or ("takes-no-for-yes" in faults and refused and body.command in STARTS)
-            or ("nan" in faults and body.result == sm.MotionResult.INVALID)
+            or ("nan" in faults and body.result == MotionResult.INVALID)
         )
         if believes:
-            body = body._replace(result=int(sm.MotionResult.SUCCESS), subcode=0)
-        if "skips-busy" in faults and body.command == sm.MotionCommand.CHECK_QUEUE_CNT:
+            body = body._replace(result=int(MotionResult.SUCCESS), subcode=0)
+        if "skips-busy" in faults and body.command == MotionCommand.CHECK_QUEUE_CNT:
             body = body._replace(subcode=max(body.subcode, 1))
         if "credulous" in faults and asked is not None:
             wanted = asked.body
-            command = wanted.command if isinstance(wanted, sm.MotionCtrl) else asked.msg_type
+            command = wanted.command if isinstance(wanted, MotionCtrl) else asked.msg_type
             sequence = getattr(wanted, "sequence", body.sequence)
             body = body._replace(
-                command=command, sequence=sequence, result=int(sm.MotionResult.SUCCESS)
+                command=command, sequence=sequence, result=int(MotionResult.SUCCESS)
             )
         return message._replace(body=body)
 
-    def states_again(self, now_s: float) -> tuple[sm.Message, ...]:
+    def states_again(self, now_s: float) -> tuple[Message, ...]:
         """The states that the client takes for new ones, where none come."""
         if "deaf" not in self._faults or now_s <= max(self._heard_s, self._repeated_s) + STATE_S:
             return ()
@@ -116,19 +141,19 @@ class MotorosClientDefects:
 
     # -- what the client says ---------------------------------------------------------------------
 
-    def connected(self, port: str, order: sm.ByteOrder) -> Iterator[Sent]:
+    def connected(self, port: str, order: ByteOrder) -> Iterator[Sent]:
         """Yield the first messages of the client on a new connection to a port."""
         self._told = None
         if port == "state" and "talks-to-states" in self._faults:
-            yield from self._written(sm.request(sm.Empty(), sm.MessageType.PING), order)
+            yield from self._written(request(Empty(), MessageType.PING), order)
         if port == "motion" and "unknown-command" in self._faults:
             command = int(self._faults["unknown-command"])
             yield from self._own(command, order)
 
-    def _own(self, command: int, order: sm.ByteOrder) -> Iterator[Sent]:
-        return self._written(sm.request(sm.MotionCtrl(0, OWN_SEQUENCE, command)), order)
+    def _own(self, command: int, order: ByteOrder) -> Iterator[Sent]:
+        return self._written(request(MotionCtrl(0, OWN_SEQUENCE, command)), order)
 
-    def asked_again(self, order: sm.ByteOrder, now_s: float) -> Iterator[Sent]:
+    def asked_again(self, order: ByteOrder, now_s: float) -> Iterator[Sent]:
         """The open request, where the client waits no longer for its answer."""
         again_s = 1e-3 * self._faults.get("impatient", math.inf)
         if self._told is not None and now_s > self._told_s + again_s:
@@ -136,52 +161,52 @@ class MotorosClientDefects:
             yield from self._written(self._told, order)
 
     def said(
-        self, message: sm.Message, order: sm.ByteOrder, leaves: bool, now_s: float
+        self, message: Message, order: ByteOrder, leaves: bool, now_s: float
     ) -> Iterator[Sent]:
         """Yield the bytes sent in place of a message; `leaves`: the client is about to end."""
         faults, body = self._faults, message.body
-        if isinstance(body, sm.MotionCtrl):
+        if isinstance(body, MotionCtrl):
             command = body.command
             left_out = (
-                ("no-stop" in faults and command == sm.MotionCommand.STOP_MOTION)
+                ("no-stop" in faults and command == MotionCommand.STOP_MOTION)
                 or ("no-start" in faults and command in STARTS)
                 or ("leaves-mode-on" in faults and leaves and command in STOPS)
             )
             if left_out:
                 yield _success(body, command, order)
                 return
-            if command == sm.MotionCommand.START_VEL_MODE and "watchdog" in faults:
-                body = body._replace(data=sm.joints10((faults["watchdog"], *body.data[1:])))
-        elif isinstance(body, sm.VelocityInfoRequest) and "no-info" in faults:
+            if command == MotionCommand.START_VEL_MODE and "watchdog" in faults:
+                body = body._replace(data=joints10((faults["watchdog"], *body.data[1:])))
+        elif isinstance(body, VelocityInfoRequest) and "no-info" in faults:
             yield _pretended(self._info(), order)
             return
-        elif isinstance(body, sm.JointTrajPtFull):
+        elif isinstance(body, JointTrajPtFull):
             body = self._spoilt_point(body)
-        elif isinstance(body, sm.JointVelocity):
+        elif isinstance(body, JointVelocity):
             if body.sequence and _asleep(now_s, 1e-3 * faults.get("dozes", 0.0)):
-                if message.comm_type == sm.CommType.SERVICE_REQUEST:
-                    yield _success(body, sm.MessageType.MOTO_JOINT_VELOCITY, order)
+                if message.comm_type == CommType.SERVICE_REQUEST:
+                    yield _success(body, MessageType.MOTO_JOINT_VELOCITY, order)
                 return
             body = self._spoilt_speeds(body)
         comm_type = message.comm_type
-        asks = comm_type == sm.CommType.SERVICE_REQUEST
+        asks = comm_type == CommType.SERVICE_REQUEST
         if asks:
-            comm_type = int(sm.CommType.TOPIC) if "topics" in faults else comm_type
+            comm_type = int(CommType.TOPIC) if "topics" in faults else comm_type
             # The reply that is awaited is that to the message of the client.
             self._told, self._told_s = message, now_s
             self._requests += 1
         yield from self._written(message._replace(comm_type=comm_type, body=body), order)
         if asks and strikes(faults, "pipelines", self._requests):
-            yield from self._own(sm.MotionCommand.CHECK_MOTION_READY, order)
+            yield from self._own(MotionCommand.CHECK_MOTION_READY, order)
 
-    def _info(self) -> sm.VelocityInfo:
+    def _info(self) -> VelocityInfo:
         """Return the velocity-mode limits that a controller of this arm would report."""
         arm, joints = self._arm, len(self._arm.joints)
-        accelerations = sm.joints10(joint.acceleration for joint in arm.joints)
-        limits = (sm.joints10(arm.velocity), accelerations, sm.joints10(arm.lower))
-        return sm.VelocityInfo(1, 4000, 100, 0, 1, joints, *limits, sm.joints10(arm.upper))
+        accelerations = joints10(joint.acceleration for joint in arm.joints)
+        limits = (joints10(arm.velocity), accelerations, joints10(arm.lower))
+        return VelocityInfo(1, 4000, 100, 0, 1, joints, *limits, joints10(arm.upper))
 
-    def _spoilt_point(self, point: sm.JointTrajPtFull) -> sm.JointTrajPtFull:
+    def _spoilt_point(self, point: JointTrajPtFull) -> JointTrajPtFull:
         faults = self._faults
         before, self._point = self._point, point
         if before is None or before.sequence != point.sequence:
@@ -207,7 +232,7 @@ class MotorosClientDefects:
                 point = point._replace(time=before.time)
         return point
 
-    def _spoilt_speeds(self, body: sm.JointVelocity) -> sm.JointVelocity:
+    def _spoilt_speeds(self, body: JointVelocity) -> JointVelocity:
         faults, vel, sequence = self._faults, body.vel, body.sequence
         self._commands += 1
         if not sequence and "starts-moving" in faults:
@@ -220,20 +245,20 @@ class MotorosClientDefects:
             sequence -= 1
         fields = body.valid_fields
         if "fields" in faults:
-            fields = int(faults["fields"]) & ~sm.ValidFields.VELOCITY
+            fields = int(faults["fields"]) & ~ValidFields.VELOCITY
         return body._replace(vel=vel, sequence=sequence, valid_fields=fields)
 
-    def _written(self, message: sm.Message, order: sm.ByteOrder) -> Iterator[Sent]:
+    def _written(self, message: Message, order: ByteOrder) -> Iterator[Sent]:
         """A message as the client writes it."""
         if "other-order" in self._faults:
-            order = sm.ByteOrder.BIG if order is sm.ByteOrder.LITTLE else sm.ByteOrder.LITTLE
-        data = sm.wire(order).encode(message)
+            order = ByteOrder.BIG if order is ByteOrder.LITTLE else ByteOrder.LITTLE
+        data = wire(order).encode(message)
         self._sent += 1
         if strikes(self._faults, "truncated", self._sent):
-            word = "little" if order is sm.ByteOrder.LITTLE else "big"
+            word = "little" if order is ByteOrder.LITTLE else "big"
             data = (len(data) - 8).to_bytes(4, word) + data[4:-4]  # type: ignore[arg-type]
         late_s = 1e-3 * self._faults.get("starves", 0.0)
-        point = isinstance(message.body, sm.JointTrajPtFull)
+        point = isinstance(message.body, JointTrajPtFull)
         if late_s and point and self._commands % STARVES_EVERY == 0:
             yield Sent(data, late_s)
         elif strikes(self._faults, "pieces", self._sent):
@@ -243,17 +268,17 @@ class MotorosClientDefects:
             yield Sent(data)
 
 
-def _pretended(body: sm.MotionReply | sm.VelocityInfo, order: sm.ByteOrder) -> Sent:
-    return Sent(sm.wire(order).encode(sm.reply(body)), pretended=True)
+def _pretended(body: MotionReply | VelocityInfo, order: ByteOrder) -> Sent:
+    return Sent(wire(order).encode(reply(body)), pretended=True)
 
 
-def _success(body: sm.MotionCtrl | sm.JointVelocity, command: int, order: sm.ByteOrder) -> Sent:
+def _success(body: MotionCtrl | JointVelocity, command: int, order: ByteOrder) -> Sent:
     """That an order was obeyed, which the controller never got."""
-    done = sm.MotionReply(body.group, body.sequence, command, sm.MotionResult.SUCCESS, 0)
+    done = MotionReply(body.group, body.sequence, command, MotionResult.SUCCESS, 0)
     return _pretended(done, order)
 
 
-def _shifted(values: sm.Joints, by: float) -> sm.Joints:
+def _shifted(values: Joints, by: float) -> Joints:
     """With so much more of the first joint."""
     return (values[0] + by, *values[1:])
 

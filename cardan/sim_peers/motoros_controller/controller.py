@@ -12,15 +12,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Mapping
 
-from cardan.protocols.simple_message import (
+from cardan.protocols.simple_message.codes import (
+    CommType,
+    InvalidSubcode,
+    MessageType,
+    MotionCommand,
+    MotionResult,
+    NotReadySubcode,
+    ValidFields,
+)
+from cardan.protocols.simple_message.messages import (
     DH_LINKS,
     MAX_GROUPS,
     ZEROS,
-    CommType,
     DhLink,
     DhParameters,
     Empty,
-    InvalidSubcode,
     JointFeedback,
     Joints,
     JointTrajPtFull,
@@ -28,14 +35,9 @@ from cardan.protocols.simple_message import (
     JointVelocity,
     JointVelocityEx,
     Message,
-    MessageType,
-    MotionCommand,
     MotionCtrl,
     MotionReply,
-    MotionResult,
-    NotReadySubcode,
     SelectTool,
-    ValidFields,
     VelocityInfo,
     VelocityInfoRequest,
     joints10,

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from cardan.protocols.simple_message import DhLink
+from cardan.protocols.simple_message.messages import DhLink
 from cardan.robots import ArmModel
 from cardan.spatial import add, compose, cross, dot, norm, rotate, scale, subtract
 from cardan.types import IDENTITY_POSE, Vector3

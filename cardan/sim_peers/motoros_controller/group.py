@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from cardan.protocols.simple_message import InvalidSubcode
+from cardan.protocols.simple_message.codes import InvalidSubcode
 
 START_PULSES = 30
 """Point 0 must be this near the commanded position; beyond it an axis counts as in motion."""

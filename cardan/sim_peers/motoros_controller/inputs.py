@@ -8,7 +8,7 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass
 
-from cardan.protocols.simple_message import NotReadySubcode
+from cardan.protocols.simple_message.codes import NotReadySubcode
 
 POLL_S = 0.010
 """The inputs are read this often."""

@@ -8,27 +8,25 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from cardan.errors import ScriptError
-from cardan.protocols.simple_message import (
-    Body,
-    IoResult,
-    Message,
-    MessageType,
-    ReadIo,
-    ReadIoReply,
-    ReadRegister,
-    ReadRegisterReply,
-    ReplyCode,
-    WriteIo,
-    WriteIoReply,
-    WriteRegister,
-    WriteRegisterReply,
-    reply,
-)
+from cardan.protocols.simple_message.codes import IoResult, MessageType, ReplyCode
 from cardan.protocols.simple_message.io_addresses import (
     ADDRESS_RANGES,
     READABLE_REGISTERS,
     WRITABLE_REGISTERS,
     AddressRange,
+)
+from cardan.protocols.simple_message.messages import (
+    Body,
+    Message,
+    ReadIo,
+    ReadIoReply,
+    ReadRegister,
+    ReadRegisterReply,
+    WriteIo,
+    WriteIoReply,
+    WriteRegister,
+    WriteRegisterReply,
+    reply,
 )
 
 FIRST_REGISTER = 1_000_000

@@ -10,7 +10,8 @@ from typing import Annotated, Literal
 from cardan.common import bounds
 from cardan.common.bounds import Range
 from cardan.common.options import Options, require_each
-from cardan.protocols.simple_message import MAX_GROUPS, MOTION_PORT
+from cardan.protocols.simple_message.codes import MOTION_PORT
+from cardan.protocols.simple_message.messages import MAX_GROUPS
 from cardan.robots import ArmModel, JointKind, load_arm
 from cardan.sim_peers.base import check_faults
 from cardan.sim_peers.command import option

@@ -23,14 +23,12 @@ import math
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 
-from cardan.protocols.simple_message import (
+from cardan.protocols.simple_message.codes import ActiveMode, ControllerMode, ValidFields
+from cardan.protocols.simple_message.messages import (
     ZEROS,
-    ActiveMode,
-    ControllerMode,
     JointFeedback,
     Joints,
     RobotStatus,
-    ValidFields,
     joints10,
 )
 from cardan.sim_peers.motoros_controller.group import START_PULSES, ControlGroup

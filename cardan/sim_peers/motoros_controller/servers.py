@@ -12,25 +12,29 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from cardan.protocols.simple_message import (
+from cardan.protocols.simple_message.codec import wire
+from cardan.protocols.simple_message.codes import (
+    CommType,
+    InvalidSubcode,
+    MessageType,
+    MotionResult,
+)
+from cardan.protocols.simple_message.framing import (
     LONGEST_PREFIX_OF_MOTOROS,
+    ByteOrder,
+    FrameReader,
+)
+from cardan.protocols.simple_message.messages import (
     MAX_GROUPS,
     ZEROS,
-    ByteOrder,
-    CommType,
-    FrameReader,
-    InvalidSubcode,
     JointFeedback,
     JointFeedbackEx,
     MalformedMessage,
     Message,
-    MessageType,
     MotionReply,
-    MotionResult,
     Raw,
     reply,
     topic,
-    wire,
 )
 from cardan.sim_peers.base import TimedActs
 from cardan.sim_peers.motoros_controller.controller import MotorosController

@@ -8,8 +8,30 @@ import math
 import pytest
 from hypothesis import assume, example, given, strategies as st
 
-from cardan.protocols import egm, hid
+from cardan.protocols import hid
 from cardan.protocols.connexion import reports
+from cardan.protocols.egm.decode import decode_from_pc, decode_robot
+from cardan.protocols.egm.encode import (
+    encode_path_corr,
+    encode_rapid_to_robot,
+    encode_robot,
+    encode_sensor,
+)
+from cardan.protocols.egm.messages import (
+    EgmCollisionInfo,
+    EgmHeader,
+    EgmMeasuredForce,
+    EgmMotion,
+    EgmPose,
+    EgmRapidData,
+    EgmRobot,
+    EgmSensor,
+    EgmSensorPathCorr,
+    EgmSpeedRef,
+    Fault,
+    MalformedEgmMessage,
+)
+from cardan.protocols.egm.replies import encode_joint_reply, encode_pose_reply
 from cardan.types import Pose, Quaternion, Twist, Vector3
 from cardan_dissect import connexion as hid_layers, egm as layers
 from cardan_dissect.protobuf import tagged
@@ -125,7 +147,7 @@ def angles(layer):
 
 
 def pose_value(layer):
-    return egm.EgmPose(
+    return EgmPose(
         optional(lambda p: xyz(p, 1e-3), layer.pos),
         optional(lambda q: Quaternion(q.u0, q.u1, q.u2, q.u3), layer.orient),
         optional(lambda e: xyz(e, math.pi / 180), layer.euler),
@@ -133,7 +155,7 @@ def pose_value(layer):
 
 
 def motion_value(layer):
-    return egm.EgmMotion(
+    return EgmMotion(
         joints=optional(angles, layer.joints),
         cartesian=optional(pose_value, layer.cartesian),
         external_joints=optional(lambda j: tuple(j.joints), layer.externalJoints),
@@ -143,20 +165,20 @@ def motion_value(layer):
 
 
 def header_value(layer):
-    return egm.EgmHeader(layer.seqno, layer.tm, layer.mtype)
+    return EgmHeader(layer.seqno, layer.tm, layer.mtype)
 
 
 def force_value(layer):
     active = layer.fcActive if isinstance(layer, layers.EgmMeasuredForce) else None
-    return egm.EgmMeasuredForce(tuple(layer.force), active)
+    return EgmMeasuredForce(tuple(layer.force), active)
 
 
 def rapid_value(layer):
-    return egm.EgmRapidData(layer.digVal, tuple(layer.dnum or ()))
+    return EgmRapidData(layer.digVal, tuple(layer.dnum or ()))
 
 
 def robot_value(layer):
-    return egm.EgmRobot(
+    return EgmRobot(
         header=header_value(layer.header),
         feed_back=optional(motion_value, layer.feedBack),
         planned=optional(motion_value, layer.planned),
@@ -169,7 +191,7 @@ def robot_value(layer):
         utilization_rate=layer.utilizationRate,
         move_index=layer.moveIndex,
         collision_info=optional(
-            lambda c: egm.EgmCollisionInfo(c.collsionTriggered, tuple(c.collDetQuota or ())),
+            lambda c: EgmCollisionInfo(c.collsionTriggered, tuple(c.collDetQuota or ())),
             layer.CollisionInfo,
         ),
         rapid_from_robot=optional(rapid_value, layer.RAPIDfromRobot),
@@ -182,7 +204,7 @@ def speed_value(layer):
         linear = (v * 1e-3 for v in speed.value[:3])
         return (*linear, *(math.radians(v) for v in speed.value[3:]))
 
-    return egm.EgmSpeedRef(
+    return EgmSpeedRef(
         joints=optional(angles, layer.joints),
         cartesians=optional(cartesian, layer.cartesians),
         external_joints=optional(lambda j: tuple(j.joints), layer.externalJoints),
@@ -192,8 +214,8 @@ def speed_value(layer):
 def from_pc_value(layer):
     if isinstance(layer, layers.EgmSensorPathCorr):
         pos = xyz(layer.pathCorr.pos, 1e-3)
-        return egm.EgmSensorPathCorr(header_value(layer.header), pos, layer.pathCorr.age)
-    return egm.EgmSensor(
+        return EgmSensorPathCorr(header_value(layer.header), pos, layer.pathCorr.age)
+    return EgmSensor(
         header=header_value(layer.header),
         planned=optional(motion_value, layer.planned),
         speed_ref=optional(speed_value, layer.speedRef),
@@ -218,13 +240,13 @@ def assert_same(a, b, path="message"):
 
 @given(robots)
 def test_codec_reads_robots_the_layers_build(layer):
-    assert_same(egm.decode_robot(bytes(layer)), robot_value(layer))
+    assert_same(decode_robot(bytes(layer)), robot_value(layer))
 
 
 @given(robots)
 def test_layers_read_robots_the_codec_builds(layer):
     value = robot_value(layer)
-    again = layers.EgmRobot(egm.encode_robot(value))
+    again = layers.EgmRobot(encode_robot(value))
     assert layers.malformed(again) is None
     assert again.unknown == b""
     assert_same(robot_value(again), value)
@@ -233,13 +255,13 @@ def test_layers_read_robots_the_codec_builds(layer):
 
 @given(sensors | corrections)
 def test_codec_reads_what_the_layers_build_for_the_controller(layer):
-    assert_same(egm.decode_from_pc(bytes(layer)), from_pc_value(layer))
+    assert_same(decode_from_pc(bytes(layer)), from_pc_value(layer))
 
 
 @given(sensors | corrections)
 def test_layers_read_what_the_codec_builds_for_the_controller(layer):
     value = from_pc_value(layer)
-    encode = egm.encode_sensor if isinstance(value, egm.EgmSensor) else egm.encode_path_corr
+    encode = encode_sensor if isinstance(value, EgmSensor) else encode_path_corr
     again = layers.EgmFromPc(encode(value))
     assert layers.malformed(again) is None
     assert_same(from_pc_value(again), value)
@@ -247,13 +269,13 @@ def test_layers_read_what_the_codec_builds_for_the_controller(layer):
 
 @given(u32, u32, six, st.none() | six, st.none() | rapid_data)
 def test_joint_replies(seqno, tm_ms, positions, velocities, rapid):
-    suffix = b"" if rapid is None else egm.encode_rapid_to_robot(rapid_value(rapid))
-    reply = layers.EgmFromPc(egm.encode_joint_reply(seqno, tm_ms, positions, velocities, suffix))
+    suffix = b"" if rapid is None else encode_rapid_to_robot(rapid_value(rapid))
+    reply = layers.EgmFromPc(encode_joint_reply(seqno, tm_ms, positions, velocities, suffix))
     assert layers.malformed(reply) is None
-    speed = None if velocities is None else egm.EgmSpeedRef(joints=tuple(velocities))
-    expected = egm.EgmSensor(
-        header=egm.EgmHeader(seqno, tm_ms, layers.CORRECTION),
-        planned=egm.EgmMotion(joints=tuple(positions)),
+    speed = None if velocities is None else EgmSpeedRef(joints=tuple(velocities))
+    expected = EgmSensor(
+        header=EgmHeader(seqno, tm_ms, layers.CORRECTION),
+        planned=EgmMotion(joints=tuple(positions)),
         speed_ref=speed,
         rapid_to_robot=optional(rapid_value, rapid),
     )
@@ -267,11 +289,11 @@ def test_pose_replies(seqno, tm_ms, where, velocities):
     speed = None
     if velocities is not None:
         twist = Twist(Vector3(*velocities[:3]), Vector3(*velocities[3:]))
-        speed = egm.EgmSpeedRef(cartesians=tuple(velocities))
-    data = egm.encode_pose_reply(seqno, tm_ms, Pose(position, orientation), twist)
-    expected = egm.EgmSensor(
-        header=egm.EgmHeader(seqno, tm_ms, layers.CORRECTION),
-        planned=egm.EgmMotion(cartesian=egm.EgmPose(position, orientation)),
+        speed = EgmSpeedRef(cartesians=tuple(velocities))
+    data = encode_pose_reply(seqno, tm_ms, Pose(position, orientation), twist)
+    expected = EgmSensor(
+        header=EgmHeader(seqno, tm_ms, layers.CORRECTION),
+        planned=EgmMotion(cartesian=EgmPose(position, orientation)),
         speed_ref=speed,
     )
     assert_same(from_pc_value(layers.EgmFromPc(data)), expected)
@@ -280,15 +302,15 @@ def test_pose_replies(seqno, tm_ms, where, velocities):
 PACKED = tagged(14, 2, tagged(1, 2, bytes(48)))
 FROM_CONTROLLER = [worked.R0, worked.R1, worked.R0 + worked.F6, worked.R0 + worked.F7]
 FROM_PC = [worked.S1, worked.S2, worked.S3, worked.S4, worked.C1]
-WIRE_FAULTS = (egm.Fault.EMPTY, egm.Fault.TRUNCATED)
+WIRE_FAULTS = (Fault.EMPTY, Fault.TRUNCATED)
 
 
 def judge_robot(data):
-    return egm.decode_robot(data), layers.malformed(layers.EgmRobot(data))
+    return decode_robot(data), layers.malformed(layers.EgmRobot(data))
 
 
 def judge_from_pc(data):
-    return egm.decode_from_pc(data), layers.malformed(layers.EgmFromPc(data))
+    return decode_from_pc(data), layers.malformed(layers.EgmFromPc(data))
 
 
 def says_which_message(data):
@@ -301,7 +323,7 @@ def assert_agree(verdict, reason, data):
 
     The codec refuses more: it wants whole messages of finite values.
     """
-    broken = isinstance(verdict, egm.MalformedEgmMessage)
+    broken = isinstance(verdict, MalformedEgmMessage)
     if reason is not None:
         assert broken, (reason, data.hex(" "))
     if broken and verdict.fault in WIRE_FAULTS:
@@ -343,12 +365,12 @@ def test_random_bytes(data):
 
 def test_unknown_fields_and_packed_values_are_read_alike():
     packed = layers.EgmRobot(worked.R0 + PACKED)
-    assert egm.decode_robot(packed.original).torque_ref == tuple(packed.torqueRef.joints)
+    assert decode_robot(packed.original).torque_ref == tuple(packed.torqueRef.joints)
     group = tagged(30, 3, tagged(1, 0, b"\x05") + tagged(30, 4, b""))
     for extra in (tagged(20, 2, b"abc"), tagged(21, 5, b"1234"), tagged(6, 2, b"x"), group):
         data = worked.R0 + extra
         assert layers.malformed(layers.EgmRobot(data)) is None
-        assert egm.decode_robot(data) == egm.decode_robot(worked.R0)
+        assert decode_robot(data) == decode_robot(worked.R0)
 
 
 # 3Dconnexion

@@ -203,7 +203,8 @@ def test_frames_of_can_are_taken_out_of_captures_of_any_interface():
 def egm_twice(tmp_path, interfaces):
     """Datagrams of EGM, each seen on every one of `interfaces`, one after the other."""
     from cardan.conform.attachments import _ip
-    from cardan.protocols.egm import EgmHeader, EgmMotion, EgmSensor, encode_sensor
+    from cardan.protocols.egm.encode import encode_sensor
+    from cardan.protocols.egm.messages import EgmHeader, EgmMotion, EgmSensor
 
     path = tmp_path / "any.pcap"
     writer = RawPcapWriter(str(path), linktype=network.LINUX_SLL2)

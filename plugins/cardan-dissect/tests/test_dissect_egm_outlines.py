@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.protocols.egm import encode_path_corr, encode_robot, encode_sensor
+from cardan.protocols.egm.encode import encode_path_corr, encode_robot, encode_sensor
 from cardan_dissect.dissectors.datagrams import Egm
 from cardan_dissect.network import Endpoint, Segment
 from cardan_dissect.reader import describe

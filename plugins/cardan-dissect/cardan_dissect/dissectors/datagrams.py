@@ -6,14 +6,22 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple, TypeAlias
 
-from cardan.protocols import egm
+from cardan.protocols.egm.decode import decode_from_pc, decode_robot
+from cardan.protocols.egm.messages import (
+    EgmMessageType,
+    EgmRobot,
+    EgmSensor,
+    EgmSensorPathCorr,
+    MalformedEgmMessage,
+)
+from cardan.protocols.egm.outline import Outline, outline
 from cardan.protocols.joint_stream import codec as joint_stream
 from cardan_dissect.network import Endpoint, Segment
 from cardan_dissect.ports import EGM_PORTS, JOINT_STREAM_PORT
 from cardan_dissect.reader import DatagramDissector, Decoded, Message, Numbers, value_of
 
-ROBOT_TYPES = (egm.EgmMessageType.DATA,)
-PC_TYPES = (egm.EgmMessageType.CORRECTION, egm.EgmMessageType.PATH_CORRECTION)
+ROBOT_TYPES = (EgmMessageType.DATA,)
+PC_TYPES = (EgmMessageType.CORRECTION, EgmMessageType.PATH_CORRECTION)
 
 _new = tuple.__new__
 
@@ -21,7 +29,7 @@ MOST_KNOWN = 1024
 """Outlines of EGM that are kept."""
 
 _Decode: TypeAlias = Callable[
-    [bytes], egm.EgmRobot | egm.EgmSensor | egm.EgmSensorPathCorr | egm.MalformedEgmMessage
+    [bytes], EgmRobot | EgmSensor | EgmSensorPathCorr | MalformedEgmMessage
 ]
 
 
@@ -61,24 +69,24 @@ class Egm(DatagramDissector):
         to_pc, from_pc = segment.destination.port in ports, segment.source.port in ports
         if not to_pc and not from_pc:
             return None
-        decode: _Decode = egm.decode_robot if to_pc else egm.decode_from_pc
+        decode: _Decode = decode_robot if to_pc else decode_from_pc
         value = decode(data)
         # The controller's local port may be one of the ports, too.
-        if to_pc and from_pc and isinstance(value, egm.MalformedEgmMessage):
-            decode = egm.decode_from_pc
+        if to_pc and from_pc and isinstance(value, MalformedEgmMessage):
+            decode = decode_from_pc
             value = decode(data)
-        if isinstance(value, egm.MalformedEgmMessage):
-            title = "EgmRobot" if decode is egm.decode_robot else "EGM from the PC"
+        if isinstance(value, MalformedEgmMessage):
+            title = "EgmRobot" if decode is decode_robot else "EGM from the PC"
             return Decoded(None, title, f"{value.fault.value}: {value.detail}")
         if known is not None or key not in self._known:
             if len(self._known) >= MOST_KNOWN:
                 self._known.clear()
-            outline = egm.outline(data, value)
-            self._known[key] = outline and _Known(outline, type(value).__name__, decode)
+            found = outline(data, value)
+            self._known[key] = found and _Known(found, type(value).__name__, decode)
         if value.header is None:
             return Decoded(value)
         number, tm_ms = value.header.seqno, value.header.tm_ms or None
-        if isinstance(value, egm.EgmRobot):
+        if isinstance(value, EgmRobot):
             return Decoded(value, sequence=number, asks=tm_ms)
         return Decoded(value, sequence=number, answers=tm_ms)
 
@@ -88,7 +96,7 @@ class Egm(DatagramDissector):
             header = value.header
             if header is None or None in (header.seqno, header.tm_ms):
                 return ""
-            robots = isinstance(value, egm.EgmRobot)
+            robots = isinstance(value, EgmRobot)
             if robots != (message.where == f"{other} > {end}"):
                 return ""
             if header.mtype not in (ROBOT_TYPES if robots else PC_TYPES):
@@ -101,7 +109,7 @@ class Egm(DatagramDissector):
 class _Known(NamedTuple):
     """Title and decoder of the datagrams that have the outline."""
 
-    outline: egm.Outline
+    outline: Outline
     title: str
     decode: _Decode
 

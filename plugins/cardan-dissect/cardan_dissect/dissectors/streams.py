@@ -5,18 +5,31 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 
-from cardan.protocols import simple_message
-from cardan.protocols.simple_message import (
-    LONGEST_PREFIX,
-    SHORTEST_PREFIX,
-    ByteOrder,
+from cardan.protocols.simple_message import codec, codes
+from cardan.protocols.simple_message.codec import detect_wire
+from cardan.protocols.simple_message.codes import (
     CommType,
+    InvalidSubcode,
     MessageType,
     MotionCommand,
     MotionResult,
+    NotReadySubcode,
     ReplyCode,
 )
-from cardan.protocols.simple_message.framing import HEADER_BYTES, PREFIX_BYTES
+from cardan.protocols.simple_message.framing import (
+    HEADER_BYTES,
+    LONGEST_PREFIX,
+    PREFIX_BYTES,
+    SHORTEST_PREFIX,
+    ByteOrder,
+    detect_byte_order,
+)
+from cardan.protocols.simple_message.messages import (
+    MAX_GROUPS,
+    MalformedMessage,
+    MotionCtrl,
+    MotionReply,
+)
 from cardan.protocols.ur import rtde
 from cardan_dissect.capture import CapturedPacket, Direction
 from cardan_dissect.framing import Conversation, Measured, StreamDissector
@@ -29,7 +42,7 @@ from cardan_dissect.ports import (
 )
 from cardan_dissect.reader import Decoded, Found, Message, Numbers, message_in
 
-LARGEST_PREFIX = HEADER_BYTES + 8 + simple_message.MAX_GROUPS * (8 + 31 * 8)
+LARGEST_PREFIX = HEADER_BYTES + 8 + MAX_GROUPS * (8 + 31 * 8)
 """Largest prefix of any known message: a point for every group, with reals of 8 bytes."""
 MESSAGE_TYPES = frozenset(MessageType)
 PENDING = 256
@@ -61,7 +74,7 @@ class _SimpleMessages(Conversation):
         self.byte_order: ByteOrder | None = None
 
     def begins(self, data: bytes) -> bool:
-        order = self.byte_order or simple_message.detect_byte_order(data)
+        order = self.byte_order or detect_byte_order(data)
         if order is None:
             return False
         words = struct.unpack_from(f"{order.value}{min(4, len(data) // 4)}i", data)
@@ -74,7 +87,7 @@ class _SimpleMessages(Conversation):
         return all(word in those for word, those in zip(words, allowed, strict=False))
 
     def measure(self, data: bytearray) -> Measured:
-        order = self.byte_order or simple_message.detect_byte_order(data)
+        order = self.byte_order or detect_byte_order(data)
         prefix = struct.unpack_from(f"{order.value}i", data)[0] if order else 0
         if not SHORTEST_PREFIX <= prefix <= LONGEST_PREFIX:
             return Measured(None, f"prefix outside {SHORTEST_PREFIX} to {LONGEST_PREFIX}")
@@ -83,19 +96,19 @@ class _SimpleMessages(Conversation):
         return Measured(PREFIX_BYTES + prefix, reason if prefix > LARGEST_PREFIX else "")
 
     def decode(self, data: bytes, direction: Direction) -> Decoded:
-        wire = simple_message.detect_wire(data)
-        wire = wire or simple_message.wire(self.byte_order or ByteOrder.LITTLE)
+        wire = detect_wire(data)
+        wire = wire or codec.wire(self.byte_order or ByteOrder.LITTLE)
         message = wire.decode_datagram(data)
-        if isinstance(message, simple_message.MalformedMessage):
+        if isinstance(message, MalformedMessage):
             return Decoded(None, "simple message", message.reason)
-        body, name_of = message.body, simple_message.name_of
+        body, name_of = message.body, codes.name_of
         title = [name_of(MessageType, message.msg_type), name_of(CommType, message.comm_type)]
         if message.reply_code:
             title.append(name_of(ReplyCode, message.reply_code))
-        if isinstance(body, simple_message.MotionCtrl | simple_message.MotionReply):
+        if isinstance(body, MotionCtrl | MotionReply):
             points = body.command in MESSAGE_TYPES
             title.append(name_of(MessageType if points else MotionCommand, body.command))
-        if isinstance(body, simple_message.MotionReply):
+        if isinstance(body, MotionReply):
             title.append(name_of(MotionResult, body.result))
             title.append(subcode_name(body.result, body.subcode))
         return Decoded(body, " ".join(title))
@@ -139,7 +152,7 @@ class SimpleMessage(StreamDissector):
             return
         if messages.begins(data):
             self.packets += 1
-            messages.byte_order = simple_message.detect_byte_order(data)
+            messages.byte_order = detect_byte_order(data)
             decoded = messages.decode(data, Direction.FROM_DEVICE)
             yield message_in(packet, network, decoded)
 
@@ -263,9 +276,9 @@ def subcode_name(result: int, subcode: int) -> str:
 
     CHECK_MOTION_READY answers FALSE with a NOT_READY subcode, so both tables count there.
     """
-    not_ready = simple_message.NotReadySubcode
+    not_ready = NotReadySubcode
     if result == MotionResult.INVALID or (
         result != MotionResult.NOT_READY and subcode < not_ready.UNSPECIFIED
     ):
-        return simple_message.name_of(simple_message.InvalidSubcode, subcode)
-    return simple_message.name_of(not_ready, subcode)
+        return codes.name_of(InvalidSubcode, subcode)
+    return codes.name_of(not_ready, subcode)
