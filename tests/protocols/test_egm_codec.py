@@ -272,8 +272,8 @@ def test_sequence_number_and_clock_wrap():
     assert wrapped.header == EgmHeader(5, 2**32 - 1, CORRECTION)
     for longer in (2**7, 2**14, 2**21, 2**28):  # A byte more than the number before.
         header = EgmHeader(longer, longer - 1, CORRECTION)
-        reply = egm.encode_joint_reply(*header[:2], joints, None)
-        assert egm.decode_from_pc(reply).header == header
+        reply = encode_joint_reply(*header[:2], joints, None)
+        assert decode_from_pc(reply).header == header
     sensor = EgmSensor(EgmHeader(2**32, 2**40 + 7, CORRECTION))
     assert decode_from_pc(encode_sensor(sensor)).header == EgmHeader(0, 7, CORRECTION)
     robot = EgmRobot(feed_back=EgmMotion(), move_index=-1)
