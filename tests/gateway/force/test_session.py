@@ -32,6 +32,7 @@ from cardan.types import (
 )
 from tests.gateway.fakes import FakeRobotOptions
 from tests.gateway.force.fakes import PERIOD_S, robot_state
+from tests.snapshots import changed
 
 pytestmark = pytest.mark.matrix
 
@@ -396,8 +397,7 @@ def test_the_view_shows_the_force(capsys):
         force_age_s=0.004,
         gap_s=0.001,
     )
-    last = s.run()
-    last.force.measured_n = [0.0, -0.1, 0.2]
+    last = changed(s.run(), force__measured_n=(0.0, -0.1, 0.2))
     console = Console(width=160)
     console.print(render(last))
     console.print(summary(last))
