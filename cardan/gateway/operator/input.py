@@ -82,6 +82,8 @@ class MotionRequest(NamedTuple):
     """The twist asked for, after the filters."""
     rates: Mapping[str, float]
     """Joint speeds asked for by name, rad/s or m/s."""
+    asks: bool
+    """Whether motion is asked for: `twist` or one of `rates` is not zero."""
     pressed: bool
     """Whether any button went down."""
     fault: str
@@ -94,18 +96,9 @@ class MotionRequest(NamedTuple):
         """Whether this device drives the arm."""
         return self.arming.armed
 
-    @property
-    def asks(self) -> bool:
-        """True when motion is asked for."""
-        return (
-            self.twist.linear != ZERO3
-            or self.twist.angular != ZERO3
-            or (bool(self.rates) and any(self.rates.values()))
-        )
-
 
 NO_REQUEST = MotionRequest(
-    Arming.DISARMED, False, False, False, ZERO_TWIST, NO_RATES, False, "", ""
+    Arming.DISARMED, False, False, False, ZERO_TWIST, NO_RATES, False, False, "", ""
 )
 
 
@@ -193,6 +186,7 @@ class OperatorInput:
             following,
             twist,
             rates,
+            twist.linear != ZERO3 or twist.angular != ZERO3 or any(rates.values()),
             bool(events) and any(event.pressed for event in events),
             fault,
             filter_fault,

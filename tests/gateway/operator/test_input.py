@@ -336,18 +336,20 @@ def test_a_button_that_the_device_has_not_is_told_in_place_of_an_act_that_cannot
 
 
 @pytest.mark.parametrize(
-    ("linear", "angular", "rates", "asks"),
+    ("joints", "axes", "asks"),
     [
-        (0.0, 0.0, {}, False),
-        (0.1, 0.0, {}, True),
-        (0.0, -0.1, {}, True),
-        (0.0, 0.0, {"a": 0.0, "b": 0.0}, False),
-        (0.0, 0.0, {"a": 0.0, "b": -0.1}, True),
+        ({}, REST, False),
+        ({}, (0.0, 0.1, 0.0, 0.0, 0.0, 0.0), True),
+        ({}, (0.0, 0.0, 0.0, 0.0, 0.0, -0.1), True),
+        ({"x": "a", "-rz": "b"}, REST, False),
+        ({"x": "a", "-rz": "b"}, (0.0, 0.0, 0.0, 0.0, 0.0, 0.1), True),
     ],
 )
-def test_motion_of_any_kind_is_asked_for(linear, angular, rates, asks):
-    twist = Twist(Vector3(0.0, linear, 0.0), Vector3(0.0, 0.0, angular), ZERO_TWIST.frame)
-    assert NO_REQUEST._replace(twist=twist, rates=rates).asks is asks
+def test_motion_of_any_kind_is_asked_for(joints, axes, asks):
+    fixed = ("fixed",) * 6 if joints else MappingOptions().axes
+    asked = Asked(MappingOptions(deadman=("left",), joints=joints, axes=fixed)).arm()
+    assert asked.tick(axes, "left").asks is asks
+    assert asked.tick(axes).asks is False
 
 
 # -- fields of a request beside the twist ----------------------------------------------------------
@@ -857,5 +859,5 @@ def test_the_act_is_an_instruction(options, act):
 
 def test_no_request_asks_for_nothing():
     assert tuple(NO_REQUEST) == (
-        Arming.DISARMED, False, False, False, ZERO_TWIST, {}, False, "", ""
+        Arming.DISARMED, False, False, False, ZERO_TWIST, {}, False, False, "", ""
     )  # fmt: skip
