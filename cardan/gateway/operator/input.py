@@ -169,7 +169,13 @@ class OperatorInput:
             self._refusal = self._why_not_taken(device, view)
             if self._refusal:
                 arming, armed, following = Arming.DISARMED, False, False
-        twist = self._wanted(device, view, following, recapture)
+        twist = ZERO_TWIST
+        if following and position is not None:
+            twist = self._by_pose(position, device, view, recapture)
+        elif following and not view.suspended:
+            twist = self.mapping.twist(device.axes)
+        elif position is not None:
+            position.release()
         filter_fault = ""
         if self.filters:
             twist, filter_fault = self._filtered(twist, view.robot)
@@ -380,24 +386,18 @@ class OperatorInput:
 
     # -- motion ----------------------------------------------------------------------------------
 
-    def _wanted(
-        self, device: DeviceState, view: ArmView, following: bool, recapture: bool
+    @staticmethod
+    def _by_pose(
+        position: HandMapping, device: DeviceState, view: ArmView, recapture: bool
     ) -> Twist:
-        position = self._position
-        if not following:
-            if position is not None:
-                position.release()
-            return ZERO_TWIST
-        if position is None:
-            wanted = self.mapping.twist(device.axes)
-        else:
-            hand = device.pose
-            assert hand is not None  # _fault() and _why_not_taken() have seen to it.
-            assert view.tcp is not None
-            assert view.resting is not None
-            if recapture or not position.engaged:
-                position.engage(hand, device.stamp_s, view.resting)
-            wanted = position.twist(hand, device.stamp_s, view.tcp, view.dt_s)
+        """The twist towards where the hand's pose puts the TCP."""
+        hand = device.pose
+        assert hand is not None  # _fault() and _why_not_taken() have seen to it.
+        assert view.tcp is not None
+        assert view.resting is not None
+        if recapture or not position.engaged:
+            position.engage(hand, device.stamp_s, view.resting)
+        wanted = position.twist(hand, device.stamp_s, view.tcp, view.dt_s)
         return ZERO_TWIST if view.suspended else wanted
 
     def _filtered(self, wanted: Twist, robot: RobotState) -> tuple[Twist, str]:
