@@ -823,7 +823,7 @@ class ArmController:
                 self._recovered_way = NO_WAY
                 if self.state.separation.left:
                     self._on(ArmEvent.ASKED)
-            elif activity.idle and self._drifted:
+            elif self._drifted and activity.idle:
                 self._begin_recovery()
                 return
             activity.aim(request.twist, request.rates, request.following)
