@@ -141,15 +141,16 @@ class OperatorInput:
         """Return the operator's request now; `events` are the button edges since the last call."""
         before, self._device = self._device, device
         position, options = self._position, self.mapping.options
+        deadman = options.deadman_buttons
+        held = not deadman or not device.buttons.isdisjoint(deadman)
         arming, fault = view.arming, ""
         if events and position is not None and self._let_go(events):
             position.release()  # Although it may be held again by now.
         if arming.armed:
-            fault = self._fault(device, view.robot.stamp_s)
+            fault = self._fault(device, view.robot.stamp_s, held)
             if fault:
                 arming = Arming.DISARMED
                 self.disarm()
-        held = self.mapping.deadman_held(device)
         acts = recapture = False
         if view.void:
             arming = arming if arming.armed else Arming.DISARMED
@@ -263,8 +264,8 @@ class OperatorInput:
 
     # -- faults ----------------------------------------------------------------------------------
 
-    def _fault(self, device: DeviceState, now_s: float) -> str:
-        """Why this device must not drive any longer."""
+    def _fault(self, device: DeviceState, now_s: float, held: bool) -> str:
+        """Why this device must not drive any longer; `held`: its dead-man."""
         if device.link is not DeviceLink.LIVE:
             return _why_not_live(device)
         position = self._position
@@ -278,7 +279,7 @@ class OperatorInput:
         if position is None:
             if device.axes != NO_DEFLECTION and old:
                 return f"the device is deflected but silent for {age_s:.2f} s"
-        elif self.mapping.deadman_held(device):
+        elif held:
             pose = device.pose
             if pose is None or not is_pose(pose):
                 return "the device gives no pose to follow"
@@ -294,7 +295,7 @@ class OperatorInput:
     def _unusable(self, device: DeviceState, now_s: float) -> bool:
         """Whether nothing that the device reports can be a deliberate act."""
         return device.link is not DeviceLink.LIVE or (
-            self._position is None and bool(self._fault(device, now_s))
+            self._position is None and bool(self._fault(device, now_s, False))
         )
 
     def _why_not_taken(self, device: DeviceState, view: ArmView) -> str:
