@@ -278,8 +278,7 @@ class TaskSpaceArm(CommandedArm):
         if reference is None:
             return FollowingError(0.0, 0.0)
         if observe and reference.pose is not None:
-            assert state.pose is not None
-            reference.observe(state.pose)
+            reference.observe(self.measured(state))
         return FollowingError(reference.ahead_m, reference.ahead_rad)
 
     def follow(
