@@ -121,7 +121,7 @@ def from_rotation_vector(v: Vector3) -> Quaternion:
 
 def turned_by(q: Quaternion, by: Vector3) -> Quaternion:
     """The orientation `q`, turned about `by` (a rotation vector in the outer frame)."""
-    # In every control cycle: exponential map and product written out.
+    # In every control cycle: exponential map, product and `normalized` written out.
     x, y, z = by
     angle = math.sqrt(x * x + y * y + z * z)
     factor = 0.5 if angle < _SMALL_ANGLE else math.sin(0.5 * angle) / angle
@@ -129,7 +129,10 @@ def turned_by(q: Quaternion, by: Vector3) -> Quaternion:
     w, x, y, z = q
     u, i = a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y
     j, k = a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w
-    return normalized(Quaternion(u, i, j, k))
+    length = math.sqrt(u * u + i * i + j * j + k * k)
+    if not 1e-12 < length < math.inf:
+        raise ValueError(f"quaternion {(u, i, j, k)} has no direction")
+    return Quaternion(u / length, i / length, j / length, k / length)
 
 
 def to_rotation_vector(q: Quaternion) -> Vector3:

@@ -7,6 +7,7 @@ pose.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 
@@ -59,11 +60,21 @@ APPROACH_SPEED_M_S, APPROACH_SPEED_RAD_S = 0.05, 0.3
 """Highest TCP speed of a motion that no operator asks for (invariant 5 of the design)."""
 
 
+def equal_steps(dt_s: float, longest_s: float) -> list[float]:
+    """`dt_s` in equal steps of at most `longest_s`; none where no time has passed."""
+    if dt_s <= 0.0:
+        return []
+    count = max(1, math.ceil(dt_s / longest_s - 1e-9))
+    return [dt_s / count] * count
+
+
 class CommandedArm(ABC):
     """The commanded state of one robot, moved one control period at a time."""
 
     placed = False
     """True since the first `place`."""
+    longest_step_s = math.inf
+    """Longest period for `follow` and `brake`."""
 
     @property
     @abstractmethod
@@ -159,10 +170,6 @@ class CommandedArm(ABC):
     @abstractmethod
     def approach(self, state: RobotState, dt_s: float) -> None:
         """Move slowly towards where the robot is measured."""
-
-    @abstractmethod
-    def steps(self, dt_s: float) -> list[float]:
-        """`dt_s` in steps that are short enough for `follow`."""
 
     @abstractmethod
     def command(
@@ -283,7 +290,7 @@ class TaskSpaceArm(CommandedArm):
     ) -> float:
         reference.move(reference.linear, reference.angular, dt_s)
         assert reference.pose is not None
-        self._pose, self._twist = reference.pose, reference.twist
+        self._pose, self._twist = reference.pose, Twist(reference.linear, reference.angular)
         return 1.0
 
     def brake(self, dt_s: float) -> None:
@@ -316,9 +323,6 @@ class TaskSpaceArm(CommandedArm):
             turned_by(pose.orientation, scale(angular, dt_s)),
             Frame.BASE,
         )
-
-    def steps(self, dt_s: float) -> list[float]:
-        return [dt_s] if dt_s > 0.0 else []
 
     def command(
         self, state: RobotState, dt_s: float, approaching: bool = False, blind: bool = False

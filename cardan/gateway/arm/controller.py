@@ -21,7 +21,7 @@ from typing import Protocol
 
 from cardan.common.haptics import WorldMap
 from cardan.gateway.arm.authority import HAND, Authority
-from cardan.gateway.arm.commanded_arm import CommandedArm
+from cardan.gateway.arm.commanded_arm import CommandedArm, equal_steps
 from cardan.gateway.arm.following_error import FollowingError
 from cardan.gateway.arm.motions.base import Activity
 from cardan.gateway.arm.motions.brake import Brake
@@ -780,8 +780,9 @@ class ArmController:
         """Let the one activity move the commanded arm."""
         self._choose()
         commanded, activity = self.commanded, self._activity
-        whole = activity is not None and activity.in_one_step and dt_s > 0.0
-        for step in [dt_s] if whole else commanded.steps(dt_s):
+        whole = activity is not None and activity.in_one_step
+        longest_s = math.inf if whole else commanded.longest_step_s
+        for step in [dt_s] if 0.0 < dt_s <= longest_s else equal_steps(dt_s, longest_s):
             activity = self._activity
             if activity is None:
                 if commanded.moving:
@@ -820,7 +821,7 @@ class ArmController:
                 self._recovered_way = NO_WAY
                 if self.state.separation.left:
                     self._on(ArmEvent.ASKED)
-            elif activity.idle and self._drifted:
+            elif self._drifted and activity.idle:
                 self._begin_recovery()
                 return
             activity.aim(request.twist, request.rates, request.following)

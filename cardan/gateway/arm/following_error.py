@@ -33,9 +33,3 @@ class FollowingError(NamedTuple):
             f"the robot is {self.linear_m * 1e3:.0f} mm and {self.angular_rad:.2f} rad {relation} "
             f"its reference{joint}"
         )
-
-    def fault(self, limit: FollowingError) -> str:
-        """Why a robot outside `limit` is stopped; empty inside."""
-        if not self.exceeds(limit):
-            return ""
-        return f"{self.in_words('away from')}: something else holds it"

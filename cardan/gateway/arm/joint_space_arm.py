@@ -23,7 +23,7 @@ from cardan.gateway.arm.output_check import OutputLimits
 from cardan.gateway.kinematics.base import SE3, FloatArray, Kinematics, short_way, to_pose
 from cardan.gateway.motion.speed_limited_reference import Reference
 from cardan.gateway.servo.choice import AnyServo
-from cardan.gateway.servo.servo import servo_steps
+from cardan.gateway.servo.servo import LONGEST_SERVO_STEP_S
 from cardan.gateway.servo.status import SINGULAR, ServoStatus
 from cardan.spatial import is_finite, norm, rotation_between, subtract
 from cardan.types import (
@@ -72,6 +72,8 @@ AT_REST_RAD_S = 2e-4
 
 class JointSpaceArm(CommandedArm):
     """The commanded joints of one arm."""
+
+    longest_step_s = LONGEST_SERVO_STEP_S
 
     def __init__(
         self,
@@ -269,8 +271,6 @@ class JointSpaceArm(CommandedArm):
         servo.move_at(v)
         self._sent = v.copy()
         servo.twist[:] = servo.motion
-
-    steps = staticmethod(servo_steps)
 
     def follow(
         self,

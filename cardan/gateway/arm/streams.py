@@ -275,7 +275,7 @@ class Streams:
             linear, angular, share = self._plans.slowed(Vector3(x, y, z), Vector3(rx, ry, rz))
             self.scaled += share < 1.0
             asked = any((*linear, *angular))
-            activity.target = Twist(linear, angular, frame) if asked else ZERO_TWIST
+            activity.wanted = Twist(linear, angular, frame) if asked else ZERO_TWIST
             self._note_command(activity, sender)
 
     def wrench(self, w: Sequence[float] | Wrench, sender: CommandHeader) -> None:

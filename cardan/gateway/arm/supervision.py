@@ -169,8 +169,8 @@ class Supervision:
         """The gravest finding about the robot and its commands, with the following error of now;
         None without any."""
         self.error = error
-        held = error.fault(self.limit)
-        if held:
+        if error.exceeds(self.limit):
+            held = f"{error.in_words('away from')}: something else holds it"
             return StopReason(Cause.HELD, held)
         if state.alarm:
             return StopReason(Cause.ALARM, state.alarm)

@@ -82,6 +82,8 @@ class MotionRequest(NamedTuple):
     """The twist asked for, after the filters."""
     rates: Mapping[str, float]
     """Joint speeds asked for by name, rad/s or m/s."""
+    asks: bool
+    """Whether motion is asked for: `twist` or one of `rates` is not zero."""
     pressed: bool
     """Whether any button went down."""
     fault: str
@@ -94,18 +96,9 @@ class MotionRequest(NamedTuple):
         """Whether this device drives the arm."""
         return self.arming.armed
 
-    @property
-    def asks(self) -> bool:
-        """True when motion is asked for."""
-        return (
-            self.twist.linear != ZERO3
-            or self.twist.angular != ZERO3
-            or (bool(self.rates) and any(self.rates.values()))
-        )
-
 
 NO_REQUEST = MotionRequest(
-    Arming.DISARMED, False, False, False, ZERO_TWIST, NO_RATES, False, "", ""
+    Arming.DISARMED, False, False, False, ZERO_TWIST, NO_RATES, False, False, "", ""
 )
 
 
@@ -148,15 +141,16 @@ class OperatorInput:
         """Return the operator's request now; `events` are the button edges since the last call."""
         before, self._device = self._device, device
         position, options = self._position, self.mapping.options
+        deadman = options.deadman_buttons
+        held = not deadman or not device.buttons.isdisjoint(deadman)
         arming, fault = view.arming, ""
         if events and position is not None and self._let_go(events):
             position.release()  # Although it may be held again by now.
         if arming.armed:
-            fault = self._fault(device, view.robot.stamp_s)
+            fault = self._fault(device, view.robot.stamp_s, held)
             if fault:
                 arming = Arming.DISARMED
                 self.disarm()
-        held = self.mapping.deadman_held(device)
         acts = recapture = False
         if view.void:
             arming = arming if arming.armed else Arming.DISARMED
@@ -176,7 +170,13 @@ class OperatorInput:
             self._refusal = self._why_not_taken(device, view)
             if self._refusal:
                 arming, armed, following = Arming.DISARMED, False, False
-        twist = self._wanted(device, view, following, recapture)
+        twist = ZERO_TWIST
+        if following and position is not None:
+            twist = self._by_pose(position, device, view, recapture)
+        elif following and not view.suspended:
+            twist = self.mapping.twist(device.axes)
+        elif position is not None:
+            position.release()
         filter_fault = ""
         if self.filters:
             twist, filter_fault = self._filtered(twist, view.robot)
@@ -193,6 +193,7 @@ class OperatorInput:
             following,
             twist,
             rates,
+            twist.linear != ZERO3 or twist.angular != ZERO3 or any(rates.values()),
             bool(events) and any(event.pressed for event in events),
             fault,
             filter_fault,
@@ -263,8 +264,8 @@ class OperatorInput:
 
     # -- faults ----------------------------------------------------------------------------------
 
-    def _fault(self, device: DeviceState, now_s: float) -> str:
-        """Why this device must not drive any longer."""
+    def _fault(self, device: DeviceState, now_s: float, held: bool) -> str:
+        """Why this device must not drive any longer; `held`: its dead-man."""
         if device.link is not DeviceLink.LIVE:
             return _why_not_live(device)
         position = self._position
@@ -278,7 +279,7 @@ class OperatorInput:
         if position is None:
             if device.axes != NO_DEFLECTION and old:
                 return f"the device is deflected but silent for {age_s:.2f} s"
-        elif self.mapping.deadman_held(device):
+        elif held:
             pose = device.pose
             if pose is None or not is_pose(pose):
                 return "the device gives no pose to follow"
@@ -294,7 +295,7 @@ class OperatorInput:
     def _unusable(self, device: DeviceState, now_s: float) -> bool:
         """Whether nothing that the device reports can be a deliberate act."""
         return device.link is not DeviceLink.LIVE or (
-            self._position is None and bool(self._fault(device, now_s))
+            self._position is None and bool(self._fault(device, now_s, False))
         )
 
     def _why_not_taken(self, device: DeviceState, view: ArmView) -> str:
@@ -386,24 +387,18 @@ class OperatorInput:
 
     # -- motion ----------------------------------------------------------------------------------
 
-    def _wanted(
-        self, device: DeviceState, view: ArmView, following: bool, recapture: bool
+    @staticmethod
+    def _by_pose(
+        position: HandMapping, device: DeviceState, view: ArmView, recapture: bool
     ) -> Twist:
-        position = self._position
-        if not following:
-            if position is not None:
-                position.release()
-            return ZERO_TWIST
-        if position is None:
-            wanted = self.mapping.twist(device.axes)
-        else:
-            hand = device.pose
-            assert hand is not None  # _fault() and _why_not_taken() have seen to it.
-            assert view.tcp is not None
-            assert view.resting is not None
-            if recapture or not position.engaged:
-                position.engage(hand, device.stamp_s, view.resting)
-            wanted = position.twist(hand, device.stamp_s, view.tcp, view.dt_s)
+        """The twist towards where the hand's pose puts the TCP."""
+        hand = device.pose
+        assert hand is not None  # _fault() and _why_not_taken() have seen to it.
+        assert view.tcp is not None
+        assert view.resting is not None
+        if recapture or not position.engaged:
+            position.engage(hand, device.stamp_s, view.resting)
+        wanted = position.twist(hand, device.stamp_s, view.tcp, view.dt_s)
         return ZERO_TWIST if view.suspended else wanted
 
     def _filtered(self, wanted: Twist, robot: RobotState) -> tuple[Twist, str]:

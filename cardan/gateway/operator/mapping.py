@@ -13,6 +13,7 @@ import enum
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from operator import itemgetter, mul
 from typing import Annotated, ClassVar, Literal
 
@@ -163,9 +164,9 @@ class MappingOptions(Options):
             if wrong:
                 raise ConfigurationError(key, message)
 
-    @property
+    @cached_property
     def deadman_buttons(self) -> tuple[str, ...]:
-        """The buttons of which one must be held."""
+        """The buttons of which one must be held; none: nothing must."""
         if isinstance(self.deadman, str):
             return (self.deadman,) if self.deadman else ()
         return self.deadman
@@ -295,10 +296,6 @@ class TwistMapping:
     def joint_rates(self, axes: Sequence[float]) -> dict[str, float]:
         """The wanted speeds of joints by name, rad/s or m/s."""
         return {joint: axes[index] * gain for index, joint, gain in self._joints}
-
-    def deadman_held(self, device: DeviceState) -> bool:
-        """True while a dead-man button is held, or none is configured."""
-        return not self._deadman or not device.buttons.isdisjoint(self._deadman)
 
     def passes_on(self, events: Iterable[ButtonEvent]) -> bool:
         """True when the operator passes the device on to the next session."""

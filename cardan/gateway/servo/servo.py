@@ -80,14 +80,6 @@ FREE_DIRECTION = 1e-9
 """Regularizes projections onto an arm's possible motions; far below any real direction."""
 
 
-def servo_steps(dt_s: float) -> list[float]:
-    """`dt_s` in equal steps of at most LONGEST_SERVO_STEP_S; none where no time has passed."""
-    if dt_s <= 0.0:
-        return []
-    count = max(1, math.ceil(dt_s / LONGEST_SERVO_STEP_S - 1e-9))
-    return [dt_s / count] * count
-
-
 def _closing_with(bounds: JointBounds) -> FloatArray:
     """Deceleration, m/s², with which each joint brakes its bodies."""
     found: FloatArray = np.where(bounds.prismatic, 1.0, CLOSING_LEVER_M) * bounds.acceleration

@@ -13,6 +13,7 @@ from cardan.gateway.arm.commanded_arm import (
     READING_NOISE_M,
     READING_NOISE_RAD,
     TaskSpaceArm,
+    equal_steps,
 )
 from cardan.gateway.arm.following_error import FollowingError
 from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
@@ -232,8 +233,8 @@ def test_it_follows_its_reference_exactly():
 
 def test_a_period_is_one_step_and_no_time_is_none():
     commanded = TaskSpaceArm(LIMITS)
-    assert commanded.steps(0.02) == [0.02]
-    assert commanded.steps(0.0) == []
+    assert equal_steps(0.02, commanded.longest_step_s) == [0.02]
+    assert equal_steps(0.0, commanded.longest_step_s) == []
     assert commanded.status() is None
     assert commanded.held_by() == ""
     assert commanded.settled

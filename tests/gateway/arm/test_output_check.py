@@ -5,6 +5,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
+from cardan.gateway.arm.commanded_arm import equal_steps
 from cardan.gateway.arm.output_check import (
     NOISE_M_S,
     NOISE_RAD_S,
@@ -15,7 +16,7 @@ from cardan.gateway.arm.output_check import (
     OutputLimits,
 )
 from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
-from cardan.gateway.servo.servo import servo_steps
+from cardan.gateway.servo.servo import LONGEST_SERVO_STEP_S
 from cardan.spatial import (
     from_rotation_vector,
     is_finite,
@@ -366,7 +367,7 @@ def test_full_acceleration_passes_however_uneven_the_periods_are(periods):
     gate, fastest, acceleration = OutputCheck(limits), limits.joint_speed, limits.joint_acceleration
     q, v, sign = [0.0, 0.0], [0.0, 0.0], 1.0
     for dt_s in periods:
-        for step in servo_steps(dt_s):
+        for step in equal_steps(dt_s, LONGEST_SERVO_STEP_S):
             for i in range(2):
                 wanted = sign * fastest[i]
                 most = acceleration[i] * step

@@ -335,19 +335,31 @@ def test_a_button_that_the_device_has_not_is_told_in_place_of_an_act_that_cannot
     assert asked.advice != asked.source.complaint
 
 
+@pytest.mark.parametrize("deadman", [(), ("left",), ("a", "b")])
+def test_an_armed_device_moves_the_arm_while_one_button_of_its_dead_man_is_held(deadman):
+    asked = Asked(MappingOptions(deadman=deadman)).seen()
+    asked.tick(REST, *deadman)
+    for held in ((), ("c",), ("a",), ("left", "c"), deadman):
+        following = asked.tick(FORWARD, *held).following
+        assert asked.armed
+        assert following is (not deadman or bool({*deadman} & {*held}))
+
+
 @pytest.mark.parametrize(
-    ("linear", "angular", "rates", "asks"),
+    ("joints", "axes", "asks"),
     [
-        (0.0, 0.0, {}, False),
-        (0.1, 0.0, {}, True),
-        (0.0, -0.1, {}, True),
-        (0.0, 0.0, {"a": 0.0, "b": 0.0}, False),
-        (0.0, 0.0, {"a": 0.0, "b": -0.1}, True),
+        ({}, REST, False),
+        ({}, (0.0, 0.1, 0.0, 0.0, 0.0, 0.0), True),
+        ({}, (0.0, 0.0, 0.0, 0.0, 0.0, -0.1), True),
+        ({"x": "a", "-rz": "b"}, REST, False),
+        ({"x": "a", "-rz": "b"}, (0.0, 0.0, 0.0, 0.0, 0.0, 0.1), True),
     ],
 )
-def test_motion_of_any_kind_is_asked_for(linear, angular, rates, asks):
-    twist = Twist(Vector3(0.0, linear, 0.0), Vector3(0.0, 0.0, angular), ZERO_TWIST.frame)
-    assert NO_REQUEST._replace(twist=twist, rates=rates).asks is asks
+def test_motion_of_any_kind_is_asked_for(joints, axes, asks):
+    fixed = ("fixed",) * 6 if joints else MappingOptions().axes
+    asked = Asked(MappingOptions(deadman=("left",), joints=joints, axes=fixed)).arm()
+    assert asked.tick(axes, "left").asks is asks
+    assert asked.tick(axes).asks is False
 
 
 # -- fields of a request beside the twist ----------------------------------------------------------
@@ -554,12 +566,12 @@ def test_how_old_a_report_may_be_to_the_border(age_s, ok):
     device = DeviceState(-age_s, DeviceLink.LIVE, FORWARD, frozenset({"left"}), HAND)
     still = device._replace(axes=REST)
     rate = OperatorInput(TwistMapping(DEADMAN), ReferenceLimits())
-    assert (rate._fault(device, robot_s) == "") is ok
-    assert (rate._fault(still, robot_s) == "") is (ok or age_s > 0.0)
+    assert (rate._fault(device, robot_s, True) == "") is ok
+    assert (rate._fault(still, robot_s, True) == "") is (ok or age_s > 0.0)
     pose = OperatorInput(TwistMapping(POSE), ReferenceLimits())
-    assert (pose._fault(device, robot_s) == "") is ok
+    assert (pose._fault(device, robot_s, True) == "") is ok
     free = device._replace(buttons=frozenset())
-    assert (pose._fault(free, robot_s) == "") is (ok or age_s > 0.0)
+    assert (pose._fault(free, robot_s, False) == "") is (ok or age_s > 0.0)
     robot = RobotState(robot_s, RobotLink.LIVE, 1, 0, DT_S, (), (), IDENTITY_POSE, "")
     view = ArmView(robot, DT_S, IDENTITY_POSE, IDENTITY_POSE, Arming.RELEASED, True)
     request = pose.request(device, (), view)
@@ -827,7 +839,7 @@ def test_a_reason_that_is_the_device_s_own_is_told_once():
     assert asked.source.advice("held; ", Arming.DISARMED) == "held; the device is lost"
     assert asked.source.advice("the device is lost; ", Arming.DISARMED) == "the device is lost"
     told = DeviceState(1.0, DeviceLink.LOST, REST, frozenset(), reason="unplugged")
-    assert asked.source._fault(told, 1.0) == "unplugged"
+    assert asked.source._fault(told, 1.0, False) == "unplugged"
 
 
 def test_a_refusal_is_told_in_place_of_why():
@@ -857,5 +869,5 @@ def test_the_act_is_an_instruction(options, act):
 
 def test_no_request_asks_for_nothing():
     assert tuple(NO_REQUEST) == (
-        Arming.DISARMED, False, False, False, ZERO_TWIST, {}, False, "", ""
+        Arming.DISARMED, False, False, False, ZERO_TWIST, {}, False, False, "", ""
     )  # fmt: skip

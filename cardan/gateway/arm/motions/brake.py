@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from cardan.gateway.arm.commanded_arm import CommandedArm
-from cardan.gateway.arm.motions.base import ARRIVED, GOING, Progress
 from cardan.gateway.arm.motions.reference_motion import ReferenceMotion
 from cardan.gateway.motion.speed_limited_reference import Reference
-from cardan.types import RobotState
 
 
 class Brake(ReferenceMotion):
@@ -22,7 +20,3 @@ class Brake(ReferenceMotion):
     @property
     def idle(self) -> bool:
         return False
-
-    def tick(self, robot: RobotState, dt_s: float) -> Progress:
-        """Brake on."""
-        return ARRIVED if self._advance(self._commanded.twist, dt_s) else GOING

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from cardan.gateway.arm.commanded_arm import CommandedArm
-from cardan.gateway.arm.motions.base import ARRIVED, GOING, Deceleration, Progress
+from cardan.gateway.arm.motions.base import GOING, Deceleration, Progress
 from cardan.gateway.arm.motions.reference_motion import ReferenceMotion
 from cardan.gateway.motion.shaping import PoseShaper
 from cardan.gateway.motion.speed_limited_reference import Reference
@@ -20,7 +20,7 @@ from cardan.spatial import (
     scale,
     subtract,
 )
-from cardan.types import NEVER_S, ZERO3, ZERO_TWIST, Frame, Pose, RobotState
+from cardan.types import NEVER_S, ZERO3, Frame, Pose, RobotState
 
 RESTING_M_S = 1e-6
 """Speed, m/s or rad/s, below which a reference is at rest: rounding."""
@@ -110,7 +110,7 @@ class FollowPoseStream(ReferenceMotion):
         """Move on by one period."""
         reference, shaper = self.reference, self._shaper
         if self.braking or self.target is None or not self.driven:
-            return ARRIVED if self._advance(ZERO_TWIST, dt_s) else GOING
+            return super().tick(robot, dt_s)
         here = reference.pose
         assert here is not None
         target = self._predicted(self.target, dt_s)

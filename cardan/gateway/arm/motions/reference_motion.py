@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from cardan.gateway.arm.commanded_arm import CommandedArm
-from cardan.gateway.arm.motions.base import Activity, Deceleration
+from cardan.gateway.arm.motions.base import ARRIVED, GOING, Activity, Deceleration, Progress
 from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
-from cardan.types import ZERO3, ZERO_TWIST, Twist
+from cardan.types import ZERO3, ZERO_TWIST, RobotState
 
 
 class ReferenceMotion(Activity):
@@ -16,6 +16,12 @@ class ReferenceMotion(Activity):
 
     slides = True
     """Whether an obstacle leaves the part of the motion that goes along it."""
+    wanted = ZERO_TWIST
+    """Twist that it approaches while it does not brake."""
+    rates: Mapping[str, float] | None = None
+    """Joint speeds wanted beside it, rad/s or m/s; None: none."""
+    smooth = True
+    """Whether its jerk is limited while it does not brake."""
 
     def __init__(
         self,
@@ -58,21 +64,15 @@ class ReferenceMotion(Activity):
     def idle(self) -> bool:
         return not self.driven and not self.reference.moving and not self._commanded.moving
 
-    def _advance(
-        self,
-        wanted: Twist,
-        dt_s: float,
-        smooth: bool = True,
-        rates: Mapping[str, float] | None = None,
-    ) -> bool:
-        """Move reference and arm for `dt_s`; True once a brake has come to rest."""
-        commanded, reference = self._commanded, self.reference
+    def tick(self, robot: RobotState, dt_s: float) -> Progress:
+        """Move reference and arm for `dt_s`; over once a brake has come to rest."""
+        commanded, reference, rates = self._commanded, self.reference, self.rates
         if self._resting:
             commanded.brake(dt_s)
-            return not commanded.moving
+            return GOING if commanded.moving else ARRIVED
         if (
             reference.linear == reference.angular == ZERO3
-            and (self.braking or wanted == ZERO_TWIST)
+            and (self.braking or self.wanted == ZERO_TWIST)
             and not rates
             and commanded.settled
         ):
@@ -80,13 +80,13 @@ class ReferenceMotion(Activity):
             if commanded.moving:
                 commanded.brake(dt_s)
             self._resting = self.braking
-            return False
+            return GOING
         if self.braking:
             reference.shape(ZERO_TWIST, dt_s, smooth=False)
             rates = None
         else:
-            reference.shape(wanted, dt_s, smooth=smooth)
+            reference.shape(self.wanted, dt_s, self.smooth)
         self.share = commanded.follow(reference, dt_s, rates, self.slides)
         if self.braking and not reference.moving:
             self._resting = True
-        return False
+        return GOING

@@ -27,7 +27,7 @@ class FollowTwist(ReferenceMotion):
     ) -> None:
         """`twist` in base axes."""
         super().__init__(commanded, reference, deceleration)
-        self.twist = twist
+        self.wanted = twist
         self._stuck_s = 0.0
         self._reason = ""
 
@@ -37,7 +37,7 @@ class FollowTwist(ReferenceMotion):
 
     def tick(self, robot: RobotState, dt_s: float) -> Progress:
         """Move on by one period."""
-        if self._advance(self.twist, dt_s):
+        if super().tick(robot, dt_s).over:
             return Progress(True, self._reason)
         reference = self.reference
         if not self.braking:
