@@ -691,6 +691,14 @@ def test_another_protocol_at_the_port_is_said_and_not_tried_for_ever(protocol):
     assert session.wants("rtde", 2.0)
 
 
+def test_braking_takes_as_long_as_its_slowest_joint():
+    options = UrRtdeOptions(acceleration_rad_s2=(8.0, 8.0, 1.0, 8.0, 8.0, 8.0))
+    limits = options.limits
+    expected = limits.velocity[2] / limits.acceleration[2]
+    assert UrSession(options).braking_s == pytest.approx(expected)
+    assert expected > 2.0 * limits.velocity[0] / limits.acceleration[0]
+
+
 def test_a_server_that_closes_without_a_word_is_said_to_be_another():
     session = UrSession(UrRtdeOptions())
     for count in (1, 2, 3):
