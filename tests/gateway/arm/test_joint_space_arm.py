@@ -12,6 +12,7 @@ from cardan.gateway.arm.commanded_arm import (
     APPROACH_SPEED_RAD_S,
     FASTEST_TCP_M_S,
     FASTEST_TCP_RAD_S,
+    equal_steps,
 )
 from cardan.gateway.arm.joint_space_arm import (
     APPROACH_SHARE,
@@ -75,13 +76,13 @@ def test_the_best_of_the_commands_that_the_robot_takes_is_sent(kinds, chosen):
 
 
 def test_a_usual_period_is_one_step_and_a_long_one_several():
-    steps = arm().steps
-    assert [steps(dt_s) for dt_s in (0.0, 0.001, LONGEST_SERVO_STEP_S)] == [
+    longest_s = arm().longest_step_s
+    assert [equal_steps(dt_s, longest_s) for dt_s in (0.0, 0.001, LONGEST_SERVO_STEP_S)] == [
         [],
         [0.001],
         [LONGEST_SERVO_STEP_S],
     ]
-    assert steps(0.02) == pytest.approx([0.005] * 4)
+    assert equal_steps(0.02, longest_s) == pytest.approx([0.005] * 4)
 
 
 def test_the_last_gate_knows_the_joints_limits_and_the_robots_own():
