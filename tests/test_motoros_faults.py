@@ -89,7 +89,7 @@ def test_what_the_controller_stops_for(mode, event):
     assert not state.ready
     assert any(word in state.hold_reason.lower() for word in words.lower().split("|"))
     assert state.hold_reason.isprintable()
-    assert not rig.session.enabled
+    assert not rig.session.control.enabled
     assert_moves_only_when_enabled_anew(rig)
 
 
@@ -118,7 +118,7 @@ def test_velocity_mode_ramps_when_the_motion_connection_is_cut():
     assert hardest(rig, at_s) <= ACCELERATION + ONE_PULSE
     assert traveled(rig, at_s) <= BRAKING_RAD + SPEED * 3 * IPC_S
     assert rig.controller.active_mode is not ActiveMode.VELOCITY
-    assert "motion connection was lost" in rig.session.end_reason
+    assert "motion connection was lost" in rig.session.control.end_reason
     assert_moves_only_when_enabled_anew(rig)
 
 
@@ -129,7 +129,7 @@ def test_stock_firmware_plays_for_50_ms_when_the_motion_connection_is_cut():
     rig.run(0.3)
     assert speed(rig) == 0.0
     assert traveled(rig, at_s) <= SPEED * (0.050 + 2 * IPC_S)
-    assert "motion connection was lost" in rig.session.end_reason
+    assert "motion connection was lost" in rig.session.control.end_reason
     # Points left in the queue are not played when the driver is back: it stops first.
     assert_moves_only_when_enabled_anew(rig)
 
@@ -149,7 +149,7 @@ def test_a_half_open_connection(mode):
         assert traveled(rig, at_s) <= SPEED * 0.060
     state = rig.states[-1]
     assert state.link is RobotLink.LOST
-    assert "no state" in state.hold_reason or "no state" in rig.session.end_reason
+    assert "no state" in state.hold_reason or "no state" in rig.session.control.end_reason
 
 
 def test_the_watchdog_of_velocity_mode_when_the_program_is_dead():
@@ -164,7 +164,7 @@ def test_the_watchdog_of_velocity_mode_when_the_program_is_dead():
     woken_s = rig.now_s
     rig.run(0.5)
     assert traveled(rig, woken_s) == 0.0
-    assert not rig.session.enabled
+    assert not rig.session.control.enabled
     assert_moves_only_when_enabled_anew(rig)
 
 
@@ -192,7 +192,7 @@ def test_a_second_client_is_refused_while_the_robot_moves(mode):
     assert rig.servers.accepted("motion", rig.now_s) is None
     rig.run(0.3)
     assert speed(rig) == pytest.approx(SPEED, rel=0.05)
-    assert rig.session.enabled
+    assert rig.session.control.enabled
 
 
 def test_a_second_client_takes_over_at_rest_and_that_is_said():
@@ -205,8 +205,8 @@ def test_a_second_client_takes_over_at_rest_and_that_is_said():
     at_s = rig.now_s
     rig.run(0.2)
     assert traveled(rig, at_s) == 0.0
-    assert "closed it" in rig.session.end_reason
-    assert not rig.session.enabled
+    assert "closed it" in rig.session.control.end_reason
+    assert not rig.session.control.enabled
     rig.servers.eof(thief, rig.now_s)
     assert_moves_only_when_enabled_anew(rig)
 
@@ -232,19 +232,19 @@ def test_a_network_or_a_server_that_fails(mode, faults, words):
     rig.session.enable(rig.now_s)
     rig.run(5.0)
     assert speed(rig) == 0.0
-    assert not rig.session.enabled
-    assert words in rig.session.end_reason
+    assert not rig.session.control.enabled
+    assert words in rig.session.control.end_reason
     assert rig.states[-1].hold_reason
 
 
 def test_a_pause_of_the_state_port_brakes_in_a_ramp():
     rig = moving("velocity", faults={"state-pause": 0.3})
-    rig.run(8.0, until=lambda: not rig.session.enabled)
+    rig.run(8.0, until=lambda: not rig.session.control.enabled)
     at_s = rig.now_s
     rig.run(0.2)
     assert speed(rig) == 0.0
     assert hardest(rig, at_s) <= ACCELERATION + ONE_PULSE
-    assert "no state" in rig.session.end_reason
+    assert "no state" in rig.session.control.end_reason
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -278,7 +278,7 @@ def test_every_velocity_is_sent_and_accepted_to_the_last():
     rig = moving("velocity")
     rig.session.disable(rig.now_s)
     rig.run(0.5)
-    assert rig.session.counters.commands == rig.controller.velocities_accepted
+    assert rig.session.control.counters.commands == rig.controller.velocities_accepted
     assert rig.controller.velocities_refused == 0
     assert speed(rig) == 0.0
 
@@ -289,9 +289,9 @@ def test_a_stream_that_ran_empty_begins_anew_from_rest():
     assert speed(rig, 0.008) == 0.0
     at_s = rig.now_s
     rig.run(1.5)
-    assert rig.session.enabled
+    assert rig.session.control.enabled
     assert speed(rig) == pytest.approx(SPEED, rel=0.05)
-    assert rig.session.counters.underruns == 1
+    assert rig.session.control.counters.underruns == 1
     # No segment began at the speed that the last point before the pause had.
     assert hardest(rig, at_s + 0.1) <= ACCELERATION + 3 * ONE_PULSE
 
@@ -305,7 +305,7 @@ def test_a_long_pause_of_this_computer_ends_motion(mode, seconds):
     at_s = rig.now_s
     rig.run(1.0)
     assert traveled(rig, at_s) == 0.0
-    assert not rig.session.enabled
+    assert not rig.session.control.enabled
     assert rig.states[-1].hold_reason
     assert_moves_only_when_enabled_anew(rig)
 
@@ -314,8 +314,8 @@ def test_a_queue_that_is_not_played_ends_motion_and_is_emptied():
     rig = moving("stream")
     rig.controller.speed_limit(0.0, rig.now_s)
     rig.run(2.0)
-    assert not rig.session.enabled
-    assert "plays nothing" in rig.session.end_reason
+    assert not rig.session.control.enabled
+    assert "plays nothing" in rig.session.control.end_reason
     rig.controller.speed_limit(None, rig.now_s)
     at_s = rig.now_s
     rig.run(1.0)
@@ -330,7 +330,7 @@ def test_energy_saving_is_named_and_ended_by_the_operator(mode):
     rig.run(1.0)
     rig.controller.energy_saving(True, rig.now_s)
     rig.run(0.3)
-    assert not rig.session.enabled
+    assert not rig.session.control.enabled
     assert "saving energy" in rig.states[-1].hold_reason
     rig.answer = lambda state: JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0))
     rig.ready()
@@ -346,7 +346,7 @@ def test_servos_are_switched_off_whenever_that_is_asked_for(mode):
     rig.session.ask("servo off", rig.now_s)
     rig.run(3.0)
     assert rig.controller.status().drives_powered == 0
-    assert not rig.session.enabled
+    assert not rig.session.control.enabled
 
 
 def test_an_arm_with_more_axes_than_the_model_is_refused_in_a_stream():
@@ -354,7 +354,7 @@ def test_an_arm_with_more_axes_than_the_model_is_refused_in_a_stream():
     rig.run(1.0, until=lambda: rig.session.phase.name == "IDLE")
     rig.session.enable(rig.now_s)
     rig.run(0.5)
-    assert not rig.session.enabled
+    assert not rig.session.control.enabled
     assert "more axes" in rig.states[-1].hold_reason
 
 
@@ -380,7 +380,7 @@ def test_a_stream_keeps_its_queue_filled(driver, controller):
     rig.run(0.3)
     at_s = rig.now_s
     rig.run(2.0)
-    assert rig.session.counters.underruns == 0
+    assert rig.session.control.counters.underruns == 0
     assert traveled(rig, at_s) == pytest.approx(2.0 * SPEED, rel=0.02)
 
 
@@ -397,5 +397,5 @@ def test_curves_that_the_arms_filter_cuts_are_not_corrected():
     rig.ready()
     start_s = rig.now_s
     rig.run(3.0)
-    assert rig.session.enabled
-    assert rig.session.counters.replaced == 0
+    assert rig.session.control.enabled
+    assert rig.session.control.counters.replaced == 0

@@ -61,7 +61,7 @@ def test_after_connecting_it_asks_and_starts_nothing():
     session = run.session
     assert session.phase is MotionPhase.IDLE
     assert session.control.velocity_info.axes == 6
-    assert not session.enabled
+    assert not session.control.enabled
     texts = " ".join(text for _, text in run.controller.events)
     assert "START" not in texts
     assert {state.link for state in run.states[5:]} == {RobotLink.LIVE}
@@ -161,7 +161,7 @@ def test_enabling_makes_a_new_session_whose_commands_move_the_robot(mode):
     run.answer = lambda state: JointCommand(target)
     run.run(3.0)
     assert run.controller.measured_rad(0) == pytest.approx(target, abs=3e-4)
-    assert run.session.enabled
+    assert run.session.control.enabled
     assert run.servers.counters.pipelined == 0
 
 
@@ -189,7 +189,7 @@ def test_added_latency_is_small(mode):
 
     lag_s = min((1e-3 * ms for ms in range(100)), key=error)
     assert lag_s <= (0.010 if mode == "velocity" else 0.040)
-    assert run.session.counters.underruns == 0
+    assert run.session.control.counters.underruns == 0
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -206,7 +206,7 @@ def test_what_is_commanded_keeps_the_limits_whatever_is_asked(mode):
     assert max(map(abs, speeds)) <= arm.velocity[0] + 2 * pulse
     for joint, position in zip(arm.joints, run.controller.command_rad(0), strict=True):
         assert joint.lower - 1e-4 <= position <= joint.upper + 1e-4
-    assert run.session.enabled
+    assert run.session.control.enabled
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -215,12 +215,12 @@ def test_unanswered_states_are_holds(mode):
     where = run.controller.command_rad(0)
     run.run(1.0)
     assert run.controller.command_rad(0) == pytest.approx(where, abs=1e-4)
-    assert run.session.enabled
+    assert run.session.control.enabled
 
 
 def test_at_start_motion_is_enabled_once_and_never_again():
     run = rig("stream", driver={"enable": "at-start"}).run(2.0)
-    assert run.session.enabled
+    assert run.session.control.enabled
     run.unplug("motion")
     run.run(4.0)
     assert run.session.phase is MotionPhase.IDLE
@@ -280,7 +280,7 @@ def test_a_hand_on_the_pendant_ends_motion_until_it_is_enabled_again(mode, words
     HANDS[words](run.controller, run.now_s)
     run.states.clear()
     run.run(0.06)
-    assert not run.session.enabled
+    assert not run.session.control.enabled
     run.run(0.3)
     where = run.controller.command_rad(0)
     assert words in run.states[-1].hold_reason
@@ -291,7 +291,7 @@ def test_a_hand_on_the_pendant_ends_motion_until_it_is_enabled_again(mode, words
     run.controller.servo(True, run.now_s)
     run.run(1.5)
     assert run.controller.command_rad(0) == where
-    assert not run.session.enabled
+    assert not run.session.control.enabled
     run.controller.remote(True, run.now_s)
     sessions = run.session.sessions
     run.answer = lambda state: HoldCommand()
@@ -353,7 +353,7 @@ def test_three_missed_states_brake_along_a_ramp(mode):
     feed = run.session.feed
     run.session.feed.received = lambda data, now_s: None
     run.run(0.11)
-    assert not run.session.enabled
+    assert not run.session.control.enabled
     assert run.states[-1].link is RobotLink.LOST
     run.run(0.4)
     speeds = commanded_speeds(run, 0.02)
@@ -405,10 +405,14 @@ def test_faults_of_the_line_never_move_the_robot_afterwards(mode, fault, value, 
     run.session.enable(run.now_s)
     run.run(5.5 if fault in ("state-pause", "drop-reply") else 2.5)
     found = " ".join(
-        (*run.session.control.ends, run.session.end_reason, *run.session.diagnosis(run.now_s))
+        (
+            *run.session.control.ends,
+            run.session.control.end_reason,
+            *run.session.diagnosis(run.now_s),
+        )
     )
     assert words in found
-    if not run.session.enabled:
+    if not run.session.control.enabled:
         run.run(0.5)
         where = run.controller.command_rad(0)
         run.run(1.0)
@@ -426,7 +430,7 @@ def test_how_bytes_are_cut_makes_no_difference(mode, fault):
     run = turning(rig(mode, faults=fault).ready()).run(0.8)
     run.trace.clear()
     run.run(0.2)
-    assert run.session.enabled
+    assert run.session.control.enabled
     for _, speed in commanded_speeds(run, 0.04):
         assert speed == pytest.approx(0.4, rel=0.05)
     assert run.controller.command_rad(0)[0] > 0.2
@@ -434,9 +438,9 @@ def test_how_bytes_are_cut_makes_no_difference(mode, fault):
 
 def test_replies_too_late_for_a_stream_end_it_without_a_step_at_rest():
     run = turning(rig("stream", faults={"late": 30.0}).ready(), 0.1).run(4.0)
-    assert not run.session.enabled
-    assert run.session.counters.underruns >= 3
-    assert "too slow for a stream" in run.session.end_reason
+    assert not run.session.control.enabled
+    assert run.session.control.counters.underruns >= 3
+    assert "too slow for a stream" in run.session.control.end_reason
     assert run.servers.counters.pipelined == 0
     where = run.controller.command_rad(0)
     run.run(1.0)
@@ -455,7 +459,7 @@ def test_garbage_between_states_is_named_and_survived():
 @pytest.mark.parametrize("mode", MODES)
 def test_a_robot_slowed_by_its_safety_unit_goes_on(mode):
     run = turning(rig(mode, faults={"fsu": 0.02}).ready(), 1.0).run(1.0)
-    assert run.session.enabled
+    assert run.session.control.enabled
     # Steps of 0.04 s have 10 or 11 interpolation periods.
     fastest = max(speed for _, speed in commanded_speeds(run, 0.04))
     assert fastest == pytest.approx(0.02 * run.peer_options.axis_speeds[0], rel=0.1)
@@ -470,7 +474,7 @@ def test_a_stream_slowed_by_the_safety_unit_is_stretched_and_loses_nothing():
     run.run(0.2 / (0.02 * run.peer_options.axis_speeds[0]))
     assert run.controller.command_rad(0)[0] < target[0] - 1e-3
     run.run(0.2)
-    assert run.session.enabled
+    assert run.session.control.enabled
     assert run.controller.command_rad(0) == pytest.approx(target, abs=3e-4)
 
 
@@ -479,7 +483,7 @@ def test_the_controllers_own_limits_count_where_they_are_narrower():
     run.trace.clear()
     run.run(1.0)
     assert max(speed for _, speed in commanded_speeds(run, 0.04)) <= 0.3 + 1e-3
-    assert run.session.counters.speed_limited == 0  # nothing was left for it to limit
+    assert run.session.control.counters.speed_limited == 0  # nothing was left for it to limit
 
 
 def test_another_arm_than_the_controllers_is_refused():
@@ -497,7 +501,7 @@ def test_enabling_while_the_connection_is_set_up_is_for_this_connection_only():
     run = greet(rig("stream"))
     run.session.enable(run.now_s)
     run.run(1.0)
-    assert run.session.enabled
+    assert run.session.control.enabled
     run = greet(rig("stream"))
     run.session.enable(run.now_s)
     run.unplug("motion")
@@ -559,7 +563,7 @@ def test_a_robot_that_takes_its_time_is_waited_for():
     run.run(0.5)
     assert {state.hold_reason for state in run.states} == {MotionPhase.STARTING.value}
     run.run(2.0)
-    assert run.session.enabled
+    assert run.session.control.enabled
 
 
 def test_another_client_that_takes_the_place_is_not_fought_for_ever():
@@ -624,7 +628,7 @@ def test_servos_and_alarms():
     run.session.ask("servo off", run.now_s)
     run.run(2.0)
     assert run.controller.status().drives_powered == 0
-    assert not run.session.enabled
+    assert not run.session.control.enabled
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -659,10 +663,10 @@ def test_a_command_that_cannot_be_is_refused_and_changes_nothing(command, words,
     run = rig("velocity")
     if ready:
         run.ready()
-    sent = run.session.counters.commands
+    sent = run.session.control.counters.commands
     with pytest.raises(CommandError, match=words):
         run.session.command(command, run.now_s)
-    assert run.session.counters.commands == sent
+    assert run.session.control.counters.commands == sent
 
 
 def test_capabilities():
@@ -743,5 +747,5 @@ def test_arbitrary_bytes_never_raise_and_send_no_command(pieces):
         session.due_state(now_s)
         session.outgoing()
         now_s += 0.3
-    assert session.counters.commands == 0
-    assert not session.enabled
+    assert session.control.counters.commands == 0
+    assert not session.control.enabled

@@ -98,7 +98,7 @@ class Motoros(TcpRobot[MotorosSession, Channel, Task]):
     @property
     def enabled(self) -> bool:
         """True while commands move the robot, or would if they came."""
-        return self._open and self._session.enabled
+        return self._open and self._session.control.enabled
 
     @property
     def io(self) -> IoClient:

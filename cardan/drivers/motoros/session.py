@@ -12,7 +12,6 @@ from typing import ClassVar
 from cardan.common.histogram import LatencyHistogram
 from cardan.drivers.motoros.connections import CHANNELS, Channel
 from cardan.drivers.motoros.feedback import StateFeed
-from cardan.drivers.motoros.motion import MotionCounters
 from cardan.drivers.motoros.motion_control import MotionControl, MotionPhase, Task
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.requests import MotionRequests
@@ -103,21 +102,6 @@ class MotorosSession(TcpSession[Channel, Task]):
         """Motion connections and starts of motion; earlier targets are void when it changes."""
         return self.control.sessions
 
-    @property
-    def enabled(self) -> bool:
-        """True while commands move the robot, or would if they came."""
-        return self.control.enabled
-
-    @property
-    def end_reason(self) -> str:
-        """Reason that last ended or prevented motion; empty after a successful start."""
-        return self.control.end_reason
-
-    @property
-    def counters(self) -> MotionCounters:
-        """Counts of command outcomes since the driver was opened."""
-        return self.control.counters
-
     # -- connections ------------------------------------------------------------------------------
 
     def wants(self, channel: Channel, now_s: float) -> bool:
@@ -183,7 +167,7 @@ class MotorosSession(TcpSession[Channel, Task]):
         if feed.feedbacks != self._recorded:
             self._recorded = feed.feedbacks
             if self.control.record.path:
-                count = self.counters.queue_count
+                count = self.control.counters.queue_count
                 self.control.record.add(now_s, "feedback", (), feed.positions, count)
         if feed.statuses == self._checked_statuses:
             return
@@ -347,7 +331,7 @@ class MotorosSession(TcpSession[Channel, Task]):
 
     def metrics(self, now_s: float) -> dict[str, float]:
         """Live figures."""
-        counters, latency = self.counters, self.requests.latency
+        counters, latency = self.control.counters, self.requests.latency
         return {
             "feedback_age_s": max(0.0, now_s - self.feed.feedback_s)
             if self.feed.feedback_s > NEVER_S
@@ -364,5 +348,5 @@ class MotorosSession(TcpSession[Channel, Task]):
             "ignored": float(sum(self.feed.ignored.values())),
             "ends": float(sum(self.control.ends.values())),
             "velocity_mode": float(self.control.uses_velocity),
-            "enabled": float(self.enabled),
+            "enabled": float(self.control.enabled),
         }
