@@ -9,10 +9,15 @@ import pytest
 from typer.testing import CliRunner
 
 from cardan.cli import app
+from cardan.cli.declared import all_given, collected, made
 from cardan.cli.examples import EXAMPLES
 from cardan.cli.installed import SECTIONS, TOP
 from cardan.cli.moved import MOVED, now_called
+from cardan.cli.server import check_words
 from cardan.errors import ConfigurationError
+from cardan.gateway.servers import registry as servers
+from cardan.sim_peers import registry as peers
+from cardan.sim_peers.base import parse_faults
 from tests.command_line import the_command_line
 
 COLUMNS = {"COLUMNS": "80", "NO_COLOR": "1", "TERM": "dumb"}
@@ -28,9 +33,9 @@ def found(words):
 
 
 def all_commands(command, *words):
-    """The words of all commands, those of groups that a registry makes left out."""
+    """The words of all commands."""
     yield words
-    if hasattr(command, "list_commands") and words not in (("sim",), ("net", "server")):
+    if hasattr(command, "list_commands"):
         for name in command.list_commands(None):
             yield from all_commands(command.get_command(None, name), *words, name)
 
@@ -77,41 +82,75 @@ def test_each_command_is_on_a_line_of_its_own_in_its_section(group):
 
 
 def plain(text):
-    """Without frames, and with one blank between words."""
-    return " ".join(re.sub(r"[│╭╮╰╯─]", " ", text).split())
+    """With one blank between words."""
+    return " ".join(text.split())
+
+
+def in_lines_of(text, width):
+    """Without blanks: a word that is longer than a line is broken."""
+    assert max(map(len, text.splitlines())) <= width
+    return "".join(text.split())
 
 
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
 def test_the_help_of_a_command_has_all_that_is_written_of_it(words):
     command = found(words)
-    text = plain(shown(*words))
+    text = shown(*words)
     for paragraph in inspect.cleandoc(command.help or "").split("\n\n"):
-        assert plain(re.sub(r"\\(\[)", r"\1", paragraph)) in text
-    for parameter in command.params:
-        if parameter.param_type_name == "option" and not parameter.hidden:
-            # A very long one is broken at the column's width.
-            assert any(each[:18] in text for each in (*parameter.opts, *parameter.secondary_opts))
+        assert plain(paragraph) in plain(text)
+    rest = in_lines_of(text, 80)
+    parameters = command.get_params(command.make_context("", [], resilient_parsing=True))
+    # Arguments are in a section before that of the options.
+    for parameter in sorted(parameters, key=lambda each: each.param_type_name == "option"):
+        if not getattr(parameter, "hidden", False):
+            for name in (*parameter.opts, *parameter.secondary_opts):
+                assert parameter.param_type_name == "argument" or name in rest
+            if said := "".join((getattr(parameter, "help", None) or "").split()):
+                _, is_there, rest = rest.partition(said)
+                assert is_there, f"{parameter.opts}: {parameter.help}"
 
 
-OURS = [
-    words
-    for words in COMMANDS
-    if getattr(found(words).callback, "__module__", "").startswith("cardan.cli")
-]
+def is_of_a_registry(words):
+    return words[:-1] in (("sim",), ("net", "server"))
 
 
-@pytest.mark.parametrize(
-    "words",
-    [words for words in OURS if not hasattr(found(words), "list_commands")],
-    ids=" ".join,
-)
+def is_ours(words):
+    """Those of a package that is not here say so."""
+    module = getattr(found(words).callback, "__module__", "")
+    return module.startswith("cardan.cli") and module != "cardan.cli.declared"
+
+
+SINGLE = [words for words in COMMANDS if not hasattr(found(words), "list_commands")]
+OURS = [words for words in SINGLE if is_ours(words) or " ".join((TOP, *words)[-2:]) in EXAMPLES]
+
+
+def example_of(words):
+    if words[0] == "sim":
+        return f"cardan sim {words[-1]} {peers.load(words[-1]).example}".strip()
+    if is_of_a_registry(words):
+        return f"cardan net server {words[-1]} {servers.load(words[-1]).example}".strip()
+    return EXAMPLES[" ".join((TOP, *words)[-2:])]
+
+
+@pytest.mark.parametrize("words", OURS, ids=" ".join)
 def test_the_help_of_a_command_ends_with_an_example_that_it_takes(words):
-    example = EXAMPLES[" ".join((TOP, *words)[-2:])]
+    example = example_of(words)
     assert f"Example: {example} Exit codes: 0 success;" in plain(shown(*words))
     typed = shlex.split(example.removeprefix("sudo ").partition(" | ")[0])
     assert typed[: len(words) + 1] == ["cardan", *words]
-    with found(words).make_context(words[-1], typed[len(words) + 1 :]):
-        pass
+    typed = typed[len(words) + 1 :]
+    assert typed or not is_of_a_registry(words)
+    if is_of_a_registry(words) and words[0] != "sim":
+        check_words(words[-1], typed)
+        return
+    with found(words).make_context(words[-1], typed) as context:
+        given = context.params
+    if words[0] == "sim":
+        peer = peers.load(words[-1])
+        own = {each.field.name: each for each in all_given(peer.Options)}
+        made(peer.Options, collected(own, {name: given[name] for name in own}))
+        parse_faults(given.get("faults") or (), peer.faults)
+        assert given.get("script") in (None, *peer.scripts)
 
 
 def test_no_example_is_left_over():

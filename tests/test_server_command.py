@@ -69,7 +69,9 @@ def echo(monkeypatch):
 
 
 def said(*words, code=0, program=server):
-    outcome = CliRunner().invoke(program, words, env=WIDE, catch_exceptions=False)
+    outcome = CliRunner().invoke(
+        program, words, env=WIDE, catch_exceptions=False, terminal_width=400
+    )
     assert outcome.exit_code == code, outcome.output
     return outcome.output
 

@@ -61,7 +61,7 @@ app = typer.Typer(
     "hardware. Then copy a file from examples/, `cardan check` it, and `cardan run` it. "
     "`cardan explain CODE` explains a message.",
     no_args_is_help=True,
-    rich_markup_mode="rich",
+    rich_markup_mode=None,
     pretty_exceptions_show_locals=False,
 )
 for _group in (daemon, devices, robots, net, sim):
@@ -233,14 +233,14 @@ def run(
             "--record",
             metavar="OUT",
             help="Record the network into this file (MCAP) while the session runs, as `cardan "
-            "net record` does; the session needs a \\[network].",
+            "net record` does; the session needs a [network].",
         ),
     ] = None,
     console: Annotated[
         bool,
         typer.Option(
             help="Serve the page that shows and moves the arm, as `cardan net server console` "
-            "does, and print its address; the session needs a \\[network]."
+            "does, and print its address; the session needs a [network]."
         ),
     ] = False,
     console_host: Annotated[

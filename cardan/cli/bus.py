@@ -32,7 +32,7 @@ Session = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
-        help="Configuration file whose \\[network] says how to join; default: its defaults.",
+        help="Configuration file whose [network] says how to join; default: its defaults.",
     ),
 ]
 Router = Annotated[
@@ -98,7 +98,7 @@ def network(
         Path | None,
         typer.Argument(
             metavar="[FILE]",
-            help="Configuration file whose \\[network] says how to join; default: its defaults.",
+            help="Configuration file whose [network] says how to join; default: its defaults.",
         ),
     ] = None,
     router: Router = "",

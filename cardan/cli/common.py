@@ -34,6 +34,11 @@ EPILOG = (
 )
 
 
+def closing(example: str) -> str:
+    """The end of a command's help, which says how it is typed."""
+    return f"Example: {example.strip()}\n\n{EPILOG}"
+
+
 def check_seconds(seconds: float | None) -> float | None:
     """A duration from the command line, s. Raises OptionError unless it is 0 or more, and ends."""
     if seconds is not None and not 0.0 <= seconds < math.inf:

@@ -401,7 +401,6 @@ daemon = typer.Typer(
     cls=OpenGroup,
     help="Run many sessions and servers, and see and command what runs.",
     no_args_is_help=True,
-    rich_markup_mode="rich",
 )
 daemon.add_typer(service)
 daemon.command("run")(serve)

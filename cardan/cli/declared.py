@@ -33,6 +33,7 @@ from cardan.cli.common import (
     Seconds,
     Verbose,
     begin_serving,
+    closing,
     print_table,
     print_unusable,
 )
@@ -112,7 +113,7 @@ class Given(NamedTuple):
         metavar = option.metavar or "|".join(self.choices) or name_and_unit(self.field.name)[1]
         if kind is bool:
             metavar = ""
-        shown: dict[str, Any] = {"metavar": metavar or None, "help": as_written(option.help)}
+        shown: dict[str, Any] = {"metavar": metavar or None, "help": option.help}
         shown["show_default"] = kind is not bool and default not in (None, "")
         told = typer.Argument(**shown) if option.positional else typer.Option(self.flag, **shown)
         return parameter_of(self.field.name, Annotated[kind, told], default)
@@ -151,13 +152,6 @@ class Given(NamedTuple):
             example = f"{self.field.default}:{self.default_port}"
             raise ConfigurationError(self.flag, f"{text!r} is not HOST:PORT, as {example}")
         return host, int(port)
-
-
-def as_written(text: str) -> str:
-    """Escape `text` for a help, in which text in brackets is markup otherwise."""
-    from rich.markup import escape
-
-    return escape(text)
 
 
 def parameter_of(name: str, annotation: Any, default: Any) -> inspect.Parameter:
@@ -247,11 +241,9 @@ def broken(name: str, error: Exception) -> Any:
     def run() -> None:
         raise error
 
-    app = typer.Typer(add_completion=False)
+    app = typer.Typer(add_completion=False, rich_markup_mode=None)
     settings = {"allow_extra_args": True, "ignore_unknown_options": True}
-    app.command(
-        name, help=as_written(f"cannot be loaded: {reason(error)}"), context_settings=settings
-    )(run)
+    app.command(name, help=f"cannot be loaded: {reason(error)}", context_settings=settings)(run)
     return typer.main.get_command(app)
 
 
@@ -319,23 +311,24 @@ def run_logged(
 
 
 def command_of(
+    group: str,
     name: str,
     declared: Any,
     own: Mapping[str, Given],
     parameters: Mapping[str, inspect.Parameter],
     run: Callable[..., None],
 ) -> Any:
-    """The command that calls `run` with `parameters`, its `own` fields among them; help and epilog
-    are those of the class `declared`."""
+    """The command `name` of `group` that calls `run` with `parameters`, its `own` fields among
+    them; help, epilog and example are those of the class `declared`."""
     run.__signature__ = inspect.Signature(list(parameters.values()))  # type: ignore[attr-defined]
     run.__annotations__ = {key: each.annotation for key, each in parameters.items()}
-    app = typer.Typer(add_completion=False, rich_markup_mode="rich")
+    app = typer.Typer(add_completion=False, rich_markup_mode=None)
     # Words that follow a program's name are the program's own.
     interspersed = not any(each.option.positional for each in own.values())
     app.command(
         name,
-        help=as_written(declared.__doc__ or ""),
-        epilog=as_written(declared.epilog),
+        help=declared.__doc__ or "",
+        epilog=f"{declared.epilog}\n\n{closing(f'{group} {name} {declared.example}')}",
         context_settings={"allow_interspersed_args": interspersed},
     )(run)
     return typer.main.get_command(app)

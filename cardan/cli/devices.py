@@ -27,7 +27,7 @@ from cardan.common.troubles import coded
 from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.errors import ConfigurationError
 
-devices = typer.Typer(name="devices", cls=OpenGroup, rich_markup_mode="rich")
+devices = typer.Typer(name="devices", cls=OpenGroup)
 devices.command()(share)
 
 
@@ -147,7 +147,7 @@ def force(
     log_level: Level = None,
 ) -> None:
     """Run the force node of a session in another process: read its robot's states, and send it the
-    forces that the \\[force] and [\\[fixtures]] of FILE make of them. Prints READY once it runs."""
+    forces that the [force] and [[fixtures]] of FILE make of them. Prints READY once it runs."""
     from cardan.gateway.session.force_assembly import load_force
     from cardan.gateway.session.force_node import run_force_node
 
@@ -166,7 +166,7 @@ def haptic(
     log_level: Level = None,
 ) -> None:
     """Serve a haptic device to ROS 2 without an arm: publish its pose and buttons, and render the
-    feedback that programs publish. Of FILE it reads \\[device] and \\[network]. Prints READY and
+    feedback that programs publish. Of FILE it reads [device] and [network]. Prints READY and
     the name of its node once it serves."""
     from cardan.gateway.session.force_assembly import load_haptic
     from cardan.gateway.session.haptic_session import serve_haptic

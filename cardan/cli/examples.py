@@ -1,4 +1,6 @@
-"""An example of use for each of Cardan's own commands, at the end of its help."""
+"""An example of use for each command of a group in `SECTIONS`, at the end of its help.
+
+Simulated peers and servers declare theirs beside their options."""
 
 from __future__ import annotations
 
@@ -11,6 +13,8 @@ EXAMPLES: Final = {
     "cardan doctor": "cardan doctor my-robot.toml",
     "cardan explain": "cardan explain S002",
     "cardan conform": "cardan conform egm --target 127.0.0.1:6510",
+    "cardan dissect": "cardan dissect capture.pcap --summary",
+    "cardan evaluate": "cardan evaluate --quick -o report",
     "daemon run": "cardan daemon run lab.toml",
     "daemon ps": "cardan daemon ps",
     "daemon top": "cardan daemon top --period 1",
@@ -30,6 +34,7 @@ EXAMPLES: Final = {
     "devices udev": "cardan devices udev | sudo tee /etc/udev/rules.d/70-cardan.rules",
     "devices share": "cardan devices share spacemouse --router tcp/192.168.1.2:7447",
     "devices force": "cardan devices force my-robot.toml --connect force.sock",
+    "devices spnav": "cardan devices spnav my-robot.toml --socket spnav.sock",
     "devices haptic": "cardan devices haptic haptic.toml",
     "net list": "cardan net list --router tcp/192.168.1.2:7447",
     "net echo": "cardan net echo /joint_states --count 1",
@@ -39,6 +44,7 @@ EXAMPLES: Final = {
     "net record": "cardan net record -o session.mcap",
     "net replay": "cardan net replay session.mcap --rate 0.5",
     "net plot": "cardan net plot session.mcap -o session.png",
+    "net export": "cardan net export session.mcap --lerobot dataset",
     "robots add": "cardan robots add my-robot.urdf --tcp tool0",
     "robots list": "cardan robots list",
     "robots show": "cardan robots show ur5",

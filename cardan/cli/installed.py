@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import inspect
 import re
-import shutil
+import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from cardan.cli.common import EPILOG
+from cardan.cli.common import EPILOG, closing
 from cardan.cli.declared import Commands
 from cardan.cli.examples import EXAMPLES
 from cardan.cli.moved import now_called
@@ -28,9 +28,6 @@ if TYPE_CHECKING:
 ENTRY_POINT_GROUP = "cardan.commands"
 
 TOP = "cardan"
-
-LEAST_WIDTH = 50
-"""Of a help, in columns."""
 
 SECTIONS = {
     TOP: {
@@ -75,7 +72,7 @@ def _command(point: str, function: Callable[..., Any]) -> Any:
         raise ConfigurationError("command", f"{point!r}: there is no group {group!r}, but {there}")
     if isinstance(function, type) and issubclass(function, TyperCommand):
         return function(name, help=inspect.getdoc(function))
-    app = typer.Typer(add_completion=False, rich_markup_mode="rich")
+    app = typer.Typer(add_completion=False, rich_markup_mode=None)
     app.command(name, epilog=EPILOG)(function)
     return typer.main.get_command(app)
 
@@ -84,22 +81,22 @@ class CommandGroup(TyperGroup):
     """A group whose help has a line for each command, in sections, and then its options. The help
     of a command of `EXAMPLES` ends with that, and with the exit codes."""
 
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        # Helps of all commands below are as wide as the terminal.
+        self.context_settings.setdefault("max_content_width", sys.maxsize)
+
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         command: Any = super().get_command(ctx, cmd_name)
-        if command is not None:
-            # A registry's commands are described in one sentence, which is listed whole.
-            whole = isinstance(self.commands, Commands)
-            command.short_help = _summary(command) if whole else _on_a_line(command)
-            if example := EXAMPLES.get(f"{self.name} {cmd_name}"):
-                command.epilog = f"Example: {example}\n\n{EPILOG}"
-        return command
+        return None if command is None else self._described(command, cmd_name)
 
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        formatter.width = max(shutil.get_terminal_size().columns - 2, LEAST_WIDTH)
-        self.format_usage(ctx, formatter)
-        self.format_help_text(ctx, formatter)
-        self.format_options(ctx, formatter)
-        self.format_epilog(ctx, formatter)
+    def _described(self, command: Any, name: str) -> Any:
+        # A registry's commands are described in one sentence, which is listed whole.
+        whole = isinstance(self.commands, Commands)
+        command.short_help = _summary(command) if whole else _on_a_line(command)
+        if example := EXAMPLES.get(f"{self.name} {name}"):
+            command.epilog = closing(example)
+        return command
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         rows = defaultdict(list)
@@ -150,8 +147,7 @@ class OpenGroup(CommandGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         command: Any = super().get_command(ctx, cmd_name)
         if command is None and (other := self._others.get(self._point(cmd_name))) is not None:
-            other.short_help = _on_a_line(other)
-            return other
+            return self._described(other, cmd_name)
         return command
 
     def section_of(self, name: str) -> str:
@@ -169,11 +165,11 @@ class OpenGroup(CommandGroup):
 
 
 def _on_a_line(command: Any) -> str:
-    """Description of a command in a list, without markup: the first sentence of its help, or the
+    """Description of a command in a list: the first sentence of its help, or the
     part of it before its colon."""
     return re.split(r"[.:](?=\s|$)", _summary(command), maxsplit=1)[0]
 
 
 def _summary(command: Any) -> str:
-    """The help of a command without markup, on one line."""
-    return " ".join((command.help or "").split()).replace("\\[", "[")
+    """The help of a command on one line."""
+    return " ".join((command.help or "").split())

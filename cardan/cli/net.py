@@ -23,7 +23,6 @@ net = typer.Typer(
     cls=OpenGroup,
     help="See, join, serve and record the network of sessions and ROS 2 nodes.",
     no_args_is_help=True,
-    rich_markup_mode="rich",
 )
 
 

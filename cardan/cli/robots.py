@@ -25,7 +25,6 @@ robots = typer.Typer(
     cls=CommandGroup,
     help="List and show arms, and make the file of your own.",
     no_args_is_help=True,
-    rich_markup_mode="rich",
 )
 
 POSTURES = 3

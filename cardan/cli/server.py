@@ -32,7 +32,7 @@ class _Servers(CommandGroup):
         self.commands: Any = Commands(registry, "server", _command)
 
 
-server = typer.Typer(name="server", cls=_Servers, no_args_is_help=True, rich_markup_mode="rich")
+server = typer.Typer(name="server", cls=_Servers, no_args_is_help=True, rich_markup_mode=None)
 
 
 @server.callback(invoke_without_command=True)
@@ -57,7 +57,7 @@ def _command(name: str, declared: type[Server[Any]]) -> Any:
             lambda: declared.run(made(declared.Options, values), seconds), own, verbose, level
         )
 
-    return command_of(name, declared, own, parameters, run)
+    return command_of("cardan net server", name, declared, own, parameters, run)
 
 
 def check_words(name: str, words: Sequence[str]) -> None:

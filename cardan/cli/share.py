@@ -24,7 +24,7 @@ def share(
         str,
         typer.Argument(
             metavar="FILE|DRIVER",
-            help="Configuration file whose \\[device] is shared, or a driver with its defaults: "
+            help="Configuration file whose [device] is shared, or a driver with its defaults: "
             "spacemouse.",
         ),
     ],

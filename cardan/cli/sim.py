@@ -45,7 +45,7 @@ class _Peers(CommandGroup):
         self.commands: Any = Commands(registry, "simulated peer", _command)
 
 
-sim = typer.Typer(name="sim", cls=_Peers, no_args_is_help=True, rich_markup_mode="rich")
+sim = typer.Typer(name="sim", cls=_Peers, no_args_is_help=True, rich_markup_mode=None)
 
 
 @sim.callback(invoke_without_command=True)
@@ -91,7 +91,7 @@ def _command(name: str, peer: type[PeerCommand[Any]]) -> Any:
             values[peer.Options][field] = value
         run_logged(lambda: peer.run(made(peer.Options, values), seconds), own, verbose, level)
 
-    return command_of(name, peer, own, parameters, run)
+    return command_of("cardan sim", name, peer, own, parameters, run)
 
 
 Lines = Callable[[], Iterator[str]]

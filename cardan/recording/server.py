@@ -45,6 +45,7 @@ class RecorderServer(Server[RecorderServerOptions]):
 
     Options = RecorderServerOptions
     page = "recording.md"
+    example = "--folder records --arms /left"
     epilog = "Prints READY and its file once it records."
 
     @classmethod

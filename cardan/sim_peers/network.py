@@ -246,6 +246,7 @@ class SimulatedNetworkCommand(PeerCommand[SimulatedNetworkOptions]):
 
     Options, Peer = SimulatedNetworkOptions, SimulatedNetworkPeer
     page = "simulated-peers.md"
+    example = "--to 127.0.0.1:7448 --delay 60 --jitter 20"
     speaks = "nothing of its own: it passes on any protocol on TCP"
     epilog = "Prints READY and the address that one side connects to once it listens."
     faults = FAULTS

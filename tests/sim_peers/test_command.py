@@ -25,7 +25,7 @@ WIDE = {"COLUMNS": "400", "NO_COLOR": "1", "TERM": "dumb"}
 
 def said(*words: str, code: int = 0) -> str:
     """Return the output of ``cardan sim`` with these words."""
-    outcome = CliRunner().invoke(sim, words, env=WIDE, catch_exceptions=False)
+    outcome = CliRunner().invoke(sim, words, env=WIDE, catch_exceptions=False, terminal_width=400)
     assert outcome.exit_code == code, outcome.output
     return outcome.output
 

@@ -131,6 +131,7 @@ class Metrics(Server[MetricsServerOptions]):
 
     Options = MetricsServerOptions
     page = "daemon.md"
+    example = "--port 9464"
 
     @classmethod
     def serve(cls, options: MetricsServerOptions, ready: Ready, stop: threading.Event) -> None:

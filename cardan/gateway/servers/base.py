@@ -34,6 +34,8 @@ class Server(ABC, Generic[OptionsT]):
     """Its documentation: a page as seen from Cardan's docs/, or a URL."""
     epilog: ClassVar[str] = "Prints READY and its endpoint once it serves."
     """Below the options in the help."""
+    example: ClassVar[str] = ""
+    """What is typed after ``cardan net server NAME`` in the example that ends the help."""
 
     @classmethod
     @abstractmethod

@@ -174,6 +174,7 @@ class Rosbridge(Server[RosbridgeServerOptions]):
 
     Options = RosbridgeServerOptions
     page = "protocols/rosbridge.md"
+    example = "--port 9090"
 
     @classmethod
     def serve(cls, options: RosbridgeServerOptions, ready: Ready, stop: threading.Event) -> None:

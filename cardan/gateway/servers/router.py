@@ -50,6 +50,7 @@ class Router(Server[RouterOptions]):
 
     Options = RouterOptions
     page = "ros2.md"
+    example = "--endpoint tcp/0.0.0.0:7447"
 
     @classmethod
     def serve(cls, options: RouterOptions, ready: Ready, stop: threading.Event) -> None:

@@ -13,6 +13,7 @@ class SimulatedArmCommand(PeerCommand[SimulatedArmOptions]):
 
     Options = SimulatedArmOptions
     page = "simulated-peers.md"
+    example = "--robot ur5 --listen 127.0.0.1:6520"
     speaks = "[joint stream](simulated-peers.md#joint-stream-byte-for-byte), UDP, 500 Hz"
     epilog = "Prints READY and the address it listens on once it serves."
     faults = FAULTS

@@ -88,6 +88,7 @@ class EgmControllerCommand(PeerCommand[EgmControllerOptions]):
 
     Options, Peer = EgmControllerOptions, EgmControllerPeer
     page = "simulated-peers.md"
+    example = "--to 127.0.0.1:6510 --mode pose --fault drop=0.05"
     speaks = "[EGM](abb-egm.md#the-protocol-byte-for-byte), protobuf on UDP, 250 Hz"
     epilog = "Prints READY and the PC's address once it sends."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS

@@ -99,6 +99,7 @@ class GamepadCommand(PeerCommand[EvdevPeerOptions]):
     Options: ClassVar[type[EvdevPeerOptions]] = GamepadPeerOptions
     Peer = EvdevPeer
     page = "simulated-peers.md"
+    example = "--events gamepad.sock"
     speaks = (
         "[input events](gamepad.md#input-events-byte-for-byte), a frame per packet of a Unix "
         "socket, or the kernel's own by uinput"
@@ -118,3 +119,4 @@ class KeyboardCommand(GamepadCommand):
     """A keyboard, as Linux gives its events to programs."""
 
     Options, scripts = KeyboardPeerOptions, KEYBOARD_SCRIPTS
+    example = "--events keyboard.sock"

@@ -146,6 +146,7 @@ class PhonePageCommand(PeerCommand[PagePeerOptions]):
 
     Options, Peer = PagePeerOptions, PagePeer
     page = "simulated-peers.md"
+    example = "--listen 127.0.0.1:7447"
     speaks = "[operator frames](phone.md#operator-frames-byte-for-byte), Zenoh"
     epilog = "Prints READY and the Zenoh endpoint that others connect to once it serves."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS

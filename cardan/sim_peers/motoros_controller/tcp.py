@@ -98,6 +98,7 @@ class MotorosControllerCommand(PeerCommand[MotorosControllerOptions]):
 
     Options, Peer = MotorosControllerOptions, MotorosControllerPeer
     page = "simulated-peers.md"
+    example = "--plant paper --fault estop=8"
     speaks = (
         "[simple message](protocols/simple-message.md) on three TCP ports, with [velocity "
         "mode](protocols/simple-message.md#velocity-mode)"

@@ -158,6 +158,7 @@ class Ros2ArmCommand(PeerCommand[RosArmOptions]):
 
     Options, Peer = RosArmOptions, RosArmPeer
     page = "simulated-peers.md"
+    example = "--robot ur5 --listen 127.0.0.1:7447"
     speaks = "[ROS 2](protocols/ros2.md), Zenoh or DDS, 100 Hz"
     epilog = (
         "Prints READY and the Zenoh endpoint that others connect to, or the DDS domain, once it "

@@ -54,6 +54,7 @@ class Ros2DeviceCommand(PeerCommand[NodePeerOptions]):
 
     Options, Peer = NodePeerOptions, NodePeer
     page = "simulated-peers.md"
+    example = "--node joy_node --listen 127.0.0.1:7447"
     speaks = "[ROS 2](protocols/ros2.md), Zenoh"
     epilog = "Prints READY and the Zenoh endpoint that others connect to once it serves."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS

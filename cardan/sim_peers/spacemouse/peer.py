@@ -250,6 +250,7 @@ class SpaceMouseCommand(PeerCommand[SpaceMousePeerOptions]):
 
     Options, Peer = SpaceMousePeerOptions, SpaceMousePeer
     page = "simulated-peers.md"
+    example = "--hid spacemouse.sock --script demo"
     speaks = (
         "[HID reports](spacemouse.md#hid-reports-byte-for-byte), one per packet of a Unix socket, "
         "by uhid or USB/IP"

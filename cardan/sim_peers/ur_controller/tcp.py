@@ -48,6 +48,7 @@ class UrControllerCommand(PeerCommand[UrControllerOptions]):
 
     Options, Peer = UrControllerOptions, UrControllerPeer
     page = "simulated-peers.md"
+    example = "--robot ur5e --running"
     speaks = (
         "[RTDE; primary, secondary and real-time interface with URScript; dashboard]"
         "(universal-robots.md#the-protocol-byte-for-byte) on TCP ports"

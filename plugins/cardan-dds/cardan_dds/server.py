@@ -45,6 +45,7 @@ class Dds(Server[DdsServerOptions]):
 
     Options = DdsServerOptions
     page = "../plugins/cardan-dds/README.md"
+    example = "--dds-domain 0"
     epilog = "Prints READY and its DDS domain once it serves."
 
     @classmethod

@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from cardan.cli.declared import as_written
-
 if TYPE_CHECKING:
     from cardan_dissect.reader import Numbers
 
@@ -31,17 +29,18 @@ class Dissect(TyperCommand):
     def _made(self) -> Any:
         from cardan_dissect import registry
 
-        app = typer.Typer(add_completion=False, rich_markup_mode="rich")
+        app = typer.Typer(add_completion=False, rich_markup_mode=None)
         dissectors = registry.dissectors()
         lines = (f"{each.name}: {inspect.getdoc(each)}" for each in dissectors)
         numbers = [option for each in dissectors for option in each.options]
-        app.command(help=as_written("\n\n".join((str(self.help), *lines))))(_function(numbers))
+        app.command(help="\n\n".join((str(self.help), *lines)))(_function(numbers))
         return typer.main.get_command(app)
 
     def get_params(self, ctx: Any) -> Any:
         return self._made.get_params(ctx)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
+        self._made.epilog = self.epilog
         self._made.format_help(ctx, formatter)
 
     def invoke(self, ctx: Any) -> Any:
@@ -115,7 +114,7 @@ def _parameter(numbers: Numbers) -> inspect.Parameter:
         metavar=numbers.metavar,
         min=numbers.allowed[0],
         max=numbers.allowed[-1],
-        help=as_written(f"{numbers.help} (repeatable)."),
+        help=f"{numbers.help} (repeatable).",
     )
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
     annotation = Annotated[list[int] | None, option]

@@ -209,6 +209,7 @@ class Foxglove(Server[FoxgloveServerOptions]):
 
     Options = FoxgloveServerOptions
     page = "../plugins/cardan-foxglove/README.md"
+    example = "--origins https://app.foxglove.dev"
 
     @classmethod
     def serve(cls, options: FoxgloveServerOptions, ready: Ready, stop: threading.Event) -> None:

@@ -38,6 +38,7 @@ class SpnavBusServer(Server[SpnavBusServerOptions]):
 
     Options = SpnavBusServerOptions
     page = "../plugins/cardan-spnav-server/README.md"
+    example = "--socket spnav.sock --model spacemouse-pro"
 
     @classmethod
     def serve(cls, options: SpnavBusServerOptions, ready: Ready, stop: threading.Event) -> None:

@@ -34,8 +34,8 @@ def spnav(
 ) -> None:
     """Serve an operator device to programs that use libspnav.
 
-    As spacenavd does: version 0
-    and 1 of its protocol. Prints READY and the socket's path once it serves."""
+    As spacenavd does: version 0 and 1 of its protocol. Prints READY and the socket's path once
+    it serves."""
     from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
     from cardan.gateway.session.config import read_part
     from cardan.gateway.session.driver_assembly import make_device

@@ -186,6 +186,7 @@ class Console(Server[ConsoleServerOptions]):
 
     Options = ConsoleServerOptions
     page = "console.md"
+    example = "--host 0.0.0.0"
     epilog = "Prints READY and the page's address, with its token, once it serves."
 
     @classmethod

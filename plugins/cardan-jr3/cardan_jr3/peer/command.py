@@ -13,6 +13,7 @@ class Jr3(PeerCommand[Jr3PeerOptions]):
 
     Options, Peer = Jr3PeerOptions, Jr3Peer
     page = "../plugins/cardan-jr3/README.md"
+    example = "--script demo --fault lost=0.05"
     speaks = (
         "[JR3 over CAN](../plugins/cardan-jr3/README.md#protocol), on any bus of python-can, "
         "or on one it serves"

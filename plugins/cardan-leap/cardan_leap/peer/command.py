@@ -13,6 +13,7 @@ class Leap(PeerCommand[LeapPeerOptions]):
 
     Options, Peer = LeapPeerOptions, LeapPeer
     page = "../plugins/cardan-leap/README.md"
+    example = "--port 6437 --script demo"
     speaks = "[JSON over WebSocket](../plugins/cardan-leap/README.md#protocol), 110 frames a second"
     epilog = "Prints READY and its address once it listens."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS

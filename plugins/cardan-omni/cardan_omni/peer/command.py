@@ -34,6 +34,7 @@ class Omni(PeerCommand[OmniOptions]):
 
     Options = OmniOptions
     page = "../plugins/cardan-omni/README.md"
+    example = "--script contact -- ./touch"
     speaks = (
         "[HDAPI](../plugins/cardan-omni/README.md#protocol), the C functions of the vendor's "
         "libHD, in the process of the program that uses it"

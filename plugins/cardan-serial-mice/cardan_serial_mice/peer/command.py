@@ -13,6 +13,7 @@ class SpaceMouseSerial(PeerCommand[SerialPuckPeerOptions]):
 
     Options, Peer = SerialPuckPeerOptions, SerialPuckPeer
     page = "simulated-peers.md"
+    example = "--port magellan0 --model magellan"
     speaks = (
         "[serial packets](../plugins/cardan-serial-mice/README.md#protocol) on a pseudo-terminal"
     )

@@ -13,6 +13,7 @@ class Wiimote(PeerCommand[WiimotePeerOptions]):
 
     Options, Peer = WiimotePeerOptions, WiimotePeer
     page = "../plugins/cardan-wiimote/README.md"
+    example = "--l2cap wiimote-sockets --script demo"
     speaks = (
         "[its reports](../plugins/cardan-wiimote/README.md#protocol) "
         "over seqpacket sockets, uhid or L2CAP"
