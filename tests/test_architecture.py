@@ -135,6 +135,7 @@ GONE = frozenset(
         "shortage",
         "printable",
         "openable",
+        "report_line",
     ]
 )
 """Names of modules that the field has other words for: CHANGELOG.md has them."""
