@@ -135,6 +135,8 @@ GONE = frozenset(
         "shortage",
         "printable",
         "openable",
+        "unattended",
+        "declared",
         "report_line",
     ]
 )

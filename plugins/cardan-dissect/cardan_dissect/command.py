@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from cardan.cli.declared import as_written
+from cardan.cli.options_from_dataclass import as_written
 
 if TYPE_CHECKING:
     from cardan_dissect.reader import Numbers
