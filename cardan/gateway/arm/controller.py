@@ -531,8 +531,8 @@ class ArmController:
                 self._rest_here(reason)
             else:
                 self._place(robot, self._before(robot))
-        elif cause is Cause.LEAPT:
-            self._on(ArmEvent.LEAPT)
+        elif cause is Cause.JUMPED:
+            self._on(ArmEvent.JUMPED)
             self._trip_if_driven(reason)
             self._disarm()
             self._end_activity(reason)

@@ -1,4 +1,4 @@
-"""Output check: a command that is not a number, or leaps, does not pass."""
+"""Output check: a command that is not a number, or jumps, does not pass."""
 
 import math
 
@@ -107,7 +107,7 @@ def test_a_kind_of_command_that_nothing_limits_does_not_pass():
     )
 
 
-# -- leaps ---------------------------------------------------------------------------------------
+# -- jumps ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -362,7 +362,7 @@ def test_a_turn_is_measured_the_short_way_whichever_sign_its_quaternions_have():
 
 @given(st.lists(st.sampled_from((0.0, 0.002, 0.004, 0.005, 0.0051, 0.01, 0.02, 0.05)), min_size=2))
 def test_full_acceleration_passes_however_uneven_the_periods_are(periods):
-    """The servo's steps, up to speed and back again: a lost datagram is no leap."""
+    """The servo's steps, up to speed and back again: a lost datagram is no jump."""
     limits = LIMITS._replace(joint_lower=(), joint_upper=(), joint_speed=(1.0, 50.0))
     gate, fastest, acceleration = OutputCheck(limits), limits.joint_speed, limits.joint_acceleration
     q, v, sign = [0.0, 0.0], [0.0, 0.0], 1.0
