@@ -147,7 +147,7 @@ class JointSpaceArm(CommandedArm):
         the servo gets: the robot's controller knows only that one."""
         self._sent_as = kinematics
 
-    def gate_limits(self, capabilities: RobotCapabilities) -> OutputLimits:
+    def output_limits(self, capabilities: RobotCapabilities) -> OutputLimits:
         """Limits of these commands: those of its joints, and its robot's for the TCP."""
         bounds = self.servo.kinematics
         return OutputLimits(

@@ -160,7 +160,7 @@ def test_a_new_session_of_an_arm_keeps_every_joint_within_its_acceleration():
     assert world.verbs.controller.phase is Phase.DISARMED
 
 
-# -- the last gate -------------------------------------------------------------------------------
+# -- the output check ----------------------------------------------------------------------------
 
 
 class Broken(TaskSpaceArm):

@@ -86,7 +86,7 @@ def test_a_usual_period_is_one_step_and_a_long_one_several():
 
 def test_the_last_gate_knows_the_joints_limits_and_the_robots_own():
     capabilities = RobotCapabilities(frozenset(), DT_S, 6, None, 0, 0)
-    limits = arm().gate_limits(capabilities)
+    limits = arm().output_limits(capabilities)
     assert limits.joint_lower == tuple(KINEMATICS.lower)
     assert limits.joint_upper == tuple(KINEMATICS.upper)
     assert limits.joint_speed == tuple(KINEMATICS.velocity)
@@ -94,7 +94,7 @@ def test_the_last_gate_knows_the_joints_limits_and_the_robots_own():
     assert limits.linear_speed_m_s == FASTEST_TCP_M_S
     assert limits.angular_speed_rad_s == FASTEST_TCP_RAD_S
     slow = capabilities._replace(linear_speed_m_s=0.25, angular_speed_rad_s=0.5)
-    limits = arm().gate_limits(slow)
+    limits = arm().output_limits(slow)
     assert limits.linear_speed_m_s == 0.25
     assert limits.angular_speed_rad_s == 0.5
 
