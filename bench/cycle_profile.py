@@ -55,7 +55,7 @@ PARTS = (
     ("- - compiled servo", "cardan.gateway.servo.compiled:CompiledServo.tick"),
     ("- - servo in Python", "cardan.gateway.servo.servo:Servo.tick"),
     ("- phase and words", f"{_CONTROLLER}._settle"),
-    ("- command and gate", f"{_CONTROLLER}._command"),
+    ("- command and its check", f"{_CONTROLLER}._command"),
     ("send", f"{_EGM}.driver:AbbEgm.send"),
     ("- reply", f"{_EGM}.session:EgmSession.reply"),
     ("- handed to the system", f"{_EGM}.driver:AbbEgm._say"),

@@ -29,10 +29,11 @@ def controller_for_hand(
         filters,
         watchdogs.device_age_s,
     )
-    gate = None
+    output_limits = None
     if arm is not None:
         joints = arm.servo.joints
-        gate = arm.gate_limits(RobotCapabilities(frozenset(), period_s, joints, None, 0, 0))
+        capabilities = RobotCapabilities(frozenset(), period_s, joints, None, 0, 0)
+        output_limits = arm.output_limits(capabilities)
     return ArmController(
         arm or TaskSpaceArm(limits),
         limits,
@@ -40,5 +41,5 @@ def controller_for_hand(
         hand,
         authority,
         period_s=period_s,
-        gate=gate,
+        output_limits=output_limits,
     )

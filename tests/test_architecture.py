@@ -135,6 +135,9 @@ GONE = frozenset(
         "shortage",
         "printable",
         "openable",
+        "unattended",
+        "declared",
+        "report_line",
     ]
 )
 """Names of modules that the field has other words for: CHANGELOG.md has them."""

@@ -9,10 +9,10 @@ import pytest
 from typer.testing import CliRunner
 
 from cardan.cli import app
-from cardan.cli.declared import all_given, collected, made
 from cardan.cli.examples import EXAMPLES
 from cardan.cli.installed import SECTIONS, TOP
 from cardan.cli.moved import MOVED, now_called
+from cardan.cli.options_from_dataclass import all_given, collected, made
 from cardan.cli.server import check_words
 from cardan.errors import ConfigurationError
 from cardan.gateway.servers import registry as servers
@@ -117,7 +117,7 @@ def is_of_a_registry(words):
 def is_ours(words):
     """Those of a package that is not here say so."""
     module = getattr(found(words).callback, "__module__", "")
-    return module.startswith("cardan.cli") and module != "cardan.cli.declared"
+    return module.startswith("cardan.cli") and module != "cardan.cli.options_from_dataclass"
 
 
 SINGLE = [words for words in COMMANDS if not hasattr(found(words), "list_commands")]

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
 
-from cardan.cli.declared import texts_below
+from cardan.cli.options_from_dataclass import texts_below
 from cardan.common.bounds import Range
 from cardan.common.options import hints
 

@@ -15,9 +15,9 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from cardan.cli.common import EPILOG, closing
-from cardan.cli.declared import Commands
 from cardan.cli.examples import EXAMPLES
 from cardan.cli.moved import now_called
+from cardan.cli.options_from_dataclass import Commands
 from cardan.common.plugins import Finder, entry_points
 from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError

@@ -8,7 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from cardan.cli.common import AsJson
-from cardan.cli.declared import (
+from cardan.cli.installed import CommandGroup
+from cardan.cli.options_from_dataclass import (
     SERVING,
     Commands,
     all_given,
@@ -20,7 +21,6 @@ from cardan.cli.declared import (
     run_logged,
     serving_parameters,
 )
-from cardan.cli.installed import CommandGroup
 from cardan.errors import ConfigurationError
 from cardan.gateway.servers import registry
 from cardan.gateway.servers.base import Server

@@ -9,7 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from cardan.cli.common import AsJson
-from cardan.cli.declared import (
+from cardan.cli.installed import CommandGroup
+from cardan.cli.options_from_dataclass import (
     SERVING,
     Commands,
     Given,
@@ -22,7 +23,6 @@ from cardan.cli.declared import (
     run_logged,
     serving_parameters,
 )
-from cardan.cli.installed import CommandGroup
 from cardan.sim_peers import registry
 from cardan.sim_peers.base import parse_faults
 from cardan.sim_peers.command import PeerCommand

@@ -20,7 +20,7 @@ from cardan.common.troubles import coded
 from cardan.demos.examples import Demo, find_demos, read_demo
 from cardan.demos.pauses import Pauses
 from cardan.demos.peers import Peers
-from cardan.demos.unattended import CARDAN, check_unattended, check_words
+from cardan.demos.safety import CARDAN, check_unattended, check_words
 from cardan.drivers.haptic import HapticDevice
 from cardan.errors import ConfigurationError, DriverError, OptionError
 from cardan.gateway.bus.sharing import SharedConfig

@@ -18,7 +18,7 @@ from cardan.common.tables import as_toml
 from cardan.demos.demo import EXIT_INCOMPLETE, WELL_FOLLOWED_M
 from cardan.demos.examples import Demo
 from cardan.demos.peers import Peers
-from cardan.demos.unattended import check_unattended
+from cardan.demos.safety import check_unattended
 from cardan.errors import ConfigurationError
 from cardan.gateway.daemon import view
 from cardan.gateway.daemon.client import ControlClient

@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 
 from cardan.demos.examples import Demo
-from cardan.demos.unattended import check_words
+from cardan.demos.safety import check_words
 from cardan.gateway.session.subprocesses import Launched
 
 

@@ -22,7 +22,7 @@ from cardan.common.bounds import LONGEST_BLIND_S
 from cardan.common.sockets import opened, waiting
 from cardan.drivers.base import RobotDriver
 from cardan.drivers.missed_cycles import AgreedTime
-from cardan.drivers.robot_core import WAKE_S, LoopMixin, implausible, leap
+from cardan.drivers.robot_core import WAKE_S, LoopMixin, implausible, jump
 from cardan.protocols.joint_stream.codec import is_newer
 from cardan.types import (
     NEVER_S,
@@ -179,7 +179,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         """Message from which `state` was made."""
         self._heard_s = NEVER_S
         self._skipped = 0
-        self._leapt_s = NEVER_S
+        self._jumped_s = NEVER_S
         """Time of the last message out of the arm's reach."""
         lower, upper, self._fastest, _ = capabilities.limits or JointLimits((), (), (), ())
         self._continuous = [
@@ -245,7 +245,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
                 self.ignored[_EARLIER] += 1
                 return None
         if before is not None and (
-            self._leapt_s > self._heard_s or not _continues(message, before)
+            self._jumped_s > self._heard_s or not _continues(message, before)
         ):
             before = None
         begins = before is None
@@ -256,7 +256,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
             self.last_implausible = wrong
             self._ignore(_IMPLAUSIBLE)
             return None
-        if wrong := self._leap(state, message):
+        if wrong := self._jump(state, message):
             self.sessions -= begins
             self.last_implausible = wrong
             self._ignore(_IMPLAUSIBLE)
@@ -275,7 +275,7 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         self.reply_pending = True
         return state
 
-    def _leap(self, state: RobotState, message: MessageT) -> str:
+    def _jump(self, state: RobotState, message: MessageT) -> str:
         """Explain a position jump since the last measurement; empty: the step is possible.
 
         Repeating an implausible position makes it no likelier: time counts from the last such
@@ -286,10 +286,10 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
             return ""
         since_s = self._heard_s
         if message.session == self.message.session:
-            since_s = max(since_s, self._leapt_s)
+            since_s = max(since_s, self._jumped_s)
         # By our clock or the controller's, the longer: what waited in a queue was measured earlier.
         time_s = max(state.stamp_s - since_s, min(state.period_s, self._lost_after_s))
-        found = leap(state.joints, before.joints, self._fastest, self._continuous, time_s)
+        found = jump(state.joints, before.joints, self._fastest, self._continuous, time_s)
         if found is None:
             return ""
         worst, away = found
@@ -304,9 +304,9 @@ class DatagramSession(AnsweringSession, Generic[MessageT]):
         """The newest state again, held for `why`."""
         if self.state is None or self.message is None:
             return None
-        if self._leapt_s <= self._heard_s:
+        if self._jumped_s <= self._heard_s:
             self._begin(self.message)
-        self._leapt_s = now_s
+        self._jumped_s = now_s
         self.state = self.state._replace(
             stamp_s=now_s, link=self.link(now_s), period_s=0.0, hold_reason=why
         )

@@ -50,10 +50,10 @@ class RobotSession(Protocol):
 
 SessionT = TypeVar("SessionT", bound=RobotSession)
 
-LEAP_SHARE: Final = 2.0
+JUMP_SHARE: Final = 2.0
 """Share of each joint's speed limit above which a measured joint is rejected as implausible."""
 
-LEAP_NOISE_RAD: Final = 0.05
+JUMP_NOISE_RAD: Final = 0.05
 """Tolerance added to that (m for a prismatic joint): readings may come late or early."""
 
 
@@ -268,7 +268,7 @@ def implausible(state: RobotState) -> str:
     )
 
 
-def leap(
+def jump(
     joints: Sequence[float],
     before: Sequence[float],
     fastest: Sequence[float],
@@ -277,13 +277,13 @@ def leap(
 ) -> tuple[int, float] | None:
     """Which joint cannot have come from `before` to `joints` within `time_s`, and how far away it
     is, rad or m; None: all can. Whole turns of `continuous` joints are no way."""
-    share = LEAP_SHARE * time_s
+    share = JUMP_SHARE * time_s
     # The usual case: no joint has gone farther than all of them together.
     alike = share >= 0.0 and len(joints) == len(before)
-    if alike and math.dist(joints, before) <= LEAP_NOISE_RAD:
+    if alike and math.dist(joints, before) <= JUMP_NOISE_RAD:
         return None
     for now, then, speed in zip(joints, before, fastest, strict=False):
-        if not abs(now - then) <= LEAP_NOISE_RAD + share * speed:
+        if not abs(now - then) <= JUMP_NOISE_RAD + share * speed:
             break
     else:
         return None
@@ -295,7 +295,7 @@ def leap(
             return index, away
         if turns:
             away = abs(math.remainder(away, math.tau))
-        excess = away - LEAP_NOISE_RAD - share * speed
+        excess = away - JUMP_NOISE_RAD - share * speed
         if excess > most:
             worst, most, far = index, excess, away
     return (worst, far) if most > 0.0 else None

@@ -22,7 +22,7 @@ from cardan.common.options import Options
 from cardan.common.sockets import opened
 from cardan.sim_peers.base import FaultSwitch, SimulatedPeer, check_faults
 from cardan.sim_peers.command import PeerCommand, listen_option, option
-from cardan.sim_peers.report_line import DelayLine
+from cardan.sim_peers.delay_line import DelayLine
 from cardan.sim_peers.tcp_peer import listen
 
 DELAY_MS = Range(0.0, 1000.0, "ms", "by then a session has taken the link for cut")

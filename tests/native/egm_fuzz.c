@@ -74,7 +74,7 @@ static void random_cycle(EgmCycle *cycle)
     cycle->nominal_s = 0.004;
     cycle->lost_after_s = cycle->late_after_s = 0.1;
     cycle->longest_gap_s = 0.006;
-    cycle->leap = below(2) ? INFINITY : number(0.0, 10.0);
+    cycle->jump = below(2) ? INFINITY : number(0.0, 10.0);
     cycle->usual = below(2) ? INFINITY : number(0.0, 1000.0);
     cycle->longest_squared = INFINITY;
     cycle->by_joints = below(2);

@@ -91,7 +91,7 @@ _EARLY_DATAGRAMS = 4
 """Datagrams that a new port may have sent beyond what the silence allows: the controller's clock
 and the network are not exact."""
 
-_LEAP, _LEAP_PER_S = math.tau, 30.0
+_JUMP, _JUMP_PER_S = math.tau, 30.0
 """Farthest that an arm goes between two datagrams, rad or m, and by the second: a whole turn, and
 what all joints together may do. Smaller jumps are left to code that knows the arm."""
 
@@ -199,8 +199,8 @@ class EgmSession(AnsweringSession):
             lost_after_s=self._lost_after_s,
             late_after_s=self._late_after_s,
             longest_gap_s=_GAP_PERIODS * self._nominal_s,
-            leap=_LEAP,
-            leap_per_s=_LEAP_PER_S,
+            jump=_JUMP,
+            jump_per_s=_JUMP_PER_S,
             usual=_USUAL,
             rounding=_ROUNDING,
             slack_s=SLACK_S,
@@ -314,7 +314,7 @@ class EgmSession(AnsweringSession):
                 return 0, ""
             if (step - 1) * self._nominal_s > 2.0 * silence_s + self._lost_after_s:
                 return step, f"the sequence number jumped from {before} to {seqno}"
-        if wrong := self._leap(measured.joints, feedback.pos, now_s):
+        if wrong := self._jump(measured.joints, feedback.pos, now_s):
             self.counters.malformed["implausible"] += 1
             self.last_malformed = wrong
             return 0, ""
@@ -449,7 +449,7 @@ class EgmSession(AnsweringSession):
         self.last_foreign = f"{source[0]}:{source[1]}"
         self.last_foreign_counts_on = counts_on
 
-    def _leap(self, joints: tuple[float, ...], position: Vector3 | None, now_s: float) -> str:
+    def _jump(self, joints: tuple[float, ...], position: Vector3 | None, now_s: float) -> str:
         """Explain a position jump since the last measurement; empty: the step is possible.
 
         It is lost when it stays there, and a new session begins where it then is.
@@ -462,7 +462,7 @@ class EgmSession(AnsweringSession):
             way = math.dist(joints, before.joints)
         elif position is not None and before.pose is not None:
             way = math.dist(position, before.pose.position)
-        if way <= _LEAP + _LEAP_PER_S * (now_s - self._last_s):
+        if way <= _JUMP + _JUMP_PER_S * (now_s - self._last_s):
             return ""
         unit = "rad" if self._needs_joints else "m"
         return f"the measured position is {way:.3g} {unit} from the one before"

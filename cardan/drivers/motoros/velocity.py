@@ -33,7 +33,7 @@ LOST_RAD = 0.15
 LOST_S = 0.5
 """Distance LOST_RAD for LOST_S after which the arm is not obeying, or is measured wrongly."""
 
-LEAP_RAD, LEAP_RAD_S = 0.05, 15.0
+JUMP_RAD, JUMP_RAD_S = 0.05, 15.0
 """Farthest that a joint moves between two feedbacks: the first, plus the second per second. A
 measurement beyond that is implausible, and corrects nothing."""
 
@@ -77,7 +77,7 @@ class VelocityStream(MotorosMotion):
         self._watched_s = now_s
         self._lost_since_s = math.inf
         self._measured: Sequence[float] = feed.positions
-        self._leapt = False
+        self._jumped = False
         """Whether the arm is measured at a place that it cannot have reached."""
         self.next_s = now_s
 
@@ -111,11 +111,11 @@ class VelocityStream(MotorosMotion):
         passed_s = min(now_s - self._watched_s, self.options.state_timeout_s)
         self._watched, self._watched_s = feed.feedbacks, now_s
         before, self._measured = self._measured, feed.positions
-        farthest = LEAP_RAD + LEAP_RAD_S * passed_s
+        farthest = JUMP_RAD + JUMP_RAD_S * passed_s
         if any(abs(a - b) > farthest for a, b in zip(feed.positions, before, strict=True)):
-            self._leapt = True
+            self._jumped = True
         away = self._watch.away(feed.positions, guide.positions)
-        if self._leapt and away is None:
+        if self._jumped and away is None:
             away = [a - b for a, b in zip(feed.positions, guide.positions, strict=True)]
         if away is None:
             self._lost_since_s = math.inf
@@ -124,7 +124,7 @@ class VelocityStream(MotorosMotion):
         size = abs(away[worst])
         if size <= LOST_RAD:
             self._lost_since_s = math.inf
-            self._leapt = False
+            self._jumped = False
         else:
             self._lost_since_s = min(self._lost_since_s, now_s)
             if now_s - self._lost_since_s >= LOST_S:
@@ -133,7 +133,7 @@ class VelocityStream(MotorosMotion):
                     "brought it: something holds it, a speed limit acts, or it is measured wrongly"
                 )
                 return
-        if size <= AGREES_RAD or self._leapt:
+        if size <= AGREES_RAD or self._jumped:
             return
         most = passed_s * (FOUND_RAD_S + max(map(abs, guide.velocities)))
         share = min(1.0 - AGREES_RAD / size, most / size)

@@ -122,7 +122,7 @@ class CommandedArm(ABC):
         """The TCP just as the robot reports it now, base frame."""
 
     @abstractmethod
-    def leap(self, before: RobotState, state: RobotState, time_s: float) -> str:
+    def jump(self, before: RobotState, state: RobotState, time_s: float) -> str:
         """Message about a motion in `time_s` that is farther than an arm can; empty if none."""
 
     @abstractmethod
@@ -233,7 +233,7 @@ class TaskSpaceArm(CommandedArm):
     def reported(self, state: RobotState) -> Pose | None:
         return state.pose
 
-    def leap(self, before: RobotState, state: RobotState, time_s: float) -> str:
+    def jump(self, before: RobotState, state: RobotState, time_s: float) -> str:
         if before.pose is None or state.pose is None:
             return ""
         (x, y, z), (w, i, j, k), _ = state.pose
@@ -265,7 +265,7 @@ class TaskSpaceArm(CommandedArm):
             before is None
             or before.pose is None
             or time_s < SHORTEST_S
-            or self.leap(before, state, time_s)
+            or self.jump(before, state, time_s)
         ):
             return
         way = scale(subtract(measured.position, before.pose.position), 1.0 / time_s)

@@ -3,8 +3,8 @@
 An operator device, a verb or a stream is a source that requests motion; the controller decides. A
 tick goes through once: the robot's state is judged (:mod:`supervision`), the operator device's
 state becomes a request (:mod:`cardan.gateway.operator.input`), one activity moves the commanded
-arm, and the gate checks the command. Nothing here reads a clock, a socket or a file: time comes in
-with the states, so tests run it in virtual time.
+arm, and the output check sees the command. Nothing here reads a clock, a socket or a file: time
+comes in with the states, so tests run it in virtual time.
 
 The rule: nothing moves unless a fresh command from a live operator says so. Any interruption ends
 in a braking ramp and a hold, and going on takes a deliberate act.
@@ -104,7 +104,7 @@ class ArmController:
         authority: Authority | None = None,
         *,
         period_s: float = 0.0,
-        gate: OutputLimits | None = None,
+        output_limits: OutputLimits | None = None,
     ) -> None:
         """`limits` are those of the operator's motion; `period_s` is the robot's; 0: unknown."""
         self.commanded = commanded
@@ -133,7 +133,7 @@ class ArmController:
         """Why the robot cannot be commanded now; empty when it can."""
         self.state = States()
         """State of the controller; assigned by `_enter` alone."""
-        self._gate = OutputCheck(gate or OutputLimits.of_free_body(limits))
+        self._output_check = OutputCheck(output_limits or OutputLimits.of_free_body(limits))
         self.advanced_s = 0.0
         """Time by which the last tick advanced; lost time is not in it."""
         self._activity: Activity | None = None
@@ -421,7 +421,7 @@ class ArmController:
         if not self.engaged:
             assert self.robot is not None
             self.commanded.place(self.robot)
-            self._gate.reset()
+            self._output_check.reset()
             self._rest_reference()
             self._on(ArmEvent.ENGAGED)
 
@@ -531,8 +531,8 @@ class ArmController:
                 self._rest_here(reason)
             else:
                 self._place(robot, self._before(robot))
-        elif cause is Cause.LEAPT:
-            self._on(ArmEvent.LEAPT)
+        elif cause is Cause.JUMPED:
+            self._on(ArmEvent.JUMPED)
             self._trip_if_driven(reason)
             self._disarm()
             self._end_activity(reason)
@@ -604,7 +604,7 @@ class ArmController:
         self._end_activity(reason)
         self._on(ArmEvent.FORGOTTEN)
         self.commanded.halt()
-        self._gate.reset()
+        self._output_check.reset()
         if self.reference.pose is not None:
             self.reference.place(self.reference.pose)
 
@@ -617,7 +617,7 @@ class ArmController:
         self.commanded.place(
             robot, before, 0.0 if before is None else robot.stamp_s - before.stamp_s
         )
-        self._gate.reset()
+        self._output_check.reset()
         self._rest_reference()
         self._on(
             ArmEvent.PLACED,
@@ -630,7 +630,7 @@ class ArmController:
         self._end_activity(reason)
         self._on(ArmEvent.OVER)
         self.commanded.halt()
-        self._gate.reset()
+        self._output_check.reset()
         self._rest_reference()
 
     def _rest_reference(self) -> None:
@@ -871,14 +871,14 @@ class ArmController:
         stays = rejects or state.separation.until_rearmed
         if not state.motion.commanded or (stays and not commanded.moving):
             commanded.halt()
-            self._gate.reset()
+            self._output_check.reset()
             return HoldCommand()
         activity = self._activity
         command = None if activity is None else activity.command
         if command is None:
             recovers = activity is not None and activity.recovers
             command = commanded.command(robot, dt_s, recovers, blind or rejects)
-        wrong = self._gate.violation(command, dt_s)
+        wrong = self._output_check.violation(command, dt_s)
         if not wrong:
             return command
         self._trip(f"an invalid command was not sent: {wrong}")

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from cardan.common.arm_libraries import np
-from cardan.drivers.robot_core import leap
+from cardan.drivers.robot_core import jump
 from cardan.gateway.arm.commanded_arm import (
     APPROACH_SPEED_M_S,
     APPROACH_SPEED_RAD_S,
@@ -147,7 +147,7 @@ class JointSpaceArm(CommandedArm):
         the servo gets: the robot's controller knows only that one."""
         self._sent_as = kinematics
 
-    def gate_limits(self, capabilities: RobotCapabilities) -> OutputLimits:
+    def output_limits(self, capabilities: RobotCapabilities) -> OutputLimits:
         """Limits of these commands: those of its joints, and its robot's for the TCP."""
         bounds = self.servo.kinematics
         return OutputLimits(
@@ -212,8 +212,8 @@ class JointSpaceArm(CommandedArm):
             return None
         return self.servo.pose_at(state.joints)
 
-    def leap(self, before: RobotState, state: RobotState, time_s: float) -> str:
-        found = leap(state.joints, before.joints, self._fastest, self._continuous, time_s)
+    def jump(self, before: RobotState, state: RobotState, time_s: float) -> str:
+        found = jump(state.joints, before.joints, self._fastest, self._continuous, time_s)
         if found is None:
             return ""
         worst, away = found
@@ -254,7 +254,7 @@ class JointSpaceArm(CommandedArm):
         self.placed = True
         if before is None or time_s < SHORTEST_S or len(before.joints) != servo.joints:
             return
-        if self.leap(before, state, time_s):
+        if self.jump(before, state, time_s):
             return
         v = self._short(np.array(state.joints) - np.array(before.joints)) / time_s
         v = np.where(v * last > 0.0, np.sign(v) * np.minimum(np.abs(v), np.abs(last)), 0.0)

@@ -1,6 +1,6 @@
 """The last check in front of every robot driver: commands beyond a limit are not sent.
 
-Limits are met by construction before this. The gate is for unforeseen faults: an overflow, a
+Limits are met by construction before this. This check is for unforeseen faults: an overflow, a
 mistake of ours, a filter or a plugin that computes nonsense.
 """
 

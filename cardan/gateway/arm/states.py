@@ -122,7 +122,7 @@ class ArmEvent(enum.Enum):
     UNREADY = "the robot is silent or not ready"
     FORGOTTEN = "all motion is forgotten: where the robot is when it comes back is not known"
     RETURNED = "the robot is ready again while its readings are rejected"
-    LEAPT = "the robot was measured where it cannot be"
+    JUMPED = "the robot was measured where it cannot be"
     PLAUSIBLE = "a deliberate act accepts the readings"
     PLACED = "the command was placed where the robot is, at the speed that it has"
     INVALID = "a command that is beyond a limit was not sent"
@@ -192,9 +192,9 @@ def readings_after(readings: Readings, event: ArmEvent, states: States) -> Readi
     match event:
         case ArmEvent.PLACED | ArmEvent.PLAUSIBLE:
             return Readings.ACCEPTED
-        case ArmEvent.LEAPT if states.link is RobotReadiness.ABSENT:
+        case ArmEvent.JUMPED if states.link is RobotReadiness.ABSENT:
             return Readings.REJECTED_ELSEWHERE
-        case ArmEvent.LEAPT if not rejected:
+        case ArmEvent.JUMPED if not rejected:
             return Readings.REJECTED
         case ArmEvent.RETURNED if rejected and states.motion is MotionState.UNCOMMANDED:
             return Readings.REJECTED_ELSEWHERE
@@ -238,7 +238,7 @@ def separation_after(separation: Separation, event: ArmEvent, facts: Facts) -> S
     match event:
         case ArmEvent.UNREADY | ArmEvent.PLACED if separation is not Separation.LEFT:
             return Separation.NONE
-        case ArmEvent.LEAPT | ArmEvent.RESYNCHRONIZES if separation is Separation.TO_RESYNCHRONIZE:
+        case ArmEvent.JUMPED | ArmEvent.RESYNCHRONIZES if separation is Separation.TO_RESYNCHRONIZE:
             return Separation.NONE
         case ArmEvent.HELD if facts.resynchronizes:
             return Separation.TO_RESYNCHRONIZE

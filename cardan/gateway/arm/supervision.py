@@ -73,7 +73,7 @@ class Cause(enum.Enum):
     RETURNED = "the robot is ready again"
     NEW_SESSION = "the controller started a new session"
     STALLED = "no state came in time, though the robot is heard"
-    LEAPT = "the robot was measured where it cannot be"
+    JUMPED = "the robot was measured where it cannot be"
     ALARM = "the driver reports an alarm: the robot must not be driven"
     HELD = "the robot is not where it is commanded to be"
     SILENT = "the source of the stream fell silent"
@@ -110,7 +110,7 @@ class Supervision:
         self._not_acting = False
         """Whether the robot said since `newest` that commands do not act."""
         self._plausible_s = NEVER_S
-        """Since when readings make no leap."""
+        """Since when readings make no jump."""
 
     @property
     def trustworthy(self) -> bool:
@@ -148,11 +148,11 @@ class Supervision:
         if before is not None:
             # The longer of the two clocks: a state that waited in a queue was measured earlier.
             time_s = max(state.stamp_s - before.stamp_s, state.period_s, 0.0)
-            leap = commanded.leap(before, state, time_s)
-            if leap:
+            jump = commanded.jump(before, state, time_s)
+            if jump:
                 self._plausible_s = state.stamp_s
-                self.implausible = leap
-                return StopReason(Cause.LEAPT, leap)
+                self.implausible = jump
+                return StopReason(Cause.JUMPED, jump)
         if began:
             return StopReason(Cause.RETURNED, "")
         if self.gap_s > self.watchdogs.stall_s:

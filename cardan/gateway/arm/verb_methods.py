@@ -201,7 +201,7 @@ class ArmVerbs:
             hand,
             Authority(options.authority),
             period_s=capabilities.period_s,
-            gate=commanded.gate_limits(capabilities),
+            output_limits=commanded.output_limits(capabilities),
         )
         return cls(
             controller,

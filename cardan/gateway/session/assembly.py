@@ -121,7 +121,7 @@ def make_controller(config: SessionConfig, robot: RobotDriver) -> ArmController:
         hand,
         Authority(config.authority, "" if config.network is None else config.network.source),
         period_s=robot.capabilities.period_s,
-        gate=None if arm is None else arm.gate_limits(robot.capabilities),
+        output_limits=None if arm is None else arm.output_limits(robot.capabilities),
     )
 
 

@@ -9,7 +9,7 @@ from cardan.errors import ScriptError
 from cardan.protocols.connexion.devices import Family, Model
 from cardan.sim_peers import base
 from cardan.sim_peers.base import FaultSwitch
-from cardan.sim_peers.report_line import DelayLine
+from cardan.sim_peers.delay_line import DelayLine
 
 FAULTS = (
     FaultSwitch("unplug", "the device vanishes at VALUE s, whatever it is doing", 3.0),

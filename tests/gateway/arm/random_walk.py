@@ -333,7 +333,7 @@ def future(w):
 
 
 @event
-def leap(w):
+def jump(w):
     w.offset = (
         w.offset
         + w.random.choice((0.0, 0.3, -0.3, 2.0)) * np.eye(len(w.q))[w.random.randrange(len(w.q))]
@@ -341,7 +341,7 @@ def leap(w):
 
 
 @event
-def leap_back(w):
+def jump_back(w):
     w.offset = np.zeros(len(w.q))
 
 

@@ -112,13 +112,13 @@ def test_a_robot_without_a_usable_pose_is_an_obstacle(pose, words):
 def test_no_tcp_goes_farther_than_any_arm_can():
     commanded = TaskSpaceArm(LIMITS)
     most_m = READING_NOISE_M + FASTEST_TCP_M_S * 0.02
-    assert commanded.leap(at(), at(0.99 * most_m), 0.02) == ""
-    assert "jumped by 112 mm" in commanded.leap(at(), at(1.02 * most_m), 0.02)
+    assert commanded.jump(at(), at(0.99 * most_m), 0.02) == ""
+    assert "jumped by 112 mm" in commanded.jump(at(), at(1.02 * most_m), 0.02)
     most_rad = READING_NOISE_RAD + FASTEST_TCP_RAD_S * 0.02
     turned = at(turn=Vector3(0.99 * most_rad, 0.0, 0.0))
-    assert commanded.leap(at(), turned, 0.02) == ""
-    assert "0.36 rad" in commanded.leap(at(), at(turn=Vector3(1.02 * most_rad, 0.0, 0.0)), 0.02)
-    assert commanded.leap(robot(None), at(), 0.02) == commanded.leap(at(), robot(None), 0.02) == ""
+    assert commanded.jump(at(), turned, 0.02) == ""
+    assert "0.36 rad" in commanded.jump(at(), at(turn=Vector3(1.02 * most_rad, 0.0, 0.0)), 0.02)
+    assert commanded.jump(robot(None), at(), 0.02) == commanded.jump(at(), robot(None), 0.02) == ""
 
 
 # -- placing -------------------------------------------------------------------------------------
@@ -149,7 +149,7 @@ def test_it_goes_on_at_the_speed_that_the_robot_really_has():
         (at(0.5), at(), 0.004),
         (at(-0.001), at(), 0.004),
     ],
-    ids=["no state before", "no pose before", "no time", "a leap", "backwards"],
+    ids=["no state before", "no pose before", "no time", "a jump", "backwards"],
 )
 def test_a_speed_that_is_not_known_or_not_commanded_is_none(state, before, time_s):
     commanded = moving(Vector3(0.2, 0.0, 0.0))

@@ -234,7 +234,7 @@ def test_a_restarted_controller_voids_the_reference():
     assert "new session" in rig.status.message
 
 
-def test_a_late_tick_does_not_make_the_reference_leap():
+def test_a_late_tick_does_not_make_the_reference_jump():
     rig = Rig().drive()
     before = rig.core.reference.pose.position
     rig.now_s += 0.06
@@ -362,9 +362,9 @@ def test_a_recovery_can_be_switched_off():
     assert "recovery is switched off" in rig.status.message
 
 
-@pytest.mark.parametrize("leap_m", [0.2, 1e9])
+@pytest.mark.parametrize("jump_m", [0.2, 1e9])
 @pytest.mark.parametrize("driven", [False, True])
-def test_a_pose_that_leaps_is_not_believed_and_moves_nothing(leap_m, driven):
+def test_a_pose_that_jumps_is_not_believed_and_moves_nothing(jump_m, driven):
     rig = Rig().arm()
     if driven:
         rig.hand(FORWARD, "left")
@@ -373,7 +373,7 @@ def test_a_pose_that_leaps_is_not_believed_and_moves_nothing(leap_m, driven):
         rig.hand()
         rig.run(0.1)
     here = rig.robot.pose
-    there = Pose(subtract(here.position, Vector3(0.0, leap_m, 0.0)), IDENTITY)
+    there = Pose(subtract(here.position, Vector3(0.0, jump_m, 0.0)), IDENTITY)
     trips = rig.status.trips
     stays(rig, 0.15, there)
     rested = rig.core.commanded.pose
@@ -381,7 +381,7 @@ def test_a_pose_that_leaps_is_not_believed_and_moves_nothing(leap_m, driven):
     assert stays(rig, 5.0, there) == 0.0
     assert rig.core.commanded.pose == rested
     assert rig.core.phase in (Phase.DISARMED, Phase.NO_ROBOT)
-    assert ("jumped by" if leap_m < 1.0 else "farther than any") in rig.status.message
+    assert ("jumped by" if jump_m < 1.0 else "farther than any") in rig.status.message
     assert rig.status.trips == trips + 1
     # A dead-man held through it does not re-arm; and the reading comes back.
     stays(rig, TRUST_AFTER_S + 0.1, rested)

@@ -160,7 +160,7 @@ def test_a_new_session_of_an_arm_keeps_every_joint_within_its_acceleration():
     assert world.verbs.controller.phase is Phase.DISARMED
 
 
-# -- the last gate -------------------------------------------------------------------------------
+# -- the output check ----------------------------------------------------------------------------
 
 
 class Broken(TaskSpaceArm):
@@ -177,7 +177,7 @@ def not_a_number(command):
     return command._replace(pose=Pose(Vector3(math.nan, 0.0, 0.0), IDENTITY))
 
 
-def leaping(command):
+def jumping(command):
     return command._replace(
         pose=Pose(add(command.pose.position, Vector3(0.0, 0.05, 0.0)), IDENTITY)
     )
@@ -191,7 +191,7 @@ def too_fast(command):
     ("nonsense", "words"),
     [
         (not_a_number, "a pose that is not numbers"),
-        (leaping, "a step of the TCP by 50"),
+        (jumping, "a step of the TCP by 50"),
         (too_fast, "a TCP speed of 3 m/s"),
     ],
 )
@@ -450,7 +450,7 @@ def test_the_end_of_a_session_is_said_also_where_the_robot_is_not_ready():
     assert rig.status.message == "stopped on request"
 
 
-def test_an_acknowledgment_comes_too_early_while_readings_leap():
+def test_an_acknowledgment_comes_too_early_while_readings_jump():
     rig = Driven().drive()
     there = Pose(add(rig.robot.pose.position, Vector3(0.0, 0.4, 0.0)), IDENTITY)
     rig.command = HoldCommand()

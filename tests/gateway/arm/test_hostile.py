@@ -87,7 +87,7 @@ def test_a_stall_while_readings_are_not_believed_places_nothing_there():
             assert norm(subtract(rig.command.pose.position, here)) < 0.02
 
 
-def test_a_leap_is_forgotten_with_the_session_it_was_in():
+def test_a_jump_is_forgotten_with_the_session_it_was_in():
     rig = Rig().arm()
     here = rig.robot.pose
     rig.run(0.02, link=RobotLink.LOST)
@@ -105,7 +105,7 @@ def test_a_leap_is_forgotten_with_the_session_it_was_in():
     assert norm(subtract(rig.core.commanded.pose.position, rested.position)) < 1e-4
 
 
-def test_readings_that_leap_are_not_caught_by_torques():
+def test_readings_that_jump_are_not_caught_by_torques():
     world = World(GOFA)
     world.verbs.gcmp()
     world.tick(5)

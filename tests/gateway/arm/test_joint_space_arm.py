@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
-from cardan.drivers.robot_core import LEAP_NOISE_RAD, LEAP_SHARE
+from cardan.drivers.robot_core import JUMP_NOISE_RAD, JUMP_SHARE
 from cardan.gateway.arm.commanded_arm import (
     APPROACH_SPEED_M_S,
     APPROACH_SPEED_RAD_S,
@@ -87,7 +87,7 @@ def test_a_usual_period_is_one_step_and_a_long_one_several():
 
 def test_the_last_gate_knows_the_joints_limits_and_the_robots_own():
     capabilities = RobotCapabilities(frozenset(), DT_S, 6, None, 0, 0)
-    limits = arm().gate_limits(capabilities)
+    limits = arm().output_limits(capabilities)
     assert limits.joint_lower == tuple(KINEMATICS.lower)
     assert limits.joint_upper == tuple(KINEMATICS.upper)
     assert limits.joint_speed == tuple(KINEMATICS.velocity)
@@ -95,7 +95,7 @@ def test_the_last_gate_knows_the_joints_limits_and_the_robots_own():
     assert limits.linear_speed_m_s == FASTEST_TCP_M_S
     assert limits.angular_speed_rad_s == FASTEST_TCP_RAD_S
     slow = capabilities._replace(linear_speed_m_s=0.25, angular_speed_rad_s=0.5)
-    limits = arm().gate_limits(slow)
+    limits = arm().output_limits(slow)
     assert limits.linear_speed_m_s == 0.25
     assert limits.angular_speed_rad_s == 0.5
 
@@ -146,30 +146,30 @@ def test_joints_that_are_none_of_this_arm_are_an_obstacle(joints, words):
     assert words in arm().obstacle(robot(joints), False)
 
 
-# -- leaps ---------------------------------------------------------------------------------------
+# -- jumps ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("joint", range(6))
 def test_no_joint_goes_farther_than_twice_its_speed_allows(joint):
     commanded, away = arm(), np.zeros(6)
-    most = LEAP_NOISE_RAD + LEAP_SHARE * KINEMATICS.velocity[joint] * 0.02
+    most = JUMP_NOISE_RAD + JUMP_SHARE * KINEMATICS.velocity[joint] * 0.02
     away[joint] = 0.99 * most
-    assert commanded.leap(robot(), robot(HOME + away), 0.02) == ""
+    assert commanded.jump(robot(), robot(HOME + away), 0.02) == ""
     away[joint] = 1.01 * most
-    words = commanded.leap(robot(), robot(HOME - away), 0.02)
+    words = commanded.jump(robot(), robot(HOME - away), 0.02)
     assert KINEMATICS.names[joint] in words
     assert "in 20 ms" in words
 
 
-def test_the_worst_joint_is_named_and_whole_turns_are_no_leap():
+def test_the_worst_joint_is_named_and_whole_turns_are_no_jump():
     away = np.array((0.3, 0.0, 0.0, -0.9, 0.0, 0.0))
-    assert KINEMATICS.names[3] in arm().leap(robot(), robot(HOME + away), DT_S)
+    assert KINEMATICS.names[3] in arm().jump(robot(), robot(HOME + away), DT_S)
     pr2 = load_arm("pr2_right_arm")
     kinematics, home = ArmKinematics(pr2), np.array(pr2.home)
     commanded, turn = arm(kinematics=kinematics), np.zeros(7)
     turn[6] = 2.0 * math.pi
     assert kinematics.continuous[6]
-    assert commanded.leap(robot(home), robot(home + turn), DT_S) == ""
+    assert commanded.jump(robot(home), robot(home + turn), DT_S) == ""
 
 
 # -- placing -------------------------------------------------------------------------------------
@@ -206,7 +206,7 @@ def test_it_goes_on_at_the_speeds_that_the_joints_really_have():
         (0.001, robot(), 0.0),
         (0.9, robot(), DT_S),
     ],
-    ids=["no state before", "no joints before", "no time", "a leap"],
+    ids=["no state before", "no joints before", "no time", "a jump"],
 )
 def test_speeds_that_are_not_known_are_none(way_rad, before, time_s):
     commanded = moving(np.full(6, 0.3))

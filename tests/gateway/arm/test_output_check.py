@@ -1,4 +1,4 @@
-"""Output check: a command that is not a number, or leaps, does not pass."""
+"""Output check: a command that is not a number, or jumps, does not pass."""
 
 import math
 
@@ -52,11 +52,11 @@ def at(x=0.0, speed=None):
 
 
 def passed(*commands, dt_s=DT_S):
-    """A gate that all of these passed, one a period."""
-    gate = OutputCheck(LIMITS)
+    """A check that all of these passed, one a period."""
+    check = OutputCheck(LIMITS)
     for command in commands:
-        assert gate.violation(command, dt_s) == ""
-    return gate
+        assert check.violation(command, dt_s) == ""
+    return check
 
 
 # -- values that are no numbers ------------------------------------------------------------------
@@ -107,7 +107,7 @@ def test_a_kind_of_command_that_nothing_limits_does_not_pass():
     )
 
 
-# -- leaps ---------------------------------------------------------------------------------------
+# -- jumps ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -139,17 +139,17 @@ def test_a_turn_of_the_tcp_that_is_too_far_is_named():
 
 
 def test_joints_that_turn_round_at_once_are_held_back():
-    gate = passed(JointCommand((0.0, 0.0)), JointCommand((0.0, 0.01)))
-    words = gate.violation(JointCommand((0.0, 0.0)), DT_S)
+    check = passed(JointCommand((0.0, 0.0)), JointCommand((0.0, 0.01)))
+    words = check.violation(JointCommand((0.0, 0.0)), DT_S)
     assert words == "joint 2 to change its speed by 5 rad/s in 4 ms"
 
 
 def test_a_joint_that_is_beyond_its_range_may_only_come_back():
-    gate = passed(JointCommand((2.1, 0.0)), JointCommand((2.1, 0.0)))
-    assert "joint 1 at 2.1 rad, beyond its range" in gate.violation(
+    check = passed(JointCommand((2.1, 0.0)), JointCommand((2.1, 0.0)))
+    assert "joint 1 at 2.1 rad, beyond its range" in check.violation(
         JointCommand((2.1 + 1e-4, 0.0)), DT_S
     )
-    assert gate.violation(JointCommand((2.1 - 1e-4, 0.0)), DT_S) == ""
+    assert check.violation(JointCommand((2.1 - 1e-4, 0.0)), DT_S) == ""
 
 
 def test_where_no_time_passes_nothing_moves():
@@ -159,27 +159,27 @@ def test_where_no_time_passes_nothing_moves():
         (JointVelocityCommand((0.0, 0.0)), JointVelocityCommand((0.1, 0.0))),
     ):
         for dt_s in (0.0, -DT_S, NAN):
-            gate = passed(before)
-            assert gate.violation(after, dt_s)
-            assert gate.violation(before, dt_s) == ""
+            check = passed(before)
+            assert check.violation(after, dt_s)
+            assert check.violation(before, dt_s) == ""
 
 
 def test_what_was_held_back_is_not_what_the_next_is_compared_with():
-    gate = passed(at())
-    assert gate.violation(at(1.0), DT_S)
-    assert gate.violation(at(1.0), DT_S)
-    assert gate.violation(at(0.0005), DT_S) == ""
+    check = passed(at())
+    assert check.violation(at(1.0), DT_S)
+    assert check.violation(at(1.0), DT_S)
+    assert check.violation(at(0.0005), DT_S) == ""
 
 
 def test_after_a_reset_any_place_may_be_the_first():
-    gate = passed(JointCommand((0.0, 0.0)), JointCommand((0.004, 0.0)))
-    gate.reset()
-    assert gate.violation(JointCommand((-1.9, 0.9)), DT_S) == ""
+    check = passed(JointCommand((0.0, 0.0)), JointCommand((0.004, 0.0)))
+    check.reset()
+    assert check.violation(JointCommand((-1.9, 0.9)), DT_S) == ""
 
 
 def test_a_hold_passes_and_breaks_no_comparison():
-    gate = passed(at(), HoldCommand(), at(0.0005))
-    assert gate.violation(at(0.5), DT_S)
+    check = passed(at(), HoldCommand(), at(0.0005))
+    assert check.violation(at(0.5), DT_S)
 
 
 # -- the limits to the last digit ----------------------------------------------------------------
@@ -195,13 +195,13 @@ def turned(rad, rate=None):
 
 
 def after_a_long_period():
-    gate = passed(JointCommand((0.0, 0.0)))
-    assert gate.violation(JointCommand((0.0, 0.0)), LONG_S) == ""
-    return gate
+    check = passed(JointCommand((0.0, 0.0)))
+    assert check.violation(JointCommand((0.0, 0.0)), LONG_S) == ""
+    return check
 
 
 @pytest.mark.parametrize(
-    ("limit", "gate", "command"),
+    ("limit", "check", "command"),
     [
         (FASTEST_RAD_S, passed, lambda x: JointCommand((0.0, 0.0), (x, 0.0))),
         (
@@ -244,19 +244,19 @@ def after_a_long_period():
     ],
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_limit_is_kept_to_the_last_digit_on_both_sides(limit, gate, command, sign):
-    assert gate().violation(command(sign * limit * (1.0 - 1e-6)), DT_S) == ""
-    assert gate().violation(command(sign * limit * (1.0 + 1e-6)), DT_S)
+def test_a_limit_is_kept_to_the_last_digit_on_both_sides(limit, check, command, sign):
+    assert check().violation(command(sign * limit * (1.0 - 1e-6)), DT_S) == ""
+    assert check().violation(command(sign * limit * (1.0 + 1e-6)), DT_S)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_end_of_a_joints_range_is_kept_to_a_thousandth(sign):
-    def gate():
+    def check():
         return passed(JointCommand((sign * 1.9, 0.0)), JointCommand((sign * 1.95, 0.0)), dt_s=1.0)
 
-    assert gate().violation(JointCommand((sign * (2.001 - 1e-9), 0.0)), 1.0) == ""
+    assert check().violation(JointCommand((sign * (2.001 - 1e-9), 0.0)), 1.0) == ""
     words = f"joint 1 at {sign * 2.001:.4g} rad, beyond its range"
-    assert gate().violation(JointCommand((sign * (2.001 + 1e-9), 0.0)), 1.0) == words
+    assert check().violation(JointCommand((sign * (2.001 + 1e-9), 0.0)), 1.0) == words
 
 
 @pytest.mark.parametrize(
@@ -277,9 +277,9 @@ def test_what_is_just_allowed_passes(command):
 
 @pytest.mark.parametrize("between", [HoldCommand(), at()])
 def test_speeds_from_before_another_kind_of_command_are_forgotten(between):
-    gate = passed(*(JointCommand((0.004 * step, 0.0)) for step in range(3)), between)
+    check = passed(*(JointCommand((0.004 * step, 0.0)) for step in range(3)), between)
     for _ in range(2):
-        assert gate.violation(JointCommand((0.008, 0.0)), DT_S) == ""
+        assert check.violation(JointCommand((0.008, 0.0)), DT_S) == ""
 
 
 def test_of_an_arm_whose_limits_are_not_known_numbers_pass():
@@ -312,14 +312,14 @@ def test_a_step_in_zero_time_is_named_with_its_joint(before, after, words):
 
 
 def test_a_step_is_told_by_its_size():
-    gate = passed(JointCommand((0.3, 0.2)))
-    words = gate.violation(JointCommand((0.3, 0.25)), DT_S)
+    check = passed(JointCommand((0.3, 0.2)))
+    words = check.violation(JointCommand((0.3, 0.25)), DT_S)
     assert words == "a step of joint 2 by 0.05 rad"
 
 
 def test_a_change_of_speed_is_counted_from_the_speed_before():
-    gate = passed(JointVelocityCommand((0.5, 0.0)))
-    assert gate.violation(JointVelocityCommand((0.5, 0.0)), DT_S) == ""
+    check = passed(JointVelocityCommand((0.5, 0.0)))
+    assert check.violation(JointVelocityCommand((0.5, 0.0)), DT_S) == ""
 
 
 def test_a_twist_is_compared_where_both_commands_have_one():
@@ -329,10 +329,10 @@ def test_a_twist_is_compared_where_both_commands_have_one():
 
 @pytest.mark.parametrize("way", [-1.0, 1.0])
 def test_a_joint_beyond_either_end_of_its_range_may_only_come_back(way):
-    gate = passed(JointCommand((way * 2.1, 0.0)), JointCommand((way * 2.1, 0.0)))
-    assert gate.violation(JointCommand((way * (2.1 + 0.9e-9), 0.0)), DT_S) == ""
-    assert gate.violation(JointCommand((way * (2.1 + 2e-9), 0.0)), DT_S)
-    assert gate.violation(JointCommand((way * (2.1 - 1e-4), 0.0)), DT_S) == ""
+    check = passed(JointCommand((way * 2.1, 0.0)), JointCommand((way * 2.1, 0.0)))
+    assert check.violation(JointCommand((way * (2.1 + 0.9e-9), 0.0)), DT_S) == ""
+    assert check.violation(JointCommand((way * (2.1 + 2e-9), 0.0)), DT_S)
+    assert check.violation(JointCommand((way * (2.1 - 1e-4), 0.0)), DT_S) == ""
 
 
 @pytest.mark.parametrize(
@@ -345,10 +345,10 @@ def test_a_joint_beyond_either_end_of_its_range_may_only_come_back(way):
 def test_limits_of_the_tcp_that_are_not_one_are_kept_to_the_last_digit(most, first, next_):
     limits = LIMITS._replace(linear_acceleration_m_s2=2.0, angular_speed_rad_s=0.5)
     for share, passes in ((1.0 - 1e-6, True), (1.0 + 1e-6, False)):
-        gate = OutputCheck(limits)
+        check = OutputCheck(limits)
         for command in first:
-            assert gate.violation(command, DT_S) == ""
-        assert (gate.violation(next_(share * most), DT_S) == "") is passes
+            assert check.violation(command, DT_S) == ""
+        assert (check.violation(next_(share * most), DT_S) == "") is passes
 
 
 def test_a_turn_is_measured_the_short_way_whichever_sign_its_quaternions_have():
@@ -362,9 +362,10 @@ def test_a_turn_is_measured_the_short_way_whichever_sign_its_quaternions_have():
 
 @given(st.lists(st.sampled_from((0.0, 0.002, 0.004, 0.005, 0.0051, 0.01, 0.02, 0.05)), min_size=2))
 def test_full_acceleration_passes_however_uneven_the_periods_are(periods):
-    """The servo's steps, up to speed and back again: a lost datagram is no leap."""
+    """The servo's steps, up to speed and back again: a lost datagram is no jump."""
     limits = LIMITS._replace(joint_lower=(), joint_upper=(), joint_speed=(1.0, 50.0))
-    gate, fastest, acceleration = OutputCheck(limits), limits.joint_speed, limits.joint_acceleration
+    check = OutputCheck(limits)
+    fastest, acceleration = limits.joint_speed, limits.joint_acceleration
     q, v, sign = [0.0, 0.0], [0.0, 0.0], 1.0
     for dt_s in periods:
         for step in equal_steps(dt_s, LONGEST_SERVO_STEP_S):
@@ -375,7 +376,7 @@ def test_full_acceleration_passes_however_uneven_the_periods_are(periods):
                 q[i] += v[i] * step
             if abs(v[0]) == fastest[0]:
                 sign = -sign
-        assert gate.violation(JointCommand(tuple(q), tuple(v)), dt_s) == ""
+        assert check.violation(JointCommand(tuple(q), tuple(v)), dt_s) == ""
 
 
 # -- any commands --------------------------------------------------------------------------------
@@ -405,9 +406,9 @@ periods = st.sampled_from((0.0, 0.004, 0.01, NAN))
 
 @given(st.lists(st.tuples(commands, periods), max_size=12))
 def test_what_passes_is_finite_and_within_speed_and_acceleration_of_the_last(sequence):
-    gate, last, rates = OutputCheck(LIMITS), None, None
+    check, last, rates = OutputCheck(LIMITS), None, None
     for command, dt_s in sequence:
-        if gate.violation(command, dt_s) or isinstance(command, HoldCommand):
+        if check.violation(command, dt_s) or isinstance(command, HoldCommand):
             rates = None if isinstance(command, HoldCommand) else rates
             continue
         dt_s = max(0.0, dt_s)

@@ -159,8 +159,8 @@ def test_what_changes_whether_readings_are_believed(link, motion):
     assert changes_of(after, Readings) == changes(
         (Readings, ArmEvent.PLACED, FACTS, Readings.ACCEPTED),
         (Readings, ArmEvent.PLAUSIBLE, FACTS, Readings.ACCEPTED),
-        (Readings if absent else [], ArmEvent.LEAPT, FACTS, elsewhere),
-        ([] if absent else [Readings.ACCEPTED], ArmEvent.LEAPT, FACTS, Readings.REJECTED),
+        (Readings if absent else [], ArmEvent.JUMPED, FACTS, elsewhere),
+        ([] if absent else [Readings.ACCEPTED], ArmEvent.JUMPED, FACTS, Readings.REJECTED),
         (rejected if uncommanded else [], ArmEvent.RETURNED, FACTS, elsewhere),
         (rejected, ArmEvent.INVALID, FACTS, elsewhere),
     )
@@ -198,7 +198,7 @@ def test_what_changes_whether_command_and_robot_are_apart():
     assert changes_of(separation_after, Separation) == changes(
         (others(Separation, Separation.LEFT), ArmEvent.UNREADY, FACTS, Separation.NONE),
         (others(Separation, Separation.LEFT), ArmEvent.PLACED, FACTS, Separation.NONE),
-        ([waits], ArmEvent.LEAPT, FACTS, Separation.NONE),
+        ([waits], ArmEvent.JUMPED, FACTS, Separation.NONE),
         ([waits], ArmEvent.RESYNCHRONIZES, FACTS, Separation.NONE),
         (Separation, ArmEvent.HELD, resynchronizes, waits),
         (Separation, ArmEvent.HELD, stay, apart),

@@ -100,10 +100,10 @@ def test_a_pause_of_this_computer_is_a_stall_only_when_it_is_long():
     assert watched.look() is None
 
 
-def test_a_reading_that_leaps_is_not_believed_until_it_is_trusted_again():
+def test_a_reading_that_jumps_is_not_believed_until_it_is_trusted_again():
     watched = ready()
     found = watched.look(pose=watched.pose(0.3))
-    assert found.cause is Cause.LEAPT
+    assert found.cause is Cause.JUMPED
     assert "300 mm" in found.reason
     assert watched.supervision.implausible == found.reason
     assert not watched.supervision.trustworthy
@@ -116,7 +116,7 @@ def test_a_reading_that_leaps_is_not_believed_until_it_is_trusted_again():
     assert watched.supervision.implausible == ""
 
 
-def test_every_leap_starts_the_wait_anew():
+def test_every_jump_starts_the_wait_anew():
     watched = ready()
     watched.look(pose=watched.pose(0.3))
     for x in (0.0, 0.3, 0.0):
@@ -125,11 +125,11 @@ def test_every_leap_starts_the_wait_anew():
         assert not watched.supervision.trustworthy
 
 
-def test_a_leap_counts_from_the_last_reading_before_a_silence():
+def test_a_jump_counts_from_the_last_reading_before_a_silence():
     watched = ready()
     watched.look(link=RobotLink.LOST, hold_reason="silent", pose=None)
     found = watched.look(link=RobotLink.LIVE, hold_reason="", pose=watched.pose(0.5))
-    assert found.cause is Cause.LEAPT
+    assert found.cause is Cause.JUMPED
 
 
 def test_a_new_session_may_be_anywhere():
@@ -138,7 +138,7 @@ def test_a_new_session_may_be_anywhere():
     assert watched.supervision.implausible == ""
 
 
-def test_readings_that_waited_in_a_queue_are_no_leap():
+def test_readings_that_waited_in_a_queue_are_no_jump():
     """Two instants that come at once were measured a period apart."""
     watched = ready()
     assert watched.look(0.0, period_s=0.02, pose=watched.pose(0.1)) is None
@@ -218,7 +218,7 @@ POSES = st.one_of(st.none(), st.floats(-0.02, 0.02).map(Watched.pose), st.just(W
     )
 )
 def test_after_any_absence_a_robot_is_never_taken_for_granted(ticks):
-    """A robot is all well only from the second ready tick on, in the same session, unleapt."""
+    """A robot is all well only from the second ready tick on, in the same session, with no jump."""
     watched, before = Watched(), None
     for after_s, link, reason, session, pose in ticks:
         found = watched.look(after_s, link=link, hold_reason=reason, session=session, pose=pose)
@@ -232,6 +232,6 @@ def test_after_any_absence_a_robot_is_never_taken_for_granted(ticks):
         if found is None:
             assert before is not None
             assert before.session == session
-            assert watched.commanded.leap(before, state, max(after_s, DT_S)) == ""
+            assert watched.commanded.jump(before, state, max(after_s, DT_S)) == ""
             assert after_s <= Watchdogs().stall_s
         before = state

@@ -123,7 +123,7 @@ def test_two_tokens_are_one_too_many():
 
 def test_no_command_line_has_the_token():
     """Every user of the machine sees every command line."""
-    from cardan.cli.declared import all_given
+    from cardan.cli.options_from_dataclass import all_given
 
     flags = {each.flag for each in all_given(WebOptions, described=True)}
     assert "--token-file" in flags

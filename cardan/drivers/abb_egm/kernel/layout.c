@@ -49,7 +49,7 @@ static const size_t LAYOUT[] = {
     AT(EgmReader, layouts),
     sizeof(EgmCycle),
     AT(EgmCycle, nominal_s), AT(EgmCycle, lost_after_s), AT(EgmCycle, late_after_s),
-    AT(EgmCycle, longest_gap_s), AT(EgmCycle, leap), AT(EgmCycle, leap_per_s), AT(EgmCycle, usual),
+    AT(EgmCycle, longest_gap_s), AT(EgmCycle, jump), AT(EgmCycle, jump_per_s), AT(EgmCycle, usual),
     AT(EgmCycle, rounding), AT(EgmCycle, shortest_squared), AT(EgmCycle, longest_squared),
     AT(EgmCycle, slack_s), AT(EgmCycle, most_credit_s),
     AT(EgmCycle, by_joints), AT(EgmCycle, states), AT(EgmCycle, tm_ms), AT(EgmCycle, time_us),

@@ -20,7 +20,7 @@ static bool is_plausible(const EgmCycle *cycle, const EgmReader *reader, double 
                                        : reader->position[i] - cycle->position[i];
         squared += way * way;
     }
-    double farthest = NEARLY * (cycle->leap + cycle->leap_per_s * since_s);
+    double farthest = NEARLY * (cycle->jump + cycle->jump_per_s * since_s);
     return sum <= NEARLY * cycle->usual && squared <= farthest * farthest;
 }
 

@@ -13,12 +13,12 @@
 typedef struct {
     double nominal_s, lost_after_s, late_after_s;
     double longest_gap_s;                     /* between answers, of the controller's time */
-    double leap, leap_per_s;                  /* rad or m, and by the second */
+    double jump, jump_per_s;                  /* rad or m, and by the second */
     double usual;                             /* largest sum of all coordinates */
     double rounding;                          /* of a quaternion's squared length */
     double shortest_squared, longest_squared; /* of a rotation's */
     double slack_s, most_credit_s;            /* SLACK_S and PAUSE_S of lost_time.py */
-    int32_t by_joints;                        /* leaps are those of joints; else of the position */
+    int32_t by_joints;                        /* jumps are those of joints; else of the position */
 
     /* The session's, which both languages go on with. */
     int32_t states[3]; /* of the controller */

@@ -112,7 +112,7 @@ class TorqueMotion(Activity):
         before = self._seen
         if before is not None:
             time_s = max(robot.stamp_s - before.stamp_s, robot.period_s, 0.0)
-            if self._commanded.leap(before, robot, time_s):
+            if self._commanded.jump(before, robot, time_s):
                 return np.array(before.joints)
         self._seen, q = robot, np.array(robot.joints)
         if len(robot.velocities) == len(q) and is_finite(robot.velocities):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from cardan.sim_peers.base import FaultSwitch, check_faults
-from cardan.sim_peers.report_line import DelayLine
+from cardan.sim_peers.delay_line import DelayLine
 from cardan_serial_mice.protocol import SerialModel
 
 SERIAL_FAULTS = (

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from cardan.errors import ScriptError
 from cardan.sim_peers import base
 from cardan.sim_peers.base import FaultSwitch
-from cardan.sim_peers.report_line import DelayLine
+from cardan.sim_peers.delay_line import DelayLine
 
 FAULTS = (
     FaultSwitch("bad-checksum", "the first accelerometer calibration block has a wrong checksum"),

@@ -10,7 +10,7 @@ from cardan.demos import demo as demos
 from cardan.demos.demo import run_demo
 from cardan.demos.examples import find_demos, read_demo
 from cardan.demos.peers import Peers
-from cardan.demos.unattended import CARDAN, check_unattended, check_words
+from cardan.demos.safety import CARDAN, check_unattended, check_words
 from cardan.drivers import registry
 from cardan.errors import ConfigurationError
 from cardan.gateway.session.config import parse_config

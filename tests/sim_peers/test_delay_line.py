@@ -6,7 +6,7 @@ import math
 
 from hypothesis import given, strategies as st
 
-from cardan.sim_peers.report_line import DelayLine
+from cardan.sim_peers.delay_line import DelayLine
 
 
 def test_reports_arrive_when_they_are_sent_in_order():
