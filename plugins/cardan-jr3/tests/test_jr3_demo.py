@@ -95,7 +95,7 @@ def test_what_pushes_the_sensor_is_felt(example):
     assert (dashes, run) == (" -- ", f"cardan run {name}")
     through = (sys.executable, "-m", "cardan", *shlex.split(device), "--")
     with launched(*sensor, "--seconds", "40"):
-        outcome = supervised(name, lambda seen: seen.force_peak_n > PRESSED_N, through=through)
+        outcome = supervised(name, lambda seen: seen.force.peak_n > PRESSED_N, through=through)
     last = outcome.last
     assert (outcome.exit_code, last.error, last.arm.trips) == (EXIT_OK, "", 0), last.arm.message
     assert PRESSED_N < last.force.peak_n <= OmniOptions().clamp_n, last.diagnosis

@@ -130,7 +130,7 @@ def test_the_haptic_example_runs_and_is_felt(name, tmp_path, monkeypatch):
             else:
                 to = re.search(r"listen_port = (\d+)", text)[1]
                 peers.enter_context(launched(*words, "--to", f"127.0.0.1:{to}", "--seconds", "40"))
-        outcome = supervised(name, lambda seen: seen.force_peak_n > PRESSED_N, through=through)
+        outcome = supervised(name, lambda seen: seen.force.peak_n > PRESSED_N, through=through)
     last = outcome.last
     assert (outcome.exit_code, last.error, last.arm.trips) == (EXIT_OK, "", 0), last.arm.message
     assert PRESSED_N < last.force.peak_n <= OmniOptions().clamp_n, last.diagnosis

@@ -75,10 +75,10 @@ def test_every_fault(name, extension):
     check(bench)
     last = bench.states[-1][2]
     if name in STOPS:
-        assert last.device.axes == REST
+        assert last.axes == REST
     else:
         assert last.link is DeviceLink.LIVE
-        assert any(last.device.axes[3:])
+        assert any(last.axes[3:])
     bench.release("a")
     bench.states.clear()
     state = bench.run(2.5)

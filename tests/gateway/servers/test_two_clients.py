@@ -214,3 +214,20 @@ def test_a_node_that_was_restarted_goes_on_within_its_lease(transport):
                 until(lambda: height(here) < before - 0.02)
                 assert owner(here) == mine
         assert {each["source"] for each in here.results} == {mine}
+
+
+@pytest.mark.parametrize("transport", [Zenoh, Rosbridge, Dds])
+def test_another_one_moves_the_arm_after_the_lease_of_the_one_that_has_gone(transport):
+    with session() as here, ExitStack() as stack:
+        over = transport(here, stack)
+        mine, others = over.source("joystick", 1), over.source("script", 2)
+        with Joined(over, "joystick") as first:
+            second, _ = over.join("script")
+            with Streaming(first.publish, -SHARE):
+                until(lambda: owner(here) == mine)
+        until(lambda: here.rests)
+        before = height(here)
+        with Streaming(second, SHARE):
+            assert here.told("refused", others)
+            until(lambda: owner(here) == others)
+            until(lambda: height(here) > before + 0.02)
