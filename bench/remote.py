@@ -167,7 +167,7 @@ class Mouse(HandHeld):
             packets.insert(0, encode_buttons(int(self.buttons), 3))
         if self.axis or (self.axis, self.buttons) != self._said[::-1]:
             for reader in self._readers:
-                with contextlib.suppress(OSError):  # One that is stopped: as a full buffer's.
+                with contextlib.suppress(OSError):  # A stopped reader: as a full buffer's.
                     for packet in packets:
                         reader.send(packet, socket.MSG_DONTWAIT)
         self._said = (self.buttons, self.axis)

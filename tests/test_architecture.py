@@ -15,6 +15,7 @@ import pytest
 from cardan.common.tables import read_toml
 from cardan.drivers import registry
 from tests.docs_tables import ours
+from tests.sentences import MAYBE, begun_with_a_pronoun, docstrings
 
 PACKAGE = Path(__file__).parents[1] / "cardan"
 SOURCE_TREE = PACKAGE.parent
@@ -550,6 +551,34 @@ def test_sentences_are_as_the_field_says_them(instead):
         if pattern.search(text)
         for number, line in enumerate(text.splitlines(), 1)
         if pattern.search(line)
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("Return a pose.\n\n    What comes late is dropped.", ["What comes late is dropped"]),
+        (
+            "Somebody else: one that waits. One that waits is told.",
+            ["Somebody else: one that waits", "One that waits is told"],
+        ),
+        ("Whose turn is it? One of two. One loop at a time. What-if.", []),
+    ],
+)
+def test_sentences_with_a_pronoun_for_a_subject_are_found(text, found):
+    source = f'def f():\n    """{text}"""\n'
+    assert [each for _, said in docstrings(source) for each in begun_with_a_pronoun(said)] == found
+
+
+def test_the_subject_of_a_sentence_is_a_thing_of_the_field():
+    """In docstrings; tests/test_troubles.py has the messages."""
+    found = [
+        f"{path.relative_to(SOURCE_TREE)}:{line}: {each}"
+        for path, text in own_sources()
+        if MAYBE.search(text)
+        for line, said in docstrings(text)
+        for each in begun_with_a_pronoun(said)
     ]
     assert found == []
 

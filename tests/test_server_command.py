@@ -37,7 +37,7 @@ class EchoServerOptions(Options):
     form: Literal["short", "long"] = "short"
     patience_s: float = 2.0
     names: tuple[str, ...] = ("echo",)
-    """What it is called."""
+    """Names that it answers to."""
     secret: str = field(default="", metadata=CODE_ONLY)
 
 
@@ -105,7 +105,7 @@ def test_the_fields_of_all_options_inside_are_options_with_their_texts(echo):
         "--no-shout",
         "short|long",
         "--patience",
-        "What it is called. [default: echo] (repeatable)",
+        "Names that it answers to. [default: echo] (repeatable)",
     ):
         assert words in told
     assert "--secret" not in told

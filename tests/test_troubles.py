@@ -23,6 +23,7 @@ from cardan.gateway.session.terminal_view import plain, render
 from tests import message_texts
 from tests.docs_commands import BLOCK
 from tests.message_texts import VALUE
+from tests.sentences import LONGEST, begun_with_a_pronoun, sentences
 
 TABLE = troubles.troubles()
 WRITTEN = parse_toml(troubles.FILE.read_text(encoding="utf-8"), troubles.FILE)
@@ -58,6 +59,8 @@ def test_an_entry_says_all(code):
         assert entry[key].endswith("."), key
         assert entry[key][0].isupper() or not entry[key][0].isalpha(), key
         assert 4 <= len(entry[key]) <= 240, key
+        assert max(map(len, sentences(entry[key]))) <= LONGEST, key
+        assert begun_with_a_pronoun(entry[key]) == [], key
 
 
 def codes_in(text):

@@ -84,7 +84,7 @@ def _place(endpoint: str) -> tuple[str, int] | None:
 
 
 def _local(path: str | None) -> str:
-    """What the certificate itself shows."""
+    """Problems that the certificate itself shows."""
     if path is None:
         return ""
     try:

@@ -7,7 +7,7 @@ from typing import Protocol, TypeVar
 
 
 class Openable(Protocol):
-    """What is opened and closed. Doing either twice is fine; `close()` never raises."""
+    """Object that is opened and closed. Doing either twice is fine; `close()` never raises."""
 
     def open(self) -> None: ...
 

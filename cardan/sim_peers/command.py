@@ -113,7 +113,7 @@ class PeerCommand(Generic[OptionsT]):
     epilog: ClassVar[str] = ""
     """Text below the options in the help: when it prints READY, and the output after it."""
     example: ClassVar[str] = ""
-    """What is typed after ``cardan sim NAME`` in the example that ends the help."""
+    """Words that are typed after ``cardan sim NAME`` in the example that ends the help."""
     faults: ClassVar[Sequence[FaultSwitch]] = ()
     scripts: ClassVar[Mapping[str, str]] = {}
     """The built-in ones. Where their first lines are comments, ``--list-scripts`` prints them."""

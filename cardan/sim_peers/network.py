@@ -104,7 +104,7 @@ class _Direction:
         self.done = False
         """All has been delivered."""
         self._backlog = bytearray()
-        """What the sink does not take yet."""
+        """Bytes that the sink does not take yet."""
         self._closing = False
 
     @property

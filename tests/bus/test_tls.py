@@ -1,4 +1,4 @@
-"""What is said of a router whose TLS fails: each cause of its own, and nothing of one that is well
+"""Messages about a router whose TLS fails: each cause of its own, and nothing of one that is well
 or away."""
 
 import json

@@ -667,7 +667,7 @@ def test_clients_that_never_read_miss_whole_packets_on_every_port_of_states(monk
                     read(kind, True)
 
         serve(25.0)
-        # What it sends is read all the same.
+        # Its messages are read all the same.
         clients["realtime", False].sendall(b"def a():\n  sync()\nend\n")
         serve(0.2)
         assert any("program a" in text for _, text in peer.controller.events)

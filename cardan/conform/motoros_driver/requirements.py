@@ -142,7 +142,7 @@ def one_request_at_a_time(seen: DriverTraffic) -> Findings:
 
 @requires(105, f"{MANUAL}: the byte order is that of the controller's CPU")
 def the_byte_order_is_the_controllers(seen: DriverTraffic) -> Verdict:
-    """What it sends has the byte order that the states have, of an FS100 too."""
+    """Its messages have the byte order that the states have, of an FS100 too."""
     return none_wrong(seen.disordered, len(seen.said), f"{len(seen.said)} messages")
 
 
@@ -591,7 +591,7 @@ for number, field, what, when, starts in (
 
 @requires(156, f"{ENDS}; {AGAIN}")
 def it_does_not_start_by_itself(seen: DriverTraffic) -> Verdict:
-    """What ended motion being over, it starts nothing unless it is told to."""
+    """When the cause of a stop is over, it starts nothing unless it is told to."""
     names = [f"{name} over" for name in STOPS]
     phases = seen.named(*names)
     found = [(e.number, f"command {e.command}") for e in seen.during(*names) if e.command in POWER]

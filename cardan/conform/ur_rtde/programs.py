@@ -226,7 +226,7 @@ def programs_are_begun(seen: UrTraffic) -> Verdict:
 
 @requires(110, f"{SCRIPT}: textmsg; {CLIENT}: text message")
 def what_a_program_says_is_told(seen: UrTraffic) -> Findings:
-    """What a program says by textmsg comes over the primary interface."""
+    """The text of a program's textmsg comes over the primary interface."""
     texts = [each.text for each in seen.messages(MessageKind.TEXT)]
     for each in _programs(seen, "say", "replaced"):
         if each.name == "cardan_says":
@@ -574,8 +574,7 @@ def release_starts_nothing(seen: UrTraffic) -> Findings:
 
 @requires(120, f"{CLIENT}: a line that is sent alone is run")
 def a_line_is_a_program_of_its_own(seen: UrTraffic) -> Verdict:
-    """What is sent in one line, without `def` and `end`, is done: its text comes over the primary
-    interface."""
+    """A line without `def` and `end` is executed: its text comes over the primary interface."""
     lines = [each for each in seen.uploads if not each.token and seen.inside(each.number, "lines")]
     some(lines, NO_PROGRAM)
     texts = seen.messages(MessageKind.TEXT, during=("lines",))

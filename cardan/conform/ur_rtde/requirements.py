@@ -587,7 +587,7 @@ _WORDS = {
 
 @requires(33, f"{BOARD}: safetymode, running, programState, get loaded program, ...")
 def the_dashboard_answers_in_its_words(seen: UrTraffic) -> Findings:
-    """What the dashboard says of safety, program and version begins with the documented words."""
+    """The dashboard's answers on safety, program and version begin with the documented words."""
     for each in (line for words in scenario.WORDED for line in seen.said(words)):
         known = each.said and re.fullmatch(_WORDS[each.asked], each.said, re.IGNORECASE)
         yield each.number, "" if known else f"{each.asked}: {each.said!r}"

@@ -133,7 +133,7 @@ class Remote(BusMixin[RemoteCore], OperatorDevice):
     def _put(self, claim: Claim) -> None:
         if self._claims is not None:
             data = codec_of(CLAIM_TYPE).encode(claim_message(claim))
-            # What renews is renewed; nothing comes after what gives back.
+            # The next renewal follows a lost one; nothing follows a lost release.
             put = self._claims.put if claim.wanted else self._claims.put_reliably
             put(data, time.time_ns())
 

@@ -35,7 +35,7 @@ class Server(ABC, Generic[OptionsT]):
     epilog: ClassVar[str] = "Prints READY and its endpoint once it serves."
     """Below the options in the help."""
     example: ClassVar[str] = ""
-    """What is typed after ``cardan net server NAME`` in the example that ends the help."""
+    """Words that are typed after ``cardan net server NAME`` in the example that ends the help."""
 
     @classmethod
     @abstractmethod

@@ -39,7 +39,7 @@ def session(tmp_path):
 
 @pytest.fixture
 def asked(monkeypatch):
-    """What arms are made of: a session's configuration, or an address."""
+    """Arms are made of a session's configuration, or of an address."""
     made = []
     for module, name in ((in_a_session, "session_arm"), (on_the_network, "network_arm")):
         monkeypatch.setattr(module, name, lambda of, source: made.append(of))

@@ -127,7 +127,7 @@ def head(connection):
 
 
 def all_of(connection):
-    """What comes until it is hung up on."""
+    """Bytes that come until the connection is closed."""
     received = b""
     with contextlib.suppress(ConnectionError):
         while more := connection.recv(65536):

@@ -28,7 +28,7 @@ ACCEPTED = "i_accept_links_without_bodies = true\n"
 
 
 def looked_at(file):
-    """What the doctor finds in a file."""
+    """Findings of the doctor in a file."""
     layout, wrong = read_files([file])
     return list(Files.look(Subject((file,), layout, wrong)))
 
