@@ -52,7 +52,7 @@ from cardan.types import DeviceLink, RobotLink
 
 if TYPE_CHECKING:
     from cardan.gateway.session.config import SessionConfig
-    from cardan.gateway.session.subprocesses import Launched
+    from cardan.gateway.session.subprocesses import CardanSubprocess
 
 app = typer.Typer(
     name=TOP,
@@ -266,7 +266,7 @@ def run(
     config = load_config(file)
     for words in cautions(config):
         print_problem(f"WARNING: {words}")
-    recorder: Launched | None = None
+    recorder: CardanSubprocess | None = None
     with contextlib.ExitStack() as opened:
         for option, wanted in (("--record", record_to is not None), ("--console", console)):
             if wanted and config.network is None:

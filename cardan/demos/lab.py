@@ -26,7 +26,7 @@ from cardan.gateway.daemon.config import Layout, read_layout
 from cardan.gateway.daemon.processes import ENDS_WITHIN_S
 from cardan.gateway.session.live_display import LivePanel
 from cardan.gateway.session.session import EXIT_OK
-from cardan.gateway.session.subprocesses import READY_WITHIN_S, Launched
+from cardan.gateway.session.subprocesses import READY_WITHIN_S, CardanSubprocess
 
 POLL_S: Final = 0.1
 """How often the lab is looked at: as often as the daemon looks."""
@@ -43,7 +43,7 @@ PRINTED_S: Final = 5.0
 
 
 @contextlib.contextmanager
-def simulated_lab(demo: Demo, seconds: float) -> Iterator[tuple[Peers, Layout, Launched]]:
+def simulated_lab(demo: Demo, seconds: float) -> Iterator[tuple[Peers, Layout, CardanSubprocess]]:
     """Run all that the demo launches, and the daemon, for `seconds` and the most that starting and
     ending take. Gives the peers, the file's layout, and the daemon."""
     peers = Peers(demo, READY_WITHIN_S + READY_S + seconds + ENDS_WITHIN_S)
@@ -58,7 +58,7 @@ def simulated_lab(demo: Demo, seconds: float) -> Iterator[tuple[Peers, Layout, L
         layout = read_layout([file])
         _check_simulated(demo, peers.tables, layout)
         peers.start_all()
-        daemon = Launched(
+        daemon = CardanSubprocess(
             "daemon",
             "run",
             file.name,
