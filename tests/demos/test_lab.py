@@ -85,9 +85,9 @@ def changed(tmp_path, monkeypatch):
 
 
 def test_its_folder_is_there_as_long_as_it_runs(changed):
-    with simulated_lab(changed(), 20.0) as (peers, layout, _):
+    with simulated_lab(changed(), 20.0) as (peers, config, _):
         assert peers.folder.is_dir()
-        assert list(layout.sessions) == ["gofa", "gp8", "ur5-a", "ur5-b"]
+        assert list(config.sessions) == ["gofa", "gp8", "ur5-a", "ur5-b"]
     assert not peers.folder.exists()
 
 
