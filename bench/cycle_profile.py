@@ -23,7 +23,7 @@ from typing import Any
 
 from bench.egm_latency import ANSWER_WITHIN_S, PERIOD_S, SESSIONS
 from cardan.demos.examples import free_ports
-from cardan.gateway.session.subprocesses import launched
+from cardan.gateway.session.subprocesses import cardan_subprocess
 from studies.cartesian.controller import START, datagram, obeyed
 
 SECONDS = 12.0
@@ -126,7 +126,7 @@ def _session(port: int, situation: str) -> Iterator[subprocess.Popen[str]]:
         hid_path, played = str(Path(folder) / "hid"), Path(folder) / "script"
         played.write_text(script)
         stack.enter_context(
-            launched("sim", "spacemouse", "--hid", hid_path, "--script", str(played))
+            cardan_subprocess("sim", "spacemouse", "--hid", hid_path, "--script", str(played))
         )
         config = Path(folder) / "bench.toml"
         config.write_text(

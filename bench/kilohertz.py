@@ -30,7 +30,7 @@ from cardan.gateway.daemon.usage import processor_time_s
 from cardan.gateway.session.assembly import make_controller, make_robot
 from cardan.gateway.session.config import SessionConfig, parse_config
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.gateway.session.subprocesses import launched
+from cardan.gateway.session.subprocesses import cardan_subprocess
 from cardan.gateway.session.supervisor import SessionProcess
 
 PAGE = Path(__file__).parents[1] / "docs/measurements.md"
@@ -200,7 +200,7 @@ def main() -> None:
         mouse, script = f"{folder}/mouse", Path(folder, "hand")
         script.write_text(HAND)
         config = configuration(mouse)
-        with launched("sim", "spacemouse", "--hid", mouse, "--script", str(script)):
+        with cardan_subprocess("sim", "spacemouse", "--hid", mouse, "--script", str(script)):
             rows = [measure(config, beside, seconds) for beside in BESIDE]
         conditions = (
             f"{pairs(config)} pairs, {seconds:g} s each, {os.cpu_count()} processors; scheduling: "

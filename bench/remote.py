@@ -50,7 +50,7 @@ from bench.two_computers import (
 from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
 from cardan.demos.examples import free_ports
-from cardan.gateway.session.subprocesses import Launched, launched
+from cardan.gateway.session.subprocesses import CardanSubprocess, cardan_subprocess
 from cardan.protocols.connexion.reports import encode_buttons, encode_motion
 from cardan.protocols.egm.messages import EgmMotion
 from cardan.protocols.ros2.cdr import codec_of
@@ -359,12 +359,12 @@ def session(
 @contextlib.contextmanager
 def shared(
     folder: Path, mouse: str, way: Sequence[str], at: Sequence[str] = ()
-) -> Iterator[Launched]:
+) -> Iterator[CardanSubprocess]:
     """``cardan devices share``, of the mouse, by the options `way`; `at`: before the command."""
     config = folder / "operator.toml"
     config.write_text(f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{mouse}"\n')
     words = ("devices", "share", str(config), *way, "--name", "hand")
-    command = Launched(*words, at=at)
+    command = CardanSubprocess(*words, at=at)
     try:
         yield command
     finally:
@@ -425,7 +425,7 @@ class Apart(NamedTuple):
     cell: Cell
     robot: Robot
     both: TwoComputers
-    routers: list[Launched]
+    routers: list[CardanSubprocess]
     """At the robot's computer: the one that runs is the last."""
     router_way: Sequence[str]
     """The router's options."""
@@ -433,7 +433,7 @@ class Apart(NamedTuple):
     def start_router(self) -> None:
         """Start it, once no other runs."""
         words = ("net", "server", "router", *self.router_way)
-        self.routers.append(Launched(*words, at=self.both.at(ROBOT)))
+        self.routers.append(CardanSubprocess(*words, at=self.both.at(ROBOT)))
 
     def end_routers(self) -> None:
         """End all that run."""
@@ -521,7 +521,7 @@ def _stack() -> contextlib.ExitStack:
 @contextlib.contextmanager
 def _router() -> Iterator[str]:
     endpoint = f"tcp/127.0.0.1:{free_ports()}"
-    with launched("net", "server", "router", "--endpoint", endpoint):
+    with cardan_subprocess("net", "server", "router", "--endpoint", endpoint):
         yield endpoint
 
 

@@ -25,7 +25,7 @@ from typing import Final
 
 from bench.egm_latency import MOVE, TOUCH
 from bench.figures import Figures
-from cardan.gateway.session.subprocesses import launched
+from cardan.gateway.session.subprocesses import cardan_subprocess
 from cardan.protocols.ur.program import ProgramCommand
 from cardan.protocols.ur.rtde import Recipe
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
@@ -218,7 +218,7 @@ def session(played: Played) -> Iterator[None]:
             f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{hid_path}"\n'
         )
         stack.enter_context(
-            launched("sim", "spacemouse", "--hid", str(hid_path), "--script", str(script))
+            cardan_subprocess("sim", "spacemouse", "--hid", str(hid_path), "--script", str(script))
         )
         stack.enter_context(process("-m", "cardan", "run", str(config)))
         yield

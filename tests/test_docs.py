@@ -25,7 +25,7 @@ from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.errors import ConfigurationError
-from cardan.gateway.daemon.config import read_layout
+from cardan.gateway.daemon.config import read_daemon_config
 from cardan.gateway.session import assembly, config
 from cardan.gateway.session.driver_assembly import make_device
 from cardan.protocols.connexion import devices as connexion_devices, reports
@@ -508,7 +508,7 @@ def test_snippets_are_programs_and_settings(page, tmp_path, monkeypatch):
 )
 def test_examples_are_fine(example):
     if "[[sessions]]" in example.read_text("utf-8"):
-        read_layout([example])
+        read_daemon_config([example])
     else:
         assembly.load_config(example)
 

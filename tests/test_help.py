@@ -184,7 +184,8 @@ OLD = "|".join(sorted(MOVED, key=len, reverse=True))
 TYPED = re.compile(
     # After `cardan`, across the ends of lines and of strings; and as a list of words.
     rf"""(?<![\w./@-])cardan(?:\ +|\ ?"?\n[ #*>]*f?"?)({OLD})(?![\w/=(]|-\w|\.\w)"""
-    rf"""|(?:"cardan",|\*CARDAN,|parent_death",\ "",|\b(?:Launched|Program|launched|served)\()"""
+    rf"""|(?:"cardan",|\*CARDAN,|parent_death",\ "","""
+    rf"""|\b(?:CardanSubprocess|Program|cardan_subprocess|served)\()"""
     rf"""\s*"({OLD})\"""",
     re.VERBOSE,
 )
@@ -221,7 +222,7 @@ def texts():
         ("run `cardan\n    serve lab.toml`", True),
         ('"run `cardan "\n    "serve lab.toml`"', True),
         ('["cardan", "serve"]', True),
-        ('Launched(\n    "serve", file)', True),
+        ('CardanSubprocess(\n    "serve", file)', True),
         ('[*CARDAN, "face", *words]', True),
         ("`cardan daemon run`, `cardan daemon log`, cardan.log, cardan.record(", False),
     ],

@@ -22,7 +22,7 @@ from cardan.errors import DriverError, MotionLoopError
 from cardan.gateway.bus.remote import network_arm
 from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.force_assembly import load_haptic
-from cardan.gateway.session.subprocesses import launched
+from cardan.gateway.session.subprocesses import cardan_subprocess
 from tests.gateway.servers.test_rosbridge_judges import installed
 from tests.serving import free_endpoint, free_tcp_port
 from tests.waiting import until
@@ -120,8 +120,8 @@ def bus():
     """A router, and a server of rosbridge."""
     endpoint = free_endpoint()
     with (
-        launched("net", "server", "router", "--endpoint", endpoint),
-        launched("net", "server", "rosbridge", "--port", "0", "--router", endpoint) as url,
+        cardan_subprocess("net", "server", "router", "--endpoint", endpoint),
+        cardan_subprocess("net", "server", "rosbridge", "--port", "0", "--router", endpoint) as url,
     ):
         yield endpoint, url
 
@@ -228,7 +228,7 @@ def test_a_device_of_ours_is_one_of_ros(tmp_path):
     text = (EXAMPLES / "device.toml").read_text(encoding="utf-8")
     (tmp_path / "device.toml").write_text(f'{text}router = "{endpoint}"\n', encoding="utf-8")
     with (
-        launched(
+        cardan_subprocess(
             "sim", "spacemouse", "--hid", "spacemouse.sock", "--script", "demo", folder=tmp_path
         ),
         launched_session(tmp_path, "device.toml"),
@@ -424,9 +424,9 @@ def test_two_computers_by_tls_and_who_may_do_what(made):
     client = BusOptions(zenoh_config=made("operator-client.json5", "c.json5", far))
     stranger = made("operator-client.json5", "s.json5", far, ("operator", "stranger"))
     with (
-        launched("net", "server", "router", "--zenoh-config", robot),
-        launched("net", "server", "router", "--zenoh-config", operator),
-        launched("net", "server", "router", "--zenoh-config", viewer),
+        cardan_subprocess("net", "server", "router", "--zenoh-config", robot),
+        cardan_subprocess("net", "server", "router", "--zenoh-config", operator),
+        cardan_subprocess("net", "server", "router", "--zenoh-config", viewer),
         session(endpoint(inside)) as here,
     ):
         # The operator commands, through a router of its own or by itself.
@@ -493,7 +493,7 @@ def test_without_a_certificate_nobody_gets_in(made):
         ("enable_mtls: true", "enable_mtls: false"),
     )
     with (
-        launched("net", "server", "router", "--zenoh-config", robot),
+        cardan_subprocess("net", "server", "router", "--zenoh-config", robot),
         session(f"tcp/127.0.0.1:{inside}"),
     ):
         with BusNetwork(BusOptions(zenoh_config=known), "somebody") as network:

@@ -20,7 +20,7 @@ from cardan.cli.server import check_words, server
 from cardan.common.options import CODE_ONLY, Options
 from cardan.common.plugins import IN_SOURCE_TREE
 from cardan.errors import ConfigurationError
-from cardan.gateway.daemon.config import read_layout
+from cardan.gateway.daemon.config import read_daemon_config
 from cardan.gateway.servers import registry
 from cardan.gateway.servers.base import Server
 from tests.serving import free_endpoint
@@ -274,8 +274,8 @@ def test_a_daemon_with_servers_refuses_the_former_name_of_the_token_before_it_ru
     monkeypatch, tmp_path
 ):
     (tmp_path / "lab.toml").write_text('[servers.web]\nserver = "rosbridge"\n')
-    layout = read_layout([tmp_path / "lab.toml"])
-    assert checked(layout) is layout
+    config = read_daemon_config([tmp_path / "lab.toml"])
+    assert checked(config) is config
     monkeypatch.setenv("CARDAN_FACE_TOKEN", "x" * 16)
     with pytest.raises(ConfigurationError, match="CARDAN_FACE_TOKEN: is now"):
-        checked(layout)
+        checked(config)

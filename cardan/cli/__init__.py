@@ -52,7 +52,7 @@ from cardan.types import DeviceLink, RobotLink
 
 if TYPE_CHECKING:
     from cardan.gateway.session.config import SessionConfig
-    from cardan.gateway.session.subprocesses import Launched
+    from cardan.gateway.session.subprocesses import CardanSubprocess
 
 app = typer.Typer(
     name=TOP,
@@ -266,7 +266,7 @@ def run(
     config = load_config(file)
     for words in cautions(config):
         print_problem(f"WARNING: {words}")
-    recorder: Launched | None = None
+    recorder: CardanSubprocess | None = None
     with contextlib.ExitStack() as opened:
         for option, wanted in (("--record", record_to is not None), ("--console", console)):
             if wanted and config.network is None:
@@ -325,21 +325,23 @@ def check(file: ConfigFile, as_json: AsJson = False) -> None:
 
     The file is that of a session or of the daemon. Prints what they would do."""
     from cardan.common.tables import read_toml
-    from cardan.gateway.daemon.config import is_of_daemon, read_layout
+    from cardan.gateway.daemon.config import is_of_daemon, read_daemon_config
     from cardan.gateway.session.arm_assembly import disagreements
     from cardan.gateway.session.assembly import load_config
     from cardan.gateway.session.cautions import cautions
 
     if is_of_daemon(read_toml(file)):
-        layout = checked(read_layout([file]))
+        daemon_config = checked(read_daemon_config([file]))
         warnings = [
             f"{name}: {words}"
-            for name, entry in layout.sessions.items()
+            for name, entry in daemon_config.sessions.items()
             for words in cautions(entry.config)
         ]
-        warnings += disagreements({name: each.config for name, each in layout.sessions.items()})
-        parts = [("session", name) for name in layout.sessions]
-        parts += [("server", name) for name in layout.servers]
+        warnings += disagreements(
+            {name: each.config for name, each in daemon_config.sessions.items()}
+        )
+        parts = [("session", name) for name in daemon_config.sessions]
+        parts += [("server", name) for name in daemon_config.servers]
     else:
         config = load_config(file)
         warnings, parts = list(cautions(config)), list(_parts(config))

@@ -31,7 +31,7 @@ from cardan.common.troubles import coded
 from cardan.errors import ConfigurationError, MotionRefusedError, below
 
 if TYPE_CHECKING:
-    from cardan.gateway.daemon.config import Layout
+    from cardan.gateway.daemon.config import DaemonConfig
 
 Socket = Annotated[
     str,
@@ -52,21 +52,21 @@ OfName = Annotated[
 ]
 
 
-def checked(layout: Layout) -> Layout:
-    """A layout, once the options of its servers are checked. Raises ConfigurationError."""
+def checked(config: DaemonConfig) -> DaemonConfig:
+    """A configuration, once the options of its servers are checked. Raises ConfigurationError."""
     from cardan.cli.server import check_words
     from cardan.gateway.servers.web import refuse_former_variable
 
-    if layout.servers:
+    if config.servers:
         refuse_former_variable()
-    for name, entry in layout.servers.items():
+    for name, entry in config.servers.items():
         with in_file(entry.file), below(f"servers.{name}"):
             try:
                 check_words(entry.server, entry.words)
             except ConfigurationError as error:
                 key = error.key.removeprefix("--").replace("-", "_")
                 raise ConfigurationError(key, error.message) from None
-    return layout
+    return config
 
 
 def serve(
@@ -94,12 +94,14 @@ def serve(
     Runs until Ctrl-C. A session or server that dies is restarted, its arm disarmed. Prints READY
     and the path of its socket once it serves."""
     from cardan.common.signals import on_ending
-    from cardan.gateway.daemon.config import read_layout, read_layout_beside
+    from cardan.gateway.daemon.config import read_daemon_config, read_daemon_config_in_subprocess
     from cardan.gateway.daemon.daemon import Daemon
 
     begin_serving(verbose, log_level, LogLevel.INFO, log_format or found_format())
     files = paths or []
-    daemon = Daemon(checked(read_layout(files)), lambda: checked(read_layout_beside(files)))
+    daemon = Daemon(
+        checked(read_daemon_config(files)), lambda: checked(read_daemon_config_in_subprocess(files))
+    )
 
     def told(number: int) -> None:
         if number == signal.SIGHUP:
@@ -359,10 +361,10 @@ Files = Annotated[
 def _service(files: list[Path] | None, system: bool, account: str) -> Any:
     import getpass
 
-    from cardan.gateway.daemon.config import read_layout
+    from cardan.gateway.daemon.config import read_daemon_config
     from cardan.gateway.daemon.service import make_service
 
-    checked(read_layout(files or []))  # A unit that cannot run is reported now.
+    checked(read_daemon_config(files or []))  # A unit that cannot run is reported now.
     user = account or os.environ.get("SUDO_USER") or getpass.getuser()
     return make_service(files or [], system=system, account=user)
 

@@ -58,8 +58,8 @@ def doctor(
     if as_json and as_report:
         raise ConfigurationError("--json, --report", "give one of them")
     files = tuple(paths or ())
-    layout, wrong = read_files(files)
-    subject = Subject(files, layout, wrong, devices=functools.cache(api.devices), socket=socket)
+    config, wrong = read_files(files)
+    subject = Subject(files, config, wrong, devices=functools.cache(api.devices), socket=socket)
     found = []
     group = ""
     console = Console(highlight=False)

@@ -22,11 +22,11 @@ from cardan.demos.safety import check_unattended
 from cardan.errors import ConfigurationError
 from cardan.gateway.daemon import view
 from cardan.gateway.daemon.client import ControlClient
-from cardan.gateway.daemon.config import Layout, read_layout
+from cardan.gateway.daemon.config import DaemonConfig, read_daemon_config
 from cardan.gateway.daemon.processes import ENDS_WITHIN_S
 from cardan.gateway.session.live_display import LivePanel
 from cardan.gateway.session.session import EXIT_OK
-from cardan.gateway.session.subprocesses import READY_WITHIN_S, Launched
+from cardan.gateway.session.subprocesses import READY_WITHIN_S, CardanSubprocess
 
 POLL_S: Final = 0.1
 """How often the lab is looked at: as often as the daemon looks."""
@@ -43,9 +43,11 @@ PRINTED_S: Final = 5.0
 
 
 @contextlib.contextmanager
-def simulated_lab(demo: Demo, seconds: float) -> Iterator[tuple[Peers, Layout, Launched]]:
+def simulated_lab(
+    demo: Demo, seconds: float
+) -> Iterator[tuple[Peers, DaemonConfig, CardanSubprocess]]:
     """Run all that the demo launches, and the daemon, for `seconds` and the most that starting and
-    ending take. Gives the peers, the file's layout, and the daemon."""
+    ending take. Gives the peers, the file's configuration, and the daemon."""
     peers = Peers(demo, READY_WITHIN_S + READY_S + seconds + ENDS_WITHIN_S)
     if "daemon" in peers.tables:
         raise ConfigurationError(f"{demo.file}: daemon", "the demo has a daemon of its own")
@@ -55,10 +57,10 @@ def simulated_lab(demo: Demo, seconds: float) -> Iterator[tuple[Peers, Layout, L
     }
     with peers:
         file = write_lab(peers)
-        layout = read_layout([file])
-        _check_simulated(demo, peers.tables, layout)
+        config = read_daemon_config([file])
+        _check_simulated(demo, peers.tables, config)
         peers.start_all()
-        daemon = Launched(
+        daemon = CardanSubprocess(
             "daemon",
             "run",
             file.name,
@@ -68,7 +70,7 @@ def simulated_lab(demo: Demo, seconds: float) -> Iterator[tuple[Peers, Layout, L
             end_within_s=ENDS_WITHIN_S,
         )
         try:
-            yield peers, layout, daemon
+            yield peers, config, daemon
         finally:
             daemon.end()
 
@@ -82,9 +84,9 @@ def write_lab(peers: Peers) -> Path:
     return fresh.replace(file)
 
 
-def _check_simulated(demo: Demo, tables: Mapping[str, Any], layout: Layout) -> None:
+def _check_simulated(demo: Demo, tables: Mapping[str, Any], config: DaemonConfig) -> None:
     """Raise ConfigurationError unless all that the lab reaches is simulated."""
-    if layout.servers:
+    if config.servers:
         raise ConfigurationError(f"{demo.file}: servers", "a demo has none: others could reach it")
     for table in tables["sessions"]:
         names = {
@@ -92,7 +94,7 @@ def _check_simulated(demo: Demo, tables: Mapping[str, Any], layout: Layout) -> N
             for key in ("device", "robot")
             if isinstance(table.get(key), str)
         }
-        check_unattended(demo, layout.sessions[table["name"]].config, names)
+        check_unattended(demo, config.sessions[table["name"]].config, names)
 
 
 class ObservedArms:
@@ -141,11 +143,11 @@ def run_lab(demo: Demo, seconds: float) -> int:
     console.print(demo.description, markup=False)
     with (
         on_ending(told.append),
-        simulated_lab(demo, seconds) as (_, layout, daemon),
+        simulated_lab(demo, seconds) as (_, config, daemon),
         LivePanel(console, transient=False) as panel,
         ControlClient(daemon.endpoint) as client,
     ):
-        seen = ObservedArms(layout.sessions)
+        seen = ObservedArms(config.sessions)
         end_s, show_s, waiting = time.monotonic() + READY_S, 0.0, True
         while not told and time.monotonic() < end_s:
             time.sleep(POLL_S)

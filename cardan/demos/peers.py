@@ -9,7 +9,7 @@ from pathlib import Path
 
 from cardan.demos.examples import Demo
 from cardan.demos.safety import check_words
-from cardan.gateway.session.subprocesses import Launched
+from cardan.gateway.session.subprocesses import CardanSubprocess
 
 
 class Peers:
@@ -28,7 +28,7 @@ class Peers:
         self.until = ("--seconds", str(seconds))
         self.commands = [check_words(demo, "launch", words) for words in launches]
         self._needs_folder = bool(launches or demo.files)
-        self._running: dict[int, Launched] = {}
+        self._running: dict[int, CardanSubprocess] = {}
 
     def __enter__(self) -> Peers:
         # As late as can be: until a peer runs, it stays if this process is killed.
@@ -49,7 +49,7 @@ class Peers:
     def start(self, index: int) -> None:
         """Start the one of this command."""
         words = (*self.commands[index], *self.until)
-        self._running[index] = Launched(*words, folder=self.folder)
+        self._running[index] = CardanSubprocess(*words, folder=self.folder)
 
     def end(self, index: int) -> None:
         """End it."""

@@ -16,7 +16,7 @@ from cardan.bus.options import BusOptions
 from cardan.common.files import text_or_empty
 from cardan.drivers.base import Driver, FoundDevice
 from cardan.errors import CardanError
-from cardan.gateway.daemon.config import DaemonOptions, Layout, ServerEntry, SessionEntry
+from cardan.gateway.daemon.config import DaemonConfig, DaemonOptions, ServerEntry, SessionEntry
 from cardan.gateway.servers import registry as server_registry
 from cardan.gateway.session.driver_assembly import make_driver
 
@@ -86,8 +86,8 @@ class Used(NamedTuple):
     driver: Driver
 
 
-NOTHING: Final = Layout(DaemonOptions(), {}, {})
-"""Layout without any files."""
+NOTHING: Final = DaemonConfig(DaemonOptions(), {}, {})
+"""Configuration without any files."""
 
 
 def _no_devices() -> Sequence[FoundDevice]:
@@ -99,7 +99,7 @@ class Subject:
     """Subject of an examination: the computer, and the files that were given."""
 
     files: tuple[Path, ...] = ()
-    layout: Layout = NOTHING
+    config: DaemonConfig = NOTHING
     """The readable part of the files."""
     unreadable: str = ""
     """Why the files cannot be used; empty: they can."""
@@ -116,12 +116,12 @@ class Subject:
     @property
     def sessions(self) -> Mapping[str, SessionEntry]:
         """The sessions of the files by name."""
-        return self.layout.sessions
+        return self.config.sessions
 
     @property
     def servers(self) -> Mapping[str, ServerEntry]:
         """The servers of the files by name."""
-        return self.layout.servers
+        return self.config.servers
 
     def used(self) -> Iterator[Used]:
         """The drivers of all sessions. A driver that cannot be made is left out: the check of the

@@ -7,32 +7,32 @@ from pathlib import Path
 
 from cardan.doctor.base import NOTHING, Check, Finding, Subject, caution, failure, good
 from cardan.errors import CardanError, ConfigurationError
-from cardan.gateway.daemon.config import Layout, read_layout
+from cardan.gateway.daemon.config import DaemonConfig, read_daemon_config
 from cardan.gateway.session.cautions import cautions
 
 GROUP = "files"
 
 
-def read_files(paths: Sequence[Path]) -> tuple[Layout, str]:
-    """The layout of the files, and why they cannot be used, which is empty if they can.
+def read_files(paths: Sequence[Path]) -> tuple[DaemonConfig, str]:
+    """The configuration of the files, and why they cannot be used, which is empty if they can.
 
-    If a file is wrong, the layout has the readable part of each.
+    If a file is wrong, the configuration has the readable part of each.
     """
     if not paths:
         return NOTHING, ""
     try:
-        return read_layout(paths), ""
+        return read_daemon_config(paths), ""
     except CardanError as error:
         wrong = " ".join(str(error).split())
     sessions, servers = dict(NOTHING.sessions), dict(NOTHING.servers)
     for path in _each(paths):
         try:
-            one = read_layout([path])
+            one = read_daemon_config([path])
         except CardanError:
             continue
         sessions.update(one.sessions)
         servers.update(one.servers)
-    return Layout(NOTHING.daemon, sessions, servers), wrong
+    return DaemonConfig(NOTHING.daemon, sessions, servers), wrong
 
 
 def _each(paths: Iterable[Path]) -> list[Path]:

@@ -254,7 +254,7 @@ def run(path: Path, orders: TextIO, out: TextIO) -> None:
             waiting.put(line)
         waiting.put(None)
 
-    threading.Thread(target=read, name="cardan-orders", daemon=True).start()
+    threading.Thread(target=read, name="cardan-commands", daemon=True).start()
     player = Player(show)
     while True:
         try:

@@ -17,11 +17,11 @@ export type Asked = "" | "waiting" | "kept" | "silent" | "given";
 
 export class Lease {
   /** Who asks us for it; empty: nobody. */
-  asker = "";
+  requester = "";
   /** What became of our own request. */
   asked: Asked = "";
   private askedMs = -Infinity;
-  private askerMs = -Infinity;
+  private requesterMs = -Infinity;
   private graceMs = -Infinity;
 
   /** We have asked. */
@@ -31,7 +31,7 @@ export class Lease {
 
   /** Somebody asked, or was answered; `own`: our name. */
   heard({ source, owner, answer }: AuthorityRequest, own: string, nowMs: number): void {
-    if (owner === own && !answer) [this.asker, this.askerMs] = [source, nowMs];
+    if (owner === own && !answer) [this.requester, this.requesterMs] = [source, nowMs];
     if (source === own && answer && this.asked === "waiting") {
       [this.asked, this.askedMs] = ["kept", nowMs];
     }
@@ -39,12 +39,12 @@ export class Lease {
 
   /** The request to us is answered. */
   answered(): void {
-    this.asker = "";
+    this.requester = "";
   }
 
   /** Time goes by; `owner`: who has it now. */
   look(owner: string, own: string, nowMs: number): void {
-    if (owner !== own || nowMs - this.askerMs > ASKED_MS) this.asker = "";
+    if (owner !== own || nowMs - this.requesterMs > ASKED_MS) this.requester = "";
     if (this.asked === "waiting" && own && owner === own) {
       [this.asked, this.askedMs, this.graceMs] = ["given", nowMs, nowMs + GRACE_MS];
     }
@@ -61,6 +61,6 @@ export class Lease {
 
   /** It is used, or given up. */
   settle(): void {
-    [this.asked, this.asker, this.graceMs] = ["", "", -Infinity];
+    [this.asked, this.requester, this.graceMs] = ["", "", -Infinity];
   }
 }

@@ -76,11 +76,11 @@ const authority = h(
   release,
   askButton,
 );
-const askerText = h("span");
-const asker = h(
+const requesterText = h("span");
+const requester = h(
   "div",
-  { class: "asker", role: "alert", hidden: true },
-  askerText,
+  { class: "requester", role: "alert", hidden: true },
+  requesterText,
   stopper(t("handOver"), () => true, () => void answer(true)),
   button(t("keep"), () => void answer(false)),
 );
@@ -219,7 +219,7 @@ document.body.append(
     authority,
     linkChip,
   ),
-  h("div", { class: "lines" }, whyLine, tokenForm, asker),
+  h("div", { class: "lines" }, whyLine, tokenForm, requester),
   h(
     "main",
     {},
@@ -501,8 +501,8 @@ function showAuthority(): void {
   askButton.hidden = own || !owner.startsWith(PAGES) || link.hello?.role === "viewer";
   askButton.disabled = lease.asked === "waiting";
   setText(askButton, lease.asked ? t(`asked_${lease.asked}`) : t("askFor"));
-  asker.hidden = lease.asker === "";
-  if (lease.asker) setText(askerText, `${lease.asker} ${t("asksForIt")}`);
+  requester.hidden = lease.requester === "";
+  if (lease.requester) setText(requesterText, `${lease.requester} ${t("asksForIt")}`);
 }
 
 function showReadout(): void {

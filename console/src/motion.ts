@@ -126,16 +126,16 @@ export class Motion {
   /** Answer who asks: hand the authority over, after a stop, or keep it. Resolves to why not. */
   async answer(hands: boolean): Promise<string> {
     const { arm, lease } = this;
-    const { asker } = lease;
-    if (!arm || !asker) return "";
+    const { requester } = lease;
+    if (!arm || !requester) return "";
     lease.answered();
     if (!hands) {
-      this.link.keepFrom(arm.name, asker);
+      this.link.keepFrom(arm.name, requester);
       return "";
     }
     this.holding.end("released");
     try {
-      await arm.ask("hand_over", asker);
+      await arm.ask("hand_over", requester);
     } catch (error) {
       return (error as Error).message;
     }

@@ -8,18 +8,18 @@ test("who is asked sees who asks, until it has answered or has it no more", () =
   const lease = new Lease();
   const asks = { source: THEM, owner: US, answer: "" };
   lease.heard({ ...asks, owner: "console third" }, US, 0);
-  assert.equal(lease.asker, "");
+  assert.equal(lease.requester, "");
   lease.heard(asks, US, 0);
   lease.look(US, US, 100);
-  assert.equal(lease.asker, THEM);
+  assert.equal(lease.requester, THEM);
   lease.answered();
-  assert.equal(lease.asker, "");
+  assert.equal(lease.requester, "");
   lease.heard(asks, US, 200);
   lease.look(THEM, US, 300);
-  assert.equal(lease.asker, "");
+  assert.equal(lease.requester, "");
   lease.heard(asks, US, 400);
   lease.look(US, US, 401 + ASKED_MS);
-  assert.equal(lease.asker, "");
+  assert.equal(lease.requester, "");
 });
 
 test("who asks learns what became of it", () => {

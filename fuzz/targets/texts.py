@@ -18,7 +18,7 @@ from cardan.doctor import ports
 from cardan.errors import CardanError, ConfigurationError
 from cardan.gateway.arm import cycle_record, requests, verb_table
 from cardan.gateway.daemon import control
-from cardan.gateway.daemon.config import Layout, read_layout
+from cardan.gateway.daemon.config import DaemonConfig, read_daemon_config
 from cardan.gateway.daemon.daemon import Daemon
 from cardan.gateway.daemon.processes import Lines, RunningSession
 from cardan.gateway.force import link
@@ -127,19 +127,19 @@ class _Running(RunningSession):
 
 
 @cache
-def _layout_of_two() -> Layout:
+def _config_of_two() -> DaemonConfig:
     folder = _folder() / "two"
     folder.mkdir(exist_ok=True)
     for name in ("one", "two"):
         text = (Path(str(example_files()[0])).parent / "gamepad-ur5-simulated.toml").read_text()
         (folder / f"{name}.toml").write_text(text)
-    return read_layout([folder])
+    return read_daemon_config([folder])
 
 
 def idle_daemon() -> tuple[Daemon, Any]:
     """A daemon with two sessions that starts no process, and a program that asks it."""
-    layout = _layout_of_two()
-    daemon = Daemon(layout, lambda: layout)
+    config = _config_of_two()
+    daemon = Daemon(config, lambda: config)
     daemon._look_after = lambda _now_s: None  # type: ignore[method-assign]
     for kept in daemon._kept.values():
         kept.unit.stop(0.0, "")
@@ -155,7 +155,7 @@ def _daemon(packets: Packets) -> object:
             ask = control.decode_ask(line)
         except control.ControlError:
             continue
-        if ask.do != "reload":  # Checks every file and model: layouts have a target of their own.
+        if ask.do != "reload":  # Checks every file and model: `daemon.config` is a target, too.
             daemon._handle(ask, program)
     daemon._tell_watchers(1e9)
     asked = len(program.told)
@@ -168,7 +168,7 @@ def _daemon(packets: Packets) -> object:
 
 
 def _daemon_asks() -> Iterator[Packets]:
-    name = next(iter(_layout_of_two().sessions))
+    name = next(iter(_config_of_two().sessions))
     asks = [ask._replace(name=name if ask.name == "gofa" else ask.name) for ask in _ASKS]
     yield tuple(map(control.encode_ask, asks))
     for do in control.NEEDS:
@@ -447,15 +447,15 @@ port = 9090
 """
 
 
-def _layouts() -> Iterator[bytes]:
+def _daemon_configs() -> Iterator[bytes]:
     yield _LAYOUT
     for path in example_files()[:6]:
         yield path.read_bytes()
 
 
-def _layout(data: bytes) -> object:
-    layout = read_layout([_file(data, "layout.toml")])
-    return len(layout.sessions), len(layout.servers)
+def _daemon_config(data: bytes) -> object:
+    config = read_daemon_config([_file(data, "daemon.toml")])
+    return len(config.sessions), len(config.servers)
 
 
 def _urdfs() -> Iterator[bytes]:
@@ -581,7 +581,14 @@ TARGETS = (
         lambda: (b'READY ws://127.0.0.1:9090\nFIGURES {"clients": 1, "refused": 3}\nhello\n',),
         longest=65536,
     ),
-    Target("daemon.layout", Form.TEXT, _layout, _layouts, raises=(CardanError,), slow_s=0.5),
+    Target(
+        "daemon.config",
+        Form.TEXT,
+        _daemon_config,
+        _daemon_configs,
+        raises=(CardanError,),
+        slow_s=0.5,
+    ),
     Target("verbs.request", Form.JSON, _request, _requests, longest=8192),
     Target("verbs.answer", Form.JSON, _answer, _answers, raises=(requests.PacketError,)),
     Target("cycle_record", Form.JSON, _cycle, _cycles, raises=(cycle_record.RecordError,)),

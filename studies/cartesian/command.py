@@ -22,7 +22,7 @@ from cardan.gateway.arm.remote_arm import RemoteArm
 from cardan.gateway.arm.vocab import Parameter, Stream
 from cardan.gateway.bus.options import DEFAULT_NAME
 from cardan.gateway.bus.remote import network_arm
-from cardan.gateway.session.subprocesses import launched
+from cardan.gateway.session.subprocesses import cardan_subprocess
 from cardan.protocols.ros2.cdr import codec_of
 from studies.cartesian.controller import session
 from studies.cartesian.rig import (
@@ -74,7 +74,7 @@ def _zenoh(endpoint: str) -> Iterator[Put]:
 def _rosbridge(endpoint: str) -> Iterator[Put]:
     """A client of the server, in JSON."""
     words = ("net", "server", "rosbridge", "--router", endpoint, "--port", "0")
-    with launched(*words) as address, connect(address, compression=None) as client:
+    with cardan_subprocess(*words) as address, connect(address, compression=None) as client:
         client.send(json.dumps({"op": "advertise", "topic": TOPIC, "type": TYPE}))
         yield lambda x: client.send(json.dumps({"op": "publish", "topic": TOPIC, "msg": _twist(x)}))
 
@@ -87,7 +87,7 @@ def _dds(endpoint: str) -> Iterator[Put]:
 
     options, codec = DdsOptions(dds_domain=random.randrange(100, 200)), codec_of(TYPE)
     words = ("net", "server", "dds", "--router", endpoint, "--dds-domain", str(options.dds_domain))
-    with launched(*words), DdsNetwork(options, "bench_command") as network:
+    with cardan_subprocess(*words), DdsNetwork(options, "bench_command") as network:
         publisher = network.advertise(TOPIC, TYPE, latched=False)
         give_up_s = time.monotonic() + MEET_WITHIN_S
         while not network.others(TOPIC)[1]:

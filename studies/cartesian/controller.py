@@ -13,7 +13,7 @@ from pathlib import Path
 from cardan.common.arm_libraries import np
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import to_pose
-from cardan.gateway.session.subprocesses import launched
+from cardan.gateway.session.subprocesses import cardan_subprocess
 from cardan.protocols.egm.decode import decode_from_pc
 from cardan.protocols.egm.encode import encode_robot
 from cardan.protocols.egm.messages import (
@@ -89,7 +89,7 @@ def session(port: int, more: str, script: str = "") -> Iterator[None]:
             )
             played.write_text(script)
             words = ("sim", "spacemouse", "--hid", hid_path, "--script", str(played))
-            stack.enter_context(launched(*words))
+            stack.enter_context(cardan_subprocess(*words))
         config = Path(folder) / "bench.toml"
         config.write_text(tables)
         process = subprocess.Popen(

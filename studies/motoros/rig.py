@@ -25,7 +25,7 @@ from cardan.drivers import registry
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import Session, make_session
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.gateway.session.subprocesses import launched
+from cardan.gateway.session.subprocesses import cardan_subprocess
 from cardan.protocols.connexion.reports import MotionReport, Translation, decode_input
 from cardan.types import JointCommand
 
@@ -122,8 +122,10 @@ def peers(
     if not velocity_mode:
         options.append("--no-velocity-mode")
     with (
-        launched("sim", "motoman-gp8", *options),
-        launched("sim", "spacemouse", "--hid", str(mouse), "--model", MODEL, "--script", str(hand)),
+        cardan_subprocess("sim", "motoman-gp8", *options),
+        cardan_subprocess(
+            "sim", "spacemouse", "--hid", str(mouse), "--model", MODEL, "--script", str(hand)
+        ),
     ):
         yield mouse, port, log
 

@@ -29,7 +29,7 @@ from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.daemon import view
 from cardan.gateway.daemon.changes import Change
 from cardan.gateway.daemon.client import RELOAD_S, ControlClient, daemon_arm
-from cardan.gateway.daemon.config import Layout, sharers
+from cardan.gateway.daemon.config import DaemonConfig, sharers
 from cardan.gateway.daemon.services import ENGAGED
 from cardan.gateway.session.session import EXIT_OK
 
@@ -85,10 +85,10 @@ def live_in_lab(say: Callable[[str], None] = print) -> list[str]:
     as it should be."""
     demo, problems = choose_demo("lab"), []
     with (
-        simulated_lab(demo, STEPS * STEP_S) as (peers, layout, daemon),
+        simulated_lab(demo, STEPS * STEP_S) as (peers, config, daemon),
         ControlClient(daemon.endpoint) as client,
     ):
-        lab = Lab(Hardware(demo, peers, layout), daemon.endpoint, client, say)
+        lab = Lab(Hardware(demo, peers, config), daemon.endpoint, client, say)
         try:
             lab.perform()
         except NotSeenError as error:
@@ -103,9 +103,9 @@ def live_in_lab(say: Callable[[str], None] = print) -> list[str]:
 class Hardware:
     """Simulated hardware of the lab, and its file."""
 
-    def __init__(self, demo: Demo, peers: Peers, layout: Layout) -> None:
-        self.sessions = tuple(layout.sessions)
-        self.roles = _roles_of(demo, layout)
+    def __init__(self, demo: Demo, peers: Peers, config: DaemonConfig) -> None:
+        self.sessions = tuple(config.sessions)
+        self.roles = _roles_of(demo, config)
         self._peers = peers
 
     def unplug(self, device: str) -> None:
@@ -133,13 +133,13 @@ class Hardware:
         )
 
 
-def _roles_of(demo: Demo, layout: Layout) -> Roles:
+def _roles_of(demo: Demo, config: DaemonConfig) -> Roles:
     alone = [
         (name, entry.device)
-        for name, entry in layout.sessions.items()
-        if entry.device and not any(name in names for names in sharers(layout.sessions).values())
+        for name, entry in config.sessions.items()
+        if entry.device and not any(name in names for names in sharers(config.sessions).values())
     ]
-    shared = [(device, *names) for device, names in sharers(layout.sessions).items()]
+    shared = [(device, *names) for device, names in sharers(config.sessions).items()]
     if len(alone) < 2 or not shared:
         raise ConfigurationError(
             f"{demo.file}: sessions",

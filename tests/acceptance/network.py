@@ -22,7 +22,7 @@ from cardan.demos.pauses import Pauses
 from cardan.errors import CardanError
 from cardan.gateway.session.recorded import recorded
 from cardan.gateway.session.session import EXIT_OK
-from cardan.gateway.session.subprocesses import Launched, launched
+from cardan.gateway.session.subprocesses import CardanSubprocess, cardan_subprocess
 from cardan.gateway.session.supervisor import SessionExit, supervise
 from tests.acceptance.rosbridge_program import RosbridgeProgram, Vector
 
@@ -54,8 +54,8 @@ def run_on_the_network(folder: Path, seconds: float, say: _Say = print) -> list[
         node = "/".join(("", *filter(None, (network.namespace, network.name))))
         router = ("--router", network.router)
         with (
-            launched("net", "server", "router", "--endpoint", network.router),
-            launched("net", "server", "rosbridge", "--port", "0", *router) as url,
+            cardan_subprocess("net", "server", "router", "--endpoint", network.router),
+            cardan_subprocess("net", "server", "rosbridge", "--port", "0", *router) as url,
         ):
             with recorded(network, path, *router) as recorder:
                 program = RosbridgeProgram(url, node, say)
@@ -115,7 +115,9 @@ def _judge_program(program: RosbridgeProgram) -> list[str]:
     return problems
 
 
-def _judge_record(recorder: Launched, path: Path, outcome: SessionExit, say: _Say) -> list[str]:
+def _judge_record(
+    recorder: CardanSubprocess, path: Path, outcome: SessionExit, say: _Say
+) -> list[str]:
     """Whether the record is complete, and the control core gives the same commands again."""
     problems = []
     for line in recorder.lines:

@@ -23,7 +23,7 @@ DEMO = choose_demo("lab")
 def prepared(monkeypatch):
     """The lab's example with its daemon, of which no process is started."""
     monkeypatch.setattr(Peers, "start", lambda *_: None)
-    monkeypatch.setattr(demo, "Launched", Served)
+    monkeypatch.setattr(demo, "CardanSubprocess", Served)
     with simulated_lab(DEMO, 20.0) as (peers, layout, _):
         yield peers, layout
 

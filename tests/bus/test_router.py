@@ -21,7 +21,7 @@ from cardan.bus.router import (
 )
 from cardan.cli.bus import bus_options
 from cardan.errors import ConfigurationError
-from cardan.gateway.session.subprocesses import launched
+from cardan.gateway.session.subprocesses import cardan_subprocess
 from tests.serving import free_endpoint
 from tests.waiting import WITHIN_S
 
@@ -237,6 +237,6 @@ def test_without_a_word_the_only_router_of_this_computer_is_joined(monkeypatch, 
 def test_a_router_says_where_it_is_while_it_runs(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     endpoint = free_endpoint()
-    with launched("net", "server", "router", "--endpoint", endpoint):
+    with cardan_subprocess("net", "server", "router", "--endpoint", endpoint):
         assert routers_here() == [endpoint]
     assert list(tmp_path.glob("*")) == []

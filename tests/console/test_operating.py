@@ -40,7 +40,7 @@ STATE = "document.body.dataset.state"
 VERDICT = "document.querySelector('.verdict').textContent"
 WHY = "document.querySelector('.why').textContent"
 FIRST_JOINT = "document.querySelectorAll('.joint-name output')[0].value"
-ASKER = "document.querySelector('.asker').textContent"
+REQUESTER = "document.querySelector('.requester').textContent"
 AUTHORITY = "document.querySelector('.authority').textContent"
 
 
@@ -185,7 +185,7 @@ def test_a_goal_is_looked_at_and_the_arm_goes_there_while_it_is_held(page):
     page.until(f"{VERDICT}.startsWith('Reachable')")
 
 
-ASKED = "!document.querySelector('.asker').hidden"
+ASKED = "!document.querySelector('.requester').hidden"
 
 
 @pytest.mark.real
@@ -202,7 +202,7 @@ def test_two_people_ask_for_the_arm_and_hand_it_over_and_both_can_stop_it(bus, b
         )
         press_until(other, "Enable motion", other, f"{WHY}.includes('has authority over the arm')")
         press_until(other, "Ask for it", one, ASKED)
-        assert one.value(ASKER).startswith("console Ana 127.0.0.1:")
+        assert one.value(REQUESTER).startswith("console Ana 127.0.0.1:")
         press_until(one, "Keep", other, f"{AUTHORITY}.includes('They keep it')")
 
         at = hold(one, MOUSE, jog("X"), moving)

@@ -29,7 +29,7 @@ from cardan.demos.peers import Peers
 from cardan.errors import ConfigurationError, DriverError, OptionError
 from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.gateway.session.subprocesses import launched
+from cardan.gateway.session.subprocesses import cardan_subprocess
 from cardan.gateway.session.supervisor import SessionExit
 from tests.gateway.force.fakes import FakeHaptic
 from tests.snapshots import changed
@@ -274,7 +274,7 @@ def test_a_file_that_is_no_demo_is_refused():
 def test_what_does_not_serve_is_told(capsys):
     with (
         pytest.raises(DriverError, match="`cardan sim spacemouse` ended before it served"),
-        launched("sim", "spacemouse"),
+        cardan_subprocess("sim", "spacemouse"),
     ):
         pass
     assert "--hid" in capsys.readouterr().err

@@ -17,7 +17,7 @@ from cardan.demos.examples import (
     read_demo,
 )
 from cardan.errors import ConfigurationError
-from cardan.gateway.daemon.config import read_layout
+from cardan.gateway.daemon.config import read_daemon_config
 from cardan.gateway.session.config import parse_config
 from tests.command_line import the_command_line
 
@@ -46,7 +46,7 @@ def test_a_demo_is_a_configuration_and_commands_that_are_allowed(name, tmp_path)
         file = tmp_path / "lab.toml"
         file.write_text(as_toml(tables), encoding="utf-8")
         assert read_toml(file) == tables
-        assert len(read_layout([file]).sessions) == 4
+        assert len(read_daemon_config([file]).sessions) == 4
     else:
         config = parse_config(tables)
         assert config == parse_config(as_table(config))

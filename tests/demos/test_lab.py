@@ -70,7 +70,7 @@ class Told:
 def changed(tmp_path, monkeypatch):
     """A demo whose file is another one; what it launches is not started."""
     monkeypatch.setattr(Peers, "start", lambda *_: None)
-    monkeypatch.setattr(demo, "Launched", Served)
+    monkeypatch.setattr(demo, "CardanSubprocess", Served)
 
     def make(*pairs, end=""):
         text = DEMO.file.read_text(encoding="utf-8")
@@ -85,9 +85,9 @@ def changed(tmp_path, monkeypatch):
 
 
 def test_its_folder_is_there_as_long_as_it_runs(changed):
-    with simulated_lab(changed(), 20.0) as (peers, layout, _):
+    with simulated_lab(changed(), 20.0) as (peers, config, _):
         assert peers.folder.is_dir()
-        assert list(layout.sessions) == ["gofa", "gp8", "ur5-a", "ur5-b"]
+        assert list(config.sessions) == ["gofa", "gp8", "ur5-a", "ur5-b"]
     assert not peers.folder.exists()
 
 
@@ -137,7 +137,7 @@ def test_a_robot_that_was_there_counts_as_there():
 def quick(monkeypatch):
     """A lab whose arms are there at once; nothing runs."""
     monkeypatch.setattr(Peers, "start", lambda *_: None)
-    monkeypatch.setattr(demo, "Launched", Served)
+    monkeypatch.setattr(demo, "CardanSubprocess", Served)
     monkeypatch.setattr(demo, "ControlClient", Told)
     monkeypatch.setattr(demo, "ObservedArms", lambda _: ObservedArms(["gofa"]))
     monkeypatch.setattr(demo, "POLL_S", 0.0)
@@ -160,7 +160,7 @@ def test_it_is_not_judged_when_it_was_ended_by_hand(quick, monkeypatch, capsys):
 
 
 def test_a_daemon_that_fails_is_found_fault_with(quick, monkeypatch, capsys):
-    monkeypatch.setattr(demo, "Launched", Failed)
+    monkeypatch.setattr(demo, "CardanSubprocess", Failed)
     assert run_lab(DEMO, 0.1) == EXIT_INCOMPLETE
     assert "ended with status 3: another one has the socket" in capsys.readouterr().err
 

@@ -190,8 +190,8 @@ def test_the_check(tmp_path, said, expected):
         serving.start()
         file = tmp_path / "gp8.toml"
         file.write_text(f'[robot]\ndriver = "motoros"\nstate_port = {port}\n[arm]\nmodel = "gp8"\n')
-        layout, wrong = read_files([file])
+        config, wrong = read_files([file])
         assert not wrong
-        found = list(Controllers.look(Subject((file,), layout)))
+        found = list(Controllers.look(Subject((file,), config)))
         serving.join()
     assert told(Controllers, found) == [expected]

@@ -71,9 +71,9 @@ def test_a_file_that_names_a_node(tmp_path):
         '[device]\ndriver = "spacemouse_serial"\npath = "/dev/ttyNONE7"\n'
         '[robot]\ndriver = "abb_egm"\n'
     )
-    layout, wrong = read_files([file])
+    config, wrong = read_files([file])
     assert not wrong
-    found = PluggedIn.look(Subject((file,), layout, devices=lambda: [MOUSE]))
+    found = PluggedIn.look(Subject((file,), config, devices=lambda: [MOUSE]))
     assert told(PluggedIn, found) == [("good", "device"), ("failure", "node")]
 
 

@@ -123,10 +123,10 @@ def test_a_report_names_nobody(tmp_path, monkeypatch):
     file.write_text(
         '[device]\ndriver = "spacemouse"\nserial = "A1B2C3"\n[robot]\ndriver = "abb_egm"\n'
     )
-    layout, wrong = read_files([file])
+    config, wrong = read_files([file])
     assert not wrong
     mouse = FoundDevice("mouse SN00112233", "", "", "/dev/hidraw0", "serial A1B2C3", "spacemouse")
-    subject = Subject((file,), layout, devices=lambda: [mouse])
+    subject = Subject((file,), config, devices=lambda: [mouse])
     found = [
         Examined("devices", failure("device", f"{mouse.name}: {mouse.obstacle}", "why", "mend")),
         Examined("files", good("file", f"/home/ana/x.toml on {socket.gethostname()} by ana")),

@@ -12,13 +12,13 @@ WRONG = '[robot]\ndriver = "abb_egm"\nlisten_prot = 1\n'
 def look(tmp_path, **files):
     for name, text in files.items():
         (tmp_path / f"{name}.toml").write_text(text)
-    layout, wrong = read_files([tmp_path])
-    return layout, list(Files.look(Subject((tmp_path,), layout, wrong)))
+    config, wrong = read_files([tmp_path])
+    return config, list(Files.look(Subject((tmp_path,), config, wrong)))
 
 
 def test_no_file():
-    layout, wrong = read_files([])
-    assert (layout.sessions, wrong) == ({}, "")
+    config, wrong = read_files([])
+    assert (config.sessions, wrong) == ({}, "")
     assert told(Files, Files.look(Subject())) == []
 
 
@@ -34,14 +34,14 @@ def test_what_a_driver_warns_of(tmp_path):
 
 
 def test_a_wrong_file_beside_a_good_one(tmp_path):
-    layout, found = look(tmp_path, bad=WRONG, good=GOOD)
+    config, found = look(tmp_path, bad=WRONG, good=GOOD)
     assert told(Files, found) == [("failure", "file"), ("good", "file")]
     assert "bad.toml" in found[0].what
     assert "listen_prot" in found[0].what
-    assert list(layout.sessions) == ["good"]
+    assert list(config.sessions) == ["good"]
 
 
 def test_a_file_that_is_not_there(tmp_path):
-    layout, wrong = read_files([tmp_path / "none.toml"])
+    config, wrong = read_files([tmp_path / "none.toml"])
     assert "none.toml" in wrong
-    assert not layout.sessions
+    assert not config.sessions

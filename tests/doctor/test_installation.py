@@ -111,8 +111,8 @@ device = { driver = "jr3_can", channel = "can0" }
 robot = { driver = "abb_egm" }
 """
     )
-    layout, _ = read_files([file])
-    needed = needed_extras(Subject((file,), layout))
+    config, _ = read_files([file])
+    needed = needed_extras(Subject((file,), config))
     assert needed["arm"] == "[arm] of one"
     assert needed["network"] == "[network] of one"
 

@@ -78,7 +78,7 @@ def test_each_bus_is_looked_at_once(tmp_path, monkeypatch):
             for name, more in (("a", ""), ("b", "rate_hz = 20.0"), ("c", "domain = 3"))
         )
     )
-    layout, wrong = read_files([file])
+    config, wrong = read_files([file])
     assert not wrong
     looked = []
 
@@ -87,7 +87,7 @@ def test_each_bus_is_looked_at_once(tmp_path, monkeypatch):
         return judge_bus(options, who, lambda _: ALONE, no)
 
     monkeypatch.setattr(network, "judge_bus", judge)
-    subject = Subject((file,), layout, environment={"ROS_DOMAIN_ID": "3"})
+    subject = Subject((file,), config, environment={"ROS_DOMAIN_ID": "3"})
     assert told(Bus, Bus.look(subject)) == [("good", "bus")] * 2
     assert looked == [(0, "session a"), (3, "session c")]
     assert told(RosEnvironment, RosEnvironment.look(subject)) == [
@@ -102,10 +102,10 @@ def test_servers_join_the_bus_too(tmp_path):
         '[servers.rosbridge]\nrouter = "tcp/192.168.7.7:7447"\nmode = "client"\ndomain = 4\n'
         '[servers.router]\n[servers.far]\nserver = "rosbridge"\ndomain = 999\n'
     )
-    layout, wrong = read_files([file])
+    config, wrong = read_files([file])
     assert not wrong
     router = "tcp/192.168.7.7:7447"
-    assert Subject((file,), layout).buses() == {
+    assert Subject((file,), config).buses() == {
         BusOptions(router=router, mode="client", domain=4): "server rosbridge"
     }
 

@@ -106,9 +106,9 @@ port = 9191
 def test_which_ports_files_want(tmp_path):
     file = tmp_path / "lab.toml"
     file.write_text(LAB.replace("PORT", "6511"))
-    layout, wrong = read_files([file])
+    config, wrong = read_files([file])
     assert not wrong
-    assert list(wanted_ports(Subject((file,), layout))) == [
+    assert list(wanted_ports(Subject((file,), config))) == [
         Wanted("udp", "127.0.0.1", 6511, "robot of gofa"),
         Wanted("tcp", "127.0.0.1", 9191, "server view"),
         Wanted("tcp", "127.0.0.1", 9090, "server rosbridge"),
@@ -123,8 +123,8 @@ def test_a_socket_of_this_process_is_seen(tmp_path):
         assert ("udp", "127.0.0.1", port) in {each[:3] for each in bound_sockets(Subject())}
         file = tmp_path / "lab.toml"
         file.write_text(LAB.replace("PORT", str(port)))
-        layout, _ = read_files([file])
-        found = list(Ports.look(Subject((file,), layout)))
+        config, _ = read_files([file])
+        found = list(Ports.look(Subject((file,), config)))
     assert told(Ports, found)[0] == ("failure", "port")
 
 

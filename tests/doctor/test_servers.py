@@ -51,12 +51,12 @@ def test_the_names_of_a_certificate(names, own, level):
 def look(tmp_path, text, now=None):
     file = tmp_path / "lab.toml"
     file.write_text(f"[servers.rosbridge]\n{text}\n[servers.router]\n")
-    layout, wrong = read_files([file])
+    config, wrong = read_files([file])
     assert not wrong
     if now is None:
-        found = list(Doors.look(Subject((file,), layout)))
+        found = list(Doors.look(Subject((file,), config)))
     else:
-        found = list(judge_door("rosbridge", layout.servers["rosbridge"], "lab", now))
+        found = list(judge_door("rosbridge", config.servers["rosbridge"], "lab", now))
     return told(Doors, found), found
 
 
@@ -84,9 +84,9 @@ def test_a_server_in_others_reach_without_tls(tmp_path, token):
 def test_a_console_in_others_reach_makes_its_certificate(tmp_path):
     file = tmp_path / "lab.toml"
     file.write_text('[servers.console]\nhost = "0.0.0.0"\n')
-    layout, wrong = read_files([file])
+    config, wrong = read_files([file])
     assert not wrong
-    found = list(Doors.look(Subject((file,), layout)))
+    found = list(Doors.look(Subject((file,), config)))
     assert told(Doors, found) == [("good", "server")]
     assert "tokens that it makes" in found[0].what
 

@@ -15,7 +15,7 @@ import pytest
 from cardan.demos.examples import free_ports
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.gateway.session.subprocesses import launched
+from cardan.gateway.session.subprocesses import cardan_subprocess
 from cardan.gateway.session.supervisor import supervise
 from tests.kernel.test_session_netem import (
     PERIOD_S,
@@ -153,11 +153,11 @@ def test_a_bad_network_and_a_wrong_clock_make_no_arm_faster_and_move_none_again(
     )
     course = Course(loopback)
     with (
-        launched(
+        cardan_subprocess(
             *("sim", "spacemouse", "--hid", hid, "--script", str(hand)),
             ready_within_s=READY_WITHIN_S,
         ),
-        launched(
+        cardan_subprocess(
             *("sim", "abb-gofa"),
             *("--to", f"127.0.0.1:{port}", "--script", str(program), "--period", str(PERIOD_S)),
             ready_within_s=READY_WITHIN_S,

@@ -14,7 +14,7 @@ import pytest
 from cardan.demos.examples import free_ports
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.gateway.session.subprocesses import launched
+from cardan.gateway.session.subprocesses import cardan_subprocess
 from cardan.gateway.session.supervisor import supervise
 
 HAND = """
@@ -106,11 +106,11 @@ def test_a_session_moves_through_delay_and_loss_and_brakes_when_all_is_lost(
 
     loopback("delay", "20ms", "5ms", "loss", "2%")
     with (
-        launched(
+        cardan_subprocess(
             *("sim", "spacemouse", "--hid", hid, "--script", str(hand)),
             ready_within_s=READY_WITHIN_S,
         ),
-        launched(
+        cardan_subprocess(
             *("sim", "abb-gofa"),
             *("--to", f"127.0.0.1:{port}", "--script", str(program), "--period", str(PERIOD_S)),
             ready_within_s=READY_WITHIN_S,

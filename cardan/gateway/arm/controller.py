@@ -587,7 +587,9 @@ class ArmController:
         self._on(ArmEvent.UNREADY, moving=moves)
         self.not_ready = reason
         if self.hand is not None and device is not None:
-            view = ArmView(robot, dt_s, None, None, Arming.DISARMED, False, reason, void=True)
+            view = ArmView(
+                robot, dt_s, None, None, Arming.DISARMED, False, reason, input_ignored=True
+            )
             self._request = self.hand.request(device, events, view)
         self.authority.expire(robot.stamp_s, False)
         if moves:

@@ -284,7 +284,7 @@ def arming_after(
             return asked, Act.LET_GO
         case False, True:
             return asked, Act.TAKE if asked.claims else Act.ARM
-        case _ if request.acts and acknowledges:
+        case _ if request.arming_requested and acknowledges:
             return asked, Act.ACKNOWLEDGE
         case True, True if asked.claims and not owns:
             return (Arming.DISARMED, Act.TRIP) if refused else (asked, Act.TAKE)

@@ -133,7 +133,7 @@ class ServerEntry(NamedTuple):
     file: Path
 
 
-class Layout(NamedTuple):
+class DaemonConfig(NamedTuple):
     """All that the daemon runs."""
 
     daemon: DaemonOptions
@@ -146,17 +146,17 @@ def is_of_daemon(tables: Mapping[str, Any]) -> bool:
     return "faces" in tables or ("robot" not in tables and not _TOP.isdisjoint(tables))
 
 
-def read_layout(paths: Iterable[Path]) -> Layout:
+def read_daemon_config(paths: Iterable[Path]) -> DaemonConfig:
     """Read files, and the .toml files of folders, and check all of them.
 
     Raises ConfigurationError, which names file and key; nothing is opened.
     """
-    return _Reading(_files(paths)).layout()
+    return _Reading(_files(paths)).config()
 
 
-def read_layout_beside(paths: Iterable[Path]) -> Layout:
-    """:func:`read_layout` in a process of its own, which loads the arms' models: nothing else that
-    this process does waits for them. Raises ConfigurationError."""
+def read_daemon_config_in_subprocess(paths: Iterable[Path]) -> DaemonConfig:
+    """:func:`read_daemon_config` in a process of its own, which loads the arms' models: nothing
+    else that this process does waits for them. Raises ConfigurationError."""
     done = subprocess.run(
         [
             sys.executable,
@@ -173,7 +173,7 @@ def read_layout_beside(paths: Iterable[Path]) -> Layout:
     if done.returncode:
         last = done.stderr.decode(errors="backslashreplace").strip().rpartition("\n")[2]
         raise ConfigurationError("", f"the files could not be read: {last or done.returncode}")
-    made: Layout | CardanError = pickle.loads(done.stdout)
+    made: DaemonConfig | CardanError = pickle.loads(done.stdout)
     if isinstance(made, CardanError):
         raise made
     return made
@@ -295,7 +295,7 @@ class _Reading:
             )
         self._sessions[session.name] = session, file, key
 
-    def layout(self) -> Layout:
+    def config(self) -> DaemonConfig:
         """All of it, checked."""
         options = DaemonOptions() if self._daemon is None else self._daemon[0]
         sessions = {name: self._session(*each) for name, each in self._sessions.items()}
@@ -310,7 +310,7 @@ class _Reading:
             for name in names:
                 with below(f"{sessions[name].file}: {name}"):
                     _check_shared(device, sessions[name].config)
-        return Layout(options, sessions, servers)
+        return DaemonConfig(options, sessions, servers)
 
     def _session(self, table: SessionTable, file: Path, key: str) -> SessionEntry:
         stands = {name: (file, f"{key}.{name}".lstrip(".")) for name in table.session}
@@ -401,11 +401,11 @@ def _words(options: Mapping[str, Any]) -> Iterable[str]:
 
 
 def main() -> None:
-    """Read the files that are named, and write the layout, or the error, for
-    :func:`read_layout_beside`."""
-    made: Layout | CardanError
+    """Read the files that are named, and write the configuration, or the error, for
+    :func:`read_daemon_config_in_subprocess`."""
+    made: DaemonConfig | CardanError
     try:
-        made = read_layout(map(Path, sys.argv[1:]))
+        made = read_daemon_config(map(Path, sys.argv[1:]))
     except CardanError as error:
         made = error
     sys.stdout.buffer.write(pickle.dumps(made))

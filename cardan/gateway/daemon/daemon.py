@@ -37,7 +37,7 @@ from cardan.gateway.daemon.changes import (
     of_servers,
     of_session,
 )
-from cardan.gateway.daemon.config import Layout, ServerEntry, SessionEntry, sharers
+from cardan.gateway.daemon.config import DaemonConfig, ServerEntry, SessionEntry, sharers
 from cardan.gateway.daemon.control import Ask, ControlError, Response
 from cardan.gateway.daemon.device_sharing import Order, SessionState, SharedDevice
 from cardan.gateway.daemon.events import Event, EventLog, default_event_log
@@ -100,13 +100,13 @@ ReloadOutcome = Sequence[Change] | CardanError
 
 
 class Daemon:
-    """Runs the services of a layout until a request to end."""
+    """Runs the services of a configuration until a request to end."""
 
-    def __init__(self, layout: Layout, read: Callable[[], Layout]) -> None:
-        """`read` reads the layout anew, in a thread of its own, in which it must not hold up the
+    def __init__(self, config: DaemonConfig, read: Callable[[], DaemonConfig]) -> None:
+        """`read` reads the files anew, in a thread of its own, in which it must not hold up the
         daemon's others: sessions whose beats do not come stop their arms. Raises
         ConfigurationError."""
-        self.layout = layout
+        self.config = config
         self._read = read
         self._kept: dict[str, Kept] = {}
         self._events: Inbox[Callable[[], None]] = Inbox()
@@ -131,10 +131,10 @@ class Daemon:
         """Clients to be notified of a motion, by session and the motion's id."""
         self._shared: dict[str, SharedDevice] = {}
         """The devices that several sessions share, by name."""
-        for name, session in layout.sessions.items():
-            self._keep(SessionService(name, session, layout.daemon.start_limit), session.start)
-        for name, server in layout.servers.items():
-            self._keep(KeptServer(name, server, layout.daemon.start_limit), server.start)
+        for name, session in config.sessions.items():
+            self._keep(SessionService(name, session, config.daemon.start_limit), session.start)
+        for name, server in config.servers.items():
+            self._keep(KeptServer(name, server, config.daemon.start_limit), server.start)
         self._share()
 
     def _keep(self, kept: Kept, start: bool) -> None:
@@ -153,9 +153,9 @@ class Daemon:
         device."""
         before, self._shared = self._shared, {}
         entries = {}
-        for name in (*self.layout.sessions, *self._kept):
+        for name in (*self.config.sessions, *self._kept):
             kept = self._kept[name]
-            if isinstance(kept, SessionService) and (kept.process or name in self.layout.sessions):
+            if isinstance(kept, SessionService) and (kept.process or name in self.config.sessions):
                 entries[name] = kept.entry
         for device, names in sharers(entries).items():
             shared = before.get(device)
@@ -209,7 +209,7 @@ class Daemon:
 
         Raises AddressError where another daemon has the socket.
         """
-        options = self.layout.daemon
+        options = self.config.daemon
         if not options.socket:
             make_runtime_folder()
         path = options.socket or runtime_path("cardan.sock")
@@ -629,7 +629,7 @@ class Daemon:
         assert isinstance(kept, SessionService)
         if REMOVED in kept.changes_wait:
             _remove(kept)
-        kept.entry, kept.changes_wait = self.layout.sessions.get(name, kept.entry), ()
+        kept.entry, kept.changes_wait = self.config.sessions.get(name, kept.entry), ()
         self._share()
 
     def _asker_gone(self, name: str, motion: int) -> None:
@@ -656,42 +656,42 @@ class Daemon:
         self._reading = True
 
         def read() -> None:
-            layout: Layout | CardanError
+            config: DaemonConfig | CardanError
             try:
-                layout = self._read()
+                config = self._read()
             except CardanError as error:
-                layout = error
+                config = error
             except Exception as error:  # The client waits for an answer.
-                layout = ConfigurationError("", shortage(error) or repr(error))
-            self._told(lambda: over(self._take_layout(layout, check_only)))
+                config = ConfigurationError("", shortage(error) or repr(error))
+            self._told(lambda: over(self._take_config(config, check_only)))
 
         threading.Thread(target=read, name="cardan-reading", daemon=True).start()
 
-    def _take_layout(self, layout: Layout | CardanError, check_only: bool) -> ReloadOutcome:
+    def _take_config(self, config: DaemonConfig | CardanError, check_only: bool) -> ReloadOutcome:
         """The files have been read and checked."""
         self._reading = False
         try:
-            if isinstance(layout, CardanError):
-                raise layout
-            self._check_kinds(layout)
+            if isinstance(config, CardanError):
+                raise config
+            self._check_kinds(config)
         except CardanError as error:
             if not check_only:
                 what = "nothing was changed"
                 self._happened(Event(time.time(), "daemon", "reload refused", what, str(error)))
             return error
-        changes = [*of_servers(self.layout.servers, layout.servers), *self._changes(layout)]
+        changes = [*of_servers(self.config.servers, config.servers), *self._changes(config)]
         if not check_only:
             self._happened(Event(time.time(), "daemon", "reload", in_words(changes)))
-            self._apply(layout, changes, time.monotonic())
+            self._apply(config, changes, time.monotonic())
         return changes
 
-    def _check_kinds(self, layout: Layout) -> None:
+    def _check_kinds(self, config: DaemonConfig) -> None:
         """Raise ConfigurationError for changes that no reload can make."""
-        if layout.daemon != self.layout.daemon:
+        if config.daemon != self.config.daemon:
             raise ConfigurationError(
                 "daemon", "its own options are read at its start: restart the daemon for them"
             )
-        for entries, kind in ((layout.sessions, SessionService), (layout.servers, KeptServer)):
+        for entries, kind in ((config.sessions, SessionService), (config.servers, KeptServer)):
             for name in entries:
                 kept = self._kept.get(name)
                 if kept is not None and kept.process is not None and not isinstance(kept, kind):
@@ -699,16 +699,16 @@ class Daemon:
                         name, "was a session and is a server now, or the other way round: rename it"
                     )
 
-    def _changes(self, layout: Layout) -> Iterator[Change]:
+    def _changes(self, config: DaemonConfig) -> Iterator[Change]:
         """Yield changes of sessions; running ones are compared by their present configuration."""
-        for name in self.layout.sessions.keys() - layout.sessions.keys():
+        for name in self.config.sessions.keys() - config.sessions.keys():
             kept = self._kept[name]
             assert isinstance(kept, SessionService)
             yield Change(name, "", REMOVED, waits=UNTIL_FREE if kept.engaged else "")
-        for name, entry in layout.sessions.items():
+        for name, entry in config.sessions.items():
             session = self._kept.get(name)
             if not isinstance(session, SessionService) or (
-                name not in self.layout.sessions and not session.changes_wait
+                name not in self.config.sessions and not session.changes_wait
             ):
                 yield Change(name, "", "added")
                 continue
@@ -717,21 +717,21 @@ class Daemon:
                 name, session.entry.config, entry.config, waits, session.changes_wait
             )
 
-    def _apply(self, layout: Layout, changes: Sequence[Change], now_s: float) -> None:
-        before, self.layout = self.layout, layout
-        for name in before.servers.keys() - layout.servers.keys() - layout.sessions.keys():
+    def _apply(self, config: DaemonConfig, changes: Sequence[Change], now_s: float) -> None:
+        before, self.config = self.config, config
+        for name in before.servers.keys() - config.servers.keys() - config.sessions.keys():
             _remove(self._kept[name])
-        for name in before.sessions.keys() - layout.sessions.keys():
+        for name in before.sessions.keys() - config.sessions.keys():
             kept = self._kept[name]
             assert isinstance(kept, SessionService)
             if kept.process is None:
                 _remove(kept)
             else:
                 kept.changes_wait = (REMOVED,)
-        for name, session in layout.sessions.items():
+        for name, session in config.sessions.items():
             keys = [each.key for each in changes if (each.name, each.what) == (name, "changed")]
             self._take_session(name, session, keys, name not in before.sessions, now_s)
-        for name, server in layout.servers.items():
+        for name, server in config.servers.items():
             self._take_server(name, server, name not in before.servers, now_s)
         self._share()
 
@@ -740,7 +740,7 @@ class Daemon:
     ) -> None:
         kept = self._kept.get(name)
         if not isinstance(kept, SessionService):
-            self._keep(SessionService(name, entry, self.layout.daemon.start_limit), entry.start)
+            self._keep(SessionService(name, entry, self.config.daemon.start_limit), entry.start)
             return
         kept.changes_wait = () if kept.process is None else tuple(keys)
         if not kept.changes_wait:
@@ -753,7 +753,7 @@ class Daemon:
     def _take_server(self, name: str, entry: ServerEntry, is_new: bool, now_s: float) -> None:
         kept = self._kept.get(name)
         if not isinstance(kept, KeptServer):
-            self._keep(KeptServer(name, entry, self.layout.daemon.start_limit), entry.start)
+            self._keep(KeptServer(name, entry, self.config.daemon.start_limit), entry.start)
         elif is_new:
             kept.entry = entry
             if entry.start:

@@ -60,7 +60,7 @@ class ArmView(NamedTuple):
     """Why no pose and no clutch is accepted now: the robot is not at its command."""
     tripped: bool = False
     """Whether another motion was ended in this tick, so that no press in it is deliberate."""
-    void: bool = False
+    input_ignored: bool = False
     """Whether buttons in this tick are ignored: the robot is not ready."""
     suspended: bool = False
     """Whether the operator's motion is ignored in this tick."""
@@ -72,9 +72,9 @@ class MotionRequest(NamedTuple):
     arming: Arming
     """Whether this device drives the arm, after the operator's acts in this tick, and moves or
     claims it, or would if it were free."""
-    engages: bool
+    newly_armed: bool
     """Whether the deliberate act was made in this tick and is accepted."""
-    acts: bool
+    arming_requested: bool
     """Whether the deliberate act was made in this tick, accepted or not."""
     following: bool
     """Whether the operator's motion moves the arm now: armed, and the dead-man held."""
@@ -151,17 +151,17 @@ class OperatorInput:
             if fault:
                 arming = Arming.DISARMED
                 self.disarm()
-        acts = recapture = False
-        if view.void:
+        requested = recapture = False
+        if view.input_ignored:
             arming = arming if arming.armed else Arming.DISARMED
         else:
             if not arming.armed and not options.clutch:
-                arming, acts = self._arm(arming, device, held, view)
+                arming, requested = self._arm(arming, device, held, view)
             if events and (options.clutch or options.recapture):
                 arming, pressed, recapture = self._take_presses(
                     before, device, events, arming, fault, view
                 )
-                acts = acts or pressed
+                requested = requested or pressed
         armed = arming.armed
         if events and armed and held:
             self.mapping.take_gripper(events)
@@ -189,7 +189,7 @@ class OperatorInput:
         return MotionRequest(
             arming,
             armed and not view.arming.armed,
-            acts,
+            requested,
             following,
             twist,
             rates,
@@ -324,13 +324,13 @@ class OperatorInput:
             return (arming if arming is Arming.DEFLECTED else Arming.DISARMED), False
         at_rest = followed or device.axes == NO_DEFLECTION
         if self.mapping.options.deadman_buttons:
-            arming, acts = armed_by_deadman(arming, held, at_rest, bool(view.inhibited))
+            arming, requested = armed_by_deadman(arming, held, at_rest, bool(view.inhibited))
             if arming.armed and followed:
                 self._refusal = self._why_not_taken(device, view)
                 arming = Arming.DISARMED if self._refusal else arming
         else:
-            arming, acts = armed_by_rest(arming, at_rest, bool(view.inhibited))
-        return arming, acts
+            arming, requested = armed_by_rest(arming, at_rest, bool(view.inhibited))
+        return arming, requested
 
     def _take_presses(
         self,
@@ -349,7 +349,7 @@ class OperatorInput:
         options = self.mapping.options
         was_live = before is not None and before.link is DeviceLink.LIVE
         was_up = before is not None and was_live and options.clutch not in before.buttons
-        acts = recapture = False
+        requested = recapture = False
         for event in events:
             if event.button == options.recapture:
                 recapture = recapture or event.pressed
@@ -366,11 +366,11 @@ class OperatorInput:
                 unusable = self._unusable(device, view.robot.stamp_s)
                 if not deliberate or fault or view.tripped or unusable:
                     continue
-                acts = True
+                requested = True
                 pressed_ago_s = view.robot.stamp_s - event.stamp_s
                 if not view.inhibited and self._clutch_in(device, view, pressed_ago_s):
                     arming = Arming.ARMED
-        return arming, acts, recapture
+        return arming, requested, recapture
 
     def _clutch_in(self, device: DeviceState, view: ArmView, pressed_ago_s: float) -> bool:
         if pressed_ago_s > CLUTCH_WITHIN_S:

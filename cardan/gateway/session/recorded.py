@@ -10,13 +10,13 @@ from pathlib import Path
 
 from cardan.bus.options import BusOptions
 from cardan.bus.router import RouterKeeper
-from cardan.gateway.session.subprocesses import Launched
+from cardan.gateway.session.subprocesses import CardanSubprocess
 
 LAST_S = 0.5
 """How long the recorder goes on after the session has ended: its last messages are on their way."""
 
 
-def why_incomplete(recorder: Launched, path: Path) -> str:
+def why_incomplete(recorder: CardanSubprocess, path: Path) -> str:
     """Why a recorder that has ended did not come to its end in good order; empty: it did, or says
     itself which part is missing."""
     if recorder.code >= 0:
@@ -31,7 +31,7 @@ def why_incomplete(recorder: Launched, path: Path) -> str:
 
 
 @contextlib.contextmanager
-def recorded(options: BusOptions, path: Path, *join: str) -> Iterator[Launched]:
+def recorded(options: BusOptions, path: Path, *join: str) -> Iterator[CardanSubprocess]:
     """Record the bus that `options` are of into `path`; gives the recorder, which has its report
     (`lines`, `code`) at the end.
 
@@ -41,7 +41,7 @@ def recorded(options: BusOptions, path: Path, *join: str) -> Iterator[Launched]:
     """
     with contextlib.closing(RouterKeeper(options)) as router:
         router.wait()
-        recorder = Launched("net", "record", "--output", str(path), *join)
+        recorder = CardanSubprocess("net", "record", "--output", str(path), *join)
         try:
             yield recorder
             time.sleep(LAST_S)

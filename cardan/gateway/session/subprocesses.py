@@ -31,7 +31,7 @@ _LAST_WORDS = 2000
 """Characters of its standard error that are kept."""
 
 
-class Launched:
+class CardanSubprocess:
     """``cardan WORDS`` from its start, once it serves, to its end. It ends with this process, too,
     even if that is killed; Ctrl-C in the terminal does not reach it."""
 
@@ -131,11 +131,11 @@ class Launched:
 
 
 @contextlib.contextmanager
-def launched(
+def cardan_subprocess(
     *words: str, folder: Path | None = None, ready_within_s: float = READY_WITHIN_S
 ) -> Iterator[str]:
-    """Run ``cardan WORDS`` as :class:`Launched` does; gives its endpoint, and ends it after."""
-    command = Launched(*words, folder=folder, ready_within_s=ready_within_s)
+    """Run ``cardan WORDS`` as :class:`CardanSubprocess` does; give its endpoint, then end it."""
+    command = CardanSubprocess(*words, folder=folder, ready_within_s=ready_within_s)
     try:
         yield command.endpoint
     finally:

@@ -22,9 +22,9 @@ def test_the_server_tells_what_it_does_and_what_its_options_mean():
 def test_the_doctor_knows_its_extra_and_its_port(tmp_path):
     file = tmp_path / "lab.toml"
     file.write_text('[servers.view]\nserver = "foxglove"\nport = 9191\n[servers.foxglove]\n')
-    layout, wrong = read_files([file])
+    config, wrong = read_files([file])
     assert not wrong
-    subject = Subject((file,), layout)
+    subject = Subject((file,), config)
     assert needed_extras(subject) == {"foxglove": "server view"}
     assert list(wanted_ports(subject)) == [
         Wanted("tcp", "127.0.0.1", 9191, "server view"),
@@ -35,6 +35,6 @@ def test_the_doctor_knows_its_extra_and_its_port(tmp_path):
 def test_the_doctor_asks_no_bus_of_a_domain_that_cannot_be(tmp_path):
     file = tmp_path / "lab.toml"
     file.write_text("[servers.foxglove]\ndomain = 999\n")
-    layout, wrong = read_files([file])
+    config, wrong = read_files([file])
     assert not wrong
-    assert Subject((file,), layout).buses() == {}
+    assert Subject((file,), config).buses() == {}

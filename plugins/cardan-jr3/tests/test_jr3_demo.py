@@ -13,7 +13,7 @@ from cardan.demos.examples import find_demos, free_ports
 from cardan.drivers import registry as drivers
 from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.session import EXIT_OK
-from cardan.gateway.session.subprocesses import launched
+from cardan.gateway.session.subprocesses import cardan_subprocess
 from cardan.sim_peers import registry as peers
 from cardan_jr3.driver import Jr3
 from cardan_jr3.protocol import CanFrame
@@ -94,7 +94,7 @@ def test_what_pushes_the_sensor_is_felt(example):
     device, dashes, run = then.partition(" -- ")
     assert (dashes, run) == (" -- ", f"cardan run {name}")
     through = (sys.executable, "-m", "cardan", *shlex.split(device), "--")
-    with launched(*sensor, "--seconds", "40"):
+    with cardan_subprocess(*sensor, "--seconds", "40"):
         outcome = supervised(name, lambda seen: seen.force.peak_n > PRESSED_N, through=through)
     last = outcome.last
     assert (outcome.exit_code, last.error, last.arm.trips) == (EXIT_OK, "", 0), last.arm.message

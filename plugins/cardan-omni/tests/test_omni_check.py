@@ -30,6 +30,6 @@ def test_a_compiled_part_that_is_missing(monkeypatch, tmp_path):
         '[device]\ndriver = "omni"\n[mapping]\nmode = "position"\n'
         'deadman = "button_2"\n[robot]\ndriver = "abb_egm"\n'
     )
-    layout, wrong = read_files([file])
+    config, wrong = read_files([file])
     assert not wrong
-    assert told(Compiled, Compiled.look(Subject((file,), layout))) == [("failure", "compiled")]
+    assert told(Compiled, Compiled.look(Subject((file,), config))) == [("failure", "compiled")]

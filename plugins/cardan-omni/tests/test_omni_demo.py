@@ -18,7 +18,7 @@ from cardan.drivers import registry as drivers
 from cardan.errors import ConfigurationError
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import EXIT_OK
-from cardan.gateway.session.subprocesses import launched
+from cardan.gateway.session.subprocesses import cardan_subprocess
 from cardan.sim_peers import registry as peers
 from cardan_omni.driver import Omni, OmniOptions
 from tests.demos.test_demo import DRAWN, pretend
@@ -129,7 +129,9 @@ def test_the_haptic_example_runs_and_is_felt(name, tmp_path, monkeypatch):
                 peers.enter_context(waiting(words))
             else:
                 to = re.search(r"listen_port = (\d+)", text)[1]
-                peers.enter_context(launched(*words, "--to", f"127.0.0.1:{to}", "--seconds", "40"))
+                peers.enter_context(
+                    cardan_subprocess(*words, "--to", f"127.0.0.1:{to}", "--seconds", "40")
+                )
         outcome = supervised(name, lambda seen: seen.force.peak_n > PRESSED_N, through=through)
     last = outcome.last
     assert (outcome.exit_code, last.error, last.arm.trips) == (EXIT_OK, "", 0), last.arm.message

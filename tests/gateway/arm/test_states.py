@@ -245,8 +245,10 @@ BOTH = (False, True)
 
 def all_requests():
     """(arming, request, acknowledges, owns, refused) without faults."""
-    for before, asked, acts, *rest in itertools.product(Arming, Arming, BOTH, BOTH, BOTH, BOTH):
-        yield before, NO_REQUEST._replace(arming=asked, acts=acts), *rest
+    for before, asked, requested, *rest in itertools.product(
+        Arming, Arming, BOTH, BOTH, BOTH, BOTH
+    ):
+        yield before, NO_REQUEST._replace(arming=asked, arming_requested=requested), *rest
 
 
 def test_a_fault_of_the_device_trips_and_one_of_a_filter_only_a_device_that_is_or_gets_armed():
@@ -267,7 +269,7 @@ def test_what_follows_from_a_request_without_a_fault():
             act = Act.LET_GO
         elif asked.armed and not before.armed:
             act = Act.TAKE if asked.claims else Act.ARM
-        elif request.acts and acknowledges:
+        elif request.arming_requested and acknowledges:
             act = Act.ACKNOWLEDGE
         elif wants:
             act = Act.TRIP if refused else Act.TAKE

@@ -3,7 +3,7 @@
 import pytest
 
 from cardan.errors import ConfigurationError
-from cardan.gateway.daemon.config import is_of_daemon, read_layout
+from cardan.gateway.daemon.config import is_of_daemon, read_daemon_config
 from cardan.robots.arm_loader import our_texts
 
 ARM = '[robot]\ndriver = "sim_arm"\nrobot = "ur5"\n[arm]\nmodel = "ur5"\n'
@@ -42,27 +42,27 @@ def folder(tmp_path):
 def read(folder, **files):
     for name, text in files.items():
         (folder / f"{name}.toml").write_text(text)
-    return read_layout([folder / f"{name}.toml" for name in files])
+    return read_daemon_config([folder / f"{name}.toml" for name in files])
 
 
 def test_a_file_with_a_robot_is_one_session(folder):
-    layout = read_layout([folder / "arm.toml"])
-    assert list(layout.sessions) == ["arm"]
-    assert layout.sessions["arm"].config.robot.driver == "sim_arm"
-    assert layout.sessions["arm"].start
-    assert not layout.servers
+    daemon_config = read_daemon_config([folder / "arm.toml"])
+    assert list(daemon_config.sessions) == ["arm"]
+    assert daemon_config.sessions["arm"].config.robot.driver == "sim_arm"
+    assert daemon_config.sessions["arm"].start
+    assert not daemon_config.servers
 
 
 @pytest.mark.parametrize("name", ["my lab", "läb", "-arm", "a" * 64])
 def test_a_file_whose_name_is_none_of_a_session(folder, name):
     (folder / "arm.toml").rename(folder / f"{name}.toml")
     with pytest.raises(ConfigurationError, match=r"the file's name, is the session's.*rename"):
-        read_layout([folder])
+        read_daemon_config([folder])
 
 
 def test_devices_and_robots_by_name(folder):
-    layout = read(folder, lab=LAB)
-    one, two = layout.sessions["one"], layout.sessions["two"]
+    daemon_config = read(folder, lab=LAB)
+    one, two = daemon_config.sessions["one"], daemon_config.sessions["two"]
     assert one.config.device.driver == "keyboard"
     assert one.config.robot.options == {"robot": "ur5"}
     assert two.config.device is None
@@ -97,16 +97,16 @@ def test_a_folder_is_all_of_its_files(folder):
     (folder / "other.toml").write_text(ARM)
     (folder / ".hidden.toml").write_text("no toml")
     (folder / "notes.txt").write_text("no toml")
-    assert list(read_layout([folder]).sessions) == ["arm", "other"]
+    assert list(read_daemon_config([folder]).sessions) == ["arm", "other"]
 
 
 def test_one_file_may_name_what_another_has(folder):
-    layout = read(
+    daemon_config = read(
         folder,
         robots='[robots.r]\ndriver = "sim_arm"\nrobot = "ur5"\n',
         sessions='[[sessions]]\nname = "s"\nrobot = "r"\n[sessions.arm]\nmodel = "ur5"\n',
     )
-    assert list(layout.sessions) == ["s"]
+    assert list(daemon_config.sessions) == ["s"]
 
 
 @pytest.mark.parametrize(
@@ -148,9 +148,9 @@ def test_no_name_means_two_things(folder, first, second):
 
 def test_a_folder_without_files_is_refused(tmp_path):
     with pytest.raises(ConfigurationError, match=r"has no \.toml file"):
-        read_layout([tmp_path])
+        read_daemon_config([tmp_path])
     with pytest.raises(ConfigurationError, match="no file was given"):
-        read_layout([])
+        read_daemon_config([])
 
 
 @pytest.mark.parametrize(
@@ -185,8 +185,8 @@ def test_an_error_in_the_file_that_a_session_names_is_of_that_file(folder):
 def test_a_home_in_a_path_is_expanded(folder, tmp_path, monkeypatch, home):
     (folder / "arm.toml").rename(tmp_path / "other.toml")
     monkeypatch.setenv("HOME", str(tmp_path))
-    layout = read(folder, lab=LAB.replace("arm.toml", f"{home}/other.toml"))
-    assert layout.sessions["two"].config.arm.model == "ur5"
+    daemon_config = read(folder, lab=LAB.replace("arm.toml", f"{home}/other.toml"))
+    assert daemon_config.sessions["two"].config.arm.model == "ur5"
 
 
 def test_paths_are_relative_to_the_file_that_names_them(folder, monkeypatch):
@@ -197,15 +197,15 @@ def test_paths_are_relative_to_the_file_that_names_them(folder, monkeypatch):
     (folder / "base" / "own.toml").write_text('urdf = "own.urdf"\n')
     (folder / "base" / "own.urdf").write_bytes(our_texts("ur5").urdf.encode())
     monkeypatch.chdir("/")
-    layout = read(
+    daemon_config = read(
         folder,
         lab='[daemon]\nevent_log = "log"\nsocket = "lab.sock"\n'
         '[[sessions]]\nname = "one"\nfile = "base/arm.toml"\n'
         '[servers.rosbridge]\ntoken-file = "tokens"\n',
     )
-    config = layout.sessions["one"].config
+    config = daemon_config.sessions["one"].config
     assert config.arm.model == config.robot.options["robot"] == str(folder / "base" / "own.toml")
-    assert layout.daemon.event_log == str(folder / "log")
-    assert layout.daemon.socket == str(folder / "lab.sock")
-    assert layout.servers["rosbridge"].words == ("--token-file", str(folder / "tokens"))
+    assert daemon_config.daemon.event_log == str(folder / "log")
+    assert daemon_config.daemon.socket == str(folder / "lab.sock")
+    assert daemon_config.servers["rosbridge"].words == ("--token-file", str(folder / "tokens"))
     assert read(folder, lab=LAB + '[daemon]\nevent_log = "none"\n').daemon.event_log == "none"

@@ -9,7 +9,7 @@ from cardan.common.inbox import InboxEmptyError
 from cardan.errors import CardanError, ConfigurationError
 from cardan.gateway.daemon import services
 from cardan.gateway.daemon.changes import Change, of_session
-from cardan.gateway.daemon.config import read_layout, read_layout_beside
+from cardan.gateway.daemon.config import read_daemon_config, read_daemon_config_in_subprocess
 from cardan.gateway.daemon.control import ControlError
 from cardan.gateway.daemon.daemon import Daemon
 from cardan.gateway.daemon.processes import RunningSession
@@ -54,7 +54,9 @@ class Lab:
         monkeypatch.setattr(services, "RunningSession", Response)
         self.file = folder / "lab.toml"
         self.write(one=0.25, two=0.25)
-        self.daemon = Daemon(read_layout([self.file]), lambda: read_layout([self.file]))
+        self.daemon = Daemon(
+            read_daemon_config([self.file]), lambda: read_daemon_config([self.file])
+        )
         self.daemon._look_after(time.monotonic())
         self.told = []
 
@@ -196,7 +198,7 @@ def test_an_error_in_one_file_is_the_refusal_of_all(lab):
     for name in ("one", "two"):
         lab.rest(name)
         assert not lab.session(name).ended
-        assert lab.daemon.layout.sessions[name].config.limits.linear_speed_m_s == 0.25
+        assert lab.daemon.config.sessions[name].config.limits.linear_speed_m_s == 0.25
     assert "three" not in lab.daemon._kept
 
 
@@ -470,7 +472,7 @@ def test_changes_are_told_in_words():
 def test_files_are_read_in_a_process_of_their_own(tmp_path):
     file = tmp_path / "lab.toml"
     file.write_text(SESSION.format(name="one", speed=0.1))
-    assert read_layout_beside([file]) == read_layout([file])
+    assert read_daemon_config_in_subprocess([file]) == read_daemon_config([file])
     file.write_text("[demon]\n")
     with pytest.raises(ConfigurationError, match="demon: there is no such key"):
-        read_layout_beside([file])
+        read_daemon_config_in_subprocess([file])

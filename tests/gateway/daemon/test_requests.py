@@ -2,7 +2,7 @@
 
 import pytest
 
-from cardan.gateway.daemon.config import read_layout
+from cardan.gateway.daemon.config import read_daemon_config
 from cardan.gateway.daemon.control import Ask, ControlError
 from cardan.gateway.daemon.daemon import (
     CHARACTERS_KEPT,
@@ -44,8 +44,8 @@ class Asker:
 def daemon_of(tmp_path, *parts):
     file = tmp_path / "lab.toml"
     file.write_text(LAB + "".join(parts))
-    layout = read_layout([file])
-    return Daemon(layout, lambda: layout)
+    config = read_daemon_config([file])
+    return Daemon(config, lambda: config)
 
 
 def test_a_device_goes_to_nobody_who_does_not_run(tmp_path):

@@ -14,7 +14,7 @@ from cardan.gateway.arm.backlog import BACKLOGGED, BACKLOGGED_S, STALE_S
 from cardan.gateway.arm.requests import LATE_S
 from cardan.gateway.daemon import server as serving
 from cardan.gateway.daemon.client import ControlClient
-from cardan.gateway.daemon.config import read_layout
+from cardan.gateway.daemon.config import read_daemon_config
 from cardan.gateway.daemon.control import Ask, LineReader, decode_told
 from cardan.gateway.daemon.daemon import Daemon
 from cardan.gateway.daemon.processes import RunningSession
@@ -54,7 +54,7 @@ class Bench:
     def __init__(self, folder):
         file = folder / "lab.toml"
         file.write_text(SESSION)
-        self.daemon = Daemon(read_layout([file]), lambda: None)
+        self.daemon = Daemon(read_daemon_config([file]), lambda: None)
         self.kept = self.daemon._kept["one"]
         self.session = self.kept.process = Session()
         self.kept.unit.begun(0.0)

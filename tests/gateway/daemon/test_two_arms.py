@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cardan.gateway.daemon.config import read_layout
+from cardan.gateway.daemon.config import read_daemon_config
 from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
 from tests.gateway.daemon.test_serve import Lab
 from tests.programs import Program
@@ -198,8 +198,8 @@ def test_two_arms_that_know_each_other_move_while_they_hear_each_other(lab):
 
 @pytest.mark.parametrize(("mice", "by"), [("mice", "serial"), ("simulated-mice", "path")])
 def test_the_examples_mice_are_two_of_a_kind(mice, by):
-    layout = read_layout([EXAMPLE / "teo.toml", EXAMPLE / f"{mice}.toml"])
-    left, right = (layout.sessions[name].config for name in ("left", "right"))
+    config = read_daemon_config([EXAMPLE / "teo.toml", EXAMPLE / f"{mice}.toml"])
+    left, right = (config.sessions[name].config for name in ("left", "right"))
     assert left.device.driver == right.device.driver == "spacemouse"
     differ = {
         key for key, value in left.device.options.items() if right.device.options[key] != value

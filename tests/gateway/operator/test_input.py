@@ -68,7 +68,7 @@ class Asked:
 
     def arm(self):
         self.tick()
-        assert self.tick(REST, "left").engages
+        assert self.tick(REST, "left").newly_armed
         return self
 
     @property
@@ -81,16 +81,16 @@ class Asked:
 
 def test_the_act_is_the_dead_man_pressed_after_device_and_dead_man_were_at_rest():
     asked = Asked()
-    assert not asked.tick().acts
+    assert not asked.tick().arming_requested
     assert "press 'left' to move" in asked.advice
     request = asked.tick(REST, "left")
-    assert request.acts
-    assert request.engages
+    assert request.arming_requested
+    assert request.newly_armed
     assert request.armed
     assert request.following
     assert not request.asks
     request = asked.tick(FORWARD, "left")
-    assert not request.engages
+    assert not request.newly_armed
     assert request.asks
     assert request.twist.linear.x > 0.0
 
@@ -99,7 +99,7 @@ def test_the_act_is_the_dead_man_pressed_after_device_and_dead_man_were_at_rest(
 def test_a_dead_man_or_a_deflection_from_before_is_no_act(before):
     asked = Asked()
     asked.tick(*before)
-    assert not asked.tick(FORWARD, "left").acts
+    assert not asked.tick(FORWARD, "left").arming_requested
     assert asked.advice == "let go of the device and of 'left', then press 'left' to go on"
 
 
@@ -107,7 +107,7 @@ def test_a_dead_man_or_a_deflection_from_before_is_no_act(before):
 def test_a_deflection_that_may_drive_no_motion_is_no_act(age_s):
     asked = Asked().seen()
     request = asked.tick(FORWARD, "left", age_s=age_s)
-    assert not request.acts
+    assert not request.arming_requested
     assert not request.asks
     asked.arm()
 
@@ -115,44 +115,45 @@ def test_a_deflection_that_may_drive_no_motion_is_no_act(age_s):
 def test_an_act_that_is_barred_is_seen_and_has_to_be_made_anew():
     asked = Asked().seen()
     request = asked.tick(REST, "left", inhibited="somebody else has the arm")
-    assert request.acts
+    assert request.arming_requested
     assert not request.armed
-    assert not asked.tick(REST, "left").acts
+    assert not asked.tick(REST, "left").arming_requested
     asked.arm()
 
 
 def test_nothing_counts_while_the_robot_is_not_ready():
     asked = Asked()
-    asked.tick(void=True)
-    assert not asked.tick(REST, "left").acts
+    asked.tick(input_ignored=True)
+    assert not asked.tick(REST, "left").arming_requested
     asked.tick()
-    assert not asked.tick(REST, "left", void=True).acts
-    assert not asked.tick(REST, "left").acts
+    assert not asked.tick(REST, "left", input_ignored=True).arming_requested
+    assert not asked.tick(REST, "left").arming_requested
     asked.arm()
 
 
 def test_disarming_takes_away_what_was_held():
     asked = Asked().arm()
     asked.disarm()
-    assert not asked.tick(REST, "left").acts
+    assert not asked.tick(REST, "left").arming_requested
     asked.arm()
 
 
 def test_without_a_dead_man_rest_arms_and_a_barred_one_takes_a_move_and_rest():
     asked = Asked(BARE)
     assert not asked.tick(FORWARD).armed
-    assert asked.tick(REST).engages
+    assert asked.tick(REST).newly_armed
     assert asked.tick(FORWARD).asks
     asked = Asked(BARE)
-    assert not asked.tick(REST, inhibited="held").acts
-    assert not asked.tick(FORWARD, inhibited="held").acts
+    assert not asked.tick(REST, inhibited="held").arming_requested
+    assert not asked.tick(FORWARD, inhibited="held").arming_requested
     request = asked.tick(REST, inhibited="held")
-    assert request.acts
-    assert not request.engages
+    assert request.arming_requested
+    assert not request.newly_armed
     assert asked.source.act_words() == "move the device and let it go"
-    assert not asked.tick(REST, inhibited="held").acts  # Staying at rest is no further act.
-    assert not asked.tick(FORWARD, inhibited="held").acts
-    assert asked.tick(REST, inhibited="held").acts
+    # Staying at rest is no further act.
+    assert not asked.tick(REST, inhibited="held").arming_requested
+    assert not asked.tick(FORWARD, inhibited="held").arming_requested
+    assert asked.tick(REST, inhibited="held").arming_requested
 
 
 @pytest.mark.parametrize("options", [DEADMAN, CLUTCH, BARE])
@@ -193,7 +194,7 @@ RELEASE = ("right", False, 0.0)
 def test_presses_toggle_the_clutch():
     asked = Asked(CLUTCH).seen()
     request = asked.tick(REST, "right", events=[press()])
-    assert request.engages
+    assert request.newly_armed
     assert request.pressed
     asked.tick(FORWARD, events=[RELEASE])
     assert asked.request.asks
@@ -219,15 +220,15 @@ def test_a_press_that_begins_nothing_says_why(tick, words):
     assert words in asked.advice
 
 
-@pytest.mark.parametrize("tick", [{"inhibited": "no"}, {"tripped": True}, {"void": True}])
+@pytest.mark.parametrize("tick", [{"inhibited": "no"}, {"tripped": True}, {"input_ignored": True}])
 def test_a_press_at_a_bad_moment_begins_nothing_and_nothing_later(tick):
     asked = Asked(CLUTCH).seen()
     request = asked.tick(REST, "right", events=[press()], **tick)
-    assert request.acts is ("inhibited" in tick)
+    assert request.arming_requested is ("inhibited" in tick)
     assert not request.armed
     assert not asked.tick(REST, "right").armed
     asked.tick(REST, events=[RELEASE])
-    assert asked.tick(REST, "right", events=[press()]).engages
+    assert asked.tick(REST, "right", events=[press()]).newly_armed
 
 
 # -- faults --------------------------------------------------------------------------------------
@@ -259,7 +260,7 @@ def test_silence_at_rest_is_no_fault():
 def test_a_hand_whose_pose_is_followed_has_to_give_one():
     asked = Asked(MappingOptions(mode=Mode.POSITION, deadman=("left",)))
     asked.tick(pose=HAND)
-    assert asked.tick(REST, "left", pose=HAND).engages
+    assert asked.tick(REST, "left", pose=HAND).newly_armed
     assert "gives no pose" in asked.tick(REST, "left").fault
     asked.tick(pose=HAND)
     asked.tick(REST, "left")
@@ -280,7 +281,7 @@ ticks = st.lists(
         st.booleans(),
         st.sampled_from((DeviceLink.LIVE,) * 5 + (DeviceLink.LOST,)),
         st.sampled_from((0.0, 0.0, 0.2)),
-        st.sampled_from(("", "", "inhibited", "void", "unfree", "suspended")),
+        st.sampled_from(("", "", "inhibited", "input_ignored", "unfree", "suspended")),
     ),
     max_size=40,
 )
@@ -292,12 +293,12 @@ def test_nothing_is_asked_for_but_by_an_armed_live_hand_with_its_dead_man_held(p
     for axes, held, link, age_s, trouble in plan:
         view = {
             "inhibited": "no" if trouble == "inhibited" and not asked.armed else "",
-            "void": trouble == "void",
+            "input_ignored": trouble == "input_ignored",
             "free": trouble != "unfree",
             "suspended": trouble == "suspended",
         }
         was_armed = asked.armed
-        if trouble == "void":
+        if trouble == "input_ignored":
             asked.disarm()  # The controller has, before it asks.
             was_armed = False
         request = asked.tick(axes, *(("left",) if held else ()), link=link, age_s=age_s, **view)
@@ -306,19 +307,19 @@ def test_nothing_is_asked_for_but_by_an_armed_live_hand_with_its_dead_man_held(p
             assert held
             assert link is DeviceLink.LIVE
             assert math.isfinite(request.twist.linear.x)
-            assert not view["void"]
+            assert not view["input_ignored"]
             assert view["free"]
         if request.asks:
             assert age_s == 0.0
             assert trouble != "suspended"
-        if request.engages:
+        if request.newly_armed:
             assert rested
             assert not was_armed
             assert view["inhibited"] == ""
         if request.armed:
-            assert was_armed or request.engages
+            assert was_armed or request.newly_armed
         # Whether device and dead-man were seen at rest since the last interruption.
-        if trouble == "void" or request.fault or (held and view["inhibited"]):
+        if trouble == "input_ignored" or request.fault or (held and view["inhibited"]):
             rested = False
         elif link is not DeviceLink.LIVE:
             rested = rested and was_armed
@@ -415,11 +416,11 @@ def test_joints_move_only_while_the_operator_is_followed():
 
 def test_an_armed_device_stays_so_where_only_its_buttons_are_ignored():
     asked = Asked().arm()
-    assert asked.tick(REST, "left", void=True).armed
+    assert asked.tick(REST, "left", input_ignored=True).armed
     deflected = Asked(BARE)
     deflected.tick(FORWARD, inhibited="held")
     assert deflected.arming is Arming.DEFLECTED
-    deflected.tick(FORWARD, void=True)
+    deflected.tick(FORWARD, input_ignored=True)
     assert deflected.arming is Arming.DISARMED
 
 
@@ -550,10 +551,10 @@ def test_a_hand_that_leaps_is_let_go():
 def test_deflections_mean_nothing_where_the_pose_is_followed():
     asked = Asked(POSE)
     asked.tick(FORWARD, pose=HAND)
-    assert asked.tick(FORWARD, "left", pose=HAND).engages
+    assert asked.tick(FORWARD, "left", pose=HAND).newly_armed
     asked = Asked(POSE_CLUTCH)
     asked.tick(FORWARD, pose=HAND)
-    assert asked.tick(FORWARD, "right", pose=HAND, events=[press()]).engages
+    assert asked.tick(FORWARD, "right", pose=HAND, events=[press()]).newly_armed
     not_numbers = (math.nan, *REST[1:])
     assert posed().tick(not_numbers, "left", pose=HAND).fault == ""
 
@@ -575,7 +576,7 @@ def test_how_old_a_report_may_be_to_the_border(age_s, ok):
     robot = RobotState(robot_s, RobotLink.LIVE, 1, 0, DT_S, (), (), IDENTITY_POSE, "")
     view = ArmView(robot, DT_S, IDENTITY_POSE, IDENTITY_POSE, Arming.RELEASED, True)
     request = pose.request(device, (), view)
-    assert request.engages is ok
+    assert request.newly_armed is ok
 
 
 @pytest.mark.parametrize(
@@ -606,25 +607,25 @@ def test_a_hand_is_taken_when_its_robot_is_there_and_deflections_at_any_time(fre
     asked = Asked(POSE).seen(pose=HAND)
     assert "not engaged" not in asked.advice
     request = asked.tick(REST, "left", pose=HAND, behind="the robot lags", free=free)
-    assert request.acts
+    assert request.arming_requested
     assert not request.armed
     assert "the clutch was not engaged: the robot lags" in asked.advice
     asked = Asked(POSE).seen()
     assert "not engaged" not in asked.advice
     asked = Asked().seen()
-    assert asked.tick(REST, "left", behind="the robot lags", free=free).engages
+    assert asked.tick(REST, "left", behind="the robot lags", free=free).newly_armed
 
 
 def test_a_device_that_was_gone_was_not_let_go():
     asked = Asked().seen()
     asked.tick(link=DeviceLink.LOST)
     assert asked.arming is Arming.DISARMED
-    assert not asked.tick(REST, "left").acts
+    assert not asked.tick(REST, "left").arming_requested
     asked = Asked(BARE)
     asked.tick(FORWARD, inhibited="held")
     asked.tick(link=DeviceLink.LOST, inhibited="held")
     assert asked.arming is Arming.DEFLECTED
-    assert asked.tick(REST, inhibited="held").acts
+    assert asked.tick(REST, inhibited="held").arming_requested
 
 
 # -- the clutch's presses --------------------------------------------------------------------------
@@ -632,17 +633,18 @@ def test_a_device_that_was_gone_was_not_let_go():
 
 def test_a_press_needs_a_button_that_was_seen_up():
     asked = Asked(CLUTCH)
-    assert not asked.tick(REST, "right", events=[press()]).acts  # Nothing was seen before.
+    # Nothing was seen before.
+    assert not asked.tick(REST, "right", events=[press()]).arming_requested
     asked = Asked(CLUTCH)
     asked.tick(REST, "right")
-    assert not asked.tick(REST, "right", events=[press()]).acts
+    assert not asked.tick(REST, "right", events=[press()]).arming_requested
     asked.tick(REST, "right")
-    assert asked.tick(REST, "right", events=[RELEASE, press()]).engages
+    assert asked.tick(REST, "right", events=[RELEASE, press()]).newly_armed
     asked = Asked(CLUTCH)
     asked.tick(link=DeviceLink.LOST)
-    assert not asked.tick(REST, "right", events=[RELEASE, press()]).acts
+    assert not asked.tick(REST, "right", events=[RELEASE, press()]).arming_requested
     asked = Asked(CLUTCH).seen()
-    assert not asked.tick(REST, "right", events=[press()], link=DeviceLink.LOST).acts
+    assert not asked.tick(REST, "right", events=[press()], link=DeviceLink.LOST).arming_requested
 
 
 def test_a_second_press_without_a_release_does_not_count():
@@ -661,7 +663,7 @@ def test_a_press_that_came_too_late_and_a_second_one_are_no_act():
 
 def test_other_buttons_are_no_clutch():
     asked = Asked(CLUTCH).seen()
-    assert not asked.tick(REST, "x", events=[("x", True, 0.0)]).acts
+    assert not asked.tick(REST, "x", events=[("x", True, 0.0)]).arming_requested
     asked = clutched(CLUTCH)
     assert asked.tick(REST, "x", events=[("x", True, 0.0)]).armed
     events = [("x", False, 0.0), press()]
@@ -672,7 +674,7 @@ def test_a_press_after_a_fault_in_the_same_tick_does_not_engage():
     asked = clutched(CLUTCH)
     request = asked.tick(FORWARD, "right", events=[press()], age_s=0.2)
     assert request.fault
-    assert not request.acts
+    assert not request.arming_requested
     asked = clutched(POSE_CLUTCH, pose=HAND)
     far = Pose(Vector3(0.5, 0.2, 0.3), IDENTITY)
     request = asked.tick(REST, "right", events=[press()], pose=far)
@@ -687,7 +689,7 @@ def test_a_press_counts_for_half_a_second():
     device = DeviceState(1.0, DeviceLink.LIVE, REST, frozenset())
     source.request(device, (), view)
     edge = ButtonEvent(1.0 - CLUTCH_WITHIN_S, "right", True)
-    assert source.request(device._replace(buttons=frozenset({"right"})), (edge,), view).engages
+    assert source.request(device._replace(buttons=frozenset({"right"})), (edge,), view).newly_armed
 
 
 def test_a_press_that_is_accepted_takes_back_why_the_one_before_was_not():
@@ -828,7 +830,7 @@ CLUTCHES = MappingOptions(clutch="right", deadman=("left", "up"))
 def test_how_to_go_on_is_told(options, arming, axes, held, words):
     asked = Asked(options)
     assert asked.source.advice("why; ", arming) == "why; "  # Nothing was seen of the device.
-    asked.tick(axes, *held, void=True)
+    asked.tick(axes, *held, input_ignored=True)
     assert asked.source.advice("why; ", arming) == f"why; {words}"
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from cardan.gateway.session.subprocesses import launched
+from cardan.gateway.session.subprocesses import cardan_subprocess
 from tests.waiting import TRIES, WITHIN_S
 
 pytestmark = pytest.mark.matrix  # Whole programs; all bounds are generous.
@@ -114,6 +114,6 @@ def test_a_command_whose_launcher_is_gone_already_ends(tmp_path):
 
 
 def test_a_launcher_that_ends_it_keeps_its_folder(tmp_path):
-    with launched("sim", "spacemouse", "--hid", "s", folder=tmp_path):
+    with cardan_subprocess("sim", "spacemouse", "--hid", "s", folder=tmp_path):
         assert (tmp_path / "s").exists()
     assert os.listdir(tmp_path) == []

@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from cardan.errors import DriverError
-from cardan.gateway.session.subprocesses import Launched
+from cardan.gateway.session.subprocesses import CardanSubprocess
 
 
 @pytest.fixture
@@ -31,16 +31,16 @@ def command(tmp_path, monkeypatch):
 )
 def test_its_lines_are_told_apart_however_they_come(command, script):
     command(f"trap 'printf st; exit 7' TERM; {script}; while :; do sleep 0.05; done")
-    launched = Launched("net", "server", "console", ready_within_s=5.0)
-    assert launched.endpoint == "here"
-    assert launched.before == ["certificate"]
-    launched.end()
-    assert launched.lines == ("after", "last")
-    assert launched.code == 7
+    command = CardanSubprocess("net", "server", "console", ready_within_s=5.0)
+    assert command.endpoint == "here"
+    assert command.before == ["certificate"]
+    command.end()
+    assert command.lines == ("after", "last")
+    assert command.code == 7
 
 
 def test_one_that_ends_before_it_serves_is_an_error_with_its_words(command, capsys):
     command("echo certificate; echo 'no port' >&2; exit 3")
     with pytest.raises(DriverError, match="`cardan net server console` ended before it served"):
-        Launched("net", "server", "console")
+        CardanSubprocess("net", "server", "console")
     assert "no port" in capsys.readouterr().err

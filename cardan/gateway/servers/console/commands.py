@@ -16,7 +16,7 @@ from cardan.common.text_sanitizer import printable
 
 COMMAND: Final = (sys.executable, "-m", "cardan")
 
-ORDERS: Final[Mapping[str, tuple[str, ...]]] = {
+COMMAND_WORDS: Final[Mapping[str, tuple[str, ...]]] = {
     "list": ("daemon", "ps", "--json"),
     "start": ("daemon", "start"),
     "stop": ("daemon", "stop"),
@@ -46,9 +46,9 @@ class OrderError(Exception):
 
 def words_of(do: object, name: object) -> list[str]:
     """The words of the command. Raises OrderError."""
-    words = ORDERS.get(do) if isinstance(do, str) else None
+    words = COMMAND_WORDS.get(do) if isinstance(do, str) else None
     if words is None:
-        raise OrderError(f"do is {str(do)[:60]!r}; allowed: {', '.join(ORDERS)}")
+        raise OrderError(f"do is {str(do)[:60]!r}; allowed: {', '.join(COMMAND_WORDS)}")
     if do not in NAMED:
         return list(words)
     if not isinstance(name, str) or not _NAME.fullmatch(name):

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from cardan.common.realtime import SCHEDULING_VARIABLE
 from cardan.gateway.servers.console.commands import COMMAND, OrderError, carry_out
-from cardan.gateway.servers.console.subprocesses import CARDAN, Beside
+from cardan.gateway.servers.console.subprocesses import CARDAN, AsyncSubprocess
 
 SECONDS: Final = 60
 """How long a demo runs, unless it is ended before."""
@@ -27,7 +27,7 @@ class Demos:
         self._known: list[dict[str, str]] | None = None
         self._name = ""
         self._since_s = 0.0
-        self._running: Beside | None = None
+        self._running: AsyncSubprocess | None = None
         self._said: deque[str] = deque(maxlen=LINES)
 
     async def table(self) -> dict[str, Any]:
@@ -55,7 +55,7 @@ class Demos:
         self._name, self._since_s = str(name), time.monotonic()
         self._said.clear()
         words = ["demo", self._name, "--seconds", str(SECONDS)]
-        running = self._running = Beside([*self._command, *words], self._said.append)
+        running = self._running = AsyncSubprocess([*self._command, *words], self._said.append)
         try:
             # Its loops are not to keep those waiting that move real arms.
             await running.start({SCHEDULING_VARIABLE: "ordinary"})

@@ -21,7 +21,7 @@ from typing import Any, Final
 
 from cardan.common.files import records_folder
 from cardan.errors import ConfigurationError
-from cardan.gateway.servers.console.subprocesses import CARDAN, Beside
+from cardan.gateway.servers.console.subprocesses import CARDAN, AsyncSubprocess
 from cardan.gateway.servers.stats import TELLS_VARIABLE, told
 
 RECORDER: Final = (*CARDAN, "net", "server", "recorder")
@@ -65,7 +65,7 @@ class Records:
         self.shown = 0
         """How many are shown to pages now."""
         self._command = [*recorder, f"--folder={folder}", *bus_words]
-        self._recorder: Beside | None = None
+        self._recorder: AsyncSubprocess | None = None
         self._following: asyncio.Task[None] | None = None
         self._began = asyncio.Event()
         """It is being made, or it will not be."""
@@ -119,7 +119,7 @@ class Records:
         if self._is_full():
             raise RecordsError(_FULL)
         self._ended, self._figures, self._said = "", {}, deque(maxlen=_LAST_LINES)
-        self._recorder = recorder = Beside(self._command, self._heard)
+        self._recorder = recorder = AsyncSubprocess(self._command, self._heard)
         self._began = asyncio.Event()
         try:
             await recorder.start({TELLS_VARIABLE: "1"})
@@ -155,7 +155,7 @@ class Records:
         except OSError:
             return False
 
-    async def _follow(self, recorder: Beside) -> None:
+    async def _follow(self, recorder: AsyncSubprocess) -> None:
         await recorder.ended()
         self._ended = "; ".join(self._said)
         self._recorder = self._path = None

@@ -22,7 +22,7 @@ MOST_LINE: Final = 64 * 1024
 """Bytes of a line that is read."""
 
 
-class Beside:
+class AsyncSubprocess:
     """A command from its start to its end."""
 
     def __init__(self, command: Sequence[str], heard: Callable[[str], None]) -> None:
