@@ -93,19 +93,21 @@ class TwoArms(Lab):
 
     def until_moved(self, name):
         """Wait until the arm has gone a way from now on."""
-        begin_m = self.snapshot(name)["path_m"]
+        begin_m = self.snapshot(name)["tracking"]["path_m"]
         return self.until_snapshot(
-            name, lambda s: s["phase"] == "moving" and s["path_m"] > begin_m + MOVED_M, "motion"
+            name,
+            lambda s: s["arm"]["phase"] == "moving" and s["tracking"]["path_m"] > begin_m + MOVED_M,
+            "motion",
         )
 
     def arm(self, name, mouse):
         """The deliberate act, from wherever the hand is."""
         mouse.do("release", "left")
         mouse.touch()
-        self.until_snapshot(name, lambda s: s["device_link"] == "live", "its mouse at rest")
-        self.until_snapshot(name, lambda s: s["robot_link"] == "live", "its robot")
+        self.until_snapshot(name, lambda s: s["device"]["link"] == "live", "its mouse at rest")
+        self.until_snapshot(name, lambda s: s["robot"]["link"] == "live", "its robot")
         mouse.do("press", "left")
-        self.until_snapshot(name, lambda s: s["authority"] == "hand", "the deliberate act")
+        self.until_snapshot(name, lambda s: s["arm"]["authority"] == "hand", "the deliberate act")
 
 
 @pytest.fixture
@@ -130,38 +132,40 @@ def test_two_mice_drive_two_arms_and_unplugging_one_stops_one(lab):
     left.do("set_axes", UP)
     lab.until_moved("left")
     still = lab.snapshot("right")
-    assert (still["phase"], still["path_m"]) == ("disarmed", 0.0)
+    assert (still["arm"]["phase"], still["tracking"]["path_m"]) == ("disarmed", 0.0)
 
     lab.arm("right", right)
     right.do("set_axes", UP)
     lab.until_moved("right")
     lab.until_moved("left")
     # Both are seen in the frame at the waist: one arm is to the left of it, the other to the right.
-    assert lab.snapshot("left")["pose"][1] > 0.3
-    assert lab.snapshot("right")["pose"][1] < -0.3
+    assert lab.snapshot("left")["robot"]["pose"][1] > 0.3
+    assert lab.snapshot("right")["robot"]["pose"][1] < -0.3
 
     left.do("unplug")
     stopped = lab.until_snapshot(
-        "left", lambda s: s["device_link"] == "lost" and s["phase"] == "disarmed", "its stop"
+        "left",
+        lambda s: s["device"]["link"] == "lost" and s["arm"]["phase"] == "disarmed",
+        "its stop",
     )
     lab.until_moved("right")
-    assert lab.snapshot("left")["path_m"] == stopped["path_m"]
-    assert lab.snapshot("right")["trips"] == 0
+    assert lab.snapshot("left")["tracking"]["path_m"] == stopped["tracking"]["path_m"]
+    assert lab.snapshot("right")["arm"]["trips"] == 0
 
     # It comes back with the cap held and the button down, and then at rest: neither arms.
     left.do("replug")
-    lab.until_snapshot("left", lambda s: s["device_link"] == "needs neutral", "its return")
+    lab.until_snapshot("left", lambda s: s["device"]["link"] == "needs neutral", "its return")
     lab.until_moved("right")
     left.do("set_axes", NEUTRAL)
-    lab.until_snapshot("left", lambda s: s["device_link"] == "live", "its mouse at rest")
+    lab.until_snapshot("left", lambda s: s["device"]["link"] == "live", "its mouse at rest")
     lab.until_moved("right")
     back = lab.snapshot("left")
-    assert (back["phase"], back["authority"]) == ("disarmed", "")
-    assert back["path_m"] == stopped["path_m"]
+    assert (back["arm"]["phase"], back["arm"]["authority"]) == ("disarmed", "")
+    assert back["tracking"]["path_m"] == stopped["tracking"]["path_m"]
     lab.arm("left", left)
     left.do("set_axes", UP)
     lab.until_moved("left")
-    assert lab.snapshot("right")["trips"] == 0
+    assert lab.snapshot("right")["arm"]["trips"] == 0
 
 
 def test_two_arms_that_know_each_other_move_while_they_hear_each_other(lab):
@@ -176,7 +180,9 @@ def test_two_arms_that_know_each_other_move_while_they_hear_each_other(lab):
     lab.start(lab.folder / "arms.toml", EXAMPLE / "simulated-mice.toml")
     # A received state removes the words about the neighbor.
     lab.until_snapshot(
-        "left", lambda s: s["message"] and "neighbor" not in s["message"], "the neighbor's states"
+        "left",
+        lambda s: s["arm"]["message"] and "neighbor" not in s["arm"]["message"],
+        "the neighbor's states",
     )
     lab.arm("left", left)
     left.do("set_axes", UP)
@@ -184,16 +190,16 @@ def test_two_arms_that_know_each_other_move_while_they_hear_each_other(lab):
     lab.ask("stop", "right")
     lab.until_snapshot(
         "left",
-        lambda s: s["phase"] == "disarmed" and "the neighbor right" in s["message"],
+        lambda s: s["arm"]["phase"] == "disarmed" and "the neighbor right" in s["arm"]["message"],
         "the stop",
     )
-    at = lab.snapshot("left")["joints_rad"]
+    at = lab.snapshot("left")["robot"]["joints_rad"]
     lab.ask("start", "right")
     # The message still names the cause of the stop then, as past.
     lab.until_snapshot(
-        "left", lambda s: not s["message"].startswith("where the neighbor"), "the return"
+        "left", lambda s: not s["arm"]["message"].startswith("where the neighbor"), "the return"
     )
-    assert lab.snapshot("left")["joints_rad"] == pytest.approx(at, abs=1e-3)
+    assert lab.snapshot("left")["robot"]["joints_rad"] == pytest.approx(at, abs=1e-3)
 
 
 @pytest.mark.parametrize(("mice", "by"), [("mice", "serial"), ("simulated-mice", "path")])
