@@ -69,7 +69,7 @@ def held_until(session, wanted, press, let_go, act, before):
         before()
         known = {"began": session.now.robot.pose}
         press()
-        for goal in ("'hold' in buttons", wanted):
+        for goal in ("'hold' in device.buttons", wanted):
             give_up_s = time.monotonic() + 1.5
             while (
                 not (done := eval(goal, known, vars(session.now))) and time.monotonic() < give_up_s
@@ -214,7 +214,7 @@ def test_the_second_finger_moves_the_tool_as_the_screen_is_turned(phone):
         phone.page.until(f"screen.orientation.angle === {90 * quarter}")
         turn_slowly(phone.page, 0.0, alpha)
         # A report of the turn may come after the press: then it is a turn of the hand.
-        straight = "axes[0] > 0.3 and max(map(abs, axes[1:])) < 0.1"
+        straight = "device.axes[0] > 0.3 and max(map(abs, device.axes[1:])) < 0.1"
         phone.hold_until(straight, lambda: phone.drag(0, -60))
         phone.let_go()
         phone.session.until("not any(device.axes)")
