@@ -54,7 +54,7 @@ help:
 	@echo "make hold-table  the table of docs/console.md: every end of a hold on the page, by a real browser"
 	@echo "make console-pictures  docs/images/console-*.webp, which the tests compare the page with"
 	@echo "make arm-tables  what Pinocchio reads of our arms, for programs that have none: cardan/robots/*.json"
-	@echo "make docs-tables  tables of drivers, and the lines in place of those that the site has"
+	@echo "make docs-tables  the table of README.md, and the lines in place of those that the site has"
 	@echo "make docs-pictures  the pictures of the console's page, by its acceptance test's browser"
 	@echo "make docs-evaluation  the report of docs/evaluation.md, EVALUATE=--quick for a short one"
 	@echo "make demo-picture  the moving picture of the README, from the demo"
@@ -144,21 +144,18 @@ device-table: $(VENV)/.cardan-dev
 fault-table: $(VENV)/.cardan-dev
 	$(BIN)/python -m tests.fault_table
 	$(BIN)/python -m tests.remote_fault_table
-	$(BIN)/python -m tests.docs_tables
 
 # Real processes and clocks: on a computer that has nothing else to do. What is found is kept in
 # build/faults.json after each case; FAULT_OPTIONS=--missing goes on with a run that was ended.
 fault-table-processes: $(VENV)/.cardan-dev
 	mkdir -p build
-	$(BIN)/python -m tests.process_faults --labs $(FAULT_LABS) --json build/faults.json --write $(FAULT_OPTIONS); \
-		ended=$$?; $(BIN)/python -m tests.docs_tables && exit $$ended
+	$(BIN)/python -m tests.process_faults --labs $(FAULT_LABS) --json build/faults.json --write $(FAULT_OPTIONS)
 
 fault-table-network: $(VENV)/.cardan-dev
 	mkdir -p build
 	tools/debian-packages kernel
 	tools/kernel-vm tests/kernel/network_faults.py | tee build/network-faults.log
-	$(BIN)/python -m tests.process_faults --kernel build/network-faults.log --json build/faults.json --write; \
-		ended=$$?; $(BIN)/python -m tests.docs_tables && exit $$ended
+	$(BIN)/python -m tests.process_faults --kernel build/network-faults.log --json build/faults.json --write
 
 flood-table: $(VENV)/.cardan-dev
 	$(BIN)/python -m tests.flood_table

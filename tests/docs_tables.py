@@ -1,9 +1,8 @@
-"""Writes the tables of the documentation that drivers declare, and short ones of results.
+"""Tables that drivers, simulated peers and messages declare, and short ones of results.
 
-Those of simulated peers, options, demos and codes of messages it makes for the site (site_tables).
-
-Each stands in its page between the lines that `begin` and END have;
-test_docs_tables holds them current. To write all of them anew: ``make docs-tables``.
+The site has them in its pages (site_tables). README.md alone has its own between the lines that
+`begin` and END have, as it is read where no site is built; test_docs_tables holds it current, and
+``make docs-tables`` writes it anew.
 """
 
 from __future__ import annotations
@@ -104,7 +103,8 @@ def _overview() -> str:
     return markdown(("device or robot", "driver", "simulated by", "`cardan demo`"), rows)
 
 
-def _devices() -> str:
+def devices_table() -> str:
+    """Each operator device, what it gives and takes back, and the mapping that suits it."""
     rows = [
         (link(kind, kind.page), f"`{name}`", kind.gives, kind.takes_back, kind.suits)
         for name, kind in DEVICES.items()
@@ -320,7 +320,7 @@ def _short(rows: Sequence[Sequence[str]], names: Iterable[str]) -> str:
     return markdown(rows[0], (by_name[name] for name in names))
 
 
-def _faults() -> str:
+def short_faults() -> str:
     """Table of an operated arm's reactions to failures of its own parts."""
     (_, *robots), *rows = FAULTS.rows("operator")
     return _short(
@@ -338,7 +338,7 @@ def _faults() -> str:
     )
 
 
-def _remote_faults() -> str:
+def short_remote_faults() -> str:
     """Table of the arm's reactions to failures of the connection to it."""
     return _short(
         REMOTE_FAULTS.rows(),
@@ -353,7 +353,7 @@ def _remote_faults() -> str:
     )
 
 
-def _process_faults() -> str:
+def short_process_faults() -> str:
     """Table of its reactions when a process dies or stands still, for one device and robot."""
     rows = []
     for group, name in (
@@ -378,13 +378,7 @@ def _process_faults() -> str:
     return markdown(("what fails", "how", "ms, mm, mm/s", "again", "to go on"), rows)
 
 
-TABLES: dict[tuple[str, str], Callable[[], str]] = {
-    ("README.md", "overview"): _overview,
-    ("docs/devices.md", "devices"): _devices,
-    ("docs/faults.md", "faults"): _faults,
-    ("docs/faults.md", "faults of a device at another computer"): _remote_faults,
-    ("docs/faults.md", "faults of whole programs"): _process_faults,
-}
+TABLES: dict[tuple[str, str], Callable[[], str]] = {("README.md", "overview"): _overview}
 """By page and name."""
 
 

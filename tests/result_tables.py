@@ -1,7 +1,7 @@
 """Tables of results that take a run: one a file below tests/results.
 
 The run writes it, tests compare it with fresh runs, and the site has it in its page
-(site_tables); the page in the repository has a few of its rows at most (docs_tables).
+(site_tables), some of them with a few rows before it (docs_tables).
 """
 
 from __future__ import annotations
@@ -56,6 +56,7 @@ FAULTS = Results("faults", "docs/faults.md", "make fault-table")
 REMOTE_FAULTS = Results("remote-faults", "docs/faults.md", "make fault-table")
 PROCESS_FAULTS = Results("process-faults", "docs/faults.md", "make fault-table-processes")
 FLOODS = Results("floods", "docs/faults.md", "make flood-table")
+PUBLISHED_ARMS = Results("published-arms", "docs/robots.md", "python -m tests.published_arms")
 
 
 def of_suite(name: str) -> Results:

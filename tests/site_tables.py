@@ -144,8 +144,23 @@ def _results() -> Iterator[tuple[str, SiteTable]]:
             "every case, with what was said and what it took to go on",
         ),
         ("floods", result_tables.FLOODS, "every server, at each rate and end of a flood"),
+        ("published arms", result_tables.PUBLISHED_ARMS, "each arm, and what was measured of it"),
     ):
         yield name, _written(results, what)
+    for name, what, make in (
+        ("some faults", "some faults, for each robot", docs_tables.short_faults),
+        (
+            "some faults of a device at another computer",
+            "some faults, over each network",
+            docs_tables.short_remote_faults,
+        ),
+        (
+            "some faults of whole programs",
+            "some cases of a SpaceMouse and a GoFa",
+            docs_tables.short_process_faults,
+        ),
+    ):
+        yield name, SiteTable("docs/faults.md", what, make)
     for name in suites.names():
         results = result_tables.of_suite(name)
         yield (
@@ -205,6 +220,11 @@ TABLES: dict[str, SiteTable] = {
     ),
     "states": SiteTable(
         "docs/safety-and-access.md", "the machines, and what each state means", docs_tables.states
+    ),
+    "devices": SiteTable(
+        "docs/devices.md",
+        "each device, its driver, what it gives and takes back, and the mapping that suits it",
+        docs_tables.devices_table,
     ),
     "judges of devices": SiteTable(
         "docs/devices.md", "each device, its transports, and what judged them", device_table.table

@@ -105,9 +105,10 @@ def test_the_help_of_a_command_has_all_that_is_written_of_it(words):
         if not getattr(parameter, "hidden", False):
             for name in (*parameter.opts, *parameter.secondary_opts):
                 assert parameter.param_type_name == "argument" or name in rest
-            if said := "".join((getattr(parameter, "help", None) or "").split()):
-                _, is_there, rest = rest.partition(said)
-                assert is_there, f"{parameter.opts}: {parameter.help}"
+            said = "".join((getattr(parameter, "help", None) or "").split())
+            assert said, f"{parameter.opts} has no help text"
+            _, is_there, rest = rest.partition(said)
+            assert is_there, f"{parameter.opts}: {parameter.help}"
 
 
 def is_of_a_registry(words):

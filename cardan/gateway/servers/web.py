@@ -134,6 +134,7 @@ class ListenerOptions(Options):
     host: Annotated[str, LISTEN_HOST] = "127.0.0.1"
     """Address to listen at; one of another machine's reach needs a certificate and a token."""
     port: Annotated[int, ANY_PORT] = 0
+    """TCP port to listen at; 0: any that is free."""
     token: str = field(default="", repr=False, metadata=CODE_ONLY)
     """Token in the clients' address: ws://HOST:PORT/?t=TOKEN, or /TOKEN; an operator's. Empty:
     those of `token_file` or of the environment. No option of a command: all users see a command
@@ -155,6 +156,7 @@ class ListenerOptions(Options):
     origins: tuple[str, ...] = ()
     """Pages of other machines that may connect, as browsers name them: "https://app.example"."""
     max_clients: Annotated[int, _CLIENTS] = 64
+    """Most connections of clients at a time; further ones are refused with HTTP status 503."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
