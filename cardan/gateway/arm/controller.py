@@ -7,7 +7,7 @@ arm, and the output check sees the command. Nothing here reads a clock, a socket
 comes in with the states, so tests run it in virtual time.
 
 The rule: nothing moves unless a fresh command from a live operator says so. Any interruption ends
-in a braking ramp and a hold, and going on takes a deliberate act.
+in a braking ramp and a hold, and re-arming is needed to go on.
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ class ArmController:
         self._separation_reason = ""
         """Why the command and its robot stay apart until re-armed, where they do."""
         self._recovered_way = NO_WAY
-        """Length of recoveries since the last deliberate act."""
+        """Length of recoveries since the last re-arming."""
         self._inhibits: Mapping[Inhibit, str] = {}
         """Inhibits from outside, each with its reason; assigned as a whole."""
         self.stops, self.stopped_by = 0, ""
@@ -190,12 +190,12 @@ class ArmController:
 
     @property
     def armed(self) -> bool:
-        """True while the operator device may move the arm without another deliberate act."""
+        """True while the operator device may move the arm without re-arming."""
         return self.state.arming.armed
 
     @property
     def waits_for_rearming(self) -> bool:
-        """True while command and robot stay apart until a deliberate act."""
+        """True while command and robot stay apart until re-armed."""
         return self.state.separation.until_rearmed
 
     @property
@@ -351,7 +351,7 @@ class ArmController:
             self._disarm()
         self.plan_epoch += 1
         if self.recovering:
-            self._require_act(f"and stays so: {reason}")
+            self._require_rearming(f"and stays so: {reason}")
         self._end_activity(reason)
 
     def place_neighbor(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
@@ -363,7 +363,7 @@ class ArmController:
             self.commanded.place_neighbor(index, joints, ways_m)
 
     def acknowledge(self) -> str:
-        """The deliberate act after implausible readings, or after a recovery that was given up;
+        """Re-arm after implausible readings, or after a recovery that was given up;
         returns why it is too early, or ""."""
         with self.lock:
             self.note("acknowledge")
@@ -693,7 +693,7 @@ class ArmController:
             (activity.follows_hand or recovers) and not state.motion.braking
         )
         if not state.arming.armed:
-            # The operator's deliberate act arms nothing now.
+            # Re-arming by the operator arms nothing now.
             inhibited = self.inhibited or robot.alarm or self._filter_fault
             inhibited = inhibited or authority.refuses(HAND)
         if not inhibited and (not state.arming.armed or not self._request.following):
@@ -764,12 +764,12 @@ class ArmController:
             self.listener.invalidate(reason)
 
     def _cancel_recovery(self, why: str) -> None:
-        self._require_act(f"and stays so: {why}")
+        self._require_rearming(f"and stays so: {why}")
         self._end_activity(why)
         self._disarm()
 
-    def _require_act(self, why: str) -> None:
-        """Leave command and robot apart until a deliberate act; `why` ends the sentence."""
+    def _require_rearming(self, why: str) -> None:
+        """Leave command and robot apart until re-armed; `why` ends the sentence."""
         self._separation_reason = (
             "not resynchronized with the robot: "
             f"{self.supervision.error.in_words('away from')} {why}"
@@ -861,7 +861,7 @@ class ArmController:
         if isinstance(activity, Recover):
             self._recovered_way = activity.went
             if not (activity.near or self.waits_for_rearming or self.state.separation.left):
-                self._require_act("still")
+                self._require_rearming("still")
                 if self.state.arming.armed:
                     self._trip("the robot moves along while the reference approaches it")
         if self.listener is not None:
@@ -915,7 +915,7 @@ class ArmController:
             return robot.alarm or self._filter_fault
         if self.recovering:
             return f"{why}resynchronizing with the robot; any button ends it"
-        act = "" if self.hand is None else f": {self.hand.act_words()} to go on"
+        act = "" if self.hand is None else f": {self.hand.rearming_instruction()} to go on"
         if self.rejects:
             why = self.supervision.implausible
             return f"{why}; the measured position is implausible, the arm holds{act}"

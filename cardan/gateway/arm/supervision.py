@@ -118,7 +118,7 @@ class Supervision:
         return self._ticked_s - self._plausible_s >= TRUST_AFTER_S
 
     def trust(self) -> None:
-        """Accept the readings again: after a deliberate act."""
+        """Accept the readings again, after re-arming."""
         self.implausible = ""
 
     def look(self, state: RobotState, commanded: CommandedArm) -> StopReason | None:

@@ -539,7 +539,7 @@ class ArmVerbs:
             controller.authority.release(source)
 
     def acknowledge(self) -> None:
-        """The deliberate act after implausible measured joints, or after a recovery that did not
+        """Re-arm after implausible measured joints, or after a recovery that did not
         reach the robot: go on from here. Raises MotionRefusedError while it is too early.
         """
         with self._counted():

@@ -359,7 +359,7 @@ class World:
         )
 
     def _watch_operator(self, events: list[ButtonEvent]) -> None:
-        """Follow, from outside, whether a deliberate act was made since the last interruption."""
+        """Follow, from outside, whether it was re-armed since the last interruption."""
         device, armed = self.device, self.core.armed
         silent = self.deflected and self.now_s - device.stamp_s > 0.1
         wrong = device.link is not DeviceLink.LIVE or self.filter.broken or not self.driveable
@@ -405,7 +405,7 @@ class World:
             self._forget(True)
             self._note_act([])
         if core.armed:
-            assert self.rearmed, "armed without a deliberate act"
+            assert self.rearmed, "armed without re-arming"
             if core.state.arming is Arming.CLAIMING:
                 assert core.authority.owner == HAND, "claimed without authority"
         by_hand = (

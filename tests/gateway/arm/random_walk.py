@@ -237,7 +237,7 @@ class Walk:
         self.tick(400)
 
     def lives(self):
-        """Whether an operator can move the arm again, after enough deliberate acts."""
+        """Whether an operator can move the arm again, after re-arming often enough."""
         self.heal()
         for _ in range(40):
             self.act()

@@ -54,7 +54,7 @@ class Recover(Activity):
         went: Way = NO_WAY,
     ) -> None:
         """Done when the following error, now `error`, is inside `near`. `went`: length of earlier
-        recoveries since the last deliberate act."""
+        recoveries since the last re-arming."""
         self._commanded = commanded
         self.reference: Reference = reference
         self._limit = near
@@ -73,7 +73,7 @@ class Recover(Activity):
         self.near = False
         """Whether the command is back at its robot."""
         self.went = went
-        """Length of recoveries since the last deliberate act, this one included."""
+        """Length of recoveries since the last re-arming, this one included."""
 
     def brake(self) -> None:
         """End it where it is."""
