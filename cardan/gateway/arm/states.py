@@ -3,7 +3,7 @@
 That of the operator device, its dead-man and clutch is :mod:`cardan.gateway.operator.deadman`. The
 machines are independent: each reads its own state, an :class:`ArmEvent`, and a few :class:`Facts`.
 The controller asks them and acts on the answer; it assigns states in one place,
-`ArmController._enter`. Data of a state (reasons, the arm's activity, limits, counters) is the
+`ArmController._enter`. Data of a state (reasons, the arm's motion, limits, counters) is the
 controller's.
 
 Properties that are read in every cycle are attributes of the member: a look-up of another member
@@ -65,7 +65,7 @@ class MotionState(enum.Enum):
     RESYNCHRONIZING = "resynchronizing"
     """The command is brought back to a robot that is not where it was commanded to be."""
     BRAKING = "braking"
-    """The activity that moved it was told to come to rest."""
+    """The motion that moved it was told to come to rest."""
 
     def __init__(self, value: str) -> None:
         self.commanded = value != "uncommanded"
@@ -230,7 +230,7 @@ def motion_after(motion: MotionState, event: ArmEvent, facts: Facts) -> MotionSt
 
 
 RESTING = (MotionState.UNCOMMANDED, MotionState.HOLDING)
-"""States in which nothing moves the arm; in each other one there is an activity that does."""
+"""States in which nothing moves the arm; in each other one there is a motion that does."""
 
 
 def separation_after(separation: Separation, event: ArmEvent, facts: Facts) -> Separation:
@@ -295,7 +295,7 @@ def phase_of(states: States, moving: bool, asks: bool, recovers: bool) -> Phase:
     """Return the phase of the arm that is displayed.
 
     `moving`: whether it is commanded to move; `asks`: whether the operator asks for motion;
-    `recovers`: whether the activity brings the command back to its robot.
+    `recovers`: whether the motion brings the command back to its robot.
     """
     match states.link, states.motion:
         case RobotReadiness.ABSENT, _:
