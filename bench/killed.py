@@ -136,7 +136,7 @@ def driven(name: str, speed_m_s: float, folder: Path) -> Iterator[tuple[Robot, d
     hand, mouse = folder / "hand", folder / "mouse.sock"
     x, y, z = case.direction
     lines = ["0.1 axes 0.3 0 0 0 0 0", "0.2 neutral"]
-    # Each stroke begins with enabling and the deliberate act: what has stopped the arm, or its
+    # Each stroke begins with enabling and re-arming: what has stopped the arm, or its
     # controller, stops one stroke only.
     for start_s, sign in ((0.4, 1), (0.4 + STROKE_S, -1)):
         lines += [

@@ -105,7 +105,7 @@ class Operator(Scenario):
             held = now_s >= self.started_s + RENEWED_S
             axes = (*self.bench.direction, 0.0, 0.0, 0.0) if now_s > self.started_s else REST
             buttons = frozenset({"left"}) if held else frozenset()
-            # At rest first: that, and the button, is the deliberate act.
+            # At rest first: that, and the button, re-arms.
             axes = axes if now_s >= self.started_s + 2.0 * RENEWED_S else REST
             self._report = DeviceState(stamp_s, DeviceLink.LIVE, axes, buttons)
         assert self._report is not None

@@ -62,7 +62,7 @@ def test_the_end_of_reach_is_held_without_a_fault_and_left_again():
 
 @pytest.mark.matrix("pose")
 @pytest.mark.parametrize("mode", ["joint", "pose"])
-def test_a_silent_controller_needs_the_deliberate_act(mode):
+def test_a_silent_controller_needs_rearming(mode):
     run = chain(mode, robot_faults={"drop": 0.2}).run(4.0)
     assert run.core.phase is Phase.MOVING  # one datagram in five lost each way is no fault
     run.session_alive = False

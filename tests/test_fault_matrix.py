@@ -227,7 +227,7 @@ def test_the_gateways_process_is_killed(comm_timeout_s):
     assert 41822 in [event.code for event in chain.controller.events]
 
 
-def test_killed_gateway_and_a_new_one_needs_the_deliberate_act():
+def test_killed_gateway_and_a_new_one_needs_rearming():
     chain = Chain(PUSH, comm_timeout_s=0.2).run(3.0)
     chain.session_alive = False
     chain.run(1.0)

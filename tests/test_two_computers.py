@@ -110,7 +110,7 @@ def rest(path):
     return path[fast[-1] + 1 - behind // 2]
 
 
-def assert_goes_on_by_the_deliberate_act_alone(two, network, place):
+def assert_goes_on_by_rearming_alone(two, network, place):
     for axis in (False, True):
         two.cell.act(two.robot, axis=axis)
         path = watched(two, 0.3 + network.longest_s)
@@ -165,7 +165,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_the_arm_is_at_rest_in_time_and_goes_on_by_the_deliberate_act(name):
+def test_the_arm_is_at_rest_in_time_and_goes_on_by_rearming(name):
     act, network, begins_s = FAULTS[name]
     with apart(network, remote.QUIC if name.endswith("QUIC") else remote.TCP) as two:
         set_moving(two, network)
@@ -181,7 +181,7 @@ def test_the_arm_is_at_rest_in_time_and_goes_on_by_the_deliberate_act(name):
         assert next(fault, None) is None
         path = watched(two, 1.0)
         assert max(math.dist(place, where) for _, where in path) <= STILL_M
-        assert_goes_on_by_the_deliberate_act_alone(two, network, place)
+        assert_goes_on_by_rearming_alone(two, network, place)
 
 
 HOST = "cell.example"
@@ -276,7 +276,7 @@ def lan(tmp_path_factory):
         yield lab
 
 
-def assert_moves_by_the_deliberate_act_alone(lab, fault, *, holds=True):
+def assert_moves_by_rearming_alone(lab, fault, *, holds=True):
     """`fault` yields twice: for how long the arm is watched, to its end."""
     set_moving(lab, LAN)
     begun_s = time.monotonic()
@@ -288,7 +288,7 @@ def assert_moves_by_the_deliberate_act_alone(lab, fault, *, holds=True):
     path = watched(lab, 1.0)
     assert max(math.dist(place, where) for _, where in path) <= STILL_M
     assert lab.robot.device.buttons is holds
-    assert_goes_on_by_the_deliberate_act_alone(lab, LAN, place)
+    assert_goes_on_by_rearming_alone(lab, LAN, place)
 
 
 @pytest.mark.parametrize("stall_s", [0.5, 3.0])
@@ -301,7 +301,7 @@ def test_after_a_link_that_stood_still_nothing_is_caught_up(lan, stall_s):
         yield stall_s + 0.5
         lan.both.set(robot=LAN.link, operator=LAN.link)
 
-    assert_moves_by_the_deliberate_act_alone(lan, stall())
+    assert_moves_by_rearming_alone(lan, stall())
 
 
 @pytest.mark.parametrize("meanwhile", ["held", "let go", "let go and pressed anew"])
@@ -317,7 +317,7 @@ def test_a_laptop_that_sleeps_moves_nothing_when_it_wakes(lan, meanwhile):
         lan.cell.wait(1.7)
         lan.share.process.send_signal(signal.SIGCONT)
 
-    assert_moves_by_the_deliberate_act_alone(lan, sleep(), holds=meanwhile != "let go")
+    assert_moves_by_rearming_alone(lan, sleep(), holds=meanwhile != "let go")
 
 
 @pytest.mark.parametrize("then", ["it is back", "it is shared to the new one"])
@@ -337,7 +337,7 @@ def test_the_robots_computer_has_another_address(lan, then):
         lan.await_said(lan.share, "used by", said if then == "it is back" else 0)
 
     try:
-        assert_moves_by_the_deliberate_act_alone(lan, change())
+        assert_moves_by_rearming_alone(lan, change())
     finally:
         if then != "it is back":
             lan.both.change_address(ROBOT, back=True)
@@ -402,7 +402,7 @@ def test_an_endpoint_by_name_follows_the_robots_computer_to_its_new_address(secu
         secured.await_said(secured.share, "used by", said)
 
     try:
-        assert_moves_by_the_deliberate_act_alone(secured, change())
+        assert_moves_by_rearming_alone(secured, change())
     finally:
         secured.both.change_address(ROBOT, back=True)
         secured.name(ADDRESSES[ROBOT])
@@ -487,7 +487,7 @@ def test_where_none_but_refused_ones_share_the_device_is_lost_and_nothing_moves(
         secured.start_share("--zenoh-config", pairs["ours"].operator)
         secured.await_said(secured.share, "used by")
 
-    assert_moves_by_the_deliberate_act_alone(secured, share_by_others())
+    assert_moves_by_rearming_alone(secured, share_by_others())
 
 
 def test_a_share_whose_router_was_paired_anew_says_so_and_goes_on_with_the_right_one(
@@ -506,7 +506,7 @@ def test_a_share_whose_router_was_paired_anew_says_so_and_goes_on_with_the_right
         secured.await_said(secured.share, "is there again", said)
         secured.await_said(secured.share, "used by", said)
 
-    assert_moves_by_the_deliberate_act_alone(secured, pair_anew())
+    assert_moves_by_rearming_alone(secured, pair_anew())
 
 
 TWICE, OVERTAKING = Conditions(0.005, twice=1.0), Conditions(0.03, 0.03, in_order=False)
@@ -521,7 +521,7 @@ def test_what_comes_twice_or_overtakes_moves_nothing_once_the_hand_lets_go(link)
         path = watched(two, 1.5)
         rested_s, place = rest(path)
         assert rested_s - begun_s <= network.longest_s + BRAKING_S + OTHER_WORK_S
-        assert_goes_on_by_the_deliberate_act_alone(two, network, place)
+        assert_goes_on_by_rearming_alone(two, network, place)
 
 
 SERVER = """

@@ -210,7 +210,7 @@ def replay_cycles(config: SessionConfig, records: Iterable[CycleRecord]) -> Veri
             if request.name in REPEATED:
                 REPEATED[request.name](controller, request.argument)
             elif request.name in REPEAT:
-                # They act by the activities that they begin, from the first one on.
+                # They act by the motions that they begin, from the first one on.
                 verbs = verbs or make_verbs(config, robot, controller, None)
                 with contextlib.suppress(MotionRefusedError, ConfigurationError):
                     repeat(verbs, request.name, request.argument)

@@ -35,7 +35,7 @@ export type End =
   | "idle"
   | "arrived";
 
-/** After these the page is disarmed: going on takes the deliberate act again. */
+/** After these the page is disarmed: re-arm to go on. */
 const DISARMING: ReadonlySet<End> = new Set([
   "hidden",
   "closed",
@@ -68,7 +68,7 @@ export class Holding {
     return this.asks !== null;
   }
 
-  /** The deliberate act, with nothing held. */
+  /** Re-arm, with nothing held. */
   arm(nowMs: number): void {
     this.end("released");
     this.armed = true;

@@ -61,7 +61,7 @@ export class Motion {
     return velocity * JOINT_SHARE * this.override;
   }
 
-  /** Somebody has stopped the arm: going on takes the deliberate act, on every page. */
+  /** Somebody has stopped the arm: every page has to be re-armed. */
   stopped(by: string): void {
     this.stoppedBy = by;
     // What the arm refused since was refused because of the stop.
@@ -83,7 +83,7 @@ export class Motion {
     return this.link.hello?.source ?? "";
   }
 
-  /** The deliberate act, before anything can be held: take the authority over the arm, and open the
+  /** Re-arm, before anything can be held: take the authority over the arm, and open the
    * channel to it. Resolves to why not; empty: it is armed. */
   async enable(): Promise<string> {
     if (!this.arm || this.opening || !this.own) return "";

@@ -14,7 +14,7 @@ export const BUTTONS = { a: 1, b: 2, align: 4 } as const;
 
 type Permitted = { requestPermission?: () => Promise<string> };
 
-/** The phone's sensors, from the deliberate act of a person on. */
+/** The phone's sensors, from a person's tap on. */
 export class PhoneSensors {
   private angles: Vec3 | null = null;
   private rates: Vec3 | null = null;

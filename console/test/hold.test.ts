@@ -19,7 +19,7 @@ function held(): Holding {
   return holding;
 }
 
-test("nothing goes out before the deliberate act", () => {
+test("nothing is sent before re-arming", () => {
   const holding = new Holding();
   assert.equal(holding.press(asks, 0), false);
   for (let now = 0; now < 1000; now += FRAME_MS) assert.equal(holding.tick(now), null);
@@ -62,7 +62,7 @@ test("every end of a hold sends zero at once, and nothing begins it but a press"
   }
 });
 
-test("what is lost disarms: going on takes the deliberate act", () => {
+test("a loss disarms: re-arm to go on", () => {
   const ends: End[] = ["hidden", "closed", "slow", "stopped", "stalled"];
   for (const why of ends) {
     const holding = held();

@@ -30,7 +30,7 @@ def keeps(**settings: object) -> str:
 
 
 def enable(page: Tab) -> None:
-    """The deliberate act; anew where a busy computer has taken it back at once."""
+    """Re-arm; anew where a busy computer has taken it back at once."""
     end_s = time.monotonic() + WAIT_S
     while page.value(STATE) == "watching":
         page.until("!document.querySelector('.enable').disabled")

@@ -25,7 +25,7 @@ AGAIN_M = 0.003
 
 
 @pytest.mark.real
-def test_nothing_moves_before_the_deliberate_act(bench, page):
+def test_nothing_moves_before_rearming(bench, page):
     at = MOUSE.press(page, jog("X"))
     page.until(f"{WHY}.length > 0")
     at_s = time.monotonic()

@@ -657,7 +657,7 @@ class Lab:
         threading.Event().wait(seconds)
 
     def engage(self, within_s: float = READY_S) -> float:
-        """The hand lets go, and moves the arm by the deliberate act, again and again until the arm
+        """The hand lets go, re-arms and moves the arm, again and again until the arm
         moves steadily; how long that took, s."""
         began_s = time.monotonic()
         while True:

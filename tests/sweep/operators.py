@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from cardan.gateway.bus.commands import ACT_APART_S
+from cardan.gateway.bus.commands import REARM_APART_S
 from cardan.protocols.ros2.messages import completed
 from tests.judge_node import JudgeNode
 from tests.ros2_packages import write_packages
@@ -35,7 +35,7 @@ HEARD = {
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
     RESULTS: STRING,
 }
-AGAIN_S = ACT_APART_S + 1.0
+AGAIN_S = REARM_APART_S + 1.0
 """A command that is not taken for so long is given again."""
 
 

@@ -26,7 +26,7 @@ class AuthorityPolicy(enum.Enum):
     """Which source may take the authority from which. Stop needs none."""
 
     HAND = "hand"
-    """The operator device's deliberate act takes it from any source; others when it is free."""
+    """Re-arming the operator device takes it from any source; others when it is free."""
     FIRST = "first"
     """Any source takes it when it is free, the operator device too."""
     NAMED = "named"

@@ -2,12 +2,12 @@
 
 An operator device, a verb or a stream is a source that requests motion; the controller decides. A
 tick goes through once: the robot's state is judged (:mod:`supervision`), the operator device's
-state becomes a request (:mod:`cardan.gateway.operator.input`), one activity moves the commanded
+state becomes a request (:mod:`cardan.gateway.operator.input`), one motion moves the commanded
 arm, and the output check sees the command. Nothing here reads a clock, a socket or a file: time
 comes in with the states, so tests run it in virtual time.
 
 The rule: nothing moves unless a fresh command from a live operator says so. Any interruption ends
-in a braking ramp and a hold, and going on takes a deliberate act.
+in a braking ramp and a hold, and re-arming is needed to go on.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from cardan.common.haptics import WorldMap
 from cardan.gateway.arm.authority import HAND, Authority
 from cardan.gateway.arm.commanded_arm import CommandedArm, equal_steps
 from cardan.gateway.arm.following_error import FollowingError
-from cardan.gateway.arm.motions.base import Activity
+from cardan.gateway.arm.motions.base import CommandedMotion
 from cardan.gateway.arm.motions.brake import Brake
 from cardan.gateway.arm.motions.hand import FollowHand
 from cardan.gateway.arm.motions.recover import NO_WAY, Recover
@@ -80,13 +80,13 @@ and its argument in words. Called in the thread that asks."""
 
 
 class Listener(Protocol):
-    """Gets the outcome of the activities that it began. Called under the controller's lock."""
+    """Gets the outcome of the motions that it began. Called under the controller's lock."""
 
     def invalidate(self, reason: str) -> None:
         """End all motions under way or planned, for this reason."""
 
     def finished(self, reason: str) -> None:
-        """Take the end of the activity; `reason` says why before its goal, else it is empty."""
+        """Take the end of the motion; `reason` says why before its goal, else it is empty."""
 
 
 class ArmController:
@@ -112,7 +112,7 @@ class ArmController:
         self.authority = authority or Authority()
         self.supervision = Supervision(watchdogs or Watchdogs())
         self.reference = Reference(limits)
-        """Reference that the TCP follows; it stays at the TCP while another activity moves that."""
+        """Reference that the TCP follows; it stays at the TCP while another motion moves that."""
         self.lock = threading.RLock()
         """Guards everything that `tick` touches; never held for long."""
         self.robot: RobotState | None = None
@@ -121,7 +121,7 @@ class ArmController:
         """Counts events that void plans: loss of the robot, trips, stops, takeovers by the
         operator."""
         self.listener: Listener | None = None
-        """Source that begins activities, beside the operator device."""
+        """Source that begins motions, beside the operator device."""
         self.recorder: RequestRecorder | None = None
         """Records inputs of the ticks beside their arguments."""
         self.ticks = 0
@@ -136,8 +136,8 @@ class ArmController:
         self._output_check = OutputCheck(output_limits or OutputLimits.of_free_body(limits))
         self.advanced_s = 0.0
         """Time by which the last tick advanced; lost time is not in it."""
-        self._activity: Activity | None = None
-        """Activity that moves the commanded arm; it comes with the state of motion."""
+        self._motion: CommandedMotion | None = None
+        """Motion that moves the commanded arm; it comes with the state of motion."""
         self._request = NO_REQUEST
         self._trip_reason = ""
         self._trips = 0
@@ -146,7 +146,7 @@ class ArmController:
         self._separation_reason = ""
         """Why the command and its robot stay apart until re-armed, where they do."""
         self._recovered_way = NO_WAY
-        """Length of recoveries since the last deliberate act."""
+        """Length of recoveries since the last re-arming."""
         self._inhibits: Mapping[Inhibit, str] = {}
         """Inhibits from outside, each with its reason; assigned as a whole."""
         self.stops, self.stopped_by = 0, ""
@@ -163,17 +163,17 @@ class ArmController:
                 self.state,
                 self.commanded.moving,
                 self._request.asks,
-                self._activity is not None and self._activity.recovers,
+                self._motion is not None and self._motion.recovers,
             )
 
     @property
-    def activity(self) -> Activity | None:
-        """Activity that moves the commanded arm; None while it holds."""
-        return self._activity
+    def motion(self) -> CommandedMotion | None:
+        """Motion that moves the commanded arm; None while it holds."""
+        return self._motion
 
     @property
     def braking(self) -> bool:
-        """True while the activity was told to come to rest."""
+        """True while the motion was told to come to rest."""
         return self.state.motion.braking
 
     @property
@@ -181,7 +181,7 @@ class ArmController:
         """True from a trip by the following error until the command is back at the arm."""
         if self.state.separation.waits:
             return True
-        return self._activity is not None and self._activity.recovers
+        return self._motion is not None and self._motion.recovers
 
     @property
     def engaged(self) -> bool:
@@ -190,12 +190,12 @@ class ArmController:
 
     @property
     def armed(self) -> bool:
-        """True while the operator device may move the arm without another deliberate act."""
+        """True while the operator device may move the arm without re-arming."""
         return self.state.arming.armed
 
     @property
     def waits_for_rearming(self) -> bool:
-        """True while command and robot stay apart until a deliberate act."""
+        """True while command and robot stay apart until re-armed."""
         return self.state.separation.until_rearmed
 
     @property
@@ -239,16 +239,16 @@ class ArmController:
     @property
     def at_rest(self) -> bool:
         """True when nothing is commanded to move, and nothing else may move the arm."""
-        activity = self._activity
-        if activity is not None and activity.yields:
+        motion = self._motion
+        if motion is not None and motion.yields:
             return False
         return not self.commanded.moving and not self.reference.moving
 
     @property
     def idle(self) -> bool:
         """True when nothing is commanded to move and nothing is about to be."""
-        activity = self._activity
-        return not self.commanded.moving if activity is None else activity.idle
+        motion = self._motion
+        return not self.commanded.moving if motion is None else motion.idle
 
     @property
     def following(self) -> bool:
@@ -271,7 +271,7 @@ class ArmController:
             commanded, hand = self.commanded, self.hand
             placed = commanded.placed and self.engaged
             arm = commanded.status() if placed else None
-            by_hand = self._activity is None or self._activity.follows_hand
+            by_hand = self._motion is None or self._motion.follows_hand
             if arm is not None and not self._request.asks and by_hand:
                 arm = arm._replace(path_speed=1.0)  # Nothing is asked, so nothing is slowed.
             return ArmStatus(
@@ -291,8 +291,10 @@ class ArmController:
 
     # -- states ----------------------------------------------------------------------------------
 
-    def _on(self, event: ArmEvent, by: Activity | None = None, moving: bool | None = None) -> None:
-        """Enter the states after `event`; the arm moves `by` an activity from now on. `moving`:
+    def _on(
+        self, event: ArmEvent, by: CommandedMotion | None = None, moving: bool | None = None
+    ) -> None:
+        """Enter the states after `event`; the arm moves `by` a motion from now on. `moving`:
         whether it moves, where that is not the commanded arm's."""
         facts = Facts(
             self.hand is not None,
@@ -302,13 +304,13 @@ class ArmController:
         )
         self._enter(self.state.after(event, facts), by)
 
-    def _enter(self, states: States, activity: Activity | None = None) -> None:
-        """The one place where states are assigned, and the activity that moves the arm in them."""
+    def _enter(self, states: States, motion: CommandedMotion | None = None) -> None:
+        """The one place where states are assigned, and the motion that moves the arm in them."""
         self.state = states
-        if activity is not None:
-            self._activity = activity
+        if motion is not None:
+            self._motion = motion
         elif states.motion in RESTING:
-            self._activity = None
+            self._motion = None
 
     # -- requests --------------------------------------------------------------------------------
 
@@ -351,7 +353,7 @@ class ArmController:
             self._disarm()
         self.plan_epoch += 1
         if self.recovering:
-            self._require_act(f"and stays so: {reason}")
+            self._require_rearming(f"and stays so: {reason}")
         self._end_activity(reason)
 
     def place_neighbor(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
@@ -363,7 +365,7 @@ class ArmController:
             self.commanded.place_neighbor(index, joints, ways_m)
 
     def acknowledge(self) -> str:
-        """The deliberate act after implausible readings, or after a recovery that was given up;
+        """Re-arm after implausible readings, or after a recovery that was given up;
         returns why it is too early, or ""."""
         with self.lock:
             self.note("acknowledge")
@@ -403,15 +405,15 @@ class ArmController:
             return f"coming back to the arm, {self._trip_reason}"
         return ""
 
-    def begin(self, activity: Activity) -> None:
-        """Start an activity on an arm at rest."""
+    def begin(self, motion: CommandedMotion) -> None:
+        """Start a motion on an arm at rest."""
         with self.lock:
-            self.note("begin", type(activity).__name__)
-            self._on(ArmEvent.EXECUTES, activity)
+            self.note("begin", type(motion).__name__)
+            self._on(ArmEvent.EXECUTES, motion)
             self._trip_reason, self._recovered_way = "", NO_WAY
 
     def drop(self) -> None:
-        """Forget an activity that rests."""
+        """Forget a motion that rests."""
         with self.lock:
             self._on(ArmEvent.OVER)
             self._rest_reference()
@@ -426,9 +428,9 @@ class ArmController:
             self._on(ArmEvent.ENGAGED)
 
     def brake(self) -> None:
-        """Bring the activity to rest; it ends then."""
-        if self._activity is not None and not self.braking:
-            self._activity.brake()
+        """Bring the motion to rest; it ends then."""
+        if self._motion is not None and not self.braking:
+            self._motion.brake()
             self._on(ArmEvent.BRAKES)
 
     # -- the tick --------------------------------------------------------------------------------
@@ -491,24 +493,24 @@ class ArmController:
     @property
     def _keeps_authority(self) -> bool:
         """Whether a motion is under way whose source need not renew its authority."""
-        activity = self._activity
-        if activity is None or activity.recovers:
+        motion = self._motion
+        if motion is None or motion.recovers:
             return False
-        streamed = activity.silence_s < math.inf
-        return activity.driven or self.commanded.moving if streamed else not activity.idle
+        streamed = motion.silence_s < math.inf
+        return motion.driven or self.commanded.moving if streamed else not motion.idle
 
     def _compare(self, robot: RobotState) -> StopReason | None:
         """Give the measured TCP to the reference that it is compared with, where not joints alone
         count; return what is wrong with a robot that is commanded."""
-        activity = self._activity
-        if activity is None:
+        motion = self._motion
+        if motion is None:
             reference = self.reference if self.hand is not None else None
         else:
-            reference = activity.reference
+            reference = motion.reference
         error = self.commanded.following_error(robot, reference, observe=True)
         if not self.state.motion.commanded:
             return None
-        return self.supervision.compare(robot, error, activity)
+        return self.supervision.compare(robot, error, motion)
 
     # -- faults ----------------------------------------------------------------------------------
 
@@ -545,10 +547,10 @@ class ArmController:
         elif cause is Cause.ALARM and self._driven:
             self._trip(reason)
         elif cause is Cause.SILENT:
-            activity = self._activity
-            assert activity is not None
-            if activity.outlives_silence:
-                activity.release()
+            motion = self._motion
+            assert motion is not None
+            if motion.outlives_silence:
+                motion.release()
                 if self.listener is not None:
                     self.listener.invalidate(reason)
             else:
@@ -583,7 +585,7 @@ class ArmController:
         else:
             self._trip_if_driven(reason)
         self._disarm()
-        moves = cause is not Cause.LOST and self._activity is not None and self.commanded.moving
+        moves = cause is not Cause.LOST and self._motion is not None and self.commanded.moving
         self._on(ArmEvent.UNREADY, moving=moves)
         self.not_ready = reason
         if self.hand is not None and device is not None:
@@ -643,10 +645,10 @@ class ArmController:
     def _driven(self) -> bool:
         if self.state.arming.armed:
             return True
-        activity = self._activity
-        if activity is None or self.braking or activity.recovers:
+        motion = self._motion
+        if motion is None or self.braking or motion.recovers:
             return False
-        return not activity.idle
+        return not motion.idle
 
     def _trip_if_driven(self, reason: str) -> None:
         if self._driven:
@@ -686,14 +688,12 @@ class ArmController:
         ignored: bool,
     ) -> None:
         """Turn the device's state into a request, once, and see which source drives."""
-        reference, activity, authority = self.reference, self._activity, self.authority
+        reference, motion, authority = self.reference, self._motion, self.authority
         state, inhibited, behind = self.state, "", ""
-        recovers = activity is not None and activity.recovers
-        free = activity is None or (
-            (activity.follows_hand or recovers) and not state.motion.braking
-        )
+        recovers = motion is not None and motion.recovers
+        free = motion is None or ((motion.follows_hand or recovers) and not state.motion.braking)
         if not state.arming.armed:
-            # The operator's deliberate act arms nothing now.
+            # Re-arming by the operator arms nothing now.
             inhibited = self.inhibited or robot.alarm or self._filter_fault
             inhibited = inhibited or authority.refuses(HAND)
         if not inhibited and (not state.arming.armed or not self._request.following):
@@ -757,19 +757,19 @@ class ArmController:
         self._trip_reason, self._recovered_way = "", NO_WAY
         self.authority.take(HAND, now_s)
         self.plan_epoch += 1
-        reason, activity = "the operator device took over", self._activity
-        if activity is None or not (activity.follows_hand or activity.recovers):
+        reason, motion = "the operator device took over", self._motion
+        if motion is None or not (motion.follows_hand or motion.recovers):
             self._end_activity(reason)
         elif self.listener is not None:
             self.listener.invalidate(reason)
 
     def _cancel_recovery(self, why: str) -> None:
-        self._require_act(f"and stays so: {why}")
+        self._require_rearming(f"and stays so: {why}")
         self._end_activity(why)
         self._disarm()
 
-    def _require_act(self, why: str) -> None:
-        """Leave command and robot apart until a deliberate act; `why` ends the sentence."""
+    def _require_rearming(self, why: str) -> None:
+        """Leave command and robot apart until re-armed; `why` ends the sentence."""
         self._separation_reason = (
             "not resynchronized with the robot: "
             f"{self.supervision.error.in_words('away from')} {why}"
@@ -779,54 +779,54 @@ class ArmController:
     # -- motion ----------------------------------------------------------------------------------
 
     def _move(self, robot: RobotState, dt_s: float) -> None:
-        """Let the one activity move the commanded arm."""
+        """Let the one motion move the commanded arm."""
         self._choose()
-        commanded, activity = self.commanded, self._activity
-        whole = activity is not None and activity.in_one_step
+        commanded, motion = self.commanded, self._motion
+        whole = motion is not None and motion.in_one_step
         longest_s = math.inf if whole else commanded.longest_step_s
         for step in [dt_s] if 0.0 < dt_s <= longest_s else equal_steps(dt_s, longest_s):
-            activity = self._activity
-            if activity is None:
+            motion = self._motion
+            if motion is None:
                 if commanded.moving:
                     commanded.brake(step)
                 continue
-            over, reason = activity.tick(robot, step)
-            if activity.fault and not self.braking:
-                self._trip(activity.fault)
+            over, reason = motion.tick(robot, step)
+            if motion.fault and not self.braking:
+                self._trip(motion.fault)
             if over:
-                self._finish(activity, reason)
+                self._finish(motion, reason)
 
     def _choose(self) -> None:
-        """Which activity the operator's request and the state of the recovery call for."""
-        activity, request = self._activity, self._request
+        """Which motion the operator's request and the state of the recovery call for."""
+        motion, request = self._motion, self._request
         if self.state.readings.rejected:
             return
-        if isinstance(activity, Recover):
+        if isinstance(motion, Recover):
             if self.state.arming.armed and request.asks:
                 self._on(ArmEvent.OVER)  # The operator goes on from the commanded position.
                 self.reference.place(self.commanded.pose)
-                activity = None
+                motion = None
             else:
                 return
-        if self.state.separation.waits and activity is None and not self.commanded.moving:
+        if self.state.separation.waits and motion is None and not self.commanded.moving:
             self._begin_recovery()
             return
         if not self.state.arming.armed:
-            if activity is None and self._drifted:
+            if motion is None and self._drifted:
                 self._begin_recovery()
             return
-        if activity is None and not self.commanded.moving:
-            activity = FollowHand(self.commanded, self.reference)
-            self._on(ArmEvent.FOLLOWS, activity)
-        if isinstance(activity, FollowHand):
+        if motion is None and not self.commanded.moving:
+            motion = FollowHand(self.commanded, self.reference)
+            self._on(ArmEvent.FOLLOWS, motion)
+        if isinstance(motion, FollowHand):
             if request.asks:
                 self._recovered_way = NO_WAY
                 if self.state.separation.left:
                     self._on(ArmEvent.ASKED)
-            elif self._drifted and activity.idle:
+            elif self._drifted and motion.idle:
                 self._begin_recovery()
                 return
-            activity.aim(request.twist, request.rates, request.following)
+            motion.aim(request.twist, request.rates, request.following)
 
     @property
     def _drifted(self) -> bool:
@@ -852,16 +852,16 @@ class ArmController:
         reference.place(self.commanded.pose)
         assert self.robot is not None
         error = self.commanded.following_error(self.robot, reference, observe=True)
-        activity = Recover(self.commanded, reference, near, error, self._recovered_way)
-        self._on(ArmEvent.RESYNCHRONIZES, activity)
+        motion = Recover(self.commanded, reference, near, error, self._recovered_way)
+        self._on(ArmEvent.RESYNCHRONIZES, motion)
 
-    def _finish(self, activity: Activity, reason: str) -> None:
-        self._on(ArmEvent.COASTED if isinstance(activity, Brake) else ArmEvent.OVER)
+    def _finish(self, motion: CommandedMotion, reason: str) -> None:
+        self._on(ArmEvent.COASTED if isinstance(motion, Brake) else ArmEvent.OVER)
         self._rest_reference()
-        if isinstance(activity, Recover):
-            self._recovered_way = activity.went
-            if not (activity.near or self.waits_for_rearming or self.state.separation.left):
-                self._require_act("still")
+        if isinstance(motion, Recover):
+            self._recovered_way = motion.went
+            if not (motion.near or self.waits_for_rearming or self.state.separation.left):
+                self._require_rearming("still")
                 if self.state.arming.armed:
                     self._trip("the robot moves along while the reference approaches it")
         if self.listener is not None:
@@ -875,10 +875,10 @@ class ArmController:
             commanded.halt()
             self._output_check.reset()
             return HoldCommand()
-        activity = self._activity
-        command = None if activity is None else activity.command
+        motion = self._motion
+        command = None if motion is None else motion.command
         if command is None:
-            recovers = activity is not None and activity.recovers
+            recovers = motion is not None and motion.recovers
             command = commanded.command(robot, dt_s, recovers, blind or rejects)
         wrong = self._output_check.violation(command, dt_s)
         if not wrong:
@@ -894,13 +894,13 @@ class ArmController:
 
     def _held(self, request: MotionRequest) -> str:
         """Reason why the arm does not follow the operator."""
-        activity, reference = self._activity, self.reference
-        if not request.asks or not isinstance(activity, FollowHand):
+        motion, reference = self._motion, self.reference
+        if not request.asks or not isinstance(motion, FollowHand):
             return ""
         if reference.lead_used > TAUT_SHARE:
             behind = self.supervision.error.in_words("behind")
             return f"the robot does not follow: {behind}"
-        if activity.share < HELD_SHARE:
+        if motion.share < HELD_SHARE:
             held = self.commanded.held_by()
             return f"the arm does not follow: {held}" if held else ""
         if reference.at_workspace_limit:
@@ -915,7 +915,7 @@ class ArmController:
             return robot.alarm or self._filter_fault
         if self.recovering:
             return f"{why}resynchronizing with the robot; any button ends it"
-        act = "" if self.hand is None else f": {self.hand.act_words()} to go on"
+        act = "" if self.hand is None else f": {self.hand.rearming_instruction()} to go on"
         if self.rejects:
             why = self.supervision.implausible
             return f"{why}; the measured position is implausible, the arm holds{act}"

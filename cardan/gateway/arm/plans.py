@@ -1,4 +1,4 @@
-"""Makes the verbs' activities of numbers and parameters."""
+"""Makes the verbs' motions of numbers and parameters."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.arrival import Arrival
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.joint_space_arm import PREFERRED, JointSpaceArm
-from cardan.gateway.arm.motions.base import Activity, Deceleration
+from cardan.gateway.arm.motions.base import CommandedMotion, Deceleration
 from cardan.gateway.arm.motions.joint_path import FollowJoints, Standing
 from cardan.gateway.arm.motions.line import FollowLine
 from cardan.gateway.arm.motions.path import TOLERANCE_RAD
@@ -64,9 +64,9 @@ _STILL = 1e-9
 
 
 class Plan(NamedTuple):
-    """A planned motion. No activity: the arm is there already."""
+    """A planned motion, or none where the arm is there already."""
 
-    activity: Activity | None
+    motion: CommandedMotion | None
     duration_s: float
     note: str = ""
 
@@ -148,15 +148,15 @@ class Plans:
         note = f"slowed to {share:.0%}, for the TCP's speed" if share < 1.0 else ""
         # Not `continuous`: the goal's turns are chosen already.
         path = JointPath(start, goal, share * speeds, accelerations)
-        activity = FollowJoints(self.servo, path, self.deceleration, self._arrival)
-        return Plan(activity, path.duration_s, note)
+        motion = FollowJoints(self.servo, path, self.deceleration, self._arrival)
+        return Plan(motion, path.duration_s, note)
 
     def _stay(self, start: FloatArray) -> Plan:
         """For a goal at which the command is already; an arm that is not there is waited for."""
         if self._is_at(start):
             return there_already()
-        activity = FollowJoints(self.servo, Standing(start), self.deceleration, self._arrival)
-        return Plan(activity, 0.0, "the command is there already")
+        motion = FollowJoints(self.servo, Standing(start), self.deceleration, self._arrival)
+        return Plan(motion, 0.0, "the command is there already")
 
     def _is_at(self, start: FloatArray) -> bool:
         """Whether the measured joints are so near `start` that the arm need not be waited for."""
@@ -219,8 +219,8 @@ class Plans:
             note = f"slowed to {share:.0%}, for the limits of the arm"
         if float(np.abs(rows - start).max()) < ALREADY_THERE_RAD and self._is_at(start):
             return there_already()
-        activity = FollowTrajectory(self.servo, path, self.deceleration, wanted, self._arrival)
-        return Plan(activity, path.duration_s, note)
+        motion = FollowTrajectory(self.servo, path, self.deceleration, wanted, self._arrival)
+        return Plan(motion, path.duration_s, note)
 
     def _nearest_turns(self, wanted: JointTrajectory, start: FloatArray) -> JointTrajectory:
         """The same with whole turns of continuous joints, as planners leave them out, such that its
@@ -267,8 +267,8 @@ class Plans:
         if rehearsed.pace < 1.0:
             slow = f"{rehearsed.slowest} allows {rehearsed.pace:.0%} of the speed in places"
             note = f"{note}; {slow}" if note else slow
-        activity = FollowLine(self.servo, path, self.planner.kept, self.deceleration, self._arrival)
-        return Plan(activity, path.duration_s, note)
+        motion = FollowLine(self.servo, path, self.planner.kept, self.deceleration, self._arrival)
+        return Plan(motion, path.duration_s, note)
 
     def _path(self, begin: Pose, target: Pose) -> tuple[LinePath, str]:
         """The line at the reference speeds, or slower where a longer duration is set."""
@@ -319,20 +319,20 @@ class Plans:
         with controller.lock:
             if controller.idle:
                 controller.engage()
-            activity = FollowTwist(self._commanded, reference, self.deceleration, twist)
-        return Plan(activity, math.inf, note)
+            motion = FollowTwist(self._commanded, reference, self.deceleration, twist)
+        return Plan(motion, math.inf, note)
 
     def torque(self, state: State, wrench: Wrench | None, start: FloatArray) -> Plan:
         verb = "gcmp" if wrench is None else "forc"
         self.require_torque(verb)
         try:
-            activity = self.torque_motion(state)
-            activity.check_weight(start)
+            motion = self.torque_motion(state)
+            motion.check_weight(start)
             if wrench is not None:
-                activity.set_wrench(wrench)
+                motion.set_wrench(wrench)
         except MotionRefusedError as error:
             raise MotionRefusedError(f"{verb}: {error}") from None
-        return Plan(activity, math.inf)
+        return Plan(motion, math.inf)
 
     def torque_motion(self, state: State) -> TorqueMotion:
         return TorqueMotion(state, self.model, self._commanded, self.measuring, self.options.torque)

@@ -3,7 +3,7 @@
 That of the operator device, its dead-man and clutch is :mod:`cardan.gateway.operator.deadman`. The
 machines are independent: each reads its own state, an :class:`ArmEvent`, and a few :class:`Facts`.
 The controller asks them and acts on the answer; it assigns states in one place,
-`ArmController._enter`. Data of a state (reasons, the arm's activity, limits, counters) is the
+`ArmController._enter`. Data of a state (reasons, the arm's motion, limits, counters) is the
 controller's.
 
 Properties that are read in every cycle are attributes of the member: a look-up of another member
@@ -43,9 +43,9 @@ class Readings(enum.Enum):
     ACCEPTED = "accepted"
     """They are."""
     REJECTED = "rejected"
-    """It was measured where it cannot be; a deliberate act accepts the readings again."""
+    """It was measured where it cannot be; re-arming accepts the readings again."""
     REJECTED_ELSEWHERE = "rejected elsewhere"
-    """And it became ready elsewhere than commanded: the act places the command anew."""
+    """And it became ready elsewhere than commanded: re-arming places the command anew."""
 
     def __init__(self, value: str) -> None:
         self.rejected, self.elsewhere = value != "accepted", value == "rejected elsewhere"
@@ -65,7 +65,7 @@ class MotionState(enum.Enum):
     RESYNCHRONIZING = "resynchronizing"
     """The command is brought back to a robot that is not where it was commanded to be."""
     BRAKING = "braking"
-    """The activity that moved it was told to come to rest."""
+    """The motion that moved it was told to come to rest."""
 
     def __init__(self, value: str) -> None:
         self.commanded = value != "uncommanded"
@@ -80,7 +80,7 @@ class Separation(enum.Enum):
     TO_RESYNCHRONIZE = "to resynchronize"
     """The command is to be brought back to its robot as soon as it rests."""
     UNTIL_REARMED = "until re-armed"
-    """They stay apart until a deliberate act."""
+    """They stay apart until re-armed."""
     LEFT = "left"
     """A button ended the resynchronization; none begins until motion is asked for."""
 
@@ -112,7 +112,7 @@ class Act(enum.Enum):
     LET_GO = "the clutch was released: the arm brakes, and its authority is free"
     ARM = "the device is armed"
     TAKE = "the device takes the arm from whatever moves it, and is armed"
-    ACKNOWLEDGE = "the deliberate act was made where it arms nothing"
+    ACKNOWLEDGE = "re-arming was requested where it arms nothing"
 
 
 class ArmEvent(enum.Enum):
@@ -123,7 +123,7 @@ class ArmEvent(enum.Enum):
     FORGOTTEN = "all motion is forgotten: where the robot is when it comes back is not known"
     RETURNED = "the robot is ready again while its readings are rejected"
     JUMPED = "the robot was measured where it cannot be"
-    PLAUSIBLE = "a deliberate act accepts the readings"
+    PLAUSIBLE = "re-arming accepts the readings"
     PLACED = "the command was placed where the robot is, at the speed that it has"
     INVALID = "a command that is beyond a limit was not sent"
     ENGAGED = "a source has the robot commanded, from where it is"
@@ -138,7 +138,7 @@ class ArmEvent(enum.Enum):
     NOT_BACK = "a resynchronization ended, or must not begin, while they are apart"
     LEFT = "a button of a device that is armed ended a resynchronization"
     ASKED = "the operator asks for motion"
-    ACKNOWLEDGED = "the deliberate act is made"
+    ACKNOWLEDGED = "re-arming was requested"
 
 
 class Facts(NamedTuple):
@@ -230,7 +230,7 @@ def motion_after(motion: MotionState, event: ArmEvent, facts: Facts) -> MotionSt
 
 
 RESTING = (MotionState.UNCOMMANDED, MotionState.HOLDING)
-"""States in which nothing moves the arm; in each other one there is an activity that does."""
+"""States in which nothing moves the arm; in each other one there is a motion that does."""
 
 
 def separation_after(separation: Separation, event: ArmEvent, facts: Facts) -> Separation:
@@ -271,8 +271,8 @@ def arming_after(
 ) -> tuple[Arming, Act | None]:
     """Return the arming after the operator's request, and its consequence, if any.
 
-    `acknowledges`: whether an act that arms nothing has something to acknowledge; `owns`: whether
-    the device has the authority over the arm; `refused`: whether it may not take it.
+    `acknowledges`: whether there is something to acknowledge where nothing is armed; `owns`:
+    whether the device has the authority over the arm; `refused`: whether it may not take it.
     """
     asked = request.arming
     match arming.armed, asked.armed:
@@ -295,7 +295,7 @@ def phase_of(states: States, moving: bool, asks: bool, recovers: bool) -> Phase:
     """Return the phase of the arm that is displayed.
 
     `moving`: whether it is commanded to move; `asks`: whether the operator asks for motion;
-    `recovers`: whether the activity brings the command back to its robot.
+    `recovers`: whether the motion brings the command back to its robot.
     """
     match states.link, states.motion:
         case RobotReadiness.ABSENT, _:

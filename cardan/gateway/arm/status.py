@@ -16,7 +16,7 @@ class Phase(enum.Enum):
     NO_ROBOT = "no robot"
     """The robot is silent or would not act on commands."""
     DISARMED = "disarmed"
-    """Holding; going on takes the deliberate act, or a verb."""
+    """Holding; to go on, re-arm or send a verb."""
     HOLDING = "holding"
     """At rest; a source has the authority and may move at once."""
     MOVING = "moving"

@@ -16,7 +16,7 @@ from cardan.gateway.arm.authority import HAND, VERBS
 from cardan.gateway.arm.backlog import Delays
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.joint_space_arm import JointSpaceArm
-from cardan.gateway.arm.motions.base import Activity
+from cardan.gateway.arm.motions.base import CommandedMotion
 from cardan.gateway.arm.motions.joint_stream import FollowJointStream
 from cardan.gateway.arm.motions.pose_stream import FollowPoseStream
 from cardan.gateway.arm.motions.torque import TorqueMotion
@@ -97,10 +97,10 @@ class Streams:
     @property
     def age_s(self) -> float:
         """Since the newest streamed command; infinite before the first."""
-        activity = self._controller.activity
-        if self._link is None or self._link.owner is None or activity is None:
+        motion = self._controller.motion
+        if self._link is None or self._link.owner is None or motion is None:
             return math.inf
-        return self._controller.stamp_s - activity.heard_s
+        return self._controller.stamp_s - motion.heard_s
 
     def end(self, reason: str) -> bool:
         """No streaming command is chosen any more; False when none was."""
@@ -133,14 +133,14 @@ class Streams:
         else:
             plans.require_drive(verb)
         at = start(verb)
-        activity = self._activity(kind, at)
-        activity.silence_s = plans.parameters[Parameter.STREAM_TIMEOUT]
-        activity.heard_s = NEVER_S
-        controller.begin(activity)
+        motion = self._motion(kind, at)
+        motion.silence_s = plans.parameters[Parameter.STREAM_TIMEOUT]
+        motion.heard_s = NEVER_S
+        controller.begin(motion)
         controller.authority.release(source)
         self._link, self._ended = _Link(kind), ""
 
-    def _activity(self, kind: Stream, at: FloatArray) -> Activity:
+    def _motion(self, kind: Stream, at: FloatArray) -> CommandedMotion:
         plans, options, commanded = self._plans, self._plans.options, self._commanded
         if kind is Stream.WRENCH:
             torque = plans.torque_motion(State.NOT_CONTROLLING)
@@ -220,36 +220,36 @@ class Streams:
         controller, plans = self._controller, self._plans
         pose = checked_pose(verb, given)
         with controller.lock:
-            activity = self._streaming(Stream.POSE, sender)
-            assert isinstance(activity, FollowPoseStream)
+            motion = self._streaming(Stream.POSE, sender)
+            assert isinstance(motion, FollowPoseStream)
             start = self._commanded.servo.q.copy()
             now = self._commanded.servo.pose
-            target = of(pose, now, activity.target or now)
+            target = of(pose, now, motion.target or now)
         check_workspace(verb, target.position, plans.options.streams.workspace_m)
         self._check_step(now, target)
         plans.planner.inverse_nearby(verb, target, start)
         with controller.lock:
-            if controller.activity is not activity or self._link is None:
+            if controller.motion is not motion or self._link is None:
                 raise MotionRefusedError(f"{verb}: {self._ended}")
             waited_s = controller.stamp_s - sender.heard_s
-            if waited_s > activity.silence_s:
+            if waited_s > motion.silence_s:
                 raise MotionRefusedError(
                     f"{verb}: it waited for {waited_s:.2f} s until it was planned; that is too "
                     "late to act on"
                 )
-            self._aim_at(activity, target, sender)
+            self._aim_at(motion, target, sender)
 
     def aim(self, target: Pose, sender: CommandHeader) -> None:
         """Go to a pose in the base that is checked already, as when a record is repeated."""
         with self._controller.lock:
-            activity = self._streaming(Stream.POSE, sender)
-            assert isinstance(activity, FollowPoseStream)
-            self._aim_at(activity, target, sender)
+            motion = self._streaming(Stream.POSE, sender)
+            assert isinstance(motion, FollowPoseStream)
+            self._aim_at(motion, target, sender)
 
-    def _aim_at(self, activity: FollowPoseStream, target: Pose, sender: CommandHeader) -> None:
+    def _aim_at(self, motion: FollowPoseStream, target: Pose, sender: CommandHeader) -> None:
         self._tell("aim", target, sender=sender)
-        activity.aim(target, self._controller.stamp_s)
-        self._note_command(activity, sender)
+        motion.aim(target, self._controller.stamp_s)
+        self._note_command(motion, sender)
 
     def _check_step(self, now: Pose, target: Pose) -> None:
         options = self._plans.options
@@ -269,14 +269,14 @@ class Streams:
             frame, xdot = xdot.frame, (*xdot.linear, *xdot.angular)
         with self._controller.lock:
             x, y, z, rx, ry, rz = six_numbers("twist", xdot)
-            activity = self._streaming(Stream.TWIST, sender)
-            assert isinstance(activity, FollowTwistStream)
+            motion = self._streaming(Stream.TWIST, sender)
+            assert isinstance(motion, FollowTwistStream)
             self._tell("twist", (x, y, z, rx, ry, rz), frame.value, sender=sender)
             linear, angular, share = self._plans.slowed(Vector3(x, y, z), Vector3(rx, ry, rz))
             self.scaled += share < 1.0
             asked = any((*linear, *angular))
-            activity.wanted = Twist(linear, angular, frame) if asked else ZERO_TWIST
-            self._note_command(activity, sender)
+            motion.wanted = Twist(linear, angular, frame) if asked else ZERO_TWIST
+            self._note_command(motion, sender)
 
     def wrench(self, w: Sequence[float] | Wrench, sender: CommandHeader) -> None:
         """Exert the wrench `w` (N, N·m, at the TCP) on the world now. A Wrench is along its own
@@ -286,31 +286,31 @@ class Streams:
             frame, w = w.frame, (*w.force, *w.torque)
         with self._controller.lock:
             numbers = six_numbers("wrench", w)
-            activity = self._streaming(Stream.WRENCH, sender)
-            assert isinstance(activity, TorqueMotion)
+            motion = self._streaming(Stream.WRENCH, sender)
+            assert isinstance(motion, TorqueMotion)
             self._tell("wrench", numbers, frame.value, sender=sender)
-            activity.set_wrench(Wrench(Vector3(*numbers[:3]), Vector3(*numbers[3:]), frame))
-            self._note_command(activity, sender)
+            motion.set_wrench(Wrench(Vector3(*numbers[:3]), Vector3(*numbers[3:]), frame))
+            self._note_command(motion, sender)
 
     def joints(self, rates: Sequence[float], sender: CommandHeader) -> None:
         """Move the joints at `rates` (rad/s or m/s, one a joint) now. Too fast ones are slowed."""
         with self._controller.lock:
             count = self._commanded.servo.joints
             values = np.array(joint_numbers("joints", rates, count))
-            activity = self._streaming(Stream.JOINT, sender)
-            assert isinstance(activity, FollowJointStream)
+            motion = self._streaming(Stream.JOINT, sender)
+            assert isinstance(motion, FollowJointStream)
             self._tell("joints", values.tolist(), sender=sender)
-            self.scaled += activity.aim(values)
-            self._note_command(activity, sender)
+            self.scaled += motion.aim(values)
+            self._note_command(motion, sender)
 
     # -- permission to stream --------------------------------------------------------------------
 
-    def _streaming(self, kind: Stream, sender: CommandHeader) -> Activity:
-        """The activity of the stream, if this command may act on it."""
+    def _streaming(self, kind: Stream, sender: CommandHeader) -> CommandedMotion:
+        """The motion of the stream, if this command may act on it."""
         owner, sequence, stamp_s, _ = sender
         controller = self._controller
-        name, link, activity = vocab_text(kind), self._link, controller.activity
-        if link is None or activity is None:
+        name, link, motion = vocab_text(kind), self._link, controller.motion
+        if link is None or motion is None:
             why = f": {self._ended}" if self._ended else ""
             raise MotionRefusedError(
                 f"{name}: select {kind.name.lower()} streaming first (parameter streamingCommand; "
@@ -334,7 +334,7 @@ class Streams:
         if late:
             self.late += 1
             raise MotionRefusedError(f"{name}: {late}")
-        return activity
+        return motion
 
     def _check_order(self, name: str, link: _Link, sender: CommandHeader) -> None:
         _, sequence, stamp_s, _ = sender
@@ -353,14 +353,14 @@ class Streams:
         if controller.recorder is not None:
             controller.note(name, argument_text(*values, sender))
 
-    def _note_command(self, activity: Activity, sender: CommandHeader) -> None:
+    def _note_command(self, motion: CommandedMotion, sender: CommandHeader) -> None:
         owner, sequence, stamp_s, _ = sender
         link, now_s = self._link, self._controller.stamp_s
         assert link is not None
         if link.owner != owner:
             link.owner, link.sequence, link.sent_s = owner, None, NEVER_S
         self._controller.authority.take(owner or VERBS, now_s)
-        activity.heard_s = self._heard_s = now_s
+        motion.heard_s = self._heard_s = now_s
         if sequence is not None:
             link.sequence = sequence
         if stamp_s is not None:

@@ -18,7 +18,7 @@ from cardan.common import bounds
 from cardan.common.options import CODE_ONLY, Options
 from cardan.gateway.arm.commanded_arm import CommandedArm
 from cardan.gateway.arm.following_error import FollowingError
-from cardan.gateway.arm.motions.base import Activity
+from cardan.gateway.arm.motions.base import CommandedMotion
 from cardan.types import NEVER_S, RobotLink, RobotState
 
 LONGEST_STEP_PERIODS = 2.5
@@ -118,7 +118,7 @@ class Supervision:
         return self._ticked_s - self._plausible_s >= TRUST_AFTER_S
 
     def trust(self) -> None:
-        """Accept the readings again: after a deliberate act."""
+        """Accept the readings again, after re-arming."""
         self.implausible = ""
 
     def look(self, state: RobotState, commanded: CommandedArm) -> StopReason | None:
@@ -164,7 +164,7 @@ class Supervision:
         self,
         state: RobotState,
         error: FollowingError,
-        activity: Activity | None,
+        motion: CommandedMotion | None,
     ) -> StopReason | None:
         """The gravest finding about the robot and its commands, with the following error of now;
         None without any."""
@@ -174,9 +174,9 @@ class Supervision:
             return StopReason(Cause.HELD, held)
         if state.alarm:
             return StopReason(Cause.ALARM, state.alarm)
-        if activity is not None:
-            age_s = state.stamp_s - activity.heard_s
-            if age_s > activity.silence_s and activity.driven:
+        if motion is not None:
+            age_s = state.stamp_s - motion.heard_s
+            if age_s > motion.silence_s and motion.driven:
                 return StopReason(Cause.SILENT, f"the stream was silent for {age_s:.3f} s")
         return None
 

@@ -219,10 +219,10 @@ class ArmVerbs:
     @property
     def state(self) -> State:
         """State of the arm; NOT_CONTROLLING from a stop on."""
-        activity = self.controller.activity
-        if activity is None or self.controller.braking:
+        current = self.controller.motion
+        if current is None or self.controller.braking:
             return State.NOT_CONTROLLING
-        return activity.state
+        return current.state
 
     @property
     def at_rest(self) -> bool:
@@ -252,7 +252,7 @@ class ArmVerbs:
                 ready=robot is not None and robot.ready,
                 moving=self.commanded.moving,
                 braking=controller.braking,
-                torque=isinstance(controller.activity, TorqueMotion),
+                torque=isinstance(controller.motion, TorqueMotion),
                 recovering=controller.recovering,
                 message=self._message,
                 stream_owner=streams.owner,
@@ -272,11 +272,11 @@ class ArmVerbs:
     def desired(self) -> tuple[list[float], list[float], int] | None:
         """Joint positions and velocities that a trajectory has now, and the index of its point;
         None where none is followed."""
-        activity = self.controller.activity
-        if not isinstance(activity, FollowTrajectory):
+        current = self.controller.motion
+        if not isinstance(current, FollowTrajectory):
             return None
-        positions, velocities = activity.desired()
-        return positions.tolist(), velocities.tolist(), activity.point
+        positions, velocities = current.desired()
+        return positions.tolist(), velocities.tolist(), current.point
 
     # -- ends of motions -------------------------------------------------------------------------
 
@@ -288,7 +288,7 @@ class ArmVerbs:
         self._end_motion(Outcome.ABORTED, reason)
 
     def finished(self, reason: str) -> None:
-        """Take the end of the activity (called by the controller)."""
+        """Take the end of the motion (called by the controller)."""
         self._end_motion(Outcome.ABORTED if reason else Outcome.DONE, reason)
 
     # -- requests --------------------------------------------------------------------------------
@@ -416,14 +416,14 @@ class ArmVerbs:
                 raise MotionRefusedError("forc: wrenches are taken in the base frame only")
             wrench = Wrench(Vector3(*numbers[:3]), Vector3(*numbers[3:]), Frame.BASE)
             with self.controller.lock:
-                activity, motion = self.controller.activity, self._motion
+                current, motion = self.controller.motion, self._motion
                 if (
-                    isinstance(activity, TorqueMotion)
-                    and activity.state is State.FORCE
+                    isinstance(current, TorqueMotion)
+                    and current.state is State.FORCE
                     and motion is not None
                 ):
                     self._require_authority("forc", source)
-                    activity.set_wrench(wrench)
+                    current.set_wrench(wrench)
                     return motion
         return self._launch(
             "forc", False, lambda q: self.plans.torque(State.FORCE, wrench, q), source
@@ -539,7 +539,7 @@ class ArmVerbs:
             controller.authority.release(source)
 
     def acknowledge(self) -> None:
-        """The deliberate act after implausible measured joints, or after a recovery that did not
+        """Re-arm after implausible measured joints, or after a recovery that did not
         reach the robot: go on from here. Raises MotionRefusedError while it is too early.
         """
         with self._counted():
@@ -709,12 +709,12 @@ class ArmVerbs:
     def _begin(self, motion: Motion, plan: Plan) -> None:
         self._waited_for = motion
         motion.duration_s, motion.note = plan.duration_s, plan.note
-        if plan.activity is None:
+        if plan.motion is None:
             motion.outcome = Outcome.DONE
             return
         self._end_stream(f"{motion.verb} took over")
         self.controller.engage()
-        self.controller.begin(plan.activity)
+        self.controller.begin(plan.motion)
         motion.outcome = Outcome.RUNNING
         self._motion, self._message = motion, ""
 
@@ -792,10 +792,10 @@ class ArmVerbs:
         if self.state is not State.NOT_CONTROLLING:
             raise MotionRefusedError(f"{verb}: refused while in {vocab_text(self.state)}")
         if self._pending is not None or (
-            not self.controller.idle and not isinstance(self.controller.activity, TorqueMotion)
+            not self.controller.idle and not isinstance(self.controller.motion, TorqueMotion)
         ):
             raise MotionRefusedError(f"{verb}: the arm is still moving")
-        if isinstance(self.controller.activity, TorqueMotion):
+        if isinstance(self.controller.motion, TorqueMotion):
             raise MotionRefusedError(f"{verb}: refused while torques are commanded; stop first")
 
     def _require_authority(self, verb: str, source: str, claims: bool = True) -> None:

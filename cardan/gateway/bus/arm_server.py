@@ -521,7 +521,7 @@ class _TopicClient:
         self._asked[number] = sequence, sender
         if silent_s < command.apart_s:
             raise PacketError(
-                f"{command.verb}: its publisher repeats it, so it is no deliberate act: send it "
+                f"{command.verb}: its publisher repeats it, so it does not re-arm: send it "
                 f"once, {command.apart_s:g} s after the one before",
                 number,
             )

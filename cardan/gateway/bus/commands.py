@@ -31,8 +31,8 @@ MOTIONS_TOPIC, MOTIONS_TYPE = "motions", "std_msgs/msg/String"
 """The notes of motions that were asked for by packets."""
 
 
-ACT_APART_S = 2.0
-"""Between two messages that are deliberate acts: `ros2 topic pub` repeats its message each
+REARM_APART_S = 2.0
+"""Between two messages that re-arm: `ros2 topic pub` repeats its message each
 second."""
 
 
@@ -64,8 +64,8 @@ class TopicCommand(NamedTuple):
     always: bool = False
     """Whether it is carried out though it came twice, or after a newer one."""
     apart_s: float = 0.0
-    """For how long its publisher must have sent none before it: of a deliberate act, which a
-    publisher that repeats it all the time does not do."""
+    """For how long its publisher must have sent none before it: of a command that re-arms,
+    which a publisher that repeats it all the time does not do."""
 
 
 class Instant(NamedTuple):
@@ -242,7 +242,7 @@ TOPICS = (
     ),
     # An operator's commands are topics, too: services do not cross middlewares.
     _signal("stop", always=True),
-    _signal("acknowledge", apart_s=ACT_APART_S),
+    _signal("acknowledge", apart_s=REARM_APART_S),
     _signal("acquire"),
     _signal("release"),
 )

@@ -54,7 +54,7 @@ class PublishedState(NamedTuple):
     robot: RobotState
     status: ArmStatus
     inhibited: str = ""
-    """Why nothing may move until the deliberate act; empty: it may."""
+    """Why nothing may move until re-armed; empty: it may."""
     commanded: tuple[list[float], list[float]] | None = None
     """Joint positions and velocities that are commanded; None where none are."""
     tcp: Callable[[RobotState], Pose | None] = lambda _robot: None

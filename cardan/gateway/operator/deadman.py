@@ -1,4 +1,4 @@
-"""Whether an operator device may move the arm: its states, and the deliberate act that arms it."""
+"""Whether an operator device may move the arm: its states, and re-arming."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import enum
 
 
 class Arming(enum.Enum):
-    """Whether the operator device may move the arm without another deliberate act."""
+    """Whether the operator device may move the arm without re-arming."""
 
     DISARMED = "disarmed"
     """It has to be at rest first; with a clutch, that has to be pressed."""
     DEFLECTED = "deflected"
     """Where no button is configured: it is deflected while something bars it, so that letting it
-    go is an act."""
+    go re-arms."""
     RELEASED = "released"
-    """It was seen at rest with its dead-man released: pressing that is the act."""
+    """It was seen at rest with its dead-man released: pressing that re-arms."""
     ARMED = "armed"
     """It may."""
     CLAIMING = "claiming"

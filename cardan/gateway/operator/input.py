@@ -1,6 +1,6 @@
 """An operator device as a source of motion: its states in, one request per control tick out.
 
-The rule of arming is here: going on after an interruption takes a deliberate act, which is the
+The rule of arming is here: going on after an interruption takes re-arming, which is the
 device at rest and, where one is configured, the dead-man button released and pressed anew, or a
 press of the button that toggles the clutch. Where the hand's pose is followed, deflections mean
 nothing and need not be at rest. The controller decides on requests.
@@ -55,7 +55,7 @@ class ArmView(NamedTuple):
     free: bool
     """Whether the arm is not still braking a motion of another source."""
     inhibited: str = ""
-    """Why no deliberate act arms now, whatever the device reports."""
+    """Why the device cannot be re-armed now, whatever it reports."""
     behind: str = ""
     """Why no pose and no clutch is accepted now: the robot is not at its command."""
     tripped: bool = False
@@ -73,9 +73,9 @@ class MotionRequest(NamedTuple):
     """Whether this device drives the arm, after the operator's acts in this tick, and moves or
     claims it, or would if it were free."""
     newly_armed: bool
-    """Whether the deliberate act was made in this tick and is accepted."""
+    """Whether the device was re-armed in this tick."""
     arming_requested: bool
-    """Whether the deliberate act was made in this tick, accepted or not."""
+    """Whether re-arming was requested in this tick, accepted or not."""
     following: bool
     """Whether the operator's motion moves the arm now: armed, and the dead-man held."""
     twist: Twist
@@ -128,7 +128,7 @@ class OperatorInput:
         self._holds = bool(mapping.options.deadman_buttons or mapping.options.clutch)
         """Whether an operator without motion still claims the arm, by a button."""
         self._refusal = ""
-        """Why the last deliberate act was refused."""
+        """Why re-arming was last refused."""
         self._device: DeviceState | None = None
         self.complaint = ""
         """Fault in the configuration of the device's buttons; empty if none is known."""
@@ -200,7 +200,7 @@ class OperatorInput:
         )
 
     def disarm(self) -> None:
-        """Release the hand's pose: the deliberate act is needed anew."""
+        """Release the hand's pose: re-arming is needed."""
         self._refusal = ""
         if self._position is not None:
             self._position.release()
@@ -249,8 +249,8 @@ class OperatorInput:
             return f"{why}let go of {deadman}, then press it to go on"
         return f"{why}let go of the device and of {deadman}, then press {deadman} to go on"
 
-    def act_words(self) -> str:
-        """The deliberate act, as an instruction."""
+    def rearming_instruction(self) -> str:
+        """How to re-arm, as an instruction."""
         options = self.mapping.options
         if options.clutch:
             act = f"press {options.clutch!r}"
@@ -293,7 +293,7 @@ class OperatorInput:
         return self._position is not None or device.axes != NO_DEFLECTION
 
     def _unusable(self, device: DeviceState, now_s: float) -> bool:
-        """Whether nothing that the device reports can be a deliberate act."""
+        """Whether nothing that the device reports can re-arm it."""
         return device.link is not DeviceLink.LIVE or (
             self._position is None and bool(self._fault(device, now_s, False))
         )
@@ -312,13 +312,13 @@ class OperatorInput:
                 return f"the robot's pose is {-age_s:.2f} s older than the hand's"
         return ""
 
-    # -- the deliberate act ----------------------------------------------------------------------
+    # -- re-arming -----------------------------------------------------------------------------
 
     def _arm(
         self, arming: Arming, device: DeviceState, held: bool, view: ArmView
     ) -> tuple[Arming, bool]:
-        """Return the arming of a disarmed device after the act by the dead-man, or by rest alone,
-        and whether the act was made."""
+        """Return the arming of a disarmed device after re-arming by the dead-man, or by rest
+        alone, and whether that was requested."""
         followed = self._position is not None
         if self._unusable(device, view.robot.stamp_s):
             return (arming if arming is Arming.DEFLECTED else Arming.DISARMED), False

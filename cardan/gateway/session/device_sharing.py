@@ -1,7 +1,7 @@
 """The operator device of a session that serves other sessions, too: its holder opens it.
 
 While another session has the device it is closed here: its link is CLOSED, so the arm brakes, holds
-and is disarmed, and moving it again takes the deliberate act.
+and is disarmed, and has to be re-armed before it moves again.
 """
 
 from __future__ import annotations

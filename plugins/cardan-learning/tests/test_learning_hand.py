@@ -66,7 +66,7 @@ def test_deflections_are_shares_of_full_speed():
     assert moves(hand.action((0.4, 0.6, -1.0, 0, 0, 0.2))) == [0.0] * 6
 
 
-def test_a_lost_device_asks_for_rest_until_the_deliberate_act():
+def test_a_lost_device_asks_for_rest_until_rearming():
     hand = Held()
     hand.update(REST, "left")
     assert moves(hand.action(FORWARD, "left"))[0] == 1.0

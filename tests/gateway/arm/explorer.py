@@ -120,7 +120,7 @@ class Abstract(NamedTuple):
     """Whether the button was seen pressed by the controller."""
     owner: str
     handed_to: bool
-    activity: str
+    commanded_motion: str
     motion: str
     """"rest", "slow" or "quick"."""
     stream: Stream
@@ -221,7 +221,7 @@ class World:
 
     def abstract(self) -> Abstract:
         core, verbs = self.core, self.verbs
-        source, watched, activity = core.hand, core.supervision, core.activity
+        source, watched, motion = core.hand, core.supervision, core.motion
         moves = core.commanded.moving and core.commanded.placed
         quick = moves and norm(core.commanded.twist.linear) > QUICK_M_S
         implausible = ""
@@ -251,7 +251,7 @@ class World:
             source._device is not None and bool(source._device.buttons),
             core.authority.owner,
             bool(core.authority._handed_to),
-            "" if activity is None else type(activity).__name__,
+            "" if motion is None else type(motion).__name__,
             "quick" if quick else "slow" if moves else "rest",
             verbs.streams.kind,
             bool(verbs.streams.owner),
@@ -359,7 +359,7 @@ class World:
         )
 
     def _watch_operator(self, events: list[ButtonEvent]) -> None:
-        """Follow, from outside, whether a deliberate act was made since the last interruption."""
+        """Follow, from outside, whether it was re-armed since the last interruption."""
         device, armed = self.device, self.core.armed
         silent = self.deflected and self.now_s - device.stamp_s > 0.1
         wrong = device.link is not DeviceLink.LIVE or self.filter.broken or not self.driveable
@@ -397,15 +397,15 @@ class World:
 
     def check(self) -> None:
         """Check (a), (c) and (f), by the state known from outside."""
-        core, commanded, activity = self.core, self.core.commanded, self.core.activity
-        assert (activity is None) is (core.state.motion in RESTING), "who moves it?"
+        core, commanded, motion = self.core, self.core.commanded, self.core.motion
+        assert (motion is None) is (core.state.motion in RESTING), "who moves it?"
         assert core.rejects is bool(core.supervision.implausible), "rejected for no reason"
         if core.trips != self.trips:
             self.trips = core.trips
             self._forget(True)
             self._note_act([])
         if core.armed:
-            assert self.rearmed, "armed without a deliberate act"
+            assert self.rearmed, "armed without re-arming"
             if core.state.arming is Arming.CLAIMING:
                 assert core.authority.owner == HAND, "claimed without authority"
         by_hand = (
@@ -424,7 +424,7 @@ class World:
         by_stream = self.heard and self.driveable and core.authority.owner == STREAMER
         assert by_hand + by_verb + by_stream <= 1, "two sources have the arm"
         moving = commanded.placed and commanded.moving and not isinstance(self.command, HoldCommand)
-        if isinstance(activity, Recover):
+        if isinstance(motion, Recover):
             assert norm(commanded.twist.linear) <= RECOVERS_M_S or not moving
         if by_hand or by_verb or by_stream or self.start is None:
             self.permitted_s = self.now_s
@@ -439,14 +439,14 @@ class World:
         if moving:
             ago_s = self.now_s - self.permitted_s
             assert ago_s <= BRAKES_S, f"moves {ago_s:.2f} s after anybody might move it"
-            if not core.braking and not isinstance(activity, (Recover, Brake)):
+            if not core.braking and not isinstance(motion, (Recover, Brake)):
                 owner = core.authority.owner
-                if isinstance(activity, FollowHand):
+                if isinstance(motion, FollowHand):
                     assert owner == HAND or not core.armed
                     assert self.verbs._motion is None
                     assert streams.kind is Stream.NONE
-                elif activity is not None:
-                    assert owner in (VERBS, STREAMER), f"{activity} moves for {owner!r}"
+                elif motion is not None:
+                    assert owner in (VERBS, STREAMER), f"{motion} moves for {owner!r}"
 
     # -- actions of people and programs ----------------------------------------------------------
 

@@ -134,7 +134,7 @@ class Walk:
 
     def _check(self, rested, before):
         core, command, servo = self.core, self.command, self.verbs.servo
-        commanded, activity, bounds = core.commanded, core.activity, servo.kinematics
+        commanded, motion, bounds = core.commanded, core.motion, servo.kinematics
         numbers = {
             JointCommand: lambda c: (*c.positions, *(c.velocities or ())),
             JointVelocityCommand: lambda c: c.velocities,
@@ -156,20 +156,20 @@ class Walk:
                 assert np.all(step <= bounds.velocity * self.period_s + 1e-9)
         self.last_v = servo.v.copy()
         moving = commanded.moving and not isinstance(command, HoldCommand)
-        if moving and not core.braking and not isinstance(activity, (Recover, Brake)):
+        if moving and not core.braking and not isinstance(motion, (Recover, Brake)):
             owner = core.authority.owner
-            if isinstance(activity, FollowHand):
+            if isinstance(motion, FollowHand):
                 assert owner == HAND
-            elif activity is not None:
-                assert owner not in ("", HAND), (activity, owner)
-        if isinstance(activity, Recover):
+            elif motion is not None:
+                assert owner not in ("", HAND), (motion, owner)
+        if isinstance(motion, Recover):
             assert norm(commanded.twist.linear) <= RECOVERY_M_S * 1.02 or isinstance(
                 command, HoldCommand
             )
             assert core.phase in (Phase.RECOVERING, Phase.BRAKING)
-        if before is not None and isinstance(activity, Recover):
+        if before is not None and isinstance(motion, Recover):
             step_m = norm(subtract(commanded.pose.position, before.position))
-            anew = activity.went.linear_m <= 1.01 * step_m + 1e-6
+            anew = motion.went.linear_m <= 1.01 * step_m + 1e-6
             self.unasked_m = step_m if anew else self.unasked_m + step_m
         assert self.unasked_m <= 1.1 * core.reference.limits.max_lead_m
         if core.supervision.implausible:
@@ -185,7 +185,7 @@ class Walk:
         if core.at_rest:
             assert not commanded.moving
             assert not isinstance(command, TorqueCommand)
-        if isinstance(activity, TorqueMotion) and isinstance(command, TorqueCommand):
+        if isinstance(motion, TorqueMotion) and isinstance(command, TorqueCommand):
             assert core.authority.owner != HAND
 
     # -- possible events ---------------------------------------------------------------------
@@ -237,7 +237,7 @@ class Walk:
         self.tick(400)
 
     def lives(self):
-        """Whether an operator can move the arm again, after enough deliberate acts."""
+        """Whether an operator can move the arm again, after re-arming often enough."""
         self.heal()
         for _ in range(40):
             self.act()

@@ -151,7 +151,7 @@ def test_regripping_needs_no_ceremony_and_makes_no_step():
 
 
 @pytest.mark.parametrize("link", [DeviceLink.LOST, DeviceLink.STALE, DeviceLink.CLOSED])
-def test_a_lost_device_brakes_and_needs_the_deliberate_act(link):
+def test_a_lost_device_brakes_and_needs_rearming(link):
     rig = Rig().drive()
     rig.hand(REST, link=link, reason="the SpaceMouse was unplugged")
     rig.run()
@@ -300,7 +300,7 @@ def test_a_robot_held_by_something_else_gets_its_reference_back_gently():
     assert rig.status.trips == 1
 
 
-def test_no_recovery_goes_farther_than_the_maximum_lead_without_a_deliberate_act():
+def test_no_recovery_goes_farther_than_the_maximum_lead_without_rearming():
     rig = Rig().drive()
     away = pushed_away(rig)
     max_lead_m = ReferenceLimits().max_lead_m

@@ -51,7 +51,7 @@ def test_one_place_assigns_states_and_what_moves_the_arm():
         if isinstance(method, ast.FunctionDef)
         for node in ast.walk(method)
         if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store)
-        if node.attr in ("state", "_activity")
+        if node.attr in ("state", "_motion")
     }
     assert places == {"__init__", "_enter"}
 

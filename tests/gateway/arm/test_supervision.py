@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.gateway.arm.commanded_arm import TaskSpaceArm
-from cardan.gateway.arm.motions.base import GOING, Activity
+from cardan.gateway.arm.motions.base import GOING, CommandedMotion
 from cardan.gateway.arm.supervision import (
     LONGEST_STEP_PERIODS,
     TRUST_AFTER_S,
@@ -39,11 +39,11 @@ class Watched:
         state = self.state = self.state._replace(stamp_s=self.state.stamp_s + after_s, **change)
         return self.supervision.look(state, self.commanded)
 
-    def compare(self, ahead_m=0.0, activity=None):
+    def compare(self, ahead_m=0.0, motion=None):
         reference = Reference(ReferenceLimits())
         reference.place(self.pose(ahead_m))
         error = self.commanded.following_error(self.state, reference, observe=True)
-        return self.supervision.compare(self.state, error, activity)
+        return self.supervision.compare(self.state, error, motion)
 
 
 def ready(**watchdogs):
@@ -160,7 +160,7 @@ def test_an_alarm_is_found_in_the_drivers_words():
     assert watched.compare(0.2).cause is Cause.HELD
 
 
-class Streamed(Activity):
+class Streamed(CommandedMotion):
     silence_s = 0.1
 
     def __init__(self, heard_s, driven):
@@ -181,11 +181,11 @@ def test_silence_matters_only_where_it_lets_something_go_on():
     watched = ready()
     heard_s = watched.state.stamp_s
     watched.look(0.09)
-    assert watched.compare(activity=Streamed(heard_s, True)) is None
+    assert watched.compare(motion=Streamed(heard_s, True)) is None
     watched.look(0.02)
-    found = watched.compare(activity=Streamed(heard_s, True))
+    found = watched.compare(motion=Streamed(heard_s, True))
     assert found == (Cause.SILENT, "the stream was silent for 0.110 s")
-    assert watched.compare(activity=Streamed(heard_s, False)) is None
+    assert watched.compare(motion=Streamed(heard_s, False)) is None
 
 
 @given(st.floats(), st.floats(1e-4, 1.0))

@@ -447,7 +447,7 @@ def test_an_acknowledgment_is_an_act_and_none_that_is_repeated(bench):
         bench.poll(1.0)
     assert len(acts) == 1
     assert [outcome for _, _, outcome, _ in bench.results()] == ["done", *["refused"] * 3]
-    assert "no deliberate act" in reasons(bench)[-1]
+    assert "does not re-arm" in reasons(bench)[-1]
     bench.poll(2.0)
     bench.command("/command/acknowledge")
     assert len(acts) == 2

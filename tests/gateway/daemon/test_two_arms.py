@@ -101,13 +101,13 @@ class TwoArms(Lab):
         )
 
     def arm(self, name, mouse):
-        """The deliberate act, from wherever the hand is."""
+        """Re-arm, from wherever the device is."""
         mouse.do("release", "left")
         mouse.touch()
         self.until_snapshot(name, lambda s: s["device"]["link"] == "live", "its mouse at rest")
         self.until_snapshot(name, lambda s: s["robot"]["link"] == "live", "its robot")
         mouse.do("press", "left")
-        self.until_snapshot(name, lambda s: s["arm"]["authority"] == "hand", "the deliberate act")
+        self.until_snapshot(name, lambda s: s["arm"]["authority"] == "hand", "re-arming")
 
 
 @pytest.fixture

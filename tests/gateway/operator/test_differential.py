@@ -267,7 +267,7 @@ def test_a_press_while_something_is_wrong_begins_nothing_later(trouble):
 def test_somebody_else_may_take_the_hand_off_the_robot():
     rig = engaged().send_hand(displaced(x=0.1)).run(0.2)
     rig.core.inhibit("the force is lost", Inhibit.ONCE)
-    rig.press("button_2").run()  # In the same tick it is no deliberate act.
+    rig.press("button_2").run()  # In the same tick it does not re-arm.
     assert not rig.core.following
     assert rig.core.phase is Phase.BRAKING
     assert rig.message.startswith("stopped before: the force is lost; ")

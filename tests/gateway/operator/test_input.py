@@ -149,7 +149,7 @@ def test_without_a_dead_man_rest_arms_and_a_barred_one_takes_a_move_and_rest():
     request = asked.tick(REST, inhibited="held")
     assert request.arming_requested
     assert not request.newly_armed
-    assert asked.source.act_words() == "move the device and let it go"
+    assert asked.source.rearming_instruction() == "move the device and let it go"
     # Staying at rest is no further act.
     assert not asked.tick(REST, inhibited="held").arming_requested
     assert not asked.tick(FORWARD, inhibited="held").arming_requested
@@ -159,9 +159,12 @@ def test_without_a_dead_man_rest_arms_and_a_barred_one_takes_a_move_and_rest():
 @pytest.mark.parametrize("options", [DEADMAN, CLUTCH, BARE])
 def test_the_act_begins_with_a_device_that_is_there(options):
     asked = Asked(options).seen()
-    act = asked.source.act_words()
+    act = asked.source.rearming_instruction()
     asked.tick(link=DeviceLink.LOST)
-    assert asked.source.act_words() == f"wait for the device (the device is lost), then {act}"
+    assert (
+        asked.source.rearming_instruction()
+        == f"wait for the device (the device is lost), then {act}"
+    )
 
 
 def test_the_arm_is_not_moved_before_it_was_braked_for_somebody_else():
@@ -862,11 +865,14 @@ def test_a_refusal_is_told_in_place_of_why():
 )
 def test_the_act_is_an_instruction(options, act):
     asked = Asked(options)
-    assert asked.source.act_words() == act
+    assert asked.source.rearming_instruction() == act
     asked.tick()
-    assert asked.source.act_words() == act
+    assert asked.source.rearming_instruction() == act
     asked.tick(link=DeviceLink.LOST)
-    assert asked.source.act_words() == f"wait for the device (the device is lost), then {act}"
+    assert (
+        asked.source.rearming_instruction()
+        == f"wait for the device (the device is lost), then {act}"
+    )
 
 
 def test_no_request_asks_for_nothing():

@@ -278,7 +278,7 @@ def test_a_robot_that_reports_nonsense_is_not_commanded(joints, words):
     assert run.core.at_rest
     assert words in run.core.status().message
     assert run.core.status().trips == 1
-    run.go(0.3, FORWARD)  # going on takes the deliberate act
+    run.go(0.3, FORWARD)  # re-arm to go on
     assert run.core.phase is Phase.DISARMED
     assert np.isfinite(run.joints).all()
 

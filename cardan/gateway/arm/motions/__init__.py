@@ -1,1 +1,1 @@
-"""Activities of an arm, one at a time. No activity supervises or limits."""
+"""Motions of an arm, one at a time. No motion supervises or limits."""

@@ -1,4 +1,4 @@
-"""The interface of an activity, and how one ends."""
+"""The interface of a motion, and how one ends."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Deceleration(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """State of an activity after a tick."""
+    """State of a motion after a tick."""
 
     over: bool
     reason: str = ""
@@ -32,8 +32,8 @@ GOING = Progress(False)
 ARRIVED = Progress(True)
 
 
-class Activity(ABC):
-    """Base of the activities that move the commanded arm. Each begins and ends at rest."""
+class CommandedMotion(ABC):
+    """Base of the motions that move the commanded arm. Each begins and ends at rest."""
 
     state = State.NOT_CONTROLLING
     """Its state in the Cartesian interface."""
@@ -46,7 +46,7 @@ class Activity(ABC):
     heard_s = math.inf
     """Time of the newest command of the source, s; infinite where a source need not renew it."""
     silence_s = math.inf
-    """Longest silence of the source after which the activity may go on."""
+    """Longest silence of the source after which the motion may go on."""
     recovers = False
     """Whether it brings the command back to its robot."""
     follows_hand = False
@@ -54,7 +54,7 @@ class Activity(ABC):
     in_one_step = False
     """Whether a long period must not be divided for it."""
     outlives_silence = False
-    """Whether silence of the source only stops its motion, and does not end the activity."""
+    """Whether silence of the source only brakes it, and does not end it."""
 
     @property
     def yields(self) -> bool:

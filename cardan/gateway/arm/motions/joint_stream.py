@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from cardan.common.arm_libraries import np
 from cardan.gateway.arm.joint_space_arm import JointSpaceArm
-from cardan.gateway.arm.motions.base import ARRIVED, GOING, Activity, Progress
+from cardan.gateway.arm.motions.base import ARRIVED, GOING, CommandedMotion, Progress
 from cardan.gateway.kinematics.base import FloatArray
 from cardan.types import RobotState
 
 
-class FollowJointStream(Activity):
+class FollowJointStream(CommandedMotion):
     """Every joint moves at the speed that was streamed last."""
 
     def __init__(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 
 from cardan.gateway.arm.arrival import Arrival
-from cardan.gateway.arm.motions.base import ARRIVED, GOING, Activity, Progress
+from cardan.gateway.arm.motions.base import ARRIVED, GOING, CommandedMotion, Progress
 from cardan.gateway.servo.choice import AnyServo
 from cardan.gateway.servo.status import UNBENT
 from cardan.types import RobotState
@@ -70,7 +70,7 @@ class PathClock:
         self._stuck_s = self._stuck_s + dt_s if slow else 0.0
 
 
-class FollowPath(Activity):
+class FollowPath(CommandedMotion):
     """A motion along a path. It has arrived once its command is at rest at the end of the path, and
     the measured arm too."""
 

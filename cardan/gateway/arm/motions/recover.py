@@ -11,7 +11,7 @@ from cardan.gateway.arm.commanded_arm import (
     CommandedArm,
 )
 from cardan.gateway.arm.following_error import FollowingError
-from cardan.gateway.arm.motions.base import GOING, Activity, Progress
+from cardan.gateway.arm.motions.base import GOING, CommandedMotion, Progress
 from cardan.gateway.motion.speed_limited_reference import Reference
 from cardan.spatial import norm, rotation_between, subtract
 from cardan.types import RobotState
@@ -37,7 +37,7 @@ class Way(NamedTuple):
 NO_WAY = Way(0.0, 0.0)
 
 
-class Recover(Activity):
+class Recover(CommandedMotion):
     """The command moves slowly to where the robot is measured; the robot need not move.
 
     It ends near the robot, or after the maximum lead, or by `brake`: then `near` is False.
@@ -54,7 +54,7 @@ class Recover(Activity):
         went: Way = NO_WAY,
     ) -> None:
         """Done when the following error, now `error`, is inside `near`. `went`: length of earlier
-        recoveries since the last deliberate act."""
+        recoveries since the last re-arming."""
         self._commanded = commanded
         self.reference: Reference = reference
         self._limit = near
@@ -73,7 +73,7 @@ class Recover(Activity):
         self.near = False
         """Whether the command is back at its robot."""
         self.went = went
-        """Length of recoveries since the last deliberate act, this one included."""
+        """Length of recoveries since the last re-arming, this one included."""
 
     def brake(self) -> None:
         """End it where it is."""

@@ -1,4 +1,4 @@
-"""Base of activities in which the TCP follows a reference point."""
+"""Base of motions in which the TCP follows a reference point."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from cardan.gateway.arm.commanded_arm import CommandedArm
-from cardan.gateway.arm.motions.base import ARRIVED, GOING, Activity, Deceleration, Progress
+from cardan.gateway.arm.motions.base import ARRIVED, GOING, CommandedMotion, Deceleration, Progress
 from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.types import ZERO3, ZERO_TWIST, RobotState
 
 
-class ReferenceMotion(Activity):
+class ReferenceMotion(CommandedMotion):
     """A TCP that follows a reference point, which begins where the TCP is commanded to be."""
 
     slides = True

@@ -10,7 +10,7 @@ from cardan.common.arm_libraries import np, pin
 from cardan.common.options import Options
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.joint_space_arm import JointSpaceArm
-from cardan.gateway.arm.motions.base import ARRIVED, GOING, Activity, Progress
+from cardan.gateway.arm.motions.base import ARRIVED, GOING, CommandedMotion, Progress
 from cardan.gateway.arm.vocab import State
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray
@@ -37,7 +37,7 @@ class TorqueLimits(Options):
     """Share of each joint's speed limit above which a torque motion is stopped as a runaway."""
 
 
-class TorqueMotion(Activity):
+class TorqueMotion(CommandedMotion):
     """gcmp, forc and streamed wrenches: the arm's own weight, and a wrench on the world."""
 
     outlives_silence = True

@@ -27,7 +27,7 @@ class Stream:
         self.commanded = JointSpaceArm(Servo(KINEMATICS), frozenset({CommandKind.JOINT}))
         self.commanded.place(ROBOT._replace(joints=tuple(q)))
         self.servo = self.commanded.servo
-        self.activity = FollowJointStream(self.commanded, SPEED, ACCELERATION)
+        self.motion = FollowJointStream(self.commanded, SPEED, ACCELERATION)
         self.fastest = SPEED * KINEMATICS.velocity
         self.most = ACCELERATION * KINEMATICS.acceleration * DT_S
 
@@ -35,7 +35,7 @@ class Stream:
         """The last progress; every joint's speed and acceleration are checked."""
         for _ in range(count):
             before = self.servo.v.copy()
-            progress = self.activity.tick(ROBOT, DT_S)
+            progress = self.motion.tick(ROBOT, DT_S)
             assert (np.abs(self.servo.v) <= self.fastest + 1e-6).all()
             step = KINEMATICS.acceleration * DT_S
             assert (np.abs(self.servo.v - before) <= step + 1e-6).all()
@@ -44,10 +44,10 @@ class Stream:
 
 def test_joints_come_to_the_speeds_that_are_streamed():
     stream = Stream()
-    assert stream.activity.idle
-    assert stream.activity.aim(RATES) is False
-    assert stream.activity.driven
-    assert not stream.activity.idle
+    assert stream.motion.idle
+    assert stream.motion.aim(RATES) is False
+    assert stream.motion.driven
+    assert not stream.motion.idle
     before = stream.servo.q.copy()
     stream.tick(250)
     np.testing.assert_allclose(stream.servo.v, RATES, atol=1e-6)
@@ -57,7 +57,7 @@ def test_joints_come_to_the_speeds_that_are_streamed():
 def test_joints_keep_their_proportion_while_they_speed_up():
     stream = Stream()
     wanted = stream.fastest * (1.0, -0.5, 0.25, 0.0, 0.1, -0.75)
-    stream.activity.aim(wanted)
+    stream.motion.aim(wanted)
     for _ in range(20):
         stream.tick()
         share = stream.servo.v[0] / wanted[0]
@@ -67,7 +67,7 @@ def test_joints_keep_their_proportion_while_they_speed_up():
 
 def test_too_fast_a_stream_is_slowed_in_proportion_and_said():
     stream = Stream()
-    assert stream.activity.aim(100.0 * RATES) is True
+    assert stream.motion.aim(100.0 * RATES) is True
     stream.tick(200)
     over = (np.abs(RATES) / stream.fastest).max()
     np.testing.assert_allclose(stream.servo.v, RATES / over, atol=1e-5)
@@ -75,10 +75,10 @@ def test_too_fast_a_stream_is_slowed_in_proportion_and_said():
 
 def test_it_brakes_to_rest_and_only_then_has_arrived():
     stream = Stream()
-    stream.activity.aim(stream.fastest.copy())
+    stream.motion.aim(stream.fastest.copy())
     stream.tick(100)
-    stream.activity.brake()
-    assert not stream.activity.driven
+    stream.motion.brake()
+    assert not stream.motion.driven
     slowest_s = SPEED / ACCELERATION * (KINEMATICS.velocity / KINEMATICS.acceleration).max()
     count, over = 0, False
     while not over:
@@ -87,21 +87,21 @@ def test_it_brakes_to_rest_and_only_then_has_arrived():
         count += 1
         assert count < 200
     assert count * DT_S <= slowest_s + 5 * DT_S
-    assert stream.activity.idle
+    assert stream.motion.idle
 
 
 def test_a_stream_of_zeros_rests_and_waits_for_more():
     stream = Stream()
-    stream.activity.aim(RATES)
+    stream.motion.aim(RATES)
     stream.tick(50)
-    stream.activity.aim(np.zeros(6))
-    assert not stream.activity.driven
+    stream.motion.aim(np.zeros(6))
+    assert not stream.motion.driven
     assert stream.tick(100) is GOING
-    assert stream.activity.idle
+    assert stream.motion.idle
     where = stream.servo.q.copy()
     stream.tick(10)
     np.testing.assert_array_equal(stream.servo.q, where)
-    stream.activity.aim(RATES)
+    stream.motion.aim(RATES)
     stream.tick(50)
     assert stream.servo.moving
 
@@ -110,7 +110,7 @@ def test_a_stream_of_zeros_rests_and_waits_for_more():
 def test_a_joint_stops_at_the_end_of_its_range(sign):
     end = (KINEMATICS.upper if sign > 0 else KINEMATICS.lower)[5]
     stream = Stream([*MODEL.home[:5], end - 0.05 * sign])
-    stream.activity.aim(sign * np.array((0.0,) * 5 + (0.5,)))
+    stream.motion.aim(sign * np.array((0.0,) * 5 + (0.5,)))
     stream.tick(300)
     assert abs(stream.servo.q[5] - end) < 0.01
     assert KINEMATICS.lower[5] - 1e-6 <= stream.servo.q[5] <= KINEMATICS.upper[5] + 1e-6
@@ -124,8 +124,8 @@ rates = st.tuples(*[st.floats(-50.0, 50.0)] * 6)
 def test_limits_hold_whatever_is_streamed_and_it_always_ends_at_rest(plan):
     stream = Stream()
     for values, ticks in plan:
-        stream.activity.aim(np.array(values))
+        stream.motion.aim(np.array(values))
         stream.tick(ticks)
-    stream.activity.brake()
+    stream.motion.brake()
     assert any(stream.tick() is ARRIVED for _ in range(500))
     assert not stream.servo.moving

@@ -35,11 +35,11 @@ class Recovery:
         self.reference.place(self.commanded.pose)
         self.reference.observe(away.pose)
         error = self.commanded.following_error(away, self.reference)
-        self.activity = Recover(self.commanded, self.reference, NEAR, error)
+        self.motion = Recover(self.commanded, self.reference, NEAR, error)
 
     def tick(self):
         self.reference.observe(self.away.pose)
-        over = self.activity.tick(self.away, DT_S).over
+        over = self.motion.tick(self.away, DT_S).over
         assert norm(self.commanded.twist.linear) <= APPROACH_SPEED_M_S * (1.0 + 1e-9)
         assert norm(self.commanded.twist.angular) <= APPROACH_SPEED_RAD_S * (1.0 + 1e-9)
         assert self.reference.pose == self.commanded.pose
@@ -70,20 +70,20 @@ class Recovery:
 
 def test_it_ends_near_its_robot_and_at_rest():
     recovery = Recovery(robot(0.03, Vector3(0.0, 0.15, 0.0))).run()
-    assert recovery.activity.near
+    assert recovery.motion.near
     assert recovery.apart_m <= NEAR.linear_m
 
 
 def test_a_robot_that_is_farther_than_the_maximum_lead_is_not_reached():
     recovery = Recovery(robot(0.3)).run()
-    assert not recovery.activity.near
+    assert not recovery.motion.near
     assert 0.8 * LIMITS.max_lead_m <= recovery.way_m <= LIMITS.max_lead_m
 
 
 def test_a_robot_that_goes_along_is_not_chased():
     runs_away = Vector3(APPROACH_SPEED_M_S * DT_S, 0.0, 0.0)
     recovery = Recovery(robot(0.02)).run(runs_away)
-    assert not recovery.activity.near
+    assert not recovery.motion.near
     assert recovery.way_m <= MARGIN_SHARE * 0.02 + MARGIN_M + 1e-3
 
 
@@ -92,18 +92,18 @@ def test_it_ends_in_a_ramp_when_it_is_told_to():
     for _ in range(50):
         assert not recovery.tick()
     speed = norm(recovery.commanded.twist.linear)
-    recovery.activity.brake()
+    recovery.motion.brake()
     for _ in range(round(speed / LIMITS.linear_acceleration_m_s2 / DT_S) + 2):
         if recovery.tick():
             break
     assert not recovery.commanded.moving
-    assert not recovery.activity.near
+    assert not recovery.motion.near
     assert recovery.way_m < 0.03
 
 
 def test_one_that_is_near_already_moves_nothing():
     recovery = Recovery(robot(0.004)).run()
-    assert recovery.activity.near
+    assert recovery.motion.near
     assert recovery.commanded.pose == IDENTITY_POSE
 
 
