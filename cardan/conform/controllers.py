@@ -20,7 +20,7 @@ UNANSWERED = 10
 
 
 def had_ended(
-    seen: Traffic,
+    decoded: Traffic,
     phase: str,
     asked: Iterable[NumberedItem],
     answers: Sequence[NumberedItem],
@@ -31,14 +31,16 @@ def had_ended(
     `asks` has the phases in which the driver must answer the datagrams `asked`, and the
     requirement's id of each: the first unanswered phase is named as the reason.
     """
-    began = seen.phase(phase)
+    began = decoded.phase(phase)
     if began is None or not answers:
         return None
     last = max(each.number for each in answers)
-    missed = [each.number for each in seen.within(asked, *asks) if last < each.number < began.first]
+    missed = [
+        each.number for each in decoded.within(asked, *asks) if last < each.number < began.first
+    ]
     if last > began.first or len(missed) < UNANSWERED:
         return None
-    why = next(asks[name] for name in asks if seen.inside(missed[0], name))
+    why = next(asks[name] for name in asks if decoded.inside(missed[0], name))
     return not_seen(f"not judged: it had ended ({why})")
 
 

@@ -173,13 +173,13 @@ def judged(
     """Return the report on `timeline`, recorded on `level` at `target` (empty: simulated, with
     `faults`). Without `redaction` nothing is removed."""
     clean = redaction or str
-    seen = suite.decode(timeline)
+    decoded = suite.decode(timeline)
     results = []
     for each in suite.requirements:
         if each.level > level:
             verdict: Verdict = not_seen(f"level {each.level:d} was not run")
         else:
-            verdict = timeline.verdict(each, seen)
+            verdict = timeline.verdict(each, decoded)
         evidence = tuple(clean(line) for line in _evidence(suite, timeline, verdict))
         results.append(
             Result(

@@ -217,18 +217,18 @@ class Requirement(Generic[V]):
     late_s: float
     """If this computer was later than this, an apparent failure may be its own."""
 
-    def judge(self, seen: V) -> Verdict:
-        """Verdict of its judge on `seen`; a judge that needs a package that is missing has none."""
+    def judge(self, decoded: V) -> Verdict:
+        """Return the verdict of its judge; not applicable if the judge lacks a package."""
         try:
-            return self.judged(seen)
+            return self.judged(decoded)
         except SettledError as settled:
             return settled.verdict
         except ExtraMissingError as missing:
             return not_applicable(str(missing))
 
-    def verdict(self, seen: V, late_s: float) -> Verdict:
-        """Return the verdict on `seen`, recorded by a computer that was late by up to `late_s`."""
-        found = (self.unless and self.unless(seen)) or self.judge(seen)
+    def verdict(self, decoded: V, late_s: float) -> Verdict:
+        """Return the verdict on traffic recorded by a computer that was late by up to `late_s`."""
+        found = (self.unless and self.unless(decoded)) or self.judge(decoded)
         if found.outcome is VerdictOutcome.FAILED and late_s > self.late_s:
             late_ms = late_s * 1e3
             return not_seen(f"not judged: this computer was late by {late_ms:.0f} ms; {found.said}")
@@ -257,8 +257,8 @@ class Requirements(Generic[V]):
         not counted. `text` is the requirement's, if one judge has several."""
 
         def enter(judge: Callable[[V], J]) -> Callable[[V], J]:
-            def judged(seen: V) -> Verdict:
-                return tallied(judge(seen), self._nothing)
+            def judged(decoded: V) -> Verdict:
+                return tallied(judge(decoded), self._nothing)
 
             name = f"{self._prefix}-{number:03}"
             if number in self._found:
@@ -281,8 +281,8 @@ class Requirements(Generic[V]):
         None: not concerned by the requirement. `unless` overrides that of `over`."""
 
         def enter(wrong: Callable[[Item], W]) -> Callable[[Item], W]:
-            def judge(seen: V) -> Findings:
-                for item in over.of(seen):
+            def judge(decoded: V) -> Findings:
+                for item in over.of(decoded):
                     why = wrong(item)
                     if why is not None:
                         yield number_of(item), why

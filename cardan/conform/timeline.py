@@ -88,9 +88,9 @@ class WireTimeline:
         """Record that a read or an action was late by `seconds`."""
         self.late_s = max(self.late_s, seconds)
 
-    def verdict(self, requirement: Requirement[V], seen: V) -> Verdict:
-        """Return the verdict on `seen`, which a suite decoded from this timeline."""
-        return requirement.verdict(seen, self.late_s)
+    def verdict(self, requirement: Requirement[V], decoded: V) -> Verdict:
+        """Return the verdict on `decoded`, a suite's decoded traffic of this timeline."""
+        return requirement.verdict(decoded, self.late_s)
 
     @property
     def end_s(self) -> float:

@@ -49,8 +49,8 @@ def test_a_leap_is_told_in_what_was_exceeded(after, words):
 def test_joints_away_from_the_arm_are_told_in_degrees():
     measured = Robot(1, 0.0, "", EgmRobot(feed_back=answer().message.planned))
     answers = [answer(joint_deg=5.0)]
-    seen = SimpleNamespace(robots=[measured], answers=answers, sessions=[[measured]])
-    found = [*a_session_begins_where_the_arm_is(seen)]
+    decoded = SimpleNamespace(robots=[measured], answers=answers, sessions=[[measured]])
+    found = [*a_session_begins_where_the_arm_is(decoded)]
     assert found == [(2, "away by 5.00 of at most 0.05 degrees")]
 
 

@@ -83,12 +83,12 @@ def test_a_failure_that_a_late_computer_can_have_made_is_not_judged():
     requires = Requirements("X")
 
     @requires(1, "the manual", late_s=0.1)
-    def on_time(_seen):
+    def on_time(_decoded):
         """It answers in time."""
         return failed("after 70 ms")
 
     @requires(2, "the manual")
-    def whole(_seen):
+    def whole(_decoded):
         """It is whole."""
         return failed("cut")
 
@@ -104,18 +104,18 @@ def test_a_judge_may_yield_what_it_finds_of_each_thing():
     requires = Requirements("X", "no numbers came")
 
     @requires(1, "the manual")
-    def small(seen):
+    def small(decoded):
         """They are below 5."""
-        if "words" in seen:
+        if "words" in decoded:
             return not_applicable("those are words")
-        for number, each in enumerate(seen):
+        for number, each in enumerate(decoded):
             yield number, f"{each} is too large" if each > 4 else ""
         return Words("{} numbers")
 
     @requires(2, "the manual")
-    def most_are_small(seen):
+    def most_are_small(decoded):
         """Two in three are below 5."""
-        for number, each in enumerate(seen):
+        for number, each in enumerate(decoded):
             yield number, f"{each} is too large" if each > 4 else ""
         return Words("{} numbers, {} large", not_applicable("it has none"), "numbers", few=0.34)
 

@@ -118,16 +118,16 @@ def test_nothing_is_answered_after_the_end():
 
 def test_a_number_of_a_requirement_is_given_once():
     requires = Requirements("X")
-    requires(101, "a page")(lambda seen: passed("good"))
+    requires(101, "a page")(lambda decoded: passed("good"))
     with pytest.raises(ValueError, match="X-101 is there already"):
-        requires(101, "another page")(lambda seen: passed("good"))
+        requires(101, "another page")(lambda decoded: passed("good"))
 
 
 def judged(wrong, count, **options):
     """The verdict on that many numbered things, of which the first `wrong` are wrong."""
     requires = Requirements("X")
     things = [SimpleNamespace(number=n, why="odd" if n < wrong else "") for n in range(count)]
-    requires.each(101, "", Over(lambda seen: seen, "{} things, {} odd", "things", **options))(
+    requires.each(101, "", Over(lambda decoded: decoded, "{} things, {} odd", "things", **options))(
         lambda each: each.why
     )
     return requires.all()[0].verdict(things, 0.0)
@@ -147,7 +147,7 @@ def test_of_none_it_is_said_why():
     assert judged(0, 0).said == NOTHING
     assert judged(0, 0, nothing="none was sent") == not_seen("none was sent")
     assert judged(0, 0, nothing=not_applicable("it has none")) == not_applicable("it has none")
-    assert judged(1, 9, unless=lambda seen: not_seen("too late")) == not_seen("too late")
+    assert judged(1, 9, unless=lambda decoded: not_seen("too late")) == not_seen("too late")
 
 
 def test_a_judge_of_several_requirements_has_a_text_for_each():
@@ -160,7 +160,7 @@ def test_a_judge_of_several_requirements_has_a_text_for_each():
 @pytest.mark.parametrize("found", [None, [], False])
 def test_a_judge_ends_where_there_is_nothing_to_judge(found):
     requires = Requirements("X")
-    requires(101, "")(lambda seen: passed(f"{some(seen, 'none was sent')}"))
+    requires(101, "")(lambda decoded: passed(f"{some(decoded, 'none was sent')}"))
     (requirement,) = requires.all()
     assert requirement.verdict(found, 0.0) == not_seen("none was sent")
     assert requirement.judge([7]) == passed("[7]")
@@ -168,7 +168,7 @@ def test_a_judge_ends_where_there_is_nothing_to_judge(found):
 
 def test_a_judge_ends_where_what_must_be_is_not():
     requires = Requirements("X")
-    requires(101, "")(lambda seen: passed(f"{must(seen, 'it never was', [3])}"))
+    requires(101, "")(lambda decoded: passed(f"{must(decoded, 'it never was', [3])}"))
     (requirement,) = requires.all()
     assert requirement.judge(None) == failed("it never was", (3,))
     assert requirement.judge([7]) == passed("[7]")
@@ -178,8 +178,8 @@ def test_events_that_show_what_is_wrong_can_be_others_than_the_thing_s_own():
     requires = Requirements("X")
 
     @requires(101, "")
-    def judge(seen):
-        for n, why in enumerate(seen):
+    def judge(decoded):
+        for n, why in enumerate(decoded):
             yield 40 + n, why
         return Words("{} things")
 

@@ -61,20 +61,20 @@ requires: Requirements[ConnexionTraffic] = Requirements("HID3D", _NOTHING)
 
 
 @requires(1, "the system's HID driver")
-def it_can_be_opened(seen: ConnexionTraffic) -> Verdict:
+def it_can_be_opened(decoded: ConnexionTraffic) -> Verdict:
     """The device can be opened to be read."""
-    return failed("it was refused", seen.refused) if seen.refused else passed("opened")
+    return failed("it was refused", decoded.refused) if decoded.refused else passed("opened")
 
 
 @requires(2, RATE)
-def deflection_is_reported(seen: ConnexionTraffic) -> Verdict:
+def deflection_is_reported(decoded: ConnexionTraffic) -> Verdict:
     """Deflected, it sends motion reports."""
-    some(not seen.refused and seen.phase("push-held"), "it was never deflected")
-    found = [each for each in seen.during("push", "push-held") if any(each.counts)]
+    some(not decoded.refused and decoded.phase("push-held"), "it was never deflected")
+    found = [each for each in decoded.during("push", "push-held") if any(each.counts)]
     return passed(f"{len(found)} reports") if found else failed("none came")
 
 
-REPORTS: Over[ConnexionTraffic, DeviceReport] = Over(lambda seen: seen.reports, "{} reports")
+REPORTS: Over[ConnexionTraffic, DeviceReport] = Over(lambda decoded: decoded.reports, "{} reports")
 
 
 @requires.each(3, DESCRIPTOR, REPORTS)
@@ -100,35 +100,37 @@ def reports_are_not_padded(each: DeviceReport) -> str:
 
 
 @requires(6, f"{DESCRIPTOR}: ids 1 and 2 of 7 bytes, or id 1 of 13")
-def the_family_is_one(seen: ConnexionTraffic) -> Verdict:
+def the_family_is_one(decoded: ConnexionTraffic) -> Verdict:
     """All motion comes in halves (ids 1 and 2), or all of it whole (id 1 of 13 bytes)."""
-    whole = some([isinstance(each.value, reports.MotionReport) for each in seen.motions], _NOTHING)
-    odd = [each.number for each, one in zip(seen.motions, whole, strict=True) if one != whole[0]]
+    whole = some(
+        [isinstance(each.value, reports.MotionReport) for each in decoded.motions], _NOTHING
+    )
+    odd = [each.number for each, one in zip(decoded.motions, whole, strict=True) if one != whole[0]]
     return failed("both kinds come", odd) if odd else passed("whole" if whole[0] else "halves")
 
 
 @requires(7, "device tables of spacenavd, Blender and PySpaceMouse")
-def the_family_is_the_models(seen: ConnexionTraffic) -> Verdict:
+def the_family_is_the_models(decoded: ConnexionTraffic) -> Verdict:
     """Motion comes as the model sends it, which its vendor and product id say."""
-    if seen.model is None:
+    if decoded.model is None:
         return not_applicable("its model is not known")
-    family = some(seen.family, _NOTHING)
-    said = f"{seen.model.name}: {family.value}"
-    return met(family is seen.model.family, said, [seen.motions[0].number])
+    family = some(decoded.family, _NOTHING)
+    said = f"{decoded.model.name}: {family.value}"
+    return met(family is decoded.model.family, said, [decoded.motions[0].number])
 
 
-def _moving(seen: ConnexionTraffic) -> list[list[DeviceReport]]:
+def _moving(decoded: ConnexionTraffic) -> list[list[DeviceReport]]:
     """Return the motion reports of each phase in which it was held deflected."""
-    held = ([each for each in seen.during(name) if each.is_motion] for name in HELD)
+    held = ([each for each in decoded.during(name) if each.is_motion] for name in HELD)
     return [each for each in held if len(each) > 1]
 
 
 @requires(8, f"{RATE}: one half every 8 ms, in turn")
-def halves_take_turns(seen: ConnexionTraffic) -> Findings:
+def halves_take_turns(decoded: ConnexionTraffic) -> Findings:
     """Translations and rotations come in turn, one of each."""
-    if seen.family is devices.Family.ONE:
+    if decoded.family is devices.Family.ONE:
         return not_applicable("motion comes whole")
-    for motion in _moving(seen):
+    for motion in _moving(decoded):
         for one, other in pairwise(motion):
             twice = type(one.value) is type(other.value)
             words = f"two {type(one.value).__name__.lower()}s in a row"
@@ -137,38 +139,38 @@ def halves_take_turns(seen: ConnexionTraffic) -> Findings:
 
 
 @requires(9, RATE)
-def the_rate_is_the_families(seen: ConnexionTraffic) -> Verdict:
+def the_rate_is_the_families(decoded: ConnexionTraffic) -> Verdict:
     """Held deflected, it sends a half every 8 ms, or a whole motion every 16 ms, to 15 %."""
-    moving, period_s = some(_moving(seen), _NOTHING), PERIOD_S[some(seen.family, _NOTHING)]
+    moving, period_s = some(_moving(decoded), _NOTHING), PERIOD_S[some(decoded.family, _NOTHING)]
     periods = [(m[-1].time_s - m[0].time_s) / (len(m) - 1) for m in moving]
     worst = max(periods, key=lambda each: abs(each - period_s))
     return met(abs(worst / period_s - 1.0) < PERIOD_TOLERANCE, f"{worst * 1e3:.2f} ms")
 
 
 @requires(10, f"{RATE}: while deflected the device keeps sending")
-def deflection_is_never_silent(seen: ConnexionTraffic) -> Verdict:
+def deflection_is_never_silent(decoded: ConnexionTraffic) -> Verdict:
     """Held deflected, it is never silent for more than 100 ms."""
     return never_silent(
-        ((seen.phase(name), [e for e in seen.during(name) if e.is_motion]) for name in HELD),
+        ((decoded.phase(name), [e for e in decoded.during(name) if e.is_motion]) for name in HELD),
         LINK_LOST_S,
     )
 
 
 @requires(11, f"{RATE}: three zero pairs, then silence")
-def rest_is_silent(seen: ConnexionTraffic) -> Verdict:
+def rest_is_silent(decoded: ConnexionTraffic) -> Verdict:
     """Let go, it sends a few zeros, and then nothing."""
-    some(seen.phase("push-rest"), "it was never let go")
-    rest = seen.during("rest", "push-rest", "twist-rest")
+    some(decoded.phase("push-rest"), "it was never let go")
+    rest = decoded.during("rest", "push-rest", "twist-rest")
     talks = [each.number for each in rest if each.is_motion]
     return failed(f"{len(talks)} motion reports at rest", talks) if talks else passed("silent")
 
 
 @requires(12, f"{RATE}: the last value of a motion is zero")
-def the_last_value_is_zero(seen: ConnexionTraffic) -> Findings:
+def the_last_value_is_zero(decoded: ConnexionTraffic) -> Findings:
     """Of every motion the last reports say zero on all axes, and there are at most 8 of them."""
-    least = 2 if seen.family is devices.Family.SPLIT else 1
+    least = 2 if decoded.family is devices.Family.SPLIT else 1
     for name in ("push", "twist"):
-        found = [each for each in seen.during(f"{name}-held", f"{name}-over") if each.is_motion]
+        found = [each for each in decoded.during(f"{name}-held", f"{name}-over") if each.is_motion]
         if any(any(each.counts) for each in found):
             zeros = len(list(takewhile(lambda each: not any(each.counts), reversed(found))))
             few = least <= zeros <= ZEROS_AT_MOST
@@ -177,11 +179,11 @@ def the_last_value_is_zero(seen: ConnexionTraffic) -> Findings:
 
 
 @requires(13, f"{DESCRIPTOR}: logical range -350 to 350")
-def counts_are_in_range(seen: ConnexionTraffic) -> Verdict:
+def counts_are_in_range(decoded: ConnexionTraffic) -> Verdict:
     """No axis goes beyond the range that the descriptor declares, +-350."""
-    found = [(max(map(abs, each.counts)), each.number) for each in seen.motions]
+    found = [(max(map(abs, each.counts)), each.number) for each in decoded.motions]
     most = max(some(found, _NOTHING))[0]
-    top = 350 if seen.model is None else seen.model.full_scale
+    top = 350 if decoded.model is None else decoded.model.full_scale
     beyond = (number for far, number in found if far > top)
     return at_most(top, float(most), "counts", f"{most} counts at most", beyond)
 
@@ -194,25 +196,25 @@ def _mean(found: list[DeviceReport], kind: type, at: int) -> list[float]:
 
 
 @requires(14, "posted captures; spacenavd, Blender: +X is right, +Rz clockwise from above")
-def axes_have_their_signs(seen: ConnexionTraffic) -> Verdict:
+def axes_have_their_signs(decoded: ConnexionTraffic) -> Verdict:
     """Pushed to the right X is positive and the largest of the three; twisted clockwise, so is
     Rz."""
-    if seen.model is not None and seen.model.serial_axes:
+    if decoded.model is not None and decoded.model.serial_axes:
         return not_applicable("the model has another frame")
-    push = _mean(seen.during("push-held"), reports.Translation, 0)
-    twist = _mean(seen.during("twist-held"), reports.Rotation, 3)
+    push = _mean(decoded.during("push-held"), reports.Translation, 0)
+    twist = _mean(decoded.during("twist-held"), reports.Rotation, 3)
     some(push and twist, "it was not pushed and twisted")
     said = f"X {push[0]:.0f}, Rz {twist[2]:.0f} counts"
     return met(push[0] == max(push, key=abs) > 0 and twist[2] == max(twist, key=abs) > 0, said)
 
 
 @requires(15, DESCRIPTOR)
-def buttons_are_told(seen: ConnexionTraffic) -> Verdict:
+def buttons_are_told(decoded: ConnexionTraffic) -> Verdict:
     """A button that is pressed is told at once, and again when it is let go."""
-    if seen.model is not None and not seen.model.buttons:
+    if decoded.model is not None and not decoded.model.buttons:
         return not_applicable("the model has none")
-    some(seen.phase("release") and not seen.refused, "none was pressed")
-    down, up = _buttons(seen.during("press")), _buttons(seen.during("release"))
+    some(decoded.phase("release") and not decoded.refused, "none was pressed")
+    down, up = _buttons(decoded.during("press")), _buttons(decoded.during("release"))
     must(down and down[-1], "pressing was not told")
     must(up, "letting go was not told")
     return passed("pressed and let go") if not up[-1] else failed("it stays down")
@@ -225,10 +227,10 @@ def _buttons(found: list[DeviceReport]) -> list[bool]:
 
 
 @requires(16, f"{DESCRIPTOR}, battery strength")
-def the_battery_is_not_empty(seen: ConnexionTraffic) -> Findings:
+def the_battery_is_not_empty(decoded: ConnexionTraffic) -> Findings:
     """The battery, where it is reported, has 10 % and more."""
     percent = 0
-    for each in seen.reports:
+    for each in decoded.reports:
         if isinstance(each.value, reports.Battery):
             percent = each.value.percent
             yield each.number, f"{percent} %" if percent < LOW_PERCENT else ""
@@ -236,16 +238,16 @@ def the_battery_is_not_empty(seen: ConnexionTraffic) -> Findings:
 
 
 @requires(17, "the system's HID driver")
-def it_stays(seen: ConnexionTraffic) -> Verdict:
+def it_stays(decoded: ConnexionTraffic) -> Verdict:
     """The device does not go while it is used."""
-    hand = seen.phase("unplug")
-    wrong = [index for index in seen.lost if hand is None or index < hand.first]
-    some(not seen.refused, "it was never opened")
+    hand = decoded.phase("unplug")
+    wrong = [index for index in decoded.lost if hand is None or index < hand.first]
+    some(not decoded.refused, "it was never opened")
     return failed("it went", wrong) if wrong else passed("it stayed")
 
 
 @requires(18, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: ConnexionTraffic) -> Verdict:
+def both_descriptions_agree(decoded: ConnexionTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same axes and buttons."""
 
     def differs(each: DeviceReport, layers: Any) -> str:
@@ -258,25 +260,25 @@ def both_descriptions_agree(seen: ConnexionTraffic) -> Verdict:
                 return f"another {name}"
         return ""
 
-    found = [each for each in seen.reports if not isinstance(each.value, MalformedReport)]
+    found = [each for each in decoded.reports if not isinstance(each.value, MalformedReport)]
     return read_twice(found, "connexion", differs, "reports", _NOTHING)
 
 
 @requires(101, f"{SPACENAVD}: output report 4")
-def the_led_disturbs_nothing(seen: ConnexionTraffic) -> Verdict:
+def the_led_disturbs_nothing(decoded: ConnexionTraffic) -> Verdict:
     """Told to switch its LED on and off, the device sends on as before."""
-    some(seen.phase("push-again") and not seen.refused, "it was not told")
-    if seen.model is not None and not seen.model.led:
+    some(decoded.phase("push-again") and not decoded.refused, "it was not told")
+    if decoded.model is not None and not decoded.model.led:
         return not_applicable("the model has no LED")
-    found = [each for each in seen.during("push-again") if any(each.counts)]
+    found = [each for each in decoded.during("push-again") if any(each.counts)]
     return passed(f"{len(found)} reports") if found else failed("nothing came afterwards")
 
 
 @requires(301, "the system's HID driver")
-def unplugging_is_told(seen: ConnexionTraffic) -> Verdict:
+def unplugging_is_told(decoded: ConnexionTraffic) -> Verdict:
     """Unplugged, the device is told to be gone, and sends nothing more."""
-    phase = seen.phase("unplug")
-    gone = [] if phase is None else [index for index in seen.lost if index >= phase.first]
+    phase = decoded.phase("unplug")
+    gone = [] if phase is None else [index for index in decoded.lost if index >= phase.first]
     some(gone, "it was not unplugged")
-    after = [each.number for each in seen.reports if each.number > gone[0]]
+    after = [each.number for each in decoded.reports if each.number > gone[0]]
     return failed("reports come from what is gone", after) if after else passed("told")

@@ -66,21 +66,21 @@ requires: Requirements[EgmTraffic] = Requirements("EGM", _NOTHING)
 
 
 @requires(1, f"{MANUAL}, UdpUc: the controller is the client")
-def datagrams_come(seen: EgmTraffic) -> Verdict:
+def datagrams_come(decoded: EgmTraffic) -> Verdict:
     """The controller sends datagrams without having been sent any."""
-    first = next((a.time_s for a in seen.answers), math.inf)
-    before = [each for each in seen.robots if each.time_s < first]
+    first = next((a.time_s for a in decoded.answers), math.inf)
+    before = [each for each in decoded.robots if each.time_s < first]
     return passed(f"{len(before)} datagrams") if before else failed("none came")
 
 
 @requires(2, SCHEMA)
-def datagrams_are_messages(seen: EgmTraffic) -> Verdict:
+def datagrams_are_messages(decoded: EgmTraffic) -> Verdict:
     """Every datagram is one whole EgmRobot, with nothing before, after or between."""
-    count = len(seen.robots) + len(seen.unread)
-    return none_wrong(seen.unread, count, f"{count} datagrams", _NOTHING, "datagrams are none")
+    count = len(decoded.robots) + len(decoded.unread)
+    return none_wrong(decoded.unread, count, f"{count} datagrams", _NOTHING, "datagrams are none")
 
 
-ROBOTS: Over[EgmTraffic, Robot] = Over(lambda seen: seen.robots, "{} datagrams", "datagrams")
+ROBOTS: Over[EgmTraffic, Robot] = Over(lambda decoded: decoded.robots, "{} datagrams", "datagrams")
 
 
 @requires.each(3, f"{SCHEMA}; {LIBEGM}", replace(ROBOTS, good="{} headers", what="headers"))
@@ -92,55 +92,55 @@ def headers_are_whole(each: Robot) -> str:
     return f"mtype {header.mtype:d}" if header.mtype != EgmMessageType.DATA else ""
 
 
-def _sequence(seen: EgmTraffic, wrong: Iterable[tuple[int, str]], what: str) -> Verdict:
-    return none_wrong(wrong, sum(map(len, seen.sessions)), "every one", _NOTHING, what)
+def _sequence(decoded: EgmTraffic, wrong: Iterable[tuple[int, str]], what: str) -> Verdict:
+    return none_wrong(wrong, sum(map(len, decoded.sessions)), "every one", _NOTHING, what)
 
 
 @requires(4, f"{SCHEMA}, EgmHeader.seqno", late_s=FULL_S)
-def none_is_missing(seen: EgmTraffic) -> Verdict:
+def none_is_missing(decoded: EgmTraffic) -> Verdict:
     """No sequence number is left out within a session."""
     wrong = []
-    for session in seen.sessions:
+    for session in decoded.sessions:
         numbers = [each.seqno for each in session if each.seqno is not None]
         come = {step(numbers[0], number) for number in numbers}
         missing = sorted({*range(min(come), max(come) + 1)} - come)
         end = session[-1].number
         wrong += [(end, f"number {numbers[0] + n} never came") for n in missing]
-    return _sequence(seen, wrong, "are missing")
+    return _sequence(decoded, wrong, "are missing")
 
 
 @requires(5, f"{SCHEMA}, EgmHeader.seqno")
-def none_comes_twice(seen: EgmTraffic) -> Verdict:
+def none_comes_twice(decoded: EgmTraffic) -> Verdict:
     """No sequence number comes twice within a session."""
     wrong = []
-    for session in seen.sessions:
+    for session in decoded.sessions:
         had: set[int | None] = set()
         for each in session:
             if each.seqno in had:
                 wrong.append((each.number, f"number {each.seqno} again"))
             had.add(each.seqno)
-    return _sequence(seen, wrong, "come twice")
+    return _sequence(decoded, wrong, "come twice")
 
 
 @requires(6, f"{SCHEMA}, EgmHeader.seqno")
-def they_come_in_order(seen: EgmTraffic) -> Verdict:
+def they_come_in_order(decoded: EgmTraffic) -> Verdict:
     """Datagrams arrive in the order of their sequence numbers."""
     wrong = [
         (other.number, f"{other.seqno} after {one.seqno}")
-        for one, other, n in seen.steps()
+        for one, other, n in decoded.steps()
         if n < 0
     ]
-    return _sequence(seen, wrong, "were overtaken")
+    return _sequence(decoded, wrong, "were overtaken")
 
 
-def _long(seen: EgmTraffic) -> Iterator[list[Robot]]:
-    return (each for each in seen.sessions if len(each) > ENOUGH)
+def _long(decoded: EgmTraffic) -> Iterator[list[Robot]]:
+    return (each for each in decoded.sessions if len(each) > ENOUGH)
 
 
 @requires(7, f"{MANUAL}: 4.032 ms, virtual about 4 ms; SampleRate its multiples")
-def the_period_is_a_controllers(seen: EgmTraffic) -> Verdict:
+def the_period_is_a_controllers(decoded: EgmTraffic) -> Verdict:
     """The mean period is 4.032 ms, or 4 ms of a virtual controller, times a whole number."""
-    found = [(_period_s(session), session[-1].number) for session in _long(seen)]
+    found = [(_period_s(session), session[-1].number) for session in _long(decoded)]
     some(found, f"no session of more than {ENOUGH} datagrams")
     for period_s, index in found:
         ratios = [period_s / each for each in PERIODS_S]
@@ -151,10 +151,10 @@ def the_period_is_a_controllers(seen: EgmTraffic) -> Verdict:
 
 
 @requires(8, f"{MANUAL}: one datagram in each cycle of the motion task")
-def arrival_is_steady(seen: EgmTraffic) -> Verdict:
+def arrival_is_steady(decoded: EgmTraffic) -> Verdict:
     """95 % of the datagrams arrive within 1.5 ms of their period after the one before."""
     off = []
-    for session in _long(seen):
+    for session in _long(decoded):
         gaps = [(b.time_s - a.time_s, b.number) for a, b in pairwise(session)]
         usual = sorted(gap for gap, _ in gaps)[len(gaps) // 2]
         off += [(abs(gap - usual) * 1e3, index) for gap, index in gaps]
@@ -162,11 +162,11 @@ def arrival_is_steady(seen: EgmTraffic) -> Verdict:
 
 
 @requires(9, f"{MANUAL}: one datagram in each cycle of the motion task")
-def there_are_no_pauses(seen: EgmTraffic) -> Verdict:
+def there_are_no_pauses(decoded: EgmTraffic) -> Verdict:
     """While a session lasts there is no silence of more than 12 periods."""
-    some(seen.sessions, _NOTHING)
+    some(decoded.sessions, _NOTHING)
     longest, wrong = 0.0, []
-    for one, other, n in seen.steps():
+    for one, other, n in decoded.steps():
         gap_s = other.time_s - one.time_s
         longest = max(longest, gap_s)
         if n > 0 and gap_s > GAP_PERIODS * PERIODS_S[0]:
@@ -178,14 +178,14 @@ def there_are_no_pauses(seen: EgmTraffic) -> Verdict:
 
 
 @requires(10, f"{MANUAL}, Local Port Number; the PC answers to the source of the datagram")
-def a_session_has_one_source(seen: EgmTraffic) -> Verdict:
+def a_session_has_one_source(decoded: EgmTraffic) -> Verdict:
     """All datagrams of a session come from one address and port."""
     wrong = [
         (other.number, f"{other.source} after {one.source}")
-        for one, other, _ in seen.steps()
+        for one, other, _ in decoded.steps()
         if one.source != other.source
     ]
-    return _sequence(seen, wrong, "come from elsewhere")
+    return _sequence(decoded, wrong, "come from elsewhere")
 
 
 def _period_s(found: list[Robot]) -> float:
@@ -196,10 +196,10 @@ def _period_s(found: list[Robot]) -> float:
 
 
 @requires(11, f"{SCHEMA}, EgmHeader.tm")
-def the_ms_clock_runs(seen: EgmTraffic) -> Verdict:
+def the_ms_clock_runs(decoded: EgmTraffic) -> Verdict:
     """tm counts milliseconds: within a session it advances as time does, to 1 % and 10 ms."""
     worst, wrong = 0.0, []
-    for session in _long(seen):
+    for session in _long(decoded):
         first, last = session[0], session[-1]
         one, other = (each.message.header and each.message.header.tm_ms for each in (first, last))
         if one is None or other is None:
@@ -209,16 +209,16 @@ def the_ms_clock_runs(seen: EgmTraffic) -> Verdict:
         worst = max(worst, off)
         if off > 0.01 * passed_s + 0.01:
             wrong.append((last.number, f"{step(one, other)} ms in {passed_s:.3f} s"))
-    count, said = len(seen.sessions), f"off by {worst * 1e3:.1f} ms at most"
+    count, said = len(decoded.sessions), f"off by {worst * 1e3:.1f} ms at most"
     return none_wrong(wrong, count, said, _NOTHING, "sessions")
 
 
 @requires(12, f"{SCHEMA}, EgmFeedBack.time (since RobotWare 6.07)")
-def the_wall_clock_runs(seen: EgmTraffic) -> Verdict:
+def the_wall_clock_runs(decoded: EgmTraffic) -> Verdict:
     """The wall clock in feedBack.time advances as tm does; it never leaps."""
     told = [
         (header.tm_ms, back.time_us, each.number)
-        for each in seen.robots
+        for each in decoded.robots
         if (header := each.message.header) and (back := each.message.feed_back)
         if header.tm_ms is not None and back.time_us is not None
     ]
@@ -259,8 +259,8 @@ def the_states_are_there(each: Robot) -> str:
     return "one of them is missing" if None in found else ""
 
 
-def _poses(seen: EgmTraffic) -> Iterator[tuple[Robot, EgmMotion]]:
-    for each in seen.robots:
+def _poses(decoded: EgmTraffic) -> Iterator[tuple[Robot, EgmMotion]]:
+    for each in decoded.robots:
         for motion in (each.message.feed_back, each.message.planned):
             if motion is not None and motion.cartesian is not None:
                 yield each, motion
@@ -276,9 +276,9 @@ def quaternions_are_normal(each: tuple[Robot, EgmMotion]) -> str | None:
 
 
 @requires(16, f"{SCHEMA}, EgmEuler; {LIBEGM}")
-def euler_agrees(seen: EgmTraffic) -> Findings:
+def euler_agrees(decoded: EgmTraffic) -> Findings:
     """Euler angles, where they are sent, are the quaternion's: R = Rz Ry Rx."""
-    for each, motion in _poses(seen):
+    for each, motion in _poses(decoded):
         pose = motion.cartesian
         if pose is not None and pose.euler is not None and pose.orient is not None:
             same = from_euler_zyx(*pose.euler)
@@ -289,10 +289,10 @@ def euler_agrees(seen: EgmTraffic) -> Findings:
 
 
 @requires(17, f"{SCHEMA}, EgmMeasuredForce in both layouts")
-def forces_have_six_values(seen: EgmTraffic) -> Findings:
+def forces_have_six_values(decoded: EgmTraffic) -> Findings:
     """measuredForce, where it is sent, has six values."""
     layouts = set()
-    for each in seen.robots:
+    for each in decoded.robots:
         force = each.message.measured_force
         if force is not None:
             layouts.add("RobotWare 6" if force.fc_active is None else "RobotWare 7")
@@ -303,10 +303,10 @@ def forces_have_six_values(seen: EgmTraffic) -> Findings:
 
 
 @requires(18, f"{SCHEMA}: fields since 6.10, 7.6, 7.7, 7.16")
-def fields_are_of_one_release(seen: EgmTraffic) -> Findings:
+def fields_are_of_one_release(decoded: EgmTraffic) -> Findings:
     """A field of a later RobotWare comes only with those of the releases before it."""
     release = ""
-    for each in seen.robots:
+    for each in decoded.robots:
         m = each.message
         fields = (m.utilization_rate, m.move_index, m.rapid_from_robot, m.torque_ref)
         has = [field is not None for field in fields]
@@ -319,19 +319,19 @@ def fields_are_of_one_release(seen: EgmTraffic) -> Findings:
 
 
 @requires(19, f"{SCHEMA}: the longest message with every field")
-def datagrams_are_short(seen: EgmTraffic) -> Verdict:
+def datagrams_are_short(decoded: EgmTraffic) -> Verdict:
     """No datagram is longer than 1113 bytes."""
-    lengths = [(len(seen.events[each.number].data), each.number) for each in seen.robots]
+    lengths = [(len(decoded.events[each.number].data), each.number) for each in decoded.robots]
     longest, index = max(some(lengths, _NOTHING))
     return met(longest <= LARGEST_BYTES, f"{longest} B", [index])
 
 
 @requires(20, "cardan.dissect: a second description of the protocol, written from the schema")
-def both_descriptions_agree(seen: EgmTraffic) -> Verdict:
+def both_descriptions_agree(decoded: EgmTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same sequence numbers, clocks and joints."""
 
     def differs(each: Robot, layers: Any) -> str:
-        layer = layers.EgmRobot(seen.events[each.number].data)
+        layer = layers.EgmRobot(decoded.events[each.number].data)
         if wrong := refused(layers, layer):
             return wrong
         header = each.message.header
@@ -343,13 +343,15 @@ def both_descriptions_agree(seen: EgmTraffic) -> Verdict:
         )
         return "" if same else "other joints"
 
-    return read_twice(seen.robots, "egm", differs, "datagrams", _NOTHING, 40)
+    return read_twice(decoded.robots, "egm", differs, "datagrams", _NOTHING, 40)
 
 
-def _hold(seen: EgmTraffic) -> list[Robot]:
+def _hold(decoded: EgmTraffic) -> list[Robot]:
     """Return the datagrams of the hold from the first with running and answered guidance on."""
-    found = seen.during("hold")
-    first = next((a.time_s for a in seen.answers if found and a.number > found[0].number), math.inf)
+    found = decoded.during("hold")
+    first = next(
+        (a.time_s for a in decoded.answers if found and a.number > found[0].number), math.inf
+    )
     began = (n for n, each in enumerate(found) if each.running and each.time_s > first + IN_TIME_S)
     return found[next(began, len(found)) :]
 
@@ -359,11 +361,11 @@ def _hold(seen: EgmTraffic) -> list[Robot]:
     f"{MANUAL}: a run ends by convergence, EGMStop, a stop or an error, not by itself",
     late_s=LATE_ANSWERS_S,
 )
-def an_answered_session_lasts(seen: EgmTraffic) -> Verdict:
+def an_answered_session_lasts(decoded: EgmTraffic) -> Verdict:
     """While every datagram is answered, no session ends and no other begins."""
-    phase = some(seen.phase("hold"), "there was no hold")
-    found = some(_hold(seen) or seen.during("hold"), "there was no hold")
-    begun = [session[0].number for session in seen.sessions]
+    phase = some(decoded.phase("hold"), "there was no hold")
+    found = some(_hold(decoded) or decoded.during("hold"), "there was no hold")
+    begun = [session[0].number for session in decoded.sessions]
     anew = [number for number in begun if found[0].number < number < phase.end]
     must(not anew, "a session began anew", anew[:1])
     silent_s = phase.end_s - found[-1].time_s
@@ -372,18 +374,18 @@ def an_answered_session_lasts(seen: EgmTraffic) -> Verdict:
 
 
 @requires(102, f"{MANUAL}, egmstate; {SCHEMA}, EgmMotorState, EgmMCIState", late_s=LATE_ANSWERS_S)
-def holding_is_undisturbed(seen: EgmTraffic) -> Findings:
+def holding_is_undisturbed(decoded: EgmTraffic) -> Findings:
     """Once guidance runs and is answered, the motors stay on and the MCI stays RUNNING."""
-    for each in _hold(seen):
+    for each in _hold(decoded):
         words = "" if each.running else f"the MCI's state is {each.message.mci_state}"
         yield each.number, words if each.motors_on else "the motors went off"
     return Words("{} datagrams", _NEVER_RAN, "datagrams")
 
 
 @requires(103, f"{SCHEMA}, EgmRapidCtrlExecState; {LIBEGM}: UNDEFINED is a known defect")
-def the_program_is_said_to_run(seen: EgmTraffic) -> Findings:
+def the_program_is_said_to_run(decoded: EgmTraffic) -> Findings:
     """While the MCI is RUNNING, so is RAPID's execution state."""
-    for each in seen.robots:
+    for each in decoded.robots:
         if each.running:
             state = each.message.rapid_exec_state
             yield each.number, "" if state == RapidState.RUNNING else f"the state is {state}"
@@ -391,9 +393,9 @@ def the_program_is_said_to_run(seen: EgmTraffic) -> Findings:
 
 
 @requires(104, LAW)
-def an_arm_that_is_held_stands(seen: EgmTraffic) -> Verdict:
+def an_arm_that_is_held_stands(decoded: EgmTraffic) -> Verdict:
     """Told its own position, the arm stays within 0.5 mm and 0.1 degrees of it."""
-    found = [each for each in _hold(seen) if each.running]
+    found = [each for each in _hold(decoded) if each.running]
     some(len(found) >= ENOUGH, "the MCI ran too shortly")
     first = found[0]
     far_m = max(apart(first.position, each.position) for each in found)
@@ -405,9 +407,12 @@ def an_arm_that_is_held_stands(seen: EgmTraffic) -> Verdict:
 
 
 @requires(105, f"{MANUAL}, CommTimeout: event 41822")
-def silence_ends_the_run(seen: EgmTraffic) -> Verdict:
+def silence_ends_the_run(decoded: EgmTraffic) -> Verdict:
     """Without messages of the PC the run ends, after CommTimeout."""
-    phase, found = some(seen.phase("silence"), "no run was left alone"), seen.during("silence")
+    phase, found = (
+        some(decoded.phase("silence"), "no run was left alone"),
+        decoded.during("silence"),
+    )
     last = max(some([each.time_s for each in found if each.running], "no run was left alone"))
     after_s = last - phase.start_s
     if phase.end_s - last < 0.25 and found[-1].running:
@@ -416,9 +421,9 @@ def silence_ends_the_run(seen: EgmTraffic) -> Verdict:
 
 
 @requires(106, f"{MANUAL}: both directions are independent")
-def silence_does_not_slow_it(seen: EgmTraffic) -> Verdict:
+def silence_does_not_slow_it(decoded: EgmTraffic) -> Verdict:
     """Until then the controller sends on in its period, whether it is answered or not."""
-    found = [each for each in seen.during("silence") if each.running]
+    found = [each for each in decoded.during("silence") if each.running]
     some(len(found) >= ENOUGH, "no run was left alone for long enough")
     cycles = max(1, step(found[0].seqno or 0, found[-1].seqno or 0))
     period_s = (found[-1].time_s - found[0].time_s) / cycles
@@ -427,9 +432,9 @@ def silence_does_not_slow_it(seen: EgmTraffic) -> Verdict:
 
 
 @requires(107, "ros-industrial/abb_libegm: sequence number 0 is the start of a session")
-def a_new_run_counts_from_0(seen: EgmTraffic) -> Verdict:
+def a_new_run_counts_from_0(decoded: EgmTraffic) -> Verdict:
     """A run after an earlier one counts its datagrams from 0 again."""
-    later = some([session[0] for session in seen.sessions[1:]], "there was one session only")
+    later = some([session[0] for session in decoded.sessions[1:]], "there was one session only")
     wrong = ((each.number, f"the first is {each.seqno}") for each in later if each.seqno)
     return none_wrong(wrong, len(later), f"{len(later)} sessions", _NOTHING, "sessions")
 
@@ -439,15 +444,15 @@ def a_new_run_counts_from_0(seen: EgmTraffic) -> Verdict:
     "not documented by ABB: a controller is tried, docs/simulated-peers.md says ignored",
     late_s=LATE_ANSWERS_S,
 )
-def junk_changes_nothing(seen: EgmTraffic) -> Verdict:
+def junk_changes_nothing(decoded: EgmTraffic) -> Verdict:
     """Datagrams that are not EGM neither stop nor move the arm."""
-    found = seen.during("junk")
-    some(seen.junk and found and seen.during("hold"), "none were sent")
-    before = some([each for each in seen.during("hold") if each.running], _NEVER_RAN)
+    found = decoded.during("junk")
+    some(decoded.junk and found and decoded.during("hold"), "none were sent")
+    before = some([each for each in decoded.during("hold") if each.running], _NEVER_RAN)
     stopped = [each.number for each in found if not each.running]
     must(not stopped, "the run ended", stopped)
     far_m = max(apart(before[-1].position, each.position) for each in found)
-    said = f"{len(seen.junk)} datagrams, moved {far_m * 1e3:.3f} mm"
+    said = f"{len(decoded.junk)} datagrams, moved {far_m * 1e3:.3f} mm"
     return met(far_m <= HELD_WITHIN_M, said, [found[-1].number])
 
 
@@ -459,10 +464,10 @@ def _progress(found: list[Robot], still: Robot) -> Iterator[tuple[Robot, float]]
         yield each, max(by_position, by_joints)
 
 
-def _stepped(seen: EgmTraffic) -> tuple[Robot, list[Robot]] | None:
+def _stepped(decoded: EgmTraffic) -> tuple[Robot, list[Robot]] | None:
     """Return the last datagram before the step, and those after it."""
-    found = [each for each in seen.during("step") if each.running]
-    before = [each for each in seen.robots if found and each.number < found[0].number]
+    found = [each for each in decoded.during("step") if each.running]
+    before = [each for each in decoded.robots if found and each.number < found[0].number]
     return (before[-1], found) if before and len(found) > ENOUGH else None
 
 
@@ -478,11 +483,11 @@ def _moved(one: Robot, other: Robot) -> bool:
 
 
 @requires(201, LAW, late_s=ACTS_WITHIN_S / 4.0)
-def a_reference_acts_soon(seen: EgmTraffic) -> Verdict:
+def a_reference_acts_soon(decoded: EgmTraffic) -> Verdict:
     """A reference moves the arm within 60 ms of being sent, what it plans or what it measures."""
-    still, found = some(_stepped(seen), _NO_STEP)
-    phase = some(seen.phase("step"), _NO_STEP)
-    sent = next((a.time_s for a in seen.answers if a.number > phase.first), phase.start_s)
+    still, found = some(_stepped(decoded), _NO_STEP)
+    phase = some(decoded.phase("step"), _NO_STEP)
+    sent = next((a.time_s for a in decoded.answers if a.number > phase.first), phase.start_s)
     moved = next((each for each in found if _moved(still, each)), None)
     moved = must(moved, "it never moved", [found[-1].number])
     after_ms = (moved.time_s - sent) * 1e3
@@ -491,44 +496,44 @@ def a_reference_acts_soon(seen: EgmTraffic) -> Verdict:
 
 
 @requires(202, LAW)
-def a_reference_is_reached(seen: EgmTraffic) -> Verdict:
+def a_reference_is_reached(decoded: EgmTraffic) -> Verdict:
     """The arm comes to within 15 % of a small step's end, in the time of five time constants."""
-    still, found = some(_stepped(seen), _NO_STEP)
+    still, found = some(_stepped(decoded), _NO_STEP)
     *_, (last, share) = _progress(found, still)
     return met(abs(share - 1.0) < 0.15, f"{100 * share:.0f} % of the step", [last.number])
 
 
 @requires(203, LAW)
-def a_step_does_not_overshoot(seen: EgmTraffic) -> Verdict:
+def a_step_does_not_overshoot(decoded: EgmTraffic) -> Verdict:
     """On its way it goes no more than 20 % beyond the step's end."""
-    still, found = some(_stepped(seen), _NO_STEP)
+    still, found = some(_stepped(decoded), _NO_STEP)
     far, most = max(_progress(found, still), key=lambda each: each[1])
     return met(most < 1.2, f"{100 * most:.0f} % at most", [far.number])
 
 
 @requires(204, LAW)
-def it_comes_back(seen: EgmTraffic) -> Verdict:
+def it_comes_back(decoded: EgmTraffic) -> Verdict:
     """Told its old position, the arm comes back to within 15 % of the step."""
-    still, _ = some(_stepped(seen), _NO_STEP)
-    back = some([each for each in seen.during("back") if each.running], _NO_STEP)
+    still, _ = some(_stepped(decoded), _NO_STEP)
+    back = some([each for each in decoded.during("back") if each.running], _NO_STEP)
     *_, (last, share) = _progress(back, still)
     return met(share < 0.15, f"{100 * share:.0f} % of the step is left", [last.number])
 
 
 @requires(301, f"{SCHEMA}, EgmMotorState, EgmMCIState")
-def an_emergency_stop_is_told(seen: EgmTraffic) -> Verdict:
+def an_emergency_stop_is_told(decoded: EgmTraffic) -> Verdict:
     """After an emergency stop no datagram says that motors are on and guidance runs."""
-    off = dropwhile(lambda each: each.motors_on, seen.during("estop"))
+    off = dropwhile(lambda each: each.motors_on, decoded.during("estop"))
     found = some(list(off), "no datagram said that the motors went off")
     wrong = [each.number for each in found if each.motors_on or each.running]
     return failed("it says on or RUNNING again", wrong) if wrong else passed("off, not RUNNING")
 
 
 @requires(302, LAW)
-def it_goes_on_where_it_stood(seen: EgmTraffic) -> Verdict:
+def it_goes_on_where_it_stood(decoded: EgmTraffic) -> Verdict:
     """Guided again after an emergency stop, the arm is within 1 mm of where it stopped."""
-    before = seen.during("estop")
-    after = [each for each in seen.during("released") if each.running]
+    before = decoded.during("estop")
+    after = [each for each in decoded.during("released") if each.running]
     some(before and after, "it was not started again")
     far_m = max(apart(before[-1].position, each.position) for each in after)
     return met(far_m < 1e-3, f"{far_m * 1e3:.3f} mm away", [after[-1].number])

@@ -61,10 +61,10 @@ ASKS = {"run": "EGMPC-101", "junk": "EGMPC-112"}
 
 
 def _ended_before(phase: str) -> Callable[[EgmTraffic], Verdict | None]:
-    return lambda seen: had_ended(seen, phase, seen.robots, seen.answers, ASKS)
+    return lambda decoded: had_ended(decoded, phase, decoded.robots, decoded.answers, ASKS)
 
 
-ANSWERS: Over[EgmTraffic, SensorDatagram] = Over(lambda seen: seen.answers, "{} answers")
+ANSWERS: Over[EgmTraffic, SensorDatagram] = Over(lambda decoded: decoded.answers, "{} answers")
 
 
 class Pair(NamedTuple):
@@ -74,16 +74,16 @@ class Pair(NamedTuple):
     answers: list[SensorDatagram]
 
 
-def _pairs(seen: EgmTraffic, *phases: str) -> list[Pair]:
+def _pairs(decoded: EgmTraffic, *phases: str) -> list[Pair]:
     """Return the pairs of the phases, without junk and old datagrams."""
-    found = [Pair(robot, []) for robot in seen.robots]
-    for answer in seen.answers:
-        before = bisect(seen.robots, answer.number, key=number_of)
+    found = [Pair(robot, []) for robot in decoded.robots]
+    for answer in decoded.answers:
+        before = bisect(decoded.robots, answer.number, key=number_of)
         if before:
             found[before - 1].answers.append(answer)
     if not phases:
         return found
-    inside = {each.number for each in seen.within(seen.robots, *phases)}
+    inside = {each.number for each in decoded.within(decoded.robots, *phases)}
     return [each for each in found if each.robot.number in inside]
 
 
@@ -106,19 +106,19 @@ def _speed(answer: SensorDatagram) -> float:
 
 
 @requires(101, f"{MANUAL}: the PC answers to the source of the datagram")
-def the_run_is_answered(seen: EgmTraffic) -> Verdict:
+def the_run_is_answered(decoded: EgmTraffic) -> Verdict:
     """Once it has begun to answer, it answers 95 % of the datagrams of a run."""
-    found = some(_pairs(seen, "run"), "nothing was sent")
+    found = some(_pairs(decoded, "run"), "nothing was sent")
     began = must(list(dropwhile(lambda each: not each.answers, found)), "none came")
     share = _answered(began[:-1])
     return met(share >= ANSWERED_SHARE, f"{100 * share:.1f} %")
 
 
 @requires(102, SCHEMA)
-def answers_are_messages(seen: EgmTraffic) -> Verdict:
+def answers_are_messages(decoded: EgmTraffic) -> Verdict:
     """Every answer is one whole EgmSensor or EgmSensorPathCorr, all of whose numbers are finite."""
-    count = len(seen.answers) + len(seen.unread)
-    return none_wrong(seen.unread, count, f"{count} answers", _NOTHING)
+    count = len(decoded.answers) + len(decoded.unread)
+    return none_wrong(decoded.unread, count, f"{count} answers", _NOTHING)
 
 
 @requires.each(103, f"{SCHEMA}, EgmHeader.mtype", ANSWERS)
@@ -131,9 +131,9 @@ def answers_have_their_type(answer: SensorDatagram) -> str:
 
 
 @requires(104, f"{SCHEMA}, EgmHeader.seqno")
-def answers_count_up_by_one(seen: EgmTraffic) -> Findings:
+def answers_count_up_by_one(decoded: EgmTraffic) -> Findings:
     """seqno goes up by one from message to message; it may begin anew with a run."""
-    for one, other in _neighbors(seen):
+    for one, other in _neighbors(decoded):
         a, b = one.message.header, other.message.header
         if a is None or b is None or a.seqno is None or b.seqno is None:
             return failed("there is no seqno", [other.number])
@@ -142,9 +142,9 @@ def answers_count_up_by_one(seen: EgmTraffic) -> Findings:
 
 
 @requires(105, f"{MANUAL}: the controller takes one message in a cycle, oldest first")
-def one_answer_is_enough(seen: EgmTraffic) -> Verdict:
+def one_answer_is_enough(decoded: EgmTraffic) -> Verdict:
     """To a datagram there is one answer: more would wait in the controller and make it lag."""
-    found = _pairs(seen, "run", "started")
+    found = _pairs(decoded, "run", "started")
     several = [each.answers for each in found if len(each.answers) > 1]
     wrong = [(answers[1].number, f"{len(answers)} answers") for answers in several]
     # A slightly late answer stands beside the next one.
@@ -156,12 +156,12 @@ def one_answer_is_enough(seen: EgmTraffic) -> Verdict:
 
 
 @requires(106, f"{MANUAL}: the controller reads what is there in its next cycle")
-def answers_are_in_time(seen: EgmTraffic) -> Verdict:
+def answers_are_in_time(decoded: EgmTraffic) -> Verdict:
     """99 of 100 answers come within the cycle of 4 ms."""
-    by_tm = {each.message.header.tm_ms: each for each in seen.robots if each.message.header}
+    by_tm = {each.message.header.tm_ms: each for each in decoded.robots if each.message.header}
     times = []
-    before = {answer.number: robot for robot, answers in _pairs(seen) for answer in answers}
-    for answer in seen.within(seen.answers, "run"):
+    before = {answer.number: robot for robot, answers in _pairs(decoded) for answer in answers}
+    for answer in decoded.within(decoded.answers, "run"):
         asked, header = before.get(answer.number), answer.message.header
         echoed = by_tm.get(header.tm_ms) if header is not None and header.tm_ms else None
         if asked is not None and echoed is not None and echoed.number < answer.number:
@@ -184,9 +184,9 @@ def every_answer_has_a_reference(answer: SensorDatagram) -> str:
     return "" if position or speed else "neither position nor speed"
 
 
-def _none_sent(seen: EgmTraffic) -> Verdict | None:
-    sent = any(not_normal(_planned(each)) is not None for each in seen.answers)
-    return not_applicable("no quaternion is sent") if seen.answers and not sent else None
+def _none_sent(decoded: EgmTraffic) -> Verdict | None:
+    sent = any(not_normal(_planned(each)) is not None for each in decoded.answers)
+    return not_applicable("no quaternion is sent") if decoded.answers and not sent else None
 
 
 QUATERNIONS = replace(ANSWERS, good="{} quaternions", unless=_none_sent)
@@ -221,10 +221,10 @@ def _strays(robot: Robot, answer: SensorDatagram) -> str:
 
 
 @requires(109, f"{LAW}; a stale target after a restart is a jump")
-def a_session_begins_where_the_arm_is(seen: EgmTraffic) -> Findings:
+def a_session_begins_where_the_arm_is(decoded: EgmTraffic) -> Findings:
     """The first answer of every session is the measured position, with no speed."""
-    pairs = _pairs(seen)
-    for session in seen.sessions:
+    pairs = _pairs(decoded)
+    for session in decoded.sessions:
         numbers = {each.number for each in session}
         for robot, answers in pairs:
             if robot.number in numbers and answers:
@@ -233,10 +233,10 @@ def a_session_begins_where_the_arm_is(seen: EgmTraffic) -> Findings:
     return Words("{} sessions")
 
 
-def _neighbors(seen: EgmTraffic) -> Iterator[tuple[SensorDatagram, SensorDatagram]]:
+def _neighbors(decoded: EgmTraffic) -> Iterator[tuple[SensorDatagram, SensorDatagram]]:
     """Yield consecutive answers without a new session between them."""
-    starts = [session[0].number for session in seen.sessions]
-    for one, other in pairwise(seen.answers):
+    starts = [session[0].number for session in decoded.sessions]
+    for one, other in pairwise(decoded.answers):
         if not any(one.number < start < other.number for start in starts):
             yield one, other
 
@@ -256,11 +256,11 @@ def references_do_not_leap(each: tuple[SensorDatagram, SensorDatagram]) -> str |
     f"{LAW}; {LIBEGM} repeats its last reference there",
     unless=_ended_before("stopped"),
 )
-def it_follows_while_commands_do_not_act(seen: EgmTraffic) -> Findings:
+def it_follows_while_commands_do_not_act(decoded: EgmTraffic) -> Findings:
     """While the MCI is not RUNNING, answers are the measured position without speed, so that
     going on is no jump."""
     # The first answers may have been in flight.
-    for robot, answers in _pairs(seen, "stopped")[25:]:
+    for robot, answers in _pairs(decoded, "stopped")[25:]:
         if not robot.running:
             for answer in answers:
                 yield answer.number, _strays(robot, answer)
@@ -272,29 +272,29 @@ def it_follows_while_commands_do_not_act(seen: EgmTraffic) -> Findings:
     f"{SCHEMA}: whatever comes to a UDP port; ABBRobotEGM ended at it",
     unless=_ended_before("junk"),
 )
-def junk_does_not_end_it(seen: EgmTraffic) -> Verdict:
+def junk_does_not_end_it(decoded: EgmTraffic) -> Verdict:
     """Datagrams that are not EGM end nothing: it goes on answering."""
-    found, ran = _pairs(seen, "junk"), _answered(_pairs(seen, "run"))
-    some(found and seen.junk and ran, "none were sent, or it never answered")
-    said = f"{len(seen.junk)} of them; {100 * _answered(found):.1f} % answered"
-    return met(_answered(found) > 0.9, said, [seen.junk[0][0]])
+    found, ran = _pairs(decoded, "junk"), _answered(_pairs(decoded, "run"))
+    some(found and decoded.junk and ran, "none were sent, or it never answered")
+    said = f"{len(decoded.junk)} of them; {100 * _answered(found):.1f} % answered"
+    return met(_answered(found) > 0.9, said, [decoded.junk[0][0]])
 
 
 @requires(
     113, f"{SCHEMA}, EgmHeader.seqno: old datagrams are none to act on", unless=_ended_before("old")
 )
-def old_datagrams_are_not_answered(seen: EgmTraffic) -> Verdict:
+def old_datagrams_are_not_answered(decoded: EgmTraffic) -> Verdict:
     """A datagram that is old, or comes again, is not answered."""
-    some(_answered(_pairs(seen, "old")), "none were sent, or it did not answer")
-    sent = Counter(each.message.header for each in seen.robots)
+    some(_answered(_pairs(decoded, "old")), "none were sent, or it did not answer")
+    sent = Counter(each.message.header for each in decoded.robots)
     again = {header.tm_ms for header, count in sent.items() if count > 1 and header is not None}
-    echoed = Counter(each.message.header.tm_ms for each in seen.answers if each.message.header)
+    echoed = Counter(each.message.header.tm_ms for each in decoded.answers if each.message.header)
     twice = {tm_ms for tm_ms in again if echoed[tm_ms] > 1}
-    inside = seen.within(seen.answers, "old")
+    inside = decoded.within(decoded.answers, "old")
     # The echoed tm identifies the answered datagram, however late.
     wrong = [e.number for e in inside if e.message.header and e.message.header.tm_ms in twice]
     must(not wrong, f"{len(wrong)} answers to what came twice", wrong)
-    fresh = len({each.seqno for each in seen.during("old")})
+    fresh = len({each.seqno for each in decoded.during("old")})
     said = f"{len(inside)} answers to {fresh} new datagrams"
     # The last answer before may have been late.
     return met(len(inside) <= fresh + 1, said, [each.number for each in inside[-1:]])
@@ -305,12 +305,12 @@ def old_datagrams_are_not_answered(seen: EgmTraffic) -> Verdict:
     f"{MANUAL}: what is sent waits in the controller for its next run",
     unless=_ended_before("silence"),
 )
-def silence_is_not_answered(seen: EgmTraffic) -> Verdict:
+def silence_is_not_answered(decoded: EgmTraffic) -> Verdict:
     """While the controller is silent it is sent no more than three messages."""
-    phase = some(seen.phase("silence"), _NEVER)
-    some(_answered(_pairs(seen, "run")), _NEVER)
+    phase = some(decoded.phase("silence"), _NEVER)
+    some(_answered(_pairs(decoded, "run")), _NEVER)
     since_s = phase.start_s + SILENT_AFTER_S
-    found = [e.number for e in seen.within(seen.answers, "silence") if e.time_s > since_s]
+    found = [e.number for e in decoded.within(decoded.answers, "silence") if e.time_s > since_s]
     return met(len(found) <= FAREWELLS, f"{len(found)} messages", found)
 
 
@@ -322,9 +322,9 @@ _NEVER = "there was no silence, or it never answered"
     f"{MANUAL}, Local Port Number: 0 is any, and another one after a restart",
     unless=_ended_before("restarted"),
 )
-def a_new_port_is_followed(seen: EgmTraffic) -> Verdict:
+def a_new_port_is_followed(decoded: EgmTraffic) -> Verdict:
     """After a restart of the controller, which has another port then, that one is answered."""
-    found, ran = _pairs(seen, "restarted"), _answered(_pairs(seen, "run"))
+    found, ran = _pairs(decoded, "restarted"), _answered(_pairs(decoded, "run"))
     some(len(found) >= 25 and ran, "there was no restart, or it never answered")
     share = _answered(found[10:-1])
     said = f"{100 * share:.1f} % of its datagrams are answered"
@@ -332,13 +332,13 @@ def a_new_port_is_followed(seen: EgmTraffic) -> Verdict:
 
 
 @requires(116, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: EgmTraffic) -> Verdict:
+def both_descriptions_agree(decoded: EgmTraffic) -> Verdict:
     """A second reader, the scapy layers, finds nothing wrong in the answers either."""
 
     def differs(each: SensorDatagram, layers: Any) -> str:
-        return refused(layers, layers.EgmFromPc(seen.events[each.number].data))
+        return refused(layers, layers.EgmFromPc(decoded.events[each.number].data))
 
-    return read_twice(seen.answers, "egm", differs, "answers", _NOTHING, 30)
+    return read_twice(decoded.answers, "egm", differs, "answers", _NOTHING, 30)
 
 
 @requires(
@@ -346,9 +346,9 @@ def both_descriptions_agree(seen: EgmTraffic) -> Verdict:
     f"{MANUAL}: the controller goes on at the last speed until CommTimeout",
     unless=_ended_before("ended"),
 )
-def it_leaves_without_speed(seen: EgmTraffic) -> Verdict:
+def it_leaves_without_speed(decoded: EgmTraffic) -> Verdict:
     """When the driver's program ends, the last message says no speed."""
-    phase = some(seen.phase("ended"), "it was not ended")
-    last = some(seen.answers, "it was not ended")[-1]
+    phase = some(decoded.phase("ended"), "it was not ended")
+    last = some(decoded.answers, "it was not ended")[-1]
     some(phase.end_s - last.time_s >= 0.5, "it still answers")
     return met(_speed(last) <= SPEED_M_S, f"{_speed(last):.3g} m/s or rad/s", [last.number])

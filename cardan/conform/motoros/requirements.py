@@ -64,44 +64,44 @@ Echoed = tuple[MotorosExchange, sm.MotionReply]
 
 
 @requires(1, f"{STATES}: nothing is ever read there")
-def states_come_unasked(seen: MotorosTraffic) -> Verdict:
+def states_come_unasked(decoded: MotorosTraffic) -> Verdict:
     """The state port sends feedback and status to every client."""
-    count, states = len(seen.feedback("listen")), len(seen.statuses("listen"))
+    count, states = len(decoded.feedback("listen")), len(decoded.statuses("listen"))
     return met(count > 0 and states > 0, f"{count} feedbacks, {states} statuses")
 
 
 @requires(2, f"{MESSAGES}: prefix, header, body")
-def bytes_are_messages(seen: MotorosTraffic) -> Verdict:
+def bytes_are_messages(decoded: MotorosTraffic) -> Verdict:
     """All that comes on any port is whole messages with the right prefix, one after the other."""
-    count = len(seen.heard) + len(seen.unread)
-    return none_wrong(seen.unread, count, f"{count} messages")
+    count = len(decoded.heard) + len(decoded.unread)
+    return none_wrong(decoded.unread, count, f"{count} messages")
 
 
 @requires(3, f"{STATES}: a cycle every 25 ms")
-def the_state_cycle_is_25_ms(seen: MotorosTraffic) -> Verdict:
+def the_state_cycle_is_25_ms(decoded: MotorosTraffic) -> Verdict:
     """The mean period of ROBOT_STATUS is 25 ms, to half a millisecond."""
-    times = [each.time_s for each, _ in seen.statuses("listen")]
+    times = [each.time_s for each, _ in decoded.statuses("listen")]
     some(len(times) >= 10, "fewer than 10 statuses")
     period_s = (times[-1] - times[0]) / (len(times) - 1)
     return met(abs(period_s - PERIOD_S) < PERIOD_TOLERANCE_S, f"{period_s * 1e3:.2f} ms")
 
 
 @requires(4, f"{STATES}; a client stops its stream after three missed cycles")
-def no_three_cycles_are_missed(seen: MotorosTraffic) -> Verdict:
+def no_three_cycles_are_missed(decoded: MotorosTraffic) -> Verdict:
     """From one ROBOT_STATUS to the next it is never more than 75 ms, whatever else is done."""
-    found = some(seen.statuses(), _NO_STATUS)
+    found = some(decoded.statuses(), _NO_STATUS)
     gaps = [(b.time_s - a.time_s, b.number) for (a, _), (b, _) in pairwise(found)]
-    last_phase = max(seen.phases.values(), key=lambda each: each.end)
+    last_phase = max(decoded.phases.values(), key=lambda each: each.end)
     gaps.append((last_phase.end_s - found[-1][0].time_s, found[-1][0].number))
     longest, index = max(gaps)
     return at_most(MISSED_S * 1e3, longest * 1e3, "ms", f"longest {longest * 1e3:.0f} ms", [index])
 
 
 @requires(5, f"{STATES}: JOINT_FEEDBACK of each group, then ROBOT_STATUS")
-def a_cycle_has_its_order(seen: MotorosTraffic) -> Findings:
+def a_cycle_has_its_order(decoded: MotorosTraffic) -> Findings:
     """In each cycle feedback of the groups comes in their order, and the status last."""
     groups: list[int] = []
-    for each in seen.heard:
+    for each in decoded.heard:
         body = each.message.body
         if each.channel == "state" and isinstance(body, sm.JointFeedback):
             groups.append(body.group)
@@ -113,9 +113,9 @@ def a_cycle_has_its_order(seen: MotorosTraffic) -> Findings:
 
 
 @requires(6, f"{MESSAGES}: TOPIC is 1, the reply code of topics 0")
-def states_are_topics(seen: MotorosTraffic) -> Findings:
+def states_are_topics(decoded: MotorosTraffic) -> Findings:
     """Messages of the state port are topics with the reply code 0."""
-    for each in seen.heard:
+    for each in decoded.heard:
         if each.channel == "state":
             kind, code = each.message.comm_type, each.message.reply_code
             topic = kind == sm.CommType.TOPIC and not code
@@ -124,10 +124,10 @@ def states_are_topics(seen: MotorosTraffic) -> Findings:
 
 
 @requires(7, f"{STATES}: POSITION, and VELOCITY where speed feedback is available")
-def feedback_says_what_is_valid(seen: MotorosTraffic) -> Findings:
+def feedback_says_what_is_valid(decoded: MotorosTraffic) -> Findings:
     """valid_fields of feedback are POSITION, or POSITION and VELOCITY; all values are finite."""
     position, had = sm.ValidFields.POSITION, set()
-    for each, body in seen.feedback():
+    for each, body in decoded.feedback():
         had.add(fields := body.valid_fields)
         if fields not in (position, position | sm.ValidFields.VELOCITY):
             yield each.number, f"valid_fields {fields}"
@@ -138,9 +138,9 @@ def feedback_says_what_is_valid(seen: MotorosTraffic) -> Findings:
 
 
 @requires(8, f"{STATES}: speed feedback since the API has it")
-def feedback_has_speeds(seen: MotorosTraffic) -> Verdict:
+def feedback_has_speeds(decoded: MotorosTraffic) -> Verdict:
     """Feedback has speeds, as of firmware that is not old."""
-    found = some(seen.feedback(), _NO_FEEDBACK)
+    found = some(decoded.feedback(), _NO_FEEDBACK)
     without = [
         each.number for each, body in found if not body.valid_fields & sm.ValidFields.VELOCITY
     ]
@@ -149,9 +149,9 @@ def feedback_has_speeds(seen: MotorosTraffic) -> Verdict:
 
 
 @requires(9, f"{MESSAGES}, ROBOT_STATUS: MotoROS sends no unknowns")
-def statuses_are_plausible(seen: MotorosTraffic) -> Findings:
+def statuses_are_plausible(decoded: MotorosTraffic) -> Findings:
     """Switches of a status are 0 or 1, and the mode is 1 (teach) or 2 (play)."""
-    for each, s in seen.statuses():
+    for each, s in decoded.statuses():
         switches = (s.drives_powered, s.e_stopped, s.in_error, s.motion_possible)
         if not set(switches) <= {0, 1} or s.in_motion not in (-1, 0, 1):
             yield each.number, f"switches {switches}"
@@ -162,13 +162,13 @@ def statuses_are_plausible(seen: MotorosTraffic) -> Findings:
 
 
 @requires(10, f"{STATES}: each message in one send()")
-def messages_are_not_torn(seen: MotorosTraffic) -> Findings:
+def messages_are_not_torn(decoded: MotorosTraffic) -> Findings:
     """Of a message whose first bytes have come the rest is there within half a millisecond."""
-    return not_torn(seen.heard, "{} messages, {} in pieces")
+    return not_torn(decoded.heard, "{} messages, {} in pieces")
 
 
 @requires(11, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: MotorosTraffic) -> Verdict:
+def both_descriptions_agree(decoded: MotorosTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same types, groups and positions."""
 
     def differs(each: ReceivedMessage, layers: Any) -> str:
@@ -180,7 +180,7 @@ def both_descriptions_agree(seen: MotorosTraffic) -> Verdict:
             return "another header"
         return differing(each.message.body, layer, _LAYERS_HAVE)
 
-    return read_twice(seen.heard, "simple_message", differs, "messages")
+    return read_twice(decoded.heard, "simple_message", differs, "messages")
 
 
 _LAYERS_HAVE = {"command": "command_code", "pos": "positions", "time": "time_s"}
@@ -190,15 +190,15 @@ _LAYERS_HAVE = {"command": "command_code", "pos": "positions", "time": "time_s"}
 # -- level 1: requests, and hold ------------------------------------------------------------------
 
 
-def _control(seen: MotorosTraffic, command: C, phase: str = "") -> list[MotorosExchange]:
-    return seen.requests(sm.MotionCtrl, phase, command=command)
+def _control(decoded: MotorosTraffic, command: C, phase: str = "") -> list[MotorosExchange]:
+    return decoded.requests(sm.MotionCtrl, phase, command=command)
 
 
 @requires(101, f"{SERVER}: every request is answered, one at a time")
-def every_request_is_answered(seen: MotorosTraffic) -> Findings:
+def every_request_is_answered(decoded: MotorosTraffic) -> Findings:
     """Each request is answered on its connection before a client's time is out."""
-    ends = [event.time_s for _, event in seen.gone]
-    for each in seen.asked:
+    ends = [event.time_s for _, event in decoded.gone]
+    for each in decoded.asked:
         if each.request and each.request.comm_type == sm.CommType.SERVICE_REQUEST:
             ended = any(each.time_s - 1.0 < end < each.time_s for end in ends)
             yield each.number, "" if each.reply or ended else "no answer"
@@ -206,20 +206,20 @@ def every_request_is_answered(seen: MotorosTraffic) -> Findings:
 
 
 @requires(102, "0.2 to 1.1 ms in a capture of a controller (2015)")
-def answers_are_quick(seen: MotorosTraffic) -> Verdict:
+def answers_are_quick(decoded: MotorosTraffic) -> Verdict:
     """Nine of ten requests that start nothing are answered within 20 ms."""
     times = (
         (each.reply.time_s - each.time_s, each.number)
-        for each in _control(seen, C.CHECK_QUEUE_CNT) + _control(seen, C.CHECK_MOTION_READY)
+        for each in _control(decoded, C.CHECK_QUEUE_CNT) + _control(decoded, C.CHECK_MOTION_READY)
         if each.reply is not None
     )
     return mostly_within(times, 0.9, REPLY_WITHIN_S, "nine of ten within {:.1f} ms", _UNANSWERED)
 
 
 @requires(103, f"{SERVER}: group, sequence and command are echoed")
-def answers_are_to_what_was_asked(seen: MotorosTraffic) -> Findings:
+def answers_are_to_what_was_asked(decoded: MotorosTraffic) -> Findings:
     """The reply to an order has its command and its sequence."""
-    for each in seen.asked:
+    for each in decoded.asked:
         body, found = each.body, each.motion
         if each.reply is not None and isinstance(body, sm.MotionCtrl):
             echoed = found and (found.command, found.sequence) == (body.command, body.sequence)
@@ -229,9 +229,9 @@ def answers_are_to_what_was_asked(seen: MotorosTraffic) -> Findings:
 
 
 @requires(104, f"{MESSAGES}: SERVICE_REPLY is 3, the reply code SUCCESS even of errors")
-def replies_are_replies(seen: MotorosTraffic) -> Findings:
+def replies_are_replies(decoded: MotorosTraffic) -> Findings:
     """A motion reply has the communication type 3 and the reply code 1."""
-    for each in seen.asked:
+    for each in decoded.asked:
         if each.motion and each.reply:
             head = each.reply.message.comm_type, each.reply.message.reply_code
             good = head == (sm.CommType.SERVICE_REPLY, sm.ReplyCode.SUCCESS)
@@ -240,19 +240,19 @@ def replies_are_replies(seen: MotorosTraffic) -> Findings:
 
 
 @requires(105, f"{SERVER}: PING is answered with PING")
-def ping_is_answered(seen: MotorosTraffic) -> Verdict:
+def ping_is_answered(decoded: MotorosTraffic) -> Verdict:
     """PING on the motion port is answered with a PING of 16 bytes."""
-    found = [e for e in seen.exchanges("ask") if e.request and e.request.msg_type == T.PING]
+    found = [e for e in decoded.exchanges("ask") if e.request and e.request.msg_type == T.PING]
     reply = some(found[0].reply if found else None, "no PING was answered")
     good = reply.message.msg_type == T.PING and len(reply.raw) == 16
     return passed("16 B") if good else failed(f"type {reply.message.msg_type}", [reply.number])
 
 
-def _refused(seen: MotorosTraffic, msg_type: int, subcode: int) -> Verdict:
-    big = seen.order is sm.ByteOrder.BIG
+def _refused(decoded: MotorosTraffic, msg_type: int, subcode: int) -> Verdict:
+    big = decoded.order is sm.ByteOrder.BIG
     found = [
         each
-        for each in seen.exchanges("ask")
+        for each in decoded.exchanges("ask")
         if int.from_bytes(each.raw[4:8], "big" if big else "little") == msg_type
         and not isinstance(each.body, sm.MotionCtrl)
     ]
@@ -262,35 +262,35 @@ def _refused(seen: MotorosTraffic, msg_type: int, subcode: int) -> Verdict:
 
 
 @requires(106, f"{SERVER}: INVALID, MSGTYPE, and the connection is kept")
-def unknown_types_are_refused(seen: MotorosTraffic) -> Verdict:
+def unknown_types_are_refused(decoded: MotorosTraffic) -> Verdict:
     """A type that nobody knows is answered INVALID with 3003."""
-    return _refused(seen, UNKNOWN_TYPE, sm.InvalidSubcode.MSGTYPE)
+    return _refused(decoded, UNKNOWN_TYPE, sm.InvalidSubcode.MSGTYPE)
 
 
 @requires(107, f"{SERVER}: INVALID, MSGSIZE")
-def short_messages_are_refused(seen: MotorosTraffic) -> Verdict:
+def short_messages_are_refused(decoded: MotorosTraffic) -> Verdict:
     """An order with too short a body is answered INVALID with 3001."""
-    return _refused(seen, T.MOTO_MOTION_CTRL, sm.InvalidSubcode.MSGSIZE)
+    return _refused(decoded, T.MOTO_MOTION_CTRL, sm.InvalidSubcode.MSGSIZE)
 
 
 @requires(108, f"{SERVER}: NOT_READY before GROUPNO")
-def points_are_refused_before_the_start(seen: MotorosTraffic) -> Verdict:
+def points_are_refused_before_the_start(decoded: MotorosTraffic) -> Verdict:
     """A point before START_TRAJ_MODE, of a group that is not there, is refused and does nothing."""
-    found = seen.requests(sm.JointTrajPtFull, "ask")
+    found = decoded.requests(sm.JointTrajPtFull, "ask")
     reply = _motion(found, _OTHERWISE)
     return met(reply.result in (R.NOT_READY, R.INVALID), _words(reply), [found[0].number])
 
 
-def _echoed(seen: MotorosTraffic, command: C, phase: str = "") -> list[Echoed]:
+def _echoed(decoded: MotorosTraffic, command: C, phase: str = "") -> list[Echoed]:
     """Return the requests with `command` with the replies that name it."""
-    pairs = [(each, each.motion) for each in _control(seen, command, phase)]
+    pairs = [(each, each.motion) for each in _control(decoded, command, phase)]
     return [(each, reply) for each, reply in pairs if reply and reply.command == command]
 
 
 @requires(109, f"{CONTROLLER}: the first NOT_READY reason that applies")
-def not_ready_has_a_reason(seen: MotorosTraffic) -> Findings:
+def not_ready_has_a_reason(decoded: MotorosTraffic) -> Findings:
     """CHECK_MOTION_READY that is not TRUE is FALSE with a subcode of 5000 to 5099."""
-    for each, reply in _echoed(seen, C.CHECK_MOTION_READY):
+    for each, reply in _echoed(decoded, C.CHECK_MOTION_READY):
         if reply.result != R.SUCCESS:
             reason = reply.result == R.FAILURE and 0 <= reply.subcode - N.UNSPECIFIED < 100
             yield each.number, "" if reason else _words(reply)
@@ -298,9 +298,9 @@ def not_ready_has_a_reason(seen: MotorosTraffic) -> Findings:
 
 
 @requires(110, f"{IO}: results 0 and 1001")
-def inputs_and_outputs_are_read(seen: MotorosTraffic) -> Verdict:
+def inputs_and_outputs_are_read(decoded: MotorosTraffic) -> Verdict:
     """The I/O port gives the bit 10010, and refuses the address 9 with 1001."""
-    found = [each for each in seen.exchanges("ask") if each.channel == "io"]
+    found = [each for each in decoded.exchanges("ask") if each.channel == "io"]
     bodies = [e.reply.message.body for e in found if e.reply is not None]
     replies = [each for each in bodies if isinstance(each, sm.ReadIoReply)]
     some(bodies, "the I/O port did not answer")
@@ -312,9 +312,9 @@ def inputs_and_outputs_are_read(seen: MotorosTraffic) -> Verdict:
 
 
 @requires(111, "RFC 9293: TCP keeps no borders of messages; MotionServer.c loses torn ones")
-def torn_messages_are_understood(seen: MotorosTraffic) -> Verdict:
+def torn_messages_are_understood(decoded: MotorosTraffic) -> Verdict:
     """A PING that arrives in two pieces is answered as one that arrives whole."""
-    found = seen.exchanges("pieces")
+    found = decoded.exchanges("pieces")
     some(len(found) >= 2, "none was sent")
     replies = [each.reply for each in found if each.reply is not None]
     must(replies, "no answer", [found[-1].number])
@@ -323,28 +323,28 @@ def torn_messages_are_understood(seen: MotorosTraffic) -> Verdict:
 
 
 @requires(112, f"{CONTROLLER}, START_TRAJ_MODE")
-def trajectory_mode_starts(seen: MotorosTraffic) -> Verdict:
+def trajectory_mode_starts(decoded: MotorosTraffic) -> Verdict:
     """START_TRAJ_MODE succeeds, or says with a subcode why not; then motion is possible."""
-    found = _control(seen, C.START_TRAJ_MODE, "start")
+    found = _control(decoded, C.START_TRAJ_MODE, "start")
     reply = _motion(found)
     must(reply.result == R.SUCCESS, _words(reply), [found[0].number])
-    after = seen.statuses("hold")
+    after = decoded.statuses("hold")
     if after and after[0][1].motion_possible != 1:
         return failed("motion is not possible after it", [after[0][0].number])
     took_s = found[0].reply.time_s - found[0].time_s if found[0].reply else 0.0
     return passed(f"after {took_s:.2f} s", took_s, "s")
 
 
-def _held(seen: MotorosTraffic) -> Verdict | None:
-    possible = any(s.motion_possible for _, s in seen.statuses("hold"))
+def _held(decoded: MotorosTraffic) -> Verdict | None:
+    possible = any(s.motion_possible for _, s in decoded.statuses("hold"))
     return None if possible else not_seen("motion was never possible")
 
 
 @requires(113, f"{STATES}, ROBOT_STATUS; {CONTROLLER}: what ends motion", unless=_held)
-def holding_is_undisturbed(seen: MotorosTraffic) -> Findings:
+def holding_is_undisturbed(decoded: MotorosTraffic) -> Findings:
     """Held in trajectory mode, the drives have power, play is on, no stop or alarm, motion is
     possible."""
-    for each, s in seen.statuses("hold"):
+    for each, s in decoded.statuses("hold"):
         causes = (
             (s.e_stopped, "emergency stop"),
             (s.in_error, f"alarm {s.error_code}"),
@@ -357,69 +357,69 @@ def holding_is_undisturbed(seen: MotorosTraffic) -> Findings:
 
 
 @requires(114, f"{SERVER}: one client is served until it leaves")
-def connections_last(seen: MotorosTraffic) -> Verdict:
+def connections_last(decoded: MotorosTraffic) -> Verdict:
     """No connection is closed or refused by the controller while it is used."""
-    count = sum(1 for each in seen.phases if each != "listen")
-    wrong = ((n, f"{event.channel} {event.kind.value}") for n, event in seen.gone)
-    return none_wrong(wrong, max(count, len(seen.gone)), "none was", "")
+    count = sum(1 for each in decoded.phases if each != "listen")
+    wrong = ((n, f"{event.channel} {event.kind.value}") for n, event in decoded.gone)
+    return none_wrong(wrong, max(count, len(decoded.gone)), "none was", "")
 
 
 @requires(115, f"{GROUP}: 30 pulses around the command")
-def the_first_point_is_taken(seen: MotorosTraffic) -> Verdict:
+def the_first_point_is_taken(decoded: MotorosTraffic) -> Verdict:
     """Point 0 at the measured position is taken, and nothing moves."""
-    found = seen.requests(sm.JointTrajPtFull, "hold")
+    found = decoded.requests(sm.JointTrajPtFull, "hold")
     reply = _motion(found, "no point was answered")
     some(reply.command == T.JOINT_TRAJ_PT_FULL, "no point was answered")
     must(reply.result == R.SUCCESS, _words(reply), [found[0].number])
-    feedback = [body.pos for _, body in seen.feedback("hold")]
+    feedback = [body.pos for _, body in decoded.feedback("hold")]
     far = max(apart(pos, feedback[0]) for pos in feedback)
     return met(far < STILL_RAD, f"{math.degrees(far):.4f} degrees at most", [found[0].number])
 
 
 @requires(116, f"{GROUP}: the number of increments")
-def an_empty_queue_is_said_to_be(seen: MotorosTraffic) -> Findings:
+def an_empty_queue_is_said_to_be(decoded: MotorosTraffic) -> Findings:
     """While nothing was commanded CHECK_QUEUE_CNT counts 0."""
-    for each, reply in _echoed(seen, C.CHECK_QUEUE_CNT, "hold"):
+    for each, reply in _echoed(decoded, C.CHECK_QUEUE_CNT, "hold"):
         empty = (reply.result, reply.subcode) == (R.SUCCESS, 0)
         yield each.number, "" if empty else f"result {reply.result}, {reply.subcode} increments"
     return Words("{} times", "it was not answered")
 
 
-def _velocities(seen: MotorosTraffic, phase: str) -> list[MotorosExchange]:
-    found = seen.requests(sm.JointVelocity, phase)
+def _velocities(decoded: MotorosTraffic, phase: str) -> list[MotorosExchange]:
+    found = decoded.requests(sm.JointVelocity, phase)
     return [e for e in found if e.request and e.request.comm_type == sm.CommType.SERVICE_REQUEST]
 
 
-def _info(seen: MotorosTraffic) -> sm.VelocityInfo | None:
-    for each in seen.exchanges("ask"):
+def _info(decoded: MotorosTraffic) -> sm.VelocityInfo | None:
+    for each in decoded.exchanges("ask"):
         if each.reply is not None and isinstance(each.reply.message.body, sm.VelocityInfo):
             return each.reply.message.body
     return None
 
 
 @requires(121, f"{VELOCITY}, finding out")
-def the_velocity_mode_says_what_it_is(seen: MotorosTraffic) -> Verdict:
+def the_velocity_mode_says_what_it_is(decoded: MotorosTraffic) -> Verdict:
     """MOTO_VELOCITY_INFO gives version 1, a period, and limits of each axis above 0; or, without
     the mode, INVALID with 3003."""
-    info = _info(seen)
+    info = _info(decoded)
     if info is not None:
         axes = range(min(info.axes, 10))
         good = info.version == 1 and 500 <= info.ipc_us <= 20_000 and info.axes >= 1
         good = good and all(info.v_max[n] > 0.0 and info.a_max[n] > 0.0 for n in axes)
         good = good and all(info.pos_min[n] < info.pos_max[n] for n in axes)
         return met(good, f"version {info.version}, {info.ipc_us} us, {info.axes} axes")
-    return _refused(seen, T.MOTO_VELOCITY_INFO, sm.InvalidSubcode.MSGTYPE)
+    return _refused(decoded, T.MOTO_VELOCITY_INFO, sm.InvalidSubcode.MSGTYPE)
 
 
 def _in_velocity_mode(phase: str) -> Callable[[MotorosTraffic], Verdict | None]:
     """Return an `unless`: its verdict if velocities cannot be judged in a phase; None: they can."""
 
-    def why(seen: MotorosTraffic) -> Verdict | None:
-        if seen.phase(phase) is None:
+    def why(decoded: MotorosTraffic) -> Verdict | None:
+        if decoded.phase(phase) is None:
             return not_seen("it was not tried")
-        if _info(seen) is None:
+        if _info(decoded) is None:
             return not_applicable("the controller has no velocity mode")
-        found = _control(seen, C.START_VEL_MODE, phase)
+        found = _control(decoded, C.START_VEL_MODE, phase)
         reply = found[0].motion if found else None
         if reply is None or reply.result != R.SUCCESS:
             return not_seen("START_VEL_MODE did not succeed")
@@ -444,47 +444,49 @@ def _answered(found: list[MotorosExchange], *wanted: tuple[int, int]) -> Verdict
 
 
 @requires(122, f"{VELOCITY}, the watchdog", unless=_in_velocity_mode("velocity"))
-def the_watchdog_latches(seen: MotorosTraffic) -> Verdict:
+def the_watchdog_latches(decoded: MotorosTraffic) -> Verdict:
     """After a silence longer than the watchdog waits a velocity is answered NOT_READY with 5041."""
-    return _answered(_velocities(seen, "velocity")[1:], (R.NOT_READY, N.VEL_WATCHDOG))
+    return _answered(_velocities(decoded, "velocity")[1:], (R.NOT_READY, N.VEL_WATCHDOG))
 
 
 @requires(123, f"{VELOCITY}, starting and stopping", unless=_in_velocity_mode("velocity"))
-def modes_exclude_each_other(seen: MotorosTraffic) -> Verdict:
+def modes_exclude_each_other(decoded: MotorosTraffic) -> Verdict:
     """In velocity mode a point is answered NOT_READY with 5042."""
-    found = seen.requests(sm.JointTrajPtFull, "velocity")
+    found = decoded.requests(sm.JointTrajPtFull, "velocity")
     return _answered(found, (R.NOT_READY, N.OTHER_MODE_ACTIVE))
 
 
 @requires(124, f"{VELOCITY}, sequence", unless=_in_velocity_mode("velocity"))
-def old_velocities_are_refused(seen: MotorosTraffic) -> Verdict:
+def old_velocities_are_refused(decoded: MotorosTraffic) -> Verdict:
     """A sequence that is not newer than the last is answered INVALID with 3040."""
-    found = _velocities(seen, "velocity")[4:]
+    found = _velocities(decoded, "velocity")[4:]
     return _answered(found[-1:], (R.INVALID, sm.InvalidSubcode.VEL_SEQUENCE))
 
 
 # -- level 2: micro-motion ------------------------------------------------------------------------
 
 
-def _point(seen: MotorosTraffic, phase: str, sequence: int) -> list[MotorosExchange]:
-    return seen.requests(sm.JointTrajPtFull, phase, sequence=sequence)
+def _point(decoded: MotorosTraffic, phase: str, sequence: int) -> list[MotorosExchange]:
+    return decoded.requests(sm.JointTrajPtFull, phase, sequence=sequence)
 
 
 _NO_POINT = "no point was taken"
 
 
-def _taken(seen: MotorosTraffic, phase: str = "out", nothing: str = _NO_POINT) -> MotorosExchange:
+def _taken(
+    decoded: MotorosTraffic, phase: str = "out", nothing: str = _NO_POINT
+) -> MotorosExchange:
     """Return the accepted point that moves an axis in a phase."""
-    found = _point(seen, phase, 1)
+    found = _point(decoded, phase, 1)
     some(_motion(found, nothing).result == R.SUCCESS, nothing)
     return found[0]
 
 
 @requires(201, f"{GROUP}, {SERVER}: SUCCESS at acceptance")
-def a_point_is_taken(seen: MotorosTraffic) -> Verdict:
+def a_point_is_taken(decoded: MotorosTraffic) -> Verdict:
     """A point that turns one axis by 0.2 degrees in 0.1 s is taken."""
-    some(seen.phase("out"), "it was not tried")
-    found, begun = _point(seen, "out", 1), _point(seen, "out", 0)
+    some(decoded.phase("out"), "it was not tried")
+    found, begun = _point(decoded, "out", 1), _point(decoded, "out", 0)
     if not found:
         why = f": {_words(begun[0].motion)}" if begun and begun[0].motion else ""
         return failed(f"not even point 0 was{why}")
@@ -493,12 +495,12 @@ def a_point_is_taken(seen: MotorosTraffic) -> Verdict:
 
 
 @requires(202, f"{GROUP}: one increment in each interpolation period")
-def a_trajectory_takes_its_time(seen: MotorosTraffic) -> Verdict:
+def a_trajectory_takes_its_time(decoded: MotorosTraffic) -> Verdict:
     """The queue is empty 0.1 s after the point was taken, or no more than 60 ms later."""
-    point = _taken(seen)
+    point = _taken(decoded)
     counts = [
         (each.time_s, reply.subcode)
-        for each, reply in _echoed(seen, C.CHECK_QUEUE_CNT, "out")
+        for each, reply in _echoed(decoded, C.CHECK_QUEUE_CNT, "out")
         if reply.result == R.SUCCESS
     ]
     filled = [time_s for time_s, count in counts if count > 0]
@@ -509,9 +511,9 @@ def a_trajectory_takes_its_time(seen: MotorosTraffic) -> Verdict:
     return at_most(STEP_S + PLAYED_LATE_S, took_s, "s", f"after {took_s:.3f} s", [point.number])
 
 
-def _reached(seen: MotorosTraffic, phase: str, nothing: str) -> Verdict:
+def _reached(decoded: MotorosTraffic, phase: str, nothing: str) -> Verdict:
     """Judge if an axis turned in a phase as far as commanded, if its point was answered."""
-    asked, found = _point(seen, phase, 1), [body.pos for _, body in seen.feedback(phase)]
+    asked, found = _point(decoded, phase, 1), [body.pos for _, body in decoded.feedback(phase)]
     _motion(asked, nothing)
     some(len(found) >= 2, nothing)
     far = apart(found[0], found[-1])
@@ -520,17 +522,17 @@ def _reached(seen: MotorosTraffic, phase: str, nothing: str) -> Verdict:
 
 
 @requires(203, f"{GROUP}: the last sample is the point itself")
-def a_point_is_reached(seen: MotorosTraffic) -> Verdict:
+def a_point_is_reached(decoded: MotorosTraffic) -> Verdict:
     """Half a second later the axis has turned by 0.2 degrees, to a fifth of it; and no error is
     latched."""
-    return _reached(seen, "out", _NO_POINT)
+    return _reached(decoded, "out", _NO_POINT)
 
 
 @requires(204, f"{CONTROLLER}: motion stays possible after motion")
-def motion_stays_possible(seen: MotorosTraffic) -> Findings:
+def motion_stays_possible(decoded: MotorosTraffic) -> Findings:
     """While it moves and after, motion is possible and no alarm comes."""
-    some(_point(seen, "out", 1), _NO_POINT)
-    for each, s in seen.statuses("out") + seen.statuses("back"):
+    some(_point(decoded, "out", 1), _NO_POINT)
+    for each, s in decoded.statuses("out") + decoded.statuses("back"):
         stays = s.motion_possible == 1 and not s.in_error
         words = f"motion_possible {s.motion_possible}, alarm {s.error_code}"
         yield each.number, "" if stays else words
@@ -538,34 +540,34 @@ def motion_stays_possible(seen: MotorosTraffic) -> Findings:
 
 
 @requires(205, f"{STATES}, in_motion")
-def it_says_that_it_moves(seen: MotorosTraffic) -> Verdict:
+def it_says_that_it_moves(decoded: MotorosTraffic) -> Verdict:
     """in_motion is 1 while the queue is played, and 0 again afterwards."""
-    taken, found = _taken(seen), [s.in_motion for _, s in seen.statuses("out")]
+    taken, found = _taken(decoded), [s.in_motion for _, s in decoded.statuses("out")]
     some(found, _NO_POINT)
     must(1 in found, "it never was", [taken.number])
     return passed("1, then 0") if found[-1] == 0 else failed("it still is", [taken.number])
 
 
 @requires(206, f"{GROUP}: a new point 0 at standstill")
-def it_comes_back(seen: MotorosTraffic) -> Verdict:
+def it_comes_back(decoded: MotorosTraffic) -> Verdict:
     """A second trajectory, from where the first ended, turns the axis back."""
-    return _reached(seen, "back", "no second point was taken")
+    return _reached(decoded, "back", "no second point was taken")
 
 
 @requires(211, f"{VELOCITY}, law of one interpolation period", unless=_in_velocity_mode("stream"))
-def velocities_move_it(seen: MotorosTraffic) -> Verdict:
+def velocities_move_it(decoded: MotorosTraffic) -> Verdict:
     """0.1 s of velocities turn the axis, and by no more than 0.2 degrees."""
-    before, after = seen.feedback("stream"), seen.feedback("deserted")
+    before, after = decoded.feedback("stream"), decoded.feedback("deserted")
     some(before and after, _NO_FEEDBACK)
     far = apart(before[0][1].pos, after[-1][1].pos)
     return met(0.2 * STEP_RAD < far < 1.2 * STEP_RAD, f"{math.degrees(far):.3f} degrees")
 
 
 @requires(212, f"{VELOCITY}, the watchdog", unless=_in_velocity_mode("stream"))
-def silence_stops_it(seen: MotorosTraffic) -> Verdict:
+def silence_stops_it(decoded: MotorosTraffic) -> Verdict:
     """Without further velocities the axis stands within 0.3 s, and the watchdog is latched."""
-    phase = some(seen.phase("deserted"), "it was not tried")
-    found, asked = seen.feedback("deserted"), _velocities(seen, "deserted")
+    phase = some(decoded.phase("deserted"), "it was not tried")
+    found, asked = decoded.feedback("deserted"), _velocities(decoded, "deserted")
     some(found and asked, "it was not tried")
     late = [body.pos for each, body in found if each.time_s > phase.start_s + 0.3]
     some(late, _NO_FEEDBACK)
@@ -579,26 +581,26 @@ def silence_stops_it(seen: MotorosTraffic) -> Verdict:
 
 
 @requires(301, f"{STATES}, ROBOT_STATUS; {CONTROLLER}")
-def an_emergency_stop_is_told(seen: MotorosTraffic) -> Verdict:
+def an_emergency_stop_is_told(decoded: MotorosTraffic) -> Verdict:
     """After an emergency stop e_stopped is 1 and motion is not possible."""
-    found = [(each, s) for each, s in seen.statuses("estop") if s.e_stopped == 1]
+    found = [(each, s) for each, s in decoded.statuses("estop") if s.e_stopped == 1]
     some(found, "no status told of one")
     wrong = [each.number for each, s in found[2:] if s.motion_possible]
     return failed("motion is still possible", wrong) if wrong else passed("told")
 
 
 @requires(302, f"{CONTROLLER}: the order of the reasons")
-def an_emergency_stop_is_the_reason(seen: MotorosTraffic) -> Verdict:
+def an_emergency_stop_is_the_reason(decoded: MotorosTraffic) -> Verdict:
     """CHECK_MOTION_READY then is FALSE with 5003, or with an alarm or an error, which come before
     it."""
     reasons = ((R.FAILURE, each) for each in (N.ALARM, N.ERROR, N.ESTOP))
-    return _answered(_control(seen, C.CHECK_MOTION_READY, "estop"), *reasons)
+    return _answered(_control(decoded, C.CHECK_MOTION_READY, "estop"), *reasons)
 
 
 @requires(303, f"{CONTROLLER}: START_TRAJ_MODE is needed again")
-def release_starts_nothing(seen: MotorosTraffic) -> Verdict:
+def release_starts_nothing(decoded: MotorosTraffic) -> Verdict:
     """When the emergency stop is released motion is not possible by itself."""
-    found = [(each, s) for each, s in seen.statuses("released") if s.e_stopped == 0]
+    found = [(each, s) for each, s in decoded.statuses("released") if s.e_stopped == 0]
     some(found, "it was not released")
     wrong = [each.number for each, s in found if s.motion_possible]
     return failed("motion is possible", wrong) if wrong else passed(f"{len(found)} statuses")

@@ -94,9 +94,9 @@ _NO_SPEEDS = "no speeds were sent"
 _NEVER_STARTED = "motion was never started"
 
 
-def _unused(seen: DriverTraffic) -> Verdict | None:
+def _unused(decoded: DriverTraffic) -> Verdict | None:
     """Return not applicable if the client moves the arm without the velocity mode; else None."""
-    unused = bool(seen.points) and not seen.velocities
+    unused = bool(decoded.points) and not decoded.velocities
     return not_applicable("it does not use the velocity mode") if unused else None
 
 
@@ -110,46 +110,46 @@ def _not_to(found: Iterable[str]) -> str:
 
 
 @requires(101, f"{MANUAL}: the controller listens at 50240 and 50241")
-def it_connects(seen: DriverTraffic) -> Verdict:
+def it_connects(decoded: DriverTraffic) -> Verdict:
     """It connects to the state port and to the motion port."""
-    missing = _not_to(each.port for each in seen.links)
+    missing = _not_to(each.port for each in decoded.links)
     return failed(missing) if missing else passed("to both")
 
 
 @requires(102, f"{MESSAGES}: prefix, header, body")
-def bytes_are_messages(seen: DriverTraffic) -> Verdict:
+def bytes_are_messages(decoded: DriverTraffic) -> Verdict:
     """All that it sends is whole messages: right prefixes, each of the length of its type."""
-    count = len(seen.said) + len(seen.unread)
-    return none_wrong(seen.unread, count, f"{len(seen.said)} messages")
+    count = len(decoded.said) + len(decoded.unread)
+    return none_wrong(decoded.unread, count, f"{len(decoded.said)} messages")
 
 
 @requires(103, f"{SERVER}: the bytes of one recv are taken for one message")
-def a_message_is_one_piece(seen: DriverTraffic) -> Verdict:
+def a_message_is_one_piece(decoded: DriverTraffic) -> Verdict:
     """Each message comes by itself and in one piece; speeds sent as topics may come together."""
-    count = len(seen.said)
-    few = len(seen.pieces) <= PIECES_SHARE * count
-    return none_wrong([] if few else seen.pieces, count, f"{count} messages")
+    count = len(decoded.said)
+    few = len(decoded.pieces) <= PIECES_SHARE * count
+    return none_wrong([] if few else decoded.pieces, count, f"{count} messages")
 
 
 @requires(104, f"{SERVER}: a second message in the buffer can be lost; {MANUAL}")
-def one_request_at_a_time(seen: DriverTraffic) -> Findings:
+def one_request_at_a_time(decoded: DriverTraffic) -> Findings:
     """No request is sent before the one before is answered; speeds sent as topics are none."""
-    for said in seen.said:
+    for said in decoded.said:
         if not said.is_topic:
             yield said.number, f"{said.owed} were open" if said.owed else ""
     return Words("{} requests")
 
 
 @requires(105, f"{MANUAL}: the byte order is that of the controller's CPU")
-def the_byte_order_is_the_controllers(seen: DriverTraffic) -> Verdict:
+def the_byte_order_is_the_controllers(decoded: DriverTraffic) -> Verdict:
     """Its messages have the byte order that the states have, of an FS100 too."""
-    return none_wrong(seen.disordered, len(seen.said), f"{len(seen.said)} messages")
+    return none_wrong(decoded.disordered, len(decoded.said), f"{len(decoded.said)} messages")
 
 
 @requires(106, f"{MESSAGES}, comm_type and reply_code: 2 and 0 of a request")
-def requests_are_requests(seen: DriverTraffic) -> Findings:
+def requests_are_requests(decoded: DriverTraffic) -> Findings:
     """Everything is a service request with reply code 0; speeds may be topics."""
-    for said in seen.said:
+    for said in decoded.said:
         head = said.message.comm_type, said.message.reply_code
         good = said.is_topic or head == (sm.CommType.SERVICE_REQUEST, sm.ReplyCode.INVALID)
         yield said.number, "" if good else f"comm_type {head[0]}, reply_code {head[1]}"
@@ -157,18 +157,18 @@ def requests_are_requests(seen: DriverTraffic) -> Findings:
 
 
 @requires(107, f"{STATES}: nothing is ever read there")
-def the_state_port_is_left_alone(seen: DriverTraffic) -> Verdict:
+def the_state_port_is_left_alone(decoded: DriverTraffic) -> Verdict:
     """Nothing is sent to the state port: it would fill the controller's buffers."""
-    some(any(each.port == "state" for each in seen.links), "it did not connect there")
-    count = len(seen.strays)
-    return failed(f"{count} pieces", seen.strays) if count else passed("nothing came")
+    some(any(each.port == "state" for each in decoded.links), "it did not connect there")
+    count = len(decoded.strays)
+    return failed(f"{count} pieces", decoded.strays) if count else passed("nothing came")
 
 
 @requires(108, f"{SERVER}: an unknown command is answered with the reply before")
-def commands_are_known(seen: DriverTraffic) -> Findings:
+def commands_are_known(decoded: DriverTraffic) -> Findings:
     """Types and commands are such as MotoROS has; the velocity mode's are used where it is."""
-    stock = seen.named("connect")
-    for said in seen.said:
+    stock = decoded.named("connect")
+    for said in decoded.said:
         kind, command = said.message.msg_type, said.command
         controller = next((p.name for p in reversed(stock) if p.first <= said.number), "velocity")
         of_velocity = kind in VELOCITY_TYPES or command in VELOCITY_COMMANDS
@@ -183,9 +183,9 @@ def commands_are_known(seen: DriverTraffic) -> Findings:
 
 
 @requires(109, f"{SERVER}: what a connection before left in the queue goes on with the next one")
-def stop_motion_comes_first(seen: DriverTraffic) -> Findings:
+def stop_motion_comes_first(decoded: DriverTraffic) -> Findings:
     """On every motion connection STOP_MOTION is answered before motion is started."""
-    for messages in seen.motion.values():
+    for messages in decoded.motion.values():
         stopped = False
         for each in messages:
             if each.command == C.STOP_MOTION and each.answered is not None:
@@ -218,10 +218,10 @@ def _started(messages: list[Said]) -> Iterator[tuple[Said, str]]:
 
 
 @requires(110, f"{CONTROLLER}: the motion-ready predicate")
-def motion_is_started_first(seen: DriverTraffic) -> Findings:
+def motion_is_started_first(decoded: DriverTraffic) -> Findings:
     """Points and speeds are only sent after a start of their mode that was answered SUCCESS, and
     not after an answer NOT_READY, until the next one."""
-    for messages in seen.motion.values():
+    for messages in decoded.motion.values():
         for each, mode in _started(messages):
             wanted = "points" if each.point is not None else "speeds"
             # A topic may have been in flight at the same time as the answer.
@@ -236,9 +236,9 @@ def _answered_lately(said: Said, messages: list[Said]) -> bool:
 
 
 @requires(111, f"{CONTROLLER}: hold, for one, does not let a job be started")
-def a_refused_start_is_taken_for_one(seen: DriverTraffic) -> Verdict:
+def a_refused_start_is_taken_for_one(decoded: DriverTraffic) -> Verdict:
     """Where the start of motion is answered NOT_READY, neither points nor speeds follow."""
-    found = seen.during("refused")
+    found = decoded.during("refused")
     refused = [e for e in found if e.command in STARTS and e.reply and e.reply.result]
     some(refused, "none was refused")
     wrong = [e.number for e in found if e.point or e.velocity]
@@ -250,7 +250,7 @@ def a_refused_start_is_taken_for_one(seen: DriverTraffic) -> Verdict:
 
 
 POINTS: Over[DriverTraffic, SaidPoint] = Over(
-    lambda seen: seen.points, "{} points", nothing=_NO_POINTS
+    lambda decoded: decoded.points, "{} points", nothing=_NO_POINTS
 )
 NEIGHBORS = Over(DriverTraffic.neighbors, "{} points", nothing=_NO_POINTS)
 
@@ -270,10 +270,10 @@ def _finite(*values: float) -> str:
 
 
 @requires(121, f"{SERVER}: within 30 pulses of the commanded position, else DATA_START_POS")
-def a_trajectory_begins_where_the_arm_is(seen: DriverTraffic) -> Findings:
+def a_trajectory_begins_where_the_arm_is(decoded: DriverTraffic) -> Findings:
     """The first point (sequence 0) is the measured position, to 0.001 rad, with no speed."""
-    for said, point in seen.points:
-        measured = newest(seen.feedback, said.number)
+    for said, point in decoded.points:
+        measured = newest(decoded.feedback, said.number)
         if not point.sequence and measured is not None:
             far, speed = apart(point.pos, measured.pos), max(map(abs, point.vel))
             words = f"at {speed:.3g} rad/s" if speed > STILL_RAD_S else ""
@@ -345,21 +345,21 @@ def the_way_between_is_within_the_arm(each: Neighbors) -> str:
     return _too_fast(_steepest(each[1], each[3]), TOO_FAST)
 
 
-def _with_next(seen: DriverTraffic, result: R) -> list[tuple[Said, Said | None]]:
+def _with_next(decoded: DriverTraffic, result: R) -> list[tuple[Said, Said | None]]:
     """Return the points with this answer, each with the next one on its connection."""
     return [
         (each, next((m for m in messages[n + 1 :] if m.point is not None), None))
-        for messages in seen.motion.values()
+        for messages in decoded.motion.values()
         for n, each in enumerate(messages)
         if each.point is not None and each.reply is not None and each.reply.result == result
     ]
 
 
 @requires(126, f"{SERVER}: BUSY, the point is not taken; {CLIENT}: the same is sent again")
-def a_busy_point_is_sent_again(seen: DriverTraffic) -> Findings:
+def a_busy_point_is_sent_again(decoded: DriverTraffic) -> Findings:
     """A point that is answered BUSY is the next one that is sent, unless motion begins anew."""
-    busy = _with_next(seen, R.BUSY)
-    some(busy or not seen.points, "no point was answered BUSY")
+    busy = _with_next(decoded, R.BUSY)
+    some(busy or not decoded.points, "no point was answered BUSY")
     for each, after in busy:
         other = after and after.point and after.point.sequence and after.point != each.point
         yield (after or each).number, "another point follows" if other else ""
@@ -367,10 +367,10 @@ def a_busy_point_is_sent_again(seen: DriverTraffic) -> Findings:
 
 
 @requires(127, f"{SERVER}: a first point that is refused is kept, and the next goes on from it")
-def a_refused_first_point_is_not_gone_on_from(seen: DriverTraffic) -> Findings:
+def a_refused_first_point_is_not_gone_on_from(decoded: DriverTraffic) -> Findings:
     """After a first point that is answered INVALID comes another first point, or none."""
-    found = [e for e in _with_next(seen, R.INVALID) if e[0].point and not e[0].point.sequence]
-    some(found or not seen.points, "no first point was refused")
+    found = [e for e in _with_next(decoded, R.INVALID) if e[0].point and not e[0].point.sequence]
+    some(found or not decoded.points, "no first point was refused")
     for each, after in found:
         sequence = after.point.sequence if after and after.point else 0
         yield (after or each).number, f"point {sequence} follows" if sequence else ""
@@ -378,11 +378,11 @@ def a_refused_first_point_is_not_gone_on_from(seen: DriverTraffic) -> Findings:
 
 
 @requires(128, f"{SERVER}: an empty queue stops the command dead, without a ramp")
-def the_queue_does_not_run_empty(seen: DriverTraffic) -> Findings:
+def the_queue_does_not_run_empty(decoded: DriverTraffic) -> Findings:
     """In motion every point is accepted before the ones before it have been played."""
-    inside = {each.place for each in seen.during("run")}
+    inside = {each.place for each in decoded.during("run")}
     ends_s = 0.0
-    for before, one, said, point in seen.neighbors():
+    for before, one, said, point in decoded.neighbors():
         assert before.answered is not None
         assert said.answered is not None
         if one.sequence == 0:
@@ -406,10 +406,10 @@ def points_are_taken(each: SaidPoint) -> str:
 
 
 @requires(130, f"{SERVER}: a new point 0 splices nothing; in_motion of ROBOT_STATUS")
-def a_trajectory_begins_at_rest(seen: DriverTraffic) -> Findings:
+def a_trajectory_begins_at_rest(decoded: DriverTraffic) -> Findings:
     """No first point is sent while the newest status says that the arm is in motion."""
-    for said, point in seen.points:
-        status = newest(seen.statuses, said.number)
+    for said, point in decoded.points:
+        status = newest(decoded.statuses, said.number)
         if not point.sequence and status is not None:
             yield said.number, "it is in motion" if status.in_motion == 1 else ""
     return Words("{} trajectories", _NO_POINTS)
@@ -419,9 +419,9 @@ def a_trajectory_begins_at_rest(seen: DriverTraffic) -> Findings:
 
 
 @requires(140, f"{VELOCITY}, finding out", unless=_unused)
-def the_velocity_mode_is_asked_for(seen: DriverTraffic) -> Findings:
+def the_velocity_mode_is_asked_for(decoded: DriverTraffic) -> Findings:
     """START_VEL_MODE is only sent after MOTO_VELOCITY_INFO was answered on that connection."""
-    for messages in seen.motion.values():
+    for messages in decoded.motion.values():
         known = False
         for each in messages:
             known = known or isinstance(each.answer, sm.VelocityInfo)
@@ -435,9 +435,9 @@ def the_velocity_mode_is_asked_for(seen: DriverTraffic) -> Findings:
     f"{VELOCITY}, starting and stopping: 0, or 20 to 500 ms; 0, or 0.01 to 1",
     unless=_unused,
 )
-def the_watchdog_can_be_had(seen: DriverTraffic) -> Findings:
+def the_watchdog_can_be_had(decoded: DriverTraffic) -> Findings:
     """START_VEL_MODE asks for a watchdog and for a scale of acceleration that there are."""
-    for said in seen.said:
+    for said in decoded.said:
         body = said.message.body
         if isinstance(body, sm.MotionCtrl) and said.command == C.START_VEL_MODE:
             watchdog_ms, scale = body.data[:2]
@@ -447,9 +447,9 @@ def the_watchdog_can_be_had(seen: DriverTraffic) -> Findings:
     return Words("{} starts", _NO_SPEEDS)
 
 
-def _streams(seen: DriverTraffic) -> Iterator[tuple[Said, int, int | None]]:
+def _streams(decoded: DriverTraffic) -> Iterator[tuple[Said, int, int | None]]:
     """Yield speeds, their sequence and the one before since START_VEL_MODE or a 0, if any."""
-    for messages in seen.motion.values():
+    for messages in decoded.motion.values():
         before = None
         for each in messages:
             body = each.velocity
@@ -461,9 +461,9 @@ def _streams(seen: DriverTraffic) -> Iterator[tuple[Said, int, int | None]]:
 
 
 @requires(142, f"{VELOCITY}, sequence: 0 arms, then strictly rising, modulo 2^31", unless=_unused)
-def speeds_count_up(seen: DriverTraffic) -> Findings:
+def speeds_count_up(decoded: DriverTraffic) -> Findings:
     """The first speeds after a start have sequence 0, and from there on it rises."""
-    for said, sequence, before in _streams(seen):
+    for said, sequence, before in _streams(decoded):
         if before is None:
             yield said.number, f"{sequence} is the first" if sequence else ""
         else:
@@ -472,7 +472,7 @@ def speeds_count_up(seen: DriverTraffic) -> Findings:
     return Words("{} messages", _NO_SPEEDS)
 
 
-SPEEDS = Over(lambda seen: seen.velocities, "{} messages", nothing=_NO_SPEEDS, unless=_unused)
+SPEEDS = Over(lambda decoded: decoded.velocities, "{} messages", nothing=_NO_SPEEDS, unless=_unused)
 
 
 @requires.each(143, f"{VELOCITY}, valid_fields: VELOCITY, and not POSITION", SPEEDS)
@@ -501,17 +501,17 @@ def a_stream_begins_at_rest(each: SaidSpeeds) -> str | None:
 
 
 @requires(146, f"{VELOCITY}, safety: the watchdog", unless=_unused)
-def the_watchdog_is_fed(seen: DriverTraffic) -> Verdict:
+def the_watchdog_is_fed(decoded: DriverTraffic) -> Verdict:
     """While nothing disturbs it, it is never silent for as long as the watchdog waits."""
-    inside = {each.place for each in seen.during(*UNDISTURBED)}
+    inside = {each.place for each in decoded.during(*UNDISTURBED)}
     gaps = [
         (b.time_s - a.time_s, b.number)
-        for messages in seen.motion.values()
+        for messages in decoded.motion.values()
         for a, b in pairwise(messages)
         if a.velocity is not None and a.place in inside and b.place in inside
     ]
     longest_s, number = max(some(gaps, _NO_SPEEDS))
-    starts = (e.reply for e in seen.said if e.command == C.START_VEL_MODE and e.reply)
+    starts = (e.reply for e in decoded.said if e.command == C.START_VEL_MODE and e.reply)
     watchdog_s = [0.1, *(reply.data[2] * 1e-3 for reply in starts if not reply.result)][-1]
     said = f"longest {longest_s * 1e3:.0f} of {watchdog_s * 1e3:.0f} ms"
     return met(longest_s < watchdog_s, said, [number], longest_s * 1e3, "ms")
@@ -528,10 +528,10 @@ def _moving(body: sm.JointTrajPtFull | sm.JointVelocity) -> str:
     f"{VELOCITY}, MOTO_JOINT_VELOCITY: INVALID and NOT_READY; it is never BUSY",
     unless=_unused,
 )
-def speeds_are_taken(seen: DriverTraffic) -> Findings:
+def speeds_are_taken(decoded: DriverTraffic) -> Findings:
     """Speeds that are asked about are not answered INVALID, nor VEL_WATCHDOG."""
-    found = [(said, said.reply) for said, _ in seen.velocities if said.reply is not None]
-    if seen.velocities and not found:
+    found = [(said, said.reply) for said, _ in decoded.velocities if said.reply is not None]
+    if decoded.velocities and not found:
         return not_applicable("it never asks what became of its speeds")
     for said, reply in found:
         bad = reply.result == R.INVALID or reply.subcode == N.VEL_WATCHDOG
@@ -559,13 +559,13 @@ def _moves(found: Iterable[Said]) -> Iterator[tuple[int, str]]:
 NOT_MOVED = "it did not move the arm"
 
 
-def _stopped(seen: DriverTraffic, what: str) -> Verdict:
-    phases = seen.named(what)
-    wrong = [each for phase in phases for each in _moves(seen.after(phase, STOPPED_WITHIN_S))]
+def _stopped(decoded: DriverTraffic, what: str) -> Verdict:
+    phases = decoded.named(what)
+    wrong = [each for phase in phases for each in _moves(decoded.after(phase, STOPPED_WITHIN_S))]
     wrong += [
         (each.number, f"command {each.command}")
         for phase in phases
-        for each in seen.after(phase, 0.0)
+        for each in decoded.after(phase, 0.0)
         if each.command in POWER
     ]
     return none_wrong(wrong, len(phases), f"{len(phases)} of them", NOT_MOVED)
@@ -590,31 +590,33 @@ for number, field, what, when, starts in (
 
 
 @requires(156, f"{ENDS}; {AGAIN}")
-def it_does_not_start_by_itself(seen: DriverTraffic) -> Verdict:
+def it_does_not_start_by_itself(decoded: DriverTraffic) -> Verdict:
     """When the cause of a stop is over, it starts nothing unless it is told to."""
     names = [f"{name} over" for name in STOPS]
-    phases = seen.named(*names)
-    found = [(e.number, f"command {e.command}") for e in seen.during(*names) if e.command in POWER]
-    found += _moves(seen.during(*names))
+    phases = decoded.named(*names)
+    found = [
+        (e.number, f"command {e.command}") for e in decoded.during(*names) if e.command in POWER
+    ]
+    found += _moves(decoded.during(*names))
     return none_wrong(found, len(phases), f"{len(phases)} of them", NOT_MOVED)
 
 
 @requires(157, f"{STATES}: a cycle every 25 ms; without states nobody sees what the arm does")
-def without_states_it_stops(seen: DriverTraffic) -> Verdict:
+def without_states_it_stops(decoded: DriverTraffic) -> Verdict:
     """When the state port falls silent, no motion is commanded from 0.3 s on."""
-    phases = seen.named("silence")
-    wrong = [each for phase in phases for each in _moves(seen.after(phase, BLIND_WITHIN_S))]
+    phases = decoded.named("silence")
+    wrong = [each for phase in phases for each in _moves(decoded.after(phase, BLIND_WITHIN_S))]
     return none_wrong(wrong, len(phases), f"{len(phases)} of them", NOT_MOVED)
 
 
 @requires(158, f"{SERVER}: a request is answered within its 5 s at most, or never")
-def an_unanswered_request_ends_the_connection(seen: DriverTraffic) -> Verdict:
+def an_unanswered_request_ends_the_connection(decoded: DriverTraffic) -> Verdict:
     """A request that is not answered is not sent again on that connection, which is closed within
     5 s."""
-    phases = seen.named("unanswered")
+    phases = decoded.named("unanswered")
     wrong = []
     for phase in phases:
-        links = [e for e in seen.links if e.port == "motion" and e.number < phase.first]
+        links = [e for e in decoded.links if e.port == "motion" and e.number < phase.first]
         if not links or links[-1].closed_s < phase.start_s:
             continue
         link = links[-1]
@@ -622,18 +624,18 @@ def an_unanswered_request_ends_the_connection(seen: DriverTraffic) -> Verdict:
             wrong.append((phase.first, f"it is open after {ANSWERED_WITHIN_S:g} s"))
         wrong += [
             (e.number, "another request")
-            for e in seen.after(phase, 0.0)
+            for e in decoded.after(phase, 0.0)
             if e.owed and not e.is_topic and e.channel == link.channel
         ]
     return none_wrong(wrong, len(phases), f"{len(phases)} of them", NOT_MOVED)
 
 
 @requires(159, f"{MANUAL}: compare command and sequence of every reply with the request")
-def the_reply_before_is_not_the_answer(seen: DriverTraffic) -> Verdict:
+def the_reply_before_is_not_the_answer(decoded: DriverTraffic) -> Verdict:
     """After a reply that names another command or sequence it sends no motion any more on that
     connection."""
     wrong, count = [], 0
-    for messages in seen.motion.values():
+    for messages in decoded.motion.values():
         wrong_s = math.inf
         for each in messages:
             if each.time_s > wrong_s + STOPPED_WITHIN_S:
@@ -652,60 +654,60 @@ def the_reply_before_is_not_the_answer(seen: DriverTraffic) -> Verdict:
     return none_wrong(wrong, count, f"{count} of them", "no request was answered so")
 
 
-def _came_again(seen: DriverTraffic, what: str, port: str) -> Verdict:
+def _came_again(decoded: DriverTraffic, what: str, port: str) -> Verdict:
     """Judge if a connection that ended in a phase was restored."""
-    phases = some(seen.named(what, f"{what} over"), NOT_MOVED)
+    phases = some(decoded.named(what, f"{what} over"), NOT_MOVED)
     firsts = [phase for phase in phases if not phase.name.endswith("over")]
     wrong = []
     for phase in firsts:
         end = max(p.end for p in phases if p.name.startswith(phase.name))
-        if not any(e.port == port and phase.first < e.number < end for e in seen.links):
+        if not any(e.port == port and phase.first < e.number < end for e in decoded.links):
             wrong.append((phase.first, "it did not come again"))
-    inside = seen.during(what, f"{what} over")
+    inside = decoded.during(what, f"{what} over")
     wrong += [(e.number, f"command {e.command}") for e in inside if e.command in MOVING]
     return none_wrong(wrong, len(firsts), f"{len(firsts)} of them")
 
 
 @requires(160, f"{SERVER}: the place is free at once; {ENDS}")
-def it_comes_again(seen: DriverTraffic) -> Verdict:
+def it_comes_again(decoded: DriverTraffic) -> Verdict:
     """The motion connection cut, it connects again, and does not start motion by itself."""
-    return _came_again(seen, "cut", "motion")
+    return _came_again(decoded, "cut", "motion")
 
 
 @requires(161, f"{MANUAL}: a stream that cannot be cut any more must be closed")
-def junk_ends_the_connection_only(seen: DriverTraffic) -> Verdict:
+def junk_ends_the_connection_only(decoded: DriverTraffic) -> Verdict:
     """Bytes on the state port that are no message end that connection, not the client: it connects
     again, and does not start motion by itself."""
-    return _came_again(seen, "junk", "state")
+    return _came_again(decoded, "junk", "state")
 
 
 @requires(162, f"{MANUAL}: TCP splits and merges")
-def messages_in_pieces_are_read(seen: DriverTraffic) -> Verdict:
+def messages_in_pieces_are_read(decoded: DriverTraffic) -> Verdict:
     """Messages of the controller that come in pieces, or several at once, disturb nothing."""
-    phases = some(seen.named("pieces"), NOT_MOVED)
+    phases = some(decoded.named("pieces"), NOT_MOVED)
     wrong = []
     for phase in phases:
         last_s = phase.end_s - 0.5 * (phase.end_s - phase.start_s)
-        found = [s for s in seen.after(phase, last_s - phase.start_s) if s.point or s.velocity]
+        found = [s for s in decoded.after(phase, last_s - phase.start_s) if s.point or s.velocity]
         if not found:
             wrong.append((phase.first, "it ceased to command"))
-        ended = [e for e in seen.links if phase.first < e.ended < phase.end]
+        ended = [e for e in decoded.links if phase.first < e.ended < phase.end]
         wrong += [(e.ended, f"{e.channel} was closed") for e in ended if not e.by_us]
     return none_wrong(wrong, len(phases), f"{len(phases)} of them")
 
 
 @requires(163, f"{STATES}, {SERVER}: after power-up the ports are there anew")
-def a_restart_is_followed(seen: DriverTraffic) -> Findings:
+def a_restart_is_followed(decoded: DriverTraffic) -> Findings:
     """After a restart of the controller it connects again, to both ports."""
-    phases = seen.named("connect")[1:]
-    some(phases and seen.links, "there was no restart, or it never connected")
+    phases = decoded.named("connect")[1:]
+    some(phases and decoded.links, "there was no restart, or it never connected")
     for phase in phases:
-        yield phase.first, _not_to(each.port for each in seen.within(seen.links, phase.name))
+        yield phase.first, _not_to(each.port for each in decoded.within(decoded.links, phase.name))
     return Words("{} of them")
 
 
 @requires(164, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: DriverTraffic) -> Verdict:
+def both_descriptions_agree(decoded: DriverTraffic) -> Verdict:
     """A second reader, the scapy layers, finds nothing wrong in the messages either."""
 
     def differs(each: Said, layers: Any) -> str:
@@ -714,7 +716,7 @@ def both_descriptions_agree(seen: DriverTraffic) -> Verdict:
             return wrong
         return "" if layer.msg_type == each.message.msg_type else "another type"
 
-    return read_twice(seen.said, "simple_message", differs, "messages", compared=40)
+    return read_twice(decoded.said, "simple_message", differs, "messages", compared=40)
 
 
 # -- its end ---------------------------------------------------------------------------------------
@@ -723,31 +725,33 @@ _NOT_ENDED = "it was not ended while the arm moved"
 
 
 @requires(301, f"{SERVER}: a connection that ends stops the command dead, without a ramp")
-def it_leaves_at_rest(seen: DriverTraffic) -> Findings:
+def it_leaves_at_rest(decoded: DriverTraffic) -> Findings:
     """When the program ends, its last point or speeds are at rest."""
-    for phase in seen.named("end"):
-        last = [s for s in seen.said if s.number < phase.end and (s.point or s.velocity)][-1]
+    for phase in decoded.named("end"):
+        last = [s for s in decoded.said if s.number < phase.end and (s.point or s.velocity)][-1]
         body = last.point or last.velocity
         yield last.number, _moving(body) if body is not None else ""
     return Words("{} of them", _NOT_ENDED)
 
 
 @requires(302, f"{SERVER}: INIT_ROS keeps waiting for increments after a connection")
-def it_leaves_the_mode(seen: DriverTraffic) -> Findings:
+def it_leaves_the_mode(decoded: DriverTraffic) -> Findings:
     """When the program ends, it leaves the mode: STOP_TRAJ_MODE, STOP_VEL_MODE or DISCONNECT is
     sent and not refused."""
-    for phase in seen.named("end"):
-        found = [s for s in seen.after(phase, 0.0) if s.command in LEAVES]
+    for phase in decoded.named("end"):
+        found = [s for s in decoded.after(phase, 0.0) if s.command in LEAVES]
         good = [s for s in found if s.reply is None or s.reply.result == R.SUCCESS]
         yield phase.first, "" if good else f"{len(found)} were sent and refused"
     return Words("{} of them", _NOT_ENDED)
 
 
 @requires(303, f"{SERVER}: one client at a time, and nothing but TCP tells that it has gone")
-def it_closes_its_connections(seen: DriverTraffic) -> Verdict:
+def it_closes_its_connections(decoded: DriverTraffic) -> Verdict:
     """When the program ends, its connections are closed."""
-    phases, wrong = seen.named("end"), []
+    phases, wrong = decoded.named("end"), []
     for phase in phases:
-        left = [e for e in seen.links if e.number < phase.end and e.closed_s > phase.end_s + 1e-9]
+        left = [
+            e for e in decoded.links if e.number < phase.end and e.closed_s > phase.end_s + 1e-9
+        ]
         wrong += [(e.number, f"{e.channel} is open") for e in left]
     return none_wrong(wrong, len(phases), f"{len(phases)} of them", _NOT_ENDED)

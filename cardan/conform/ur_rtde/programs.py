@@ -87,9 +87,11 @@ RUNTIME = "runtime_state"
 
 
 @requires(101, f"{GUIDE}: field names of inputs; IN_USE")
-def inputs_are_given(seen: UrTraffic) -> Verdict:
+def inputs_are_given(decoded: UrTraffic) -> Verdict:
     """The registers that the driver writes are given, with the documented types."""
-    found = [each for each in seen.setups(PacketType.INPUTS, "inputs") if each[1].names == INPUTS]
+    found = [
+        each for each in decoded.setups(PacketType.INPUTS, "inputs") if each[1].names == INPUTS
+    ]
     exchange, asked, reply = some(found, "it was not answered")[0]
     kinds = zip(asked.names, reply.types, strict=False)
     wrong = [(exchange.number, f"{name} {k}") for name, k in kinds if k != INPUT_TYPES[name]]
@@ -99,24 +101,24 @@ def inputs_are_given(seen: UrTraffic) -> Verdict:
 
 
 @requires(102, f"{GUIDE}: IN_USE")
-def registers_have_one_writer(seen: UrTraffic) -> Verdict:
+def registers_have_one_writer(decoded: UrTraffic) -> Verdict:
     """Registers that one client writes are IN_USE for another."""
-    given = [each for each in seen.setups(PacketType.INPUTS, "inputs") if each[2].recipe]
+    given = [each for each in decoded.setups(PacketType.INPUTS, "inputs") if each[2].recipe]
     some(given, "no client had any")
-    return refused(seen, PacketType.INPUTS, INPUTS[0], IN_USE, "taken")
+    return refused(decoded, PacketType.INPUTS, INPUTS[0], IN_USE, "taken")
 
 
 @requires(103, f"{GUIDE}: NOT_FOUND")
-def unknown_inputs_arerefused(seen: UrTraffic) -> Verdict:
+def unknown_inputs_arerefused(decoded: UrTraffic) -> Verdict:
     """An input that there is not is NOT_FOUND, and the recipe 0: none."""
-    return refused(seen, PacketType.INPUTS, UNKNOWN, NOT_FOUND)
+    return refused(decoded, PacketType.INPUTS, UNKNOWN, NOT_FOUND)
 
 
 @requires(104, f"{DRIVER}: the driver reconnects, and needs its registers then")
-def what_a_client_had_is_free_when_it_goes(seen: UrTraffic) -> Verdict:
+def what_a_client_had_is_free_when_it_goes(decoded: UrTraffic) -> Verdict:
     """A register of a client that has gone is free 0.2 s later."""
     first, again = (
-        [each for each in seen.setups(PacketType.INPUTS, phase) if SPARE_INPUT in each[1].names]
+        [each for each in decoded.setups(PacketType.INPUTS, phase) if SPARE_INPUT in each[1].names]
         for phase in ("taken", "free")
     )
     some(first and again and first[0][2].recipe, "it was not taken")
@@ -126,17 +128,17 @@ def what_a_client_had_is_free_when_it_goes(seen: UrTraffic) -> Verdict:
 
 
 @requires(105, "RFC 9293: TCP keeps no borders of packets")
-def torn_requests_are_understood(seen: UrTraffic) -> Verdict:
+def torn_requests_are_understood(decoded: UrTraffic) -> Verdict:
     """A request that arrives in two pieces is answered as one that arrives whole."""
-    found = some(seen.exchanges(PacketType.CONTROLLER_VERSION, "pieces"), "none was sent")
+    found = some(decoded.exchanges(PacketType.CONTROLLER_VERSION, "pieces"), "none was sent")
     reply = found[0].reply
     return passed("answered") if reply is not None else failed("no answer", [found[0].number])
 
 
 @requires(106, f"{BOARD}; the driver asks CB3 what only e-Series know")
-def unknown_requests_are_answered(seen: UrTraffic) -> Verdict:
+def unknown_requests_are_answered(decoded: UrTraffic) -> Verdict:
     """A request that the dashboard does not know is answered, by a line that is no consent."""
-    found = some(seen.said(NONSENSE), "it was not asked")
+    found = some(decoded.said(NONSENSE), "it was not asked")
     said = found[0].said
     if said is None:
         return failed("no answer", [found[0].number])
@@ -147,30 +149,30 @@ def unknown_requests_are_answered(seen: UrTraffic) -> Verdict:
 _NO_REMOTE_CONTROL = "the controller has no remote control, as CB3 have none"
 
 
-def _has_remote_control(seen: UrTraffic) -> bool:
-    return any(each.said in ("true", "false") for each in seen.said(dashboard.REMOTE_CONTROL))
+def _has_remote_control(decoded: UrTraffic) -> bool:
+    return any(each.said in ("true", "false") for each in decoded.said(dashboard.REMOTE_CONTROL))
 
 
 @requires(107, f"{BOARD}: is in remote control")
-def it_is_in_remote_control(seen: UrTraffic) -> Findings:
+def it_is_in_remote_control(decoded: UrTraffic) -> Findings:
     """An e-Series is in remote control, from the beginning to the end."""
-    for each in seen.said(dashboard.REMOTE_CONTROL):
-        if each.said is not None and not seen.inside(each.number, "local", "remote"):
-            if not _has_remote_control(seen):
+    for each in decoded.said(dashboard.REMOTE_CONTROL):
+        if each.said is not None and not decoded.inside(each.number, "local", "remote"):
+            if not _has_remote_control(decoded):
                 return not_applicable(_NO_REMOTE_CONTROL)
             yield each.number, "" if each.said == "true" else repr(each.said)
     return Words("{} times", "it was not answered")
 
 
 @requires(108, f"{BOARD}: power on, brake release")
-def power_and_brakes_obey(seen: UrTraffic) -> Verdict:
+def power_and_brakes_obey(decoded: UrTraffic) -> Verdict:
     """`power on` and `brake release` are granted, and the robot's mode is RUNNING 40 s later."""
-    before, after = _before(seen, "power"), seen.during("power")
+    before, after = _before(decoded, "power"), decoded.during("power")
     some(before and after, NO_STATES)
     if before[-1].values["robot_mode"] == RobotMode.RUNNING:
         return passed("they were on and released")
     for words in (dashboard.POWER_ON, dashboard.BRAKE_RELEASE):
-        for each in seen.said(words):
+        for each in decoded.said(words):
             granted = each.said is not None and not dashboard.refusal(words, each.said)
             must(granted, f"{words}: {each.said!r}", [each.number])
     asked_s = after[0].time_s
@@ -180,13 +182,17 @@ def power_and_brakes_obey(seen: UrTraffic) -> Verdict:
     return passed(f"after {took_s:.1f} s", took_s, "s")
 
 
-def _programs(seen: UrTraffic, *phases: str) -> list[SentProgram]:
+def _programs(decoded: UrTraffic, *phases: str) -> list[SentProgram]:
     """Return the programs that must start, in these phases; without any, in all but "local"."""
     return [
         each
-        for each in seen.uploads
+        for each in decoded.uploads
         if each.token
-        and (seen.inside(each.number, *phases) if phases else not seen.inside(each.number, "local"))
+        and (
+            decoded.inside(each.number, *phases)
+            if phases
+            else not decoded.inside(each.number, "local")
+        )
     ]
 
 
@@ -195,29 +201,29 @@ def first(states: Sequence[DataPackage], name: str, value: int) -> DataPackage |
     return next((each for each in states if each.values[name] == value), None)
 
 
-def _before(seen: UrTraffic, phase: str) -> list[DataPackage]:
+def _before(decoded: UrTraffic, phase: str) -> list[DataPackage]:
     """Return the states before a phase; none if the scenario did not reach it."""
-    found = seen.phase(phase)
-    return [] if found is None else [s for s in seen.states if s.number < found.first]
+    found = decoded.phase(phase)
+    return [] if found is None else [s for s in decoded.states if s.number < found.first]
 
 
-def after(seen: UrTraffic, time_s: float) -> list[DataPackage]:
+def after(decoded: UrTraffic, time_s: float) -> list[DataPackage]:
     """Return the states after `time_s`."""
-    return [each for each in seen.states if each.time_s > time_s]
+    return [each for each in decoded.states if each.time_s > time_s]
 
 
 @requires(109, f"{CLIENT}: a client sends a program, and the controller runs it")
-def programs_are_begun(seen: UrTraffic) -> Verdict:
+def programs_are_begun(decoded: UrTraffic) -> Verdict:
     """Each program that is sent has written its first register within 1 s."""
-    found = some(_programs(seen), NO_PROGRAM)
+    found = some(_programs(decoded), NO_PROGRAM)
     wrong, latest_s = [], 0.0
     for each in found:
-        state = first(after(seen, each.time_s), TOKEN, each.token)
+        state = first(after(decoded, each.time_s), TOKEN, each.token)
         took_s = math.inf if state is None else state.time_s - each.time_s
         latest_s = max(latest_s, took_s)
         if took_s > BEGINS_WITHIN_S:
             words = "never" if state is None else f"after {took_s:.2f} s"
-            phase = next((name for name in seen.phases if seen.inside(each.number, name)), "")
+            phase = next((name for name in decoded.phases if decoded.inside(each.number, name)), "")
             wrong.append((each.number, f"{each.name} in {phase}: {words}"))
     if wrong:
         return none_wrong(wrong, len(found), "")
@@ -225,10 +231,10 @@ def programs_are_begun(seen: UrTraffic) -> Verdict:
 
 
 @requires(110, f"{SCRIPT}: textmsg; {CLIENT}: text message")
-def what_a_program_says_is_told(seen: UrTraffic) -> Findings:
+def what_a_program_says_is_told(decoded: UrTraffic) -> Findings:
     """The text of a program's textmsg comes over the primary interface."""
-    texts = [each.text for each in seen.messages(MessageKind.TEXT)]
-    for each in _programs(seen, "say", "replaced"):
+    texts = [each.text for each in decoded.messages(MessageKind.TEXT)]
+    for each in _programs(decoded, "say", "replaced"):
         if each.name == "cardan_says":
             told = any(SAYS in text and str(each.token) in text for text in texts)
             yield each.number, "" if told else repr(texts[-1]) if texts else "no text came"
@@ -236,9 +242,9 @@ def what_a_program_says_is_told(seen: UrTraffic) -> Findings:
 
 
 @requires(111, f"{GUIDE}: runtime_state")
-def runtime_state_says_what_runs(seen: UrTraffic) -> Verdict:
+def runtime_state_says_what_runs(decoded: UrTraffic) -> Verdict:
     """runtime_state is PLAYING while a program of 0.2 s runs, and STOPPED before it and after."""
-    states, found = seen.during("say"), _begun(seen, "say")
+    states, found = decoded.during("say"), _begun(decoded, "say")
     playing = [each for each in states if each.values[RUNTIME] == RuntimeState.PLAYING]
     must(playing, "it was never PLAYING", [found.number])
     took_s = playing[-1].time_s - playing[0].time_s
@@ -247,30 +253,30 @@ def runtime_state_says_what_runs(seen: UrTraffic) -> Verdict:
     return met(took_s > 0.9 * SLEEP_S and last == RuntimeState.STOPPED, said, [playing[-1].number])
 
 
-def _begun(seen: UrTraffic, phase: str, name: str = "") -> SentProgram:
+def _begun(decoded: UrTraffic, phase: str, name: str = "") -> SentProgram:
     """Return the first started program of a phase, of that name if given."""
-    found = [each for each in _programs(seen, phase) if name in ("", each.name)]
-    begun = found and first(seen.during(phase), TOKEN, found[0].token)
+    found = [each for each in _programs(decoded, phase) if name in ("", each.name)]
+    begun = found and first(decoded.during(phase), TOKEN, found[0].token)
     return some(found if begun else None, "none was begun")[0]
 
 
 @requires(112, f"{CLIENT}: key message")
-def programs_are_announced(seen: UrTraffic) -> Verdict:
+def programs_are_announced(decoded: UrTraffic) -> Verdict:
     """Key messages tell that a program has begun, and that it has ended."""
-    some(first(seen.during("say"), RUNTIME, RuntimeState.PLAYING), "no program ran")
-    titles = [each.title for each in seen.messages(MessageKind.KEY, during=("say", "wrong"))]
+    some(first(decoded.during("say"), RUNTIME, RuntimeState.PLAYING), "no program ran")
+    titles = [each.title for each in decoded.messages(MessageKind.KEY, during=("say", "wrong"))]
     missing = [t for t in ("PROGRAM_XXX_STARTED", "PROGRAM_XXX_STOPPED") if t not in titles]
     return failed(f"no {missing[0]}") if missing else passed(f"{len(titles)} messages")
 
 
 @requires(113, f"{SCRIPT}; {CLIENT}: what is wrong with a program is a message")
-def wrong_programs_are_refused_in_words(seen: UrTraffic) -> Verdict:
+def wrong_programs_are_refused_in_words(decoded: UrTraffic) -> Verdict:
     """A program that calls what there is not ends at once, and the primary interface says why."""
-    uploads = some([each for each in seen.uploads if each.name == WRONG], NO_PROGRAM)
+    uploads = some([each for each in decoded.uploads if each.name == WRONG], NO_PROGRAM)
     kinds = MessageKind.TEXT, MessageKind.RUNTIME_EXCEPTION
-    for last in seen.during("wrong")[-1:]:
+    for last in decoded.during("wrong")[-1:]:
         must(last.values[RUNTIME] == RuntimeState.STOPPED, "it still runs", [last.number])
-    words = seen.messages(*kinds, during=("wrong",))
+    words = decoded.messages(*kinds, during=("wrong",))
     must(words, "nothing was said", [uploads[0].number])
     return passed(f"line {words[0].line}: {words[0].text!r}")
 
@@ -280,11 +286,11 @@ def _follows(state: DataPackage) -> bool:
 
 
 @requires(114, f"{GUIDE}: robot_mode, safety_mode, runtime_state, target_speed_fraction")
-def holding_is_undisturbed(seen: UrTraffic) -> Findings:
+def holding_is_undisturbed(decoded: UrTraffic) -> Findings:
     """Held by the driver's program, the robot is RUNNING, safety is normal, the program plays and
     the speed slider stands at 100 %."""
-    some(seen.sent_during("hold"), "it was not held")
-    for each in seen.during("hold"):
+    some(decoded.sent_during("hold"), "it was not held")
+    for each in decoded.during("hold"):
         v = each.values
         slider = v["target_speed_fraction"]
         causes = (
@@ -299,12 +305,12 @@ def holding_is_undisturbed(seen: UrTraffic) -> Findings:
 
 
 @requires(115, f"{GUIDE}: inputs act in the cycle after they came; {DRIVER}")
-def commands_are_obeyed(seen: UrTraffic) -> Verdict:
+def commands_are_obeyed(decoded: UrTraffic) -> Verdict:
     """Nine of ten commands show their effect within 10 ms and two control cycles, each within 0.3
     s."""
-    phase = some(seen.phase("hold"), "nothing was commanded")
-    sent = some(seen.sent_during("hold"), "nothing was commanded")
-    states = iter(seen.during("hold", "silence"))
+    phase = some(decoded.phase("hold"), "nothing was commanded")
+    sent = some(decoded.sent_during("hold"), "nothing was commanded")
+    states = iter(decoded.during("hold", "silence"))
     times: list[tuple[float, int]] = []
     obeyed, now_s = -1, 0.0
     for each in sent:
@@ -317,7 +323,7 @@ def commands_are_obeyed(seen: UrTraffic) -> Verdict:
             times.append((late_s, each.number))
     lost = [number for late_s, number in times if late_s > UNOBEYED_S]
     must(not lost, f"{len(lost)} of {len(times)} had no effect", lost)
-    most_s = OBEYED_S + OBEYED_CYCLES * cycle_s(seen)
+    most_s = OBEYED_S + OBEYED_CYCLES * cycle_s(decoded)
     return mostly_within(times, 0.9, most_s, "nine of ten within {:.1f} ms", "too few commands")
 
 
@@ -328,35 +334,35 @@ def _farthest(states: Sequence[DataPackage], joints: slice = slice(None)) -> flo
 
 
 @requires(116, f"{SCRIPT}: servoj")
-def held_it_stands(seen: UrTraffic) -> Verdict:
+def held_it_stands(decoded: UrTraffic) -> Verdict:
     """Sent to its own target by servoj, every joint stays within 0.02 degrees."""
-    found = [each for each in seen.during("hold") if _follows(each)]
+    found = [each for each in decoded.during("hold") if _follows(each)]
     some(len(found) >= 50, "it was not held")
     far = _farthest(found)
     return met(far < STILL_RAD, f"{math.degrees(far):.4f} degrees at most")
 
 
-def _ended(seen: UrTraffic, phase: str) -> tuple[float, DataPackage] | None:
+def _ended(decoded: UrTraffic, phase: str) -> tuple[float, DataPackage] | None:
     """Return the time from a phase's beginning until the driver's program stopped following, s, and
     the state that reports it."""
-    begun, found = seen.phase(phase), seen.during(phase)
-    before = _before(seen, phase)
+    begun, found = decoded.phase(phase), decoded.during(phase)
+    before = _before(decoded, phase)
     if begun is None or not found or not before or not _follows(before[-1]):
         return None
     state = next((each for each in found if not _follows(each)), None)
     return (math.inf, found[-1]) if state is None else (state.time_s - begun.start_s, state)
 
 
-def _watchdog(seen: UrTraffic, phase: str) -> Verdict:
+def _watchdog(decoded: UrTraffic, phase: str) -> Verdict:
     """Judge if the program's own watchdog ended it in time, with the arm at rest after it."""
-    found = some(_ended(seen, phase), _NONE_FOLLOWED)
+    found = some(_ended(decoded, phase), _NONE_FOLLOWED)
     took_s, state = found
     report = state.values[REPORT]
     must(report == ProgramStatus.ENDED_BY_WATCHDOG, f"it reports {report}", [state.number])
     said = f"after {took_s * 1e3:.0f} ms"
     if took_s > SERVOING.watchdog_s + WATCHDOG_LATE_S:
         return failed(said, [state.number], took_s * 1e3, "ms")
-    last = seen.during(phase)[-1]
+    last = decoded.during(phase)[-1]
     runtime = last.values[RUNTIME]
     must(
         runtime == RuntimeState.STOPPED, f"{said}, then the runtime state {runtime}", [last.number]
@@ -365,31 +371,31 @@ def _watchdog(seen: UrTraffic, phase: str) -> Verdict:
 
 
 @requires(117, f"{DRIVER}: the program's watchdog; {SCRIPT}: servoj takes its time")
-def silence_ends_the_program(seen: UrTraffic) -> Verdict:
+def silence_ends_the_program(decoded: UrTraffic) -> Verdict:
     """Without commands the driver's program ends after 0.1 s, or no more than 50 ms later."""
-    return _watchdog(seen, "silence")
+    return _watchdog(decoded, "silence")
 
 
 @requires(118, f"{DRIVER}")
-def an_order_ends_the_program(seen: UrTraffic) -> Verdict:
+def an_order_ends_the_program(decoded: UrTraffic) -> Verdict:
     """A program that was begun again ends by order, its registers keep what it reported, and
     runtime_state is STOPPED."""
-    _, state = some(_ended(seen, "order"), _NONE_FOLLOWED)
-    some(seen.sent_during("order"), _NONE_FOLLOWED)
-    last = seen.during("order")[-1].values
+    _, state = some(_ended(decoded, "order"), _NONE_FOLLOWED)
+    some(decoded.sent_during("order"), _NONE_FOLLOWED)
+    last = decoded.during("order")[-1].values
     said = f"report {last[REPORT]}, runtime state {last[RUNTIME]}"
     ended = (last[REPORT], last[RUNTIME]) == (ProgramStatus.ENDED_BY_ORDER, RuntimeState.STOPPED)
     return met(ended, said, [state.number])
 
 
 @requires(119, f"{CLIENT}: a program takes the place of the one that runs")
-def a_program_replaces_another(seen: UrTraffic) -> Verdict:
+def a_program_replaces_another(decoded: UrTraffic) -> Verdict:
     """A program that is sent while another runs takes its place."""
-    begun, found = _programs(seen, "replace"), _programs(seen, "replaced")
+    begun, found = _programs(decoded, "replace"), _programs(decoded, "replaced")
     some(begun and found, _NONE_FOLLOWED)
-    state = first(seen.during("replaced"), TOKEN, found[0].token)
+    state = first(decoded.during("replaced"), TOKEN, found[0].token)
     state = must(state, "it was not begun", [found[0].number])
-    later = after(seen, state.time_s)
+    later = after(decoded, state.time_s)
     back = [each.number for each in later if each.values[TOKEN] == begun[0].token]
     return failed("the other goes on", back) if back else passed("it did")
 
@@ -403,17 +409,17 @@ def _last_joint(states: Sequence[DataPackage], name: str = "actual_q") -> list[f
     return [each.values[name][-1] - first for each in states]
 
 
-def _unmoved(seen: UrTraffic) -> Verdict | None:
+def _unmoved(decoded: UrTraffic) -> Verdict | None:
     """Return a verdict if the motion in the phase "out" cannot be judged; None: it can."""
-    if not seen.sent_during("out"):
+    if not decoded.sent_during("out"):
         return not_seen("it was not tried")
-    return not_seen(NO_STATES) if len(seen.during("out")) < 2 else None
+    return not_seen(NO_STATES) if len(decoded.during("out")) < 2 else None
 
 
 @requires(201, f"{SCRIPT}: servoj", unless=_unmoved)
-def commands_move_it(seen: UrTraffic) -> Verdict:
+def commands_move_it(decoded: UrTraffic) -> Verdict:
     """The last joint moves within 0.1 s of the first command that says so."""
-    found, sent = seen.during("out"), seen.sent_during("out")
+    found, sent = decoded.during("out"), decoded.sent_during("out")
     begins = sent[0].values[LAST_JOINT]
     told = next((c for c in sent if abs(c.values[LAST_JOINT] - begins) > 0.02 * STEP_RAD), None)
     told = some(told, "it was not told to")
@@ -425,33 +431,33 @@ def commands_move_it(seen: UrTraffic) -> Verdict:
 
 
 @requires(202, f"{SCRIPT}: servoj", unless=_unmoved)
-def it_gets_there(seen: UrTraffic) -> Verdict:
+def it_gets_there(decoded: UrTraffic) -> Verdict:
     """Half a second after a step of 0.2 degrees the joint is there, to a tenth of it."""
-    found = seen.during("out")
+    found = decoded.during("out")
     far = _last_joint(found)[-1]
     said = f"{math.degrees(far):.3f} degrees"
     return met(abs(far / STEP_RAD - 1.0) < REACHED_SHARE, said, [found[-1].number])
 
 
 @requires(203, f"{SCRIPT}: servoj, lookahead_time and gain", unless=_unmoved)
-def it_does_not_overshoot(seen: UrTraffic) -> Verdict:
+def it_does_not_overshoot(decoded: UrTraffic) -> Verdict:
     """On its way it goes no more than 20 % beyond the step's end."""
-    found = seen.during("out")
+    found = decoded.during("out")
     beyond = max(_last_joint(found)) / STEP_RAD - 1.0
     return met(beyond < BEYOND_SHARE, f"{100.0 * max(beyond, 0.0):.1f} %")
 
 
 @requires(204, f"{SCRIPT}: servoj", unless=_unmoved)
-def the_other_joints_stand(seen: UrTraffic) -> Verdict:
+def the_other_joints_stand(decoded: UrTraffic) -> Verdict:
     """Meanwhile no other joint moves by more than a tenth of the step."""
-    far = _farthest(seen.during("out"), slice(-1))
+    far = _farthest(decoded.during("out"), slice(-1))
     return met(far < AWAY_SHARE * STEP_RAD, f"{math.degrees(far):.4f} degrees at most")
 
 
 @requires(205, f"{GUIDE}: actual_qd, target_qd", unless=_unmoved)
-def speeds_are_those_of_the_joints(seen: UrTraffic) -> Findings:
+def speeds_are_those_of_the_joints(decoded: UrTraffic) -> Findings:
     """The speeds that it tells add up to the way that the joint goes, to a tenth of it."""
-    found = seen.during("out")
+    found = decoded.during("out")
     for place, speed in (("actual_q", "actual_qd"), ("target_q", "target_qd")):
         way = sum(
             b.values[speed][-1] * (b.values["timestamp"] - a.values["timestamp"])
@@ -465,11 +471,11 @@ def speeds_are_those_of_the_joints(seen: UrTraffic) -> Findings:
 
 
 @requires(206, f"{DRIVER}: the program's watchdog; {SCRIPT}: stopj")
-def deserted_in_motion_it_stops(seen: UrTraffic) -> Verdict:
+def deserted_in_motion_it_stops(decoded: UrTraffic) -> Verdict:
     """Without commands in motion the program ends by its watchdog, and the arm stands 0.1 s
     later, having gone on no farther than it had to."""
-    verdict = _watchdog(seen, "deserted")
-    found, ended = seen.during("deserted"), _ended(seen, "deserted")
+    verdict = _watchdog(decoded, "deserted")
+    found, ended = decoded.during("deserted"), _ended(decoded, "deserted")
     if ended is None or verdict.outcome is not VerdictOutcome.PASSED:
         return verdict
     far = abs(_last_joint(found)[-1])
@@ -485,10 +491,10 @@ def deserted_in_motion_it_stops(seen: UrTraffic) -> Verdict:
 
 
 @requires(207, f"{SCRIPT}: servoj; a program begun anew starts where the arm is", unless=_unmoved)
-def it_comes_back(seen: UrTraffic) -> Verdict:
+def it_comes_back(decoded: UrTraffic) -> Verdict:
     """Begun anew, the program takes the joint back to where it was, to a tenth of the step."""
-    there, back = seen.during("out"), seen.during("back")
-    some(seen.sent_during("back") and back, _NONE_FOLLOWED)
+    there, back = decoded.during("out"), decoded.during("back")
+    some(decoded.sent_during("back") and back, _NONE_FOLLOWED)
     left = back[-1].values["actual_q"][-1] - there[0].values["actual_q"][-1]
     said = f"{math.degrees(left):.4f} degrees off"
     return met(abs(left) < REACHED_SHARE * STEP_RAD, said, [back[-1].number])
@@ -498,70 +504,70 @@ def it_comes_back(seen: UrTraffic) -> Verdict:
 
 
 @requires(301, f"{GUIDE}: target_speed_fraction")
-def the_speed_slider_is_told(seen: UrTraffic) -> Verdict:
+def the_speed_slider_is_told(decoded: UrTraffic) -> Verdict:
     """target_speed_fraction follows the speed slider to the half, and back."""
-    half, full = seen.during("slider-half"), seen.during("slider-full")
+    half, full = decoded.during("slider-half"), decoded.during("slider-full")
     some(half and full, NO_STATES)
     values = [found[-1].values["target_speed_fraction"] for found in (half, full)]
     return met(0.3 < values[0] < 0.7 and values[1] > 0.95, f"{values[0]:.2f}, then {values[1]:.2f}")
 
 
-def _never_local(seen: UrTraffic) -> Verdict | None:
+def _never_local(decoded: UrTraffic) -> Verdict | None:
     """Return a verdict if local control cannot be judged; None: it can."""
-    if seen.phase("local") is not None:
+    if decoded.phase("local") is not None:
         return None
-    if _has_remote_control(seen):
+    if _has_remote_control(decoded):
         return not_seen("it was not in remote control before")
     return not_applicable(_NO_REMOTE_CONTROL)
 
 
 @requires(302, f"{BOARD}: is in remote control", unless=_never_local)
-def local_control_is_told(seen: UrTraffic) -> Verdict:
+def local_control_is_told(decoded: UrTraffic) -> Verdict:
     """In local control the dashboard says so, and in remote control again."""
-    asked = seen.said(dashboard.REMOTE_CONTROL)
-    found = (seen.within(asked, name) for name in ("local", "remote"))
+    asked = decoded.said(dashboard.REMOTE_CONTROL)
+    found = (decoded.within(asked, name) for name in ("local", "remote"))
     said = " then ".join(str(each[-1].said) if each else "nothing" for each in found)
     return met(said == "false then true", said)
 
 
 @requires(303, "UR's user manual, e-Series: remote control", unless=_never_local)
-def local_control_takes_no_programs(seen: UrTraffic) -> Verdict:
+def local_control_takes_no_programs(decoded: UrTraffic) -> Verdict:
     """In local control a program that is sent is not begun."""
-    uploads = some(_programs(seen, "local"), NO_PROGRAM)
-    state = first(seen.states, TOKEN, uploads[0].token)
+    uploads = some(_programs(decoded, "local"), NO_PROGRAM)
+    state = first(decoded.states, TOKEN, uploads[0].token)
     return passed("it was not") if state is None else failed("it was", [state.number])
 
 
-def _emergency(seen: UrTraffic) -> list[DataPackage]:
+def _emergency(decoded: UrTraffic) -> list[DataPackage]:
     stops = (SafetyMode.ROBOT_EMERGENCY_STOP, SafetyMode.SYSTEM_EMERGENCY_STOP)
-    return [each for each in seen.during("estop") if each.values["safety_mode"] in stops]
+    return [each for each in decoded.during("estop") if each.values["safety_mode"] in stops]
 
 
 @requires(304, f"{GUIDE}: safety_mode")
-def an_emergency_stop_is_told(seen: UrTraffic) -> Verdict:
+def an_emergency_stop_is_told(decoded: UrTraffic) -> Verdict:
     """After an emergency stop safety_mode says so, and no state says that a program plays half a
     second later."""
-    found = some(_emergency(seen), "no state told of one")
+    found = some(_emergency(decoded), "no state told of one")
     late = [each for each in found if each.time_s > found[0].time_s + STOPPED_BY_HAND_S]
     wrong = [each.number for each in late if each.values[RUNTIME] == RuntimeState.PLAYING]
     return failed("a program plays", wrong) if wrong else passed(f"{len(found)} states")
 
 
 @requires(305, f"{GUIDE}: robot_mode; stop category 1")
-def an_emergency_stop_takes_the_power(seen: UrTraffic) -> Verdict:
+def an_emergency_stop_takes_the_power(decoded: UrTraffic) -> Verdict:
     """Within a second of it the robot is no longer RUNNING."""
-    found = some(_emergency(seen), "no state told of one")
+    found = some(_emergency(decoded), "no state told of one")
     mode = found[-1].values["robot_mode"]
     said = RobotMode(mode).name if mode in RobotMode._value2member_map_ else str(mode)
     return met(mode != RobotMode.RUNNING, said, [found[-1].number])
 
 
 @requires(306, f"{DRIVER}: after a stop nothing starts by itself")
-def release_starts_nothing(seen: UrTraffic) -> Findings:
+def release_starts_nothing(decoded: UrTraffic) -> Findings:
     """When the emergency stop is released the robot is not RUNNING by itself, and no program
     plays."""
-    found = [each for each in seen.during("release") if each.values["safety_mode"] in MOVES_IN]
-    some(_emergency(seen) and found, "it was not released")
+    found = [each for each in decoded.during("release") if each.values["safety_mode"] in MOVES_IN]
+    some(_emergency(decoded) and found, "it was not released")
     for each in found:
         mode, runtime = each.values["robot_mode"], each.values[RUNTIME]
         starts = mode == RobotMode.RUNNING or runtime == RuntimeState.PLAYING
@@ -573,54 +579,56 @@ def release_starts_nothing(seen: UrTraffic) -> Findings:
 
 
 @requires(120, f"{CLIENT}: a line that is sent alone is run")
-def a_line_is_a_program_of_its_own(seen: UrTraffic) -> Verdict:
+def a_line_is_a_program_of_its_own(decoded: UrTraffic) -> Verdict:
     """A line without `def` and `end` is executed: its text comes over the primary interface."""
-    lines = [each for each in seen.uploads if not each.token and seen.inside(each.number, "lines")]
+    lines = [
+        each for each in decoded.uploads if not each.token and decoded.inside(each.number, "lines")
+    ]
     some(lines, NO_PROGRAM)
-    texts = seen.messages(MessageKind.TEXT, during=("lines",))
+    texts = decoded.messages(MessageKind.TEXT, during=("lines",))
     found = [each.text for each in texts if LINE in each.text]
     return passed(repr(found[0])) if found else failed("no text came", [lines[0].number])
 
 
 @requires(121, f"{CLIENT}: lines and programs on one connection")
-def lines_spoil_no_program(seen: UrTraffic) -> Verdict:
+def lines_spoil_no_program(decoded: UrTraffic) -> Verdict:
     """After lines, comments and `stop program` the next program of the connection is begun."""
-    found = some(_programs(seen, "lines"), NO_PROGRAM)
-    state = first(after(seen, found[0].time_s), TOKEN, found[0].token)
+    found = some(_programs(decoded, "lines"), NO_PROGRAM)
+    state = first(after(decoded, found[0].time_s), TOKEN, found[0].token)
     return passed("it was") if state else failed("it was not", [found[0].number])
 
 
 @requires(122, f"{CLIENT}: runtime exception message")
-def runtime_exceptions_are_told(seen: UrTraffic) -> Verdict:
+def runtime_exceptions_are_told(decoded: UrTraffic) -> Verdict:
     """A program that fails while it runs ends, and a runtime exception on the primary interface
     says in which line."""
-    found, last = _begun(seen, "raise"), seen.during("raise")[-1]
+    found, last = _begun(decoded, "raise"), decoded.during("raise")[-1]
     must(last.values[RUNTIME] == RuntimeState.STOPPED, "it still runs", [last.number])
-    told = seen.messages(MessageKind.RUNTIME_EXCEPTION, during=("raise",))
+    told = decoded.messages(MessageKind.RUNTIME_EXCEPTION, during=("raise",))
     must(told, f"nothing was said of {RAISES}", [found.number])
     return met(told[0].line == RAISES_AT, f"line {told[0].line}: {told[0].text!r}")
 
 
 @requires(123, f"{SCRIPT}: socket_open, socket_send_line, socket_read_line")
-def programs_open_sockets(seen: UrTraffic) -> Verdict:
+def programs_open_sockets(decoded: UrTraffic) -> Verdict:
     """A program opens a socket to a port of ours, sends a line, and hears what is answered."""
-    found = _begun(seen, "call", CALLS)
-    came = any(event.kind is Kind.OPENED for _, event in seen.called)
+    found = _begun(decoded, "call", CALLS)
+    came = any(event.kind is Kind.OPENED for _, event in decoded.called)
     must(came, "it did not come", [found.number])
-    number, wanted = seen.called[0][0], f"{SAYS} {found.token}"
-    line = b"".join(event.data for _, event in seen.called).decode("utf-8", "replace")
+    number, wanted = decoded.called[0][0], f"{SAYS} {found.token}"
+    line = b"".join(event.data for _, event in decoded.called).decode("utf-8", "replace")
     must(line.strip() == wanted, f"it sent {line!r}", [number])
-    texts = seen.messages(MessageKind.TEXT, during=("call",))
+    texts = decoded.messages(MessageKind.TEXT, during=("call",))
     heard = any(ANSWER in each.text for each in texts)
     must(heard, "it did not hear the answer", [number])
     return passed("it did")
 
 
 @requires(124, f"{CLIENT}: the secondary and the real-time interface take programs, too")
-def other_interfaces_take_programs(seen: UrTraffic) -> Findings:
+def other_interfaces_take_programs(decoded: UrTraffic) -> Findings:
     """Programs that are sent over the secondary and over the real-time interface are begun."""
-    found = _programs(seen, "elsewhere")
+    found = _programs(decoded, "elsewhere")
     for each in found:
-        begun = first(after(seen, each.time_s), TOKEN, each.token)
+        begun = first(after(decoded, each.time_s), TOKEN, each.token)
         yield each.number, "" if begun else f"over the {each.channel} interface"
     return Words(", ".join(each.channel for each in found), NO_PROGRAM)

@@ -70,14 +70,14 @@ NO_STATES = "no states came"
 _NOT_OPENED = "it was not opened"
 
 
-def cycle_s(seen: UrTraffic) -> float:
+def cycle_s(decoded: UrTraffic) -> float:
     """Return the period of its control loop, by the version that it reports."""
-    return 1.0 / rtde.control_rate_hz(version_of(seen))
+    return 1.0 / rtde.control_rate_hz(version_of(decoded))
 
 
-def version_of(seen: UrTraffic) -> rtde.ControllerVersion | None:
+def version_of(decoded: UrTraffic) -> rtde.ControllerVersion | None:
     """Return the reported version of its software, if any."""
-    found = (each.reply for each in seen.heard if isinstance(each.reply, rtde.ControllerVersion))
+    found = (each.reply for each in decoded.heard if isinstance(each.reply, rtde.ControllerVersion))
     return next(found, None)
 
 
@@ -87,27 +87,27 @@ def accepted(exchange: RtdeExchange) -> bool | None:
     return reply.accepted if isinstance(reply, rtde.Accepted) else None
 
 
-def versions(seen: UrTraffic, version: int) -> list[RtdeExchange]:
+def versions(decoded: UrTraffic, version: int) -> list[RtdeExchange]:
     """Return the requests for a version of the protocol."""
     return [
         each
-        for each in seen.exchanges(rtde.PacketType.PROTOCOL_VERSION)
+        for each in decoded.exchanges(rtde.PacketType.PROTOCOL_VERSION)
         if isinstance(each.asked, rtde.ControlRequest) and each.asked.version == version
     ]
 
 
-def streams(seen: UrTraffic, channel: str = RTDE) -> list[OutputStream]:
+def streams(decoded: UrTraffic, channel: str = RTDE) -> list[OutputStream]:
     """Return the output streams of a connection."""
-    return [each for each in seen.streams if each.channel == channel]
+    return [each for each in decoded.streams if each.channel == channel]
 
 
 # -- level 0: RTDE outputs ------------------------------------------------------------------------
 
 
 @requires(1, f"{GUIDE}: protocol version 2")
-def version_2_is_spoken(seen: UrTraffic) -> Verdict:
+def version_2_is_spoken(decoded: UrTraffic) -> Verdict:
     """The protocol version 2 is accepted."""
-    found = versions(seen, rtde.VERSION)
+    found = versions(decoded, rtde.VERSION)
     wrong = [(each.number, "refused") for each in found if accepted(each) is False]
     if found and all(accepted(each) is None for each in found):
         return failed("no answer", [found[0].number])
@@ -115,34 +115,34 @@ def version_2_is_spoken(seen: UrTraffic) -> Verdict:
 
 
 @requires(2, f"{GUIDE}: header, and a payload for each type")
-def bytes_are_packets(seen: UrTraffic) -> Verdict:
+def bytes_are_packets(decoded: UrTraffic) -> Verdict:
     """All that comes is whole: packets of a known type and form, packages, and lines of text."""
-    count = len(seen.heard) + len(seen.told) + len(seen.lines)
-    said = f"{len(seen.heard)} packets, {len(seen.told)} packages, {len(seen.lines)} lines"
-    return none_wrong(seen.unread, count + len(seen.unread), said, "nothing came")
+    count = len(decoded.heard) + len(decoded.told) + len(decoded.lines)
+    said = f"{len(decoded.heard)} packets, {len(decoded.told)} packages, {len(decoded.lines)} lines"
+    return none_wrong(decoded.unread, count + len(decoded.unread), said, "nothing came")
 
 
 @requires(3, f"{GUIDE}: accepted or not")
-def other_versions_arerefused(seen: UrTraffic) -> Verdict:
+def other_versions_arerefused(decoded: UrTraffic) -> Verdict:
     """A protocol version that there is not is refused."""
-    found = versions(seen, scenario.FUTURE_VERSION)
+    found = versions(decoded, scenario.FUTURE_VERSION)
     some(found and accepted(found[0]) is not None, "it was not answered")
     return failed("accepted", [found[0].number]) if accepted(found[0]) else passed("refused")
 
 
 @requires(4, f"{GUIDE}: URControl version")
-def it_says_its_version(seen: UrTraffic) -> Verdict:
+def it_says_its_version(decoded: UrTraffic) -> Verdict:
     """It tells its software's version, which is 3 or newer."""
-    found = version_of(seen)
-    some(found or seen.exchanges(rtde.PacketType.CONTROLLER_VERSION), "it was not asked")
+    found = version_of(decoded)
+    some(found or decoded.exchanges(rtde.PacketType.CONTROLLER_VERSION), "it was not asked")
     found = must(found, "it was not told")
     return met(found.major >= 3, ".".join(map(str, found)))
 
 
 @requires(5, f"{GUIDE}: each request has its return")
-def every_request_is_answered(seen: UrTraffic) -> Verdict:
+def every_request_is_answered(decoded: UrTraffic) -> Verdict:
     """Each RTDE request is answered within 1 s by a packet of its own type."""
-    took = [(e.reply.time_s - e.time_s if e.reply else math.inf, e) for e in seen.asked]
+    took = [(e.reply.time_s - e.time_s if e.reply else math.inf, e) for e in decoded.asked]
     wrong = [
         (each.number, f"after {s:.2f} s" if each.reply else f"no answer to {each.asked.kind.name}")
         for s, each in took
@@ -154,9 +154,9 @@ def every_request_is_answered(seen: UrTraffic) -> Verdict:
 
 
 @requires(6, f"{GUIDE}: field names and associated types")
-def outputs_are_as_documented(seen: UrTraffic) -> Verdict:
+def outputs_are_as_documented(decoded: UrTraffic) -> Verdict:
     """All states that the driver asks for are there, with the documented types."""
-    setups = seen.setups(rtde.PacketType.OUTPUTS)
+    setups = decoded.setups(rtde.PacketType.OUTPUTS)
     found = [each for each in setups if each[1].names == scenario.OUTPUTS]
     exchange, asked, reply = some(found, "it was not answered")[0]
     words = f"{len(reply.types)} types for {len(asked.names)}"
@@ -170,9 +170,11 @@ def outputs_are_as_documented(seen: UrTraffic) -> Verdict:
     return none_wrong(wrong, len(asked.names), f"{len(asked.names)} states", "")
 
 
-def refused(seen: UrTraffic, kind: rtde.PacketType, name: str, word: str, *phases: str) -> Verdict:
+def refused(
+    decoded: UrTraffic, kind: rtde.PacketType, name: str, word: str, *phases: str
+) -> Verdict:
     """Judge if a recipe with a name was refused with `word`."""
-    found = [each for each in seen.setups(kind, *phases) if name in each[1].names]
+    found = [each for each in decoded.setups(kind, *phases) if name in each[1].names]
     exchange, asked, reply = some(found, "it was not answered")[-1]
     types = dict(zip(asked.names, reply.types, strict=False))
     said = f"recipe {reply.recipe}, {types.get(name, 'no type')}"
@@ -180,41 +182,41 @@ def refused(seen: UrTraffic, kind: rtde.PacketType, name: str, word: str, *phase
 
 
 @requires(7, f"{GUIDE}: NOT_FOUND")
-def unknown_outputs_arerefused(seen: UrTraffic) -> Verdict:
+def unknown_outputs_arerefused(decoded: UrTraffic) -> Verdict:
     """A name that there is not is NOT_FOUND, and the recipe 0: none."""
-    return refused(seen, rtde.PacketType.OUTPUTS, scenario.UNKNOWN, rtde.NOT_FOUND)
+    return refused(decoded, rtde.PacketType.OUTPUTS, scenario.UNKNOWN, rtde.NOT_FOUND)
 
 
 @requires(8, f"{GUIDE}: start and pause")
-def states_come_from_start_to_pause(seen: UrTraffic) -> Verdict:
+def states_come_from_start_to_pause(decoded: UrTraffic) -> Verdict:
     """Data packages come between START and PAUSE, and at no other time."""
-    period_s = cycle_s(seen)
-    ends = [each.end_s for each in seen.streams]
+    period_s = cycle_s(decoded)
+    ends = [each.end_s for each in decoded.streams]
     wrong = [
         (number, "a package outside")
-        for number, time_s, _ in seen.strays
+        for number, time_s, _ in decoded.strays
         # A package in flight may arrive after the answer.
         if not any(end_s <= time_s < end_s + 2.0 * period_s for end_s in ends)
     ]
-    empty = [each for each in seen.streams if not each.states]
-    must(wrong or not empty, f"none in {len(empty)} of {len(seen.streams)} streams")
-    count = len(seen.states)
-    return none_wrong(wrong, count + len(wrong), f"{len(seen.streams)} streams", NO_STATES)
+    empty = [each for each in decoded.streams if not each.states]
+    must(wrong or not empty, f"none in {len(empty)} of {len(decoded.streams)} streams")
+    count = len(decoded.states)
+    return none_wrong(wrong, count + len(wrong), f"{len(decoded.streams)} streams", NO_STATES)
 
 
-def _steps(seen: UrTraffic) -> list[tuple[DataPackage, DataPackage]]:
+def _steps(decoded: UrTraffic) -> list[tuple[DataPackage, DataPackage]]:
     """Return the neighbors in the streams of the judged connection."""
-    return [pair for each in streams(seen) for pair in pairwise(each.states)]
+    return [pair for each in streams(decoded) for pair in pairwise(each.states)]
 
 
 @requires(9, f"{GUIDE}: 500 Hz on e-Series, 125 Hz on CB3")
-def the_period_is_the_control_loop_s(seen: UrTraffic) -> Verdict:
+def the_period_is_the_control_loop_s(decoded: UrTraffic) -> Verdict:
     """Asked for all, it sends a state in each control cycle: 2 ms, CB3 8 ms, to 2 % in the mean."""
-    found = seen.during("listen")
+    found = decoded.during("listen")
     some(len(found) >= FEWEST, "too few states")
     period_s = (found[-1].time_s - found[0].time_s) / (len(found) - 1)
     said = f"{period_s * 1e3:.3f} ms"
-    return met(abs(period_s / cycle_s(seen) - 1.0) < PERIOD_SHARE, said, [found[-1].number])
+    return met(abs(period_s / cycle_s(decoded) - 1.0) < PERIOD_SHARE, said, [found[-1].number])
 
 
 def _advance_s(pair: tuple[DataPackage, DataPackage]) -> float:
@@ -223,9 +225,9 @@ def _advance_s(pair: tuple[DataPackage, DataPackage]) -> float:
 
 
 @requires(10, f"{GUIDE}: a controller that is busy leaves packages out")
-def none_is_left_out(seen: UrTraffic) -> Verdict:
+def none_is_left_out(decoded: UrTraffic) -> Verdict:
     """At most 1 % of the states are left out, as their timestamps say."""
-    period_s, found = cycle_s(seen), _steps(seen)
+    period_s, found = cycle_s(decoded), _steps(decoded)
     some(len(found) >= FEWEST, "too few states")
     left_out = [(round(_advance_s(pair) / period_s) - 1, pair[1].number) for pair in found]
     count = sum(max(each, 0) for each, _ in left_out)
@@ -234,11 +236,11 @@ def none_is_left_out(seen: UrTraffic) -> Verdict:
 
 
 @requires(11, f"{GUIDE}: timestamp, seconds since the controller was started")
-def its_clock_goes_as_ours(seen: UrTraffic) -> Verdict:
+def its_clock_goes_as_ours(decoded: UrTraffic) -> Verdict:
     """timestamp never goes back, and advances as time does, to 1 % and 20 ms."""
-    found = _steps(seen)
+    found = _steps(decoded)
     wrong = [(b.number, "it does not advance") for a, b in found if _advance_s((a, b)) <= 0.0]
-    for each in streams(seen):
+    for each in streams(decoded):
         if len(each.states) > 1:
             first, last = each.states[0], each.states[-1]
             theirs_s, ours_s = _advance_s((first, last)), last.time_s - first.time_s
@@ -248,10 +250,10 @@ def its_clock_goes_as_ours(seen: UrTraffic) -> Verdict:
 
 
 @requires(12, f"{DRIVER}: state_timeout_s")
-def it_is_never_silent(seen: UrTraffic) -> Verdict:
+def it_is_never_silent(decoded: UrTraffic) -> Verdict:
     """From START to PAUSE it is never 0.1 s without a state, whatever else is done."""
     gaps = []
-    for each in streams(seen):
+    for each in streams(decoded):
         number = each.states[-1].number if each.states else 0
         times = [each.start_s, *(state.time_s for state in each.states), each.end_s]
         gaps.append((max(b - a for a, b in pairwise(times)), number))
@@ -262,18 +264,18 @@ def it_is_never_silent(seen: UrTraffic) -> Verdict:
 
 
 @requires(13, f"{GUIDE}: a package in each control cycle")
-def arrival_is_steady(seen: UrTraffic) -> Verdict:
+def arrival_is_steady(decoded: UrTraffic) -> Verdict:
     """95 % of the states arrive within 1.5 ms of their period after the one before."""
-    found = _steps(seen)
+    found = _steps(decoded)
     some(len(found) >= FEWEST, "too few states")
     off = ((abs(b.time_s - a.time_s - _advance_s((a, b))), b.number) for a, b in found)
     return mostly_within(off, 1.0 - JITTER_SHARE, JITTER_S, "95 % within {:.2f} ms", NO_STATES)
 
 
 @requires(14, "a controller writes a packet at once; half of one says nothing yet")
-def packets_are_not_torn(seen: UrTraffic) -> Findings:
+def packets_are_not_torn(decoded: UrTraffic) -> Findings:
     """Of an RTDE packet whose first bytes have come the rest is there within half a millisecond."""
-    return not_torn(seen.heard, "{} packets, {} in pieces")
+    return not_torn(decoded.heard, "{} packets, {} in pieces")
 
 
 def _uneven(
@@ -285,11 +287,11 @@ def _uneven(
 
 
 @requires(15, f"{GUIDE}: each client has its recipes and its frequency")
-def another_client_has_its_own_rate(seen: UrTraffic) -> Verdict:
+def another_client_has_its_own_rate(decoded: UrTraffic) -> Verdict:
     """Another client beside it gets a tenth of the states, evenly, when it asks for a tenth."""
-    found = [pair for each in streams(seen, SECOND) for pair in pairwise(each.states)]
+    found = [pair for each in streams(decoded, SECOND) for pair in pairwise(each.states)]
     some(len(found) >= 3, "it got no states")
-    want_s = scenario.SLOWER * cycle_s(seen)
+    want_s = scenario.SLOWER * cycle_s(decoded)
     few = LEFT_OUT_SHARE * len(found)
     wrong = _uneven(found, lambda each_s: abs(each_s - want_s) > 0.1 * want_s, few)
     said = f"{len(found) + 1} states, {want_s * 1e3:g} ms apart"
@@ -297,7 +299,7 @@ def another_client_has_its_own_rate(seen: UrTraffic) -> Verdict:
 
 
 STATES: Over[UrTraffic, DataPackage] = Over(
-    lambda seen: seen.states, "{} states", nothing=NO_STATES
+    lambda decoded: decoded.states, "{} states", nothing=NO_STATES
 )
 
 
@@ -322,10 +324,10 @@ _MODES = {"robot_mode": RobotMode, "safety_mode": SafetyMode, "runtime_state": R
 
 
 @requires(17, f"{GUIDE}: robot_status_bits, safety_status_bits")
-def bits_say_what_modes_say(seen: UrTraffic) -> Verdict:
+def bits_say_what_modes_say(decoded: UrTraffic) -> Verdict:
     """The bits for power, for normal mode and for a protective stop say what the modes say."""
-    wrong = (each for state in seen.states for each in _contradictions(state))
-    return none_wrong(wrong, len(seen.states), f"{len(seen.states)} states", NO_STATES)
+    wrong = (each for state in decoded.states for each in _contradictions(state))
+    return none_wrong(wrong, len(decoded.states), f"{len(decoded.states)} states", NO_STATES)
 
 
 def _contradictions(each: DataPackage) -> Wrongs:
@@ -346,12 +348,12 @@ def _contradictions(each: DataPackage) -> Wrongs:
 
 
 @requires(18, "a client's connection is its own to end")
-def connections_last(seen: UrTraffic) -> Verdict:
+def connections_last(decoded: UrTraffic) -> Verdict:
     """No connection is refused, or closed by the controller while it is used."""
-    gone = [each for each in seen.gone if not each[1].channel.startswith(REVERSE)]
+    gone = [each for each in decoded.gone if not each[1].channel.startswith(REVERSE)]
     wrong = [(number, f"{event.channel} {event.kind.value}") for number, event in gone]
-    count = len(seen.opened) + len(wrong)
-    return none_wrong(wrong, count, f"{len(seen.opened)} connections", "none was")
+    count = len(decoded.opened) + len(wrong)
+    return none_wrong(wrong, count, f"{len(decoded.opened)} connections", "none was")
 
 
 def _version_first(found: Sequence[ReceivedPackage]) -> RobotMessage:
@@ -369,35 +371,35 @@ def _ten_times_a_second(times: Sequence[float]) -> Verdict:
 
 
 @requires(21, f"{CLIENT}: version message, robot state")
-def the_primary_interface_begins_with_a_version(seen: UrTraffic) -> Verdict:
+def the_primary_interface_begins_with_a_version(decoded: UrTraffic) -> Verdict:
     """The primary interface sends its version first, and then robot states."""
-    some(seen.phase(PRIMARY), _NOT_OPENED)
-    version = _version_first(seen.told)
-    count = sum(each.package.kind == ROBOT_STATE for each in seen.told)
+    some(decoded.phase(PRIMARY), _NOT_OPENED)
+    version = _version_first(decoded.told)
+    count = sum(each.package.kind == ROBOT_STATE for each in decoded.told)
     return met(count > 0, f"{version.text}, {count} states")
 
 
 @requires(22, f"{CLIENT}: 10 Hz")
-def robot_states_come_ten_times_a_second(seen: UrTraffic) -> Verdict:
+def robot_states_come_ten_times_a_second(decoded: UrTraffic) -> Verdict:
     """Robot states of the primary interface come ten times a second, to a tenth."""
-    times = [each.time_s for each in seen.told if each.package.kind == ROBOT_STATE]
+    times = [each.time_s for each in decoded.told if each.package.kind == ROBOT_STATE]
     some(len(times) >= 4, "too few robot states")
     return _ten_times_a_second(times)
 
 
-def near(seen: UrTraffic, time_s: float) -> list[DataPackage]:
+def near(decoded: UrTraffic, time_s: float) -> list[DataPackage]:
     """Return the states of about that time."""
     time_of = attrgetter("time_s")
-    first = bisect_right(seen.states, time_s - MODE_FOLLOWS_S, key=time_of)
-    return seen.states[first : bisect_left(seen.states, time_s + MODE_FOLLOWS_S, key=time_of)]
+    first = bisect_right(decoded.states, time_s - MODE_FOLLOWS_S, key=time_of)
+    return decoded.states[first : bisect_left(decoded.states, time_s + MODE_FOLLOWS_S, key=time_of)]
 
 
 @requires(23, f"{CLIENT}: robot mode data; {GUIDE}: robot_mode")
-def both_interfaces_tell_one_mode(seen: UrTraffic) -> Findings:
+def both_interfaces_tell_one_mode(decoded: UrTraffic) -> Findings:
     """The robot mode of the primary interface is one that RTDE tells within 0.3 s of it."""
-    for each in seen.told:
+    for each in decoded.told:
         mode = read_mode(each.package)
-        around = {s.values["robot_mode"] for s in near(seen, each.time_s)} if mode else set()
+        around = {s.values["robot_mode"] for s in near(decoded, each.time_s)} if mode else set()
         if mode and around:
             words = f"{mode.robot_mode.name}, RTDE {sorted(around)}"
             yield each.number, "" if mode.robot_mode in around else words
@@ -405,13 +407,13 @@ def both_interfaces_tell_one_mode(seen: UrTraffic) -> Findings:
 
 
 @requires(24, f"{BOARD}: a line a request, a line a reply")
-def the_dashboard_greets_and_answers(seen: UrTraffic) -> Verdict:
+def the_dashboard_greets_and_answers(decoded: UrTraffic) -> Verdict:
     """The dashboard server greets, and answers each request by one line."""
-    some(seen.phase("dashboard"), _NOT_OPENED)
-    greeting = [each.said for each in seen.said("")]
+    some(decoded.phase("dashboard"), _NOT_OPENED)
+    greeting = [each.said for each in decoded.said("")]
     greets = greeting and (greeting[0] or "").startswith(dashboard.GREETING)
     must(greets, f"greeted with {greeting[0] if greeting else 'nothing'!r}")
-    asked = [each for each in seen.lines if each.asked]
+    asked = [each for each in decoded.lines if each.asked]
     wrong = [(each.number, f"{each.asked}: no answer") for each in asked if each.said is None]
     wrong += [
         (after.number, f"{after.asked}: two lines")
@@ -428,11 +430,11 @@ _BOARD_MODES = {
 
 
 @requires(25, f"{BOARD}; {GUIDE}: robot_mode, safety_mode")
-def the_dashboard_tells_the_same_modes(seen: UrTraffic) -> Findings:
+def the_dashboard_tells_the_same_modes(decoded: UrTraffic) -> Findings:
     """robotmode and safetystatus of the dashboard are those that RTDE tells within 0.3 s."""
     for words, (name, begins, modes) in _BOARD_MODES.items():
-        for each in seen.said(words):
-            around = {state.values[name] for state in near(seen, each.time_s)}
+        for each in decoded.said(words):
+            around = {state.values[name] for state in near(decoded, each.time_s)}
             if each.said is not None and around:
                 names = {modes(value).name for value in around if value in modes._value2member_map_}
                 same = each.said.removeprefix(begins) in names
@@ -442,15 +444,15 @@ def the_dashboard_tells_the_same_modes(seen: UrTraffic) -> Findings:
 
 
 @requires(26, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: UrTraffic) -> Verdict:
+def both_descriptions_agree(decoded: UrTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same replies, recipes and values."""
 
     def differs(each: ReceivedPacket, layers: Any) -> str:
         layer = layers.RtdeReply(each.raw)
-        return layers.malformed(layer) or _difference(seen, each, layer, layers)
+        return layers.malformed(layer) or _difference(decoded, each, layer, layers)
 
     # The layers are of version 2; packets other than data are few.
-    heard = [each for each in seen.heard if each.channel not in seen.old]
+    heard = [each for each in decoded.heard if each.channel not in decoded.old]
     data = [each for each in heard if isinstance(each.reply, Data)]
     chosen = [each for each in heard if not isinstance(each.reply, Data)]
     chosen += data[:: max(1, len(data) // COMPARED)]
@@ -475,43 +477,43 @@ def _documented(names: Sequence[str], found: Mapping[str, tuple[int, str]], aske
 
 
 @requires(27, f"{GUIDE}: protocol version 1")
-def version_1_is_spoken(seen: UrTraffic) -> Verdict:
+def version_1_is_spoken(decoded: UrTraffic) -> Verdict:
     """The protocol version 1 is accepted: outputs are asked for without a frequency, and come in
     each control cycle without a recipe's number."""
-    asked = some(versions(seen, 1), "it was not asked")
+    asked = some(versions(decoded, 1), "it was not asked")
     must(accepted(asked[0]), "not accepted", [asked[0].number])
-    setups = seen.setups(rtde.PacketType.OUTPUTS)
+    setups = decoded.setups(rtde.PacketType.OUTPUTS)
     setups = [each for each in setups if each[1].names == scenario.OLD_OUTPUTS]
     if not setups or not setups[0][2].recipe:
         types = ", ".join(setups[0][2].types) if setups else "no answer"
         return failed(f"outputs: {types}", [asked[0].number])
-    states = [state for each in streams(seen, OLD) for state in each.states]
+    states = [state for each in streams(decoded, OLD) for state in each.states]
     must(len(states) >= FEWEST, f"{len(states)} states")
-    period_s, few = cycle_s(seen), 0.1 * len(states)
+    period_s, few = cycle_s(decoded), 0.1 * len(states)
     wrong = _uneven([*pairwise(states)], lambda each_s: not 0.5 < each_s / period_s < 1.5, few)
     return none_wrong(wrong, len(states), f"{len(states)} states", "")
 
 
 @requires(28, f"{GUIDE}: controller output, and since which version")
-def all_published_outputs_are_there(seen: UrTraffic) -> Verdict:
+def all_published_outputs_are_there(decoded: UrTraffic) -> Verdict:
     """Every output variable that is published for its version is there, with its type."""
-    names = scenario.published(version_of(seen))
+    names = scenario.published(version_of(decoded))
     found = {
         name: (exchange.number, kind)
-        for exchange, asked, reply in seen.setups(rtde.PacketType.OUTPUTS, "published")
+        for exchange, asked, reply in decoded.setups(rtde.PacketType.OUTPUTS, "published")
         for name, kind in zip(asked.names, reply.types, strict=False)
     }
     some(names and found, "they were not asked for")
-    wrong = _documented(names, found, seen.phases["published"].first)
+    wrong = _documented(names, found, decoded.phases["published"].first)
     return none_wrong(wrong, len(names), f"{len(names)} variables", "")
 
 
 @requires(29, f"{CLIENT}: the secondary interface has no messages but that of the version")
-def the_secondary_interface_tells_states(seen: UrTraffic) -> Verdict:
+def the_secondary_interface_tells_states(decoded: UrTraffic) -> Verdict:
     """The secondary interface sends its version first, and then robot states ten times a second,
     and no other messages."""
-    some(seen.phase(PRIMARY), _NOT_OPENED)
-    found = seen.within(seen.secondary, PRIMARY)
+    some(decoded.phase(PRIMARY), _NOT_OPENED)
+    found = decoded.within(decoded.secondary, PRIMARY)
     _version_first(found)
     wrong = [each.number for each in found[1:] if each.message is not None]
     must(not wrong, "another message", wrong)
@@ -521,13 +523,13 @@ def the_secondary_interface_tells_states(seen: UrTraffic) -> Verdict:
 
 
 @requires(30, f"{CLIENT}: sub-packages of a robot state")
-def robot_states_are_whole(seen: UrTraffic) -> Verdict:
+def robot_states_are_whole(decoded: UrTraffic) -> Verdict:
     """Robot states of the primary and the secondary interface have all documented sub-packages,
     none shorter than documented, and nothing between them."""
-    version = version_of(seen)
+    version = version_of(decoded)
     wanted = [each for each in PARTS if not each.e_series or (version and version.major > 3)]
     wrong, count = [], 0
-    for told in (*seen.told, *seen.secondary):
+    for told in (*decoded.told, *decoded.secondary):
         if told.package.kind != ROBOT_STATE:
             continue
         count += 1
@@ -544,11 +546,11 @@ def robot_states_are_whole(seen: UrTraffic) -> Verdict:
 
 
 @requires(31, f"{REALTIME}: 500 Hz on e-Series, 125 Hz on CB3; the length of each version")
-def the_real_time_interface_keeps_time(seen: UrTraffic) -> Verdict:
+def the_real_time_interface_keeps_time(decoded: UrTraffic) -> Verdict:
     """The real-time interface sends a packet in each control cycle, to 2 % in the mean, all of one
     length, which is no less than what is documented for the version."""
-    version = some(seen.phase(PRIMARY) and version_of(seen), _NOT_OPENED)
-    found = seen.within(seen.samples, PRIMARY)
+    version = some(decoded.phase(PRIMARY) and version_of(decoded), _NOT_OPENED)
+    found = decoded.within(decoded.samples, PRIMARY)
     must(len(found) >= FEWEST, f"{len(found)} packets")
     size = len(found[0].packet)
     wrong = [each.number for each in found if len(each.packet) != size]
@@ -557,16 +559,16 @@ def the_real_time_interface_keeps_time(seen: UrTraffic) -> Verdict:
     must(size >= least, f"{size} bytes, not {least}", [found[0].number])
     period_s = (found[-1].time_s - found[0].time_s) / (len(found) - 1)
     said = f"{size} bytes, {period_s * 1e3:.3f} ms"
-    return met(abs(period_s / cycle_s(seen) - 1.0) < PERIOD_SHARE, said)
+    return met(abs(period_s / cycle_s(decoded) - 1.0) < PERIOD_SHARE, said)
 
 
 @requires(32, f"{REALTIME}: actual joint positions; {GUIDE}: actual_q")
-def the_real_time_interface_tells_the_same_joints(seen: UrTraffic) -> Findings:
+def the_real_time_interface_tells_the_same_joints(decoded: UrTraffic) -> Findings:
     """Joints of the real-time interface are those that RTDE tells within 0.3 s, to 0.01 rad."""
-    version = some(version_of(seen) if seen.samples else None, "no packet came")
+    version = some(version_of(decoded) if decoded.samples else None, "no packet came")
     form = RealtimeForm(version[:2])
-    for each in seen.samples:
-        values, around = form.read(each.packet), near(seen, each.time_s)
+    for each in decoded.samples:
+        values, around = form.read(each.packet), near(decoded, each.time_s)
         if values is not None and around:
             told = values["actual_q"]
             far = min(apart(told, state.values["actual_q"]) for state in around)
@@ -586,22 +588,22 @@ _WORDS = {
 
 
 @requires(33, f"{BOARD}: safetymode, running, programState, get loaded program, ...")
-def the_dashboard_answers_in_its_words(seen: UrTraffic) -> Findings:
+def the_dashboard_answers_in_its_words(decoded: UrTraffic) -> Findings:
     """The dashboard's answers on safety, program and version begin with the documented words."""
-    for each in (line for words in scenario.WORDED for line in seen.said(words)):
+    for each in (line for words in scenario.WORDED for line in decoded.said(words)):
         known = each.said and re.fullmatch(_WORDS[each.asked], each.said, re.IGNORECASE)
         yield each.number, "" if known else f"{each.asked}: {each.said!r}"
     return Words("{} answers", "nothing was asked")
 
 
-def _difference(seen: UrTraffic, heard: ReceivedPacket, layer: object, layers: Any) -> str:
+def _difference(decoded: UrTraffic, heard: ReceivedPacket, layer: object, layers: Any) -> str:
     """Return the layer's difference from the codec in words; empty: none."""
     reply = heard.reply
     if isinstance(reply, SetupReply):
         read = getattr(layer, "recipe", None), layers.listed(getattr(layer, "types", b""))
         return "" if read == (reply.recipe, reply.types) else f"another recipe: {read}"
     if isinstance(reply, Data):
-        recipe = seen.recipes.get(heard.number)
+        recipe = decoded.recipes.get(heard.number)
         if recipe is None:
             return ""
         values = layers.values_of(recipe.types, getattr(layer, "values", b""))

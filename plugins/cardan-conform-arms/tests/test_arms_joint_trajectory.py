@@ -132,8 +132,8 @@ class SessionRig:
 def judged(bench, suite=SUITE, rig=SessionRig, **more):
     exchange = Exchange(suite.scenario(Level.MOVE, 0.5))
     rig(exchange, bench, **more).run()
-    seen = SUITE.decode(exchange.timeline)
-    return {each.id[-3:]: each.judge(seen) for each in requires.all()}
+    decoded = SUITE.decode(exchange.timeline)
+    return {each.id[-3:]: each.judge(decoded) for each in requires.all()}
 
 
 def worse_than(outcome, verdicts):
@@ -229,10 +229,10 @@ def test_each_requirement_is_failed_by_a_fault():
 @pytest.mark.matrix
 def test_an_arm_that_begins_a_whole_turn_is_stopped_and_asked_no_more():
     _, timeline = simulated(SUITE, Level.MOVE, {"whole-turn": 1.0})
-    seen = SUITE.decode(timeline)
-    states = seen.during("wrap")
-    assert FAR < seen.farthest(states)[0] < 3.0 * FAR
-    assert "home" not in seen.phases
+    decoded = SUITE.decode(timeline)
+    states = decoded.during("wrap")
+    assert FAR < decoded.farthest(states)[0] < 3.0 * FAR
+    assert "home" not in decoded.phases
 
 
 @pytest.mark.matrix
@@ -244,9 +244,9 @@ def test_nothing_that_comes_ends_the_pilot_or_a_judge():
     for channel in CHANNELS:
         exchange.over = False
         exchange.heard(1e3, channel, b"\0\1\0\0junk", note="1")
-    seen = SUITE.decode(exchange.timeline)
-    assert len(seen.unread) == len(CHANNELS) - 1
-    assert worse_than(VerdictOutcome.PASSED, {r.id: r.judge(seen) for r in requires.all()}) == {}
+    decoded = SUITE.decode(exchange.timeline)
+    assert len(decoded.unread) == len(CHANNELS) - 1
+    assert worse_than(VerdictOutcome.PASSED, {r.id: r.judge(decoded) for r in requires.all()}) == {}
 
 
 @pytest.mark.matrix
@@ -256,13 +256,13 @@ def test_joints_of_another_publisher_and_infinite_ones_are_seen_as_they_are():
     _hear(timeline, DESCRIPTION, described)
     for given in ({"finger": 0.1}, {"a": 3.0, "b": 1.0}, {"finger": 0.1}, {"a": -3.2, "b": 1.2}):
         _hear(timeline, STATES, {"name": [*given], "position": [*given.values()]})
-    seen = SUITE.decode(timeline)
-    assert seen.farthest(seen.states) == (pytest.approx(0.2), "b", 4)
-    assert seen.off(seen.states[-1], {"a": 3.0}) == {"a": pytest.approx(2 * math.pi - 6.2)}
+    decoded = SUITE.decode(timeline)
+    assert decoded.farthest(decoded.states) == (pytest.approx(0.2), "b", 4)
+    assert decoded.off(decoded.states[-1], {"a": 3.0}) == {"a": pytest.approx(2 * math.pi - 6.2)}
     _hear(timeline, STATES, {"name": ["a"], "position": [math.inf]})
-    seen = SUITE.decode(timeline)
-    assert seen.farthest(seen.states)[:2] == (math.inf, "a")
-    assert requires.all()[0].judge(seen) == failed("a position is no number", [5])
+    decoded = SUITE.decode(timeline)
+    assert decoded.farthest(decoded.states)[:2] == (math.inf, "a")
+    assert requires.all()[0].judge(decoded) == failed("a position is no number", [5])
 
 
 @pytest.mark.matrix
@@ -276,9 +276,9 @@ def test_feedback_of_every_distribution_is_read(names, index):
     if index is not None:
         name, feedback["index"] = revised(name), index
     _hear(timeline, FEEDBACK, {"feedback": feedback}, name)
-    seen = SUITE.decode(timeline)
-    assert not seen.unread
-    ((_, message),) = seen.feedback
+    decoded = SUITE.decode(timeline)
+    assert not decoded.unread
+    ((_, message),) = decoded.feedback
     assert message["feedback"]["joint_names"] == names
     assert message["feedback"]["actual"]["positions"] == [0.5] * len(names)
     assert message["feedback"].get("index") == index

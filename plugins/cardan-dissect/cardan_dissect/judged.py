@@ -70,7 +70,7 @@ class ClientTraffic(NamedTuple):
     numbers: list[int]
     """Its events', in the timeline of all."""
     timeline: Captured
-    seen: Any
+    decoded: Any
     """Its timeline as decoded by the suite."""
 
 
@@ -108,7 +108,9 @@ class Captured(WireTimeline):
             doubted = outcome is VerdictOutcome.NOT_SEEN and said.startswith(DOUBTED)
             return outcome is not VerdictOutcome.FAILED and not doubted, _WORST.index(outcome)
 
-        verdicts = [(each, each.timeline.verdict(requirement, each.seen)) for each in self.clients]
+        verdicts = [
+            (each, each.timeline.verdict(requirement, each.decoded)) for each in self.clients
+        ]
         client, worst = min(verdicts, key=rank)
         begun = DOUBTED if worst.said.startswith(DOUBTED) else ""
         said = worst.said.removeprefix(begun)
@@ -117,11 +119,11 @@ class Captured(WireTimeline):
         evidence = tuple(client.numbers[number] for number in worst.evidence)
         return worst._replace(said=said, evidence=evidence)
 
-    def verdict(self, requirement: Requirement[V], seen: V) -> Verdict:
+    def verdict(self, requirement: Requirement[V], decoded: V) -> Verdict:
         if self.clients:
             return self._of_clients(requirement)
         try:
-            found = super().verdict(requirement, seen)
+            found = super().verdict(requirement, decoded)
         except UnaskedError:
             return not_applicable("nobody asked for it in this capture")
         if found.outcome is VerdictOutcome.PASSED and self.lacks:

@@ -57,38 +57,41 @@ requires: Requirements[JointStreamTraffic] = Requirements("JS", _NOTHING)
 
 def _in(*phases: str, nothing: str = "") -> Over[JointStreamTraffic, State]:
     """The states of these phases."""
-    return Over(lambda seen: seen.during(*phases), "{} states", nothing=nothing)
+    return Over(lambda decoded: decoded.during(*phases), "{} states", nothing=nothing)
 
 
 @requires(1, f"{RULES} 1: the client begins")
-def nothing_comes_unasked(seen: JointStreamTraffic) -> Verdict:
+def nothing_comes_unasked(decoded: JointStreamTraffic) -> Verdict:
     """The arm sends nothing before it is greeted."""
-    found = [each.number for each in seen.during("listen")]
+    found = [each.number for each in decoded.during("listen")]
     return failed(f"{len(found)} states", found) if found else passed("nothing came")
 
 
 @requires(101, f"{RULES} 1")
-def a_greeting_is_answered(seen: JointStreamTraffic) -> Verdict:
+def a_greeting_is_answered(decoded: JointStreamTraffic) -> Verdict:
     """A hold with session 0 is answered with states."""
-    if seen.phase("greet") is None:
+    if decoded.phase("greet") is None:
         return not_seen("it was not greeted")
-    count = len(seen.during("greet", "idle"))
+    count = len(decoded.during("greet", "idle"))
     return passed(f"{count} states") if count else failed("none came")
 
 
 @requires(102, f"{RULES} 6")
-def datagrams_are_states(seen: JointStreamTraffic) -> Verdict:
+def datagrams_are_states(decoded: JointStreamTraffic) -> Verdict:
     """Every datagram is one whole state: no other length, mode or number of joints, all finite."""
     return none_wrong(
-        seen.unread, len(seen.states) + len(seen.unread), f"{len(seen.states)} states", _NOTHING
+        decoded.unread,
+        len(decoded.states) + len(decoded.unread),
+        f"{len(decoded.states)} states",
+        _NOTHING,
     )
 
 
-def _gaps(seen: JointStreamTraffic) -> list[tuple[State, State]]:
+def _gaps(decoded: JointStreamTraffic) -> list[tuple[State, State]]:
     """Neighbors in a session in phases in which the arm is commanded."""
     found = []
-    for session in seen.sessions:
-        numbers = {each.number for each in seen.during(*COMMANDED)}
+    for session in decoded.sessions:
+        numbers = {each.number for each in decoded.during(*COMMANDED)}
         found += [
             (a, b) for a, b in pairwise(session) if a.number in numbers and b.number in numbers
         ]
@@ -96,10 +99,10 @@ def _gaps(seen: JointStreamTraffic) -> list[tuple[State, State]]:
 
 
 @requires(103, f"{PAGE}, header: sequence")
-def none_is_missing(seen: JointStreamTraffic) -> Verdict:
+def none_is_missing(decoded: JointStreamTraffic) -> Verdict:
     """Within a session no sequence number is left out."""
     wrong, count = [], 0
-    for session in seen.sessions:
+    for session in decoded.sessions:
         numbers = {each.value.sequence for each in session}
         count += len(session)
         missing = max(numbers) - min(numbers) + 1 - len(numbers)
@@ -109,21 +112,21 @@ def none_is_missing(seen: JointStreamTraffic) -> Verdict:
 
 
 @requires(104, f"{PAGE}, header: sequence")
-def they_come_once_and_in_order(seen: JointStreamTraffic) -> Verdict:
+def they_come_once_and_in_order(decoded: JointStreamTraffic) -> Verdict:
     """Sequence numbers go up: none comes twice, none is overtaken."""
     wrong = [
         (b.number, f"{b.value.sequence} after {a.value.sequence}")
-        for session in seen.sessions
+        for session in decoded.sessions
         for a, b in pairwise(session)
         if b.value.sequence <= a.value.sequence
     ]
-    return none_wrong(wrong, len(seen.states), "every one", _NOTHING)
+    return none_wrong(wrong, len(decoded.states), "every one", _NOTHING)
 
 
 @requires(105, f"{STATE}: the controller's cycle")
-def the_period_is_the_one_told(seen: JointStreamTraffic) -> Verdict:
+def the_period_is_the_one_told(decoded: JointStreamTraffic) -> Verdict:
     """States come in the period that they tell, to 2 % in the mean."""
-    found = seen.during("hold")
+    found = decoded.during("hold")
     if len(found) < 50:
         return not_seen("too few states")
     cycles = found[-1].value.sequence - found[0].value.sequence
@@ -134,9 +137,9 @@ def the_period_is_the_one_told(seen: JointStreamTraffic) -> Verdict:
 
 
 @requires(106, f"{STATE}: one state in each cycle")
-def arrival_is_steady(seen: JointStreamTraffic) -> Verdict:
+def arrival_is_steady(decoded: JointStreamTraffic) -> Verdict:
     """95 % of the states arrive within 0.4 periods of when they are due."""
-    found = _gaps(seen)
+    found = _gaps(decoded)
     if len(found) < 50:
         return not_seen("too few states")
     periods = ((a.value.period_s, a, b) for a, b in found)
@@ -145,37 +148,37 @@ def arrival_is_steady(seen: JointStreamTraffic) -> Verdict:
 
 
 @requires(107, f"{RULES} 1: a state in each of its cycles")
-def there_are_no_pauses(seen: JointStreamTraffic) -> Verdict:
+def there_are_no_pauses(decoded: JointStreamTraffic) -> Verdict:
     """While it is commanded there is no silence of more than 12 periods."""
     wrong, longest = [], 0.0
-    for one, other in _gaps(seen):
+    for one, other in _gaps(decoded):
         gap = (other.time_s - one.time_s) / one.value.period_s
         longest = max(longest, gap)
         if gap > GAP_PERIODS:
             wrong.append((other.number, f"{gap:.0f} periods"))
-    hold = seen.phase("hold")
-    found = seen.during("hold")
+    hold = decoded.phase("hold")
+    found = decoded.during("hold")
     if hold is not None and found and hold.end_s - found[-1].time_s > 0.1:
         wrong.append((found[-1].number, f"{hold.end_s - found[-1].time_s:.2f} s at the end"))
-    return none_wrong(wrong, len(seen.states), f"longest {longest:.1f} periods", _NOTHING)
+    return none_wrong(wrong, len(decoded.states), f"longest {longest:.1f} periods", _NOTHING)
 
 
 @requires(108, f"{RULES} 2: a restart is a new session")
-def the_session_lasts(seen: JointStreamTraffic) -> Verdict:
+def the_session_lasts(decoded: JointStreamTraffic) -> Verdict:
     """While it is commanded, the session stays the same."""
-    if not seen.states:
+    if not decoded.states:
         return not_seen(_NOTHING)
-    later = [session[0].number for session in seen.sessions[1:]]
+    later = [session[0].number for session in decoded.sessions[1:]]
     return failed(f"{len(later)} more sessions", later) if later else passed("one session")
 
 
 @requires(109, f"{STATE}: sequence of the newest command taken")
-def commands_are_acknowledged_soon(seen: JointStreamTraffic) -> Verdict:
+def commands_are_acknowledged_soon(decoded: JointStreamTraffic) -> Verdict:
     """A command is acknowledged within three periods and 10 ms."""
-    found = seen.during("hold")
+    found = decoded.during("hold")
     sent = {
         each.value.sequence: each.time_s
-        for each in seen.sent_during("settle", "hold")
+        for each in decoded.sent_during("settle", "hold")
         if each.value is not None
     }
     if len(found) < 50 or not sent:
@@ -208,9 +211,9 @@ def holding_is_undisturbed(each: State) -> str:
 
 
 @requires(111, f"{RULES} 4")
-def an_arm_that_is_held_stays(seen: JointStreamTraffic) -> Verdict:
+def an_arm_that_is_held_stays(decoded: JointStreamTraffic) -> Verdict:
     """Told the position that it had, every joint stays within 0.6 degrees of it."""
-    idle, found = seen.during("idle"), seen.during("hold")
+    idle, found = decoded.during("idle"), decoded.during("hold")
     if not idle or not found:
         return not_seen("it was not held")
     was = idle[-1].value.positions
@@ -223,9 +226,9 @@ def an_arm_that_is_held_stays(seen: JointStreamTraffic) -> Verdict:
 
 
 @requires(112, f"{STATE}: positions")
-def an_arm_that_is_held_stands(seen: JointStreamTraffic) -> Verdict:
+def an_arm_that_is_held_stands(decoded: JointStreamTraffic) -> Verdict:
     """Held, what is measured of a joint varies by less than 0.003 degrees (standard deviation)."""
-    found = seen.during("hold")[-100:]
+    found = decoded.during("hold")[-100:]
     if len(found) < 50:
         return not_seen("it was not held for long enough")
     rows = zip(*(each.value.positions for each in found), strict=True)
@@ -247,29 +250,29 @@ def junk_changes_nothing(each: State) -> str:
 
 
 @requires(114, f"{RULES} 2: the arm ignores other sessions")
-def another_session_is_ignored(seen: JointStreamTraffic) -> Verdict:
+def another_session_is_ignored(decoded: JointStreamTraffic) -> Verdict:
     """Commands of another session are not acknowledged and move nothing."""
-    phase = seen.phase("foreign")
-    if phase is None or not seen.during("foreign"):
+    phase = decoded.phase("foreign")
+    if phase is None or not decoded.during("foreign"):
         return not_seen("none was sent")
-    own = {each.value.session for each in seen.states}
+    own = {each.value.session for each in decoded.states}
     foreign = {
         each.value.sequence
-        for each in seen.sent_during("foreign")
+        for each in decoded.sent_during("foreign")
         if each.value is not None and each.value.session not in own
     }
     wrong = [
         (each.number, f"{each.value.acknowledged} is acknowledged")
-        for each in seen.during("foreign", "beyond")
+        for each in decoded.during("foreign", "beyond")
         if each.value.acknowledged in foreign or each.value.mode is ControlMode.VELOCITY
     ]
-    return none_wrong(wrong, len(seen.during("foreign")), f"{len(foreign)} commands", _NOTHING)
+    return none_wrong(wrong, len(decoded.during("foreign")), f"{len(foreign)} commands", _NOTHING)
 
 
 @requires(115, f"{RULES} 5: refused, the arm holds, and the reason is in the states")
-def what_is_out_of_range_is_refused(seen: JointStreamTraffic) -> Verdict:
+def what_is_out_of_range_is_refused(decoded: JointStreamTraffic) -> Verdict:
     """Positions outside of the joints' ranges are refused with a reason, and nothing moves."""
-    found = seen.during("beyond")
+    found = decoded.during("beyond")
     if not found:
         return not_seen("none was sent")
     reasons = [each.value.reason for each in found if each.value.reason]
@@ -281,22 +284,22 @@ def what_is_out_of_range_is_refused(seen: JointStreamTraffic) -> Verdict:
 
 
 @requires(116, f"{RULES} 1: a client that is silent for 1 s is forgotten")
-def a_silent_client_is_forgotten(seen: JointStreamTraffic) -> Verdict:
+def a_silent_client_is_forgotten(decoded: JointStreamTraffic) -> Verdict:
     """A second after the last command nothing comes any more."""
-    phase = seen.phase("quiet")
-    if phase is None or not seen.during("hold"):
+    phase = decoded.phase("quiet")
+    if phase is None or not decoded.during("hold"):
         return not_seen("it was not left alone")
-    found = [each.number for each in seen.during("quiet")]
+    found = [each.number for each in decoded.during("quiet")]
     return failed(f"{len(found)} states", found) if found else passed("nothing came")
 
 
 @requires(117, f"{RULES} 4: without a command for 0.1 s the arm brakes and holds")
-def silence_makes_it_hold(seen: JointStreamTraffic) -> Verdict:
+def silence_makes_it_hold(decoded: JointStreamTraffic) -> Verdict:
     """Without commands its mode is hold after a tenth of a second and a few cycles."""
-    phase = seen.phase("silence")
+    phase = decoded.phase("silence")
     if phase is None:
         return not_seen("it was not left alone")
-    late = [each for each in seen.during("silence") if each.time_s > phase.start_s + STOPPED_S]
+    late = [each for each in decoded.during("silence") if each.time_s > phase.start_s + STOPPED_S]
     wrong = [
         (each.number, f"mode {each.value.mode.name}")
         for each in late
@@ -308,7 +311,9 @@ def silence_makes_it_hold(seen: JointStreamTraffic) -> Verdict:
 @requires.each(
     118,
     f"{STATE}: unit quaternion, norm within 0.001 of 1",
-    Over(lambda seen: (p for session in seen.sessions for p in pairwise(session)), "{} states"),
+    Over(
+        lambda decoded: (p for session in decoded.sessions for p in pairwise(session)), "{} states"
+    ),
 )
 def figures_are_plausible(each: tuple[State, State]) -> str | None:
     """The stamp goes up with the sequence, by the period that is told."""
@@ -322,23 +327,23 @@ def figures_are_plausible(each: tuple[State, State]) -> str | None:
 
 
 @requires(119, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: JointStreamTraffic) -> Verdict:
+def both_descriptions_agree(decoded: JointStreamTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same states."""
 
     def differs(each: State, layers: Any) -> str:
-        layer = layers.JointStream(seen.raw[each.number])
+        layer = layers.JointStream(decoded.raw[each.number])
         if wrong := refused(layers, layer):
             return wrong
         if (layer.session, layer.sequence) != (each.value.session, each.value.sequence):
             return "another session or sequence"
         return "" if tuple(layer.positions) == each.value.positions else "other positions"
 
-    return read_twice(seen.states, "joint_stream", differs, "states", _NOTHING, 30)
+    return read_twice(decoded.states, "joint_stream", differs, "states", _NOTHING, 30)
 
 
-def _moved(seen: JointStreamTraffic, before: str, after: str) -> tuple[list[float], int] | None:
+def _moved(decoded: JointStreamTraffic, before: str, after: str) -> tuple[list[float], int] | None:
     """Travel of each joint from the end of one phase to that of another, rad."""
-    one, other = seen.during(before), seen.during(after)
+    one, other = decoded.during(before), decoded.during(after)
     if not one or not other:
         return None
     a, b = one[-1].value.positions, other[-1].value.positions
@@ -349,9 +354,9 @@ _NOT_MOVED = "it was not moved"
 
 
 @requires(201, f"{RULES} 4")
-def a_step_is_made_by_every_joint(seen: JointStreamTraffic) -> Verdict:
+def a_step_is_made_by_every_joint(decoded: JointStreamTraffic) -> Verdict:
     """Told to, every joint turns by 0.02 degrees, to 30 %, within half a second."""
-    found = _moved(seen, "before", "out")
+    found = _moved(decoded, "before", "out")
     if found is None:
         return not_seen(_NOT_MOVED)
     shares = [each / STEP_RAD for each in found[0]]
@@ -361,9 +366,9 @@ def a_step_is_made_by_every_joint(seen: JointStreamTraffic) -> Verdict:
 
 
 @requires(202, f"{RULES} 4")
-def it_comes_back(seen: JointStreamTraffic) -> Verdict:
+def it_comes_back(decoded: JointStreamTraffic) -> Verdict:
     """Told its old position, every joint comes back to it, to 30 % of the step."""
-    found = _moved(seen, "before", "back")
+    found = _moved(decoded, "before", "back")
     if found is None:
         return not_seen(_NOT_MOVED)
     left = max(map(abs, found[0])) / STEP_RAD
@@ -372,9 +377,9 @@ def it_comes_back(seen: JointStreamTraffic) -> Verdict:
 
 
 @requires(203, f"{PAGE}, command: velocity")
-def a_speed_is_reached(seen: JointStreamTraffic) -> Verdict:
+def a_speed_is_reached(decoded: JointStreamTraffic) -> Verdict:
     """Told a speed of 0.002 rad/s, every joint reaches it, to 30 %."""
-    found = seen.during("speed")
+    found = decoded.during("speed")
     if len(found) < 10:
         return not_seen(_NOT_MOVED)
     last = found[-1].value.velocities
@@ -384,9 +389,9 @@ def a_speed_is_reached(seen: JointStreamTraffic) -> Verdict:
 
 
 @requires(204, f"{RULES} 4: without a command for 0.1 s the arm brakes and holds")
-def a_deserted_motion_ends(seen: JointStreamTraffic) -> Verdict:
+def a_deserted_motion_ends(decoded: JointStreamTraffic) -> Verdict:
     """Moved by speeds that cease to come, it stands after 0.3 s."""
-    phase, found = seen.phase("deserted"), seen.during("deserted")
+    phase, found = decoded.phase("deserted"), decoded.during("deserted")
     if phase is None or not found:
         return not_seen(_NOT_MOVED)
     late = [each for each in found if each.time_s > phase.start_s + 0.05 + STOPPED_S]
@@ -401,9 +406,9 @@ def a_deserted_motion_ends(seen: JointStreamTraffic) -> Verdict:
 
 
 @requires(301, f"{RULES} 5: in an emergency stop the reason says so")
-def an_emergency_stop_is_told(seen: JointStreamTraffic) -> Verdict:
+def an_emergency_stop_is_told(decoded: JointStreamTraffic) -> Verdict:
     """In an emergency stop states say why commands do not act, and the mode is hold."""
-    found = [each for each in seen.during("estop") if each.value.reason]
+    found = [each for each in decoded.during("estop") if each.value.reason]
     if not found:
         return not_seen("no state told of one")
     wrong = [e.number for e in found[3:] if e.value.mode is not ControlMode.HOLD]

@@ -57,7 +57,7 @@ ASKS = {"run": "JSPC-106", "junk": "JSPC-115", "again": "JSPC-120"}
 
 
 def _ended_before(phase: str) -> Callable[[JointStreamTraffic], Verdict | None]:
-    return lambda seen: had_ended(seen, phase, seen.states, seen.commands, ASKS)
+    return lambda decoded: had_ended(decoded, phase, decoded.states, decoded.commands, ASKS)
 
 
 class Said(NamedTuple):
@@ -69,13 +69,13 @@ class Said(NamedTuple):
     state: State | None
 
 
-def _said(seen: JointStreamTraffic, *phases: str) -> list[Said]:
+def _said(decoded: JointStreamTraffic, *phases: str) -> list[Said]:
     """Return the commands of the phases; without phases: all."""
     found: list[Said] = []
-    states = iter(seen.states)
+    states = iter(decoded.states)
     newest: State | None = None
     coming = next(states, None)
-    commands: list[Command] = seen.sent_during(*phases) if phases else seen.commands
+    commands: list[Command] = decoded.sent_during(*phases) if phases else decoded.commands
     for each in commands:
         while coming is not None and coming.number < each.number:
             # A repeated state is not the newest.
@@ -113,32 +113,32 @@ def _away(said: Said) -> float:
 
 
 @requires(101, f"{RULES} 1: the client begins")
-def it_greets(seen: JointStreamTraffic) -> Verdict:
+def it_greets(decoded: JointStreamTraffic) -> Verdict:
     """It begins with a hold that has session 0, and states come of that."""
-    first = next((e for e in seen.commands if e.value is not None), None)
+    first = next((e for e in decoded.commands if e.value is not None), None)
     if first is None or first.value is None:
         return failed("nothing came")
     if not _greets(first.value):
         mode = first.value.mode.name.lower()
         return failed(f"{mode} with session {first.value.session}", [first.number])
-    return passed("greeted") if seen.states else failed("no state came of it", [first.number])
+    return passed("greeted") if decoded.states else failed("no state came of it", [first.number])
 
 
 @requires(102, f"{RULES} 6")
-def datagrams_are_commands(seen: JointStreamTraffic) -> Verdict:
+def datagrams_are_commands(decoded: JointStreamTraffic) -> Verdict:
     """Every datagram is one whole command: no other length, mode or number of joints, all
     finite."""
-    return none_wrong(seen.unread, len(seen.raw), f"{len(seen.raw)} datagrams", _NOTHING)
+    return none_wrong(decoded.unread, len(decoded.raw), f"{len(decoded.raw)} datagrams", _NOTHING)
 
 
 @requires(103, f"{HEADER}: number of joints of the arm, in a hold too")
-def the_joints_are_the_arms(seen: JointStreamTraffic) -> Verdict:
+def the_joints_are_the_arms(decoded: JointStreamTraffic) -> Verdict:
     """Once states came, every command says how many joints the arm has."""
-    found = [e for e in _said(seen) if e.state is not None]
+    found = [e for e in _said(decoded) if e.state is not None]
     wrong = [
-        (e.number, f"{seen.raw[e.number][JOINTS_AT]} joints")
+        (e.number, f"{decoded.raw[e.number][JOINTS_AT]} joints")
         for e in found
-        if seen.raw[e.number][JOINTS_AT] != JOINTS
+        if decoded.raw[e.number][JOINTS_AT] != JOINTS
     ]
     return none_wrong(wrong, len(found), f"{len(found)} commands", _NOTHING)
 
@@ -149,7 +149,7 @@ COMMANDS: Over[JointStreamTraffic, Said] = Over(_said, "{} commands")
 @requires.each(
     104,
     f"{HEADER}: sequence, from 1; {RULES} 2: from a greeting it may count anew",
-    Over(lambda seen: pairwise(_said(seen)), "{} commands"),
+    Over(lambda decoded: pairwise(_said(decoded)), "{} commands"),
 )
 def commands_count_up_by_one(each: tuple[Said, Said]) -> str | None:
     """The sequence goes up by one from command to command."""
@@ -175,12 +175,12 @@ class Pair(NamedTuple):
     commands: list[Said]
 
 
-def _pairs(seen: JointStreamTraffic, *phases: str) -> list[Pair]:
+def _pairs(decoded: JointStreamTraffic, *phases: str) -> list[Pair]:
     """The states of the phases."""
     found = []
-    commands = iter(_said(seen, *phases))
+    commands = iter(_said(decoded, *phases))
     command = next(commands, None)
-    states = seen.during(*phases)
+    states = decoded.during(*phases)
     ends = [*(each.number for each in states[1:]), math.inf]
     for state, end in zip(states, ends, strict=False):
         own = []
@@ -192,8 +192,8 @@ def _pairs(seen: JointStreamTraffic, *phases: str) -> list[Pair]:
     return found
 
 
-def _answered(seen: JointStreamTraffic, phase: str, least: float) -> Verdict:
-    found = _pairs(seen, phase)[:-1]
+def _answered(decoded: JointStreamTraffic, phase: str, least: float) -> Verdict:
+    found = _pairs(decoded, phase)[:-1]
     began = next((n for n, each in enumerate(found) if each.commands), None)
     if began is None:
         return failed("none came") if found else not_seen("there were no states")
@@ -203,15 +203,15 @@ def _answered(seen: JointStreamTraffic, phase: str, least: float) -> Verdict:
 
 
 @requires(106, f"{RULES} 4: where none comes in a cycle the arm goes on by itself")
-def states_are_answered(seen: JointStreamTraffic) -> Verdict:
+def states_are_answered(decoded: JointStreamTraffic) -> Verdict:
     """95 % of the states of a run are answered by a command."""
-    return _answered(seen, "run", ANSWERED_SHARE)
+    return _answered(decoded, "run", ANSWERED_SHARE)
 
 
 @requires(107, f"{RULES} 3 and 4: one command in a cycle")
-def one_command_is_enough(seen: JointStreamTraffic) -> Verdict:
+def one_command_is_enough(decoded: JointStreamTraffic) -> Verdict:
     """To a state there is one command; 1 % may be late, and stand beside the next."""
-    found = _pairs(seen, "run", "anew")
+    found = _pairs(decoded, "run", "anew")
     wrong = [
         (each.commands[1].number, f"{len(each.commands)} commands")
         for each in found
@@ -223,18 +223,20 @@ def one_command_is_enough(seen: JointStreamTraffic) -> Verdict:
 
 
 @requires(108, f"{RULES} 4: a command acts in the cycle that it comes in")
-def commands_are_in_time(seen: JointStreamTraffic) -> Verdict:
+def commands_are_in_time(decoded: JointStreamTraffic) -> Verdict:
     """A command comes within the cycle of its state: none comes later than that after the last
     state before a silence."""
     times = []
     for name in ("silence", "restarted"):
-        phase = seen.phase(name)
-        states = [] if phase is None else [e for e in seen.states if e.number < phase.first]
-        if phase is None or not states or not _ever_answers(seen, "run"):
+        phase = decoded.phase(name)
+        states = [] if phase is None else [e for e in decoded.states if e.number < phase.first]
+        if phase is None or not states or not _ever_answers(decoded, "run"):
             continue
         last = states[-1]
-        end = next((e.number for e in seen.states if e.number > phase.first), phase.end)
-        inside = [e for e in _said(seen) if last.number < e.number < end and not _greets(e.value)]
+        end = next((e.number for e in decoded.states if e.number > phase.first), phase.end)
+        inside = [
+            e for e in _said(decoded) if last.number < e.number < end and not _greets(e.value)
+        ]
         if inside:
             times.append((inside[-1].time_s - last.time_s, inside[-1].number))
     if not times:
@@ -245,9 +247,9 @@ def commands_are_in_time(seen: JointStreamTraffic) -> Verdict:
 
 
 @requires(109, f"{HEADER}: stamp, the sender's clock, s")
-def stamps_advance_as_time_does(seen: JointStreamTraffic) -> Verdict:
+def stamps_advance_as_time_does(decoded: JointStreamTraffic) -> Verdict:
     """The stamp never goes back, and advances as time does, to 2 %."""
-    found = _said(seen)
+    found = _said(decoded)
     if len(found) < 10:
         return not_seen("fewer than ten commands")
     wrong = [b.number for a, b in pairwise(found) if b.value.stamp_s < a.value.stamp_s]
@@ -259,28 +261,28 @@ def stamps_advance_as_time_does(seen: JointStreamTraffic) -> Verdict:
     return met(abs(told_s - passes_s) <= CLOCK_SHARE * passes_s, said, [found[-1].number])
 
 
-def _begins(seen: JointStreamTraffic) -> Iterator[Said]:
+def _begins(decoded: JointStreamTraffic) -> Iterator[Said]:
     """The first commands that are no holds: of all, of a session, and after a stop or a silence."""
     for phases in (("greet", "run"), ("acknowledged",), ("again",), ("restarted", "anew")):
-        found = [e for e in _said(seen, *phases) if e.value.mode is not ControlMode.HOLD]
+        found = [e for e in _said(decoded, *phases) if e.value.mode is not ControlMode.HOLD]
         if phases[0] == "restarted":
-            before = {e.value.session for e in seen.during("run")}
+            before = {e.value.session for e in decoded.during("run")}
             found = [e for e in found if e.state and e.state.value.session not in before]
         yield from found[:1]
 
 
 @requires(110, f"{RULES} 2 and 4: what was commanded before is void")
-def motion_begins_where_the_arm_is(seen: JointStreamTraffic) -> Verdict:
+def motion_begins_where_the_arm_is(decoded: JointStreamTraffic) -> Verdict:
     """The first command of a session, and after a stop and a silence, is the measured position to
     half a degree, or no speed."""
-    found = list(_begins(seen))
+    found = list(_begins(decoded))
     wrong = []
     for each in found:
         if _away(each) > NEAR_RAD:
             wrong.append((each.number, f"{math.degrees(_away(each)):.2f} degrees away"))
         elif _speed(each) > STILL_RAD_S:
             wrong.append((each.number, f"at {_speed(each):.3g} rad/s"))
-    if _said(seen) and not found:
+    if _said(decoded) and not found:
         return not_applicable("it only holds")
     return none_wrong(wrong, len(found), f"{len(found)} beginnings", _NOTHING)
 
@@ -307,9 +309,9 @@ def commands_are_within_the_arm(each: Said) -> str:
     return _outside(each.value)
 
 
-def _steps(seen: JointStreamTraffic) -> Iterator[tuple[Said, Said, float]]:
+def _steps(decoded: JointStreamTraffic) -> Iterator[tuple[Said, Said, float]]:
     """Neighboring commands of positions in one session, and the arm's time between them."""
-    for a, b in pairwise(_said(seen, "run", "acknowledged", "junk", "anew")):
+    for a, b in pairwise(_said(decoded, "run", "acknowledged", "junk", "anew")):
         both = a.value.mode is b.value.mode is ControlMode.POSITION
         if not both or a.state is None or b.state is None:
             continue
@@ -318,8 +320,8 @@ def _steps(seen: JointStreamTraffic) -> Iterator[tuple[Said, Said, float]]:
             yield a, b, passed_s
 
 
-def _unpositioned(seen: JointStreamTraffic) -> Verdict | None:
-    none = bool(_said(seen)) and not any(_steps(seen))
+def _unpositioned(decoded: JointStreamTraffic) -> Verdict | None:
+    none = bool(_said(decoded)) and not any(_steps(decoded))
     return not_applicable("it commands no positions") if none else None
 
 
@@ -357,9 +359,9 @@ def speeds_are_those_of_the_positions(each: tuple[Said, Said, float]) -> str:
     return ""
 
 
-def _while_stopped(seen: JointStreamTraffic) -> list[Said]:
-    numbers = {e.number for e in seen.during("estop")[STOPPED_STATES:]}
-    return [e for e in _said(seen, "estop") if e.state is not None and e.state.number in numbers]
+def _while_stopped(decoded: JointStreamTraffic) -> list[Said]:
+    numbers = {e.number for e in decoded.during("estop")[STOPPED_STATES:]}
+    return [e for e in _said(decoded, "estop") if e.state is not None and e.state.number in numbers]
 
 
 @requires.each(
@@ -379,39 +381,39 @@ def a_stopped_arm_is_followed(each: Said) -> str:
 @requires(
     115, f"{RULES} 6: malformed as a whole, and changes nothing", unless=_ended_before("junk")
 )
-def junk_does_not_end_it(seen: JointStreamTraffic) -> Verdict:
+def junk_does_not_end_it(decoded: JointStreamTraffic) -> Verdict:
     """Datagrams that are no states end nothing: it goes on answering 90 % of the states."""
-    return _answered_if_ever(seen, "junk")
+    return _answered_if_ever(decoded, "junk")
 
 
-def _answered_if_ever(seen: JointStreamTraffic, phase: str) -> Verdict:
-    if not any(each.commands for each in _pairs(seen, "run")):
+def _answered_if_ever(decoded: JointStreamTraffic, phase: str) -> Verdict:
+    if not any(each.commands for each in _pairs(decoded, "run")):
         return not_seen("it never answered")
-    return _answered(seen, phase, 0.9)
+    return _answered(decoded, phase, 0.9)
 
 
-def _ever_answers(seen: JointStreamTraffic, phase: str) -> bool:
-    return any(not _greets(e.value) for e in _said(seen, phase))
+def _ever_answers(decoded: JointStreamTraffic, phase: str) -> bool:
+    return any(not _greets(e.value) for e in _said(decoded, phase))
 
 
 @requires(116, f"{RULES} 3: what is not newer is dropped", unless=_ended_before("old"))
-def old_states_are_not_answered(seen: JointStreamTraffic) -> Verdict:
+def old_states_are_not_answered(decoded: JointStreamTraffic) -> Verdict:
     """A state that is old, or comes again, is not answered."""
-    if not _ever_answers(seen, "old"):
+    if not _ever_answers(decoded, "old"):
         return not_seen("none were sent, or it did not answer")
-    fresh = len({each.value.sequence for each in _fresh(seen, "old")})
-    found = _said(seen, "old")
+    fresh = len({each.value.sequence for each in _fresh(decoded, "old")})
+    found = _said(decoded, "old")
     said = f"{len(found)} commands to {fresh} new states"
     # The last answer before may have been late.
     return met(len(found) <= fresh + 1, said, [found[-1].number])
 
 
-def _fresh(seen: JointStreamTraffic, phase: str) -> list[State]:
+def _fresh(decoded: JointStreamTraffic, phase: str) -> list[State]:
     """The states of a phase that are newer than all before them."""
-    inside = {each.number for each in seen.during(phase)}
+    inside = {each.number for each in decoded.during(phase)}
     found: list[State] = []
     newest: State | None = None
-    for each in seen.states:
+    for each in decoded.states:
         if newest is None or _later(each, newest):
             newest = each
             if each.number in inside:
@@ -422,11 +424,11 @@ def _fresh(seen: JointStreamTraffic, phase: str) -> list[State]:
 @requires(
     117, f"{RULES} 2: sessions count up; what was before is void", unless=_ended_before("earlier")
 )
-def earlier_sessions_are_not_answered(seen: JointStreamTraffic) -> Verdict:
+def earlier_sessions_are_not_answered(decoded: JointStreamTraffic) -> Verdict:
     """A state of an earlier session, on its way for long, is not answered."""
-    if not _ever_answers(seen, "earlier"):
+    if not _ever_answers(decoded, "earlier"):
         return not_seen("none were sent, or it did not answer")
-    fresh, found = len(_fresh(seen, "earlier")), _said(seen, "earlier")
+    fresh, found = len(_fresh(decoded, "earlier")), _said(decoded, "earlier")
     said = f"{len(found)} commands to {fresh} new states"
     return met(len(found) <= fresh + 1, said, [found[-1].number])
 
@@ -434,12 +436,12 @@ def earlier_sessions_are_not_answered(seen: JointStreamTraffic) -> Verdict:
 @requires(
     118, f"{RULES} 4: an arm that hears nothing brakes and holds", unless=_ended_before("silence")
 )
-def silence_is_not_commanded(seen: JointStreamTraffic) -> Verdict:
+def silence_is_not_commanded(decoded: JointStreamTraffic) -> Verdict:
     """While the arm is silent it is sent holds only, which keep it from forgetting its client."""
-    phase = seen.phase("silence")
-    if phase is None or not _ever_answers(seen, "run"):
+    phase = decoded.phase("silence")
+    if phase is None or not _ever_answers(decoded, "run"):
         return not_seen("there was no silence, or it never answered")
-    found = [e for e in _said(seen, "silence") if e.time_s > phase.start_s + ON_THEIR_WAY_S]
+    found = [e for e in _said(decoded, "silence") if e.time_s > phase.start_s + ON_THEIR_WAY_S]
     wrong = [
         (e.number, e.value.mode.name.lower()) for e in found if e.value.mode is not ControlMode.HOLD
     ]
@@ -449,17 +451,17 @@ def silence_is_not_commanded(seen: JointStreamTraffic) -> Verdict:
 @requires(
     119, f"{RULES} 1: a client that is silent for 1 s is forgotten", unless=_ended_before("silence")
 )
-def a_silent_arm_is_greeted(seen: JointStreamTraffic) -> Verdict:
+def a_silent_arm_is_greeted(decoded: JointStreamTraffic) -> Verdict:
     """A silent arm is greeted again, once a second at least: it may have forgotten its client, or
     restarted."""
     found = []
     for name in ("silence", "restarted"):
-        phase = seen.phase(name)
+        phase = decoded.phase(name)
         if phase is not None:
-            greets = [e for e in _said(seen, name) if _greets(e.value)]
+            greets = [e for e in _said(decoded, name) if _greets(e.value)]
             first_s = greets[0].time_s if greets else math.inf
             found.append((first_s - phase.start_s, phase.first))
-    if not found or not _ever_answers(seen, "run"):
+    if not found or not _ever_answers(decoded, "run"):
         return not_seen("it was never silent, or it never answered")
     longest_s, number = max(found)
     if longest_s > GREETS_WITHIN_S:
@@ -469,43 +471,43 @@ def a_silent_arm_is_greeted(seen: JointStreamTraffic) -> Verdict:
 
 
 @requires(120, f"{RULES} 4: the next command acts again", unless=_ended_before("again"))
-def it_goes_on_after_silence(seen: JointStreamTraffic) -> Verdict:
+def it_goes_on_after_silence(decoded: JointStreamTraffic) -> Verdict:
     """The arm heard again, 90 % of its states are answered."""
-    return _answered_if_ever(seen, "again")
+    return _answered_if_ever(decoded, "again")
 
 
 @requires(
     121, f"{RULES} 2: a restart of the controller is a new session", unless=_ended_before("anew")
 )
-def a_restart_is_followed(seen: JointStreamTraffic) -> Verdict:
+def a_restart_is_followed(decoded: JointStreamTraffic) -> Verdict:
     """After a restart of the arm 90 % of the states of its new session are answered."""
-    if seen.phase("anew") is None or not _ever_answers(seen, "run"):
+    if decoded.phase("anew") is None or not _ever_answers(decoded, "run"):
         return not_seen("there was no restart, or it never answered")
-    if not seen.during("anew"):
+    if not decoded.during("anew"):
         return failed("it did not greet the arm again")
-    return _answered(seen, "anew", 0.9)
+    return _answered(decoded, "anew", 0.9)
 
 
 @requires(122, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: JointStreamTraffic) -> Verdict:
+def both_descriptions_agree(decoded: JointStreamTraffic) -> Verdict:
     """A second reader, the scapy layers, sees the same commands."""
 
     def differs(each: Said, layers: Any) -> str:
-        layer = layers.JointStream(seen.raw[each.number])
+        layer = layers.JointStream(decoded.raw[each.number])
         if wrong := refused(layers, layer):
             return wrong
         same = (layer.session, layer.sequence) == (each.value.session, each.value.sequence)
         return "" if same else "another session or sequence"
 
-    return read_twice(_said(seen), "joint_stream", differs, "commands", _NOTHING, 30)
+    return read_twice(_said(decoded), "joint_stream", differs, "commands", _NOTHING, 30)
 
 
 @requires(
     301, f"{RULES} 4: the arm goes on at the last speeds for 0.1 s", unless=_ended_before("ended")
 )
-def it_leaves_at_rest(seen: JointStreamTraffic) -> Verdict:
+def it_leaves_at_rest(decoded: JointStreamTraffic) -> Verdict:
     """When the client's program ends, its last command is a hold, or one without speed."""
-    phase, found = seen.phase("ended"), _said(seen)
+    phase, found = decoded.phase("ended"), _said(decoded)
     if phase is None or not found:
         return not_seen("it was not ended")
     last = found[-1]

@@ -41,9 +41,9 @@ requires: Requirements[RosArmTraffic] = Requirements("ROS2ARM", _NOTHING)
 
 
 @requires(1, f"{BROADCASTER}: /joint_states")
-def states_come(seen: RosArmTraffic) -> Verdict:
+def states_come(decoded: RosArmTraffic) -> Verdict:
     """Joint states come unasked, 10 to 1100 a second."""
-    found = seen.during("listen")
+    found = decoded.during("listen")
     if len(found) < 5:
         return failed(f"{len(found)} of them")
     rate = (len(found) - 1) / (found[-1].time_s - found[0].time_s)
@@ -51,76 +51,78 @@ def states_come(seen: RosArmTraffic) -> Verdict:
     return met(RATE_HZ[0] <= rate <= RATE_HZ[1], said)
 
 
-STATES: Over[RosArmTraffic, State] = Over(lambda seen: seen.states, "{} states")
+STATES: Over[RosArmTraffic, State] = Over(lambda decoded: decoded.states, "{} states")
 
 
 @requires(2, JOINT_STATE)
-def messages_are_whole(seen: RosArmTraffic) -> Verdict:
+def messages_are_whole(decoded: RosArmTraffic) -> Verdict:
     """Every message is one of its type, with a position for each name, and no name twice."""
-    wrong = [*seen.unread]
-    wrong += [(e.number, "names and positions do not fit") for e in seen.states if not e.whole]
+    wrong = [*decoded.unread]
+    wrong += [(e.number, "names and positions do not fit") for e in decoded.states if not e.whole]
     return none_wrong(
-        wrong, len(seen.states) + len(seen.unread), f"{len(seen.states)} states", _NOTHING
+        wrong, len(decoded.states) + len(decoded.unread), f"{len(decoded.states)} states", _NOTHING
     )
 
 
 @requires(3, JOINT_STATE)
-def positions_are_numbers(seen: RosArmTraffic) -> Verdict:
+def positions_are_numbers(decoded: RosArmTraffic) -> Verdict:
     """Every position is a finite number."""
     wrong = [
         (each.number, f"{name} is {value}")
-        for each in seen.states
+        for each in decoded.states
         for name, value in each.positions.items()
         if not math.isfinite(value)
     ]
-    return none_wrong(wrong, len(seen.states), f"{len(seen.states)} states", _NOTHING)
+    return none_wrong(wrong, len(decoded.states), f"{len(decoded.states)} states", _NOTHING)
 
 
 @requires(4, f"{JOINT_STATE}: rad or m")
-def positions_are_plausible(seen: RosArmTraffic) -> Verdict:
+def positions_are_plausible(decoded: RosArmTraffic) -> Verdict:
     """No position is beyond 100 rad or m."""
     wrong = [
         (each.number, f"{name} at {value:.3g}")
-        for each in seen.states
+        for each in decoded.states
         for name, value in each.positions.items()
         if math.isfinite(value) and abs(value) > FAR_RAD
     ]
-    return none_wrong(wrong, len(seen.states), f"{len(seen.states)} states", _NOTHING)
+    return none_wrong(wrong, len(decoded.states), f"{len(decoded.states)} states", _NOTHING)
 
 
 @requires(5, f"{BROADCASTER}: the joints of its parameters, in one order")
-def names_stay(seen: RosArmTraffic) -> Verdict:
+def names_stay(decoded: RosArmTraffic) -> Verdict:
     """Each publisher names the same joints in every message."""
     wrong = []
-    for found in seen.publishers().values():
+    for found in decoded.publishers().values():
         first = set(found[0].positions)
         wrong += [
             (each.number, f"{', '.join(sorted(first ^ set(each.positions)))}")
             for each in found
             if set(each.positions) != first
         ]
-    return none_wrong(sorted(wrong), len(seen.states), f"{len(seen.states)} states", _NOTHING)
+    return none_wrong(sorted(wrong), len(decoded.states), f"{len(decoded.states)} states", _NOTHING)
 
 
 @requires(6, f"{DESCRIPTION}; {BROADCASTER}")
-def names_are_those_of_the_description(seen: RosArmTraffic) -> Verdict:
+def names_are_those_of_the_description(decoded: RosArmTraffic) -> Verdict:
     """Every joint that moves in the description is named, and no other."""
-    if seen.described is None:
+    if decoded.described is None:
         return not_seen("no description came")
-    if not seen.states:
+    if not decoded.states:
         return not_seen(_NOTHING)
-    named = {name for each in seen.states for name in each.positions}
-    odd = sorted(named ^ set(seen.described))
+    named = {name for each in decoded.states for name in each.positions}
+    odd = sorted(named ^ set(decoded.described))
     said = f"{len(named)} joints"
     return (
-        failed(f"not in both: {', '.join(odd)}", [seen.states[0].number]) if odd else passed(said)
+        failed(f"not in both: {', '.join(odd)}", [decoded.states[0].number])
+        if odd
+        else passed(said)
     )
 
 
 @requires(7, f"{BROADCASTER}: one of them publishes an arm's states")
-def there_is_one_publisher(seen: RosArmTraffic) -> Verdict:
+def there_is_one_publisher(decoded: RosArmTraffic) -> Verdict:
     """All joint states come from one publisher, from the beginning to the end."""
-    found = seen.publishers()
+    found = decoded.publishers()
     if not found:
         return not_seen(_NOTHING)
     others = [states[0].number for states in found.values()][1:]
@@ -128,17 +130,17 @@ def there_is_one_publisher(seen: RosArmTraffic) -> Verdict:
     return failed(said, others) if others else passed("one")
 
 
-def _sequences(seen: RosArmTraffic) -> list[tuple[State, State, int]]:
+def _sequences(decoded: RosArmTraffic) -> list[tuple[State, State, int]]:
     return [
         (a, b, b.sequence - a.sequence)
-        for found in seen.publishers().values()
+        for found in decoded.publishers().values()
         for a, b in pairwise(found)
         if a.sequence is not None and b.sequence is not None
     ]
 
 
-def _uncounted(seen: RosArmTraffic) -> Verdict | None:
-    none = bool(seen.states) and not _sequences(seen)
+def _uncounted(decoded: RosArmTraffic) -> Verdict | None:
+    none = bool(decoded.states) and not _sequences(decoded)
     return not_applicable("the transport does not count") if none else None
 
 
@@ -166,9 +168,9 @@ def _usual(found: list[State]) -> float:
 
 
 @requires(10, f"{BROADCASTER}: one message in each cycle of the controller manager")
-def arrival_is_steady(seen: RosArmTraffic) -> Verdict:
+def arrival_is_steady(decoded: RosArmTraffic) -> Verdict:
     """95 % of the messages arrive within 0.4 periods of when they are due."""
-    found = seen.during("listen")
+    found = decoded.during("listen")
     if len(found) < 50:
         return not_seen("too few states")
     usual = _usual(found)
@@ -179,15 +181,15 @@ def arrival_is_steady(seen: RosArmTraffic) -> Verdict:
 
 
 @requires(11, f"{BROADCASTER}: one message in each cycle of the controller manager")
-def there_are_no_pauses(seen: RosArmTraffic) -> Verdict:
+def there_are_no_pauses(decoded: RosArmTraffic) -> Verdict:
     """It is never silent for more than 10 periods."""
-    hand = seen.phase("gone")
-    found = [e for e in seen.states if hand is None or e.number < hand.first]
+    hand = decoded.phase("gone")
+    found = [e for e in decoded.states if hand is None or e.number < hand.first]
     if len(found) < 10:
         return not_seen(_NOTHING)
     usual = _usual(found)
     gaps = [(b.time_s - a.time_s, b.number) for a, b in pairwise(found)]
-    last = max(seen.phases.values(), key=lambda each: each.end_s)
+    last = max(decoded.phases.values(), key=lambda each: each.end_s)
     gaps.append(((hand or last).start_s - found[-1].time_s, found[-1].number))
     longest, number = max(gaps)
     said = f"longest {longest * 1e3:.0f} ms"
@@ -201,8 +203,8 @@ def states_are_stamped(each: State) -> str:
     return "" if each.stamp_s else "it is zero"
 
 
-def _stamped(seen: RosArmTraffic) -> list[tuple[State, State]]:
-    pairs = [p for found in seen.publishers().values() for p in pairwise(found)]
+def _stamped(decoded: RosArmTraffic) -> list[tuple[State, State]]:
+    pairs = [p for found in decoded.publishers().values() for p in pairwise(found)]
     return [(a, b) for a, b in pairs if a.stamp_s and b.stamp_s]
 
 
@@ -227,11 +229,11 @@ def stamps_do_not_leap(each: tuple[State, State]) -> str:
 
 
 @requires(15, f"{JOINT_STATE}: the state of a joint, which is in one place")
-def a_joint_has_one_publisher_at_a_time(seen: RosArmTraffic) -> Verdict:
+def a_joint_has_one_publisher_at_a_time(decoded: RosArmTraffic) -> Verdict:
     """No joint is published by two publishers at the same time."""
     wrong: list[tuple[int, str]] = []
     spans: dict[str, list[tuple[State, State]]] = {}
-    for found in seen.publishers().values():
+    for found in decoded.publishers().values():
         names = {name for each in found for name in each.positions}
         for name in names:
             having = [each for each in found if name in each.positions]
@@ -254,56 +256,56 @@ def _far(one: State, other: State) -> float:
 
 
 @requires(101, f"{FORWARD}: what comes is passed on at once")
-def an_arm_that_is_held_stays(seen: RosArmTraffic) -> Verdict:
+def an_arm_that_is_held_stays(decoded: RosArmTraffic) -> Verdict:
     """Commanded to be where it is, every joint stays within 0.6 degrees."""
-    before, found = seen.during("listen"), seen.during("hold")
-    if not before or not found or not seen.commands:
+    before, found = decoded.during("listen"), decoded.during("hold")
+    if not before or not found or not decoded.commands:
         return not_seen(_NOT_HELD)
     far, number = max((_far(before[-1], each), each.number) for each in found)
     said = f"{math.degrees(far):.3f} degrees"
     return at_most(math.degrees(HELD_RAD), math.degrees(far), "degrees", said, [number])
 
 
-def _last(seen: RosArmTraffic, phase: str) -> dict[str, float] | None:
+def _last(decoded: RosArmTraffic, phase: str) -> dict[str, float] | None:
     """The last position of each joint of the description in a phase."""
     found: dict[str, float] = {}
-    for each in seen.during(phase):
+    for each in decoded.during(phase):
         found.update(each.positions)
-    wanted = [name for name in seen.described or () if name in found]
+    wanted = [name for name in decoded.described or () if name in found]
     return {name: found[name] for name in wanted} if wanted else None
 
 
 @requires(201, f"{FORWARD}: positions in the order of its joints")
-def a_step_is_made_by_every_joint(seen: RosArmTraffic) -> Verdict:
+def a_step_is_made_by_every_joint(decoded: RosArmTraffic) -> Verdict:
     """Commanded to, every joint turns by 0.02 degrees, to 30 %, within 0.6 s."""
-    before, after = _last(seen, "hold"), _last(seen, "out")
+    before, after = _last(decoded, "hold"), _last(decoded, "out")
     if before is None or after is None:
         return not_seen("it was not moved")
     shares = {n: (after[n] - before[n]) / STEP_RAD for n in before if n in after}
     worst = max(shares, key=lambda name: abs(shares[name] - 1.0))
     said = f"{worst} by {100 * shares[worst]:.0f} % of it"
-    return met(abs(shares[worst] - 1.0) < REACHED, said, [seen.during("out")[-1].number])
+    return met(abs(shares[worst] - 1.0) < REACHED, said, [decoded.during("out")[-1].number])
 
 
 @requires(202, FORWARD)
-def it_comes_back(seen: RosArmTraffic) -> Verdict:
+def it_comes_back(decoded: RosArmTraffic) -> Verdict:
     """Commanded back, every joint is where it was, to 30 % of the step."""
-    before, after = _last(seen, "hold"), _last(seen, "back")
+    before, after = _last(decoded, "hold"), _last(decoded, "back")
     if before is None or after is None:
         return not_seen("it was not moved")
     left = max(abs(after[n] - before[n]) for n in before if n in after) / STEP_RAD
     said = f"{100 * left:.0f} % of the step is left"
-    return met(left < REACHED, said, [seen.during("back")[-1].number])
+    return met(left < REACHED, said, [decoded.during("back")[-1].number])
 
 
 @requires(203, f"{FORWARD}: in the next cycle of the controller manager")
-def a_command_acts_soon(seen: RosArmTraffic) -> Verdict:
+def a_command_acts_soon(decoded: RosArmTraffic) -> Verdict:
     """A step shows in the joint states within three periods of its being sent."""
-    phase, found, held = seen.phase("out"), seen.during("out"), seen.during("hold")
+    phase, found, held = decoded.phase("out"), decoded.during("out"), decoded.during("hold")
     if phase is None or not found or not held:
         return not_seen("it was not moved")
     sent = next(
-        (time_s for number, time_s in seen.commands if number >= phase.first), phase.start_s
+        (time_s for number, time_s in decoded.commands if number >= phase.first), phase.start_s
     )
     moved = [each for each in found if _far(held[-1], each) > 0.05 * STEP_RAD]
     if not moved:
@@ -314,12 +316,12 @@ def a_command_acts_soon(seen: RosArmTraffic) -> Verdict:
 
 
 @requires(301, f"{BROADCASTER}: states end with their node")
-def what_has_ended_is_silent(seen: RosArmTraffic) -> Verdict:
+def what_has_ended_is_silent(decoded: RosArmTraffic) -> Verdict:
     """Its nodes ended, no more joint states come."""
-    phase = seen.phase("gone")
+    phase = decoded.phase("gone")
     if phase is None:
         return not_seen("they were not ended")
-    found = seen.during("gone")
+    found = decoded.during("gone")
     quiet_s = phase.end_s - (found[-1].time_s if found else phase.start_s)
     said = f"silent for the last {quiet_s:.1f} s"
     return met(quiet_s > 0.3, said, [each.number for each in found[-1:]])

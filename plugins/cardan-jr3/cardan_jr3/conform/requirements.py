@@ -54,9 +54,9 @@ def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _N
 
 
 @requires(1, f"{FIRMWARE}: BOOTUP once the sensor is read")
-def it_says_that_it_started(seen: Jr3Traffic) -> Verdict:
+def it_says_that_it_started(decoded: Jr3Traffic) -> Verdict:
     """Powered, the board says BOOTUP once, and samples only when it is told to."""
-    found = seen.during("listen")
+    found = decoded.during("listen")
     boots = [each for each in found if isinstance(each.value, Bootup)]
     others = [each.number for each in found if not isinstance(each.value, Bootup)]
     if others:
@@ -65,46 +65,48 @@ def it_says_that_it_started(seen: Jr3Traffic) -> Verdict:
 
 
 @requires(2, FIRMWARE)
-def frames_are_whole(seen: Jr3Traffic) -> Verdict:
+def frames_are_whole(decoded: Jr3Traffic) -> Verdict:
     """Every frame of the node has the length of its operation code."""
-    count = len(seen.frames)
-    return _bad(seen.malformed, count, f"{count} frames", "no frames came")
+    count = len(decoded.frames)
+    return _bad(decoded.malformed, count, f"{count} frames", "no frames came")
 
 
 @requires(3, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: Jr3Traffic) -> Verdict:
+def both_descriptions_agree(decoded: Jr3Traffic) -> Verdict:
     """A second reader, the scapy layers, finds the same frames wrong."""
     malformed = second_description("jr3").malformed
-    if not seen.frames:
+    if not decoded.frames:
         return not_seen("no frames came")
-    wrong = {number for number, _ in seen.malformed}
-    chosen = {*wrong, *list(seen.frames)[:: max(1, len(seen.frames) // 50)]}
-    alone = sorted(n for n in chosen if (malformed(*seen.frames[n]) is not None) != (n in wrong))
+    wrong = {number for number, _ in decoded.malformed}
+    chosen = {*wrong, *list(decoded.frames)[:: max(1, len(decoded.frames) // 50)]}
+    alone = sorted(n for n in chosen if (malformed(*decoded.frames[n]) is not None) != (n in wrong))
     if alone:
         return failed(f"they differ on {len(alone)} frames", alone)
     return passed(f"{len(chosen)} frames read twice")
 
 
-def _acked(seen: Jr3Traffic) -> list[Asked]:
-    return [each for each in seen.asked if not isinstance(each.value, Sync)]
+def _acked(decoded: Jr3Traffic) -> list[Asked]:
+    return [each for each in decoded.asked if not isinstance(each.value, Sync)]
 
 
 @requires(101, f"{FIRMWARE}: every request but SYNC and the gripper's is acknowledged")
-def requests_are_acknowledged(seen: Jr3Traffic) -> Verdict:
+def requests_are_acknowledged(decoded: Jr3Traffic) -> Verdict:
     """Every request is acknowledged within 0.1 s."""
     wrong = []
-    for each in _acked(seen):
+    for each in _acked(decoded):
         if each.ack is None:
             wrong.append((each.number, f"no ACK of {type(each.value).__name__}"))
         elif each.ack.time_s - each.time_s > ACK_WITHIN_S:
             wrong.append((each.ack.number, f"after {each.ack.time_s - each.time_s:.2f} s"))
-    return _bad(wrong, len(_acked(seen)), f"{len(_acked(seen))} requests", "nothing was asked")
+    return _bad(
+        wrong, len(_acked(decoded)), f"{len(_acked(decoded))} requests", "nothing was asked"
+    )
 
 
 @requires(102, f"{FIRMWARE}: 0 is ready")
-def it_is_ready(seen: Jr3Traffic) -> Verdict:
+def it_is_ready(decoded: Jr3Traffic) -> Verdict:
     """Every acknowledgment says that the board is ready."""
-    found = [each for each in seen.said if isinstance(each.value, Ack)]
+    found = [each for each in decoded.said if isinstance(each.value, Ack)]
     wrong = [
         (each.number, f"state {each.value.state}")
         for each in found
@@ -114,12 +116,12 @@ def it_is_ready(seen: Jr3Traffic) -> Verdict:
 
 
 @requires(103, f"{FIRMWARE}; JR3's full scales are hundreds of N and tens of N·m")
-def full_scales_are_told(seen: Jr3Traffic) -> Verdict:
+def full_scales_are_told(decoded: Jr3Traffic) -> Verdict:
     """Asked for, the full scales come with the acknowledgment, all above 0."""
-    asked = [e for e in seen.asked if isinstance(e.value, (GetFsForces, GetFsMoments))]
+    asked = [e for e in decoded.asked if isinstance(e.value, (GetFsForces, GetFsMoments))]
     if not asked:
         return not_seen("they were not asked for")
-    scales = seen.scales()
+    scales = decoded.scales()
     if scales is None:
         return failed("they did not come", [each.number for each in asked])
     forces, moments = scales
@@ -129,9 +131,9 @@ def full_scales_are_told(seen: Jr3Traffic) -> Verdict:
 
 
 @requires(104, f"{FIRMWARE}: FORCES, then MOMENTS of the same sample")
-def samples_come_in_pairs(seen: Jr3Traffic) -> Verdict:
+def samples_come_in_pairs(decoded: Jr3Traffic) -> Verdict:
     """After each FORCES comes its MOMENTS, with the same counter."""
-    found = seen.samples("run")
+    found = decoded.samples("run")
     wrong, count = [], 0
     for one, other in pairwise(found):
         if isinstance(one.value, Forces):
@@ -145,14 +147,14 @@ def samples_come_in_pairs(seen: Jr3Traffic) -> Verdict:
     return _bad(wrong, count, f"{count} pairs")
 
 
-def _forces(seen: Jr3Traffic, *phases: str) -> list[tuple[Said, Forces]]:
-    return [(e, e.value) for e in seen.samples(*phases) if isinstance(e.value, Forces)]
+def _forces(decoded: Jr3Traffic, *phases: str) -> list[tuple[Said, Forces]]:
+    return [(e, e.value) for e in decoded.samples(*phases) if isinstance(e.value, Forces)]
 
 
 @requires(105, f"{SENSOR}: the counter counts samples, 7782 a second")
-def the_counter_counts_samples(seen: Jr3Traffic) -> Verdict:
+def the_counter_counts_samples(decoded: Jr3Traffic) -> Verdict:
     """From pair to pair the counter goes up, and over the whole as samples do, to 2 %."""
-    found = _forces(seen, "run")
+    found = _forces(decoded, "run")
     if len(found) < 10:
         return not_seen("fewer than 10 samples")
     still = [
@@ -172,10 +174,10 @@ def the_counter_counts_samples(seen: Jr3Traffic) -> Verdict:
 
 
 @requires(106, f"{FIRMWARE}, START_ASYNC")
-def samples_come_in_their_period(seen: Jr3Traffic) -> Verdict:
+def samples_come_in_their_period(decoded: Jr3Traffic) -> Verdict:
     """Told to send every 5 ms, it does, to 2 % in the mean, and is never silent for 30 ms."""
-    phase, found = seen.phase("run"), _forces(seen, "run")
-    started = any(isinstance(e.value, StartAsync) and e.ack is not None for e in seen.asked)
+    phase, found = decoded.phase("run"), _forces(decoded, "run")
+    started = any(isinstance(e.value, StartAsync) and e.ack is not None for e in decoded.asked)
     if phase is None or not started:
         return not_seen(_NOT_RUN)
     if len(found) < 10:
@@ -190,20 +192,20 @@ def samples_come_in_their_period(seen: Jr3Traffic) -> Verdict:
 
 
 @requires(107, f"{FIRMWARE}: what it was told is void after BOOTUP")
-def it_does_not_start_anew(seen: Jr3Traffic) -> Verdict:
+def it_does_not_start_anew(decoded: Jr3Traffic) -> Verdict:
     """No BOOTUP comes while it is used."""
-    listen = seen.phase("listen")
+    listen = decoded.phase("listen")
     end = 0 if listen is None else listen.end
-    later = [e.number for e in seen.said if isinstance(e.value, Bootup) and e.number >= end]
-    if not seen.asked:
+    later = [e.number for e in decoded.said if isinstance(e.value, Bootup) and e.number >= end]
+    if not decoded.asked:
         return not_seen("nothing was asked")
     return failed("it did", later) if later else passed("none came")
 
 
 @requires(108, f"{FIRMWARE}, STOP: the counter begins at 0")
-def the_counter_begins_at_0(seen: Jr3Traffic) -> Verdict:
+def the_counter_begins_at_0(decoded: Jr3Traffic) -> Verdict:
     """After the start, and after a stop, the counter begins within a quarter of a second of 0."""
-    found = [_forces(seen, "start"), _forces(seen, "syncs")]
+    found = [_forces(decoded, "start"), _forces(decoded, "syncs")]
     firsts = [each[0] for each in found if each]
     wrong = (
         (each.number, f"it begins at {value.counter}")
@@ -213,8 +215,8 @@ def the_counter_begins_at_0(seen: Jr3Traffic) -> Verdict:
     return _bad(wrong, len(firsts), f"{len(firsts)} times")
 
 
-def _mean_n(seen: Jr3Traffic, found: list[tuple[Said, Forces]]) -> list[float] | None:
-    scales = seen.scales()
+def _mean_n(decoded: Jr3Traffic, found: list[tuple[Said, Forces]]) -> list[float] | None:
+    scales = decoded.scales()
     if scales is None or not found:
         return None
     units = scales.per_count
@@ -226,13 +228,13 @@ def _mean_n(seen: Jr3Traffic, found: list[tuple[Said, Forces]]) -> list[float] |
 
 
 @requires(109, f"{FIRMWARE}, ZERO_OFFS")
-def zero_is_where_it_was_set(seen: Jr3Traffic) -> Verdict:
+def zero_is_where_it_was_set(decoded: Jr3Traffic) -> Verdict:
     """Left alone after ZERO_OFFS, the forces stay within 0.5 N of zero."""
-    found = _forces(seen, "run")
+    found = _forces(decoded, "run")
     if len(found) < 50:
         return not_seen("too few samples")
     tenth = len(found) // 10
-    means = [_mean_n(seen, found[:tenth]), _mean_n(seen, found[-tenth:])]
+    means = [_mean_n(decoded, found[:tenth]), _mean_n(decoded, found[-tenth:])]
     values = [abs(axis) for mean in means if mean is not None for axis in mean]
     if not values:
         return not_seen("the full scales are not known")
@@ -243,11 +245,11 @@ def zero_is_where_it_was_set(seen: Jr3Traffic) -> Verdict:
 
 
 @requires(110, f"{FIRMWARE}: 16384 is the full scale, and overloads are more")
-def samples_are_in_range(seen: Jr3Traffic) -> Verdict:
+def samples_are_in_range(decoded: Jr3Traffic) -> Verdict:
     """Left alone, no component is beyond the full scale."""
     found = [
         (each.number, max(abs(each.value.x), abs(each.value.y), abs(each.value.z)))
-        for each in seen.samples("run")
+        for each in decoded.samples("run")
         if isinstance(each.value, (Forces, Moments))
     ]
     wrong = [(number, f"{most} counts") for number, most in found if most > FULL_SCALE_COUNTS]
@@ -255,29 +257,29 @@ def samples_are_in_range(seen: Jr3Traffic) -> Verdict:
 
 
 @requires(111, f"{FIRMWARE}, STOP")
-def it_stops(seen: Jr3Traffic) -> Verdict:
+def it_stops(decoded: Jr3Traffic) -> Verdict:
     """Told to stop, it sends no more samples."""
-    if seen.phase("stopped") is None or not seen.samples("run"):
+    if decoded.phase("stopped") is None or not decoded.samples("run"):
         return not_seen(_NOT_RUN)
-    found = [each.number for each in seen.samples("stopped")]
+    found = [each.number for each in decoded.samples("stopped")]
     return failed(f"{len(found)} frames", found) if found else passed("nothing came")
 
 
 @requires(112, f"{FIRMWARE}, START_SYNC and SYNC")
-def sync_is_answered_by_a_pair(seen: Jr3Traffic) -> Verdict:
+def sync_is_answered_by_a_pair(decoded: Jr3Traffic) -> Verdict:
     """In synchronous mode each SYNC is answered by one pair."""
-    if seen.phase("syncs") is None:
+    if decoded.phase("syncs") is None:
         return not_seen("it was not tried")
-    count = len(_forces(seen, "syncs"))
+    count = len(_forces(decoded, "syncs"))
     said = f"{count} pairs for {SYNCS} SYNCs"
     return passed(said) if count == SYNCS else failed(said)
 
 
 @requires(301, f"{YARP}: raw value times full scale by 16384")
-def a_load_is_felt(seen: Jr3Traffic) -> Verdict:
+def a_load_is_felt(decoded: Jr3Traffic) -> Verdict:
     """Pressed upon, it shows a force of 1 N and more."""
-    found = _forces(seen, "load")
-    scales = seen.scales()
+    found = _forces(decoded, "load")
+    scales = decoded.scales()
     if not found or scales is None:
         return not_seen("nothing came")
     units = scales.per_count

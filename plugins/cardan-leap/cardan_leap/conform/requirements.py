@@ -45,17 +45,21 @@ def _bad(
 
 
 @requires(1, f"{LEAPJS}: any path /vN.json of a version that it knows")
-def the_service_accepts(seen: LeapTraffic) -> Verdict:
+def the_service_accepts(decoded: LeapTraffic) -> Verdict:
     """The service takes a connection that asks for version 6, and keeps it."""
-    return failed(seen.ended[0][1], (n for n, _ in seen.ended)) if seen.ended else passed("kept")
+    return (
+        failed(decoded.ended[0][1], (n for n, _ in decoded.ended))
+        if decoded.ended
+        else passed("kept")
+    )
 
 
 @requires(2, f"{LEAPJS}: the first message")
-def the_version_comes_first(seen: LeapTraffic) -> Verdict:
+def the_version_comes_first(decoded: LeapTraffic) -> Verdict:
     """The first message is the version, 1 to 6, with the service's own."""
-    if not seen.said:
+    if not decoded.said:
         return failed("nothing came")
-    first = seen.said[0]
+    first = decoded.said[0]
     if not isinstance(first.value, Version):
         return failed(f"a {type(first.value).__name__} came first", [first.number])
     said = f"version {first.value.version}, service {first.value.service_version or 'unknown'}"
@@ -64,9 +68,9 @@ def the_version_comes_first(seen: LeapTraffic) -> Verdict:
 
 
 @requires(3, f"{LEAPJS}: a device event for each tracker, since version 5")
-def the_tracker_is_told(seen: LeapTraffic) -> Verdict:
+def the_tracker_is_told(decoded: LeapTraffic) -> Verdict:
     """A device event says that a tracker is attached and streams."""
-    found = [each for each in seen.during("listen") if isinstance(each.value, DeviceEvent)]
+    found = [each for each in decoded.during("listen") if isinstance(each.value, DeviceEvent)]
     if not found:
         return failed("none came")
     event = found[-1].value
@@ -77,42 +81,42 @@ def the_tracker_is_told(seen: LeapTraffic) -> Verdict:
 
 
 @requires(4, f"{LEAPJS}: frames need the focus or background")
-def nobody_is_sent_frames_unasked(seen: LeapTraffic) -> Verdict:
+def nobody_is_sent_frames_unasked(decoded: LeapTraffic) -> Verdict:
     """Before it is asked it sends no frames."""
-    found = [each.number for each in seen.frames("listen")]
-    if not seen.said:
+    found = [each.number for each in decoded.frames("listen")]
+    if not decoded.said:
         return not_seen("nothing came")
     return failed(f"{len(found)} frames", found) if found else passed("none came")
 
 
 @requires(5, f"{LEAPJS}: one JSON object in each text message")
-def messages_are_objects(seen: LeapTraffic) -> Verdict:
+def messages_are_objects(decoded: LeapTraffic) -> Verdict:
     """Every message is one JSON object, and its parts are of their types."""
     wrong = [
         (each.number, f"a message {each.value.reason}")
-        for each in seen.said
+        for each in decoded.said
         if isinstance(each.value, Malformed)
     ]
-    return _bad(wrong, len(seen.said), f"{len(seen.said)} messages", "nothing came")
+    return _bad(wrong, len(decoded.said), f"{len(decoded.said)} messages", "nothing came")
 
 
 @requires(6, f"{LEAPJS}: version, event, frame")
-def kinds_are_known(seen: LeapTraffic) -> Verdict:
+def kinds_are_known(decoded: LeapTraffic) -> Verdict:
     """Every message is a version, an event or a frame."""
     wrong = [
         (each.number, f"keys {', '.join(each.value.keys)}")
-        for each in seen.said
+        for each in decoded.said
         if isinstance(each.value, Ignored)
     ]
-    return _bad(wrong, len(seen.said), f"{len(seen.said)} messages", "nothing came")
+    return _bad(wrong, len(decoded.said), f"{len(decoded.said)} messages", "nothing came")
 
 
 @requires(101, f"{LEAPJS}, background: frames without the focus")
-def frames_come_in_the_background(seen: LeapTraffic) -> Verdict:
+def frames_come_in_the_background(decoded: LeapTraffic) -> Verdict:
     """Asked to in the background it sends frames, without a hand, too."""
-    if seen.phase("empty") is None:
+    if decoded.phase("empty") is None:
         return not_seen(_NO_FRAMES)
-    found = seen.frames("empty")
+    found = decoded.frames("empty")
     hands = [each.number for each in found if each.value.hands]
     if hands:
         return failed("there is a hand in them", hands)
@@ -120,9 +124,9 @@ def frames_come_in_the_background(seen: LeapTraffic) -> Verdict:
 
 
 @requires(102, f"{SDK}: 20 to 200 a second by mode and load")
-def the_rate_is_a_trackers(seen: LeapTraffic) -> Verdict:
+def the_rate_is_a_trackers(decoded: LeapTraffic) -> Verdict:
     """Frames come 20 to 200 times a second."""
-    found = seen.frames("hand")
+    found = decoded.frames("hand")
     if len(found) < 10:
         return not_seen("fewer than 10 frames")
     rate = (len(found) - 1) / (found[-1].time_s - found[0].time_s)
@@ -131,11 +135,11 @@ def the_rate_is_a_trackers(seen: LeapTraffic) -> Verdict:
 
 
 @requires(103, f"{LEAPJS}: without hands frames go on, empty")
-def frames_do_not_cease(seen: LeapTraffic) -> Verdict:
+def frames_do_not_cease(decoded: LeapTraffic) -> Verdict:
     """Once they come, frames are never missing for more than 0.1 s."""
     count, longest, wrong = 0, 0.0, []
     for name in FRAMES:
-        phase, found = seen.phase(name), seen.frames(name)
+        phase, found = decoded.phase(name), decoded.frames(name)
         if phase is None:
             continue
         count += len(found)
@@ -154,25 +158,25 @@ def frames_do_not_cease(seen: LeapTraffic) -> Verdict:
     return passed(f"longest {longest * 1e3:.0f} ms", longest * 1e3, "ms")
 
 
-def _ids(seen: LeapTraffic) -> list[tuple[int, int, int]]:
+def _ids(decoded: LeapTraffic) -> list[tuple[int, int, int]]:
     """Number of the event, and the frame ids before it and in it."""
-    found = [(each.number, each.value.id) for each in seen.frames(*FRAMES)]
+    found = [(each.number, each.value.id) for each in decoded.frames(*FRAMES)]
     known = [(number, frame_id) for number, frame_id in found if frame_id is not None]
     return [(number, before, after) for (_, before), (number, after) in pairwise(known)]
 
 
 @requires(104, f"{SDK}, Frame.id")
-def frame_ids_go_up(seen: LeapTraffic) -> Verdict:
+def frame_ids_go_up(decoded: LeapTraffic) -> Verdict:
     """A frame's id is higher than that of the frame before."""
-    found = _ids(seen)
+    found = _ids(decoded)
     wrong = ((n, f"{after} after {before}") for n, before, after in found if after <= before)
     return _bad(wrong, len(found), f"{len(found)} frames")
 
 
 @requires(105, f"{SDK}, Frame.id: consecutive where no frame is dropped")
-def frames_are_not_left_out(seen: LeapTraffic) -> Verdict:
+def frames_are_not_left_out(decoded: LeapTraffic) -> Verdict:
     """Of the frames that the ids count, no more than 2 % are left out."""
-    found = [(n, after - before - 1) for n, before, after in _ids(seen) if after > before]
+    found = [(n, after - before - 1) for n, before, after in _ids(decoded) if after > before]
     if not found:
         return not_seen(_NO_FRAMES)
     lost = sum(count for _, count in found)
@@ -184,9 +188,9 @@ def frames_are_not_left_out(seen: LeapTraffic) -> Verdict:
 
 
 @requires(106, f"{LEAPJS}, timestamp: microseconds of the service's clock")
-def the_clock_runs(seen: LeapTraffic) -> Verdict:
+def the_clock_runs(decoded: LeapTraffic) -> Verdict:
     """Time stamps advance as time does, to 2 %."""
-    found = [(e, e.value.timestamp_us) for e in seen.frames("hand")]
+    found = [(e, e.value.timestamp_us) for e in decoded.frames("hand")]
     stamps = [(each, stamp) for each, stamp in found if stamp is not None]
     if len(stamps) < 10:
         return not_seen("fewer than 10 frames")
@@ -196,26 +200,26 @@ def the_clock_runs(seen: LeapTraffic) -> Verdict:
     return passed(said) if abs(share - 1.0) < CLOCK_SHARE else failed(said, [other.number])
 
 
-def _hands(seen: LeapTraffic) -> list[tuple[int, float, Hand]]:
-    return [(e.number, e.time_s, hand) for e in seen.frames("hand") for hand in e.value.hands]
+def _hands(decoded: LeapTraffic) -> list[tuple[int, float, Hand]]:
+    return [(e.number, e.time_s, hand) for e in decoded.frames("hand") for hand in e.value.hands]
 
 
 _NO_HAND = "no hand was held above the tracker"
 
 
 @requires(107, f"{LEAPJS}: id, palmPosition, palmNormal and direction of every hand")
-def hands_are_whole(seen: LeapTraffic) -> Verdict:
+def hands_are_whole(decoded: LeapTraffic) -> Verdict:
     """Every hand has an id, a palm and its directions, all of them numbers."""
-    found = seen.frames("enter", "hand")
+    found = decoded.frames("enter", "hand")
     wrong = [(e.number, "it cannot be read") for e in found if e.value.unreadable_hands]
     count = sum(len(each.value.hands) + each.value.unreadable_hands for each in found)
     return _bad(wrong, count, f"{count} hands", _NO_HAND)
 
 
 @requires(108, UNITS)
-def hands_are_in_reach(seen: LeapTraffic) -> Verdict:
+def hands_are_in_reach(decoded: LeapTraffic) -> Verdict:
     """A hand is no further than 1 m from the tracker, and above it."""
-    found = _hands(seen)
+    found = _hands(decoded)
     wrong = []
     for number, _, hand in found:
         x, y, z = hand.palm_position_mm
@@ -225,10 +229,10 @@ def hands_are_in_reach(seen: LeapTraffic) -> Verdict:
 
 
 @requires(109, f"{SDK}: out of the palm, and towards the fingers")
-def directions_are_units(seen: LeapTraffic) -> Verdict:
+def directions_are_units(decoded: LeapTraffic) -> Verdict:
     """The palm's normal and the fingers' direction have the length 1, and are square to each other,
     all to 5 %."""
-    found = _hands(seen)
+    found = _hands(decoded)
     wrong = []
     for number, _, hand in found:
         n, d = hand.palm_normal, hand.direction
@@ -240,9 +244,9 @@ def directions_are_units(seen: LeapTraffic) -> Verdict:
 
 
 @requires(110, f"{SDK}, Hand.id: kept while it is seen")
-def a_hand_keeps_its_id(seen: LeapTraffic) -> Verdict:
+def a_hand_keeps_its_id(decoded: LeapTraffic) -> Verdict:
     """A hand that is held still keeps its id."""
-    found = _hands(seen)
+    found = _hands(decoded)
     wrong = [
         (number, f"{other.id} after {one.id}")
         for (_, _, one), (number, _, other) in pairwise(found)
@@ -252,19 +256,19 @@ def a_hand_keeps_its_id(seen: LeapTraffic) -> Verdict:
 
 
 @requires(111, f"{SDK}, Hand.confidence: how well the model fits")
-def a_plain_hand_is_recognized(seen: LeapTraffic) -> Verdict:
+def a_plain_hand_is_recognized(decoded: LeapTraffic) -> Verdict:
     """A hand that is held still and flat is seen with a confidence of 0.3 and more."""
-    found = [(number, hand.confidence) for number, _, hand in _hands(seen)]
+    found = [(number, hand.confidence) for number, _, hand in _hands(decoded)]
     told = [(number, value) for number, value in found if value is not None]
     wrong = ((number, f"{value:.2f}") for number, value in told if value < CONFIDENCE)
     return _bad(wrong, len(told), f"{len(told)} hands", _NO_HAND)
 
 
 @requires(112, f"{SDK}: x right, y up, z towards the operator; palm down is (0, -1, 0)")
-def axes_have_their_signs(seen: LeapTraffic) -> Verdict:
+def axes_have_their_signs(decoded: LeapTraffic) -> Verdict:
     """A right hand with its palm down is called right, and its normal points down, its fingers
     away."""
-    found = _hands(seen)
+    found = _hands(decoded)
     if not found:
         return not_seen(_NO_HAND)
     number, _, hand = found[len(found) // 2]
@@ -274,34 +278,34 @@ def axes_have_their_signs(seen: LeapTraffic) -> Verdict:
 
 
 @requires(113, f"{LEAPJS}, device events on each change")
-def the_tracker_stays(seen: LeapTraffic) -> Verdict:
+def the_tracker_stays(decoded: LeapTraffic) -> Verdict:
     """The tracker does not cease to stream while it is used."""
-    found = [e for e in seen.during("listen", *FRAMES) if isinstance(e.value, DeviceEvent)]
+    found = [e for e in decoded.during("listen", *FRAMES) if isinstance(e.value, DeviceEvent)]
     wrong = [
         each.number
         for each in found
         if isinstance(each.value, DeviceEvent) and not each.value.streaming
     ]
-    if seen.phase("empty") is None:
+    if decoded.phase("empty") is None:
         return not_seen(_NO_FRAMES)
     return failed("an event says that it did", wrong) if wrong else passed("it did not")
 
 
 @requires(114, f"{LEAPJS}, focused and background")
-def without_both_there_are_no_frames(seen: LeapTraffic) -> Verdict:
+def without_both_there_are_no_frames(decoded: LeapTraffic) -> Verdict:
     """Without focus and background it sends no frames any more."""
-    if seen.phase("unheard") is None or not seen.frames(*FRAMES):
+    if decoded.phase("unheard") is None or not decoded.frames(*FRAMES):
         return not_seen(_NO_FRAMES)
-    found = [each.number for each in seen.frames("unheard")]
+    found = [each.number for each in decoded.frames("unheard")]
     return failed(f"{len(found)} frames", found) if found else passed("none came")
 
 
 @requires(301, f"{LEAPJS}, device events on each change")
-def unplugging_is_told(seen: LeapTraffic) -> Verdict:
+def unplugging_is_told(decoded: LeapTraffic) -> Verdict:
     """The tracker unplugged, an event says so, and no more frames come."""
-    found = [e for e in seen.during("unplug") if isinstance(e.value, DeviceEvent)]
+    found = [e for e in decoded.during("unplug") if isinstance(e.value, DeviceEvent)]
     gone = [e for e in found if isinstance(e.value, DeviceEvent) and not e.value.streaming]
     if not gone:
         return not_seen("no event told of it")
-    after = [each.number for each in seen.frames("unplug") if each.number > gone[-1].number]
+    after = [each.number for each in decoded.frames("unplug") if each.number > gone[-1].number]
     return failed(f"{len(after)} frames after it", after) if after else passed("told")

@@ -65,9 +65,9 @@ def _names(errors: Iterable[int]) -> str:
 
 
 @requires(1, GUIDE)
-def it_has_every_function(seen: HdapiTraffic) -> Verdict:
+def it_has_every_function(decoded: HdapiTraffic) -> Verdict:
     """The library can be loaded, and has every function of HDAPI."""
-    missing = sorted({*SIGNATURES} - {*(seen.functions or ())})
+    missing = sorted({*SIGNATURES} - {*(decoded.functions or ())})
     return failed(f"without {missing[0]}") if missing else passed(f"{len(SIGNATURES)} functions")
 
 
@@ -75,9 +75,9 @@ def it_has_every_function(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(101, f"{GUIDE}, hdGetError")
-def the_stack_is_empty_at_first(seen: HdapiTraffic) -> Verdict:
+def the_stack_is_empty_at_first(decoded: HdapiTraffic) -> Verdict:
     """Before anything was called there is no error on the stack."""
-    answer = seen.said("hdGetError")
+    answer = decoded.said("hdGetError")
     if answer is None:
         return not_seen("it was not asked")
     good = answer.errors == (Error.SUCCESS,)
@@ -85,18 +85,18 @@ def the_stack_is_empty_at_first(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(102, f"{GUIDE}, hdGetErrorString")
-def errors_have_words(seen: HdapiTraffic) -> Verdict:
+def errors_have_words(decoded: HdapiTraffic) -> Verdict:
     """Every error has a text."""
-    answer = seen.said("hdGetErrorString")
+    answer = decoded.said("hdGetErrorString")
     if answer is None:
         return not_seen("it was not asked")
     return passed(repr(answer.returns)) if answer.returns else failed("none", [answer.number])
 
 
 @requires(103, f"{GUIDE}, hdInitDevice")
-def other_devices_are_refused(seen: HdapiTraffic) -> Verdict:
+def other_devices_are_refused(decoded: HdapiTraffic) -> Verdict:
     """A device that there is not is refused with the handle 0xFFFFFFFF and an error."""
-    answer = seen.said("hdInitDevice", NOBODY)
+    answer = decoded.said("hdInitDevice", NOBODY)
     if answer is None:
         return not_seen("it was not tried")
     said = f"{answer.returns:#x}, {_names(answer.errors)}"
@@ -105,9 +105,9 @@ def other_devices_are_refused(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(104, f"{GUIDE}, hdInitDevice")
-def the_default_device_is_initialized(seen: HdapiTraffic) -> Verdict:
+def the_default_device_is_initialized(decoded: HdapiTraffic) -> Verdict:
     """The default device is initialized without an error."""
-    answer = seen.said("hdInitDevice", None)
+    answer = decoded.said("hdInitDevice", None)
     if answer is None:
         return not_seen("it was not tried")
     # Warm motors of an earlier use do not keep it from being initialized.
@@ -118,9 +118,9 @@ def the_default_device_is_initialized(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(105, f"{GUIDE}, hdGetCurrentDevice")
-def it_is_the_current_device(seen: HdapiTraffic) -> Verdict:
+def it_is_the_current_device(decoded: HdapiTraffic) -> Verdict:
     """The device that was initialized is the current one."""
-    answer, init = seen.said("hdGetCurrentDevice"), seen.said("hdInitDevice", None)
+    answer, init = decoded.said("hdGetCurrentDevice"), decoded.said("hdInitDevice", None)
     if answer is None or init is None:
         return not_seen(_NO_DEVICE)
     said = f"handle {answer.returns}, {_names(answer.errors)}"
@@ -129,9 +129,9 @@ def it_is_the_current_device(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(106, f"{GUIDE}, hdGetString")
-def it_says_what_it_is(seen: HdapiTraffic) -> Verdict:
+def it_says_what_it_is(decoded: HdapiTraffic) -> Verdict:
     """Version, model, vendor and serial number are texts, and none is empty."""
-    found = [seen.said("hdGetString", what) for what in STRINGS]
+    found = [decoded.said("hdGetString", what) for what in STRINGS]
     told = [each for each in found if each is not None]
     if not told:
         return not_seen(_NO_DEVICE)
@@ -140,24 +140,24 @@ def it_says_what_it_is(seen: HdapiTraffic) -> Verdict:
     return failed("one is empty", wrong) if wrong else passed(words)
 
 
-def _numbers(seen: HdapiTraffic, info: Info) -> tuple[float, ...]:
-    answer = seen.said("hdGetDoublev", info)
+def _numbers(decoded: HdapiTraffic, info: Info) -> tuple[float, ...]:
+    answer = decoded.said("hdGetDoublev", info)
     return () if answer is None or answer.errors else answer.values
 
 
 @requires(107, f"{GUIDE}, device parameters")
-def its_limits_are_plausible(seen: HdapiTraffic) -> Verdict:
+def its_limits_are_plausible(decoded: HdapiTraffic) -> Verdict:
     """It has three axes and more; the usable workspace lies within the greatest, the continuous
     force is no greater than the greatest, and none of them is zero."""
-    if not seen.opened:
+    if not decoded.opened:
         return not_seen(_NO_DEVICE)
-    values = {info: _numbers(seen, info) for info in DOUBLES}
+    values = {info: _numbers(decoded, info) for info in DOUBLES}
     lacking = [info.name for info, found in values.items() if not found]
     if lacking:
         return failed(f"no {lacking[0]}")
     most, usable = (values[info] for info in list(DOUBLES)[:2])
     stiffness, greatest, lasting = (values[info][0] for info in list(DOUBLES)[2:])
-    axes = [seen.said("hdGetIntegerv", what) for what in (Info.INPUT_DOF, Info.OUTPUT_DOF)]
+    axes = [decoded.said("hdGetIntegerv", what) for what in (Info.INPUT_DOF, Info.OUTPUT_DOF)]
     counts = [int(each.values[0]) if each is not None else 0 for each in axes]
     within = all(a <= b for a, b in zip(most[:3], usable[:3], strict=True)) and all(
         a >= b for a, b in zip(most[3:], usable[3:], strict=True)
@@ -176,39 +176,39 @@ def _refused(answer: Answer | None, code: Error) -> Verdict:
 
 
 @requires(108, f"{GUIDE}, HD_INVALID_INPUT_TYPE")
-def wrong_types_are_refused(seen: HdapiTraffic) -> Verdict:
+def wrong_types_are_refused(decoded: HdapiTraffic) -> Verdict:
     """The position as integers is refused with HD_INVALID_INPUT_TYPE, and no other error."""
-    return _refused(seen.said("hdGetIntegerv", State.CURRENT_POSITION), Error.INVALID_INPUT_TYPE)
+    return _refused(decoded.said("hdGetIntegerv", State.CURRENT_POSITION), Error.INVALID_INPUT_TYPE)
 
 
 @requires(109, f"{GUIDE}, HD_INVALID_ENUM")
-def unknown_parameters_are_refused(seen: HdapiTraffic) -> Verdict:
+def unknown_parameters_are_refused(decoded: HdapiTraffic) -> Verdict:
     """A parameter that there is not is refused with HD_INVALID_ENUM, and no other error."""
-    return _refused(seen.said("hdGetDoublev", NO_ENUM), Error.INVALID_ENUM)
+    return _refused(decoded.said("hdGetDoublev", NO_ENUM), Error.INVALID_ENUM)
 
 
 @requires(110, f"{GUIDE}, HD_FRAME_ERROR")
-def force_needs_a_frame(seen: HdapiTraffic) -> Verdict:
+def force_needs_a_frame(decoded: HdapiTraffic) -> Verdict:
     """A force outside a frame is refused with HD_FRAME_ERROR, and no other error."""
-    return _refused(seen.said("hdSetDoublev", State.CURRENT_FORCE), Error.FRAME_ERROR)
+    return _refused(decoded.said("hdSetDoublev", State.CURRENT_FORCE), Error.FRAME_ERROR)
 
 
 @requires(111, f"{GUIDE}, HD_ILLEGAL_END")
-def frames_end_once(seen: HdapiTraffic) -> Verdict:
+def frames_end_once(decoded: HdapiTraffic) -> Verdict:
     """The end of a frame that was not begun is refused with HD_ILLEGAL_END, and no other error."""
-    return _refused(seen.said("hdEndFrame"), Error.ILLEGAL_END)
+    return _refused(decoded.said("hdEndFrame"), Error.ILLEGAL_END)
 
 
 @requires(112, f"{GUIDE}, HD_BAD_HANDLE")
-def unknown_handles_are_refused(seen: HdapiTraffic) -> Verdict:
+def unknown_handles_are_refused(decoded: HdapiTraffic) -> Verdict:
     """A frame of a handle that there is not is refused with HD_BAD_HANDLE, and no other error."""
-    return _refused(seen.said("hdBeginFrame", NO_HANDLE), Error.BAD_HANDLE)
+    return _refused(decoded.said("hdBeginFrame", NO_HANDLE), Error.BAD_HANDLE)
 
 
 @requires(113, f"{GUIDE}, hdGetError: a stack")
-def the_newest_error_comes_first(seen: HdapiTraffic) -> Verdict:
+def the_newest_error_comes_first(decoded: HdapiTraffic) -> Verdict:
     """Of two errors the newer one comes first, and each once, with its device."""
-    answer, init = seen.said(ERROR_STACK), seen.said("hdInitDevice", None)
+    answer, init = decoded.said(ERROR_STACK), decoded.said("hdInitDevice", None)
     if answer is None or init is None:
         return not_seen(_NO_DEVICE)
     good = answer.errors == (Error.ILLEGAL_END, Error.INVALID_ENUM)
@@ -218,11 +218,11 @@ def the_newest_error_comes_first(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(114, f"{GUIDE}, hdEnable, hdDisable and hdIsEnabled")
-def force_output_can_be_switched(seen: HdapiTraffic) -> Verdict:
+def force_output_can_be_switched(decoded: HdapiTraffic) -> Verdict:
     """HD_FORCE_OUTPUT enabled is told to be so, and likewise disabled."""
     found = [
         each.returns
-        for each in seen.answers
+        for each in decoded.answers
         if each.call == "hdIsEnabled" and each.arguments == (Capability.FORCE_OUTPUT,)
     ]
     if len(found) < 2:
@@ -232,9 +232,9 @@ def force_output_can_be_switched(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(115, f"{GUIDE}, hdCheckCalibration")
-def it_is_calibrated(seen: HdapiTraffic) -> Verdict:
+def it_is_calibrated(decoded: HdapiTraffic) -> Verdict:
     """Out of its inkwell the device knows where it is."""
-    answer = seen.said("hdCheckCalibration")
+    answer = decoded.said("hdCheckCalibration")
     if answer is None:
         return not_seen(_NO_DEVICE)
     if answer.returns == Calibration.OK and not answer.errors:
@@ -245,20 +245,20 @@ def it_is_calibrated(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(116, LOOP)
-def callbacks_come_at_their_rate(seen: HdapiTraffic) -> Verdict:
+def callbacks_come_at_their_rate(decoded: HdapiTraffic) -> Verdict:
     """A callback is called 1000 times a second, to 2 %."""
-    phase = seen.phase("hold")
+    phase = decoded.phase("hold")
     if phase is None:
         return not_seen(_NO_DEVICE)
-    rate = len(seen.ticks("hold")) / max(1e-9, phase.end_s - phase.start_s)
+    rate = len(decoded.ticks("hold")) / max(1e-9, phase.end_s - phase.start_s)
     said = f"{rate:.0f} a second"
     return passed(said) if abs(rate / RATE_HZ - 1.0) < RATE_SHARE else failed(said)
 
 
 @requires(117, f"{PAGE}, safety limits: what is stable at 1 kHz is not at 50 Hz")
-def callbacks_do_not_cease(seen: HdapiTraffic) -> Verdict:
+def callbacks_do_not_cease(decoded: HdapiTraffic) -> Verdict:
     """Two ticks are never more than 5 ms apart."""
-    ticks = seen.ticks(*SERVED)
+    ticks = decoded.ticks(*SERVED)
     longest, wrong = 0.0, []
     for one, other in pairwise(ticks):
         longest = max(longest, other.time_s - one.time_s)
@@ -273,9 +273,9 @@ def callbacks_do_not_cease(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(118, LOOP)
-def callbacks_are_regular(seen: HdapiTraffic) -> Verdict:
+def callbacks_are_regular(decoded: HdapiTraffic) -> Verdict:
     """95 % of the ticks come 0.7 to 1.3 ms after the one before."""
-    ticks = seen.ticks("hold")
+    ticks = decoded.ticks("hold")
     if len(ticks) < 50:
         return not_seen(_NO_TICKS)
     gaps = [other.time_s - one.time_s for one, other in pairwise(ticks)]
@@ -285,19 +285,19 @@ def callbacks_are_regular(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(119, f"{GUIDE}, HD_UPDATE_RATE")
-def the_rate_is_told(seen: HdapiTraffic) -> Verdict:
+def the_rate_is_told(decoded: HdapiTraffic) -> Verdict:
     """HD_UPDATE_RATE is the rate that callbacks come at, to 5 %."""
-    answer, phase = seen.said("hdGetIntegerv", Info.UPDATE_RATE), seen.phase("hold")
-    if answer is None or phase is None or not seen.ticks("hold"):
+    answer, phase = decoded.said("hdGetIntegerv", Info.UPDATE_RATE), decoded.phase("hold")
+    if answer is None or phase is None or not decoded.ticks("hold"):
         return not_seen(_NO_TICKS)
-    rate = len(seen.ticks("hold")) / max(1e-9, phase.end_s - phase.start_s)
+    rate = len(decoded.ticks("hold")) / max(1e-9, phase.end_s - phase.start_s)
     said = f"{answer.values[0]:.0f} Hz"
     good = not answer.errors and abs(answer.values[0] / rate - 1.0) < 0.05
     return passed(said) if good else failed(said, [answer.number])
 
 
-def _troubles(seen: HdapiTraffic, force: bool) -> Verdict:
-    ticks = seen.ticks(*SERVED)
+def _troubles(decoded: HdapiTraffic, force: bool) -> Verdict:
+    ticks = decoded.ticks(*SERVED)
     wrong = (
         (tick.number, _names(tick.errors))
         for tick in ticks
@@ -307,21 +307,21 @@ def _troubles(seen: HdapiTraffic, force: bool) -> Verdict:
 
 
 @requires(120, f"{GUIDE}: errors of device, frame and scheduler")
-def frames_raise_no_errors(seen: HdapiTraffic) -> Verdict:
+def frames_raise_no_errors(decoded: HdapiTraffic) -> Verdict:
     """No frame without force raises an error of the device, the frame or the scheduler."""
-    return _troubles(seen, force=False)
+    return _troubles(decoded, force=False)
 
 
 @requires(121, f"{GUIDE}: errors of force")
-def frames_raise_no_errors_of_force(seen: HdapiTraffic) -> Verdict:
+def frames_raise_no_errors_of_force(decoded: HdapiTraffic) -> Verdict:
     """No frame without force raises an error of force or heat."""
-    return _troubles(seen, force=True)
+    return _troubles(decoded, force=True)
 
 
 @requires(122, f"{GUIDE}, HD_MOTOR_TEMPERATURE: 0 cold to 1 hottest")
-def motors_are_cool(seen: HdapiTraffic) -> Verdict:
+def motors_are_cool(decoded: HdapiTraffic) -> Verdict:
     """No motor is warmer than 0.9 of its limit."""
-    ticks = seen.ticks(*SERVED)
+    ticks = decoded.ticks(*SERVED)
     if not ticks:
         return not_seen(_NO_TICKS)
     most = max(max(tick.temperature) for tick in ticks)
@@ -331,10 +331,10 @@ def motors_are_cool(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(123, f"{GUIDE}, HD_MAX_WORKSPACE_DIMENSIONS: mm")
-def positions_are_in_reach(seen: HdapiTraffic) -> Verdict:
+def positions_are_in_reach(decoded: HdapiTraffic) -> Verdict:
     """Every position lies within the greatest workspace, to 20 mm."""
-    box = _numbers(seen, Info.MAX_WORKSPACE_DIMENSIONS)
-    ticks = seen.ticks("hold", "asked", "move", "press", "release")
+    box = _numbers(decoded, Info.MAX_WORKSPACE_DIMENSIONS)
+    ticks = decoded.ticks("hold", "asked", "move", "press", "release")
     if not ticks or len(box) < 6:
         return not_seen(_NO_TICKS)
     bounds = list(zip(box[:3], box[3:], strict=True))
@@ -360,9 +360,9 @@ def _is_rotation(transform: tuple[float, ...]) -> bool:
 
 
 @requires(124, f"{GUIDE}, HD_CURRENT_TRANSFORM: by columns, mm; pens of an Omni skew it slightly")
-def transforms_are_rotations(seen: HdapiTraffic) -> Verdict:
+def transforms_are_rotations(decoded: HdapiTraffic) -> Verdict:
     """Every transform is a rotation, to 3 %, at the position reported beside it."""
-    ticks = seen.ticks("hold", "move")
+    ticks = decoded.ticks("hold", "move")
     wrong = []
     for tick in ticks:
         if not _is_rotation(tick.transform):
@@ -381,10 +381,10 @@ def _place(joints: tuple[float, ...]) -> tuple[float, float, float]:
 
 
 @requires(125, OMNI)
-def joints_give_the_position(seen: HdapiTraffic) -> Verdict:
+def joints_give_the_position(decoded: HdapiTraffic) -> Verdict:
     """An Omni's joint angles give the position reported beside them, to 2 mm."""
-    model = seen.said("hdGetString", Info.DEVICE_MODEL_TYPE)
-    ticks = seen.ticks("hold", "move")
+    model = decoded.said("hdGetString", Info.DEVICE_MODEL_TYPE)
+    ticks = decoded.ticks("hold", "move")
     if model is not None and not any(each in (model.returns or "") for each in ("Omni", "Touch")):
         return not_applicable(f"a {model.returns} has other links")
     worst = max((math.dist(_place(tick.joints), tick.position) for tick in ticks), default=0.0)
@@ -400,9 +400,9 @@ def _spans(rows: Iterable[tuple[float, ...]]) -> list[float]:
 
 
 @requires(126, f"{GUIDE}, HD_CURRENT_JOINT_ANGLES and HD_CURRENT_ENCODER_VALUES")
-def every_joint_moves(seen: HdapiTraffic) -> Verdict:
+def every_joint_moves(decoded: HdapiTraffic) -> Verdict:
     """Moved to all sides, every joint turns by 0.05 rad and more, and its encoder counts."""
-    ticks = seen.ticks("move")
+    ticks = decoded.ticks("move")
     if not ticks:
         return not_seen(_NO_TICKS)
     turns = _spans(tick.joints for tick in ticks)
@@ -413,9 +413,9 @@ def every_joint_moves(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(127, f"{GUIDE}, HD_CURRENT_VELOCITY: mm/s, smoothed")
-def velocity_is_that_of_the_position(seen: HdapiTraffic) -> Verdict:
+def velocity_is_that_of_the_position(decoded: HdapiTraffic) -> Verdict:
     """Moved, the velocity adds up to the way that the position went, to 10 mm."""
-    ticks = seen.ticks("move")
+    ticks = decoded.ticks("move")
     if len(ticks) < 2:
         return not_seen(_NO_TICKS)
     at, start, worst = [0.0, 0.0, 0.0], ticks[0].position, 0.0
@@ -431,20 +431,20 @@ def velocity_is_that_of_the_position(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(128, f"{GUIDE}, HD_CURRENT_BUTTONS")
-def buttons_are_told_once(seen: HdapiTraffic) -> Verdict:
+def buttons_are_told_once(decoded: HdapiTraffic) -> Verdict:
     """The front button pressed and let go is bit 0, and changes once each time."""
-    if seen.phase("release") is None:
+    if decoded.phase("release") is None:
         return not_seen("none was pressed")
-    levels = [tick.buttons for tick in seen.ticks("press", "release")]
+    levels = [tick.buttons for tick in decoded.ticks("press", "release")]
     edges = [other for one, other in pairwise(levels) if one != other]
     said = f"{len(edges)} changes"
     return passed(said) if edges == [1, 0] else failed(said)
 
 
 @requires(129, f"{GUIDE}, HD_CURRENT_INKWELL_SWITCH")
-def the_inkwell_is_told(seen: HdapiTraffic) -> Verdict:
+def the_inkwell_is_told(decoded: HdapiTraffic) -> Verdict:
     """The library reports the stylus in its inkwell, and out of it again."""
-    ticks = seen.ticks("dock", "undock")
+    ticks = decoded.ticks("dock", "undock")
     if not ticks:
         return not_seen("it was not put there")
     docked = [tick.inkwell for tick in ticks]
@@ -454,18 +454,18 @@ def the_inkwell_is_told(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(130, f"{GUIDE}, HD_LAST_FORCE")
-def no_force_is_no_force(seen: HdapiTraffic) -> Verdict:
+def no_force_is_no_force(decoded: HdapiTraffic) -> Verdict:
     """Set to zero, the force of the frame before is zero."""
-    ticks = seen.ticks(*SERVED)
+    ticks = decoded.ticks(*SERVED)
     wrong = ((tick.number, f"{tick.last}") for tick in ticks if math.hypot(*tick.last) > 0.0)
     return _bad(wrong, len(ticks), f"{len(ticks)} ticks")
 
 
 @requires(131, f"{GUIDE}, hdWaitForCompletion")
-def callbacks_are_known_while_they_run(seen: HdapiTraffic) -> Verdict:
+def callbacks_are_known_while_they_run(decoded: HdapiTraffic) -> Verdict:
     """The library reports a callback as scheduled while it runs, and not any more once it has
     returned HD_CALLBACK_DONE."""
-    found = [seen.said("hdWaitForCompletion", phase=name) for name in ("asked", "ended")]
+    found = [decoded.said("hdWaitForCompletion", phase=name) for name in ("asked", "ended")]
     told = [each for each in found if each is not None]
     if len(told) < 2:
         return not_seen(_NO_DEVICE)
@@ -475,22 +475,22 @@ def callbacks_are_known_while_they_run(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(132, f"{GUIDE}, HD_CALLBACK_DONE")
-def done_ends_a_callback(seen: HdapiTraffic) -> Verdict:
+def done_ends_a_callback(decoded: HdapiTraffic) -> Verdict:
     """A callback that has returned HD_CALLBACK_DONE is not called any more."""
-    if seen.phase("ended") is None:
+    if decoded.phase("ended") is None:
         return not_seen(_NO_DEVICE)
-    found = [tick.number for tick in seen.ticks("ended", "let-go")]
+    found = [tick.number for tick in decoded.ticks("ended", "let-go")]
     return failed(f"{len(found)} ticks", found) if found else passed("none came")
 
 
 @requires(133, f"{GUIDE}, hdDisableDevice")
-def a_disabled_device_is_gone(seen: HdapiTraffic) -> Verdict:
+def a_disabled_device_is_gone(decoded: HdapiTraffic) -> Verdict:
     """The scheduler stops and the device is disabled without an error, and its handle is invalid
     from then on."""
-    begun = seen.said("hdBeginFrame", phase="let-go")
+    begun = decoded.said("hdBeginFrame", phase="let-go")
     if begun is None:
         return not_seen(_NO_DEVICE)
-    before = [seen.said(call, phase="let-go") for call in ("hdStopScheduler", "hdDisableDevice")]
+    before = [decoded.said(call, phase="let-go") for call in ("hdStopScheduler", "hdDisableDevice")]
     errors = [code for each in before if each is not None for code in each.errors]
     if errors:
         return failed(_names(errors), [begun.number])
@@ -501,9 +501,9 @@ def a_disabled_device_is_gone(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(201, f"{GUIDE}, HD_LAST_FORCE")
-def the_force_is_what_was_set(seen: HdapiTraffic) -> Verdict:
+def the_force_is_what_was_set(decoded: HdapiTraffic) -> Verdict:
     """The force that was set, 0.2 N at most, is the last force of the next frame, to 5 %."""
-    ticks = seen.ticks("force")
+    ticks = decoded.ticks("force")
     if not any(tick.set_n for tick in ticks):
         return not_seen("no force was set")
     wrong = []
@@ -515,9 +515,9 @@ def the_force_is_what_was_set(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(202, f"{GUIDE}: force is zero at the beginning of a frame")
-def a_force_lasts_one_frame(seen: HdapiTraffic) -> Verdict:
+def a_force_lasts_one_frame(decoded: HdapiTraffic) -> Verdict:
     """At the beginning of a frame the force is zero, whatever the one before set."""
-    ticks = seen.ticks("force")
+    ticks = decoded.ticks("force")
     if not any(tick.set_n for tick in ticks):
         return not_seen("no force was set")
     wrong = ((tick.number, f"{tick.force}") for tick in ticks if math.hypot(*tick.force) > 0.0)
@@ -525,17 +525,17 @@ def a_force_lasts_one_frame(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(203, f"{GUIDE}: errors of force")
-def a_small_force_raises_no_errors(seen: HdapiTraffic) -> Verdict:
+def a_small_force_raises_no_errors(decoded: HdapiTraffic) -> Verdict:
     """A force that rises to 0.2 N within 0.2 s raises no error."""
-    ticks = seen.ticks("force", "force-over")
+    ticks = decoded.ticks("force", "force-over")
     wrong = ((tick.number, _names(tick.errors)) for tick in ticks if tick.errors)
     return _bad(wrong, len(ticks), f"{len(ticks)} ticks", "no force was set")
 
 
 @requires(204, f"{PAGE}: {GREATEST_N} N is less than the friction of the mechanism")
-def nothing_flies(seen: HdapiTraffic) -> Verdict:
+def nothing_flies(decoded: HdapiTraffic) -> Verdict:
     """Held and pushed by 0.2 N, the stylus is never faster than 0.2 m/s."""
-    ticks = [tick for tick in seen.ticks("force", "force-over") if tick.set_n]
+    ticks = [tick for tick in decoded.ticks("force", "force-over") if tick.set_n]
     if not ticks:
         return not_seen("no force was set")
     speed, number = max((1e-3 * math.hypot(*tick.velocity), tick.number) for tick in ticks)
@@ -549,10 +549,10 @@ def nothing_flies(seen: HdapiTraffic) -> Verdict:
 
 
 @requires(301, f"{GUIDE}, HD_DEVICE_FAULT and HD_COMM_ERROR")
-def unplugging_is_told(seen: HdapiTraffic) -> Verdict:
+def unplugging_is_told(decoded: HdapiTraffic) -> Verdict:
     """The plug pulled, frames raise HD_DEVICE_FAULT or HD_COMM_ERROR."""
-    if seen.phase("unplug") is None:
+    if decoded.phase("unplug") is None:
         return not_seen("nobody pulled it")
-    codes = {code for tick in seen.ticks("unplug") for code in tick.errors}
+    codes = {code for tick in decoded.ticks("unplug") for code in tick.errors}
     told = codes & {Error.DEVICE_FAULT, Error.COMM_ERROR}
     return passed(_names(sorted(told))) if told else failed(_names(sorted(codes)))

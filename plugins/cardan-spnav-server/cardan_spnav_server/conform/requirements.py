@@ -78,35 +78,39 @@ def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str) -> 
 
 
 @requires(1, f"{PROTOCOL}: a stream socket, several clients at a time")
-def the_daemon_keeps_connections(seen: SpnavTraffic) -> Verdict:
+def the_daemon_keeps_connections(decoded: SpnavTraffic) -> Verdict:
     """The daemon takes connections, and keeps them."""
-    return failed(seen.ended[0][1], (n for n, _ in seen.ended)) if seen.ended else passed("kept")
+    return (
+        failed(decoded.ended[0][1], (n for n, _ in decoded.ended))
+        if decoded.ended
+        else passed("kept")
+    )
 
 
 @requires(2, f"{PROTOCOL}: version 0 has no handshake")
-def silent_programs_get_motion(seen: SpnavTraffic) -> Verdict:
+def silent_programs_get_motion(decoded: SpnavTraffic) -> Verdict:
     """A program that says nothing gets motion of a deflected device."""
-    if seen.phase("push-held") is None or not seen.taken:
+    if decoded.phase("push-held") is None or not decoded.taken:
         return not_seen("it was never deflected")
-    found = [each for each in seen.motions(OLD, "push", "push-held") if any(each.counts)]
+    found = [each for each in decoded.motions(OLD, "push", "push-held") if any(each.counts)]
     return passed(f"{len(found)} motions") if found else failed("none came")
 
 
 @requires(3, f"{PROTOCOL}: eight words of 32 bits, the first says what it is")
-def records_are_whole(seen: SpnavTraffic) -> Verdict:
+def records_are_whole(decoded: SpnavTraffic) -> Verdict:
     """Every record has 32 bytes, a known type, and values that it can have."""
     wrong = (
         (each.number, f"a record {each.value.reason}")
-        for each in seen.records
+        for each in decoded.records
         if isinstance(each.value, MalformedRecord)
     )
-    return _bad(wrong, len(seen.records), f"{len(seen.records)} records", "no records came")
+    return _bad(wrong, len(decoded.records), f"{len(decoded.records)} records", "no records came")
 
 
 @requires(4, f"{PROTOCOL}: events of version 0 are motion and buttons")
-def version_0_gets_motion_and_buttons(seen: SpnavTraffic) -> Verdict:
+def version_0_gets_motion_and_buttons(decoded: SpnavTraffic) -> Verdict:
     """A program that says nothing gets nothing but motion and buttons."""
-    found = seen.during(OLD)
+    found = decoded.during(OLD)
     wrong = (
         (each.number, type(each.value).__name__)
         for each in found
@@ -121,10 +125,10 @@ def _mean(found: list[Record]) -> list[float]:
 
 
 @requires(5, f"{PROTOCOL}: x right, y up, z away; rotations about them by the right hand")
-def axes_have_their_signs(seen: SpnavTraffic) -> Verdict:
+def axes_have_their_signs(decoded: SpnavTraffic) -> Verdict:
     """Pushed to the right x is positive and the largest; twisted clockwise ry is negative and the
     largest."""
-    push, twist = seen.motions(OLD, "push-held"), seen.motions(OLD, "twist-held")
+    push, twist = decoded.motions(OLD, "push-held"), decoded.motions(OLD, "twist-held")
     if not push or not twist:
         return not_seen("it was not pushed and twisted")
     one, other = _mean(push), _mean(twist)
@@ -134,11 +138,11 @@ def axes_have_their_signs(seen: SpnavTraffic) -> Verdict:
 
 
 @requires(6, "devices report 125 times a second at most; spacenavd's repeat-interval is off")
-def motion_comes_as_it_is_reported(seen: SpnavTraffic) -> Verdict:
+def motion_comes_as_it_is_reported(decoded: SpnavTraffic) -> Verdict:
     """Held deflected, motion comes no more than 200 times a second."""
     rates = []
     for name in HELD:
-        phase, found = seen.phase(name), seen.motions(OLD, name)
+        phase, found = decoded.phase(name), decoded.motions(OLD, name)
         if phase is not None and found and phase.end_s > phase.start_s:
             rates.append(len(found) / (phase.end_s - phase.start_s))
     if not rates:
@@ -148,17 +152,19 @@ def motion_comes_as_it_is_reported(seen: SpnavTraffic) -> Verdict:
 
 
 @requires(7, ON_CHANGE)
-def deflection_is_never_silent(seen: SpnavTraffic) -> Verdict:
+def deflection_is_never_silent(decoded: SpnavTraffic) -> Verdict:
     """Held deflected by hand, it is never silent for more than 0.5 s."""
-    return never_silent(((seen.phase(name), seen.motions(OLD, name)) for name in HELD), SILENT_S)
+    return never_silent(
+        ((decoded.phase(name), decoded.motions(OLD, name)) for name in HELD), SILENT_S
+    )
 
 
 @requires(8, "programs keep the last motion that they got")
-def the_last_value_is_zero(seen: SpnavTraffic) -> Verdict:
+def the_last_value_is_zero(decoded: SpnavTraffic) -> Verdict:
     """Let go, the last motion is zero on all axes."""
     wrong, count = [], 0
     for name in ("push", "twist"):
-        found = seen.motions(OLD, f"{name}-held", f"{name}-over", f"{name}-rest")
+        found = decoded.motions(OLD, f"{name}-held", f"{name}-over", f"{name}-rest")
         if any(any(each.counts) for each in found):
             count += 1
             if any(found[-1].counts):
@@ -167,18 +173,18 @@ def the_last_value_is_zero(seen: SpnavTraffic) -> Verdict:
 
 
 @requires(9, ON_CHANGE)
-def rest_is_silent(seen: SpnavTraffic) -> Verdict:
+def rest_is_silent(decoded: SpnavTraffic) -> Verdict:
     """At rest no motion comes."""
-    if seen.phase("push-rest") is None or not seen.motions(OLD):
+    if decoded.phase("push-rest") is None or not decoded.motions(OLD):
         return not_seen(_NO_MOTION)
-    talks = [each.number for each in seen.motions(OLD, "push-rest", "twist-rest")]
+    talks = [each.number for each in decoded.motions(OLD, "push-rest", "twist-rest")]
     return failed(f"{len(talks)} motions at rest", talks) if talks else passed("silent")
 
 
 @requires(10, "350 to 500 for a full deflection of the devices that spacenavd knows")
-def counts_are_in_range(seen: SpnavTraffic) -> Verdict:
+def counts_are_in_range(decoded: SpnavTraffic) -> Verdict:
     """At a sensitivity of 1 no axis goes beyond +-512."""
-    found = seen.motions(OLD, "rest", "push", "twist", *HELD)
+    found = decoded.motions(OLD, "rest", "push", "twist", *HELD)
     if not found:
         return not_seen(_NO_MOTION)
     most = max(abs(count) for each in found for count in each.counts)
@@ -190,12 +196,12 @@ def counts_are_in_range(seen: SpnavTraffic) -> Verdict:
 
 
 @requires(11, f"{PROTOCOL}: ms since the motion before")
-def periods_are_those_of_motion(seen: SpnavTraffic) -> Verdict:
+def periods_are_those_of_motion(decoded: SpnavTraffic) -> Verdict:
     """The periods that motions tell add up to the time between them, to 10 %, and none is off by
     more than 0.1 s."""
     told_s, took_s, wrong = 0.0, 0.0, []
     for name in HELD:
-        for one, other in pairwise(seen.motions(OLD, name)):
+        for one, other in pairwise(decoded.motions(OLD, name)):
             assert isinstance(other.value, MotionEvent)
             period_s, between_s = 1e-3 * other.value.period_ms, other.time_s - one.time_s
             told_s, took_s = told_s + period_s, took_s + between_s
@@ -211,24 +217,24 @@ def periods_are_those_of_motion(seen: SpnavTraffic) -> Verdict:
 
 
 @requires(12, f"{PROTOCOL}: events 1 and 2")
-def buttons_are_told(seen: SpnavTraffic) -> Verdict:
+def buttons_are_told(decoded: SpnavTraffic) -> Verdict:
     """Every press and release of a button is reported."""
-    if seen.phase("release") is None or seen.ended:
+    if decoded.phase("release") is None or decoded.ended:
         return not_seen("none was pressed")
-    down = {edge.number for _, edge in seen.buttons(OLD, "press") if edge.pressed}
-    up = {edge.number for _, edge in seen.buttons(OLD, "release") if not edge.pressed}
+    down = {edge.number for _, edge in decoded.buttons(OLD, "press") if edge.pressed}
+    up = {edge.number for _, edge in decoded.buttons(OLD, "release") if not edge.pressed}
     if not down:
         return failed("pressing was not told")
     return passed("pressed and let go") if down <= up else failed("letting go was not told")
 
 
 @requires(13, f"{PROTOCOL}: events 1 and 2")
-def edges_take_turns(seen: SpnavTraffic) -> Verdict:
+def edges_take_turns(decoded: SpnavTraffic) -> Verdict:
     """A press of a button is reported only when it is up, a release only when it is down."""
     wrong, count = [], 0
     for channel in (OLD, NEW, OTHER):
         down: set[int] = set()
-        for number, edge in seen.buttons(channel):
+        for number, edge in decoded.buttons(channel):
             count += 1
             if edge.pressed is (edge.number in down):
                 told = "pressed" if edge.pressed else "let go"
@@ -238,20 +244,20 @@ def edges_take_turns(seen: SpnavTraffic) -> Verdict:
 
 
 @requires(14, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: SpnavTraffic) -> Verdict:
+def both_descriptions_agree(decoded: SpnavTraffic) -> Verdict:
     """A second reader, the scapy layers, cuts and reads the records alike."""
-    return readings_differ(seen)
+    return readings_differ(decoded)
 
 
 # -- level 1: asked -------------------------------------------------------------------------------
 
 
-def _granted(seen: SpnavTraffic, channel: str) -> Verdict:
-    greeted = seen.greeted.get(channel)
+def _granted(decoded: SpnavTraffic, channel: str) -> Verdict:
+    greeted = decoded.greeted.get(channel)
     if greeted is None:
         return not_seen("no version was asked for")
     number, asked_s = greeted
-    found = [e for e in seen.during(channel) if isinstance(e.value, Handshake)]
+    found = [e for e in decoded.during(channel) if isinstance(e.value, Handshake)]
     if not found or not isinstance(found[0].value, Handshake):
         return failed("no version was granted", [number])
     after_ms = (found[0].time_s - asked_s) * 1e3
@@ -263,25 +269,25 @@ def _granted(seen: SpnavTraffic, channel: str) -> Verdict:
 
 
 @requires(101, f"{PROTOCOL}; {LIBSPNAV}: it waits 0.3 s")
-def version_1_is_granted(seen: SpnavTraffic) -> Verdict:
+def version_1_is_granted(decoded: SpnavTraffic) -> Verdict:
     """Asked for version 1, the daemon grants it within 0.3 s."""
-    return _granted(seen, NEW)
+    return _granted(decoded, NEW)
 
 
 @requires(102, f"{PROTOCOL}: the lower of both versions is granted")
-def later_versions_are_granted_as_1(seen: SpnavTraffic) -> Verdict:
+def later_versions_are_granted_as_1(decoded: SpnavTraffic) -> Verdict:
     """Asked for version 9, it grants version 1 within 0.3 s."""
-    return _granted(seen, OTHER)
+    return _granted(decoded, OTHER)
 
 
-def _asked(seen: SpnavTraffic) -> list[Asked]:
-    return [each for each in seen.asked if each.request.code != Code.SET_NAME]
+def _asked(decoded: SpnavTraffic) -> list[Asked]:
+    return [each for each in decoded.asked if each.request.code != Code.SET_NAME]
 
 
 @requires(103, f"{PROTOCOL}; {LIBSPNAV}")
-def requests_are_answered(seen: SpnavTraffic) -> Verdict:
+def requests_are_answered(decoded: SpnavTraffic) -> Verdict:
     """Every request is answered within 0.3 s, with its first word."""
-    found, wrong, worst_ms = _asked(seen), [], 0.0
+    found, wrong, worst_ms = _asked(decoded), [], 0.0
     for each in found:
         code = f"{each.request.code:#06x}"
         if each.reply is None:
@@ -299,17 +305,17 @@ def requests_are_answered(seen: SpnavTraffic) -> Verdict:
 
 
 @requires(104, f"{PROTOCOL}: SET_NAME has no reply")
-def names_are_not_answered(seen: SpnavTraffic) -> Verdict:
+def names_are_not_answered(decoded: SpnavTraffic) -> Verdict:
     """A program's name is not answered: it would be taken for the next answer."""
-    found = [each for each in seen.asked if each.request.code == Code.SET_NAME]
+    found = [each for each in decoded.asked if each.request.code == Code.SET_NAME]
     wrong = ((each.answers[0].number, "a reply came") for each in found if each.answers)
     return _bad(wrong, len(found), "no reply", "none was sent")
 
 
 @requires(105, f"{PROTOCOL}: status -1 of what it does not know")
-def unknown_requests_are_refused(seen: SpnavTraffic) -> Verdict:
+def unknown_requests_are_refused(decoded: SpnavTraffic) -> Verdict:
     """A request that there is not is answered, and refused."""
-    found = seen.told(UNKNOWN)
+    found = decoded.told(UNKNOWN)
     if found is None:
         return not_seen("none was sent")
     if found.reply is None:
@@ -323,9 +329,9 @@ def _mask(asked: Asked | None) -> int | None:
 
 
 @requires(106, f"{PROTOCOL}: motion, buttons and devices until a program sets another mask")
-def the_mask_is_kept(seen: SpnavTraffic) -> Verdict:
+def the_mask_is_kept(decoded: SpnavTraffic) -> Verdict:
     """After the handshake the event mask is 7; a mask that was set is returned on request."""
-    found = [each for each in seen.asked if each.request.code == Code.GET_EVMASK]
+    found = [each for each in decoded.asked if each.request.code == Code.GET_EVMASK]
     if not found:
         return not_seen(_NOT_ASKED)
     masks = [_mask(each) for each in found]
@@ -334,29 +340,29 @@ def the_mask_is_kept(seen: SpnavTraffic) -> Verdict:
     return passed(said) if masks == wanted else failed(said, (each.number for each in found))
 
 
-def _value(seen: SpnavTraffic, code: int) -> int | None:
-    return _mask(seen.told(code, "ask"))
+def _value(decoded: SpnavTraffic, code: int) -> int | None:
+    return _mask(decoded.told(code, "ask"))
 
 
 @requires(107, f"{PROTOCOL}, DEV_NAXES and DEV_NBUTTONS")
-def axes_and_buttons_are_counted(seen: SpnavTraffic) -> Verdict:
+def axes_and_buttons_are_counted(decoded: SpnavTraffic) -> Verdict:
     """The device has six axes, and every button that was told is below the number of its
     buttons."""
-    if seen.told(Code.DEV_NAXES, "ask") is None:
+    if decoded.told(Code.DEV_NAXES, "ask") is None:
         return not_seen(_NOT_ASKED)
-    axes, buttons = _value(seen, Code.DEV_NAXES), _value(seen, Code.DEV_NBUTTONS)
+    axes, buttons = _value(decoded, Code.DEV_NAXES), _value(decoded, Code.DEV_NBUTTONS)
     if axes is None or buttons is None:
         return failed("refused")
     said = f"{axes} axes, {buttons} buttons"
-    beyond = [number for number, edge in seen.buttons(OLD) if edge.number >= buttons]
+    beyond = [number for number, edge in decoded.buttons(OLD) if edge.number >= buttons]
     good = axes == 6 and 0 <= buttons <= MAX_BUTTONS and not beyond
     return passed(said) if good else failed(said, beyond)
 
 
 @requires(108, f"{PROTOCOL}: strings of 24 bytes a record, with what is left")
-def strings_are_whole(seen: SpnavTraffic) -> Verdict:
+def strings_are_whole(decoded: SpnavTraffic) -> Verdict:
     """The device has a name; name and path, where they are sent, come whole and in order."""
-    found = [asked for code in STRINGS if (asked := seen.told(code, "ask")) is not None]
+    found = [asked for code in STRINGS if (asked := decoded.told(code, "ask")) is not None]
     if not found:
         return not_seen(_NOT_ASKED)
     texts = []
@@ -381,12 +387,12 @@ def strings_are_whole(seen: SpnavTraffic) -> Verdict:
 
 
 @requires(109, f"{PROTOCOL}, DEV_TYPE and DEV_USBID: no USB id of serial devices")
-def the_type_is_known(seen: SpnavTraffic) -> Verdict:
+def the_type_is_known(decoded: SpnavTraffic) -> Verdict:
     """The device's type is one of the protocol, and it has a USB id if it is one of USB."""
-    asked = seen.told(Code.DEV_TYPE, "ask")
+    asked = decoded.told(Code.DEV_TYPE, "ask")
     if asked is None:
         return not_seen(_NOT_ASKED)
-    kind, vendor = _value(seen, Code.DEV_TYPE), _value(seen, Code.DEV_USBID)
+    kind, vendor = _value(decoded, Code.DEV_TYPE), _value(decoded, Code.DEV_USBID)
     if kind is None or kind not in DEVICE_TYPES:
         return failed(f"type {kind}", [asked.number])
     said = f"{DEVICE_TYPES[kind]}, vendor {vendor or 0:#06x}"
@@ -406,9 +412,9 @@ def _implausible(code: int, data: tuple[int, ...]) -> str:
 
 
 @requires(110, f"{PROTOCOL}, GCFG_...")
-def settings_are_plausible(seen: SpnavTraffic) -> Verdict:
+def settings_are_plausible(decoded: SpnavTraffic) -> Verdict:
     """Settings of the daemon that it tells have values that they can have."""
-    asked = [each for code in SETTINGS if (each := seen.told(code, "ask")) is not None]
+    asked = [each for code in SETTINGS if (each := decoded.told(code, "ask")) is not None]
     told = [(each, each.reply) for each in asked if each.reply is not None and each.reply.ok]
     wrong = []
     for each, reply in told:
@@ -419,43 +425,43 @@ def settings_are_plausible(seen: SpnavTraffic) -> Verdict:
 
 
 @requires(111, "FreeSpacenav spacenavd, repeat-interval: repeated motion looks like a hand's")
-def nothing_is_repeated(seen: SpnavTraffic) -> Verdict:
+def nothing_is_repeated(decoded: SpnavTraffic) -> Verdict:
     """The daemon does not repeat motion by itself, where it tells of it."""
-    if seen.told(Code.GCFG_REPEAT, "ask") is None:
+    if decoded.told(Code.GCFG_REPEAT, "ask") is None:
         return not_seen(_NOT_ASKED)
-    interval = _value(seen, Code.GCFG_REPEAT)
+    interval = _value(decoded, Code.GCFG_REPEAT)
     if interval is None:
         return not_applicable("it does not tell")
     return passed("off") if interval < 0 else failed(f"every {interval} ms")
 
 
 @requires(112, f"{PROTOCOL}, event 4: a setting was changed")
-def settings_are_told_to_others(seen: SpnavTraffic) -> Verdict:
+def settings_are_told_to_others(decoded: SpnavTraffic) -> Verdict:
     """If the LED's mode is set to its present value, and that is granted, other programs that asked
     for such events get an event, and no others do."""
-    asked = seen.told(Code.SCFG_LED)
+    asked = decoded.told(Code.SCFG_LED)
     if asked is None:
         return not_seen("it has no LED, or does not tell of it")
     if asked.reply is not None and not asked.reply.ok:
         return not_applicable("it is not for programs to set")
-    events = [e for e in seen.during(OTHER, "led") if isinstance(e.value, ConfigChange)]
-    beside = [e.number for e in seen.during(OLD) if isinstance(e.value, ConfigChange)]
+    events = [e for e in decoded.during(OTHER, "led") if isinstance(e.value, ConfigChange)]
+    beside = [e.number for e in decoded.during(OLD) if isinstance(e.value, ConfigChange)]
     if beside:
         return failed("a program was told that had not asked for it", beside)
     return passed("told") if events else failed("no event came", [asked.number])
 
 
-def _pushed(seen: SpnavTraffic, name: str) -> list[str]:
+def _pushed(decoded: SpnavTraffic, name: str) -> list[str]:
     return [f"{name}{part}" for part in ("", "-held", "-over", "-rest")]
 
 
 @requires(113, f"{PROTOCOL}: all clients get all events")
-def all_programs_get_the_same(seen: SpnavTraffic) -> Verdict:
+def all_programs_get_the_same(decoded: SpnavTraffic) -> Verdict:
     """Programs of both versions get the same motions, to a tenth of them."""
-    if seen.phase("same-held") is None:
+    if decoded.phase("same-held") is None:
         return not_seen("it was not deflected for several")
-    names = _pushed(seen, "same")
-    found = {c: Counter(e.counts for e in seen.motions(c, *names)) for c in (OLD, NEW, OTHER)}
+    names = _pushed(decoded, "same")
+    found = {c: Counter(e.counts for e in decoded.motions(c, *names)) for c in (OLD, NEW, OTHER)}
     most = max(sum(each.values()) for each in found.values())
     if not most:
         return failed(_NO_MOTION)
@@ -464,11 +470,11 @@ def all_programs_get_the_same(seen: SpnavTraffic) -> Verdict:
     return passed(said) if lost <= max(1.0, OTHERS_SHARE * most) else failed(said)
 
 
-def _factor(seen: SpnavTraffic, channel: str, wanted: float) -> Verdict:
+def _factor(decoded: SpnavTraffic, channel: str, wanted: float) -> Verdict:
     """Whether a connection gets `wanted` times the counts of the connection beside it."""
-    names = _pushed(seen, "scaled")
-    ours, others = seen.motions(channel, *names), seen.motions(OTHER, *names)
-    if seen.phase("scaled-held") is None:
+    names = _pushed(decoded, "scaled")
+    ours, others = decoded.motions(channel, *names), decoded.motions(OTHER, *names)
+    if decoded.phase("scaled-held") is None:
         return not_seen("it was not deflected with a sensitivity")
     if not ours or not others:
         return failed(_NO_MOTION)
@@ -480,43 +486,43 @@ def _factor(seen: SpnavTraffic, channel: str, wanted: float) -> Verdict:
 
 
 @requires(114, f"{PROTOCOL}, SET_SENS and GET_SENS")
-def sensitivity_acts(seen: SpnavTraffic) -> Verdict:
+def sensitivity_acts(decoded: SpnavTraffic) -> Verdict:
     """A sensitivity of 2 doubles the counts of the program that set it, and is returned to it on
     request."""
-    asked = seen.told(Code.GET_SENS)
+    asked = decoded.told(Code.GET_SENS)
     if asked is None:
         return not_seen(_NOT_ASKED)
     reply = asked.reply
     if reply is None or not reply.ok or float_of(reply.data[0]) != NEW_FACTOR:
         return failed("another one is told", [asked.number])
-    return _factor(seen, NEW, NEW_FACTOR)
+    return _factor(decoded, NEW, NEW_FACTOR)
 
 
 @requires(115, f"{PROTOCOL}: a float of a client of version 0")
-def sensitivity_of_version_0_acts(seen: SpnavTraffic) -> Verdict:
+def sensitivity_of_version_0_acts(decoded: SpnavTraffic) -> Verdict:
     """A sensitivity of 3 triples the counts of a program of version 0."""
-    return _factor(seen, OLD, OLD_FACTOR)
+    return _factor(decoded, OLD, OLD_FACTOR)
 
 
 @requires(116, f"{PROTOCOL}, SET_EVMASK")
-def masked_events_do_not_come(seen: SpnavTraffic) -> Verdict:
+def masked_events_do_not_come(decoded: SpnavTraffic) -> Verdict:
     """With a mask of buttons no motion comes, not even zeros."""
-    if seen.phase("masked-held") is None:
+    if decoded.phase("masked-held") is None:
         return not_seen("no mask was set")
-    names = _pushed(seen, "masked")
-    if not seen.motions(OTHER, *names):
+    names = _pushed(decoded, "masked")
+    if not decoded.motions(OTHER, *names):
         return not_seen("it was not deflected with a mask")
-    found = [each.number for each in seen.motions(NEW, *names)]
+    found = [each.number for each in decoded.motions(NEW, *names)]
     return failed(f"{len(found)} motions", found) if found else passed("none came")
 
 
 @requires(117, f"{PROTOCOL}, SET_EVMASK")
-def unmasked_events_come(seen: SpnavTraffic) -> Verdict:
+def unmasked_events_come(decoded: SpnavTraffic) -> Verdict:
     """With a mask of buttons those come as to other programs."""
-    if seen.phase("masked-held") is None:
+    if decoded.phase("masked-held") is None:
         return not_seen("no mask was set")
-    names = _pushed(seen, "masked")
-    ours, others = ([e for _, e in seen.buttons(c, *names)] for c in (NEW, OTHER))
+    names = _pushed(decoded, "masked")
+    ours, others = ([e for _, e in decoded.buttons(c, *names)] for c in (NEW, OTHER))
     if not others:
         return not_seen("no button was pressed")
     said = f"{len(ours)} edges"
@@ -524,36 +530,36 @@ def unmasked_events_come(seen: SpnavTraffic) -> Verdict:
 
 
 @requires(118, f"{PROTOCOL}: several clients at a time")
-def a_program_that_leaves_disturbs_nobody(seen: SpnavTraffic) -> Verdict:
+def a_program_that_leaves_disturbs_nobody(decoded: SpnavTraffic) -> Verdict:
     """When a program has left, the others get motion as before."""
-    if seen.phase("alone-held") is None:
+    if decoded.phase("alone-held") is None:
         return not_seen("none has left")
-    counts = [len(seen.motions(c, "alone", "alone-held")) for c in (OLD, NEW)]
+    counts = [len(decoded.motions(c, "alone", "alone-held")) for c in (OLD, NEW)]
     return passed(f"{min(counts)} motions") if all(counts) else failed(_NO_MOTION)
 
 
 # -- level 3: by hand -----------------------------------------------------------------------------
 
 
-def _change(seen: SpnavTraffic, phase: str, added: bool) -> Verdict:
-    if seen.phase(phase) is None:
+def _change(decoded: SpnavTraffic, phase: str, added: bool) -> Verdict:
+    if decoded.phase(phase) is None:
         return not_seen("nobody did it")
-    found = [e.value for e in seen.during(NEW, phase) if isinstance(e.value, DeviceChange)]
+    found = [e.value for e in decoded.during(NEW, phase) if isinstance(e.value, DeviceChange)]
     if not [each for each in found if each.added is added]:
         return failed("no event told of it")
     return passed("told")
 
 
 @requires(301, f"{PROTOCOL}, event 3")
-def unplugging_is_told(seen: SpnavTraffic) -> Verdict:
+def unplugging_is_told(decoded: SpnavTraffic) -> Verdict:
     """The device unplugged, an event says so to programs of version 1."""
-    return _change(seen, "unplug", False)
+    return _change(decoded, "unplug", False)
 
 
 @requires(302, f"{PROTOCOL}: requests about a device fail without one")
-def nothing_is_said_of_a_device_that_is_gone(seen: SpnavTraffic) -> Verdict:
+def nothing_is_said_of_a_device_that_is_gone(decoded: SpnavTraffic) -> Verdict:
     """The device unplugged, the number of its axes is refused."""
-    asked = seen.told(Code.DEV_NAXES, "unplugged")
+    asked = decoded.told(Code.DEV_NAXES, "unplugged")
     if asked is None:
         return not_seen(_NOT_ASKED)
     if asked.reply is None:
@@ -562,6 +568,6 @@ def nothing_is_said_of_a_device_that_is_gone(seen: SpnavTraffic) -> Verdict:
 
 
 @requires(303, f"{PROTOCOL}, event 3")
-def plugging_in_is_told(seen: SpnavTraffic) -> Verdict:
+def plugging_in_is_told(decoded: SpnavTraffic) -> Verdict:
     """The device plugged in again, an event says so to programs of version 1."""
-    return _change(seen, "replug", True)
+    return _change(decoded, "replug", True)

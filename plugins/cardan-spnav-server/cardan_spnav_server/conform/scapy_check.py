@@ -25,13 +25,13 @@ COMPARED = 2000
 """Records of a connection that are read twice, at most."""
 
 
-def readings_differ(seen: SpnavTraffic) -> Verdict:
+def readings_differ(decoded: SpnavTraffic) -> Verdict:
     """Whether the layers cut and read the daemon's streams as the codec does."""
     layers = second_description("spnav")
     count = 0
-    for channel, stream in seen.streams.items():
+    for channel, stream in decoded.streams.items():
         at = 0
-        for each in seen.during(channel)[:COMPARED]:
+        for each in decoded.during(channel)[:COMPARED]:
             word = layers.SpnavFromServer(stream[at : at + WORD_BYTES])
             greets = isinstance(word, layers.SpnavHandshake)
             size = WORD_BYTES if greets else RECORD_BYTES

@@ -63,31 +63,31 @@ def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _N
 
 
 @requires(1, "Bluetooth, L2CAP channels 0x11 and 0x13; the system's HID driver")
-def it_can_be_opened(seen: WiimoteTraffic) -> Verdict:
+def it_can_be_opened(decoded: WiimoteTraffic) -> Verdict:
     """The remote can be connected to."""
-    return failed("it was refused", seen.refused) if seen.refused else passed("opened")
+    return failed("it was refused", decoded.refused) if decoded.refused else passed("opened")
 
 
 @requires(2, f"{WIIBREW}: 0x20 to 0x22, 0x30 to 0x37, 0x3D to 0x3F")
-def report_ids_are_known(seen: WiimoteTraffic) -> Verdict:
+def report_ids_are_known(decoded: WiimoteTraffic) -> Verdict:
     """Every report has an id of the protocol."""
     wrong = (
         (each.number, f"id {each.value.report_id:#04x}")
-        for each in seen.reports
+        for each in decoded.reports
         if isinstance(each.value, MalformedReport) and each.value.reason == UNKNOWN_ID
     )
-    return _bad(wrong, len(seen.reports), f"{len(seen.reports)} reports")
+    return _bad(wrong, len(decoded.reports), f"{len(decoded.reports)} reports")
 
 
 @requires(3, WIIBREW)
-def reports_are_whole(seen: WiimoteTraffic) -> Verdict:
+def reports_are_whole(decoded: WiimoteTraffic) -> Verdict:
     """Every report has the length of its id."""
     wrong = [
         (each.number, f"id {each.raw[0]:#04x} with {len(each.raw)} bytes" if each.raw else "empty")
-        for each in seen.reports
+        for each in decoded.reports
         if not each.raw or len(each.raw) != INPUT_SIZES.get(each.raw[0], len(each.raw) - 1) + 1
     ]
-    return _bad(wrong, len(seen.reports), f"{len(seen.reports)} reports")
+    return _bad(wrong, len(decoded.reports), f"{len(decoded.reports)} reports")
 
 
 def _buttons(found: list[Report]) -> list[int]:
@@ -99,28 +99,28 @@ def _buttons(found: list[Report]) -> list[int]:
 
 
 @requires(4, f"{WIIBREW}: mode 0x30 is the default, reports on changes")
-def buttons_are_told(seen: WiimoteTraffic) -> Verdict:
+def buttons_are_told(decoded: WiimoteTraffic) -> Verdict:
     """Every press and release of a button is reported at once."""
-    if seen.refused or seen.phase("release") is None:
+    if decoded.refused or decoded.phase("release") is None:
         return not_seen("none was pressed")
-    down, up = _buttons(seen.during("press")), _buttons(seen.during("release"))
+    down, up = _buttons(decoded.during("press")), _buttons(decoded.during("release"))
     if not any(down):
         return failed("pressing was not told")
     return passed("pressed and let go") if up and not up[-1] else failed("letting go was not told")
 
 
 @requires(5, "the system's HID driver")
-def the_link_stays(seen: WiimoteTraffic) -> Verdict:
+def the_link_stays(decoded: WiimoteTraffic) -> Verdict:
     """The remote does not end the link while it is used."""
-    hand = seen.phase("power-off")
-    wrong = [number for number in seen.lost if hand is None or number < hand.first]
-    if seen.refused:
+    hand = decoded.phase("power-off")
+    wrong = [number for number in decoded.lost if hand is None or number < hand.first]
+    if decoded.refused:
         return not_seen("it was never opened")
     return failed("it ended", wrong) if wrong else passed("it stayed")
 
 
 @requires(6, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: WiimoteTraffic) -> Verdict:
+def both_descriptions_agree(decoded: WiimoteTraffic) -> Verdict:
     """A second reader, the scapy layers, knows every report, and builds the same bytes of it."""
 
     def differs(each: Report, layers: Any) -> str:
@@ -128,17 +128,17 @@ def both_descriptions_agree(seen: WiimoteTraffic) -> Verdict:
         same = layer.id == each.raw[0] and bytes(layer) == each.raw
         return "" if same else "it builds other bytes"
 
-    found = [each for each in seen.reports if not isinstance(each.value, MalformedReport)]
+    found = [each for each in decoded.reports if not isinstance(each.value, MalformedReport)]
     return read_twice(found, "wiimote", differs, "reports", _NOTHING, 40)
 
 
 @requires(101, f"{WIIBREW}, 0x15 and 0x20")
-def status_is_told(seen: WiimoteTraffic) -> Verdict:
+def status_is_told(decoded: WiimoteTraffic) -> Verdict:
     """A request for the status is answered within 0.2 s."""
-    phase = seen.phase("ask")
+    phase = decoded.phase("ask")
     if phase is None:
         return not_seen(_NOT_ASKED)
-    found = [each for each in seen.during("ask") if isinstance(each.value, Status)]
+    found = [each for each in decoded.during("ask") if isinstance(each.value, Status)]
     if not found:
         return failed("none came", [phase.first])
     after_ms = (found[0].time_s - phase.start_s) * 1e3
@@ -149,18 +149,18 @@ def status_is_told(seen: WiimoteTraffic) -> Verdict:
 
 
 @requires(102, f"{WIIBREW}, 0x22: on request, and to every write")
-def what_wants_an_answer_gets_one(seen: WiimoteTraffic) -> Verdict:
+def what_wants_an_answer_gets_one(decoded: WiimoteTraffic) -> Verdict:
     """Reports that ask for an acknowledgment get one within 0.2 s, without an error."""
     asked = [
         each
-        for each in seen.asked
+        for each in decoded.asked
         if isinstance(each.value, WriteMemory)
         or (isinstance(each.value, (Leds, DataMode)) and each.value.ack)
     ]
-    acks = [each for each in seen.reports if isinstance(each.value, Ack)]
+    acks = [each for each in decoded.reports if isinstance(each.value, Ack)]
     wrong = []
-    ends = [*(each.time_s for each in seen.asked), math.inf][1:]
-    nexts = dict(zip((each.number for each in seen.asked), ends, strict=True))
+    ends = [*(each.time_s for each in decoded.asked), math.inf][1:]
+    nexts = dict(zip((each.number for each in decoded.asked), ends, strict=True))
     for each in asked:
         found = [a for a in acks if a.number > each.number and a.time_s <= nexts[each.number]]
         if not found:
@@ -173,10 +173,10 @@ def what_wants_an_answer_gets_one(seen: WiimoteTraffic) -> Verdict:
 
 
 @requires(103, f"{WIIBREW}, 0x17 and 0x21: pieces of 16 bytes")
-def memory_is_read(seen: WiimoteTraffic) -> Verdict:
+def memory_is_read(decoded: WiimoteTraffic) -> Verdict:
     """Reads of memory are answered in whole, without an error, in pieces in their order."""
     wrong = []
-    found = seen.reads()
+    found = decoded.reads()
     for each in found:
         value = each.asked.value
         assert not isinstance(value, MalformedReport)
@@ -194,9 +194,9 @@ def memory_is_read(seen: WiimoteTraffic) -> Verdict:
 
 
 @requires(104, f"{WIIBREW}; libcwiid waits a second at most")
-def memory_is_quick(seen: WiimoteTraffic) -> Verdict:
+def memory_is_quick(decoded: WiimoteTraffic) -> Verdict:
     """The first piece of a read comes within 0.2 s."""
-    found = [(e, e.pieces[0].time_s - e.asked.time_s) for e in seen.reads() if e.pieces]
+    found = [(e, e.pieces[0].time_s - e.asked.time_s) for e in decoded.reads() if e.pieces]
     if not found:
         return not_seen("nothing was read")
     late_s = max(took for _, took in found)
@@ -205,10 +205,10 @@ def memory_is_quick(seen: WiimoteTraffic) -> Verdict:
     return failed(said, slow, late_s * 1e3, "ms") if slow else passed(said, late_s * 1e3, "ms")
 
 
-def _calibrations(seen: WiimoteTraffic) -> list[Memory]:
+def _calibrations(decoded: WiimoteTraffic) -> list[Memory]:
     return [
         each
-        for each in seen.reads()
+        for each in decoded.reads()
         if getattr(each.asked.value, "space", None) == EEPROM
         and getattr(each.asked.value, "address", -1) in ACCELEROMETER_CALIBRATION_ADDRESSES
         and getattr(each.asked.value, "size", 0) < LONG_READ
@@ -217,9 +217,9 @@ def _calibrations(seen: WiimoteTraffic) -> list[Memory]:
 
 
 @requires(105, f"{WIIBREW}, EEPROM: two copies, each with its checksum")
-def the_calibration_is_sound(seen: WiimoteTraffic) -> Verdict:
+def the_calibration_is_sound(decoded: WiimoteTraffic) -> Verdict:
     """Both copies of the accelerometer's calibration have a right checksum and are plausible."""
-    found = _calibrations(seen)
+    found = _calibrations(decoded)
     wrong = [
         (each.asked.number, f"the copy at {getattr(each.asked.value, 'address', 0):#x}")
         for each in found
@@ -229,12 +229,12 @@ def the_calibration_is_sound(seen: WiimoteTraffic) -> Verdict:
 
 
 @requires(106, f"{WIIBREW}: about 100 a second where they are continuous")
-def data_are_continuous(seen: WiimoteTraffic) -> Verdict:
+def data_are_continuous(decoded: WiimoteTraffic) -> Verdict:
     """Told to send 0x31 continuously, it sends 50 to 250 a second and is never silent for 0.1 s."""
-    phase = seen.phase("stream")
+    phase = decoded.phase("stream")
     if phase is None:
         return not_seen(_NOT_ASKED)
-    found = [each for each in seen.during("stream") if isinstance(each.value, Data)]
+    found = [each for each in decoded.during("stream") if isinstance(each.value, Data)]
     if len(found) < 3:
         return failed(f"{len(found)} reports")
     times = [phase.start_s, *(each.time_s for each in found), phase.end_s]
@@ -248,12 +248,12 @@ def data_are_continuous(seen: WiimoteTraffic) -> Verdict:
 
 
 @requires(107, f"{WIIBREW}, 0x12")
-def the_mode_is_the_one_set(seen: WiimoteTraffic) -> Verdict:
+def the_mode_is_the_one_set(decoded: WiimoteTraffic) -> Verdict:
     """Data come in the mode that was set, and in no other."""
     wrong, count = [], 0
     for name in RUNNING:
         mode = EXTENSION_MODE if name.startswith("extension") else DATA_MODE
-        for each in seen.during(name):
+        for each in decoded.during(name):
             if isinstance(each.value, Data):
                 count += 1
                 if each.value.mode != mode:
@@ -262,13 +262,13 @@ def the_mode_is_the_one_set(seen: WiimoteTraffic) -> Verdict:
 
 
 @requires(108, f"{WIIBREW}: x left, y to the tail, z up; flat on a table z is 1 g")
-def gravity_is_measured(seen: WiimoteTraffic) -> Verdict:
+def gravity_is_measured(decoded: WiimoteTraffic) -> Verdict:
     """Flat on a table it measures 1 g upwards, to 0.15 g."""
-    blocks = [decode_accelerometer_calibration(each.data) for each in _calibrations(seen)]
+    blocks = [decode_accelerometer_calibration(each.data) for each in _calibrations(decoded)]
     known = [each for each in blocks if each is not None]
     counts = [
         each.value.accelerometer
-        for each in seen.during("stream")
+        for each in decoded.during("stream")
         if isinstance(each.value, Data) and each.value.accelerometer is not None
     ]
     if not known or not counts:
@@ -282,44 +282,44 @@ def gravity_is_measured(seen: WiimoteTraffic) -> Verdict:
 
 
 @requires(109, f"{WIIBREW}, 0x20: only a change of the extension ends the data")
-def a_status_ends_no_data(seen: WiimoteTraffic) -> Verdict:
+def a_status_ends_no_data(decoded: WiimoteTraffic) -> Verdict:
     """After a status that was asked for data go on."""
-    if seen.phase("after-status") is None:
+    if decoded.phase("after-status") is None:
         return not_seen(_NOT_ASKED)
-    if not any(isinstance(each.value, Data) for each in seen.during("stream")):
+    if not any(isinstance(each.value, Data) for each in decoded.during("stream")):
         return not_seen("no data came before it")
-    found = [each for each in seen.during("after-status") if isinstance(each.value, Data)]
+    found = [each for each in decoded.during("after-status") if isinstance(each.value, Data)]
     return passed(f"{len(found)} reports") if len(found) > 5 else failed(f"{len(found)} reports")
 
 
 @requires(110, f"{WIIBREW}, 0x20: unasked when the extension comes or goes")
-def the_extension_stays(seen: WiimoteTraffic) -> Verdict:
+def the_extension_stays(decoded: WiimoteTraffic) -> Verdict:
     """No status comes unasked: nothing is plugged in or out while it is used."""
-    if seen.phase("memory") is None:
+    if decoded.phase("memory") is None:
         return not_seen(_NOT_ASKED)
     unasked = [
         each.number
-        for each in seen.during("memory", "extension-id", "data", *RUNNING)
+        for each in decoded.during("memory", "extension-id", "data", *RUNNING)
         if isinstance(each.value, Status)
     ]
     return failed("a status came", unasked) if unasked else passed("none came")
 
 
 @requires(111, f"{EXTENSIONS}: A4 20 00 00 of a Nunchuk")
-def the_nunchuk_says_what_it_is(seen: WiimoteTraffic) -> Verdict:
+def the_nunchuk_says_what_it_is(decoded: WiimoteTraffic) -> Verdict:
     """An extension reported by the status has a readable id, and a Nunchuk's stick is centered."""
-    told = [e.value for e in seen.during("ask") if isinstance(e.value, Status)]
+    told = [e.value for e in decoded.during("ask") if isinstance(e.value, Status)]
     if not told:
         return not_seen(_NOT_ASKED)
     if not told[0].extension:
         return not_applicable("nothing is plugged in")
-    reads = [e for e in seen.reads() if getattr(e.asked.value, "space", None) == REGISTERS]
+    reads = [e for e in decoded.reads() if getattr(e.asked.value, "space", None) == REGISTERS]
     if not reads or not reads[-1].data:
         return failed("it does not say", [e.asked.number for e in reads])
     kind = extension_of(reads[-1].data)
     data = [
         each.value.extension
-        for each in seen.during("extension-stream")
+        for each in decoded.during("extension-stream")
         if isinstance(each.value, Data) and each.value.extension
     ]
     if kind is not Extension.NUNCHUK or not data:
@@ -333,17 +333,17 @@ def the_nunchuk_says_what_it_is(seen: WiimoteTraffic) -> Verdict:
 
 
 @requires(112, f"{WIIBREW}, 0x20: the flag below 0x20")
-def the_battery_is_not_empty(seen: WiimoteTraffic) -> Verdict:
+def the_battery_is_not_empty(decoded: WiimoteTraffic) -> Verdict:
     """No status says that the battery is low."""
-    found = [(e, e.value) for e in seen.reports if isinstance(e.value, Status)]
+    found = [(e, e.value) for e in decoded.reports if isinstance(e.value, Status)]
     wrong = ((each.number, f"{s.battery} of 200") for each, s in found if s.battery_low)
     return _bad(wrong, len(found), f"{found[-1][1].battery if found else 0} of 200", _NOT_ASKED)
 
 
 @requires(113, f"{DOLPHIN}: a scale of each axis, all of them upwards")
-def one_g_is_above_zero(seen: WiimoteTraffic) -> Verdict:
+def one_g_is_above_zero(decoded: WiimoteTraffic) -> Verdict:
     """The calibration's 1 g is above its zero by 50 to 200 counts on every axis."""
-    blocks = [decode_accelerometer_calibration(each.data) for each in _calibrations(seen)]
+    blocks = [decode_accelerometer_calibration(each.data) for each in _calibrations(decoded)]
     known = [each for each in blocks if each is not None]
     if not known:
         return not_seen("there is no calibration")
@@ -354,11 +354,11 @@ def one_g_is_above_zero(seen: WiimoteTraffic) -> Verdict:
 
 
 @requires(301, "Bluetooth: the link ends")
-def switching_off_is_told(seen: WiimoteTraffic) -> Verdict:
+def switching_off_is_told(decoded: WiimoteTraffic) -> Verdict:
     """Switched off, the remote ends the link, and nothing more comes."""
-    phase = seen.phase("power-off")
-    gone = [] if phase is None else [number for number in seen.lost if number >= phase.first]
+    phase = decoded.phase("power-off")
+    gone = [] if phase is None else [number for number in decoded.lost if number >= phase.first]
     if not gone:
         return not_seen("it was not switched off")
-    after = [each.number for each in seen.reports if each.number > gone[0]]
+    after = [each.number for each in decoded.reports if each.number > gone[0]]
     return failed("reports come from what is off", after) if after else passed("told")

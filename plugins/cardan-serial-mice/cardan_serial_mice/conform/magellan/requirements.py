@@ -41,78 +41,78 @@ requires: Requirements[MagellanTraffic] = Requirements("MAG")
 
 
 @requires(1, "the system's serial driver")
-def it_can_be_opened(seen: MagellanTraffic) -> Verdict:
+def it_can_be_opened(decoded: MagellanTraffic) -> Verdict:
     """The port can be opened."""
-    return judges.opened(seen)
+    return judges.opened(decoded)
 
 
 @requires(2, f"{MANUAL}: mode 3 is the default")
-def deflection_is_reported(seen: MagellanTraffic) -> Verdict:
+def deflection_is_reported(decoded: MagellanTraffic) -> Verdict:
     """Deflected, it sends motion packets without having been told to."""
-    return judges.reported(seen)
+    return judges.reported(decoded)
 
 
 @requires(3, KERNEL)
-def packets_are_whole(seen: MagellanTraffic) -> Verdict:
+def packets_are_whole(decoded: MagellanTraffic) -> Verdict:
     """Every packet has a known letter, its length, and no byte or sum that cannot be."""
-    return judges.whole(seen)
+    return judges.whole(decoded)
 
 
 @requires(4, RATE)
-def the_rate_is_a_magellans(seen: MagellanTraffic) -> Verdict:
+def the_rate_is_a_magellans(decoded: MagellanTraffic) -> Verdict:
     """Held deflected, it sends a packet every 18 to 75 ms."""
-    return judges.rate(seen, FASTEST_S, SLOWEST_S)
+    return judges.rate(decoded, FASTEST_S, SLOWEST_S)
 
 
 @requires(5, f"{MANUAL}: data are sent periodically while they are not zero")
-def deflection_is_never_silent(seen: MagellanTraffic) -> Verdict:
+def deflection_is_never_silent(decoded: MagellanTraffic) -> Verdict:
     """Held deflected, it is never silent for more than 0.2 s."""
-    return judges.silent(seen, SILENT_S)
+    return judges.silent(decoded, SILENT_S)
 
 
 @requires(6, f"{MANUAL}: one zero packet, then silence")
-def the_last_value_is_zero(seen: MagellanTraffic) -> Verdict:
+def the_last_value_is_zero(decoded: MagellanTraffic) -> Verdict:
     """Let go, it sends zero on all axes, once or twice, as the last of the motion."""
-    return judges.ends_with_zero(seen)
+    return judges.ends_with_zero(decoded)
 
 
 @requires(7, f"{MANUAL}: one zero packet, then silence")
-def rest_is_silent(seen: MagellanTraffic) -> Verdict:
+def rest_is_silent(decoded: MagellanTraffic) -> Verdict:
     """Let go, it then sends nothing."""
-    return judges.silent_at_rest(seen)
+    return judges.silent_at_rest(decoded)
 
 
 @requires(8, "+-360 (Linux) to +-512 at the default sensitivity")
-def counts_are_in_range(seen: MagellanTraffic) -> Verdict:
+def counts_are_in_range(decoded: MagellanTraffic) -> Verdict:
     """At the default sensitivity no axis goes beyond +-512."""
-    return judges.in_range(seen, MOST_COUNTS, MOST_COUNTS)
+    return judges.in_range(decoded, MOST_COUNTS, MOST_COUNTS)
 
 
 @requires(9, f"{MANUAL}: X right, Y up, Z towards the operator; right-handed")
-def axes_have_their_signs(seen: MagellanTraffic) -> Verdict:
+def axes_have_their_signs(decoded: MagellanTraffic) -> Verdict:
     """Pushed to the right X is positive and the largest; twisted clockwise B is negative and the
     largest."""
-    return judges.signs(seen)
+    return judges.signs(decoded)
 
 
 @requires(10, f"{MANUAL}, k")
-def buttons_are_told(seen: MagellanTraffic) -> Verdict:
+def buttons_are_told(decoded: MagellanTraffic) -> Verdict:
     """Every press and release of a button is reported."""
-    return judges.buttons(seen)
+    return judges.buttons(decoded)
 
 
 @requires(11, "the system's serial driver")
-def it_stays(seen: MagellanTraffic) -> Verdict:
+def it_stays(decoded: MagellanTraffic) -> Verdict:
     """The port does not go while it is used."""
-    return judges.stays(seen)
+    return judges.stays(decoded)
 
 
 @requires(12, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: MagellanTraffic) -> Verdict:
+def both_descriptions_agree(decoded: MagellanTraffic) -> Verdict:
     """A second reader, the scapy layers, sees packets where the first one does."""
     layers = second_description("serial_mice")
     return judges.read_twice(
-        seen, judges.lines, lambda line: isinstance(layers.MagellanPacket(line), layers.Broken)
+        decoded, judges.lines, lambda line: isinstance(layers.MagellanPacket(line), layers.Broken)
     )
 
 
@@ -120,9 +120,9 @@ def both_descriptions_agree(seen: MagellanTraffic) -> Verdict:
 
 
 @requires(101, f"{SPACENAVD}: it waits a quarter of a second for the version")
-def the_version_is_told(seen: MagellanTraffic) -> Verdict:
+def the_version_is_told(decoded: MagellanTraffic) -> Verdict:
     """vQ is answered with a version within 0.25 s."""
-    found = seen.told(QUERY_VERSION)
+    found = decoded.told(QUERY_VERSION)
     if found is None:
         return not_seen("it was not asked")
     if found.answer is None or not isinstance(found.answer.value, MagellanVersion):
@@ -137,9 +137,9 @@ def the_version_is_told(seen: MagellanTraffic) -> Verdict:
 
 
 @requires(102, f"{MANUAL}: a command that sets something is echoed")
-def settings_are_echoed(seen: MagellanTraffic) -> Verdict:
+def settings_are_echoed(decoded: MagellanTraffic) -> Verdict:
     """m3 and c33 are echoed."""
-    found = [seen.told(command) for command in (MODE_3D, EXTENDED_COMPRESSED)]
+    found = [decoded.told(command) for command in (MODE_3D, EXTENDED_COMPRESSED)]
     asked = [each for each in found if each is not None]
     if not asked:
         return not_seen("nothing was set")
@@ -152,9 +152,9 @@ def settings_are_echoed(seen: MagellanTraffic) -> Verdict:
 
 
 @requires(103, f"{MANUAL}, kQ")
-def keys_can_be_asked_for(seen: MagellanTraffic) -> Verdict:
+def keys_can_be_asked_for(decoded: MagellanTraffic) -> Verdict:
     """kQ is answered with the keys, of which none is down."""
-    found = seen.told(QUERY_KEYS)
+    found = decoded.told(QUERY_KEYS)
     if found is None:
         return not_seen("it was not asked")
     mask = getattr(found.answer.value, "mask", None) if found.answer else None
@@ -164,19 +164,19 @@ def keys_can_be_asked_for(seen: MagellanTraffic) -> Verdict:
 
 
 @requires(104, f"{MANUAL}, e: 1 is an illegal command")
-def unknown_commands_are_refused(seen: MagellanTraffic) -> Verdict:
+def unknown_commands_are_refused(decoded: MagellanTraffic) -> Verdict:
     """Unknown commands are answered with an error."""
-    if seen.told(UNKNOWN) is None:
+    if decoded.told(UNKNOWN) is None:
         return not_seen("none was sent")
-    found = [each.value for each in seen.during("ask") if isinstance(each.value, MagellanError)]
+    found = [each.value for each in decoded.during("ask") if isinstance(each.value, MagellanError)]
     return passed(f"error {found[0].code}") if found else failed("no error came")
 
 
 @requires(105, f"{MANUAL}, c: compressed data with a checksum")
-def motion_is_compressed(seen: MagellanTraffic) -> Verdict:
+def motion_is_compressed(decoded: MagellanTraffic) -> Verdict:
     """After c33 motion comes compressed."""
-    found = seen.motions("push-again")
-    told = seen.told(EXTENDED_COMPRESSED)
+    found = decoded.motions("push-again")
+    told = decoded.told(EXTENDED_COMPRESSED)
     if told is None or told.answer is None or not found:
         return not_seen("no motion came after it")
     wrong = [e.number for e in found if not isinstance(e.value, MagellanCompressedMotion)]
@@ -186,9 +186,9 @@ def motion_is_compressed(seen: MagellanTraffic) -> Verdict:
 
 
 @requires(106, f"{MANUAL}, cQ")
-def settings_last(seen: MagellanTraffic) -> Verdict:
+def settings_last(decoded: MagellanTraffic) -> Verdict:
     """Settings last: cQ is answered c33 later."""
-    set_, found = seen.told(EXTENDED_COMPRESSED), seen.told(QUERY_EXTENDED)
+    set_, found = decoded.told(EXTENDED_COMPRESSED), decoded.told(QUERY_EXTENDED)
     if set_ is None or found is None or set_.answer is None:
         return not_seen("nothing was set")
     said = getattr(found.answer.value, "command", b"") if found.answer else b""
@@ -198,12 +198,12 @@ def settings_last(seen: MagellanTraffic) -> Verdict:
 
 
 @requires(107, f"{MANUAL}, d")
-def it_reports_again(seen: MagellanTraffic) -> Verdict:
+def it_reports_again(decoded: MagellanTraffic) -> Verdict:
     """After it was set up it reports motion as before."""
-    return judges.reported_again(seen)
+    return judges.reported_again(decoded)
 
 
 @requires(301, "the system's serial driver")
-def unplugging_is_told(seen: MagellanTraffic) -> Verdict:
+def unplugging_is_told(decoded: MagellanTraffic) -> Verdict:
     """Its port unplugged, the system says that it is gone, and nothing more comes."""
-    return judges.unplugged(seen)
+    return judges.unplugged(decoded)

@@ -14,47 +14,47 @@ NOTHING = "no packets came"
 Traffic = PuckTraffic[Any]
 
 
-def opened(seen: Traffic) -> Verdict:
+def opened(decoded: Traffic) -> Verdict:
     """The port can be opened."""
-    return failed("it was refused", seen.refused) if seen.refused else passed("opened")
+    return failed("it was refused", decoded.refused) if decoded.refused else passed("opened")
 
 
-def reported(seen: Traffic) -> Verdict:
+def reported(decoded: Traffic) -> Verdict:
     """Deflected, it sends motion."""
-    if seen.refused or seen.phase("push-held") is None:
+    if decoded.refused or decoded.phase("push-held") is None:
         return not_seen("it was never deflected")
-    found = [each for each in seen.motions("push", "push-held") if any(each.counts)]
+    found = [each for each in decoded.motions("push", "push-held") if any(each.counts)]
     return passed(f"{len(found)} packets") if found else failed("none came")
 
 
-def reported_again(seen: Traffic) -> Verdict:
+def reported_again(decoded: Traffic) -> Verdict:
     """After it was asked it reports motion as before."""
-    if seen.phase("push-again") is None or seen.refused:
+    if decoded.phase("push-again") is None or decoded.refused:
         return not_seen("it was not asked")
-    found = [each for each in seen.motions("push-again") if any(each.counts)]
+    found = [each for each in decoded.motions("push-again") if any(each.counts)]
     return passed(f"{len(found)} packets") if found else failed("none came")
 
 
-def whole(seen: Traffic) -> Verdict:
+def whole(decoded: Traffic) -> Verdict:
     """No packet is malformed."""
-    if not seen.packets:
+    if not decoded.packets:
         return not_seen(NOTHING)
     wrong = [
         (each.number, f"{chr(each.value.letter)!r} {each.value.reason}")
-        for each in seen.packets
+        for each in decoded.packets
         if each.is_malformed
     ]
     if wrong:
-        words = f"{len(wrong)} of {len(seen.packets)}: {wrong[0][1]}"
+        words = f"{len(wrong)} of {len(decoded.packets)}: {wrong[0][1]}"
         return failed(words, (n for n, _ in wrong))
-    return passed(f"{len(seen.packets)} packets")
+    return passed(f"{len(decoded.packets)} packets")
 
 
-def rate(seen: Traffic, fastest_s: float, slowest_s: float) -> Verdict:
+def rate(decoded: Traffic, fastest_s: float, slowest_s: float) -> Verdict:
     """Held deflected, its mean period lies between these."""
     periods = []
     for name in HELD:
-        found = seen.motions(name)
+        found = decoded.motions(name)
         if len(found) > 3:
             periods.append((found[-1].time_s - found[0].time_s) / (len(found) - 1))
     if not periods:
@@ -65,16 +65,16 @@ def rate(seen: Traffic, fastest_s: float, slowest_s: float) -> Verdict:
     return passed(said, worst * 1e3, "ms") if good else failed(said)
 
 
-def silent(seen: Traffic, most_s: float) -> Verdict:
+def silent(decoded: Traffic, most_s: float) -> Verdict:
     """Held deflected, it is never silent for longer."""
-    return never_silent(((seen.phase(name), seen.motions(name)) for name in HELD), most_s)
+    return never_silent(((decoded.phase(name), decoded.motions(name)) for name in HELD), most_s)
 
 
-def ends_with_zero(seen: Traffic) -> Verdict:
+def ends_with_zero(decoded: Traffic) -> Verdict:
     """The last packet of each motion is zero on all axes."""
     wrong, count = [], 0
     for name in ("push", "twist"):
-        found = seen.motions(f"{name}-held", f"{name}-over")
+        found = decoded.motions(f"{name}-held", f"{name}-over")
         if not any(any(each.counts) for each in found):
             continue
         count += 1
@@ -85,17 +85,17 @@ def ends_with_zero(seen: Traffic) -> Verdict:
     return passed(f"{count} motions") if count else not_seen("it was never deflected")
 
 
-def silent_at_rest(seen: Traffic) -> Verdict:
+def silent_at_rest(decoded: Traffic) -> Verdict:
     """Let go, it sends no motion."""
-    if seen.phase("push-rest") is None or not seen.packets:
+    if decoded.phase("push-rest") is None or not decoded.packets:
         return not_seen("it was never let go")
-    talks = [each.number for each in seen.motions("rest", "push-rest", "twist-rest")]
+    talks = [each.number for each in decoded.motions("rest", "push-rest", "twist-rest")]
     return failed(f"{len(talks)} packets at rest", talks) if talks else passed("silent")
 
 
-def in_range(seen: Traffic, most: int, most_rotation: int) -> Verdict:
+def in_range(decoded: Traffic, most: int, most_rotation: int) -> Verdict:
     """No axis goes beyond these counts."""
-    found = [each for each in seen.packets if each.counts]
+    found = [each for each in decoded.packets if each.counts]
     if not found:
         return not_seen(NOTHING)
     moved = max(abs(count) for each in found for count in each.counts[:3])
@@ -109,11 +109,11 @@ def in_range(seen: Traffic, most: int, most_rotation: int) -> Verdict:
     return failed(said, wrong) if wrong else passed(said)
 
 
-def signs(seen: Traffic) -> Verdict:
+def signs(decoded: Traffic) -> Verdict:
     """Pushed to the right X is positive and the largest; twisted clockwise B is negative and the
     largest of the rotations."""
     push, twist = (
-        [each.counts for each in seen.motions(name)] for name in ("push-held", "twist-held")
+        [each.counts for each in decoded.motions(name)] for name in ("push-held", "twist-held")
     )
     if not push or not twist:
         return not_seen("it was not pushed and twisted")
@@ -128,11 +128,11 @@ def _mean(rows: Sequence[tuple[int, ...]]) -> list[float]:
     return [sum(axis) / len(rows) for axis in zip(*rows, strict=True)]
 
 
-def buttons(seen: Traffic) -> Verdict:
+def buttons(decoded: Traffic) -> Verdict:
     """Every press and release of a button is reported."""
-    if seen.phase("release") is None or seen.refused:
+    if decoded.phase("release") is None or decoded.refused:
         return not_seen("none was pressed")
-    down, up = seen.keys("press"), seen.keys("release")
+    down, up = decoded.keys("press"), decoded.keys("release")
     if not down or not down[-1]:
         return failed("pressing was not told")
     if down[-1] & (down[-1] - 1):
@@ -142,22 +142,22 @@ def buttons(seen: Traffic) -> Verdict:
     return passed("pressed and let go") if not up[-1] else failed("it stays down")
 
 
-def stays(seen: Traffic) -> Verdict:
+def stays(decoded: Traffic) -> Verdict:
     """The port does not go while it is used."""
-    hand = seen.phase("unplug")
-    wrong = [index for index in seen.lost if hand is None or index < hand.first]
-    if seen.refused:
+    hand = decoded.phase("unplug")
+    wrong = [index for index in decoded.lost if hand is None or index < hand.first]
+    if decoded.refused:
         return not_seen("it was never opened")
     return failed("it went", wrong) if wrong else passed("it stayed")
 
 
-def unplugged(seen: Traffic) -> Verdict:
+def unplugged(decoded: Traffic) -> Verdict:
     """Its port unplugged, the system says that it is gone, and nothing more comes."""
-    phase = seen.phase("unplug")
-    gone = [] if phase is None else [index for index in seen.lost if index >= phase.first]
+    phase = decoded.phase("unplug")
+    gone = [] if phase is None else [index for index in decoded.lost if index >= phase.first]
     if not gone:
         return not_seen("it was not unplugged, or its port stays without it")
-    after = [each.number for each in seen.packets if each.number > gone[0]]
+    after = [each.number for each in decoded.packets if each.number > gone[0]]
     return failed("packets come from what is gone", after) if after else passed("told")
 
 
@@ -180,14 +180,14 @@ def lines(stream: bytes) -> list[bytes]:
 
 
 def read_twice(
-    seen: Traffic, cut: Callable[[bytes], list[bytes]], is_broken: Callable[[bytes], bool]
+    decoded: Traffic, cut: Callable[[bytes], list[bytes]], is_broken: Callable[[bytes], bool]
 ) -> Verdict:
     """A second reader, which cuts the stream and detects broken packets, agrees with the first."""
-    pieces = cut(seen.stream)
+    pieces = cut(decoded.stream)
     if not pieces:
         return not_seen(NOTHING)
     broken = sum(map(is_broken, pieces))
-    known = [each.number for each in seen.packets if each.is_malformed]
+    known = [each.number for each in decoded.packets if each.is_malformed]
     if broken != len(known):
         return failed(f"{broken} are broken to one, {len(known)} to the other", known)
     return passed(f"{len(pieces)} packets read twice")

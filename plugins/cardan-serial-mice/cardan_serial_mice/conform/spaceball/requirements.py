@@ -51,13 +51,13 @@ requires: Requirements[BallTraffic] = Requirements("BALL")
 
 
 @requires(1, "the system's serial driver")
-def it_can_be_opened(seen: BallTraffic) -> Verdict:
+def it_can_be_opened(decoded: BallTraffic) -> Verdict:
     """The port can be opened."""
-    return judges.opened(seen)
+    return judges.opened(decoded)
 
 
-def _lines(seen: BallTraffic, *phases: str) -> list[tuple[int, str]]:
-    found = seen.during(*phases) if phases else seen.packets
+def _lines(decoded: BallTraffic, *phases: str) -> list[tuple[int, str]]:
+    found = decoded.during(*phases) if phases else decoded.packets
     return [(e.number, e.value.text) for e in found if isinstance(e.value, SpaceballReset)]
 
 
@@ -73,16 +73,16 @@ def _banner(lines: Iterable[tuple[int, str]]) -> Verdict:
 
 
 @requires(2, f"{SPACENAVD}: @1 and @2")
-def it_says_what_it_is(seen: BallTraffic) -> Verdict:
+def it_says_what_it_is(decoded: BallTraffic) -> Verdict:
     """Within 2 s of power it says that it is alive, and names a firmware that is known."""
-    return not_seen("it was never opened") if seen.refused else _banner(_lines(seen, "rest"))
+    return not_seen("it was never opened") if decoded.refused else _banner(_lines(decoded, "rest"))
 
 
 @requires(3, f"{SPACENAVD}: @1 and @2")
-def it_starts_once(seen: BallTraffic) -> Verdict:
+def it_starts_once(decoded: BallTraffic) -> Verdict:
     """It starts with its power and with a reset, and at no other time."""
-    asked = {number for number, _ in _lines(seen, "rest", "reset")}
-    found = [number for number, _ in _lines(seen)]
+    asked = {number for number, _ in _lines(decoded, "rest", "reset")}
+    found = [number for number, _ in _lines(decoded)]
     if not found:
         return not_seen("it never said that it has started")
     wrong = [number for number in found if number not in asked]
@@ -90,38 +90,38 @@ def it_starts_once(seen: BallTraffic) -> Verdict:
 
 
 @requires(4, f"{HOSTS}: a letter, data with escapes, and CR")
-def packets_are_whole(seen: BallTraffic) -> Verdict:
+def packets_are_whole(decoded: BallTraffic) -> Verdict:
     """Every packet has a known letter, its length, and escapes that there are."""
-    return judges.whole(seen)
+    return judges.whole(decoded)
 
 
 @requires(5, f"{HOSTS}: no ball data without M")
-def it_waits_to_be_told(seen: BallTraffic) -> Verdict:
+def it_waits_to_be_told(decoded: BallTraffic) -> Verdict:
     """It sends no motion before the command to do so."""
-    if not seen.packets:
+    if not decoded.packets:
         return not_seen(judges.NOTHING)
-    found = [each.number for each in seen.motions("rest", "press", "release", "reset")]
+    found = [each.number for each in decoded.motions("rest", "press", "release", "reset")]
     return failed(f"{len(found)} packets", found) if found else passed("none")
 
 
 @requires(6, f"{HOSTS}: K, and . of a 4000 FLX")
-def buttons_are_told(seen: BallTraffic) -> Verdict:
+def buttons_are_told(decoded: BallTraffic) -> Verdict:
     """Every press and release of a button is reported, alone."""
-    return judges.buttons(seen)
+    return judges.buttons(decoded)
 
 
 @requires(7, "the system's serial driver")
-def it_stays(seen: BallTraffic) -> Verdict:
+def it_stays(decoded: BallTraffic) -> Verdict:
     """The port does not go while it is used."""
-    return judges.stays(seen)
+    return judges.stays(decoded)
 
 
 @requires(8, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: BallTraffic) -> Verdict:
+def both_descriptions_agree(decoded: BallTraffic) -> Verdict:
     """A second reader, the scapy layers, finds as many broken packets as the first one."""
     layers = second_description("serial_mice")
     return judges.read_twice(
-        seen, _pieces, lambda piece: isinstance(layers.SpaceballPacket(piece), layers.Broken)
+        decoded, _pieces, lambda piece: isinstance(layers.SpaceballPacket(piece), layers.Broken)
     )
 
 
@@ -130,11 +130,11 @@ def _pieces(stream: bytes) -> list[bytes]:
 
 
 @requires(9, f"{HOSTS}: bytes of keys carry bit 6")
-def bytes_of_keys_are_marked(seen: BallTraffic) -> Verdict:
+def bytes_of_keys_are_marked(decoded: BallTraffic) -> Verdict:
     """Both bytes of every packet of keys have bit 6."""
     found = [
         (each.number, each.value)
-        for each in seen.packets
+        for each in decoded.packets
         if isinstance(each.value, (SpaceballKeys, SpaceballAdvancedKeys))
     ]
     wrong = [number for number, keys in found if not keys.high & keys.low & 0x40]
@@ -147,96 +147,96 @@ def bytes_of_keys_are_marked(seen: BallTraffic) -> Verdict:
 
 
 @requires(101, f"{SPACENAVD}: it waits 2 s for @1")
-def it_can_be_reset(seen: BallTraffic) -> Verdict:
+def it_can_be_reset(decoded: BallTraffic) -> Verdict:
     """After a reset it reports its identity within 2 s."""
-    if seen.told(RESET) is None:
+    if decoded.told(RESET) is None:
         return not_seen("it was not reset")
-    said = _banner(_lines(seen, "reset"))
-    within = judges.answered(seen.told(RESET), RESET_WITHIN_S)
+    said = _banner(_lines(decoded, "reset"))
+    within = judges.answered(decoded.told(RESET), RESET_WITHIN_S)
     return said if said.outcome.value == "failed" else within
 
 
 @requires(102, f"{HOSTS}: a command that sets something is echoed")
-def settings_are_echoed(seen: BallTraffic) -> Verdict:
+def settings_are_echoed(decoded: BallTraffic) -> Verdict:
     """CB, P and M are echoed within 0.25 s."""
-    asked = [seen.told(command) for command in (BINARY, RATE_20_HZ, SEND_VECTORS)]
+    asked = [decoded.told(command) for command in (BINARY, RATE_20_HZ, SEND_VECTORS)]
     verdicts = [judges.answered(each, ANSWER_S) for each in asked]
     return next((each for each in verdicts if each.outcome.value == "failed"), verdicts[-1])
 
 
 @requires(103, f"{HOSTS}: k")
-def keys_can_be_asked_for(seen: BallTraffic) -> Verdict:
+def keys_can_be_asked_for(decoded: BallTraffic) -> Verdict:
     """k is answered within 0.25 s with the keys, of which none is down."""
-    asked = seen.told(QUERY_KEYS)
+    asked = decoded.told(QUERY_KEYS)
     if asked is not None and asked.answer is not None and asked.answer.mask:
         return failed(f"mask {asked.answer.mask:#x}", [asked.answer.number])
     return judges.answered(asked, ANSWER_S)
 
 
 @requires(104, f"{HOSTS}: ?")
-def unknown_commands_are_refused(seen: BallTraffic) -> Verdict:
+def unknown_commands_are_refused(decoded: BallTraffic) -> Verdict:
     """Unknown commands are answered with ? within 0.25 s, and no others are."""
-    told = seen.told(UNKNOWN)
+    told = decoded.told(UNKNOWN)
     if told is None:
         return not_seen("none was sent")
     early = [
         each.number
-        for each in seen.packets
+        for each in decoded.packets
         if isinstance(each.value, SpaceballError) and each.number < told.number
     ]
     return failed("it refuses others, too", early) if early else judges.answered(told, ANSWER_S)
 
 
 @requires(105, f"{HOSTS}: D while it is deflected")
-def deflection_is_reported(seen: BallTraffic) -> Verdict:
+def deflection_is_reported(decoded: BallTraffic) -> Verdict:
     """Told to, it sends motion while it is deflected."""
-    return judges.reported(seen)
+    return judges.reported(decoded)
 
 
 @requires(106, f"{HOSTS}: P@r@r is 50 ms")
-def the_rate_is_what_was_set(seen: BallTraffic) -> Verdict:
+def the_rate_is_what_was_set(decoded: BallTraffic) -> Verdict:
     """Held deflected, it sends a packet every 45 to 60 ms."""
-    return judges.rate(seen, FASTEST_S, SLOWEST_S)
+    return judges.rate(decoded, FASTEST_S, SLOWEST_S)
 
 
 @requires(107, f"{HOSTS}: D while it is deflected")
-def deflection_is_never_silent(seen: BallTraffic) -> Verdict:
+def deflection_is_never_silent(decoded: BallTraffic) -> Verdict:
     """Held deflected, it is never silent for more than 0.2 s."""
-    return judges.silent(seen, SILENT_S)
+    return judges.silent(decoded, SILENT_S)
 
 
 @requires(108, f"{HOSTS}: zero, then none")
-def the_last_value_is_zero(seen: BallTraffic) -> Verdict:
+def the_last_value_is_zero(decoded: BallTraffic) -> Verdict:
     """Let go, it sends zero on all axes as the last of the motion."""
-    return judges.ends_with_zero(seen)
+    return judges.ends_with_zero(decoded)
 
 
 @requires(109, f"{HOSTS}: zero, then none")
-def rest_is_silent(seen: BallTraffic) -> Verdict:
+def rest_is_silent(decoded: BallTraffic) -> Verdict:
     """Let go, it then sends no motion."""
-    return judges.silent_at_rest(seen)
+    return judges.silent_at_rest(decoded)
 
 
 @requires(110, f"{KERNEL}: +-8000 and +-1600")
-def counts_are_in_range(seen: BallTraffic) -> Verdict:
+def counts_are_in_range(decoded: BallTraffic) -> Verdict:
     """At 20 Hz no translation goes beyond +-10000 counts, and no rotation beyond +-2000."""
-    return judges.in_range(seen, MOST_COUNTS, MOST_TURN_COUNTS)
+    return judges.in_range(decoded, MOST_COUNTS, MOST_TURN_COUNTS)
 
 
 @requires(111, f"{HOSTS}: X right, Y up, Z away; rotations about them by the right hand")
-def axes_have_their_signs(seen: BallTraffic) -> Verdict:
+def axes_have_their_signs(decoded: BallTraffic) -> Verdict:
     """Pushed to the right X is positive and the largest translation; twisted clockwise the rotation
     about Y is negative and the largest."""
-    return judges.signs(seen)
+    return judges.signs(decoded)
 
 
 @requires(112, f"{HOSTS}: the period in sixteenths of a millisecond")
-def periods_are_those_of_motion(seen: BallTraffic) -> Verdict:
+def periods_are_those_of_motion(decoded: BallTraffic) -> Verdict:
     """The periods that motions tell add up to the time between them, to 10 %, and none is off by
     more than 0.1 s."""
     told_s, took_s, wrong = 0.0, 0.0, []
     for name in judges.HELD:
-        for one, other in pairwise(seen.motions(name)):
+        for one, other in pairwise(decoded.motions(name)):
             assert isinstance(other.value, SpaceballMotion)
             period_s, between_s = PERIOD_UNIT_S * other.value.period, other.time_s - one.time_s
             told_s, took_s = told_s + period_s, took_s + between_s
@@ -251,11 +251,11 @@ def periods_are_those_of_motion(seen: BallTraffic) -> Verdict:
 
 
 @requires(113, "packets have no checksum: what is mangled shows as a leap")
-def a_steady_hand_is_steady(seen: BallTraffic) -> Verdict:
+def a_steady_hand_is_steady(decoded: BallTraffic) -> Verdict:
     """Held steadily, no axis leaps by a quarter of its size, or 400 counts where that is more."""
     wrong, count = [], 0
     for name in judges.HELD:
-        found = seen.motions(name)
+        found = decoded.motions(name)
         count += len(found)
         if not found:
             continue
@@ -270,6 +270,6 @@ def a_steady_hand_is_steady(seen: BallTraffic) -> Verdict:
 
 
 @requires(301, "the system's serial driver")
-def unplugging_is_told(seen: BallTraffic) -> Verdict:
+def unplugging_is_told(decoded: BallTraffic) -> Verdict:
     """Its port unplugged, the system says that it is gone, and nothing more comes."""
-    return judges.unplugged(seen)
+    return judges.unplugged(decoded)

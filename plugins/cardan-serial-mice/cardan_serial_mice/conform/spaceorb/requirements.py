@@ -33,17 +33,17 @@ requires: Requirements[OrbTraffic] = Requirements("ORB")
 
 
 @requires(1, "the system's serial driver")
-def it_can_be_opened(seen: OrbTraffic) -> Verdict:
+def it_can_be_opened(decoded: OrbTraffic) -> Verdict:
     """The port can be opened."""
-    return judges.opened(seen)
+    return judges.opened(decoded)
 
 
 @requires(2, f"{CAPTURES}: R, a second after power")
-def it_says_what_it_is(seen: OrbTraffic) -> Verdict:
+def it_says_what_it_is(decoded: OrbTraffic) -> Verdict:
     """Within 2 s of power it reports its identity, and names itself a Spaceball."""
-    if seen.refused:
+    if decoded.refused:
         return not_seen("it was never opened")
-    found = [e for e in seen.during("rest") if isinstance(e.value, OrbReset)]
+    found = [e for e in decoded.during("rest") if isinstance(e.value, OrbReset)]
     if not found or not isinstance(found[0].value, OrbReset):
         return failed("nothing came")
     said = found[0].value.text
@@ -51,27 +51,27 @@ def it_says_what_it_is(seen: OrbTraffic) -> Verdict:
 
 
 @requires(3, f"{CAPTURES}: R, a second after power")
-def it_starts_once(seen: OrbTraffic) -> Verdict:
+def it_starts_once(decoded: OrbTraffic) -> Verdict:
     """It starts once, and does not restart while it is used."""
-    found = [each.number for each in seen.packets if isinstance(each.value, OrbReset)]
+    found = [each.number for each in decoded.packets if isinstance(each.value, OrbReset)]
     if not found:
         return not_seen("it never said that it has started")
     return failed(f"{len(found)} times", found[1:]) if len(found) > 1 else passed("once")
 
 
 @requires(4, f"{KERNEL}; {CAPTURES}: data with bit 7 set, and a checksum")
-def packets_are_whole(seen: OrbTraffic) -> Verdict:
+def packets_are_whole(decoded: OrbTraffic) -> Verdict:
     """Every packet has a known letter, its length, and a right checksum."""
-    return judges.whole(seen)
+    return judges.whole(decoded)
 
 
 @requires(5, f"{CAPTURES}: K once a second and more")
-def it_says_that_it_is_there(seen: OrbTraffic) -> Verdict:
+def it_says_that_it_is_there(decoded: OrbTraffic) -> Verdict:
     """At rest it tells its buttons every 1.3 s and more often."""
-    phase = seen.phase("beats")
-    if phase is None or seen.refused:
+    phase = decoded.phase("beats")
+    if phase is None or decoded.refused:
         return not_seen("it was never opened")
-    found = [e.time_s for e in seen.during("beats") if isinstance(e.value, OrbKeys)]
+    found = [e.time_s for e in decoded.during("beats") if isinstance(e.value, OrbKeys)]
     times = [phase.start_s, *found, phase.end_s]
     longest = max(b - a for a, b in pairwise(times))
     said = f"{longest:.2f} s at most"
@@ -79,75 +79,75 @@ def it_says_that_it_is_there(seen: OrbTraffic) -> Verdict:
 
 
 @requires(6, KERNEL)
-def it_is_well(seen: OrbTraffic) -> Verdict:
+def it_is_well(decoded: OrbTraffic) -> Verdict:
     """It reports no error."""
-    found = [each.number for each in seen.packets if isinstance(each.value, OrbError)]
-    if not seen.packets:
+    found = [each.number for each in decoded.packets if isinstance(each.value, OrbError)]
+    if not decoded.packets:
         return not_seen(judges.NOTHING)
     return failed(f"{len(found)} times", found) if found else passed("none")
 
 
 @requires(7, f"{CAPTURES}: D while it is deflected")
-def deflection_is_reported(seen: OrbTraffic) -> Verdict:
+def deflection_is_reported(decoded: OrbTraffic) -> Verdict:
     """Deflected, it sends motion without having been told to."""
-    return judges.reported(seen)
+    return judges.reported(decoded)
 
 
 @requires(8, f"{CAPTURES}: 33 ms")
-def the_rate_is_an_orbs(seen: OrbTraffic) -> Verdict:
+def the_rate_is_an_orbs(decoded: OrbTraffic) -> Verdict:
     """Held deflected, it sends a packet every 28 to 40 ms."""
-    return judges.rate(seen, FASTEST_S, SLOWEST_S)
+    return judges.rate(decoded, FASTEST_S, SLOWEST_S)
 
 
 @requires(9, f"{CAPTURES}: D while it is deflected")
-def deflection_is_never_silent(seen: OrbTraffic) -> Verdict:
+def deflection_is_never_silent(decoded: OrbTraffic) -> Verdict:
     """Held deflected, it is never silent for more than 0.2 s."""
-    return judges.silent(seen, SILENT_S)
+    return judges.silent(decoded, SILENT_S)
 
 
 @requires(10, f"{CAPTURES}: one zero packet, then none")
-def the_last_value_is_zero(seen: OrbTraffic) -> Verdict:
+def the_last_value_is_zero(decoded: OrbTraffic) -> Verdict:
     """Let go, it sends zero on all axes as the last of the motion."""
-    return judges.ends_with_zero(seen)
+    return judges.ends_with_zero(decoded)
 
 
 @requires(11, f"{CAPTURES}: one zero packet, then none")
-def rest_is_silent(seen: OrbTraffic) -> Verdict:
+def rest_is_silent(decoded: OrbTraffic) -> Verdict:
     """Let go, it then sends no motion."""
-    return judges.silent_at_rest(seen)
+    return judges.silent_at_rest(decoded)
 
 
 @requires(12, f"{KERNEL}: +-508")
-def counts_are_in_range(seen: OrbTraffic) -> Verdict:
+def counts_are_in_range(decoded: OrbTraffic) -> Verdict:
     """No axis goes beyond +-510."""
-    return judges.in_range(seen, MOST_COUNTS, MOST_COUNTS)
+    return judges.in_range(decoded, MOST_COUNTS, MOST_COUNTS)
 
 
 @requires(13, f"{CAPTURES}: X right, Y up, Z towards the operator; right-handed")
-def axes_have_their_signs(seen: OrbTraffic) -> Verdict:
+def axes_have_their_signs(decoded: OrbTraffic) -> Verdict:
     """Pushed to the right X is positive and the largest translation; twisted clockwise the rotation
     about Y is negative and the largest."""
-    return judges.signs(seen)
+    return judges.signs(decoded)
 
 
 @requires(14, f"{CAPTURES}, K")
-def buttons_are_told(seen: OrbTraffic) -> Verdict:
+def buttons_are_told(decoded: OrbTraffic) -> Verdict:
     """Every press and release of a button is reported, alone."""
-    return judges.buttons(seen)
+    return judges.buttons(decoded)
 
 
 @requires(15, "the system's serial driver")
-def it_stays(seen: OrbTraffic) -> Verdict:
+def it_stays(decoded: OrbTraffic) -> Verdict:
     """The port does not go while it is used."""
-    return judges.stays(seen)
+    return judges.stays(decoded)
 
 
 @requires(16, "cardan.dissect: a second description of the protocol")
-def both_descriptions_agree(seen: OrbTraffic) -> Verdict:
+def both_descriptions_agree(decoded: OrbTraffic) -> Verdict:
     """A second reader, the scapy layers, finds as many broken packets as the first one."""
     layers = second_description("serial_mice")
     return judges.read_twice(
-        seen, _pieces, lambda piece: isinstance(layers.SpaceOrbPacket(piece), layers.Broken)
+        decoded, _pieces, lambda piece: isinstance(layers.SpaceOrbPacket(piece), layers.Broken)
     )
 
 
@@ -167,13 +167,13 @@ def _pieces(stream: bytes) -> list[bytes]:
 
 
 @requires(101, f"{CAPTURES}: ?")
-def it_can_be_asked_what_it_is(seen: OrbTraffic) -> Verdict:
+def it_can_be_asked_what_it_is(decoded: OrbTraffic) -> Verdict:
     """? is answered within 0.25 s, with two packets of information."""
-    asked = seen.told(QUERY)
+    asked = decoded.told(QUERY)
     verdict = judges.answered(asked, ANSWER_S)
     found = [
         each.value
-        for each in seen.during("ask")
+        for each in decoded.during("ask")
         if isinstance(each.value, OrbText) and each.value.letter == ord("!")
     ]
     if asked is not None and asked.answer is not None and len(found) != 2:
@@ -182,27 +182,27 @@ def it_can_be_asked_what_it_is(seen: OrbTraffic) -> Verdict:
 
 
 @requires(102, f"{CAPTURES}: n")
-def the_null_region_can_be_asked_for(seen: OrbTraffic) -> Verdict:
+def the_null_region_can_be_asked_for(decoded: OrbTraffic) -> Verdict:
     """n is answered with the null region within 0.25 s."""
-    return judges.answered(seen.told(NULL_REGION), ANSWER_S)
+    return judges.answered(decoded.told(NULL_REGION), ANSWER_S)
 
 
 @requires(103, f"{CAPTURES}: d")
-def motion_can_be_asked_for(seen: OrbTraffic) -> Verdict:
+def motion_can_be_asked_for(decoded: OrbTraffic) -> Verdict:
     """d is answered with a motion within 0.25 s, which is zero at rest."""
-    asked = seen.told(POLL)
+    asked = decoded.told(POLL)
     if asked is not None and asked.answer is not None and any(asked.answer.counts):
         return failed(f"{asked.answer.counts}", [asked.answer.number])
     return judges.answered(asked, ANSWER_S)
 
 
 @requires(104, f"{CAPTURES}: D while it is deflected")
-def it_reports_again(seen: OrbTraffic) -> Verdict:
+def it_reports_again(decoded: OrbTraffic) -> Verdict:
     """After it was asked it reports motion as before."""
-    return judges.reported_again(seen)
+    return judges.reported_again(decoded)
 
 
 @requires(301, "the system's serial driver")
-def unplugging_is_told(seen: OrbTraffic) -> Verdict:
+def unplugging_is_told(decoded: OrbTraffic) -> Verdict:
     """Its port unplugged, the system says that it is gone, and nothing more comes."""
-    return judges.unplugged(seen)
+    return judges.unplugged(decoded)
