@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import heapq
 import random
-from collections import Counter
+from collections import Counter, deque
+from dataclasses import dataclass
 from typing import NamedTuple
 
 
@@ -32,6 +33,20 @@ class Conditions(NamedTuple):
     """All is lost, also what is on its way."""
 
 
+LOGGED = 4096
+"""Frames that a way remembers: those of the last seconds."""
+
+
+@dataclass
+class Carried:
+    """A frame's times at both ends of a way."""
+
+    sent_s: float
+    bytes: int
+    came_s: float | None = None
+    """None: it is lost, or on its way."""
+
+
 class Way:
     """A link in one direction. Times are those of any monotonic clock, s."""
 
@@ -42,12 +57,15 @@ class Way:
         """Frames "sent", and of these "lost", and "overflowed" before the link."""
         self._chosen = chosen
         self._free_s = self._latest_s = 0.0
-        self._coming: list[tuple[float, int, bytes]] = []
+        self._coming: list[tuple[float, int, bytes, Carried]] = []
+        self._log: deque[Carried] = deque(maxlen=LOGGED)
 
     def send(self, frame: bytes, now_s: float) -> None:
         """Take a frame."""
         conditions, chosen = self.conditions, self._chosen
         self.counts["sent"] += 1
+        carried = Carried(now_s, len(frame))
+        self._log.append(carried)
         sent_s = now_s
         if conditions.rate_bps:
             waits_s = max(0.0, self._free_s - now_s)
@@ -67,7 +85,8 @@ class Way:
             if conditions.in_order:
                 comes_s = max(comes_s, self._latest_s)
             self._latest_s = max(comes_s, self._latest_s)
-            heapq.heappush(self._coming, (comes_s, 2 * self.counts["sent"] + copy, frame))
+            number = 2 * self.counts["sent"] + copy
+            heapq.heappush(self._coming, (comes_s, number, frame, carried))
 
     @property
     def next_s(self) -> float:
@@ -78,8 +97,15 @@ class Way:
         """Return the frames that arrived until now and were not returned before, in order."""
         frames = []
         while self.next_s <= now_s:
-            frames.append(heapq.heappop(self._coming)[2])
-        if self.conditions.cut:
-            self.counts["lost"] += len(frames)
-            return []
+            *_, frame, carried = heapq.heappop(self._coming)
+            if self.conditions.cut:
+                self.counts["lost"] += 1
+                continue
+            frames.append(frame)
+            if carried.came_s is None:
+                carried.came_s = now_s
         return frames
+
+    def carried(self, since_s: float, until_s: float) -> list[Carried]:
+        """Return what was sent since then and until then, of the last LOGGED frames."""
+        return [each for each in self._log if since_s <= each.sent_s <= until_s]

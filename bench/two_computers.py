@@ -24,10 +24,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any, Final
 
-from bench.link import Conditions, Way
+from bench.link import Carried, Conditions, Way
 
 OPERATOR: Final = "operator"
 ROBOT: Final = "robot"
@@ -42,6 +43,7 @@ READY_WITHIN_S: Final = 30.0
 _MAC: Final = {OPERATOR: "02:00:00:00:00:01", ROBOT: "02:00:00:00:00:02"}
 _CONGESTION: Final = Path("/proc/sys/net/ipv4/tcp_congestion_control")
 _FRAME: Final = 65536
+_MOST_CARRIED: Final = 512
 _PRIORITY: Final = 10
 _CLONE_NEWNET: Final = 0x40000000
 _ETH_P_ALL: Final = 3
@@ -102,8 +104,14 @@ class TwoComputers:
     def counts(self) -> dict[str, dict[str, int]]:
         """Return :attr:`bench.link.Way.counts` by the way's destination; and of "forwarder" the
         longest time that it held a frame beyond its due time, "late_us"."""
-        found: dict[str, dict[str, int]] = self._ask({})[0]
+        found: dict[str, dict[str, int]] = self._ask({})[0]["counts"]
         return found
+
+    def carried(self, to: str, since_s: float, until_s: float) -> list[Carried]:
+        """Return the first frames to that computer that left the other since then and until then,
+        at most _MOST_CARRIED. The times are :func:`time.monotonic`'s, which all processes share."""
+        found = self._ask({"carried": [to, since_s, until_s]})[0]["carried"]
+        return [Carried(*each) for each in found]
 
     def change_address(self, computer: str = OPERATOR, *, back: bool = False) -> None:
         """OPERATOR or ROBOT has the other of its two addresses, and no longer the one it had;
@@ -216,8 +224,13 @@ class _Forwarder:
             self._enter(self._namespaces[name])
             fds.append(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             self._enter(self._between)
-        found = {to: dict(way.counts) for to, way in self._ways.items()}
-        found["forwarder"] = {"late_us": round(1e6 * self._late_s)}
+        counts = {to: dict(way.counts) for to, way in self._ways.items()}
+        counts["forwarder"] = {"late_us": round(1e6 * self._late_s)}
+        found: dict[str, Any] = {"counts": counts}
+        if asked := question.get("carried"):
+            to, since_s, until_s = asked
+            carried = self._ways[to].carried(since_s, until_s)
+            found["carried"] = [astuple(each) for each in carried[:_MOST_CARRIED]]
         socket.send_fds(
             self._control, [json.dumps(found).encode()], [each.fileno() for each in fds]
         )

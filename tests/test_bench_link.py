@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from bench.link import Conditions, Way
+from bench.link import LOGGED, Conditions, Way
 
 SENT_S = [100.0 + 0.008 * number for number in range(5000)]
 FRAME = b"f" * 1000
@@ -58,3 +58,64 @@ def test_a_cut_loses_what_is_on_its_way_and_what_is_sent_until_it_ends():
     assert way.arrived(1.21) == []
     assert way.arrived(1.23) == [b"after"]
     assert way.counts == {"sent": 3, "lost": 2}
+
+
+def transits(way, since_s, until_s):
+    """What each frame took that was sent between, s; None: it has not arrived."""
+    return [
+        each.came_s and pytest.approx(each.came_s - each.sent_s)
+        for each in way.carried(since_s, until_s)
+    ]
+
+
+def carry(way, *sent_s):
+    """Send a frame at each of these times; each is given on at its own time of arrival."""
+    for at_s in (*sent_s, 1e6):
+        while way.next_s <= at_s:
+            way.arrived(way.next_s)
+        if at_s < 1e6:
+            way.send(FRAME, at_s)
+
+
+def test_a_way_tells_what_it_took_for_each_frame_since_an_act():
+    stalls = Conditions(0.1, stall_s=0.5, stall_every_s=10.0)
+    way = Way(stalls, random.Random(1))
+    carry(way, 109.7, 109.95, 110.2, 110.45)
+    # Both that come while the link stands still wait for its end.
+    assert transits(way, 109.7, 111.0) == [0.1, 0.55, 0.3, 0.1]
+    assert transits(way, 109.8, 110.2) == [0.55, 0.3]
+    assert transits(way, 111.0, 112.0) == []
+    way.send(FRAME, 113.0)
+    assert transits(way, 113.0, 113.0) == [None]
+
+
+def test_a_frame_behind_a_late_one_takes_as_long_as_it_waits():
+    way = Way(Conditions(0.5), random.Random(1))
+    way.send(FRAME, 1.0)
+    way.conditions = Conditions(0.1)
+    way.send(FRAME, 1.1)
+    carry(way)
+    assert transits(way, 1.0, 2.0) == [0.5, 0.4]
+
+
+def test_a_lost_frame_never_arrives_and_one_that_comes_twice_counts_as_the_first_of_both():
+    way = Way(Conditions(0.1, loss=1.0), random.Random(1))
+    way.send(FRAME, 1.0)
+    way.conditions = Conditions(0.1)
+    way.send(FRAME, 2.0)
+    way.conditions = Conditions(0.1, cut=True)
+    assert way.arrived(2.1) == []
+    way.conditions = Conditions(0.1, 0.09, twice=1.0, in_order=False)
+    way.send(FRAME, 3.0)
+    first_s = way.next_s
+    carry(way)
+    assert [transits(way, at_s, at_s) for at_s in (1.0, 2.0)] == [[None], [None]]
+    assert way.carried(3.0, 3.0)[0].came_s == first_s
+
+
+def test_a_way_remembers_the_frames_of_the_last_seconds():
+    way = Way(Conditions(), random.Random(1))
+    carry(way, *SENT_S)
+    remembered = way.carried(0.0, 1e6)
+    assert [each.sent_s for each in remembered] == SENT_S[-LOGGED:]
+    assert {each.bytes for each in remembered} == {len(FRAME)}
