@@ -521,8 +521,8 @@ def apart(network: Network, way: str = TCP) -> Iterator[Apart]:
 
 
 def transit_s(both: TwoComputers, stroke: Stroke, delay_s: float) -> float:
-    """What the network itself took from the act: the first frame that left the operator's computer
-    since then tells it, whatever is in that frame: the state, or an acknowledgement just before it.
+    """Return the time in transit of the first frame that left the operator's computer after the act
+    had begun, whatever is in it: the state, or an acknowledgment just before it.
 
     One behind frames that stand still takes as long as they do. Where it is lost this is `delay_s`:
     what a protocol takes to send it anew is the protocol's.

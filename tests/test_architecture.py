@@ -143,7 +143,8 @@ GONE = frozenset(
 )
 """Names of modules that the field has other words for: CHANGELOG.md has them."""
 GONE_WORDS = (
-    "AbbGofa", "Activity", "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "DaemonArm", "EgmPilot",
+    "AbbGofa", "Activity", "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "DaemonArm",
+    "EgmPilot",
     "EgmSeen", "EngineReport", "Felt", "FeltFigures", "FeltForce", "ForceGuard", "FreeBody",
     "HandPilot", "JointStreamSeen", "MapGlide", "MotomanGp8", "MotorosPilot", "MotorosSeen",
     "Outbox", "PlainBook", "RemoteCartesianDevice", "RemotePacketArm", "Tongue", "UrPilot",
