@@ -129,7 +129,7 @@ RUN = {
 
 BY_HAND = {
     r"make": "test_docs_commands has make plan it; CI runs demo, test, lint, types, docs and the kernel",
-    r"pip install": "test_docs_commands holds the extras to those there are; test_distribution installs",
+    r"pip install": "test_docs_commands holds the extras to those there are; test_distribution and test_tutorials install",
     r"cp ": "test_docs_commands holds the file to those there are",
     r"cardan --install-completion": "changes the user's shell: tests/test_completion.py",
     r"cardan run plugins/cardan-jr3/\S+/jr3-ur5\.toml": "a CAN bus: plugins/cardan-jr3/tests/kernel, and test_docs checks the file",

@@ -5,8 +5,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
-import subprocess
 import sys
 import tarfile
 import zipfile
@@ -17,16 +15,13 @@ import pytest
 import cardan
 from cardan.drivers import registry
 from cardan.gateway.servers.console.site import FOLDER as PAGE
+from tests.released import ROOT, run
 from tests.serving import free_udp_port
 
 pytestmark = [pytest.mark.matrix, pytest.mark.timeout(400)]
 
-ROOT = Path(__file__).parents[1]
 LARGEST_BYTES = 60_000_000
 """Most bytes of the package and all that it needs, without extras, bytecode included."""
-
-UNREACHABLE = "Could not find a version that satisfies"
-"""pip's words where there is no package registry."""
 
 EVERY_DRIVER = """
 import importlib.util, sys
@@ -40,26 +35,6 @@ for name in ("numpy", "pinocchio", "coal", "eigenpy", "daqp"):
     assert importlib.util.find_spec(name) is None, name
 print(cardan.__file__)
 """
-
-
-def run(*words: object, codes: tuple[int, ...] = (0,), folder: Path | None = None) -> str:
-    """Return the output of a command outside the checkout; it must end with one of `codes`."""
-    environment = {
-        name: value for name, value in os.environ.items() if not name.startswith("PYTHON")
-    }
-    done = subprocess.run(
-        [str(word) for word in words],
-        cwd=folder,
-        env={**environment, "NO_COLOR": "1", "COLUMNS": "200"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    said = done.stdout + done.stderr
-    if done.returncode not in codes and UNREACHABLE in said:
-        pytest.skip("no package registry is reached, and nothing is installed without one")
-    assert done.returncode in codes, said
-    return said
 
 
 def occupied_bytes(folder: Path) -> int:
@@ -89,28 +64,6 @@ class Installation:
         """A demo of a session without an arm's model; a busy machine may miss cycles of it."""
         said = self.cardan("demo", "gofa", "--seconds", "5", codes=(0, 4))
         assert "all of it was followed" in said or "cycles were missed" in said, said
-
-
-@pytest.fixture(scope="module")
-def released(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder that ``make dist`` fills."""
-    if shutil.which(os.environ.get("CC", "cc")) is None:
-        pytest.skip("there is no C compiler")
-    folder = tmp_path_factory.mktemp("dist")
-    run(ROOT / "tools/dist", sys.executable, folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def wheel(released: Path) -> Path:
-    (file,) = released.glob("*.whl")
-    return file
-
-
-@pytest.fixture(scope="module")
-def sdist(released: Path) -> Path:
-    (file,) = released.glob("*.tar.gz")
-    return file
 
 
 @pytest.fixture(scope="module")

@@ -1,35 +1,57 @@
-"""The pages of docs/tutorials as a person goes through them: files, terminals, commands."""
+"""The pages of docs/tutorials as a person goes through them: files, terminals, commands.
+
+They are typed as they stand, in an empty folder and an environment that has what the page installs:
+Cardan's wheel, and of its source archive what the page takes from there. `STAND_INS` has what takes
+another thing's place.
+"""
 
 from __future__ import annotations
 
-import io
-import os
 import re
 import shlex
+import signal
 import socket
 import subprocess
 import sys
+import tarfile
 import time
-from collections.abc import Collection, Iterator
-from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.command_line import the_command_line
-from tests.docs_commands import AT_ONCE
+from scapy.layers.inet import IP, UDP
+from scapy.layers.l2 import Ether
+from scapy.utils import wrpcap
+
+from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions
+from tests.released import ROOT, clean_environment, run
 from tests.serving import free_tcp_port, free_udp_port
 
-ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs" / "tutorials"
 PAGES = sorted(FOLDER.glob("*.md"))
 
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 OWN_TERMINALS = re.compile(r"\b(terminal of its own|two terminals)\b")
-LONGEST_S = 60.0
+OF_THE_SOURCES = re.compile(r"\b(?:examples|plugins)/")
+"""Folders of the source archive that a command names."""
+LONGEST_S = 120.0
 """Of a command, on a busy machine."""
 
-UDP_PORT, TCP_PORT = "6510", "7447"
-"""The pages' ports; free ones take their place."""
+UDP_PORT, TCP_PORT, CONSOLE_PORT = "6510", "7447", 8443
+STAND_INS = {
+    UDP_PORT: "a free port: another test, or a controller, may have the page's",
+    TCP_PORT: "a free port: another test, or a router, may have the page's",
+    "0.0.0.0": "127.0.0.1: a test listens for no other computer",
+    "capture.pcap": "made by the test: what is on the wire is shown to the superuser alone",
+    "pip": "uv, where it is there: it needs seconds for half a gigabyte",
+}
+"""What a test has in the place of what the page says, and why."""
+
+FINDS = re.compile(r"cardan doctor\b")
+"""Ends with 4 where this computer lacks something, or no controller is there."""
+UNTIL_CTRL_C = re.compile(r"cardan run (?!.*--seconds)")
+SERVES = "console http"
 
 
 @dataclass(frozen=True)
@@ -60,95 +82,164 @@ def steps(page: str) -> Iterator[Step]:
             yield Step("", found[2], bool(OWN_TERMINALS.search(before)))
 
 
-def words_of(command: str) -> list[str]:
-    """The command with this Python, and the package of this source tree."""
-    python = {"cardan": [sys.executable, "-m", "cardan"], "python": [sys.executable]}
-    result: list[str] = []
-    for word in shlex.split(command, comments=True):
-        begins = not result or result[-1] == "--"
-        result += python.get(word, [word]) if begins else [word]
-    return result
+class Reader:
+    """Environment and folder of a person who reads a page."""
 
+    def __init__(self, folder: Path, wheel: Path, sdist: Path) -> None:
+        """Both empty, in `folder`."""
+        self.here = folder / "here"
+        self.here.mkdir()
+        self._sdist = sdist
+        self._environment = folder / "environment"
+        run(sys.executable, "-m", "venv", "--without-pip", self._environment)
+        constraints = folder / "constraints.txt"
+        locked = (ROOT / "locks" / "dev.txt").read_text(encoding="utf-8").splitlines()
+        lines = [line.rstrip(" \\") for line in locked if re.match(r"[\w.-]+==", line)]
+        constraints.write_text("\n".join([*lines, f"cardan @ {wheel.as_uri()}\n"]))
+        outside = clean_environment()
+        self.variables = {
+            **outside,
+            "PATH": f"{self._environment / 'bin'}:{outside['PATH']}",
+            "VIRTUAL_ENV": str(self._environment),
+            "UV_CONSTRAINT": str(constraints),
+            "PIP_CONSTRAINT": str(constraints),
+            "XDG_STATE_HOME": str(folder / "state"),
+        }
+        uv = Path(sys.executable).with_name("uv")
+        pip = (sys.executable, "-m", "pip", "--python", str(self._environment))
+        self._pip = [str(uv), "pip"] if uv.exists() else [*pip]
 
-def said_here(command: str, folder: Path) -> str:
-    """Return the output of a command that opens nothing; a process would take a second."""
-    printed = io.StringIO()
-    with chdir(folder), redirect_stdout(printed), suppress(SystemExit):
-        assert the_command_line()(shlex.split(command)[1:], standalone_mode=False) in (None, 0), (
-            command
+    def words(self, command: str) -> list[str]:
+        """The command as a shell starts it."""
+        first, *others = shlex.split(command, comments=True)
+        # This process looks for a program where its own variables say.
+        program = self._environment / "bin" / first
+        if first == "pip":
+            return [*self._pip, *others]
+        return [str(program) if program.exists() else first, *others]
+
+    def run(self, command: str) -> str:
+        """The output of the command, which ends by itself."""
+        if OF_THE_SOURCES.search(command) and not (self.here / "plugins").exists():
+            self._unpack_sources()
+        codes = (0, 4) if FINDS.match(command) else (0,)
+        words = self.words(command)
+        return run(
+            *words, codes=codes, folder=self.here, environment=self.variables, longest_s=LONGEST_S
         )
-    return printed.getvalue()
 
+    def start(self, command: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            self.words(command),
+            cwd=self.here,
+            env=self.variables,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            text=True,
+        )
 
-@contextmanager
-def chdir(folder: Path) -> Iterator[None]:
-    """contextlib's, which Python 3.10 does not have."""
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)
+    def run_until_it_serves(self, command: str) -> str:
+        """The output of the command, which is ended by Ctrl-C."""
+        wait_until_free(CONSOLE_PORT)
+        with self.start(command) as process:
+            try:
+                assert process.stdout is not None
+                said = ""
+                for line in process.stdout:
+                    said += line
+                    if SERVES in line:
+                        process.send_signal(signal.SIGINT)
+                assert SERVES in said, said
+            finally:
+                process.kill()
+        assert process.returncode == 0, said
+        return said
 
+    @contextmanager
+    def aside(self, command: str, port: int) -> Iterator[None]:
+        """The command running, from when it is ready on."""
+        with self.start(command) as process:
+            try:
+                assert process.stdout is not None
+                if " sim " in command:
+                    assert process.stdout.readline().startswith("READY"), command
+                else:
+                    wait_for(port, process)
+                yield
+            finally:
+                process.terminate()
 
-@contextmanager
-def aside(command: str, folder: Path, port: int) -> Iterator[None]:
-    """The command running, from when it is ready on."""
-    process = subprocess.Popen(
-        words_of(command), cwd=folder, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True
-    )
-    with process:
-        try:
-            assert process.stdout is not None
-            if " sim " in command:
-                assert process.stdout.readline().startswith("READY"), command
-            else:
-                wait_for(port, process)
-            yield
-        finally:
-            process.terminate()
+    def place_of_cardan(self) -> Path:
+        """Where the environment has it."""
+        said = run(
+            self._environment / "bin/python",
+            "-c",
+            "import cardan; print(cardan.__file__)",
+            folder=self.here,
+            environment=self.variables,
+        )
+        return Path(said.strip()).relative_to(self._environment)
+
+    def _unpack_sources(self) -> None:
+        """The page is read in the repository's folder, too."""
+        with tarfile.open(self._sdist) as archive:
+            for member in archive:
+                _, _, name = member.name.partition("/")
+                if OF_THE_SOURCES.match(name):
+                    member.name = name
+                    archive.extract(member, self.here)
 
 
 def wait_for(port: int, process: subprocess.Popen[str]) -> None:
     """Wait until a server listens at that TCP port of this computer."""
     end_s = time.monotonic() + LONGEST_S
     while time.monotonic() < end_s and process.poll() is None:
-        with socket.socket() as probe:
-            if probe.connect_ex(("127.0.0.1", port)) == 0:
-                return
+        if listens(port):
+            return
         time.sleep(0.05)
     raise AssertionError(f"{process.args} does not listen at {port}")
 
 
-def follow(page: Path, folder: Path, left_out: Collection[str]) -> Iterator[tuple[str, str]]:
-    """Take every step of the page in `folder`; each command's line and what it printed."""
+def wait_until_free(port: int) -> None:
+    """Wait until nobody listens at that TCP port, which another test may have."""
+    end_s = time.monotonic() + LONGEST_S
+    while listens(port):
+        assert time.monotonic() < end_s, f"port {port} stays in use"
+        time.sleep(0.05)
+
+
+def listens(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+def write_capture(path: Path) -> None:
+    """A datagram of an ABB controller, as tcpdump writes it."""
+    data = EgmController(EgmControllerOptions()).cycle(0.0)
+    assert data is not None
+    wrpcap(str(path), [Ether() / IP() / UDP(sport=40000, dport=int(UDP_PORT)) / data])
+
+
+def follow(page: Path, reader: Reader) -> Iterator[tuple[str, str]]:
+    """Take every step of the page; each command's line and what it printed."""
     udp, tcp = free_udp_port(), free_tcp_port()
     text = page.read_text(encoding="utf-8")
-    shown = {UDP_PORT: str(udp), TCP_PORT: str(tcp)}
+    shown = {UDP_PORT: str(udp), TCP_PORT: str(tcp), "0.0.0.0": "127.0.0.1"}
     with ExitStack() as terminals:
         for step in steps(text):
-            body = re.sub(rf"\b({UDP_PORT}|{TCP_PORT})\b", lambda m: shown[m[1]], step.text)
+            places = rf"\b({'|'.join(map(re.escape, shown))})\b"
+            body = re.sub(places, lambda found: shown[found[1]], step.text)
             if step.file:
-                (folder / step.file).write_text(body, encoding="utf-8")
+                (reader.here / step.file).write_text(body, encoding="utf-8")
                 continue
             commands = Step("", body, step.aside).commands
             for line, command in zip(step.commands, commands, strict=True):
-                if line in left_out:
-                    continue
+                if "capture.pcap" in line:
+                    write_capture(reader.here / "capture.pcap")
                 if step.aside:
-                    terminals.enter_context(aside(command, folder, tcp))
-                    continue
-                if AT_ONCE.match(line):
-                    yield line, said_here(command, folder)
-                    continue
-                done = subprocess.run(
-                    words_of(command),
-                    cwd=folder,
-                    stdin=subprocess.DEVNULL,
-                    capture_output=True,
-                    text=True,
-                    timeout=LONGEST_S,
-                    check=False,
-                )
-                assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
-                yield line, done.stdout
+                    terminals.enter_context(reader.aside(command, tcp))
+                elif UNTIL_CTRL_C.match(line):
+                    yield line, reader.run_until_it_serves(command)
+                else:
+                    yield line, reader.run(command)
