@@ -57,6 +57,10 @@ class Figures:
         """Record that no answer came."""
         self._missed[name] = self._missed.get(name, 0) + 1
 
+    def missed(self, name: str) -> int:
+        """How often no answer came."""
+        return self._missed.get(name, 0)
+
     def quantile(self, name: str, quantile: str) -> float:
         """The quantile of what was recorded under `name`, s; NaN when nothing was."""
         samples = sorted(self._samples.get(name, []))
@@ -79,7 +83,7 @@ class Figures:
                 value = self.quantile(name, quantile)
                 ratio = value / self.quantile(base, quantile)
                 cells += f"{value * 1e6:9.1f} µs {ratio:6.2f}x "
-            print(f"{name:18}{cells}   {self._missed.get(name, 0)}")
+            print(f"{name:18}{cells}   {self.missed(name)}")
         print(f"\n(x: times {base})")
         for name, most_s in added.items():
             value = self.quantile(name, "median") - self.quantile(base, "median")

@@ -75,6 +75,8 @@ STROKE_S = 0.4
 """For so long the arm moves before the button is let go."""
 REST_S = 0.1
 """An arm that was not moved for so long, and longer than the network can stand still, rests."""
+STILL_S = 0.05
+"""An arm whose place has been the same for so long stands still."""
 PAUSE_S = 0.3
 """At rest, with the button held, before the device is deflected."""
 SWING_M = 1e-3
@@ -135,9 +137,10 @@ NETWORKS: Final = (
 )
 
 
-TCP, QUIC = "TCP", "QUIC"
+TCP, TLS, QUIC = "TCP", "TLS", "QUIC"
 """How the two computers are joined: by the router's endpoint alone, or paired."""
 WAYS: Final = (TCP, QUIC)
+"""Those that are measured."""
 
 
 class HandHeld(ABC):
@@ -337,6 +340,10 @@ class Cell:
         """Have the arm move and rest; None: it did not move."""
         self.act(robot, buttons=True)
         self.wait(PAUSE_S + rest_s)
+        # What swings still would count as moved by the act.
+        end_s = time.monotonic() + ACT_WITHIN_S
+        while (now_s := time.monotonic()) < min(robot.moved_s + STILL_S, end_s):
+            self.play(now_s + PERIOD_S)
         begun_s = self.act(robot, axis=True)
         moved_s = self.moved_after(robot, begun_s)
         self.wait(STROKE_S)
@@ -462,7 +469,7 @@ class Apart(NamedTuple):
             router.end()
 
 
-def paired(folder: Path, both: TwoComputers) -> tuple[str, str]:
+def paired(folder: Path, both: TwoComputers, *options: str) -> tuple[str, str]:
     """Pair the two computers; Zenoh's files of the router's and of the operator's."""
     state = {at: folder / at for at in (ROBOT, OPERATOR)}
 
@@ -478,7 +485,7 @@ def paired(folder: Path, both: TwoComputers) -> tuple[str, str]:
         try:
             assert robot.stdout is not None
             code = robot.stdout.readline().partition(";")[0].removeprefix("code ")
-            with command(OPERATOR, ADDRESSES[ROBOT], "--code", code, "--quic") as operator:
+            with command(OPERATOR, ADDRESSES[ROBOT], "--code", code, *options) as operator:
                 operator.communicate()
             if operator.returncode:
                 raise RuntimeError("the two computers cannot be paired: see above")
@@ -494,7 +501,7 @@ def paired(folder: Path, both: TwoComputers) -> tuple[str, str]:
 
 @contextlib.contextmanager
 def apart(network: Network, way: str = TCP) -> Iterator[Apart]:
-    """Both, with that network between them; `way`: one of `WAYS`."""
+    """Both, with that network between them; `way`: TCP, TLS or QUIC."""
     with tempfile.TemporaryDirectory(prefix="cardan-remote-") as name, _stack() as stack:
         folder = Path(name)
         both = stack.enter_context(two_computers(network.link, network.link))
@@ -502,8 +509,9 @@ def apart(network: Network, way: str = TCP) -> Iterator[Apart]:
         stack.callback(mouse.close)
         robot = Robot(EGM_PORT, mouse, both.datagrams(ROBOT))
         stack.callback(robot.socket.close)
-        if way == QUIC:
-            ours, theirs = (("--zenoh-config", each) for each in paired(folder, both))
+        if way != TCP:
+            files = paired(folder, both, *(("--quic",) if way == QUIC else ()))
+            ours, theirs = (("--zenoh-config", each) for each in files)
         else:
             ours = ("--endpoint", f"tcp/0.0.0.0:{ROUTER_PORT}")
             theirs = ("--router", f"tcp/{ADDRESSES[ROBOT]}:{ROUTER_PORT}")
@@ -541,8 +549,12 @@ def measure_network(network: Network, way: str, acts: int) -> tuple[Figures, Fig
             if (took := cell.stroke(robot, rest_s)) is None:
                 moves.miss(REMOTE)
                 continue
+            beyond_s = took.moves_s - transit_s(both, took, network.link.delay_s)
+            if beyond_s < 0.0:  # A swing: of the act nothing had arrived.
+                moves.miss(REMOTE)
+                continue
             moves.add(REMOTE, took.moves_s)
-            moves.add(BEYOND, took.moves_s - transit_s(both, took, network.link.delay_s))
+            moves.add(BEYOND, beyond_s)
             rests.add(REMOTE, took.rests_s)
     return moves, rests
 
@@ -584,13 +596,13 @@ def network_table(rows: list[tuple[Network, str, Figures, Figures]], local: Figu
     """As docs/measurements.md has it."""
     lines = [
         "| network | by | delay, jitter, lost, stands still | device to arm beyond the network, "
-        "median / p99 | aim | beyond its delay alone | let go to rest, median / longest | aim |",
-        "|---|---|---|---|---|---|---|---|",
+        "median / p99 | aim | beyond its delay alone | strokes that do not count "
+        "| let go to rest, median / longest | aim |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     alone = [local.quantile(LOCAL, quantile) for quantile in ("median", "p99")]
     for network, way, moves, rests in rows:
-        local_s = alone[0]
-        beyond = [moves.quantile(BEYOND, quantile) - local_s for quantile in ("median", "p99")]
+        beyond = [moves.quantile(BEYOND, quantile) - alone[0] for quantile in ("median", "p99")]
         beyond_delay = [
             moves.quantile(REMOTE, quantile) - network.link.delay_s - least_s
             for quantile, least_s in zip(("median", "p99"), alone, strict=True)
@@ -601,6 +613,7 @@ def network_table(rows: list[tuple[Network, str, Figures, Figures]], local: Figu
             f"| {network.name} | {way} | {network.in_words} "
             f"| {1e3 * beyond[0]:.1f} / {1e3 * beyond[1]:.1f} ms | {p50_ms:g} / {p99_ms:g} ms "
             f"| {1e3 * beyond_delay[0]:.1f} / {1e3 * beyond_delay[1]:.1f} ms "
+            f"| {moves.missed(REMOTE)} "
             f"| {1e3 * rest[0]:.0f} / {1e3 * rest[1]:.0f} ms | {1e3 * network.rest_s:.0f} ms |"
         )
     return "\n".join(lines)

@@ -156,8 +156,10 @@ FAULTS = {
     "only the way to the robot is cut": (_cut(ROBOT), LAN, 0.0),
     "only the way to the operator is cut": (_cut(OPERATOR), LAN, 0.0),
     "the router is killed": (_kill_router, LAN, 0.0),
+    "the router is killed, TLS": (_kill_router, LAN, 0.0),
     "the router is killed, QUIC": (_kill_router, LAN, 0.0),
     "the operator's address changes": (_change_address, LAN, 0.0),
+    "a camera fills a link of 2 Mbit/s, TLS": (_flood, LAN, 0.8),
     "a camera fills a link of 2 Mbit/s, QUIC": (_flood, LAN, 0.8),
     # The flood's program starts, and then fills a queue of 64 kB by 1.8 Mbit/s.
     "a camera fills a link of 2 Mbit/s": (_flood, LAN, 0.8),
@@ -167,7 +169,8 @@ FAULTS = {
 @pytest.mark.parametrize("name", FAULTS)
 def test_the_arm_is_at_rest_in_time_and_goes_on_by_rearming(name):
     act, network, begins_s = FAULTS[name]
-    with apart(network, remote.QUIC if name.endswith("QUIC") else remote.TCP) as two:
+    way = next((way for way in (remote.TLS, remote.QUIC) if name.endswith(way)), remote.TCP)
+    with apart(network, way) as two:
         set_moving(two, network)
         begun_s = time.monotonic()
         fault = act(two, network.link)

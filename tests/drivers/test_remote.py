@@ -194,6 +194,30 @@ def test_what_a_link_does_not_carry_is_not_sent():
     assert sent_while(bench, 1.0) == pytest.approx(free_hz, rel=0.05)
 
 
+@pytest.mark.parametrize("rate_bps", [math.inf, 200e3])
+def test_the_first_state_of_a_motion_and_its_last_wait_for_no_others_turn(rate_bps):
+    bench = Bench(LAN, max_age_s=0.5).live()
+    bench.down.rate_bps = rate_bps
+    for since in range(20):  # whenever a claim was answered last
+        for x in (0.5, 0.0):
+            # Other states wait longer on a link that does not carry them.
+            sent_while(bench, 0.5)
+            bench.move(0.5 - x)
+            bench.run(0.15 + since * STEP_S)
+            bench.move(x)
+            bench.run(STEP_S)
+            assert list(bench.sent.values())[-1][0] == bench.now_s
+
+
+def test_a_hand_that_trembles_about_rest_fills_no_link():
+    bench = Bench(LAN, max_age_s=0.5).live()
+    bench.down.rate_bps = 200e3
+    sent_while(bench, 1.0)
+    came = len(bench.came)
+    bench.run(4.0, lambda: bench.move(0.0 if bench.device.axes.x else 0.5))
+    assert max(at_s - sent_s for at_s, sent_s, _ in bench.came[came:]) <= 0.1
+
+
 def test_what_is_sent_into_a_stall_is_little_and_what_comes_after_it_is_not():
     bench = Bench(LTE._replace(in_order=True), max_age_s=0.25).live()
     moving_hz = sent_while(bench, 1.0)

@@ -66,7 +66,7 @@ LEASE_S = 1.0
 """Silence of the lessee after which other sessions may have the device."""
 
 SHORTEST_S = 0.004
-"""Between two states, unless a button changes: a SpaceMouse reports each 8 to 16 ms."""
+"""Between two new states, unless a button changes: a SpaceMouse reports each 8 to 16 ms."""
 
 LONGEST_S = 0.02
 """Between two states of a leased device: whether it is moved or not, its newest state has to be
@@ -75,7 +75,11 @@ young."""
 OF_LATENESS = 0.25
 """Between two states, of the time by which the newest that came is late, as far as claims tell and
 their own silence: what a link does not carry would only wait before it, and hold up what is newer.
+A motion's first state and its last do not wait so.
 """
+
+TURN_S = 0.1
+"""Between two of those: a hand makes some ten a second, and one that trembles fills no link."""
 
 FREE_S = 0.25
 """Between states of a free device, which only say that it is free."""
@@ -154,11 +158,12 @@ class ShareCore:
         self._number = 0
         self._pressed: set[str] = set()
         """Buttons that are down by their edges."""
-        self._sent_s = NEVER_S
+        self._sent_s = self._new_sent_s = self._turn_sent_s = NEVER_S
+        """When a state was published last, one that was new, and one that began or ended motion."""
         self._last: DeviceState | None = None
         """State that was published last."""
-        self._changed = False
-        """Whether there is another state since."""
+        self._changed = self._turned = False
+        """Whether there is another state since, and whether motion began or ended by it."""
         self._asked = False
         """Whether a claim is to be answered."""
         self._shown: DeviceFeedback | None = None
@@ -252,13 +257,15 @@ class ShareCore:
     @property
     def due_s(self) -> float:
         """When a state is to be offered again, at the latest."""
-        return self._sent_s + self._wait_s(self._changed)
-
-    def _wait_s(self, changed: bool) -> float:
         if self._claim is None:
-            return FREE_S
+            return self._sent_s + FREE_S
+        soonest_s = self._new_sent_s + SHORTEST_S
         late_s = self._claim.late_s + self._sent_s - self._heard_s - CLAIM_PERIOD_S
-        return max(SHORTEST_S if changed else LONGEST_S, OF_LATENESS * late_s)
+        due_s = soonest_s if self._changed else self._sent_s + LONGEST_S
+        due_s = max(due_s, self._sent_s + OF_LATENESS * late_s)
+        if self._turned:
+            return min(due_s, max(soonest_s, self._turn_sent_s + TURN_S))
+        return due_s
 
     def offer(
         self,
@@ -290,12 +297,18 @@ class ShareCore:
             # Pressed after the edges were taken: its edge comes with the next state. Down without
             # an edge it would count for nothing until it is let go.
             state = state._replace(buttons=state.buttons & self._pressed)
-        self._changed = state != self._last
-        if not urgent and now_s < self._sent_s + self._wait_s(self._changed):
+        last = self._last
+        self._changed = state != last
+        self._turned = last is not None and any(state.axes) is not any(last.axes)
+        if not urgent and now_s < self.due_s:
             return None
         answer, claim = self._asked, self._claim
+        if self._changed:
+            self._new_sent_s = now_s
+        if self._turned:
+            self._turn_sent_s = now_s
         self._sent_s, self._last = now_s, state
-        self._changed = self._asked = False
+        self._changed = self._turned = self._asked = False
         return Shared(
             self._run,
             now_s,
