@@ -57,9 +57,9 @@ class Suite(Generic[V]):
     undetectable_faults: ClassVar[Mapping[str, str]] = {}
     """Fault switches that no requirement can catch, and why."""
 
-    decoder: Callable[[WireTimeline], V]
-    """Decodes a timeline for the judges."""
-    asks: Callable[[Level, float], Scenario]
+    decode: Callable[[WireTimeline], V]
+    """Makes a timeline's decoded traffic, which the requirements are checked on."""
+    scenario: Callable[[Level, float], Scenario]
     """Makes the scenario of every level up to the given one, each for about so many seconds."""
     rig: ClassVar[str]
     """``package.module:Class`` of the connection between a scenario and the simulated peer, made
@@ -68,14 +68,6 @@ class Suite(Generic[V]):
     """Duration of a level of a simulated run, s of virtual time."""
     own_faults: ClassVar[tuple[FaultSwitch, ...] | None] = None
     """Fault switches of the side judged without a target; None: the simulated peer's."""
-
-    def decode(self, timeline: WireTimeline) -> V:
-        """Return the decoded traffic for the judges."""
-        return self.decoder(timeline)
-
-    def scenario(self, level: Level, seconds: float) -> Scenario:
-        """Return the scenario of every level up to `level`, each for about `seconds`."""
-        return self.asks(level, seconds)
 
     def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         """Run `exchange` against the simulated peer with these faults, in virtual time."""
