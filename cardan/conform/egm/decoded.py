@@ -1,4 +1,4 @@
-"""Decoded EGM datagrams of a timeline and their sessions, for the judges."""
+"""Decoded EGM datagrams of a timeline and their sessions, for the checks."""
 
 from __future__ import annotations
 

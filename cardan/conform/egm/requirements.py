@@ -57,7 +57,7 @@ HELD_WITHIN_M, HELD_WITHIN_RAD = 5e-4, math.radians(0.1)
 MOVED_M, MOVED_RAD = 2e-5, math.radians(4e-3)
 """Smallest displacement that counts as motion, above an encoder's noise."""
 ENOUGH = 50
-"""Fewest datagrams for which a rate is judged."""
+"""Fewest datagrams for which a rate is checked."""
 
 _NOTHING = "no datagrams of the controller"
 _NEVER_RAN = "the MCI never ran"

@@ -1,4 +1,4 @@
-"""Decoded MotoROS messages of a timeline, and requests with their replies, for the judges."""
+"""Decoded MotoROS messages of a timeline, and requests with their replies, for the checks."""
 
 from __future__ import annotations
 

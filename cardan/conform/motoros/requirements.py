@@ -412,7 +412,7 @@ def the_velocity_mode_says_what_it_is(decoded: MotorosTraffic) -> Verdict:
 
 
 def _in_velocity_mode(phase: str) -> Callable[[MotorosTraffic], Verdict | None]:
-    """Return an `unless`: its verdict if velocities cannot be judged in a phase; None: they can."""
+    """Return an `unless`: its verdict if a phase has no velocities to check; None: it has."""
 
     def why(decoded: MotorosTraffic) -> Verdict | None:
         if decoded.phase(phase) is None:
@@ -438,7 +438,7 @@ def _words(reply: m.MotionReply) -> str:
 
 
 def _answered(found: list[MotorosExchange], *wanted: tuple[int, int]) -> Verdict:
-    """Judge if the first of these was answered by one of these results and subcodes."""
+    """Check if the first of these was answered by one of these results and subcodes."""
     reply = _motion(found)
     return met((reply.result, reply.subcode) in wanted, _words(reply), [found[0].number])
 
@@ -512,7 +512,7 @@ def a_trajectory_takes_its_time(decoded: MotorosTraffic) -> Verdict:
 
 
 def _reached(decoded: MotorosTraffic, phase: str, nothing: str) -> Verdict:
-    """Judge if an axis turned in a phase as far as commanded, if its point was answered."""
+    """Check if an axis turned in a phase as far as commanded, if its point was answered."""
     asked, found = _point(decoded, phase, 1), [body.pos for _, body in decoded.feedback(phase)]
     _motion(asked, nothing)
     some(len(found) >= 2, nothing)

@@ -1,4 +1,4 @@
-"""Decoded messages of a MotoROS client, their pieces and answers, for the judges."""
+"""Decoded messages of a MotoROS client, their pieces and answers, for the checks."""
 
 from __future__ import annotations
 

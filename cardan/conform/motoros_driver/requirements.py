@@ -654,7 +654,7 @@ def the_reply_before_is_not_the_answer(decoded: DriverTraffic) -> Verdict:
 
 
 def _came_again(decoded: DriverTraffic, what: str, port: str) -> Verdict:
-    """Judge if a connection that ended in a phase was restored."""
+    """Check if a connection that ended in a phase was restored."""
     phases = some(decoded.named(what, f"{what} over"), NOT_MOVED)
     firsts = [phase for phase in phases if not phase.name.endswith("over")]
     wrong = []

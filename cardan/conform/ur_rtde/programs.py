@@ -347,7 +347,7 @@ def _ended(decoded: UrTraffic, phase: str) -> tuple[float, DataPackage] | None:
 
 
 def _watchdog(decoded: UrTraffic, phase: str) -> Verdict:
-    """Judge if the program's own watchdog ended it in time, with the arm at rest after it."""
+    """Check if the program's own watchdog ended it in time, with the arm at rest after it."""
     found = some(_ended(decoded, phase), _NONE_FOLLOWED)
     took_s, state = found
     report = state.values[REPORT]
@@ -403,7 +403,7 @@ def _last_joint(states: Sequence[DataPackage], name: str = "actual_q") -> list[f
 
 
 def _unmoved(decoded: UrTraffic) -> Verdict | None:
-    """Return a verdict if the motion in the phase "out" cannot be judged; None: it can."""
+    """Return a verdict if the motion in the phase "out" cannot be checked; None: it can."""
     if not decoded.sent_during("out"):
         return not_seen("it was not tried")
     return not_seen(NO_STATES) if len(decoded.during("out")) < 2 else None
@@ -506,7 +506,7 @@ def the_speed_slider_is_told(decoded: UrTraffic) -> Verdict:
 
 
 def _never_local(decoded: UrTraffic) -> Verdict | None:
-    """Return a verdict if local control cannot be judged; None: it can."""
+    """Return a verdict if local control cannot be checked; None: it can."""
     if decoded.phase("local") is not None:
         return None
     if _has_remote_control(decoded):
