@@ -139,6 +139,7 @@ GONE = frozenset(
         "unattended",
         "declared",
         "report_line",
+        "judges",
     ]
 )
 """Names of modules that the field has other words for: CHANGELOG.md has them."""
@@ -152,6 +153,8 @@ GONE_WORDS = (
     "owes_answer", "replay_engine", "tongue", "tried_with",
 )  # fmt: skip
 """Words of identifiers, likewise."""
+GONE_ARGUMENTS = {"seen", "judge", "act", "acts"}
+"""Names of arguments and functions in suites, likewise; elsewhere they have another meaning."""
 FREE_OF_CIRCLES = (
     "bus", "common", "conform", "demos", "doctor", "drivers", "gateway", "own_arm",
     "protocols", "recording", "sim_peers",
@@ -291,13 +294,13 @@ def test_imports_point_one_way(name):
     assert [strange for path in paths for strange in strange_imports(path)] == []
 
 
-def test_the_judge_never_imports_what_it_judges():
+def test_a_suite_never_imports_what_it_checks():
     """Drivers are run by the rigs of their suites, which are loaded only where one is simulated."""
-    judges = [path for path in MODULES if room(path) == "conform"]
+    conform = [path for path in MODULES if room(path) == "conform"]
     assert SUITES_OF_ARMS
     strange = [
         f"{path.relative_to(SOURCE_TREE)} imports {name}"
-        for path in (*judges, *SUITES_OF_ARMS)
+        for path in (*conform, *SUITES_OF_ARMS)
         for name in imported(path)
         if name.endswith(".simulated")
         or (name.startswith("cardan.drivers") and not runs_a_driver(path))
@@ -531,6 +534,19 @@ def test_names_that_only_we_knew_do_not_come_back():
         for path, text in own_sources()
         for found in [pattern.search(text)]
         if found
+    ]
+    assert strange == []
+
+
+def test_arguments_of_suites_have_names_of_the_field():
+    suites = SOURCE_TREE.glob("plugins/*/*/conform/**/*.py")
+    conform = [path for path in MODULES if room(path) == "conform"]
+    strange = [
+        f"{path.relative_to(SOURCE_TREE)}:{node.lineno}: {name}"
+        for path in (*conform, *SUITES_OF_ARMS, *sorted(suites))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.arg | ast.FunctionDef)
+        and (name := node.arg if isinstance(node, ast.arg) else node.name) in GONE_ARGUMENTS
     ]
     assert strange == []
 

@@ -1,4 +1,4 @@
-"""``cardan conform``: judges a controller, a device or a driver by numbered requirements."""
+"""``cardan conform``: checks a controller, a device or a driver by numbered requirements."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _WARNINGS = {
 
 def conform(
     protocol: Annotated[
-        str | None, typer.Argument(metavar="[PROTOCOL]", help="Protocol to judge; see --list.")
+        str | None, typer.Argument(metavar="[PROTOCOL]", help="Protocol to check; see --list.")
     ] = None,
     target: Annotated[
         str,
@@ -51,7 +51,7 @@ def conform(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Judge a recording: pcap, pcapng, a log of a CAN bus, or a record.mcap of --save. "
+            help="Check a recording: pcap, pcapng, a log of a CAN bus, or a record.mcap of --save. "
             "--target selects its part: [HOST][:PORT] or a device as `cardan dissect` shows it.",
         ),
     ] = None,
@@ -108,7 +108,7 @@ def conform(
         typer.Option("--i-am-at-the-enable-switch", help="Required by levels 2 and 3 at a target."),
     ] = False,
 ) -> None:
-    """Judge a controller, a device or a driver by numbered requirements: its simulated peer in
+    """Check a controller, a device or a driver by numbered requirements: its simulated peer in
     virtual time, or the real one at --target, or a --capture. Level 0, the default at a target,
     only listens. Exit code 4 if a requirement is not met."""
     from cardan.conform import registry
@@ -176,7 +176,7 @@ def conform(
     if doubted:
         print(
             f"cardan: {', '.join(doubted)}: perhaps not met, but the capture does not show it; "
-            "judge a complete capture",
+            "check a complete capture",
             file=sys.stderr,
         )
     if report.failed or doubted:
@@ -189,12 +189,12 @@ def _as_it_is(printing: Mapping[str, bool], running: Mapping[str, bool]) -> None
     if ends := [name for name, given in printing.items() if given]:
         raise ConfigurationError(
             "--capture",
-            f"nothing is judged beside {' and '.join(ends)}, which prints and ends: give one alone",
+            f"nothing is checked with {' and '.join(ends)}, which prints and ends: give one alone",
         )
     if of_a_run := [name for name, given in running.items() if given]:
         raise ConfigurationError(
             "--capture",
-            f"it is judged as it is, and nothing is run: leave {' and '.join(of_a_run)} out",
+            f"it is checked as it is, and nothing is run: leave {' and '.join(of_a_run)} out",
         )
 
 

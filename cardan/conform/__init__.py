@@ -1,11 +1,11 @@
-"""Conformance: numbered requirements, judged on recorded wire traffic.
+"""Conformance: numbered requirements, checked on recorded wire traffic.
 
-The same requirements judge a simulated peer in virtual time and a real target at ``--target``. The
+The same requirements check a simulated peer in virtual time and a real target at ``--target``. The
 `Suite` of a protocol holds them and decodes a `WireTimeline` of events. Its `Scenario` makes the
 traffic: it listens, holds, moves by a millimeter, or asks an operator to make faults by hand.
 """
 
-from cardan.conform.report import SuiteReport as SuiteReport, judged as judged
+from cardan.conform.report import SuiteReport as SuiteReport, check_timeline as check_timeline
 from cardan.conform.requirements import (
     Level as Level,
     Requirement as Requirement,

@@ -17,7 +17,7 @@ from cardan.errors import CaptureError
 PCAP_MAGIC_NS = 0xA1B23C4D
 LINK_RAW_IP, LINK_SOCKETCAN = 101, 227
 SNAP_BYTES = 262_144
-JUDGED, OURS = bytes((192, 0, 2, 1)), bytes((192, 0, 2, 2))
+TESTED, OURS = bytes((192, 0, 2, 1)), bytes((192, 0, 2, 2))
 """Addresses in captures, from the documentation network of RFC 5737."""
 FREE_PORT = 50_000
 """Port of the side without a known port; each further channel has the next one."""
@@ -57,7 +57,7 @@ def _frames(_transport: SuiteTransport, events: Iterator[WireEvent]) -> _Packets
 
 
 def _ports(transport: SuiteTransport, channel: str, note: str) -> tuple[int, int]:
-    """Return the judged side's port and ours."""
+    """Return the tested side's port and ours."""
     # Each client of a port of ours is a channel: "motion 2".
     channel, _, client = channel.partition(" ")
     known = transport.ports.get(channel, 0)
@@ -78,8 +78,8 @@ def _datagrams(transport: SuiteTransport, events: Iterator[WireEvent]) -> _Packe
             continue
         if not event.sent:
             theirs[event.channel] = event.note
-        judged, ours = _ports(transport, event.channel, theirs.get(event.channel, ""))
-        source, target = (ours, judged) if event.sent else (judged, ours)
+        tested, ours = _ports(transport, event.channel, theirs.get(event.channel, ""))
+        source, target = (ours, tested) if event.sent else (tested, ours)
         udp = struct.pack(">HHHH", source, target, 8 + len(event.data), 0) + event.data
         yield event.time_s, _ip(event.sent, _UDP, udp)
 
@@ -92,14 +92,14 @@ def _segments(transport: SuiteTransport, events: Iterator[WireEvent]) -> _Packet
     def segment(
         event: WireEvent, from_us: bool, flags: int, data: bytes = b""
     ) -> tuple[float, bytes]:
-        judged, ours = _ports(transport, event.channel, "")
+        tested, ours = _ports(transport, event.channel, "")
         ours += 16 * (opened.get(event.channel, 1) - 1)
-        source, target = (ours, judged) if from_us else (judged, ours)
+        source, target = (ours, tested) if from_us else (tested, ours)
         sent, heard = (0, 1) if from_us else (1, 0)
         place = places.setdefault(event.channel, [0, 0])
         head = [source, target, place[sent], place[heard], 5 << 4, flags, 65535, 0, 0]
         whole = struct.pack(">HHIIBBHHH", *head) + data
-        ends = (OURS, JUDGED) if from_us else (JUDGED, OURS)
+        ends = (OURS, TESTED) if from_us else (TESTED, OURS)
         head[7] = _checksum(b"".join(ends) + struct.pack(">HH", _TCP, len(whole)) + whole)
         place[sent] += len(data) + bool(flags & (_SYN | _FIN))
         packet = _ip(from_us, _TCP, struct.pack(">HHIIBBHHH", *head) + data)
@@ -125,7 +125,7 @@ def _segments(transport: SuiteTransport, events: Iterator[WireEvent]) -> _Packet
 
 
 def _ip(from_us: bool, protocol: int, payload: bytes) -> bytes:
-    ends = OURS + JUDGED if from_us else JUDGED + OURS
+    ends = OURS + TESTED if from_us else TESTED + OURS
     head = struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(payload), 0, 0x4000, 64, protocol, 0) + ends
     return head[:10] + struct.pack(">H", _checksum(head)) + head[12:] + payload
 
@@ -243,6 +243,6 @@ def _facts(path: Path, suite: Suite[V], timeline: WireTimeline, body: bytes) -> 
         raise ValueError(metadata.name)
     facts = metadata.metadata
     if facts["suite"] != suite.name:
-        raise CaptureError(f"{path} is of {facts['suite']}: judge it by `cardan conform` of that")
+        raise CaptureError(f"{path} is of {facts['suite']}: check it by `cardan conform` of that")
     timeline.late_s = float(facts["late_s"])
     return Level(int(facts["level"])), int(facts["start_ns"])

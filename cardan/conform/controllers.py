@@ -35,9 +35,8 @@ def had_ended(
     if began is None or not answers:
         return None
     last = max(each.number for each in answers)
-    missed = [
-        each.number for each in decoded.within(asked, *asks) if last < each.number < began.first
-    ]
+    numbers = [each.number for each in decoded.within(asked, *asks)]
+    missed = [number for number in numbers if last < number < began.first]
     if last > began.first or len(missed) < UNANSWERED:
         return None
     why = next(asks[name] for name in asks if decoded.inside(missed[0], name))

@@ -63,20 +63,20 @@ class Live:
             wire.close()
             self._do(self._exchange.heard(self._now(), channel, kind=Kind.CLOSED))
 
-    def _do(self, acts: list[Step]) -> None:
-        for act in acts:
-            if act.kind is Kind.DATA:
-                wire = self._open.get(act.channel)
+    def _do(self, steps: list[Step]) -> None:
+        for step in steps:
+            if step.kind is Kind.DATA:
+                wire = self._open.get(step.channel)
                 if wire is not None:
-                    wire.write(act.data)
-            elif act.kind is Kind.OPENED:
-                self._do(self._opened(act.channel))
-            elif act.kind is Kind.CLOSED:
-                found = self._open.pop(act.channel, None)
+                    wire.write(step.data)
+            elif step.kind is Kind.OPENED:
+                self._do(self._opened(step.channel))
+            elif step.kind is Kind.CLOSED:
+                found = self._open.pop(step.channel, None)
                 if found is not None:
                     found.close()
-            elif act.kind is Kind.ASKED:
-                self._told(act.note)
+            elif step.kind is Kind.ASKED:
+                self._told(step.note)
 
     def _opened(self, channel: str) -> list[Step]:
         try:
@@ -88,8 +88,8 @@ class Live:
             return self._exchange.heard(now_s, channel, kind=Kind.REFUSED, note=str(error))
         self._any = True
         self._open[channel] = wire
-        acts = self._exchange.heard(self._now(), channel, kind=Kind.OPENED, note=wire.identity)
-        self._do(acts)
+        steps = self._exchange.heard(self._now(), channel, kind=Kind.OPENED, note=wire.identity)
+        self._do(steps)
         # Data that arrived with the opening do not wake `select`.
         self._take(channel)
         return []

@@ -47,7 +47,7 @@ class Result:
 
 @dataclass(frozen=True)
 class SuiteReport:
-    """Result of judging a target once."""
+    """Result of checking a target once."""
 
     suite: str
     judges: str
@@ -160,7 +160,7 @@ def _cell(text: str) -> str:
     return text.replace("|", "\\|").replace("\n", " ")
 
 
-def judged(
+def check_timeline(
     suite: Suite[V],
     timeline: WireTimeline,
     level: Level,

@@ -12,12 +12,12 @@ from cardan.errors import ExtraMissingError
 
 T = TypeVar("T")
 V = TypeVar("V")
-"""Decoded traffic of a suite: the argument of its judges."""
+"""Decoded traffic of a suite: the argument of its checks."""
 W = TypeVar("W", "str", "str | None")
 J = TypeVar("J", "Verdict", "Findings")
-"""Return type of a judge."""
+"""Return type of a check."""
 Item = TypeVar("Item")
-"""Type of the things that a requirement judges one by one."""
+"""Type of the things that a requirement checks one by one."""
 Wrongs = Iterable[tuple[int, str]]
 """Numbers of events that show a violation, and the violation in words."""
 
@@ -36,18 +36,18 @@ class Level(enum.IntEnum):
 
 
 class VerdictOutcome(enum.Enum):
-    """Result of judging a requirement."""
+    """Result of checking a requirement."""
 
     PASSED = "passed"
     FAILED = "failed"
     NOT_APPLICABLE = "not applicable"
-    """The requirement does not concern the judged side."""
+    """The requirement does not concern the tested side."""
     NOT_SEEN = "not seen"
-    """Its subject did not happen, not on this level, or this computer was too late to judge it."""
+    """Its subject did not happen, not on this level, or this computer was too late to tell."""
 
 
 class Verdict(NamedTuple):
-    """Result of a judge on a timeline."""
+    """Result of a check on a timeline."""
 
     outcome: VerdictOutcome
     said: str
@@ -94,7 +94,7 @@ def none_wrong(
     wrong: Iterable[tuple[int, str]], of: int, good: str, nothing: str = NOTHING, what: str = ""
 ) -> Verdict:
     """Return failed with the first of `wrong`, event numbers and reasons; else passed: `good`, or
-    not seen: `nothing` if `of`, the number of judged things, is 0. `what` is their plural noun."""
+    not seen: `nothing` if `of`, the number of checked things, is 0. `what` is their plural noun."""
     found = list(wrong)
     if found:
         return failed(
@@ -104,7 +104,7 @@ def none_wrong(
 
 
 class Words(NamedTuple):
-    """Texts of the verdict on the things that a requirement judges one by one."""
+    """Texts of the verdict on the things that a requirement checks one by one."""
 
     good: str
     """If none is wrong; ``{}`` is their number."""
@@ -117,7 +117,7 @@ class Words(NamedTuple):
 
 
 Findings = Generator[tuple[int, str], None, "Words | Verdict"]
-"""For each judged thing its event's number and the reason why it is wrong (empty: it is right); at
+"""For each checked thing its event's number and the reason why it is wrong (empty: it is right); at
 the end the texts for all of them, or a verdict that needs none of them."""
 
 
@@ -150,12 +150,12 @@ def not_seen(said: str) -> Verdict:
 
 
 def not_applicable(said: str) -> Verdict:
-    """Return the verdict on a requirement that does not concern the judged side."""
+    """Return the verdict on a requirement that does not concern the tested side."""
     return Verdict(VerdictOutcome.NOT_APPLICABLE, said)
 
 
 class SettledError(Exception):
-    """Ends a judge early with its verdict."""
+    """Ends a check early with its verdict."""
 
     def __init__(self, verdict: Verdict) -> None:
         super().__init__(verdict.said)
@@ -163,14 +163,14 @@ class SettledError(Exception):
 
 
 def some(found: T | None, nothing: str) -> T:
-    """Return `found`; if it is None, empty or false, end the judge: not seen, `nothing`."""
+    """Return `found`; if it is None, empty or false, end the check: not seen, `nothing`."""
     if not found:
         raise SettledError(not_seen(nothing))
     return found
 
 
 def must(found: T | None, said: str, evidence: Iterable[int] = ()) -> T:
-    """Return `found`; if it is None, empty or false, end the judge: failed."""
+    """Return `found`; if it is None, empty or false, end the check: failed."""
     if not found:
         raise SettledError(failed(said, evidence))
     return found
@@ -191,7 +191,7 @@ def number_of(item: Any) -> int:
 
 @dataclass(frozen=True)
 class Over(Generic[V, Item]):
-    """Things that several requirements judge one by one, and their texts as in `Words`."""
+    """Things that several requirements check one by one, and their texts as in `Words`."""
 
     of: Callable[[V], Iterable[Item]]
     good: str
@@ -204,31 +204,22 @@ class Over(Generic[V, Item]):
 
 @dataclass(frozen=True)
 class Requirement(Generic[V]):
-    """A numbered obligation of the judged side."""
+    """A numbered obligation of the tested side."""
 
     id: str
     """As EGM-104: never reused for another requirement. The hundreds are the level."""
     level: Level
     source: str
     text: str
-    judged: Callable[[V], Verdict]
+    check: Callable[[V], Verdict]
     unless: Callable[[V], Verdict | None] | None
-    """Verdict that replaces judging, if the requirement cannot be judged; else None."""
+    """Verdict that replaces the check, if the requirement cannot be checked; else None."""
     late_s: float
     """If this computer was later than this, an apparent failure may be its own."""
 
-    def judge(self, decoded: V) -> Verdict:
-        """Return the verdict of its judge; not applicable if the judge lacks a package."""
-        try:
-            return self.judged(decoded)
-        except SettledError as settled:
-            return settled.verdict
-        except ExtraMissingError as missing:
-            return not_applicable(str(missing))
-
     def verdict(self, decoded: V, late_s: float) -> Verdict:
         """Return the verdict on traffic recorded by a computer that was late by up to `late_s`."""
-        found = (self.unless and self.unless(decoded)) or self.judge(decoded)
+        found = (self.unless and self.unless(decoded)) or self.check(decoded)
         if found.outcome is VerdictOutcome.FAILED and late_s > self.late_s:
             late_ms = late_s * 1e3
             return not_seen(f"not judged: this computer was late by {late_ms:.0f} ms; {found.said}")
@@ -236,7 +227,7 @@ class Requirement(Generic[V]):
 
 
 class Requirements(Generic[V]):
-    """The requirements of a suite, in order. A judge's docstring is the requirement's text."""
+    """The requirements of a suite, in order. A check's docstring is the requirement's text."""
 
     def __init__(self, prefix: str, nothing: str = NOTHING) -> None:
         self._prefix, self._nothing = prefix, nothing
@@ -251,22 +242,28 @@ class Requirements(Generic[V]):
         late_s: float = math.inf,
         text: str = "",
     ) -> Callable[[Callable[[V], J]], Callable[[V], J]]:
-        """Decorate the judge of requirement `number`, whose hundreds are its level. The judge
+        """Decorate the check of requirement `number`, whose hundreds are its level. The check
         returns its verdict, or yields its finding on each thing in turn. If `unless` returns a
         verdict, that is the verdict. Beyond a lateness of `late_s` of this computer a failure is
-        not counted. `text` is the requirement's, if one judge has several."""
+        not counted. `text` is the requirement's, if one check has several. If the
+        check needs a package that is missing, the verdict is not applicable."""
 
-        def enter(judge: Callable[[V], J]) -> Callable[[V], J]:
-            def judged(decoded: V) -> Verdict:
-                return tallied(judge(decoded), self._nothing)
+        def enter(check: Callable[[V], J]) -> Callable[[V], J]:
+            def checked(decoded: V) -> Verdict:
+                try:
+                    return tallied(check(decoded), self._nothing)
+                except SettledError as settled:
+                    return settled.verdict
+                except ExtraMissingError as missing:
+                    return not_applicable(str(missing))
 
             name = f"{self._prefix}-{number:03}"
             if number in self._found:
                 raise ValueError(f"{name} is there already")
-            said = " ".join((text or judge.__doc__ or "").split())
+            said = " ".join((text or check.__doc__ or "").split())
             level = Level(number // 100)
-            self._found[number] = Requirement(name, level, source, said, judged, unless, late_s)
-            return judge
+            self._found[number] = Requirement(name, level, source, said, checked, unless, late_s)
+            return check
 
         return enter
 
@@ -281,15 +278,15 @@ class Requirements(Generic[V]):
         None: not concerned by the requirement. `unless` overrides that of `over`."""
 
         def enter(wrong: Callable[[Item], W]) -> Callable[[Item], W]:
-            def judge(decoded: V) -> Findings:
+            def check(decoded: V) -> Findings:
                 for item in over.of(decoded):
                     why = wrong(item)
                     if why is not None:
                         yield number_of(item), why
                 return Words(over.good, over.nothing, over.what, over.few)
 
-            judge.__doc__ = wrong.__doc__
-            self(number, source, unless=unless or over.unless)(judge)
+            check.__doc__ = wrong.__doc__
+            self(number, source, unless=unless or over.unless)(check)
             return wrong
 
         return enter

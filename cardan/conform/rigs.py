@@ -50,9 +50,9 @@ class Rig(ABC):
             self._now_s = max(self._now_s + self.step_s, min(times))
             self._time_passed()
 
-    def _later(self, seconds: float, act: Callable[[], None]) -> None:
-        """Schedule `act` in `seconds`; acts are done in the order of these calls."""
-        self._flight.append((self._now_s + seconds, act))
+    def _later(self, seconds: float, action: Callable[[], None]) -> None:
+        """Schedule `action` in `seconds`; actions run in the order of these calls."""
+        self._flight.append((self._now_s + seconds, action))
 
     def _hear(
         self, channel: str, data: bytes = b"", kind: Kind = Kind.DATA, note: str = ""
@@ -60,16 +60,16 @@ class Rig(ABC):
         """Deliver an event of the simulated side to the scenario."""
         self._do(self._exchange.heard(self._now_s, channel, data, kind=kind, note=note))
 
-    def _do(self, acts: list[Step]) -> None:
-        for act in acts:
-            if act.kind is Kind.DATA:
-                self._take(act.data, act.channel)
-            elif act.kind is Kind.OPENED:
-                self._open(act.channel)
-            elif act.kind is Kind.CLOSED:
-                self._closed(act.channel)
-            elif act.kind is Kind.ASKED:
-                self._by_hand(act.channel)
+    def _do(self, steps: list[Step]) -> None:
+        for step in steps:
+            if step.kind is Kind.DATA:
+                self._take(step.data, step.channel)
+            elif step.kind is Kind.OPENED:
+                self._open(step.channel)
+            elif step.kind is Kind.CLOSED:
+                self._closed(step.channel)
+            elif step.kind is Kind.ASKED:
+                self._by_hand(step.channel)
 
     @abstractmethod
     def _take(self, data: bytes, channel: str) -> None:

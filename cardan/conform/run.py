@@ -14,7 +14,7 @@ from cardan.common.plugins import entry_points
 from cardan.conform.attachments import pcap, read_mcap, write_mcap
 from cardan.conform.live import Live
 from cardan.conform.redaction import Redaction
-from cardan.conform.report import SuiteReport, judged
+from cardan.conform.report import SuiteReport, check_timeline
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Exchange
 from cardan.conform.suite import Suite
@@ -36,10 +36,10 @@ def simulated(
     seed: int = 0,
     seconds: float | None = None,
 ) -> tuple[SuiteReport, WireTimeline]:
-    """Judge the suite's simulated peer, in virtual time."""
+    """Check the suite's simulated peer, in virtual time."""
     exchange = Exchange(suite.scenario(level, suite.seconds if seconds is None else seconds))
     suite.simulate(exchange, faults or {}, seed)
-    report = judged(suite, exchange.timeline, level, faults=faults)
+    report = check_timeline(suite, exchange.timeline, level, faults=faults)
     return report, exchange.timeline
 
 
@@ -50,7 +50,7 @@ def at(
     told: Callable[[str], None],
     seconds: float = LIVE_S,
 ) -> tuple[SuiteReport, WireTimeline]:
-    """Judge the device or program at `target`. `told` gets the instructions to the operator.
+    """Check the device or program at `target`. `told` gets the instructions to the operator.
 
     Raises ConfigurationError for a wrong target, AddressError or DeviceAccessError if it cannot be
     opened.
@@ -61,12 +61,12 @@ def at(
         redaction.hide(host_and_port(target, "--target", 0)[0])
     exchange = Exchange(suite.scenario(level, seconds))
     Live(exchange, wires, told).run()
-    report = judged(suite, exchange.timeline, level, target=target, redaction=redaction)
+    report = check_timeline(suite, exchange.timeline, level, target=target, redaction=redaction)
     return report, exchange.timeline
 
 
 def captured(suite: Suite[Any], path: Path, target: str = "") -> tuple[SuiteReport, WireTimeline]:
-    """Judge recorded traffic: a capture, or a record of `save` on its level. `target`,
+    """Check recorded traffic: a capture, or a record of `save` on its level. `target`,
     ``[HOST][:PORT]``, says which of a capture's flows, and where it is not at the usual port; or
     which device, as `cardan dissect` shows it.
 
@@ -82,9 +82,9 @@ def captured(suite: Suite[Any], path: Path, target: str = "") -> tuple[SuiteRepo
         point = next(iter(entry_points(CAPTURES)), None)
         if point is None:
             absent = ModuleNotFoundError("nothing installed reads captures")
-            raise missing_extra("judging a capture", "cardan-dissect", "dissect", absent)
+            raise missing_extra("checking a capture", "cardan-dissect", "dissect", absent)
         timeline = point.load()(suite, path, target)
-    report = judged(suite, timeline, level, target=path.name, redaction=Redaction())
+    report = check_timeline(suite, timeline, level, target=path.name, redaction=Redaction())
     return report, timeline
 
 

@@ -74,7 +74,7 @@ class Scenario(ABC):
         """Yield its steps and pauses, from the start to the end."""
 
     def answer(self, event: WireEvent) -> Iterable[Step]:
-        """Return the immediate reactions to `event`, which came from the judged side."""
+        """Return the immediate reactions to `event`, which came from the tested side."""
         return ()
 
 
@@ -111,19 +111,19 @@ class Exchange:
         note: str = "",
         late_s: float = 0.0,
     ) -> list[Step]:
-        """Record an event of the judged side, read `late_s` after it came; return the reactions."""
+        """Record an event of the tested side, read `late_s` after it came; return the reactions."""
         self.scenario.now_s = now_s
         self.timeline.was_late(late_s)
         event = WireEvent(now_s - late_s, kind, False, channel, data, note)
         self.timeline.add(event)
-        acts = [] if self.over else list(self.scenario.answer(event))
-        self._keep(now_s, acts)
-        return acts + self.due(now_s)
+        steps = [] if self.over else list(self.scenario.answer(event))
+        self._keep(now_s, steps)
+        return steps + self.due(now_s)
 
     def due(self, now_s: float) -> list[Step]:
         """Return the script's actions due by `now_s`."""
         self.scenario.now_s = now_s
-        acts: list[Step] = []
+        steps: list[Step] = []
         while not self.over:
             wait = self._wait
             if wait is not None:
@@ -138,14 +138,14 @@ class Exchange:
                 self._wait, self._until_s = step, now_s + step.seconds
             else:
                 self._keep(now_s, [step])
-                acts.append(step)
+                steps.append(step)
                 if step.kind is Kind.OPENED:
                     # The result of opening is an event; the script continues after it.
                     break
-        return acts
+        return steps
 
-    def _keep(self, now_s: float, acts: Iterable[Step]) -> None:
-        for act in acts:
-            if act.kind is not Kind.OPENED:
-                event = WireEvent(now_s, act.kind, True, act.channel, act.data, act.note)
+    def _keep(self, now_s: float, steps: Iterable[Step]) -> None:
+        for step in steps:
+            if step.kind is not Kind.OPENED:
+                event = WireEvent(now_s, step.kind, True, step.channel, step.data, step.note)
                 self.timeline.add(event)

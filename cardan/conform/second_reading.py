@@ -45,7 +45,7 @@ def read_twice(
     nothing: str = NOTHING,
     compared: int = COMPARED,
 ) -> Verdict:
-    """Judge if the layers `name` and the codec decode a sample of `found` alike. `what` is their
+    """Check if the layers `name` and the codec decode a sample of `found` alike. `what` is their
     plural noun; `differs` returns the difference in words; empty: none."""
     some(found, nothing)
     layers = second_description(name)

@@ -33,13 +33,13 @@ class Suite(Generic[V]):
     name: ClassVar[str]
     """NAME in ``cardan conform NAME``."""
     judges: ClassVar[str]
-    """The judged side: "the controller", "the driver"."""
+    """The tested side: "the controller", "the driver"."""
     speaks: ClassVar[str]
     """The protocol, one line."""
     target: ClassVar[str]
     """Values that ``--target`` takes."""
     peer: ClassVar[str]
-    """Name of the simulated peer, driver or arm that is judged without a target."""
+    """Name of the simulated peer, driver or arm that is tested without a target."""
     levels: ClassVar[Level] = Level.BY_HAND
     """The highest level that has requirements."""
     harmless: ClassVar[Level] = Level.LISTEN
@@ -57,25 +57,17 @@ class Suite(Generic[V]):
     undetectable_faults: ClassVar[Mapping[str, str]] = {}
     """Fault switches that no requirement can catch, and why."""
 
-    decoder: Callable[[WireTimeline], V]
-    """Decodes a timeline for the judges."""
-    asks: Callable[[Level, float], Scenario]
+    decode: Callable[[WireTimeline], V]
+    """Makes a timeline's decoded traffic, which the requirements are checked on."""
+    scenario: Callable[[Level, float], Scenario]
     """Makes the scenario of every level up to the given one, each for about so many seconds."""
     rig: ClassVar[str]
     """``package.module:Class`` of the connection between a scenario and the simulated peer, made
-    from an exchange, faults and a seed, with `run`. A target is judged without it."""
+    from an exchange, faults and a seed, with `run`. A target is tested without it."""
     seconds: ClassVar[float]
     """Duration of a level of a simulated run, s of virtual time."""
     own_faults: ClassVar[tuple[FaultSwitch, ...] | None] = None
-    """Fault switches of the side judged without a target; None: the simulated peer's."""
-
-    def decode(self, timeline: WireTimeline) -> V:
-        """Return the decoded traffic for the judges."""
-        return self.decoder(timeline)
-
-    def scenario(self, level: Level, seconds: float) -> Scenario:
-        """Return the scenario of every level up to `level`, each for about `seconds`."""
-        return self.asks(level, seconds)
+    """Fault switches of the side tested without a target; None: the simulated peer's."""
 
     def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         """Run `exchange` against the simulated peer with these faults, in virtual time."""
@@ -95,7 +87,7 @@ class Suite(Generic[V]):
         return TcpPorts(host, ports, ours, home)
 
     def switches(self) -> tuple[FaultSwitch, ...]:
-        """Return the fault switches of the side judged without a target."""
+        """Return the fault switches of the side tested without a target."""
         if self.own_faults is not None:
             return self.own_faults
         return tuple(registry.load(self.peer).faults)
@@ -105,11 +97,11 @@ class Suite(Generic[V]):
         return parse_faults(words, self.switches())
 
     def only_asks(self, event: WireEvent) -> bool:
-        """True if our data change nothing on the judged side: level 0 sends nothing else."""
+        """True if our data change nothing on the tested side: level 0 sends nothing else."""
         return False
 
     def asks_it(self, frame: bytes) -> bool | None:
-        """True if a bus frame, which names no sender, goes to the judged side, False if it comes
+        """True if a bus frame, which names no sender, goes to the tested side, False if it comes
         from there; None: neither."""
         return None
 

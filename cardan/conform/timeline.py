@@ -31,7 +31,7 @@ class WireEvent(NamedTuple):
     """Since the start."""
     kind: Kind
     sent: bool = False
-    """By us, not by the judged side."""
+    """By us, not by the tested side."""
     channel: str = ""
     """Name of the wire: a port's name, a pipe."""
     data: bytes = b""
@@ -57,7 +57,7 @@ class TimelinePhase(NamedTuple):
 
 
 class UnaskedError(Exception):
-    """A judge needs the answer to a request that the timeline lacks, as captures of others may."""
+    """A check needs the answer to a request that the timeline lacks, as captures of others may."""
 
 
 class WireTimeline:
@@ -66,7 +66,7 @@ class WireTimeline:
     start_ns: int | None = None
     """The wall time of its zero, ns since the epoch, if it comes from a capture."""
     strays: tuple[str, ...] = ()
-    """Traffic in a capture that is not of the judged side: words for each."""
+    """Traffic in a capture that is not of the tested side: words for each."""
 
     def __init__(self) -> None:
         self.events: list[WireEvent] = []
@@ -122,7 +122,7 @@ N = TypeVar("N", bound=NumberedItem)
 
 
 class Traffic:
-    """Phases and lost wires of a timeline, for the judges of any protocol. Base class of the
+    """Phases and lost wires of a timeline, for the checks of any protocol. Base class of the
     decoded traffic of each protocol."""
 
     def __init__(self, timeline: WireTimeline) -> None:
@@ -134,9 +134,9 @@ class Traffic:
             for number, each in enumerate(timeline)
             if each.kind in (Kind.CLOSED, Kind.REFUSED) and not each.sent
         ]
-        """Wires that the judged side closed or refused, with the numbers of the events."""
+        """Wires that the tested side closed or refused, with the numbers of the events."""
         self.unread: list[tuple[int, str]] = []
-        """Numbers of events with undecodable data of the judged side, and the reasons."""
+        """Numbers of events with undecodable data of the tested side, and the reasons."""
 
     @property
     def lost(self) -> list[int]:

@@ -1,4 +1,4 @@
-"""Judges of arrival times: jitter, gaps in a hold, torn messages."""
+"""Checks of arrival times: jitter, gaps in a hold, torn messages."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Timed(NumberedItem, Protocol):
 def never_silent(
     held: Iterable[tuple[TimelinePhase | None, Sequence[Timed]]], most_s: float
 ) -> Verdict:
-    """Judge if items came at most `most_s` apart from the beginning to the end of each phase. A
+    """Check if items came at most `most_s` apart from the beginning to the end of each phase. A
     phase that the scenario did not reach is None."""
     longest, wrong, count = 0.0, [], 0
     for phase, found in held:
@@ -54,7 +54,7 @@ def never_silent(
 def mostly_within(
     times: Iterable[tuple[float, int]], share: float, most_s: float, said: str, nothing: str
 ) -> Verdict:
-    """Judge if this share of `times`, s, each with its event's number, is at most `most_s`. ``{}``
+    """Check if this share of `times`, s, each with its event's number, is at most `most_s`. ``{}``
     in `said` is the longest time of the share, ms; without any: not seen, `nothing`."""
     found = sorted(some([*times], nothing))
     longest_s, number = found[int(share * (len(found) - 1))]
@@ -74,7 +74,7 @@ WHOLE_WITHIN_S = 0.0005
 
 
 def not_torn(found: Iterable[Begun], good: str) -> Findings:
-    """Judge if each was complete half a millisecond after its first bytes, except for 1 %."""
+    """Check if each was complete half a millisecond after its first bytes, except for 1 %."""
     for each in found:
         took_s = each.time_s - each.begun_s
         yield each.number, f"{took_s * 1e3:.1f} ms" if took_s > WHOLE_WITHIN_S else ""
@@ -85,7 +85,7 @@ STEADY_SHARE = 0.95
 
 
 def steady(off: Sequence[tuple[float, int]], most: float, unit: str, nothing: str) -> Verdict:
-    """Judge if 95 % of the items came within `most` of their time. `off` has each item's deviation
+    """Check if 95 % of the items came within `most` of their time. `off` has each item's deviation
     and its event's number."""
     some(off, nothing)
     figure = sorted(error for error, _ in off)[int(STEADY_SHARE * (len(off) - 1))]

@@ -9,7 +9,7 @@ import pytest
 
 from cardan.conform import Kind, Level, WireEvent, WireTimeline, registry
 from cardan.conform.attachments import pcap
-from cardan.conform.report import judged
+from cardan.conform.report import check_timeline
 from cardan.conform.run import captured, save, simulated
 from cardan.errors import CaptureError, ConfigurationError
 from cardan.recording.mcap_file import RecordWriter
@@ -135,7 +135,7 @@ def test_a_kept_record_is_judged_as_its_run_was(suite, level, fault, tmp_path):
     ]
     assert [e.time_s for e in read] == pytest.approx([e.time_s for e in timeline], abs=1e-9)
     assert (read.late_s, again.level, read.strays) == (0.25, int(level), ())
-    assert results(again) == results(judged(found, timeline, level))
+    assert results(again) == results(check_timeline(found, timeline, level))
     assert len(report.failed) >= len(fault)
 
 
@@ -143,7 +143,7 @@ def test_a_record_that_is_of_something_else_is_not_judged(tmp_path):
     found = registry.load("3dconnexion")
     save(tmp_path, found, *simulated(found, Level.LISTEN, seconds=1.0))
     path = tmp_path / "record.mcap"
-    with pytest.raises(CaptureError, match="is of 3dconnexion: judge it by `cardan conform` of"):
+    with pytest.raises(CaptureError, match="is of 3dconnexion: check it by `cardan conform` of"):
         captured(registry.load("egm"), path)
     with pytest.raises(ConfigurationError, match="one target: leave it out"):
         captured(found, path, "192.0.2.1")

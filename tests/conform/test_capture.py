@@ -565,7 +565,7 @@ def test_a_capture_is_judged_as_it_is(more, tmp_path):
 
 @pytest.mark.parametrize("more", [["--list"], ["--requirements"], ["--compare", "a", "b"]])
 def test_what_prints_and_ends_is_refused_beside_a_capture(more, tmp_path, capsys):
-    words = f"nothing is judged beside {more[0]}, which prints and ends: give one alone"
+    words = f"nothing is checked with {more[0]}, which prints and ends: give one alone"
     with pytest.raises(ConfigurationError, match=words):
         run("egm", "--capture", str(tmp_path / "a.pcap"), *more)
     assert not capsys.readouterr().out

@@ -163,26 +163,26 @@ def test_a_judge_ends_where_there_is_nothing_to_judge(found):
     requires(101, "")(lambda decoded: passed(f"{some(decoded, 'none was sent')}"))
     (requirement,) = requires.all()
     assert requirement.verdict(found, 0.0) == not_seen("none was sent")
-    assert requirement.judge([7]) == passed("[7]")
+    assert requirement.check([7]) == passed("[7]")
 
 
 def test_a_judge_ends_where_what_must_be_is_not():
     requires = Requirements("X")
     requires(101, "")(lambda decoded: passed(f"{must(decoded, 'it never was', [3])}"))
     (requirement,) = requires.all()
-    assert requirement.judge(None) == failed("it never was", (3,))
-    assert requirement.judge([7]) == passed("[7]")
+    assert requirement.check(None) == failed("it never was", (3,))
+    assert requirement.check([7]) == passed("[7]")
 
 
 def test_events_that_show_what_is_wrong_can_be_others_than_the_thing_s_own():
     requires = Requirements("X")
 
     @requires(101, "")
-    def judge(decoded):
+    def check(decoded):
         for n, why in enumerate(decoded):
             yield 40 + n, why
         return Words("{} things")
 
     (requirement,) = requires.all()
-    assert requirement.judge(["odd", "odd"]) == failed("2 of 2: odd", (40, 41))
-    assert requirement.judge(["", ""]) == passed("2 things")
+    assert requirement.check(["odd", "odd"]) == failed("2 of 2: odd", (40, 41))
+    assert requirement.check(["", ""]) == passed("2 things")

@@ -7,7 +7,7 @@ import io
 
 import pytest
 
-from cardan.conform import Kind, Level, VerdictOutcome, WireEvent, judged, registry, run
+from cardan.conform import Kind, Level, VerdictOutcome, WireEvent, check_timeline, registry, run
 from cardan.conform.runner import Exchange
 from cardan.conform.transports import TcpPorts
 from cardan.conform.ur_rtde import scenario
@@ -35,7 +35,7 @@ def ran(level, rig=UrRig, seconds=1.0, **options):
     exchange = Exchange(SUITE.scenario(level, seconds))
     made = rig(exchange, {}, options=UrControllerOptions(**options))
     made.run()
-    report = judged(SUITE, exchange.timeline, level)
+    report = check_timeline(SUITE, exchange.timeline, level)
     return report, exchange.timeline, made
 
 

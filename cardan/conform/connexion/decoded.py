@@ -1,4 +1,4 @@
-"""Decoded reports of a 3Dconnexion device, for its judges."""
+"""Decoded reports of a 3Dconnexion device, for its checks."""
 
 from __future__ import annotations
 

@@ -102,10 +102,9 @@ def reports_are_not_padded(each: DeviceReport) -> str:
 @requires(6, f"{DESCRIPTOR}: ids 1 and 2 of 7 bytes, or id 1 of 13")
 def the_family_is_one(decoded: ConnexionTraffic) -> Verdict:
     """All motion comes in halves (ids 1 and 2), or all of it whole (id 1 of 13 bytes)."""
-    whole = some(
-        [isinstance(each.value, reports.MotionReport) for each in decoded.motions], _NOTHING
-    )
-    odd = [each.number for each, one in zip(decoded.motions, whole, strict=True) if one != whole[0]]
+    motions = some(decoded.motions, _NOTHING)
+    whole = [isinstance(each.value, reports.MotionReport) for each in motions]
+    odd = [each.number for each, one in zip(motions, whole, strict=True) if one != whole[0]]
     return failed("both kinds come", odd) if odd else passed("whole" if whole[0] else "halves")
 
 

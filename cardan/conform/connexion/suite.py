@@ -23,8 +23,8 @@ class ConnexionSuite(Suite[ConnexionTraffic]):
     requirements = requires.all()
     transport = SuiteTransport("other")
     dissector = "connexion"
-    decoder = ConnexionTraffic
-    asks = ConnexionScenario
+    decode = ConnexionTraffic
+    scenario = ConnexionScenario
     rig = "cardan.conform.connexion.simulated:ConnexionRig"
     seconds = 1.2
     # Times, s, before the first release of the cap; the silence does not end.

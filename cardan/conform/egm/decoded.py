@@ -1,15 +1,15 @@
-"""Decoded EGM datagrams of a timeline and their sessions, for the judges."""
+"""Decoded EGM datagrams of a timeline and their sessions, for the checks."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 from cardan.conform.timeline import Kind, Traffic, WireTimeline
-from cardan.protocols import egm
+from cardan.protocols.egm import decode, messages as m
 
 _WRAP = 1 << 32
 _OVERTAKEN_AT_MOST = 16
@@ -27,7 +27,7 @@ class Robot(NamedTuple):
     number: int
     time_s: float
     source: str
-    message: egm.EgmRobot
+    message: m.EgmRobot
 
     @property
     def seqno(self) -> int | None:
@@ -37,12 +37,12 @@ class Robot(NamedTuple):
     @property
     def running(self) -> bool:
         """True if guidance acts."""
-        return self.message.mci_state == egm.MCIState.RUNNING
+        return self.message.mci_state == m.MCIState.RUNNING
 
     @property
     def motors_on(self) -> bool:
         """True if it reports motors on."""
-        return self.message.motor_state == egm.MotorState.ON
+        return self.message.motor_state == m.MotorState.ON
 
     @property
     def joints(self) -> tuple[float, ...]:
@@ -55,18 +55,18 @@ class Robot(NamedTuple):
         return place_of(self.message.feed_back)
 
 
-def joints_of(motion: egm.EgmMotion | None) -> tuple[float, ...]:
+def joints_of(motion: m.EgmMotion | None) -> tuple[float, ...]:
     """Return the joints, rad; empty if absent."""
     return () if motion is None else motion.joints or ()
 
 
-def place_of(motion: egm.EgmMotion | None) -> tuple[float, ...]:
+def place_of(motion: m.EgmMotion | None) -> tuple[float, ...]:
     """Return the TCP position, m; empty if absent."""
     pose = None if motion is None else motion.cartesian
     return () if pose is None else tuple(pose.pos or ())
 
 
-def not_normal(motion: egm.EgmMotion | None) -> str | None:
+def not_normal(motion: m.EgmMotion | None) -> str | None:
     """Return a wrong length of a motion's quaternion; empty: 1, to 1e-3; None: no quaternion."""
     pose = None if motion is None else motion.cartesian
     if pose is None or pose.orient is None:
@@ -80,7 +80,7 @@ class SensorDatagram(NamedTuple):
 
     number: int
     time_s: float
-    message: egm.EgmSensor | egm.EgmSensorPathCorr
+    message: m.EgmSensor | m.EgmSensorPathCorr
 
 
 class EgmTraffic(Traffic):
@@ -95,16 +95,14 @@ class EgmTraffic(Traffic):
         for index, event in enumerate(timeline):
             if event.kind is not Kind.DATA:
                 continue
-            decode: Callable[[bytes], Any] = egm.decode_from_pc
-            if event.sent == robot_sends:
-                decode = egm.decode_robot
-            message = decode(event.data)
-            if isinstance(message, egm.MalformedEgmMessage):
+            of_robot = event.sent == robot_sends
+            message: Any = (decode.decode_robot if of_robot else decode.decode_from_pc)(event.data)
+            if isinstance(message, m.MalformedEgmMessage):
                 if not event.sent:
                     self.unread.append((index, message.detail))
                 else:
                     self.junk.append((index, event.time_s))
-            elif isinstance(message, egm.EgmRobot):
+            elif isinstance(message, m.EgmRobot):
                 self.robots.append(Robot(index, event.time_s, event.note, message))
             else:
                 self.answers.append(SensorDatagram(index, event.time_s, message))

@@ -28,8 +28,7 @@ from cardan.conform.requirements import (
 )
 from cardan.conform.second_reading import read_twice, refused
 from cardan.conform.timing import steady
-from cardan.protocols.egm import EgmMessageType, RapidState
-from cardan.protocols.egm.messages import EgmMotion
+from cardan.protocols.egm.messages import EgmMessageType, EgmMotion, RapidState
 from cardan.spatial import from_euler_zyx
 
 MANUAL = "ABB application manual 3HAC073318-001 (RobotWare 7.16)"
@@ -58,7 +57,7 @@ HELD_WITHIN_M, HELD_WITHIN_RAD = 5e-4, math.radians(0.1)
 MOVED_M, MOVED_RAD = 2e-5, math.radians(4e-3)
 """Smallest displacement that counts as motion, above an encoder's noise."""
 ENOUGH = 50
-"""Fewest datagrams for which a rate is judged."""
+"""Fewest datagrams for which a rate is checked."""
 
 _NOTHING = "no datagrams of the controller"
 _NEVER_RAN = "the MCI never ran"
@@ -409,10 +408,8 @@ def an_arm_that_is_held_stands(decoded: EgmTraffic) -> Verdict:
 @requires(105, f"{MANUAL}, CommTimeout: event 41822")
 def silence_ends_the_run(decoded: EgmTraffic) -> Verdict:
     """Without messages of the PC the run ends, after CommTimeout."""
-    phase, found = (
-        some(decoded.phase("silence"), "no run was left alone"),
-        decoded.during("silence"),
-    )
+    phase = some(decoded.phase("silence"), "no run was left alone")
+    found = decoded.during("silence")
     last = max(some([each.time_s for each in found if each.running], "no run was left alone"))
     after_s = last - phase.start_s
     if phase.end_s - last < 0.25 and found[-1].running:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Pause, Scenario, Script, Step, ask, mark, open_, send
 from cardan.conform.timeline import Kind, WireEvent
-from cardan.protocols import egm
+from cardan.protocols.egm import decode, encode, messages as m
 
 STEP_M = 0.0005
 STEP_RAD = math.radians(0.1)
@@ -35,8 +35,8 @@ class EgmScenario(Scenario):
         self._answering = False
         self._shift = 0.0
         """Commanded share of the step."""
-        self._hold: egm.EgmMotion | None = None
-        self._newest: egm.EgmRobot | None = None
+        self._hold: m.EgmMotion | None = None
+        self._newest: m.EgmRobot | None = None
         self._newest_s = -math.inf
         self._seqno = 0
 
@@ -88,20 +88,20 @@ class EgmScenario(Scenario):
     def answer(self, event: WireEvent) -> Iterator[Step]:
         if event.kind is not Kind.DATA:
             return
-        message = egm.decode_robot(event.data)
-        if not isinstance(message, egm.EgmRobot):
+        message = decode.decode_robot(event.data)
+        if not isinstance(message, m.EgmRobot):
             return
         begins = message.header is not None and message.header.seqno == 0
-        if self._quiet() or begins or message.mci_state != egm.MCIState.RUNNING:
+        if self._quiet() or begins or message.mci_state != m.MCIState.RUNNING:
             self._hold = None
         self._newest, self._newest_s = message, self.now_s
         if self._answering and message.feed_back is not None and message.header is not None:
             self._hold = self._hold or message.feed_back
             self._seqno += 1
-            header = egm.EgmHeader(self._seqno, message.header.tm_ms, egm.EgmMessageType.CORRECTION)
-            yield send(egm.encode_sensor(egm.EgmSensor(header, self._reference(self._hold))))
+            header = m.EgmHeader(self._seqno, message.header.tm_ms, m.EgmMessageType.CORRECTION)
+            yield send(encode.encode_sensor(m.EgmSensor(header, self._reference(self._hold))))
 
-    def _reference(self, held: egm.EgmMotion) -> egm.EgmMotion:
+    def _reference(self, held: m.EgmMotion) -> m.EgmMotion:
         joints, pose = held.joints, held.cartesian
         if joints is not None and len(joints) >= 6:
             joints = (*joints[:5], joints[5] + self._shift * STEP_RAD, *joints[6:])
@@ -109,14 +109,14 @@ class EgmScenario(Scenario):
             x, y, z = pose.pos
             lifted = type(pose.pos)(x, y, z + self._shift * STEP_M)
             pose = pose._replace(pos=lifted, euler=None)
-        return egm.EgmMotion(joints, pose, held.external_joints)
+        return m.EgmMotion(joints, pose, held.external_joints)
 
     def _quiet(self) -> bool:
         return self.now_s - self._newest_s > QUIET_S
 
     def _runs(self) -> bool:
         newest = self._newest
-        return newest is not None and not self._quiet() and newest.mci_state == egm.MCIState.RUNNING
+        return newest is not None and not self._quiet() and newest.mci_state == m.MCIState.RUNNING
 
     def _motors(self) -> bool:
-        return self._newest is not None and self._newest.motor_state == egm.MotorState.ON
+        return self._newest is not None and self._newest.motor_state == m.MotorState.ON

@@ -23,8 +23,8 @@ class EgmSuite(Suite[EgmTraffic]):
     peer = "abb-gofa"
     requirements = requires.all()
     transport = SuiteTransport("udp", {"": PORT}, frozenset(("",)))
-    decoder = EgmTraffic
-    asks = EgmScenario
+    decode = EgmTraffic
+    scenario = EgmScenario
     rig = "cardan.conform.egm.simulated:EgmRig"
     seconds = 3.0
     # Times, s, in the hold.

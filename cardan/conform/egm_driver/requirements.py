@@ -38,8 +38,7 @@ from cardan.conform.requirements import (
 )
 from cardan.conform.second_reading import read_twice, refused
 from cardan.conform.timing import mostly_within
-from cardan.protocols.egm import EgmMessageType, EgmSensor, EgmSensorPathCorr
-from cardan.protocols.egm.messages import EgmMotion
+from cardan.protocols.egm.messages import EgmMessageType, EgmMotion, EgmSensor, EgmSensorPathCorr
 
 LIBEGM = "ros-industrial/abb_libegm, src/egm_base_interface.cpp"
 LAW = f"{MANUAL}: every reference acts at once; there is no path planner"

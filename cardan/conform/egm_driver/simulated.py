@@ -10,7 +10,7 @@ from cardan.conform.rigs import DriverRig
 from cardan.conform.runner import Exchange
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.session import EgmSession
-from cardan.protocols import egm
+from cardan.protocols.egm.decode import decode_robot
 from cardan.sim_peers.egm_client import FAULTS, EgmClientDefects
 from cardan.types import HoldCommand
 
@@ -28,7 +28,7 @@ class EgmDriverRig(DriverRig):
 
     def _take(self, data: bytes, channel: str) -> None:
         session, now_s = self._session, self._now_s
-        message = egm.decode_robot(data)
+        message = decode_robot(data)
         if not self._defects.hears(message, channel == FIRST, now_s):
             return
         state = session.receive(data, ("127.0.0.1", _PORTS[channel]), now_s)

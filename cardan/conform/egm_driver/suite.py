@@ -26,8 +26,8 @@ class EgmDriverSuite(Suite[EgmTraffic]):
     harmless = Level.HOLD
     requirements = requires.all()
     transport = SuiteTransport("udp", {FIRST: PORT, SECOND: PORT})
-    decoder = staticmethod(partial(EgmTraffic, robot_sends=True))
-    asks = EgmControllerScenario
+    decode = staticmethod(partial(EgmTraffic, robot_sends=True))
+    scenario = EgmControllerScenario
     rig = "cardan.conform.egm_driver.simulated:EgmDriverRig"
     own_faults = FAULTS
     seconds = 0.6

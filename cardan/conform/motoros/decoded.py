@@ -1,4 +1,4 @@
-"""Decoded MotoROS messages of a timeline, and requests with their replies, for the judges."""
+"""Decoded MotoROS messages of a timeline, and requests with their replies, for the checks."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple, TypeVar
 
 from cardan.conform.streams import ChannelReaders
 from cardan.conform.timeline import Kind, Traffic, WireEvent, WireTimeline
-from cardan.protocols import simple_message as sm
+from cardan.protocols.simple_message import codec, framing, messages as m
 
 
 class ReceivedMessage(NamedTuple):
@@ -17,7 +17,7 @@ class ReceivedMessage(NamedTuple):
     begun_s: float
     time_s: float
     channel: str
-    message: sm.Message
+    message: m.Message
     raw: bytes
 
 
@@ -30,21 +30,21 @@ class MotorosExchange(NamedTuple):
     number: int
     time_s: float
     channel: str
-    request: sm.Message | None
+    request: m.Message | None
     """None: the data were deliberately no message, or a piece of one."""
     raw: bytes
     reply: ReceivedMessage | None
 
     @property
-    def body(self) -> sm.Body | None:
+    def body(self) -> m.Body | None:
         """Body of the request."""
         return None if self.request is None else self.request.body
 
     @property
-    def motion(self) -> sm.MotionReply | None:
+    def motion(self) -> m.MotionReply | None:
         """The reply, if it is a motion reply."""
         body = None if self.reply is None else self.reply.message.body
-        return body if isinstance(body, sm.MotionReply) else None
+        return body if isinstance(body, m.MotionReply) else None
 
 
 class MotorosTraffic(Traffic):
@@ -54,8 +54,8 @@ class MotorosTraffic(Traffic):
         super().__init__(timeline)
         self.heard: list[ReceivedMessage] = []
         self.asked: list[MotorosExchange] = []
-        self.order: sm.ByteOrder | None = None
-        streams = ChannelReaders(lambda _: sm.FrameReader(), self._failed)
+        self.order: framing.ByteOrder | None = None
+        streams = ChannelReaders(lambda _: framing.FrameReader(), self._failed)
         open_requests: dict[str, tuple[int, WireEvent]] = {}
         for index, event in enumerate(timeline):
             channel = event.channel
@@ -68,10 +68,10 @@ class MotorosTraffic(Traffic):
                 open_requests[channel] = index, event
                 continue
             for begun_s, frame in streams.whole(index, event):
-                order = streams.reader(channel).byte_order or sm.ByteOrder.LITTLE
+                order = streams.reader(channel).byte_order or framing.ByteOrder.LITTLE
                 self.order = self.order or order
-                message = sm.wire(order).decode(frame)
-                if isinstance(message, sm.MalformedMessage):
+                message = codec.wire(order).decode(frame)
+                if isinstance(message, m.MalformedMessage):
                     self._failed(index, channel, message.reason)
                     continue
                 heard = ReceivedMessage(index, begun_s, event.time_s, channel, message, frame)
@@ -88,8 +88,8 @@ class MotorosTraffic(Traffic):
         if asked is None:
             return
         number, sent = asked
-        request = sm.wire(self.order or sm.ByteOrder.LITTLE).decode(sent.data)
-        known = None if isinstance(request, sm.MalformedMessage) else request
+        request = codec.wire(self.order or framing.ByteOrder.LITTLE).decode(sent.data)
+        known = None if isinstance(request, m.MalformedMessage) else request
         self.asked.append(
             MotorosExchange(number, sent.time_s, sent.channel, known, sent.data, reply)
         )
@@ -111,10 +111,10 @@ class MotorosTraffic(Traffic):
         found = self.within(self.heard, phase) if phase else self.heard
         return [(e, e.message.body) for e in found if isinstance(e.message.body, kind)]
 
-    def statuses(self, phase: str = "") -> list[tuple[ReceivedMessage, sm.RobotStatus]]:
+    def statuses(self, phase: str = "") -> list[tuple[ReceivedMessage, m.RobotStatus]]:
         """Return the messages of a phase with a robot status, and it; empty: all."""
-        return self._told(sm.RobotStatus, phase)
+        return self._told(m.RobotStatus, phase)
 
-    def feedback(self, phase: str = "") -> list[tuple[ReceivedMessage, sm.JointFeedback]]:
+    def feedback(self, phase: str = "") -> list[tuple[ReceivedMessage, m.JointFeedback]]:
         """Return the messages of a phase with joint feedback of group 0, and it; empty: all."""
-        return [each for each in self._told(sm.JointFeedback, phase) if each[1].group == 0]
+        return [each for each in self._told(m.JointFeedback, phase) if each[1].group == 0]

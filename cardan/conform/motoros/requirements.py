@@ -27,8 +27,8 @@ from cardan.conform.requirements import (
 )
 from cardan.conform.second_reading import differing, read_twice, refused
 from cardan.conform.timing import mostly_within, not_torn
-from cardan.protocols import simple_message as sm
-from cardan.protocols.simple_message import (
+from cardan.protocols.simple_message import codes, framing, messages as m
+from cardan.protocols.simple_message.codes import (
     MessageType as T,
     MotionCommand as C,
     MotionResult as R,
@@ -56,7 +56,7 @@ requires: Requirements[MotorosTraffic] = Requirements("MOTO")
 _UNANSWERED = "nothing was answered"
 _OTHERWISE = "it was not answered by a motion reply"
 _NO_STATUS, _NO_FEEDBACK = "no status came", "no feedback came"
-Echoed = tuple[MotorosExchange, sm.MotionReply]
+Echoed = tuple[MotorosExchange, m.MotionReply]
 """A command, and the reply that names it."""
 
 
@@ -103,9 +103,9 @@ def a_cycle_has_its_order(decoded: MotorosTraffic) -> Findings:
     groups: list[int] = []
     for each in decoded.heard:
         body = each.message.body
-        if each.channel == "state" and isinstance(body, sm.JointFeedback):
+        if each.channel == "state" and isinstance(body, m.JointFeedback):
             groups.append(body.group)
-        elif each.channel == "state" and isinstance(body, sm.RobotStatus):
+        elif each.channel == "state" and isinstance(body, m.RobotStatus):
             right = groups and groups == list(range(len(groups)))
             yield each.number, "" if right else f"groups {groups} before the status"
             groups = []
@@ -118,7 +118,7 @@ def states_are_topics(decoded: MotorosTraffic) -> Findings:
     for each in decoded.heard:
         if each.channel == "state":
             kind, code = each.message.comm_type, each.message.reply_code
-            topic = kind == sm.CommType.TOPIC and not code
+            topic = kind == codes.CommType.TOPIC and not code
             yield each.number, "" if topic else f"communication type {kind}"
     return Words("{} messages")
 
@@ -126,10 +126,10 @@ def states_are_topics(decoded: MotorosTraffic) -> Findings:
 @requires(7, f"{STATES}: POSITION, and VELOCITY where speed feedback is available")
 def feedback_says_what_is_valid(decoded: MotorosTraffic) -> Findings:
     """valid_fields of feedback are POSITION, or POSITION and VELOCITY; all values are finite."""
-    position, had = sm.ValidFields.POSITION, set()
+    position, had = codes.ValidFields.POSITION, set()
     for each, body in decoded.feedback():
         had.add(fields := body.valid_fields)
-        if fields not in (position, position | sm.ValidFields.VELOCITY):
+        if fields not in (position, position | codes.ValidFields.VELOCITY):
             yield each.number, f"valid_fields {fields}"
         else:
             finite = all(map(math.isfinite, (*body.pos, *body.vel)))
@@ -142,7 +142,7 @@ def feedback_has_speeds(decoded: MotorosTraffic) -> Verdict:
     """Feedback has speeds, as of firmware that is not old."""
     found = some(decoded.feedback(), _NO_FEEDBACK)
     without = [
-        each.number for each, body in found if not body.valid_fields & sm.ValidFields.VELOCITY
+        each.number for each, body in found if not body.valid_fields & codes.ValidFields.VELOCITY
     ]
     must(not without, "positions alone", without)
     return passed(f"{len(found)} feedbacks")
@@ -156,7 +156,7 @@ def statuses_are_plausible(decoded: MotorosTraffic) -> Findings:
         if not set(switches) <= {0, 1} or s.in_motion not in (-1, 0, 1):
             yield each.number, f"switches {switches}"
         else:
-            known = s.mode in (sm.ControllerMode.MANUAL, sm.ControllerMode.AUTO)
+            known = s.mode in (codes.ControllerMode.MANUAL, codes.ControllerMode.AUTO)
             yield each.number, "" if known else f"mode {s.mode}"
     return Words("{} statuses", _NO_STATUS)
 
@@ -191,7 +191,7 @@ _LAYERS_HAVE = {"command": "command_code", "pos": "positions", "time": "time_s"}
 
 
 def _control(decoded: MotorosTraffic, command: C, phase: str = "") -> list[MotorosExchange]:
-    return decoded.requests(sm.MotionCtrl, phase, command=command)
+    return decoded.requests(m.MotionCtrl, phase, command=command)
 
 
 @requires(101, f"{SERVER}: every request is answered, one at a time")
@@ -199,7 +199,7 @@ def every_request_is_answered(decoded: MotorosTraffic) -> Findings:
     """Each request is answered on its connection before a client's time is out."""
     ends = [event.time_s for _, event in decoded.gone]
     for each in decoded.asked:
-        if each.request and each.request.comm_type == sm.CommType.SERVICE_REQUEST:
+        if each.request and each.request.comm_type == codes.CommType.SERVICE_REQUEST:
             ended = any(each.time_s - 1.0 < end < each.time_s for end in ends)
             yield each.number, "" if each.reply or ended else "no answer"
     return Words("{} requests", "nothing was asked")
@@ -221,7 +221,7 @@ def answers_are_to_what_was_asked(decoded: MotorosTraffic) -> Findings:
     """The reply to an order has its command and its sequence."""
     for each in decoded.asked:
         body, found = each.body, each.motion
-        if each.reply is not None and isinstance(body, sm.MotionCtrl):
+        if each.reply is not None and isinstance(body, m.MotionCtrl):
             echoed = found and (found.command, found.sequence) == (body.command, body.sequence)
             words = "" if echoed else f"not of {body.command}, {body.sequence}"
             yield each.reply.number, words
@@ -234,7 +234,7 @@ def replies_are_replies(decoded: MotorosTraffic) -> Findings:
     for each in decoded.asked:
         if each.motion and each.reply:
             head = each.reply.message.comm_type, each.reply.message.reply_code
-            good = head == (sm.CommType.SERVICE_REPLY, sm.ReplyCode.SUCCESS)
+            good = head == (codes.CommType.SERVICE_REPLY, codes.ReplyCode.SUCCESS)
             yield each.reply.number, "" if good else f"type {head[0]}, code {head[1]}"
     return Words("{} replies", _UNANSWERED)
 
@@ -249,12 +249,12 @@ def ping_is_answered(decoded: MotorosTraffic) -> Verdict:
 
 
 def _refused(decoded: MotorosTraffic, msg_type: int, subcode: int) -> Verdict:
-    big = decoded.order is sm.ByteOrder.BIG
+    big = decoded.order is framing.ByteOrder.BIG
     found = [
         each
         for each in decoded.exchanges("ask")
         if int.from_bytes(each.raw[4:8], "big" if big else "little") == msg_type
-        and not isinstance(each.body, sm.MotionCtrl)
+        and not isinstance(each.body, m.MotionCtrl)
     ]
     reply = _motion(found, _OTHERWISE)
     said = f"{_words(reply)}, command {reply.command}"
@@ -264,19 +264,19 @@ def _refused(decoded: MotorosTraffic, msg_type: int, subcode: int) -> Verdict:
 @requires(106, f"{SERVER}: INVALID, MSGTYPE, and the connection is kept")
 def unknown_types_are_refused(decoded: MotorosTraffic) -> Verdict:
     """A type that nobody knows is answered INVALID with 3003."""
-    return _refused(decoded, UNKNOWN_TYPE, sm.InvalidSubcode.MSGTYPE)
+    return _refused(decoded, UNKNOWN_TYPE, codes.InvalidSubcode.MSGTYPE)
 
 
 @requires(107, f"{SERVER}: INVALID, MSGSIZE")
 def short_messages_are_refused(decoded: MotorosTraffic) -> Verdict:
     """An order with too short a body is answered INVALID with 3001."""
-    return _refused(decoded, T.MOTO_MOTION_CTRL, sm.InvalidSubcode.MSGSIZE)
+    return _refused(decoded, T.MOTO_MOTION_CTRL, codes.InvalidSubcode.MSGSIZE)
 
 
 @requires(108, f"{SERVER}: NOT_READY before GROUPNO")
 def points_are_refused_before_the_start(decoded: MotorosTraffic) -> Verdict:
     """A point before START_TRAJ_MODE, of a group that is not there, is refused and does nothing."""
-    found = decoded.requests(sm.JointTrajPtFull, "ask")
+    found = decoded.requests(m.JointTrajPtFull, "ask")
     reply = _motion(found, _OTHERWISE)
     return met(reply.result in (R.NOT_READY, R.INVALID), _words(reply), [found[0].number])
 
@@ -302,12 +302,12 @@ def inputs_and_outputs_are_read(decoded: MotorosTraffic) -> Verdict:
     """The I/O port gives the bit 10010, and refuses the address 9 with 1001."""
     found = [each for each in decoded.exchanges("ask") if each.channel == "io"]
     bodies = [e.reply.message.body for e in found if e.reply is not None]
-    replies = [each for each in bodies if isinstance(each, sm.ReadIoReply)]
+    replies = [each for each in bodies if isinstance(each, m.ReadIoReply)]
     some(bodies, "the I/O port did not answer")
     must(len(replies) >= 2, "no such reply")
     good, bad = replies[:2]
     said = f"results {good.result} and {bad.result}"
-    right = (good.result, bad.result) == (sm.IoResult.OK, sm.IoResult.READ_ADDRESS_INVALID)
+    right = (good.result, bad.result) == (codes.IoResult.OK, codes.IoResult.READ_ADDRESS_INVALID)
     return met(right and good.value in (0, 1), said, [found[-1].number])
 
 
@@ -348,7 +348,7 @@ def holding_is_undisturbed(decoded: MotorosTraffic) -> Findings:
         causes = (
             (s.e_stopped, "emergency stop"),
             (s.in_error, f"alarm {s.error_code}"),
-            (s.mode != sm.ControllerMode.AUTO, "not in play"),
+            (s.mode != codes.ControllerMode.AUTO, "not in play"),
             (not s.drives_powered, "drives without power"),
             (not s.motion_possible, "motion is not possible"),
         )
@@ -367,7 +367,7 @@ def connections_last(decoded: MotorosTraffic) -> Verdict:
 @requires(115, f"{GROUP}: 30 pulses around the command")
 def the_first_point_is_taken(decoded: MotorosTraffic) -> Verdict:
     """Point 0 at the measured position is taken, and nothing moves."""
-    found = decoded.requests(sm.JointTrajPtFull, "hold")
+    found = decoded.requests(m.JointTrajPtFull, "hold")
     reply = _motion(found, "no point was answered")
     some(reply.command == T.JOINT_TRAJ_PT_FULL, "no point was answered")
     must(reply.result == R.SUCCESS, _words(reply), [found[0].number])
@@ -386,13 +386,13 @@ def an_empty_queue_is_said_to_be(decoded: MotorosTraffic) -> Findings:
 
 
 def _velocities(decoded: MotorosTraffic, phase: str) -> list[MotorosExchange]:
-    found = decoded.requests(sm.JointVelocity, phase)
-    return [e for e in found if e.request and e.request.comm_type == sm.CommType.SERVICE_REQUEST]
+    found = decoded.requests(m.JointVelocity, phase)
+    return [e for e in found if e.request and e.request.comm_type == codes.CommType.SERVICE_REQUEST]
 
 
-def _info(decoded: MotorosTraffic) -> sm.VelocityInfo | None:
+def _info(decoded: MotorosTraffic) -> m.VelocityInfo | None:
     for each in decoded.exchanges("ask"):
-        if each.reply is not None and isinstance(each.reply.message.body, sm.VelocityInfo):
+        if each.reply is not None and isinstance(each.reply.message.body, m.VelocityInfo):
             return each.reply.message.body
     return None
 
@@ -408,11 +408,11 @@ def the_velocity_mode_says_what_it_is(decoded: MotorosTraffic) -> Verdict:
         good = good and all(info.v_max[n] > 0.0 and info.a_max[n] > 0.0 for n in axes)
         good = good and all(info.pos_min[n] < info.pos_max[n] for n in axes)
         return met(good, f"version {info.version}, {info.ipc_us} us, {info.axes} axes")
-    return _refused(decoded, T.MOTO_VELOCITY_INFO, sm.InvalidSubcode.MSGTYPE)
+    return _refused(decoded, T.MOTO_VELOCITY_INFO, codes.InvalidSubcode.MSGTYPE)
 
 
 def _in_velocity_mode(phase: str) -> Callable[[MotorosTraffic], Verdict | None]:
-    """Return an `unless`: its verdict if velocities cannot be judged in a phase; None: they can."""
+    """Return an `unless`: its verdict if a phase has no velocities to check; None: it has."""
 
     def why(decoded: MotorosTraffic) -> Verdict | None:
         if decoded.phase(phase) is None:
@@ -428,17 +428,17 @@ def _in_velocity_mode(phase: str) -> Callable[[MotorosTraffic], Verdict | None]:
     return why
 
 
-def _motion(found: list[MotorosExchange], nothing: str = "it was not answered") -> sm.MotionReply:
+def _motion(found: list[MotorosExchange], nothing: str = "it was not answered") -> m.MotionReply:
     """Return the motion reply to the first of these requests."""
     return some(found[0].motion if found else None, nothing)
 
 
-def _words(reply: sm.MotionReply) -> str:
+def _words(reply: m.MotionReply) -> str:
     return f"result {reply.result}, subcode {reply.subcode}"
 
 
 def _answered(found: list[MotorosExchange], *wanted: tuple[int, int]) -> Verdict:
-    """Judge if the first of these was answered by one of these results and subcodes."""
+    """Check if the first of these was answered by one of these results and subcodes."""
     reply = _motion(found)
     return met((reply.result, reply.subcode) in wanted, _words(reply), [found[0].number])
 
@@ -452,7 +452,7 @@ def the_watchdog_latches(decoded: MotorosTraffic) -> Verdict:
 @requires(123, f"{VELOCITY}, starting and stopping", unless=_in_velocity_mode("velocity"))
 def modes_exclude_each_other(decoded: MotorosTraffic) -> Verdict:
     """In velocity mode a point is answered NOT_READY with 5042."""
-    found = decoded.requests(sm.JointTrajPtFull, "velocity")
+    found = decoded.requests(m.JointTrajPtFull, "velocity")
     return _answered(found, (R.NOT_READY, N.OTHER_MODE_ACTIVE))
 
 
@@ -460,14 +460,14 @@ def modes_exclude_each_other(decoded: MotorosTraffic) -> Verdict:
 def old_velocities_are_refused(decoded: MotorosTraffic) -> Verdict:
     """A sequence that is not newer than the last is answered INVALID with 3040."""
     found = _velocities(decoded, "velocity")[4:]
-    return _answered(found[-1:], (R.INVALID, sm.InvalidSubcode.VEL_SEQUENCE))
+    return _answered(found[-1:], (R.INVALID, codes.InvalidSubcode.VEL_SEQUENCE))
 
 
 # -- level 2: micro-motion ------------------------------------------------------------------------
 
 
 def _point(decoded: MotorosTraffic, phase: str, sequence: int) -> list[MotorosExchange]:
-    return decoded.requests(sm.JointTrajPtFull, phase, sequence=sequence)
+    return decoded.requests(m.JointTrajPtFull, phase, sequence=sequence)
 
 
 _NO_POINT = "no point was taken"
@@ -512,7 +512,7 @@ def a_trajectory_takes_its_time(decoded: MotorosTraffic) -> Verdict:
 
 
 def _reached(decoded: MotorosTraffic, phase: str, nothing: str) -> Verdict:
-    """Judge if an axis turned in a phase as far as commanded, if its point was answered."""
+    """Check if an axis turned in a phase as far as commanded, if its point was answered."""
     asked, found = _point(decoded, phase, 1), [body.pos for _, body in decoded.feedback(phase)]
     _motion(asked, nothing)
     some(len(found) >= 2, nothing)

@@ -9,8 +9,8 @@ from cardan.conform.requirements import Level
 from cardan.conform.runner import Pause, Scenario, Script, Step, ask, mark, open_, send
 from cardan.conform.streams import ChannelReaders
 from cardan.conform.timeline import Kind, WireEvent
-from cardan.protocols import simple_message as sm
-from cardan.protocols.simple_message import MessageType as T, MotionCommand as C
+from cardan.protocols.simple_message import codec, codes, framing, messages as m
+from cardan.protocols.simple_message.codes import MessageType as T, MotionCommand as C
 
 STEP_RAD = math.radians(0.2)
 """Step of the last axis, which only turns the flange."""
@@ -26,7 +26,7 @@ WATCHDOG_MS = 100.0
 HAND_S = 60.0
 VELOCITY_S = 0.01
 FIRST_OUTPUT = 10010
-_POSITION = sm.ValidFields.TIME | sm.ValidFields.POSITION | sm.ValidFields.VELOCITY
+_POSITION = codes.ValidFields.TIME | codes.ValidFields.POSITION | codes.ValidFields.VELOCITY
 
 
 class MotorosScenario(Scenario):
@@ -35,11 +35,11 @@ class MotorosScenario(Scenario):
     def __init__(self, level: Level, seconds: float) -> None:
         self._level = level
         self._seconds = seconds
-        self._order = sm.ByteOrder.LITTLE
-        self._streams = ChannelReaders(lambda _: sm.FrameReader(), lambda *_: None)
-        self._reply: sm.Message | None = None
-        self._status: sm.RobotStatus | None = None
-        self._feedback: sm.JointFeedback | None = None
+        self._order = framing.ByteOrder.LITTLE
+        self._streams = ChannelReaders(lambda _: framing.FrameReader(), lambda *_: None)
+        self._reply: m.Message | None = None
+        self._status: m.RobotStatus | None = None
+        self._feedback: m.JointFeedback | None = None
         self._sequence = 0
         self._lost: set[str] = set()
         self._axes = 6
@@ -56,18 +56,18 @@ class MotorosScenario(Scenario):
         elif event.kind is Kind.DATA:
             for _, frame in self._streams.whole(0, event):
                 self._order = self._streams.reader(channel).byte_order or self._order
-                message = sm.wire(self._order).decode(frame)
-                if isinstance(message, sm.Message):
+                message = codec.wire(self._order).decode(frame)
+                if isinstance(message, m.Message):
                     self._take(channel, message)
         return iter(())
 
-    def _take(self, channel: str, message: sm.Message) -> None:
+    def _take(self, channel: str, message: m.Message) -> None:
         body = message.body
         if channel != "state":
             self._reply = message
-        elif isinstance(body, sm.RobotStatus):
+        elif isinstance(body, m.RobotStatus):
             self._status = body
-        elif isinstance(body, sm.JointFeedback) and body.group == 0:
+        elif isinstance(body, m.JointFeedback) and body.group == 0:
             self._feedback = body
 
     # -- requests ---------------------------------------------------------------------------------
@@ -93,21 +93,21 @@ class MotorosScenario(Scenario):
         yield open_("io")
         yield mark("ask")
         yield from self._ordered(C.STOP_MOTION)
-        yield from self._asked(sm.Empty(), T.PING)
+        yield from self._asked(m.Empty(), T.PING)
         yield from self._ordered(C.CHECK_MOTION_READY)
         yield from self._ordered(C.CHECK_QUEUE_CNT)
-        yield from self._asked(sm.VelocityInfoRequest(0), T.MOTO_VELOCITY_INFO)
-        if self._reply is not None and isinstance(self._reply.body, sm.VelocityInfo):
+        yield from self._asked(m.VelocityInfoRequest(0), T.MOTO_VELOCITY_INFO)
+        if self._reply is not None and isinstance(self._reply.body, m.VelocityInfo):
             self._axes = min(max(self._reply.body.axes, 1), 10)
-        yield from self._asked(sm.Raw(b""), UNKNOWN_TYPE)
-        yield from self._asked(sm.Raw(bytes(8)), int(T.MOTO_MOTION_CTRL))
+        yield from self._asked(m.Raw(b""), UNKNOWN_TYPE)
+        yield from self._asked(m.Raw(bytes(8)), int(T.MOTO_MOTION_CTRL))
         # Sequence 0 of a group that exists on no controller.
-        point = sm.JointTrajPtFull(9, 0, _POSITION, 0.0, sm.ZEROS, sm.ZEROS, sm.ZEROS)
+        point = m.JointTrajPtFull(9, 0, _POSITION, 0.0, m.ZEROS, m.ZEROS, m.ZEROS)
         yield from self._asked(point)
-        yield from self._asked(sm.ReadIo(FIRST_OUTPUT), T.MOTO_READ_IO_BIT, channel="io")
-        yield from self._asked(sm.ReadIo(9), T.MOTO_READ_IO_BIT, channel="io")
+        yield from self._asked(m.ReadIo(FIRST_OUTPUT), T.MOTO_READ_IO_BIT, channel="io")
+        yield from self._asked(m.ReadIo(9), T.MOTO_READ_IO_BIT, channel="io")
         yield mark("pieces")
-        data = sm.wire(self._order).encode(sm.request(sm.Empty(), T.PING))
+        data = codec.wire(self._order).encode(m.request(m.Empty(), T.PING))
         self._reply = None
         yield send(data[:6], "motion")
         yield Pause(0.03)
@@ -163,7 +163,7 @@ class MotorosScenario(Scenario):
             speed, count = STEP_RAD / STEP_S / 2.0, round(STEP_S / VELOCITY_S)
             for sequence in range(1, count + 1):
                 body = self._velocity_body(sequence, speed)
-                yield send(sm.wire(self._order).encode(sm.topic(body)), "motion")
+                yield send(codec.wire(self._order).encode(m.topic(body)), "motion")
                 yield Pause(VELOCITY_S)
             yield mark("deserted")
             yield Pause(5.0 * WATCHDOG_MS * 1e-3)
@@ -188,50 +188,50 @@ class MotorosScenario(Scenario):
 
     def _asked(
         self,
-        body: sm.Body,
+        body: m.Body,
         msg_type: int | None = None,
         *,
         channel: str = "motion",
         s: float = REPLY_S,
     ) -> Script:
         self._reply = None
-        yield send(sm.wire(self._order).encode(sm.request(body, msg_type)), channel)
+        yield send(codec.wire(self._order).encode(m.request(body, msg_type)), channel)
         yield Pause(s, self._answered)
 
-    def _ordered(self, command: C, seconds: float = REPLY_S, data: sm.Joints = sm.ZEROS) -> Script:
+    def _ordered(self, command: C, seconds: float = REPLY_S, data: m.Joints = m.ZEROS) -> Script:
         self._sequence += 1
-        yield from self._asked(sm.MotionCtrl(0, self._sequence, command, data), s=seconds)
+        yield from self._asked(m.MotionCtrl(0, self._sequence, command, data), s=seconds)
 
     def _start_velocity(self) -> Script:
-        yield from self._ordered(C.START_VEL_MODE, START_S, sm.joints10((WATCHDOG_MS,)))
+        yield from self._ordered(C.START_VEL_MODE, START_S, m.joints10((WATCHDOG_MS,)))
 
     def _point(self, sequence: int, time_s: float, shift: float = 0.0) -> Script:
-        at = sm.ZEROS if self._feedback is None else self._feedback.pos
+        at = m.ZEROS if self._feedback is None else self._feedback.pos
         axis = self._axes - 1
         at = (*at[:axis], at[axis] + shift, *at[axis + 1 :])
         # Half a millisecond, because times are truncated to whole milliseconds.
         time_s += 0.0005 if time_s else 0.0
         yield from self._asked(
-            sm.JointTrajPtFull(0, sequence, _POSITION, time_s, at, sm.ZEROS, sm.ZEROS)
+            m.JointTrajPtFull(0, sequence, _POSITION, time_s, at, m.ZEROS, m.ZEROS)
         )
 
-    def _velocity_body(self, sequence: int, speed: float) -> sm.JointVelocity:
+    def _velocity_body(self, sequence: int, speed: float) -> m.JointVelocity:
         axis = self._axes - 1
-        speeds = sm.joints10((*sm.ZEROS[:axis], speed))
-        return sm.JointVelocity(
-            0, sequence, sm.ValidFields.VELOCITY, 0.0, sm.ZEROS, speeds, sm.ZEROS
+        speeds = m.joints10((*m.ZEROS[:axis], speed))
+        return m.JointVelocity(
+            0, sequence, codes.ValidFields.VELOCITY, 0.0, m.ZEROS, speeds, m.ZEROS
         )
 
     def _velocity(self, sequence: int, speed: float) -> Script:
         yield from self._asked(self._velocity_body(sequence, speed))
 
-    def _motion_reply(self) -> sm.MotionReply | None:
+    def _motion_reply(self) -> m.MotionReply | None:
         body = None if self._reply is None else self._reply.body
-        return body if isinstance(body, sm.MotionReply) else None
+        return body if isinstance(body, m.MotionReply) else None
 
     def _succeeded(self) -> bool:
         found = self._motion_reply()
-        return found is not None and found.result == sm.MotionResult.SUCCESS
+        return found is not None and found.result == codes.MotionResult.SUCCESS
 
     def _queue_left(self) -> bool:
         found = self._motion_reply()

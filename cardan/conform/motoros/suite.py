@@ -9,7 +9,7 @@ from cardan.conform.motoros.decoded import MotorosTraffic
 from cardan.conform.motoros.requirements import requires
 from cardan.conform.motoros.scenario import MotorosScenario
 from cardan.conform.suite import Suite, SuiteTransport
-from cardan.protocols.simple_message import IO_PORT, MOTION_PORT, STATE_PORT
+from cardan.protocols.simple_message.codes import IO_PORT, MOTION_PORT, STATE_PORT
 
 
 class MotorosSuite(Suite[MotorosTraffic]):
@@ -22,8 +22,8 @@ class MotorosSuite(Suite[MotorosTraffic]):
     peer = "motoman-gp8"
     requirements = requires.all()
     transport = SuiteTransport("tcp", {"motion": MOTION_PORT, "state": STATE_PORT, "io": IO_PORT})
-    decoder = MotorosTraffic
-    asks = MotorosScenario
+    decode = MotorosTraffic
+    scenario = MotorosScenario
     rig = "cardan.conform.motoros.simulated:MotorosRig"
     seconds = 3.2
     # The functional safety unit's limit must lie below the speed of a micro-motion.

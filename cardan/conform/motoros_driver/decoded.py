@@ -1,4 +1,4 @@
-"""Decoded messages of a MotoROS client, their pieces and answers, for the judges."""
+"""Decoded messages of a MotoROS client, their pieces and answers, for the checks."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from typing import NamedTuple, TypeVar
 from cardan.conform.motoros_driver.scenario import port_of
 from cardan.conform.streams import ChannelReaders
 from cardan.conform.timeline import Kind, TimelinePhase, Traffic, WireEvent, WireTimeline
-from cardan.protocols import simple_message as sm
-from cardan.protocols.simple_message import MessageType as T, MotionCommand as C
+from cardan.protocols.simple_message import codec, codes, framing, messages as m
+from cardan.protocols.simple_message.codes import MessageType as T, MotionCommand as C
 
 B = TypeVar("B")
 
@@ -28,7 +28,7 @@ class Answered(NamedTuple):
 
     number: int
     time_s: float
-    message: sm.Message
+    message: m.Message
 
 
 class Said(NamedTuple):
@@ -40,7 +40,7 @@ class Said(NamedTuple):
     """Number of the event that completed it."""
     time_s: float
     channel: str
-    message: sm.Message
+    message: m.Message
     raw: bytes
     owed: int
     """Earlier requests on its connection without an answer yet."""
@@ -49,47 +49,47 @@ class Said(NamedTuple):
     @property
     def is_topic(self) -> bool:
         """True for a speed sent as a topic, which gets no answer."""
-        topic = self.message.comm_type == sm.CommType.TOPIC
+        topic = self.message.comm_type == codes.CommType.TOPIC
         return topic and self.message.msg_type in VELOCITY_TYPES
 
     @property
-    def answer(self) -> sm.Body | None:
+    def answer(self) -> m.Body | None:
         """Body of the answer."""
         return None if self.answered is None else self.answered.message.body
 
     @property
-    def reply(self) -> sm.MotionReply | None:
+    def reply(self) -> m.MotionReply | None:
         """The answer, if it is a motion reply."""
-        return self.answer if isinstance(self.answer, sm.MotionReply) else None
+        return self.answer if isinstance(self.answer, m.MotionReply) else None
 
     @property
     def command(self) -> int:
         """Command of a MOTION_CTRL; 0 for others."""
         body = self.message.body
-        return body.command if isinstance(body, sm.MotionCtrl) else 0
+        return body.command if isinstance(body, m.MotionCtrl) else 0
 
     @property
-    def point(self) -> sm.JointTrajPtFull | None:
+    def point(self) -> m.JointTrajPtFull | None:
         """Trajectory point; of several groups the first group's."""
         body = self.message.body
-        if isinstance(body, sm.JointTrajPtFullEx) and body.points:
+        if isinstance(body, m.JointTrajPtFullEx) and body.points:
             first = body.points[0]
-            return sm.JointTrajPtFull(first.group, body.sequence, *first[1:])
-        return body if isinstance(body, sm.JointTrajPtFull) else None
+            return m.JointTrajPtFull(first.group, body.sequence, *first[1:])
+        return body if isinstance(body, m.JointTrajPtFull) else None
 
     @property
-    def velocity(self) -> sm.JointVelocity | None:
+    def velocity(self) -> m.JointVelocity | None:
         """Speeds; of several groups the first group's."""
         body = self.message.body
-        if isinstance(body, sm.JointVelocityEx) and body.commands:
+        if isinstance(body, m.JointVelocityEx) and body.commands:
             first = body.commands[0]
-            return sm.JointVelocity(first.group, body.sequence, *first[1:])
-        return body if isinstance(body, sm.JointVelocity) else None
+            return m.JointVelocity(first.group, body.sequence, *first[1:])
+        return body if isinstance(body, m.JointVelocity) else None
 
 
-SaidPoint = tuple[Said, sm.JointTrajPtFull]
-SaidSpeeds = tuple[Said, sm.JointVelocity]
-Neighbors = tuple[Said, sm.JointTrajPtFull, Said, sm.JointTrajPtFull]
+SaidPoint = tuple[Said, m.JointTrajPtFull]
+SaidSpeeds = tuple[Said, m.JointVelocity]
+Neighbors = tuple[Said, m.JointTrajPtFull, Said, m.JointTrajPtFull]
 """Two consecutive points of a trajectory, each after its message."""
 
 
@@ -123,18 +123,18 @@ class DriverTraffic(Traffic):
         self.strays: list[int] = []
         """Numbers of events with data to the state port."""
         self.links: list[DriverConnection] = []
-        self.feedback: list[tuple[int, sm.JointFeedback]] = []
+        self.feedback: list[tuple[int, m.JointFeedback]] = []
         """Reported feedback of group 0, with the number of the event."""
-        self.statuses: list[tuple[int, sm.RobotStatus]] = []
+        self.statuses: list[tuple[int, m.RobotStatus]] = []
         """Reported status, with the number of the event."""
-        self._readers: dict[str, sm.FrameReader] = {}
-        self._ours = ChannelReaders(lambda _: sm.FrameReader(), lambda *_: None)
+        self._readers: dict[str, framing.FrameReader] = {}
+        self._ours = ChannelReaders(lambda _: framing.FrameReader(), lambda *_: None)
         self._waiting: dict[str, deque[int]] = {}
         self._orders = [
             (number, order)
             for number, event in enumerate(timeline)
             if event.sent and event.kind is Kind.DATA and port_of(event.channel) == "state"
-            for order in [sm.detect_byte_order(event.data[:4].ljust(4, b"\0"))]
+            for order in [framing.detect_byte_order(event.data[:4].ljust(4, b"\0"))]
             if order is not None and len(event.data) >= 16
         ]
         """The controller's byte order, as its states have it, each with the number of the event."""
@@ -163,14 +163,14 @@ class DriverTraffic(Traffic):
         if port_of(channel) == "state":
             self.strays.append(number)
             return
-        first = self._orders[0][1] if self._orders else sm.ByteOrder.LITTLE
+        first = self._orders[0][1] if self._orders else framing.ByteOrder.LITTLE
         order = newest(self._orders, number) or first
         reader = self._readers.get(channel)
         if reader is None:
-            found = sm.detect_byte_order(data)
+            found = framing.detect_byte_order(data)
             if found is not None and found is not order:
                 self.disordered.append((number, data[:8].hex(" ")))
-            reader = self._readers[channel] = sm.FrameReader(found or order)
+            reader = self._readers[channel] = framing.FrameReader(found or order)
         order = reader.byte_order or order
         begun = bool(reader.pending_bytes)
         reader.feed(data)
@@ -180,8 +180,8 @@ class DriverTraffic(Traffic):
         pieces = begun or bool(reader.pending_bytes) or len(frames) > 1
         topics = True
         for frame in frames:
-            message = sm.wire(order).decode(frame)
-            if isinstance(message, sm.MalformedMessage):
+            message = codec.wire(order).decode(frame)
+            if isinstance(message, m.MalformedMessage):
                 self.unread.append((number, message.reason))
                 topics = False
                 continue
@@ -191,7 +191,7 @@ class DriverTraffic(Traffic):
             self.said.append(said)
             if not said.is_topic:
                 topics = False
-                if message.comm_type != sm.CommType.SERVICE_REPLY:
+                if message.comm_type != codes.CommType.SERVICE_REPLY:
                     waiting.append(index)
         if pieces and not (topics and frames):
             self.pieces.append((number, f"{len(frames)} messages in a piece of {len(data)} bytes"))
@@ -202,15 +202,15 @@ class DriverTraffic(Traffic):
     def _told(self, number: int, event: WireEvent) -> None:
         channel = event.channel
         for _, frame in self._ours.whole(number, event):
-            order = self._ours.reader(channel).byte_order or sm.ByteOrder.LITTLE
-            message = sm.wire(order).decode(frame)
-            if isinstance(message, sm.MalformedMessage):
+            order = self._ours.reader(channel).byte_order or framing.ByteOrder.LITTLE
+            message = codec.wire(order).decode(frame)
+            if isinstance(message, m.MalformedMessage):
                 continue
             if port_of(channel) == "state":
                 body = message.body
-                if isinstance(body, sm.JointFeedback) and body.group == 0:
+                if isinstance(body, m.JointFeedback) and body.group == 0:
                     self.feedback.append((number, body))
-                elif isinstance(body, sm.RobotStatus):
+                elif isinstance(body, m.RobotStatus):
                     self.statuses.append((number, body))
                 continue
             waiting = self._waiting.get(channel)

@@ -40,8 +40,8 @@ from cardan.conform.requirements import (
     some,
 )
 from cardan.conform.second_reading import read_twice, refused
-from cardan.protocols import simple_message as sm
-from cardan.protocols.simple_message import (
+from cardan.protocols.simple_message import codes, messages as m
+from cardan.protocols.simple_message.codes import (
     MessageType as T,
     MotionCommand as C,
     MotionResult as R,
@@ -73,7 +73,7 @@ UNDISTURBED = ("before-run", "run", "before-pieces", "pieces")
 STARTS = frozenset((C.START_TRAJ_MODE, C.START_VEL_MODE))
 POWER = frozenset((*STARTS, C.RESET_ALARM, C.START_SERVOS))
 MOVING = frozenset((*STARTS, C.START_SERVOS))
-POINT_FIELDS = sm.ValidFields.TIME | sm.ValidFields.POSITION | sm.ValidFields.VELOCITY
+POINT_FIELDS = codes.ValidFields.TIME | codes.ValidFields.POSITION | codes.ValidFields.VELOCITY
 KNOWN_TYPES = {
     T.PING,
     T.JOINT_TRAJ_PT_FULL,
@@ -151,7 +151,7 @@ def requests_are_requests(decoded: DriverTraffic) -> Findings:
     """Everything is a service request with reply code 0; speeds may be topics."""
     for said in decoded.said:
         head = said.message.comm_type, said.message.reply_code
-        good = said.is_topic or head == (sm.CommType.SERVICE_REQUEST, sm.ReplyCode.INVALID)
+        good = said.is_topic or head == (codes.CommType.SERVICE_REQUEST, codes.ReplyCode.INVALID)
         yield said.number, "" if good else f"comm_type {head[0]}, reply_code {head[1]}"
     return Words("{} messages")
 
@@ -174,7 +174,7 @@ def commands_are_known(decoded: DriverTraffic) -> Findings:
         of_velocity = kind in VELOCITY_TYPES or command in VELOCITY_COMMANDS
         if kind not in KNOWN_TYPES | VELOCITY_TYPES:
             yield said.number, f"type {kind}"
-        elif isinstance(said.message.body, sm.MotionCtrl) and command not in set(C):
+        elif isinstance(said.message.body, m.MotionCtrl) and command not in set(C):
             yield said.number, f"command {command}"
         else:
             there = not of_velocity or controller.startswith("velocity")
@@ -231,7 +231,7 @@ def motion_is_started_first(decoded: DriverTraffic) -> Findings:
 
 
 def _answered_lately(said: Said, messages: list[Said]) -> bool:
-    before = [m.answered.time_s for m in messages if m.answered and m.answered.number < said.number]
+    before = [e.answered.time_s for e in messages if e.answered and e.answered.number < said.number]
     return bool(before) and said.time_s - before[-1] < STOPPED_WITHIN_S
 
 
@@ -301,7 +301,7 @@ def time_goes_on(each: Neighbors) -> str:
     return "" if later else f"{point.time:.4f} s after {one.time:.4f}"
 
 
-def _outside(positions: sm.Joints) -> str:
+def _outside(positions: m.Joints) -> str:
     """Return the first joint out of its range in words; empty: none."""
     for joint, (q, each) in enumerate(zip(positions, ARM.joints, strict=False), 1):
         if not each.lower - EDGE_RAD <= q <= each.upper + EDGE_RAD:
@@ -323,7 +323,7 @@ def points_are_within_the_arm(each: SaidPoint) -> str:
     return _outside(each[1].pos) or _too_fast(each[1].vel)
 
 
-def _steepest(one: sm.JointTrajPtFull, other: sm.JointTrajPtFull) -> list[float]:
+def _steepest(one: m.JointTrajPtFull, other: m.JointTrajPtFull) -> list[float]:
     """Return the peak speed of each joint on MotoROS's cubic from point to point, rad/s."""
     span = other.time - one.time
     if span <= 0.0:
@@ -348,7 +348,7 @@ def the_way_between_is_within_the_arm(each: Neighbors) -> str:
 def _with_next(decoded: DriverTraffic, result: R) -> list[tuple[Said, Said | None]]:
     """Return the points with this answer, each with the next one on its connection."""
     return [
-        (each, next((m for m in messages[n + 1 :] if m.point is not None), None))
+        (each, next((e for e in messages[n + 1 :] if e.point is not None), None))
         for messages in decoded.motion.values()
         for n, each in enumerate(messages)
         if each.point is not None and each.reply is not None and each.reply.result == result
@@ -401,7 +401,7 @@ def points_are_taken(each: SaidPoint) -> str:
     reply, first = each[0].reply, each[1].sequence == 0
     if reply is None or reply.result != R.INVALID:
         return ""
-    sags = first and reply.subcode == sm.InvalidSubcode.DATA_START_POS
+    sags = first and reply.subcode == codes.InvalidSubcode.DATA_START_POS
     return "" if sags else f"subcode {reply.subcode}"
 
 
@@ -424,7 +424,7 @@ def the_velocity_mode_is_asked_for(decoded: DriverTraffic) -> Findings:
     for messages in decoded.motion.values():
         known = False
         for each in messages:
-            known = known or isinstance(each.answer, sm.VelocityInfo)
+            known = known or isinstance(each.answer, m.VelocityInfo)
             if each.command == C.START_VEL_MODE:
                 yield each.number, "" if known else "without having asked"
     return Words("{} starts", _NO_SPEEDS)
@@ -439,7 +439,7 @@ def the_watchdog_can_be_had(decoded: DriverTraffic) -> Findings:
     """START_VEL_MODE asks for a watchdog and for a scale of acceleration that there are."""
     for said in decoded.said:
         body = said.message.body
-        if isinstance(body, sm.MotionCtrl) and said.command == C.START_VEL_MODE:
+        if isinstance(body, m.MotionCtrl) and said.command == C.START_VEL_MODE:
             watchdog_ms, scale = body.data[:2]
             words = "" if scale == 0.0 or 0.01 <= scale <= 1.0 else f"a scale of {scale:g}"
             there = watchdog_ms == 0.0 or 20.0 <= watchdog_ms <= 500.0
@@ -479,7 +479,7 @@ SPEEDS = Over(lambda decoded: decoded.velocities, "{} messages", nothing=_NO_SPE
 def speeds_are_complete(each: SaidSpeeds) -> str:
     """Speeds say that they are, and no positions; all are finite."""
     fields = each[1].valid_fields
-    if not fields & sm.ValidFields.VELOCITY or fields & sm.ValidFields.POSITION:
+    if not fields & codes.ValidFields.VELOCITY or fields & codes.ValidFields.POSITION:
         return f"valid_fields {fields}"
     return _finite(*each[1].vel)
 
@@ -517,7 +517,7 @@ def the_watchdog_is_fed(decoded: DriverTraffic) -> Verdict:
     return met(longest_s < watchdog_s, said, [number], longest_s * 1e3, "ms")
 
 
-def _moving(body: sm.JointTrajPtFull | sm.JointVelocity) -> str:
+def _moving(body: m.JointTrajPtFull | m.JointVelocity) -> str:
     """Return the speed of a point or of speeds in words; empty: at rest."""
     speed = max(map(abs, body.vel))
     return f"{speed:.3g} rad/s" if speed > STILL_RAD_S else ""
@@ -594,11 +594,10 @@ def it_does_not_start_by_itself(decoded: DriverTraffic) -> Verdict:
     """When the cause of a stop is over, it starts nothing unless it is told to."""
     names = [f"{name} over" for name in STOPS]
     phases = decoded.named(*names)
-    found = [
-        (e.number, f"command {e.command}") for e in decoded.during(*names) if e.command in POWER
-    ]
-    found += _moves(decoded.during(*names))
-    return none_wrong(found, len(phases), f"{len(phases)} of them", NOT_MOVED)
+    found = decoded.during(*names)
+    wrong = [(e.number, f"command {e.command}") for e in found if e.command in POWER]
+    wrong += _moves(found)
+    return none_wrong(wrong, len(phases), f"{len(phases)} of them", NOT_MOVED)
 
 
 @requires(157, f"{STATES}: a cycle every 25 ms; without states nobody sees what the arm does")
@@ -655,7 +654,7 @@ def the_reply_before_is_not_the_answer(decoded: DriverTraffic) -> Verdict:
 
 
 def _came_again(decoded: DriverTraffic, what: str, port: str) -> Verdict:
-    """Judge if a connection that ended in a phase was restored."""
+    """Check if a connection that ended in a phase was restored."""
     phases = some(decoded.named(what, f"{what} over"), NOT_MOVED)
     firsts = [phase for phase in phases if not phase.name.endswith("over")]
     wrong = []
@@ -750,8 +749,7 @@ def it_closes_its_connections(decoded: DriverTraffic) -> Verdict:
     """When the program ends, its connections are closed."""
     phases, wrong = decoded.named("end"), []
     for phase in phases:
-        left = [
-            e for e in decoded.links if e.number < phase.end and e.closed_s > phase.end_s + 1e-9
-        ]
-        wrong += [(e.number, f"{e.channel} is open") for e in left]
+        links = [each for each in decoded.links if each.number < phase.end]
+        left = [each for each in links if each.closed_s > phase.end_s + 1e-9]
+        wrong += [(each.number, f"{each.channel} is open") for each in left]
     return none_wrong(wrong, len(phases), f"{len(phases)} of them", _NOT_ENDED)

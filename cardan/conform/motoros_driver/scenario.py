@@ -9,7 +9,7 @@ from cardan.conform.controllers import COME
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Pause, Scenario, Script, Step, ask, close, mark, open_, send
 from cardan.conform.timeline import Kind, WireEvent
-from cardan.protocols.simple_message import ActiveMode
+from cardan.protocols.simple_message.codes import ActiveMode
 from cardan.sim_peers.motoros_controller import (
     MotorosController,
     MotorosControllerOptions,

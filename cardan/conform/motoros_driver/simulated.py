@@ -14,7 +14,7 @@ from cardan.drivers.motoros.connections import CHANNELS, Channel
 from cardan.drivers.motoros.motion_control import MotionPhase
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.session import MotorosSession
-from cardan.protocols import simple_message as sm
+from cardan.protocols.simple_message import codec, framing, messages as m
 from cardan.robots import load_arm
 from cardan.sim_peers.motoros_client import FAULTS, MotorosClientDefects, Sent
 from cardan.types import HoldCommand, JointVelocityCommand, RobotCommand, RobotState
@@ -42,7 +42,7 @@ class MotorosDriverRig(DriverRig):
         self._links: dict[Channel, str] = {}
         """Channels of the open connections."""
         self._joined = 0
-        self._readers: dict[str, sm.FrameReader] = {}
+        self._readers: dict[str, framing.FrameReader] = {}
         self._ended = self._leaving = False
 
     def _new_session(self) -> MotorosSession:
@@ -65,8 +65,8 @@ class MotorosDriverRig(DriverRig):
             self._session.disconnected(kind, "the controller closed it", self._now_s)
 
     @property
-    def _order(self) -> sm.ByteOrder:
-        return self._session.feed.byte_order or sm.ByteOrder.LITTLE
+    def _order(self) -> framing.ByteOrder:
+        return self._session.feed.byte_order or framing.ByteOrder.LITTLE
 
     def _kind(self, name: str) -> Channel | None:
         return next((kind for kind, each in self._links.items() if each == name), None)
@@ -99,12 +99,12 @@ class MotorosDriverRig(DriverRig):
             return
         if self._defects.overlooked(data):
             return
-        reader = self._readers.setdefault(channel, sm.FrameReader())
+        reader = self._readers.setdefault(channel, framing.FrameReader())
         reader.feed(data)
         while (frame := reader.take()) is not None:
-            wire = sm.wire(reader.byte_order or sm.ByteOrder.LITTLE)
+            wire = codec.wire(reader.byte_order or framing.ByteOrder.LITTLE)
             message = wire.decode(frame)
-            if isinstance(message, sm.Message):
+            if isinstance(message, m.Message):
                 heard = self._defects.heard(message, kind == "state", self._now_s)
                 if heard is None:
                     continue
@@ -155,7 +155,7 @@ class MotorosDriverRig(DriverRig):
         if "resets" in faults and idle and status is not None and status.in_error == 1:
             session.ask("reset alarm", now_s)
         for message in self._defects.states_again(now_s):
-            session.received("state", sm.wire(self._order).encode(message), now_s)
+            session.received("state", codec.wire(self._order).encode(message), now_s)
         name = self._links.get("motion")
         if name is not None:
             self._send(name, self._defects.asked_again(self._order, now_s))
@@ -173,8 +173,8 @@ class MotorosDriverRig(DriverRig):
             if not self._faults:
                 self._send(self._links[kind], (Sent(data),))
                 continue
-            message = sm.wire(self._order).decode(data)
-            assert not isinstance(message, sm.MalformedMessage)
+            message = codec.wire(self._order).decode(data)
+            assert not isinstance(message, m.MalformedMessage)
             said = self._defects.said(message, self._order, self._leaving, self._now_s)
             self._send(self._links[kind], said)
 

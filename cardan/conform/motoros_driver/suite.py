@@ -10,7 +10,7 @@ from cardan.conform.motoros_driver.requirements import requires
 from cardan.conform.motoros_driver.scenario import MotorosControllerScenario
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, SuiteTransport
-from cardan.protocols.simple_message import IO_PORT, MOTION_PORT, STATE_PORT
+from cardan.protocols.simple_message.codes import IO_PORT, MOTION_PORT, STATE_PORT
 from cardan.sim_peers.motoros_client import FAULTS
 
 
@@ -30,8 +30,8 @@ class MotorosDriverSuite(Suite[DriverTraffic]):
         {"motion": MOTION_PORT, "state": STATE_PORT, "io": IO_PORT},
         frozenset(("motion", "state", "io")),
     )
-    decoder = DriverTraffic
-    asks = MotorosControllerScenario
+    decode = DriverTraffic
+    scenario = MotorosControllerScenario
     rig = "cardan.conform.motoros_driver.simulated:MotorosDriverRig"
     own_faults = FAULTS
     seconds = 0.6

@@ -1,4 +1,4 @@
-"""Decoded packets, packages and lines of a Universal Robots controller, for the judges."""
+"""Decoded packets, packages and lines of a Universal Robots controller, for the checks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cardan.protocols.ur.primary import (
 from cardan.protocols.ur.realtime import RealtimeReader
 
 RTDE, SECOND, OLD = "rtde", "rtde-2", "rtde-1"
-"""Channels: the judged connection, another client's, and a client's with protocol version 1."""
+"""Channels: the tested connection, another client's, and a client's with protocol version 1."""
 PRIMARY, SECONDARY, REALTIME = "primary", "secondary", "realtime"
 """The client interfaces."""
 REVERSE = "reverse"
@@ -149,12 +149,12 @@ class UrTraffic(Traffic):
         self.heard: list[ReceivedPacket] = []
         self.asked: list[RtdeExchange] = []
         self.states: list[DataPackage] = []
-        """States of the judged connection."""
+        """States of the tested connection."""
         self.strays: list[tuple[int, float, str]] = []
         """Data packages without a start before."""
         self.streams: list[OutputStream] = []
         self.recipes: dict[int, rtde.Recipe] = {}
-        """Recipe of each data package of the judged connection, by its event's number."""
+        """Recipe of each data package of the tested connection, by its event's number."""
         self.commands: list[DataPackage] = []
         """Inputs that we wrote, by the names of their recipe."""
         self.told: list[ReceivedPackage] = []

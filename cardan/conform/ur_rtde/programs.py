@@ -89,9 +89,8 @@ RUNTIME = "runtime_state"
 @requires(101, f"{GUIDE}: field names of inputs; IN_USE")
 def inputs_are_given(decoded: UrTraffic) -> Verdict:
     """The registers that the driver writes are given, with the documented types."""
-    found = [
-        each for each in decoded.setups(PacketType.INPUTS, "inputs") if each[1].names == INPUTS
-    ]
+    setups = decoded.setups(PacketType.INPUTS, "inputs")
+    found = [each for each in setups if each[1].names == INPUTS]
     exchange, asked, reply = some(found, "it was not answered")[0]
     kinds = zip(asked.names, reply.types, strict=False)
     wrong = [(exchange.number, f"{name} {k}") for name, k in kinds if k != INPUT_TYPES[name]]
@@ -184,16 +183,10 @@ def power_and_brakes_obey(decoded: UrTraffic) -> Verdict:
 
 def _programs(decoded: UrTraffic, *phases: str) -> list[SentProgram]:
     """Return the programs that must start, in these phases; without any, in all but "local"."""
-    return [
-        each
-        for each in decoded.uploads
-        if each.token
-        and (
-            decoded.inside(each.number, *phases)
-            if phases
-            else not decoded.inside(each.number, "local")
-        )
-    ]
+    found = [each for each in decoded.uploads if each.token]
+    if not phases:
+        return [each for each in found if not decoded.inside(each.number, "local")]
+    return decoded.within(found, *phases)
 
 
 def first(states: Sequence[DataPackage], name: str, value: int) -> DataPackage | None:
@@ -354,7 +347,7 @@ def _ended(decoded: UrTraffic, phase: str) -> tuple[float, DataPackage] | None:
 
 
 def _watchdog(decoded: UrTraffic, phase: str) -> Verdict:
-    """Judge if the program's own watchdog ended it in time, with the arm at rest after it."""
+    """Check if the program's own watchdog ended it in time, with the arm at rest after it."""
     found = some(_ended(decoded, phase), _NONE_FOLLOWED)
     took_s, state = found
     report = state.values[REPORT]
@@ -410,7 +403,7 @@ def _last_joint(states: Sequence[DataPackage], name: str = "actual_q") -> list[f
 
 
 def _unmoved(decoded: UrTraffic) -> Verdict | None:
-    """Return a verdict if the motion in the phase "out" cannot be judged; None: it can."""
+    """Return a verdict if the motion in the phase "out" cannot be checked; None: it can."""
     if not decoded.sent_during("out"):
         return not_seen("it was not tried")
     return not_seen(NO_STATES) if len(decoded.during("out")) < 2 else None
@@ -513,7 +506,7 @@ def the_speed_slider_is_told(decoded: UrTraffic) -> Verdict:
 
 
 def _never_local(decoded: UrTraffic) -> Verdict | None:
-    """Return a verdict if local control cannot be judged; None: it can."""
+    """Return a verdict if local control cannot be checked; None: it can."""
     if decoded.phase("local") is not None:
         return None
     if _has_remote_control(decoded):
@@ -581,9 +574,7 @@ def release_starts_nothing(decoded: UrTraffic) -> Findings:
 @requires(120, f"{CLIENT}: a line that is sent alone is run")
 def a_line_is_a_program_of_its_own(decoded: UrTraffic) -> Verdict:
     """A line without `def` and `end` is executed: its text comes over the primary interface."""
-    lines = [
-        each for each in decoded.uploads if not each.token and decoded.inside(each.number, "lines")
-    ]
+    lines = [each for each in decoded.within(decoded.uploads, "lines") if not each.token]
     some(lines, NO_PROGRAM)
     texts = decoded.messages(MessageKind.TEXT, during=("lines",))
     found = [each.text for each in texts if LINE in each.text]

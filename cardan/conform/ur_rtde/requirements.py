@@ -56,7 +56,7 @@ BOARD = "UR's dashboard server pages"
 DRIVER = "docs/universal-robots.md"
 
 FEWEST = 30
-"""Fewest states whose times are judged."""
+"""Fewest states whose times are checked."""
 PERIOD_SHARE = 0.02
 JITTER_S, JITTER_SHARE = 0.0015, 0.05
 LEFT_OUT_SHARE = 0.01
@@ -173,7 +173,7 @@ def outputs_are_as_documented(decoded: UrTraffic) -> Verdict:
 def refused(
     decoded: UrTraffic, kind: rtde.PacketType, name: str, word: str, *phases: str
 ) -> Verdict:
-    """Judge if a recipe with a name was refused with `word`."""
+    """Check if a recipe with a name was refused with `word`."""
     found = [each for each in decoded.setups(kind, *phases) if name in each[1].names]
     exchange, asked, reply = some(found, "it was not answered")[-1]
     types = dict(zip(asked.names, reply.types, strict=False))
@@ -205,7 +205,7 @@ def states_come_from_start_to_pause(decoded: UrTraffic) -> Verdict:
 
 
 def _steps(decoded: UrTraffic) -> list[tuple[DataPackage, DataPackage]]:
-    """Return the neighbors in the streams of the judged connection."""
+    """Return the neighbors in the streams of the tested connection."""
     return [pair for each in streams(decoded) for pair in pairwise(each.states)]
 
 
@@ -364,7 +364,7 @@ def _version_first(found: Sequence[ReceivedPackage]) -> RobotMessage:
 
 
 def _ten_times_a_second(times: Sequence[float]) -> Verdict:
-    """Judge if robot states came ten times a second."""
+    """Check if robot states came ten times a second."""
     period_s = (times[-1] - times[0]) / (len(times) - 1)
     said = f"{period_s * 1e3:.1f} ms"
     return met(abs(period_s / STATE_PERIOD_S - 1.0) < STATE_PERIOD_SHARE, said)

@@ -503,7 +503,7 @@ class UrScenario(Scenario):
     def _recipe(
         self, data: bytes, names: Sequence[str]
     ) -> Generator[Step | Pause, None, rtde.Recipe | None]:
-        """Send a setup on the judged connection; return its recipe, None if there is none."""
+        """Send a setup on the tested connection; return its recipe, None if there is none."""
         yield from self._asked(data)
         reply = self._reply
         if not isinstance(reply, rtde.SetupReply) or not reply.recipe:

@@ -65,7 +65,7 @@ class UrRtdeSuite(Suite[decoded.UrTraffic]):
         frozenset((decoded.REVERSE,)),
         frozenset((decoded.SECOND, decoded.OLD)),
     )
-    decoder = decoded.UrTraffic
+    decode = decoded.UrTraffic
     rig = "cardan.conform.ur_rtde.simulated:UrRig"
     seconds = 3.0
     # Times, s, in the hold; before it most faults would only keep the program from starting.

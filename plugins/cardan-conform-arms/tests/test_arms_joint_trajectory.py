@@ -92,17 +92,17 @@ class SessionRig:
                 self._tell_states()
             self._deliver()
 
-    def _do(self, acts):
-        acts = sorted(acts, key=lambda act: act.channel != self._earlier)
-        for act in acts:
-            if act.kind is Kind.OPENED:
-                self._do(self.exchange.heard(self.now_s, act.channel, kind=Kind.OPENED))
-                if act.channel == DESCRIPTION:
+    def _do(self, steps):
+        steps = sorted(steps, key=lambda step: step.channel != self._earlier)
+        for step in steps:
+            if step.kind is Kind.OPENED:
+                self._do(self.exchange.heard(self.now_s, step.channel, kind=Kind.OPENED))
+                if step.channel == DESCRIPTION:
                     self._hear(DESCRIPTION, {"data": self.bench.world.model.urdf})
-            elif act.kind is Kind.DATA:
-                self._asked[act.channel] += 1
-                call = Call(act.data, self._answers, act.channel, self._asked[act.channel])
-                self.bench.node.rings[CHANNELS[act.channel].name].waiting.append(call)
+            elif step.kind is Kind.DATA:
+                self._asked[step.channel] += 1
+                call = Call(step.data, self._answers, step.channel, self._asked[step.channel])
+                self.bench.node.rings[CHANNELS[step.channel].name].waiting.append(call)
                 if self._earlier == CANCEL:
                     self.bench.poll(DT_S)
 
@@ -133,7 +133,7 @@ def judged(bench, suite=SUITE, rig=SessionRig, **more):
     exchange = Exchange(suite.scenario(Level.MOVE, 0.5))
     rig(exchange, bench, **more).run()
     decoded = SUITE.decode(exchange.timeline)
-    return {each.id[-3:]: each.judge(decoded) for each in requires.all()}
+    return {each.id[-3:]: each.check(decoded) for each in requires.all()}
 
 
 def worse_than(outcome, verdicts):
@@ -246,7 +246,7 @@ def test_nothing_that_comes_ends_the_pilot_or_a_judge():
         exchange.heard(1e3, channel, b"\0\1\0\0junk", note="1")
     decoded = SUITE.decode(exchange.timeline)
     assert len(decoded.unread) == len(CHANNELS) - 1
-    assert worse_than(VerdictOutcome.PASSED, {r.id: r.judge(decoded) for r in requires.all()}) == {}
+    assert worse_than(VerdictOutcome.PASSED, {r.id: r.check(decoded) for r in requires.all()}) == {}
 
 
 @pytest.mark.matrix
@@ -262,7 +262,7 @@ def test_joints_of_another_publisher_and_infinite_ones_are_seen_as_they_are():
     _hear(timeline, STATES, {"name": ["a"], "position": [math.inf]})
     decoded = SUITE.decode(timeline)
     assert decoded.farthest(decoded.states)[:2] == (math.inf, "a")
-    assert requires.all()[0].judge(decoded) == failed("a position is no number", [5])
+    assert requires.all()[0].check(decoded) == failed("a position is no number", [5])
 
 
 @pytest.mark.matrix

@@ -1,4 +1,4 @@
-"""Decoded traffic of the joint stream for its judges: states and commands."""
+"""Decoded traffic of the joint stream for its checks: states and commands."""
 
 from __future__ import annotations
 

@@ -23,8 +23,8 @@ class JointStream(Suite[JointStreamTraffic]):
     peer = "arm"
     requirements = requires.all()
     transport = SuiteTransport("udp", {"": PORT})
-    decoder = JointStreamTraffic
-    asks = JointStreamScenario
+    decode = JointStreamTraffic
+    scenario = JointStreamScenario
     rig = "cardan_conform_arms.joint_stream.simulated:JointStreamRig"
     seconds = 2.0
     # Beyond the cycle of the rig; while it is held; below the speed of a micro-motion.

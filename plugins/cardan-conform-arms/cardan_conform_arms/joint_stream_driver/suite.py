@@ -26,7 +26,7 @@ class JointStreamDriver(Suite[JointStreamTraffic]):
     harmless = Level.HOLD
     requirements = requires.all()
     transport = SuiteTransport("udp", {"": PORT}, frozenset(("",)))
-    decoder = staticmethod(partial(JointStreamTraffic, arm_sends=True))
+    decode = staticmethod(partial(JointStreamTraffic, arm_sends=True))
     rig = "cardan_conform_arms.joint_stream_driver.simulated:JointStreamDriverRig"
     own_faults = FAULTS
     seconds = 0.8

@@ -1,4 +1,4 @@
-"""Decoded traffic of an action server for its judges: goals and their outcomes."""
+"""Decoded traffic of an action server for its checks: goals and their outcomes."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ class JointTrajectory(Suite[TrajectoryTraffic]):
     levels = Level.MOVE
     requirements = requires.all()
     transport = SuiteTransport("other")
-    decoder = TrajectoryTraffic
+    decode = TrajectoryTraffic
     rig = "cardan_conform_arms.joint_trajectory.simulated:ActionRig"
     own_faults = FAULTS
     seconds = 0.5

@@ -1,4 +1,4 @@
-"""Decoded messages of a ROS 2 arm for its judges."""
+"""Decoded messages of a ROS 2 arm for its checks."""
 
 from __future__ import annotations
 

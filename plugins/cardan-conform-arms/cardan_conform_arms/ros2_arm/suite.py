@@ -23,8 +23,8 @@ class Ros2Arm(Suite[RosArmTraffic]):
     peer = "ros2-arm"
     requirements = requires.all()
     transport = SuiteTransport("other")
-    decoder = RosArmTraffic
-    asks = RosArmScenario
+    decode = RosArmTraffic
+    scenario = RosArmScenario
     rig = "cardan_conform_arms.ros2_arm.simulated:RosArmRig"
     seconds = 2.6
     fault_test_values: ClassVar[Mapping[str, float]] = {

@@ -1,4 +1,4 @@
-"""Decoded messages of a JR3 board for its judges."""
+"""Decoded messages of a JR3 board for its checks."""
 
 from __future__ import annotations
 

@@ -45,13 +45,13 @@ class Jr3Rig:
                 break
             self._now_s = max(self._now_s + 1e-6, min(board.next_due_s, exchange.next_s))
 
-    def _do(self, acts: list[Step]) -> None:
-        for act in acts:
-            if act.kind is Kind.DATA:
-                frame = unpack(act.data)
+    def _do(self, steps: list[Step]) -> None:
+        for step in steps:
+            if step.kind is Kind.DATA:
+                frame = unpack(step.data)
                 assert frame is not None
                 self._board.receive(*frame, self._now_s)
-            elif act.kind is Kind.OPENED:
+            elif step.kind is Kind.OPENED:
                 self._do(self._exchange.heard(self._now_s, "", kind=Kind.OPENED))
-            elif act.channel == "load":
+            elif step.channel == "load":
                 self._board.set_wrench(_LOAD)

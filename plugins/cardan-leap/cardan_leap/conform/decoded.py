@@ -1,4 +1,4 @@
-"""Decoded messages of a tracking service for its judges."""
+"""Decoded messages of a tracking service for its checks."""
 
 from __future__ import annotations
 

@@ -48,19 +48,19 @@ class LeapRig:
             self._open = False
             self._do(self._exchange.heard(self._now_s, CHANNEL, kind=Kind.CLOSED, note=why))
 
-    def _do(self, acts: list[Step]) -> None:
+    def _do(self, steps: list[Step]) -> None:
         service = self._service
-        for act in acts:
-            if act.kind is Kind.DATA and self._open:
-                service.receive(CLIENT, act.data, self._now_s)
-            elif act.kind is Kind.OPENED:
+        for step in steps:
+            if step.kind is Kind.DATA and self._open:
+                service.receive(CLIENT, step.data, self._now_s)
+            elif step.kind is Kind.OPENED:
                 self._connect()
-            elif act.kind is Kind.ASKED:
-                if act.channel == "enter":
+            elif step.kind is Kind.ASKED:
+                if step.channel == "enter":
                     service.enter("right")
-                elif act.channel == "leave":
+                elif step.channel == "leave":
                     service.leave("right")
-                elif act.channel == "unplug":
+                elif step.channel == "unplug":
                     service.unplug()
 
     def _connect(self) -> None:

@@ -1,4 +1,4 @@
-"""Decoded answers and ticks of an HDAPI library for its judges."""
+"""Decoded answers and ticks of an HDAPI library for its checks."""
 
 from __future__ import annotations
 

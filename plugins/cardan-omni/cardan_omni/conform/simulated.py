@@ -54,16 +54,16 @@ class HdapiRig:
         finally:
             self._calls.end()
 
-    def _do(self, acts: list[Step]) -> None:
-        for act in acts:
-            if act.kind is Kind.DATA:
-                answer = self._calls.do(act.data)
-                self._do(self._exchange.heard(self._now_s, act.channel, answer))
-            elif act.kind is Kind.OPENED:
-                self._do(self._exchange.heard(self._now_s, act.channel, kind=Kind.OPENED))
-                self._do(self._exchange.heard(self._now_s, act.channel, self._calls.began))
-            elif act.kind is Kind.ASKED:
-                self._by_hand(act.channel)
+    def _do(self, steps: list[Step]) -> None:
+        for step in steps:
+            if step.kind is Kind.DATA:
+                answer = self._calls.do(step.data)
+                self._do(self._exchange.heard(self._now_s, step.channel, answer))
+            elif step.kind is Kind.OPENED:
+                self._do(self._exchange.heard(self._now_s, step.channel, kind=Kind.OPENED))
+                self._do(self._exchange.heard(self._now_s, step.channel, self._calls.began))
+            elif step.kind is Kind.ASKED:
+                self._by_hand(step.channel)
 
     def _by_hand(self, what: str) -> None:
         self._moved_s = self._now_s if what == "move" else None

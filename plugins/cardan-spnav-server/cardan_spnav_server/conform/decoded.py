@@ -1,4 +1,4 @@
-"""Decoded records of a daemon at spacenavd's socket for its judges."""
+"""Decoded records of a daemon at spacenavd's socket for its checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The scapy layers as a second judge of the daemon's records, where they are installed."""
+"""The scapy layers as a second decoder of the daemon's records, where they are installed."""
 
 from __future__ import annotations
 

@@ -130,19 +130,19 @@ class SpnavRig:
 
     # -- programs ------------------------------------------------------------------------------
 
-    def _do(self, acts: list[Step]) -> None:
-        for act in acts:
-            if act.kind is Kind.DATA:
-                if act.channel in self._numbers:
-                    self._take(act.channel, act.data)
-            elif act.kind is Kind.OPENED:
-                self._connect(act.channel)
-            elif act.kind is Kind.CLOSED:
-                self._core.disconnect(self._numbers.pop(act.channel, -1))
+    def _do(self, steps: list[Step]) -> None:
+        for step in steps:
+            if step.kind is Kind.DATA:
+                if step.channel in self._numbers:
+                    self._take(step.channel, step.data)
+            elif step.kind is Kind.OPENED:
+                self._connect(step.channel)
+            elif step.kind is Kind.CLOSED:
+                self._core.disconnect(self._numbers.pop(step.channel, -1))
                 if self._faults.get("ends-all"):
                     self._end("the daemon closed the connection")
-            elif act.kind is Kind.ASKED:
-                self._by_hand(act.channel)
+            elif step.kind is Kind.ASKED:
+                self._by_hand(step.channel)
 
     def _connect(self, channel: str) -> None:
         if self._now_s < self._faults.get("refuse", 0.0):

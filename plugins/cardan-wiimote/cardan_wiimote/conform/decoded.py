@@ -1,4 +1,4 @@
-"""Decoded reports of a remote for its judges, and the requests to it."""
+"""Decoded reports of a remote for its checks, and the requests to it."""
 
 from __future__ import annotations
 

@@ -40,19 +40,19 @@ class WiimoteRig:
                 break
             self._now_s = max(self._now_s + 1e-6, min(remote.next_due_s, exchange.next_s))
 
-    def _do(self, acts: list[Step]) -> None:
+    def _do(self, steps: list[Step]) -> None:
         remote = self._remote
-        for act in acts:
-            if act.kind is Kind.DATA and self._open:
-                remote.output(act.data, self._now_s)
-            elif act.kind is Kind.OPENED:
+        for step in steps:
+            if step.kind is Kind.DATA and self._open:
+                remote.output(step.data, self._now_s)
+            elif step.kind is Kind.OPENED:
                 self._open = self._now_s >= self._refused_s and remote.connect(self._now_s)
                 kind = Kind.OPENED if self._open else Kind.REFUSED
                 self._do(self._exchange.heard(self._now_s, "", kind=kind))
-            elif act.kind is Kind.ASKED:
-                if act.channel == "press":
+            elif step.kind is Kind.ASKED:
+                if step.channel == "press":
                     remote.press("a")
-                elif act.channel == "release":
+                elif step.channel == "release":
                     remote.release("a")
-                elif act.channel == "power-off":
+                elif step.channel == "power-off":
                     remote.power_off(self._now_s)

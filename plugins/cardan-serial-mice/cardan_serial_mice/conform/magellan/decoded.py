@@ -1,4 +1,4 @@
-"""Decoded packets of Magellan's protocol for judges."""
+"""Decoded packets of Magellan's protocol for checks."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from cardan.conform.requirements import (
 from cardan.conform.second_reading import second_description
 from cardan_serial_mice.conform.magellan.decoded import MagellanTraffic
 from cardan_serial_mice.conform.magellan.scenario import UNKNOWN
-from cardan_serial_mice.conform.puck import judges
+from cardan_serial_mice.conform.puck import checks
 from cardan_serial_mice.protocol import (
     MagellanCompressedMotion,
     MagellanError,
@@ -43,76 +43,76 @@ requires: Requirements[MagellanTraffic] = Requirements("MAG")
 @requires(1, "the system's serial driver")
 def it_can_be_opened(decoded: MagellanTraffic) -> Verdict:
     """The port can be opened."""
-    return judges.opened(decoded)
+    return checks.opened(decoded)
 
 
 @requires(2, f"{MANUAL}: mode 3 is the default")
 def deflection_is_reported(decoded: MagellanTraffic) -> Verdict:
     """Deflected, it sends motion packets without having been told to."""
-    return judges.reported(decoded)
+    return checks.reported(decoded)
 
 
 @requires(3, KERNEL)
 def packets_are_whole(decoded: MagellanTraffic) -> Verdict:
     """Every packet has a known letter, its length, and no byte or sum that cannot be."""
-    return judges.whole(decoded)
+    return checks.whole(decoded)
 
 
 @requires(4, RATE)
 def the_rate_is_a_magellans(decoded: MagellanTraffic) -> Verdict:
     """Held deflected, it sends a packet every 18 to 75 ms."""
-    return judges.rate(decoded, FASTEST_S, SLOWEST_S)
+    return checks.rate(decoded, FASTEST_S, SLOWEST_S)
 
 
 @requires(5, f"{MANUAL}: data are sent periodically while they are not zero")
 def deflection_is_never_silent(decoded: MagellanTraffic) -> Verdict:
     """Held deflected, it is never silent for more than 0.2 s."""
-    return judges.silent(decoded, SILENT_S)
+    return checks.silent(decoded, SILENT_S)
 
 
 @requires(6, f"{MANUAL}: one zero packet, then silence")
 def the_last_value_is_zero(decoded: MagellanTraffic) -> Verdict:
     """Let go, it sends zero on all axes, once or twice, as the last of the motion."""
-    return judges.ends_with_zero(decoded)
+    return checks.ends_with_zero(decoded)
 
 
 @requires(7, f"{MANUAL}: one zero packet, then silence")
 def rest_is_silent(decoded: MagellanTraffic) -> Verdict:
     """Let go, it then sends nothing."""
-    return judges.silent_at_rest(decoded)
+    return checks.silent_at_rest(decoded)
 
 
 @requires(8, "+-360 (Linux) to +-512 at the default sensitivity")
 def counts_are_in_range(decoded: MagellanTraffic) -> Verdict:
     """At the default sensitivity no axis goes beyond +-512."""
-    return judges.in_range(decoded, MOST_COUNTS, MOST_COUNTS)
+    return checks.in_range(decoded, MOST_COUNTS, MOST_COUNTS)
 
 
 @requires(9, f"{MANUAL}: X right, Y up, Z towards the operator; right-handed")
 def axes_have_their_signs(decoded: MagellanTraffic) -> Verdict:
     """Pushed to the right X is positive and the largest; twisted clockwise B is negative and the
     largest."""
-    return judges.signs(decoded)
+    return checks.signs(decoded)
 
 
 @requires(10, f"{MANUAL}, k")
 def buttons_are_told(decoded: MagellanTraffic) -> Verdict:
     """Every press and release of a button is reported."""
-    return judges.buttons(decoded)
+    return checks.buttons(decoded)
 
 
 @requires(11, "the system's serial driver")
 def it_stays(decoded: MagellanTraffic) -> Verdict:
     """The port does not go while it is used."""
-    return judges.stays(decoded)
+    return checks.stays(decoded)
 
 
 @requires(12, "cardan.dissect: a second description of the protocol")
 def both_descriptions_agree(decoded: MagellanTraffic) -> Verdict:
     """A second reader, the scapy layers, sees packets where the first one does."""
     layers = second_description("serial_mice")
-    return judges.read_twice(
-        decoded, judges.lines, lambda line: isinstance(layers.MagellanPacket(line), layers.Broken)
+    return checks.read_twice(
+        decoded, checks.lines, lambda line: isinstance(layers.MagellanPacket(line), layers.Broken)
     )
 
 
@@ -200,10 +200,10 @@ def settings_last(decoded: MagellanTraffic) -> Verdict:
 @requires(107, f"{MANUAL}, d")
 def it_reports_again(decoded: MagellanTraffic) -> Verdict:
     """After it was set up it reports motion as before."""
-    return judges.reported_again(decoded)
+    return checks.reported_again(decoded)
 
 
 @requires(301, "the system's serial driver")
 def unplugging_is_told(decoded: MagellanTraffic) -> Verdict:
     """Its port unplugged, the system says that it is gone, and nothing more comes."""
-    return judges.unplugged(decoded)
+    return checks.unplugged(decoded)

@@ -1,4 +1,4 @@
-"""Decoded packets of a serial six-axis device for its judges."""
+"""Decoded packets of a serial six-axis device for its checks."""
 
 from __future__ import annotations
 

@@ -45,18 +45,18 @@ class PuckRig:
                 break
             self._now_s = max(self._now_s + 1e-6, min(device.next_due_s, exchange.next_s))
 
-    def _do(self, acts: list[Step]) -> None:
-        for act in acts:
-            if act.kind is Kind.DATA:
-                self._device.receive(act.data)
-            elif act.kind is Kind.OPENED:
+    def _do(self, steps: list[Step]) -> None:
+        for step in steps:
+            if step.kind is Kind.DATA:
+                self._device.receive(step.data)
+            elif step.kind is Kind.OPENED:
                 self._open = self._now_s >= self._refused_s
                 if self._open:
                     self._device.power(True)
                 kind = Kind.OPENED if self._open else Kind.REFUSED
                 self._do(self._exchange.heard(self._now_s, "", kind=kind))
-            elif act.kind is Kind.ASKED:
-                self._by_hand(act.channel)
+            elif step.kind is Kind.ASKED:
+                self._by_hand(step.channel)
 
     def _by_hand(self, what: str) -> None:
         device = self._device

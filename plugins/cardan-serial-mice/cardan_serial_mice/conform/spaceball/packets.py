@@ -1,4 +1,4 @@
-"""Meaning of a Spaceball's packets for judges."""
+"""Meaning of a Spaceball's packets for checks."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from cardan.conform.requirements import (
     passed,
 )
 from cardan.conform.second_reading import second_description
-from cardan_serial_mice.conform.puck import judges
+from cardan_serial_mice.conform.puck import checks
 from cardan_serial_mice.conform.spaceball.packets import UNKNOWN, BallTraffic
 from cardan_serial_mice.protocol import (
     SpaceballAdvancedKeys,
@@ -53,7 +53,7 @@ requires: Requirements[BallTraffic] = Requirements("BALL")
 @requires(1, "the system's serial driver")
 def it_can_be_opened(decoded: BallTraffic) -> Verdict:
     """The port can be opened."""
-    return judges.opened(decoded)
+    return checks.opened(decoded)
 
 
 def _lines(decoded: BallTraffic, *phases: str) -> list[tuple[int, str]]:
@@ -92,14 +92,14 @@ def it_starts_once(decoded: BallTraffic) -> Verdict:
 @requires(4, f"{HOSTS}: a letter, data with escapes, and CR")
 def packets_are_whole(decoded: BallTraffic) -> Verdict:
     """Every packet has a known letter, its length, and escapes that there are."""
-    return judges.whole(decoded)
+    return checks.whole(decoded)
 
 
 @requires(5, f"{HOSTS}: no ball data without M")
 def it_waits_to_be_told(decoded: BallTraffic) -> Verdict:
     """It sends no motion before the command to do so."""
     if not decoded.packets:
-        return not_seen(judges.NOTHING)
+        return not_seen(checks.NOTHING)
     found = [each.number for each in decoded.motions("rest", "press", "release", "reset")]
     return failed(f"{len(found)} packets", found) if found else passed("none")
 
@@ -107,26 +107,26 @@ def it_waits_to_be_told(decoded: BallTraffic) -> Verdict:
 @requires(6, f"{HOSTS}: K, and . of a 4000 FLX")
 def buttons_are_told(decoded: BallTraffic) -> Verdict:
     """Every press and release of a button is reported, alone."""
-    return judges.buttons(decoded)
+    return checks.buttons(decoded)
 
 
 @requires(7, "the system's serial driver")
 def it_stays(decoded: BallTraffic) -> Verdict:
     """The port does not go while it is used."""
-    return judges.stays(decoded)
+    return checks.stays(decoded)
 
 
 @requires(8, "cardan.dissect: a second description of the protocol")
 def both_descriptions_agree(decoded: BallTraffic) -> Verdict:
     """A second reader, the scapy layers, finds as many broken packets as the first one."""
     layers = second_description("serial_mice")
-    return judges.read_twice(
+    return checks.read_twice(
         decoded, _pieces, lambda piece: isinstance(layers.SpaceballPacket(piece), layers.Broken)
     )
 
 
 def _pieces(stream: bytes) -> list[bytes]:
-    return judges.lines(stream.translate(None, bytes((XON, XOFF, 0x0A))))
+    return checks.lines(stream.translate(None, bytes((XON, XOFF, 0x0A))))
 
 
 @requires(9, f"{HOSTS}: bytes of keys carry bit 6")
@@ -152,7 +152,7 @@ def it_can_be_reset(decoded: BallTraffic) -> Verdict:
     if decoded.told(RESET) is None:
         return not_seen("it was not reset")
     said = _banner(_lines(decoded, "reset"))
-    within = judges.answered(decoded.told(RESET), RESET_WITHIN_S)
+    within = checks.answered(decoded.told(RESET), RESET_WITHIN_S)
     return said if said.outcome.value == "failed" else within
 
 
@@ -160,7 +160,7 @@ def it_can_be_reset(decoded: BallTraffic) -> Verdict:
 def settings_are_echoed(decoded: BallTraffic) -> Verdict:
     """CB, P and M are echoed within 0.25 s."""
     asked = [decoded.told(command) for command in (BINARY, RATE_20_HZ, SEND_VECTORS)]
-    verdicts = [judges.answered(each, ANSWER_S) for each in asked]
+    verdicts = [checks.answered(each, ANSWER_S) for each in asked]
     return next((each for each in verdicts if each.outcome.value == "failed"), verdicts[-1])
 
 
@@ -170,7 +170,7 @@ def keys_can_be_asked_for(decoded: BallTraffic) -> Verdict:
     asked = decoded.told(QUERY_KEYS)
     if asked is not None and asked.answer is not None and asked.answer.mask:
         return failed(f"mask {asked.answer.mask:#x}", [asked.answer.number])
-    return judges.answered(asked, ANSWER_S)
+    return checks.answered(asked, ANSWER_S)
 
 
 @requires(104, f"{HOSTS}: ?")
@@ -184,50 +184,50 @@ def unknown_commands_are_refused(decoded: BallTraffic) -> Verdict:
         for each in decoded.packets
         if isinstance(each.value, SpaceballError) and each.number < told.number
     ]
-    return failed("it refuses others, too", early) if early else judges.answered(told, ANSWER_S)
+    return failed("it refuses others, too", early) if early else checks.answered(told, ANSWER_S)
 
 
 @requires(105, f"{HOSTS}: D while it is deflected")
 def deflection_is_reported(decoded: BallTraffic) -> Verdict:
     """Told to, it sends motion while it is deflected."""
-    return judges.reported(decoded)
+    return checks.reported(decoded)
 
 
 @requires(106, f"{HOSTS}: P@r@r is 50 ms")
 def the_rate_is_what_was_set(decoded: BallTraffic) -> Verdict:
     """Held deflected, it sends a packet every 45 to 60 ms."""
-    return judges.rate(decoded, FASTEST_S, SLOWEST_S)
+    return checks.rate(decoded, FASTEST_S, SLOWEST_S)
 
 
 @requires(107, f"{HOSTS}: D while it is deflected")
 def deflection_is_never_silent(decoded: BallTraffic) -> Verdict:
     """Held deflected, it is never silent for more than 0.2 s."""
-    return judges.silent(decoded, SILENT_S)
+    return checks.silent(decoded, SILENT_S)
 
 
 @requires(108, f"{HOSTS}: zero, then none")
 def the_last_value_is_zero(decoded: BallTraffic) -> Verdict:
     """Let go, it sends zero on all axes as the last of the motion."""
-    return judges.ends_with_zero(decoded)
+    return checks.ends_with_zero(decoded)
 
 
 @requires(109, f"{HOSTS}: zero, then none")
 def rest_is_silent(decoded: BallTraffic) -> Verdict:
     """Let go, it then sends no motion."""
-    return judges.silent_at_rest(decoded)
+    return checks.silent_at_rest(decoded)
 
 
 @requires(110, f"{KERNEL}: +-8000 and +-1600")
 def counts_are_in_range(decoded: BallTraffic) -> Verdict:
     """At 20 Hz no translation goes beyond +-10000 counts, and no rotation beyond +-2000."""
-    return judges.in_range(decoded, MOST_COUNTS, MOST_TURN_COUNTS)
+    return checks.in_range(decoded, MOST_COUNTS, MOST_TURN_COUNTS)
 
 
 @requires(111, f"{HOSTS}: X right, Y up, Z away; rotations about them by the right hand")
 def axes_have_their_signs(decoded: BallTraffic) -> Verdict:
     """Pushed to the right X is positive and the largest translation; twisted clockwise the rotation
     about Y is negative and the largest."""
-    return judges.signs(decoded)
+    return checks.signs(decoded)
 
 
 @requires(112, f"{HOSTS}: the period in sixteenths of a millisecond")
@@ -235,7 +235,7 @@ def periods_are_those_of_motion(decoded: BallTraffic) -> Verdict:
     """The periods that motions tell add up to the time between them, to 10 %, and none is off by
     more than 0.1 s."""
     told_s, took_s, wrong = 0.0, 0.0, []
-    for name in judges.HELD:
+    for name in checks.HELD:
         for one, other in pairwise(decoded.motions(name)):
             assert isinstance(other.value, SpaceballMotion)
             period_s, between_s = PERIOD_UNIT_S * other.value.period, other.time_s - one.time_s
@@ -245,7 +245,7 @@ def periods_are_those_of_motion(decoded: BallTraffic) -> Verdict:
     if wrong:
         return failed(f"{len(wrong)} are off", wrong)
     if not took_s:
-        return not_seen(judges.NOTHING)
+        return not_seen(checks.NOTHING)
     said = f"{100.0 * told_s / took_s:.0f} % of the time"
     return passed(said) if abs(told_s / took_s - 1.0) < PERIOD_SHARE else failed(said)
 
@@ -254,7 +254,7 @@ def periods_are_those_of_motion(decoded: BallTraffic) -> Verdict:
 def a_steady_hand_is_steady(decoded: BallTraffic) -> Verdict:
     """Held steadily, no axis leaps by a quarter of its size, or 400 counts where that is more."""
     wrong, count = [], 0
-    for name in judges.HELD:
+    for name in checks.HELD:
         found = decoded.motions(name)
         count += len(found)
         if not found:
@@ -266,10 +266,10 @@ def a_steady_hand_is_steady(decoded: BallTraffic) -> Verdict:
                 wrong.append(each.number)
     if wrong:
         return failed(f"{len(wrong)} of {count} leap", wrong)
-    return passed(f"{count} packets") if count else not_seen(judges.NOTHING)
+    return passed(f"{count} packets") if count else not_seen(checks.NOTHING)
 
 
 @requires(301, "the system's serial driver")
 def unplugging_is_told(decoded: BallTraffic) -> Verdict:
     """Its port unplugged, the system says that it is gone, and nothing more comes."""
-    return judges.unplugged(decoded)
+    return checks.unplugged(decoded)

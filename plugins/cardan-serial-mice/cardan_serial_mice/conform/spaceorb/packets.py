@@ -1,4 +1,4 @@
-"""Meaning of a SpaceOrb's packets for judges."""
+"""Meaning of a SpaceOrb's packets for checks."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from cardan.conform.requirements import (
     passed,
 )
 from cardan.conform.second_reading import second_description
-from cardan_serial_mice.conform.puck import judges
+from cardan_serial_mice.conform.puck import checks
 from cardan_serial_mice.conform.spaceorb.packets import NULL_REGION, POLL, OrbTraffic
 from cardan_serial_mice.protocol import OrbError, OrbKeys, OrbReset, OrbText
 from cardan_serial_mice.protocol.spaceorb import HEARTBEAT_S, QUERY
@@ -35,7 +35,7 @@ requires: Requirements[OrbTraffic] = Requirements("ORB")
 @requires(1, "the system's serial driver")
 def it_can_be_opened(decoded: OrbTraffic) -> Verdict:
     """The port can be opened."""
-    return judges.opened(decoded)
+    return checks.opened(decoded)
 
 
 @requires(2, f"{CAPTURES}: R, a second after power")
@@ -62,7 +62,7 @@ def it_starts_once(decoded: OrbTraffic) -> Verdict:
 @requires(4, f"{KERNEL}; {CAPTURES}: data with bit 7 set, and a checksum")
 def packets_are_whole(decoded: OrbTraffic) -> Verdict:
     """Every packet has a known letter, its length, and a right checksum."""
-    return judges.whole(decoded)
+    return checks.whole(decoded)
 
 
 @requires(5, f"{CAPTURES}: K once a second and more")
@@ -83,70 +83,70 @@ def it_is_well(decoded: OrbTraffic) -> Verdict:
     """It reports no error."""
     found = [each.number for each in decoded.packets if isinstance(each.value, OrbError)]
     if not decoded.packets:
-        return not_seen(judges.NOTHING)
+        return not_seen(checks.NOTHING)
     return failed(f"{len(found)} times", found) if found else passed("none")
 
 
 @requires(7, f"{CAPTURES}: D while it is deflected")
 def deflection_is_reported(decoded: OrbTraffic) -> Verdict:
     """Deflected, it sends motion without having been told to."""
-    return judges.reported(decoded)
+    return checks.reported(decoded)
 
 
 @requires(8, f"{CAPTURES}: 33 ms")
 def the_rate_is_an_orbs(decoded: OrbTraffic) -> Verdict:
     """Held deflected, it sends a packet every 28 to 40 ms."""
-    return judges.rate(decoded, FASTEST_S, SLOWEST_S)
+    return checks.rate(decoded, FASTEST_S, SLOWEST_S)
 
 
 @requires(9, f"{CAPTURES}: D while it is deflected")
 def deflection_is_never_silent(decoded: OrbTraffic) -> Verdict:
     """Held deflected, it is never silent for more than 0.2 s."""
-    return judges.silent(decoded, SILENT_S)
+    return checks.silent(decoded, SILENT_S)
 
 
 @requires(10, f"{CAPTURES}: one zero packet, then none")
 def the_last_value_is_zero(decoded: OrbTraffic) -> Verdict:
     """Let go, it sends zero on all axes as the last of the motion."""
-    return judges.ends_with_zero(decoded)
+    return checks.ends_with_zero(decoded)
 
 
 @requires(11, f"{CAPTURES}: one zero packet, then none")
 def rest_is_silent(decoded: OrbTraffic) -> Verdict:
     """Let go, it then sends no motion."""
-    return judges.silent_at_rest(decoded)
+    return checks.silent_at_rest(decoded)
 
 
 @requires(12, f"{KERNEL}: +-508")
 def counts_are_in_range(decoded: OrbTraffic) -> Verdict:
     """No axis goes beyond +-510."""
-    return judges.in_range(decoded, MOST_COUNTS, MOST_COUNTS)
+    return checks.in_range(decoded, MOST_COUNTS, MOST_COUNTS)
 
 
 @requires(13, f"{CAPTURES}: X right, Y up, Z towards the operator; right-handed")
 def axes_have_their_signs(decoded: OrbTraffic) -> Verdict:
     """Pushed to the right X is positive and the largest translation; twisted clockwise the rotation
     about Y is negative and the largest."""
-    return judges.signs(decoded)
+    return checks.signs(decoded)
 
 
 @requires(14, f"{CAPTURES}, K")
 def buttons_are_told(decoded: OrbTraffic) -> Verdict:
     """Every press and release of a button is reported, alone."""
-    return judges.buttons(decoded)
+    return checks.buttons(decoded)
 
 
 @requires(15, "the system's serial driver")
 def it_stays(decoded: OrbTraffic) -> Verdict:
     """The port does not go while it is used."""
-    return judges.stays(decoded)
+    return checks.stays(decoded)
 
 
 @requires(16, "cardan.dissect: a second description of the protocol")
 def both_descriptions_agree(decoded: OrbTraffic) -> Verdict:
     """A second reader, the scapy layers, finds as many broken packets as the first one."""
     layers = second_description("serial_mice")
-    return judges.read_twice(
+    return checks.read_twice(
         decoded, _pieces, lambda piece: isinstance(layers.SpaceOrbPacket(piece), layers.Broken)
     )
 
@@ -170,7 +170,7 @@ def _pieces(stream: bytes) -> list[bytes]:
 def it_can_be_asked_what_it_is(decoded: OrbTraffic) -> Verdict:
     """? is answered within 0.25 s, with two packets of information."""
     asked = decoded.told(QUERY)
-    verdict = judges.answered(asked, ANSWER_S)
+    verdict = checks.answered(asked, ANSWER_S)
     found = [
         each.value
         for each in decoded.during("ask")
@@ -184,7 +184,7 @@ def it_can_be_asked_what_it_is(decoded: OrbTraffic) -> Verdict:
 @requires(102, f"{CAPTURES}: n")
 def the_null_region_can_be_asked_for(decoded: OrbTraffic) -> Verdict:
     """n is answered with the null region within 0.25 s."""
-    return judges.answered(decoded.told(NULL_REGION), ANSWER_S)
+    return checks.answered(decoded.told(NULL_REGION), ANSWER_S)
 
 
 @requires(103, f"{CAPTURES}: d")
@@ -193,16 +193,16 @@ def motion_can_be_asked_for(decoded: OrbTraffic) -> Verdict:
     asked = decoded.told(POLL)
     if asked is not None and asked.answer is not None and any(asked.answer.counts):
         return failed(f"{asked.answer.counts}", [asked.answer.number])
-    return judges.answered(asked, ANSWER_S)
+    return checks.answered(asked, ANSWER_S)
 
 
 @requires(104, f"{CAPTURES}: D while it is deflected")
 def it_reports_again(decoded: OrbTraffic) -> Verdict:
     """After it was asked it reports motion as before."""
-    return judges.reported_again(decoded)
+    return checks.reported_again(decoded)
 
 
 @requires(301, "the system's serial driver")
 def unplugging_is_told(decoded: OrbTraffic) -> Verdict:
     """Its port unplugged, the system says that it is gone, and nothing more comes."""
-    return judges.unplugged(decoded)
+    return checks.unplugged(decoded)

@@ -1,4 +1,4 @@
-"""Judges that any serial six-axis device can have."""
+"""Checks that any serial six-axis device can have."""
 
 from __future__ import annotations
 
