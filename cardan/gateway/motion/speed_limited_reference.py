@@ -172,29 +172,43 @@ class Reference:
             angular = Vector3(*self._smooth_angular.advance(angular, dt_s))
 
         shaped: list[Vector3] = []
-        for (u, v, w), (x, y, z), (a, b, c), distance, max_lead, hardest, walled in zip(
-            (linear, angular),
-            (self.linear, self.angular),
-            (self._ahead, self._turned_ahead),
-            (self.ahead_m, self.ahead_rad),
-            (limits.max_lead_m, limits.max_lead_rad),
-            (limits.linear_acceleration_m_s2, limits.angular_acceleration_rad_s2),
-            (self._has_workspace, False),
-            strict=True,
+        for wanted, now, ahead, distance, max_lead, hardest, walled in (
+            (
+                linear,
+                self.linear,
+                self._ahead,
+                self.ahead_m,
+                limits.max_lead_m,
+                limits.linear_acceleration_m_s2,
+                self._has_workspace,
+            ),
+            (
+                angular,
+                self.angular,
+                self._turned_ahead,
+                self.ahead_rad,
+                limits.max_lead_rad,
+                limits.angular_acceleration_rad_s2,
+                False,
+            ),
         ):
+            u, v, w = wanted
             if distance != 0.0:
                 # Further ahead only as fast as it can stop; back or sideways is never held.
+                a, b, c = ahead
                 outward = (u * a + v * b + w * c) / distance
                 excess = outward - stopping_speed(max_lead - distance, hardest, dt_s)
                 if not excess <= 0.0:
                     share = excess / distance
-                    u, v, w = u - a * share, v - b * share, w - c * share
-            du, dv, dw = u - x, v - y, w - z
-            squared, most = du * du + dv * dv + dw * dw, hardest * dt_s
-            if not (walled or squared <= most * most):
-                share = most / math.sqrt(squared)
-                u, v, w = x + du * share, y + dv * share, z + dw * share
-            shaped.append(Vector3(u, v, w))
+                    wanted = u, v, w = Vector3(u - a * share, v - b * share, w - c * share)
+            if not walled:
+                x, y, z = now
+                du, dv, dw = u - x, v - y, w - z
+                squared, most = du * du + dv * dv + dw * dw, hardest * dt_s
+                if not squared <= most * most:
+                    share = most / math.sqrt(squared)
+                    wanted = Vector3(x + du * share, y + dv * share, z + dw * share)
+            shaped.append(wanted)
         linear, self.angular = shaped
         if self._has_workspace:
             linear = self._within_workspace(linear, pose.position, dt_s)
