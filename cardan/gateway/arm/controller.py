@@ -40,7 +40,7 @@ from cardan.gateway.arm.states import (
     phase_of,
 )
 from cardan.gateway.arm.status import TAUT_SHARE, ArmStatus, Phase
-from cardan.gateway.arm.supervision import Cause, StopReason, Supervision, Watchdogs, step_s
+from cardan.gateway.arm.supervision import Cause, StopReason, Supervision, Watchdogs
 from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.gateway.operator.deadman import Arming
 from cardan.gateway.operator.input import NO_REQUEST, ArmView, MotionRequest, OperatorInput
@@ -110,7 +110,7 @@ class ArmController:
         self.commanded = commanded
         self.hand = hand
         self.authority = authority or Authority()
-        self.supervision = Supervision(watchdogs or Watchdogs())
+        self.supervision = Supervision(watchdogs or Watchdogs(), period_s)
         self.reference = Reference(limits)
         """Reference that the TCP follows; it stays at the TCP while another motion moves that."""
         self.lock = threading.RLock()
@@ -128,7 +128,6 @@ class ArmController:
         """Counts the ticks that have begun."""
         self._noting = 0
         """The thread whose present request is recorded as a whole; 0: none."""
-        self._period_s = period_s
         self.not_ready = "no state of the robot was received yet"
         """Why the robot cannot be commanded now; empty when it can."""
         self.state = States()
@@ -447,19 +446,19 @@ class ArmController:
             self.robot = robot
             self._tripped_in_tick = False
             finding = self.supervision.look(robot, self.commanded)
-            self.advanced_s = dt_s = step_s(robot, self._period_s, self.supervision.gap_s)
+            self.advanced_s = dt_s = self.supervision.step_s
             if finding is not None:
-                cause, reason = finding
-                if cause in (Cause.LOST, Cause.NOT_READY) or (
-                    cause is Cause.NEW_SESSION and reason
-                ):
+                if not self.supervision.ready:
                     return self._robot_lost(finding, robot, device, events, dt_s)
                 self._act_on(finding, robot)
             if not self.state.link.ready:
                 self.not_ready = ""
                 self._on(ArmEvent.READY)
             if not self.state.readings.rejected:
-                finding = self._compare(robot)
+                own = self.reference if self.hand is not None else None
+                finding = self.supervision.compare(
+                    robot, self.commanded, own, self._motion, self.state.motion.commanded
+                )
                 if finding is not None:
                     self._act_on(finding, robot)
             ignored = bool(self._inhibits) and self._heed_inhibits()
@@ -498,19 +497,6 @@ class ArmController:
             return False
         streamed = motion.silence_s < math.inf
         return motion.driven or self.commanded.moving if streamed else not motion.idle
-
-    def _compare(self, robot: RobotState) -> StopReason | None:
-        """Give the measured TCP to the reference that it is compared with, where not joints alone
-        count; return what is wrong with a robot that is commanded."""
-        motion = self._motion
-        if motion is None:
-            reference = self.reference if self.hand is not None else None
-        else:
-            reference = motion.reference
-        error = self.commanded.following_error(robot, reference, observe=True)
-        if not self.state.motion.commanded:
-            return None
-        return self.supervision.compare(robot, error, motion)
 
     # -- faults ----------------------------------------------------------------------------------
 
@@ -826,7 +812,9 @@ class ArmController:
             elif self._drifted and motion.idle:
                 self._begin_recovery()
                 return
-            motion.aim(request.twist, request.rates, request.following)
+            # The dead-man's release brakes at once: jerk is limited only while the operator drives.
+            motion.wanted, motion.smooth = request.twist, request.following
+            motion.rates = request.rates if any(request.rates.values()) else None
 
     @property
     def _drifted(self) -> bool:

@@ -19,6 +19,7 @@ from cardan.common.options import CODE_ONLY, Options
 from cardan.gateway.arm.commanded_arm import CommandedArm
 from cardan.gateway.arm.following_error import FollowingError
 from cardan.gateway.arm.motions.base import CommandedMotion
+from cardan.gateway.motion.speed_limited_reference import Reference
 from cardan.types import NEVER_S, RobotLink, RobotState
 
 LONGEST_STEP_PERIODS = 2.5
@@ -89,8 +90,11 @@ class StopReason(NamedTuple):
 class Supervision:
     """Watches one robot from tick to tick."""
 
-    def __init__(self, watchdogs: Watchdogs) -> None:
+    def __init__(self, watchdogs: Watchdogs, period_s: float = 0.0) -> None:
+        """`period_s` is the robot's own; 0: unknown."""
         self.watchdogs = watchdogs
+        self._period_s = period_s
+        self._longest_step_s = LONGEST_STEP_PERIODS * period_s if period_s > 0.0 else math.inf
         self.limit = watchdogs.error_limit()
         self.error = FollowingError(0.0, 0.0)
         """Of the last tick in which the robot was ready."""
@@ -104,9 +108,12 @@ class Supervision:
         """Whether commands acted without a pause from there to `newest`, as far as was reported."""
         self.gap_s = 0.0
         """Time between the last two ticks."""
+        self.step_s = 0.0
+        """Time by which this tick advances: lost time is lost."""
         self._ticked_s = NEVER_S
         self._session: int | None = None
-        self._ready = False
+        self.ready = False
+        """Whether the newest state is of a robot that acts on commands."""
         self._not_acting = False
         """Whether the robot said since `newest` that commands do not act."""
         self._plausible_s = NEVER_S
@@ -125,8 +132,13 @@ class Supervision:
         """The gravest thing about this state before the command is compared with it; None when
         all is well."""
         self.gap_s, self._ticked_s = state.stamp_s - self._ticked_s, state.stamp_s
+        if 0.0 < state.period_s < math.inf:
+            self.step_s = min(state.period_s, self._longest_step_s)
+        else:
+            # A robot whose clock stands still goes on moving, and has to be braked by our own.
+            self.step_s = max(0.0, min(self._period_s, self.gap_s))
         new_session = state.session != self._session
-        began, self._ready = not self._ready, False
+        began, self.ready = not self.ready, False
         live = state.link is RobotLink.LIVE
         self._not_acting = self._not_acting or not live or bool(state.hold_reason)
         if not live:
@@ -136,7 +148,7 @@ class Supervision:
             if new_session and self._session is not None:
                 return StopReason(Cause.NEW_SESSION, wrong)
             return StopReason(Cause.NOT_READY, wrong)
-        self._ready = True
+        self.ready = True
         first, self._session = self._session is None, state.session
         self.previous = before = self.newest
         self.newest = state
@@ -163,11 +175,18 @@ class Supervision:
     def compare(
         self,
         state: RobotState,
-        error: FollowingError,
+        commanded: CommandedArm,
+        own: Reference | None,
         motion: CommandedMotion | None,
+        engaged: bool,
     ) -> StopReason | None:
-        """The gravest finding about the robot and its commands, with the following error of now;
-        None without any."""
+        """Give the measured TCP to the reference that it is compared with: that of `motion`, or
+        without a motion the arm's `own`; None where joints alone count. Return the gravest
+        finding about an `engaged` robot and its commands, None without any."""
+        reference = own if motion is None else motion.reference
+        error = commanded.following_error(state, reference, observe=True)
+        if not engaged:
+            return None
         self.error = error
         if error.exceeds(self.limit):
             held = f"{error.in_words('away from')}: something else holds it"
@@ -179,15 +198,3 @@ class Supervision:
             if age_s > motion.silence_s and motion.driven:
                 return StopReason(Cause.SILENT, f"the stream was silent for {age_s:.3f} s")
         return None
-
-
-def step_s(state: RobotState, period_s: float, gap_s: float) -> float:
-    """By how much a tick advances: lost time is lost. `period_s` is the robot's own, 0: unknown.
-
-    A robot whose clock stands still goes on moving all the same, and has to be braked: then our
-    own clock counts, by which the last tick was `gap_s` ago.
-    """
-    if not 0.0 < state.period_s < math.inf:
-        return max(0.0, min(period_s, gap_s))
-    longest_s = LONGEST_STEP_PERIODS * period_s if period_s > 0.0 else math.inf
-    return min(state.period_s, longest_s)

@@ -24,8 +24,6 @@ from cardan.spatial import (
     limit_norm,
     normalized,
     rotate,
-    scale,
-    subtract,
     turned_by,
 )
 from cardan.types import ZERO3, Frame, Pose, Twist, Vector3
@@ -65,43 +63,6 @@ class ReferenceLimits(Options):
         for axis, walls in zip("xyz", self.workspace_m, strict=True):
             good = walls is None or walls[0] < walls[1]
             require(good, f"workspace_{axis}_m", walls, "two ends, lower bound first")
-
-
-def _within_max_lead(
-    velocity: Vector3,
-    ahead: Vector3,
-    distance: float,
-    max_lead: float,
-    acceleration: float,
-    dt_s: float,
-) -> Vector3:
-    """`velocity`, running further `ahead`, which is `distance` long, only as fast as it can stop at
-    `max_lead`.
-
-    Motion back or sideways is never held.
-    """
-    if distance == 0.0:
-        return velocity
-    x, y, z = velocity
-    outward = (x * ahead[0] + y * ahead[1] + z * ahead[2]) / distance
-    if outward <= 0.0:
-        return velocity
-    excess = outward - stopping_speed(max_lead - distance, acceleration, dt_s)
-    if excess <= 0.0:
-        return velocity
-    return subtract(velocity, scale(ahead, excess / distance))
-
-
-def _towards(now: Vector3, target: Vector3, most: float) -> Vector3:
-    """`target`, or of the way to it the part that is no longer than `most`."""
-    x, y, z = now
-    u, v, w = target
-    u, v, w = u - x, v - y, w - z
-    squared = u * u + v * v + w * w
-    if squared <= most * most:
-        return target
-    share = most / math.sqrt(squared)
-    return Vector3(x + u * share, y + v * share, z + w * share)
 
 
 class Reference:
@@ -210,19 +171,48 @@ class Reference:
         if smooth and self._smooth_angular is not None:
             angular = Vector3(*self._smooth_angular.advance(angular, dt_s))
 
-        hardest = limits.linear_acceleration_m_s2
-        linear = _within_max_lead(
-            linear, self._ahead, self.ahead_m, limits.max_lead_m, hardest, dt_s
-        )
+        shaped: list[Vector3] = []
+        for wanted, now, ahead, distance, max_lead, hardest, walled in (
+            (
+                linear,
+                self.linear,
+                self._ahead,
+                self.ahead_m,
+                limits.max_lead_m,
+                limits.linear_acceleration_m_s2,
+                self._has_workspace,
+            ),
+            (
+                angular,
+                self.angular,
+                self._turned_ahead,
+                self.ahead_rad,
+                limits.max_lead_rad,
+                limits.angular_acceleration_rad_s2,
+                False,
+            ),
+        ):
+            u, v, w = wanted
+            if distance != 0.0:
+                # Further ahead only as fast as it can stop; back or sideways is never held.
+                a, b, c = ahead
+                outward = (u * a + v * b + w * c) / distance
+                excess = outward - stopping_speed(max_lead - distance, hardest, dt_s)
+                if not excess <= 0.0:
+                    share = excess / distance
+                    wanted = u, v, w = Vector3(u - a * share, v - b * share, w - c * share)
+            if not walled:
+                x, y, z = now
+                du, dv, dw = u - x, v - y, w - z
+                squared, most = du * du + dv * dv + dw * dw, hardest * dt_s
+                if not squared <= most * most:
+                    share = most / math.sqrt(squared)
+                    wanted = Vector3(x + du * share, y + dv * share, z + dw * share)
+            shaped.append(wanted)
+        linear, self.angular = shaped
         if self._has_workspace:
-            self.linear = self._within_workspace(linear, pose.position, dt_s)
-        else:
-            self.linear = _towards(self.linear, linear, hardest * dt_s)
-        hardest = limits.angular_acceleration_rad_s2
-        angular = _within_max_lead(
-            angular, self._turned_ahead, self.ahead_rad, limits.max_lead_rad, hardest, dt_s
-        )
-        self.angular = _towards(self.angular, angular, hardest * dt_s)
+            linear = self._within_workspace(linear, pose.position, dt_s)
+        self.linear = linear
         if not smooth:
             if self._smooth_linear is not None:
                 self._smooth_linear.reset(self.linear)

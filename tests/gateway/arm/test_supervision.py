@@ -13,7 +13,6 @@ from cardan.gateway.arm.supervision import (
     Cause,
     Supervision,
     Watchdogs,
-    step_s,
 )
 from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
 from cardan.types import IDENTITY, Pose, RobotLink, RobotState, Vector3
@@ -24,8 +23,8 @@ DT_S = 0.004
 class Watched:
     """A robot that is looked at once a period."""
 
-    def __init__(self, **watchdogs):
-        self.supervision = Supervision(Watchdogs(**watchdogs))
+    def __init__(self, robot_period_s=0.0, **watchdogs):
+        self.supervision = Supervision(Watchdogs(**watchdogs), robot_period_s)
         self.commanded = TaskSpaceArm(ReferenceLimits())
         self.state = RobotState(
             10.0, RobotLink.LIVE, 1, 0, DT_S, (), (), self.pose(0.0), ""
@@ -42,8 +41,7 @@ class Watched:
     def compare(self, ahead_m=0.0, motion=None):
         reference = Reference(ReferenceLimits())
         reference.place(self.pose(ahead_m))
-        error = self.commanded.following_error(self.state, reference, observe=True)
-        return self.supervision.compare(self.state, error, motion)
+        return self.supervision.compare(self.state, self.commanded, reference, motion, True)
 
 
 def ready(**watchdogs):
@@ -190,15 +188,19 @@ def test_silence_matters_only_where_it_lets_something_go_on():
 
 @given(st.floats(), st.floats(1e-4, 1.0))
 def test_no_gap_advances_a_tick_by_more_than_its_share_of_periods(gap_s, period_s):
-    state = Watched().state._replace(period_s=gap_s)
-    step = step_s(state, period_s, 0.0)
+    watched = Watched(period_s)
+    watched.look()
+    watched.look(0.0, period_s=gap_s)
+    step = watched.supervision.step_s
     assert 0.0 <= step <= LONGEST_STEP_PERIODS * period_s
     if 0.0 <= gap_s <= LONGEST_STEP_PERIODS * period_s:
         assert step == gap_s
 
 
 def test_a_robot_of_unknown_period_advances_as_it_says():
-    assert step_s(Watched().state._replace(period_s=0.3), 0.0, 0.3) == 0.3
+    watched = Watched(0.0)
+    watched.look(0.3, period_s=0.3)
+    assert watched.supervision.step_s == 0.3
 
 
 LINKS = st.sampled_from((RobotLink.LIVE,) * 4 + (RobotLink.LOST, RobotLink.WAITING))

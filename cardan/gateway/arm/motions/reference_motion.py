@@ -74,10 +74,10 @@ class ReferenceMotion(CommandedMotion):
             reference.linear == reference.angular == ZERO3
             and (self.braking or self.wanted == ZERO_TWIST)
             and not rates
-            and commanded.settled
+            and (not (moving := commanded.moving) or commanded.settled)
         ):
             # Nothing is asked for, so nothing is solved for: no creeping on rounding errors.
-            if commanded.moving:
+            if moving:
                 commanded.brake(dt_s)
             self._resting = self.braking
             return GOING
