@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from cardan.types import Vector3
+
 
 def stopping_speed(distance: float, acceleration: float, dt_s: float) -> float:
     """The highest speed that, held for one period, leaves enough distance to stop.
@@ -18,6 +20,44 @@ def stopping_speed(distance: float, acceleration: float, dt_s: float) -> float:
         return 0.0
     gain = acceleration * dt_s
     return math.sqrt(gain * gain + 2.0 * acceleration * distance) - gain
+
+
+def stopping_speeds(
+    positions: Sequence[float],
+    lower: Sequence[float],
+    upper: Sequence[float],
+    acceleration: Sequence[float],
+    dt_s: float,
+) -> tuple[list[float], list[float]]:
+    """The lowest and the highest velocity along each axis that can be stopped at its ends.
+
+    An end may be infinite. An axis beyond one of its ends may only move inwards.
+    """
+    axes = list(zip(positions, lower, upper, acceleration, strict=True))
+    return (
+        [-stopping_speed(q - low, a, dt_s) for q, low, _, a in axes],
+        [stopping_speed(high - q, a, dt_s) for q, _, high, a in axes],
+    )
+
+
+def clipped(
+    values: Sequence[float], lowest: Sequence[float], highest: Sequence[float]
+) -> tuple[float, ...]:
+    """`values`, each within its bounds."""
+    bounds = zip(values, lowest, highest, strict=True)
+    return tuple([min(max(v, low), high) for v, low, high in bounds])
+
+
+def towards(now: Vector3, target: Vector3, most: float) -> Vector3:
+    """`target`, or of the way to it from `now` the part that is no longer than `most`."""
+    x, y, z = now
+    u, v, w = target
+    u, v, w = u - x, v - y, w - z
+    squared = u * u + v * v + w * w
+    if squared <= most * most:
+        return target
+    share = most / math.sqrt(squared)
+    return Vector3(x + u * share, y + v * share, z + w * share)
 
 
 def within_walls(
@@ -34,17 +74,16 @@ def within_walls(
     longest change from `now`. The change that the walls demand comes first, along each axis no more
     than `braking`; then the rest, as far as `most` reaches. All in the same unit, m/s.
     """
-    clipped = [min(max(v, low), high) for v, low, high in zip(wanted, lowest, highest, strict=True)]
-    due = [
-        min(max(min(max(v, low), high), v - braking), v + braking)
-        for v, low, high in zip(now, lowest, highest, strict=True)
-    ]
+    fitting = clipped(wanted, lowest, highest)
+    due = clipped(
+        clipped(now, lowest, highest), [v - braking for v in now], [v + braking for v in now]
+    )
     mx, my, mz = due[0] - now[0], due[1] - now[1], due[2] - now[2]
-    fx, fy, fz = clipped[0] - due[0], clipped[1] - due[1], clipped[2] - due[2]
+    fx, fy, fz = fitting[0] - due[0], fitting[1] - due[1], fitting[2] - due[2]
     a = fx * fx + fy * fy + fz * fz
     b = mx * fx + my * fy + mz * fz
     c = mx * mx + my * my + mz * mz - most * most
     if a + 2.0 * b + c <= 0.0:
-        return clipped[0], clipped[1], clipped[2]
+        return fitting[0], fitting[1], fitting[2]
     share = (math.sqrt(b * b - a * c) - b) / a if c < 0.0 < a else 0.0
     return due[0] + fx * share, due[1] + fy * share, due[2] + fz * share

@@ -19,7 +19,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
-from cardan.common.braking import stopping_speed, within_walls
+from cardan.common.braking import (
+    clipped,
+    stopping_speed,
+    stopping_speeds,
+    towards,
+    within_walls,
+)
 from cardan.spatial import limit_norm
 from cardan.types import IDENTITY, ZERO3, Quaternion, Vector3
 
@@ -89,12 +95,9 @@ class JointLimiter:
         if velocities is None:
             self.velocity = [0.0] * len(self._axes)
             return
-        for i in self._axes:
-            a = self._acceleration[i]
-            highest = _sqrt(2.0 * a * max(0.0, self._upper[i] - positions[i]))
-            lowest = -_sqrt(2.0 * a * max(0.0, positions[i] - self._lower[i]))
-            speed = self._speed[i]
-            self.velocity[i] = min(max(velocities[i], lowest, -speed), highest, speed)
+        ends = stopping_speeds(positions, self._lower, self._upper, self._acceleration, 0.0)
+        velocities = clipped(velocities, [-v for v in self._speed], self._speed)
+        self.velocity = list(clipped(velocities, *ends))
 
     def coast(self, gap_s: float) -> None:
         """Advance by `gap_s` at the present speeds, stopping at the ends of the range."""
@@ -160,9 +163,9 @@ class JointLimiter:
                     velocity = -speed
                 behind = target[i] - position - velocity * dt_s
                 if behind > _TINY:
-                    velocity += _sqrt(gain * gain + 2.0 * a * behind) - gain
+                    velocity += stopping_speed(behind, a, dt_s)
                 elif behind < -_TINY:
-                    velocity -= _sqrt(gain * gain - 2.0 * a * behind) - gain
+                    velocity -= stopping_speed(-behind, a, dt_s)
             highest = before + gain
             if highest > speed:
                 highest = speed
@@ -182,7 +185,7 @@ class JointLimiter:
 
 
 def _steer(
-    velocity: Sequence[float],
+    velocity: Vector3,
     error: Sequence[float],
     forward: Sequence[float],
     speed: float,
@@ -190,7 +193,6 @@ def _steer(
     dt_s: float,
 ) -> Vector3:
     """The next velocity of a point that is `error` away from a target moving at `forward`."""
-    vx, vy, vz = velocity
     wx, wy, wz = forward
     fast = wx * wx + wy * wy + wz * wz
     if fast > speed * speed:
@@ -202,9 +204,8 @@ def _steer(
     ey = error[1] - wy * dt_s
     ez = error[2] - wz * dt_s
     behind = _sqrt(ex * ex + ey * ey + ez * ez)
-    gain = acceleration * dt_s
     if behind > _TINY:
-        closing = (_sqrt(gain * gain + 2.0 * acceleration * behind) - gain) / behind
+        closing = stopping_speed(behind, acceleration, dt_s) / behind
         wx += ex * closing
         wy += ey * closing
         wz += ez * closing
@@ -214,22 +215,7 @@ def _steer(
             wx *= shrink
             wy *= shrink
             wz *= shrink
-    dx = wx - vx
-    dy = wy - vy
-    dz = wz - vz
-    squared = dx * dx + dy * dy + dz * dz
-    if squared <= gain * gain:
-        return _new(Vector3, (wx, wy, wz))
-    shrink = gain / _sqrt(squared)
-    return _new(Vector3, (vx + dx * shrink, vy + dy * shrink, vz + dz * shrink))
-
-
-def _clip(v: Sequence[float], lowest: Sequence[float], highest: Sequence[float]) -> Vector3:
-    return Vector3(
-        min(max(v[0], lowest[0]), highest[0]),
-        min(max(v[1], lowest[1]), highest[1]),
-        min(max(v[2], lowest[2]), highest[2]),
-    )
+    return towards(velocity, _new(Vector3, (wx, wy, wz)), acceleration * dt_s)
 
 
 class _SpatialLimiter(ABC):
@@ -290,16 +276,15 @@ class PointLimiter(_SpatialLimiter):
         self._target = None
         self.velocity = limit_norm(Vector3(*velocity), self._speed)
         if self._box is not None:
-            lowest, highest = self._bounds(self._box, 0.0)
-            self.velocity = _clip(self.velocity, lowest, highest)
+            self.velocity = Vector3(*clipped(self.velocity, *self._bounds(self._box, 0.0)))
 
     def coast(self, gap_s: float) -> None:
         """Advance by `gap_s` at the present velocity, stopping at the walls of the box."""
         x, y, z = self.reference
         vx, vy, vz = self.velocity
         place = Vector3(x + vx * gap_s, y + vy * gap_s, z + vz * gap_s)
-        if self._box is not None and _clip(self.reference, *self._box) == self.reference:
-            place = _clip(place, *self._box)
+        if self._box is not None and clipped(self.reference, *self._box) == self.reference:
+            place = Vector3(*clipped(place, *self._box))
         self.reset(place, self.velocity)
 
     def relocate(self, position: Vector3) -> None:
@@ -314,7 +299,7 @@ class PointLimiter(_SpatialLimiter):
         """
         x, y, z = self.reference
         if self._box is not None:
-            target = _clip(target, *self._box)  # what is left of it lies along the wall
+            target = clipped(target, *self._box)  # what is left of it lies along the wall
         tx, ty, tz = target
         previous = self._target
         self._target = target
@@ -329,10 +314,10 @@ class PointLimiter(_SpatialLimiter):
     def _advance(self, error: Sequence[float], forward: Sequence[float], dt_s: float) -> None:
         velocity = _steer(self.velocity, error, forward, self._speed, self._acceleration, dt_s)
         if self._box is not None:
-            lowest, highest = self._bounds(self._box, dt_s)
-            if _clip(velocity, lowest, highest) != velocity:
+            bounds = self._bounds(self._box, dt_s)
+            if clipped(velocity, *bounds) != velocity:
                 most = self._acceleration * dt_s
-                confined = within_walls(self.velocity, velocity, lowest, highest, most)
+                confined = within_walls(self.velocity, velocity, *bounds, most)
                 velocity = _new(Vector3, confined)
         self.velocity = velocity
         x, y, z = self.reference
@@ -344,12 +329,7 @@ class PointLimiter(_SpatialLimiter):
     ) -> tuple[list[float], list[float]]:
         # Three walls may have to be braked for at once: each gets its share of the acceleration.
         share = self._acceleration / _SQRT_3
-        lower, upper = box
-        p = self.reference
-        return (
-            [-stopping_speed(p[i] - lower[i], share, dt_s) for i in (0, 1, 2)],
-            [stopping_speed(upper[i] - p[i], share, dt_s) for i in (0, 1, 2)],
-        )
+        return stopping_speeds(self.reference, *box, (share,) * 3, dt_s)
 
 
 class OrientationLimiter(_SpatialLimiter):

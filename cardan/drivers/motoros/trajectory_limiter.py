@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from typing import Annotated, Final
 
 from cardan.common.bounds import JOINT_POSITION, JOINT_VELOCITY, POSITIVE
+from cardan.common.braking import stopping_speed
 from cardan.common.options import check_value
 from cardan.drivers.robot_core import check_numbers, wrong_kind
 from cardan.errors import CommandError, ConfigurationError
@@ -356,6 +357,5 @@ def _speed_towards_end(room: float, acceleration: float, dt_s: float, later_s: f
     speed = 2.0 * room / (later_s + dt_s)
     if speed <= 0.5 * acceleration * later_s:
         return speed
-    gain = 0.5 * acceleration * dt_s
     left = room - 0.125 * acceleration * later_s * later_s
-    return _sqrt(gain * gain + 2.0 * acceleration * left) - gain
+    return stopping_speed(left, acceleration, 0.5 * dt_s)

@@ -17,7 +17,13 @@ from typing import Annotated, ClassVar
 
 from cardan.common import bounds
 from cardan.common.bounds import Bounds
-from cardan.common.braking import stopping_speed, within_walls
+from cardan.common.braking import (
+    clipped,
+    stopping_speed,
+    stopping_speeds,
+    towards,
+    within_walls,
+)
 from cardan.common.options import Options, require
 from cardan.gateway.motion.shaping import JerkLimitedVector
 from cardan.spatial import (
@@ -80,7 +86,11 @@ class Reference:
         self.ahead_rad = 0.0
         """Angle from the orientation last observed to the reference."""
         self.at_workspace_limit = False
-        self._has_workspace = any(limits.workspace_m)
+        self._walls: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+        """Lower and upper corner of the workspace, infinite where unbounded."""
+        if any(limits.workspace_m):
+            ends = [walls or (-math.inf, math.inf) for walls in limits.workspace_m]
+            self._walls = tuple(low for low, _ in ends), tuple(high for _, high in ends)
         self._smooth_linear: JerkLimitedVector | None = None
         self._smooth_angular: JerkLimitedVector | None = None
         if limits.linear_jerk_m_s3 is not None:
@@ -172,47 +182,43 @@ class Reference:
             angular = Vector3(*self._smooth_angular.advance(angular, dt_s))
 
         shaped: list[Vector3] = []
-        for wanted, now, ahead, distance, max_lead, hardest, walled in (
+        for wanted, ahead, distance, max_lead, hardest in (
             (
                 linear,
-                self.linear,
                 self._ahead,
                 self.ahead_m,
                 limits.max_lead_m,
                 limits.linear_acceleration_m_s2,
-                self._has_workspace,
             ),
             (
                 angular,
-                self.angular,
                 self._turned_ahead,
                 self.ahead_rad,
                 limits.max_lead_rad,
                 limits.angular_acceleration_rad_s2,
-                False,
             ),
         ):
-            u, v, w = wanted
             if distance != 0.0:
                 # Further ahead only as fast as it can stop; back or sideways is never held.
-                a, b, c = ahead
+                (u, v, w), (a, b, c) = wanted, ahead
                 outward = (u * a + v * b + w * c) / distance
                 excess = outward - stopping_speed(max_lead - distance, hardest, dt_s)
                 if not excess <= 0.0:
                     share = excess / distance
-                    wanted = u, v, w = Vector3(u - a * share, v - b * share, w - c * share)
-            if not walled:
-                x, y, z = now
-                du, dv, dw = u - x, v - y, w - z
-                squared, most = du * du + dv * dv + dw * dw, hardest * dt_s
-                if not squared <= most * most:
-                    share = most / math.sqrt(squared)
-                    wanted = Vector3(x + du * share, y + dv * share, z + dw * share)
+                    wanted = Vector3(u - a * share, v - b * share, w - c * share)
             shaped.append(wanted)
-        linear, self.angular = shaped
-        if self._has_workspace:
-            linear = self._within_workspace(linear, pose.position, dt_s)
-        self.linear = linear
+        linear, angular = shaped
+        hardest = limits.linear_acceleration_m_s2
+        if self._walls is not None:
+            # A third of the squared budget for each axis, so that a corner is no worse.
+            share = hardest / math.sqrt(3.0)
+            bounds = stopping_speeds(pose.position, *self._walls, (share,) * 3, dt_s)
+            self.at_workspace_limit = clipped(linear, *bounds) != linear
+            confined = within_walls(self.linear, linear, *bounds, hardest * dt_s, share * dt_s)
+            self.linear = Vector3(*confined)
+        else:
+            self.linear = towards(self.linear, linear, hardest * dt_s)
+        self.angular = towards(self.angular, angular, limits.angular_acceleration_rad_s2 * dt_s)
         if not smooth:
             if self._smooth_linear is not None:
                 self._smooth_linear.reset(self.linear)
@@ -230,18 +236,3 @@ class Reference:
             rx, ry, rz = angular
             orientation = turned_by(orientation, Vector3(rx * dt_s, ry * dt_s, rz * dt_s))
         self.pose = Pose(Vector3(x + u * dt_s, y + v * dt_s, z + w * dt_s), orientation, Frame.BASE)
-
-    def _within_workspace(self, target: Vector3, position: Vector3, dt_s: float) -> Vector3:
-        """The velocity nearest to `target` that acceleration and workspace allow."""
-        budget = self.limits.linear_acceleration_m_s2 * dt_s
-        # A third of the squared budget for each axis, so that a corner is no worse.
-        share = self.limits.linear_acceleration_m_s2 / math.sqrt(3.0)
-        lowest, highest = [-math.inf] * 3, [math.inf] * 3
-        for axis, walls in enumerate(self.limits.workspace_m):
-            if walls is not None:
-                lowest[axis] = -stopping_speed(position[axis] - walls[0], share, dt_s)
-                highest[axis] = stopping_speed(walls[1] - position[axis], share, dt_s)
-        self.at_workspace_limit = not all(
-            low <= v <= high for v, low, high in zip(target, lowest, highest, strict=True)
-        )
-        return Vector3(*within_walls(self.linear, target, lowest, highest, budget, share * dt_s))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from operator import truediv
 
+from cardan.common.braking import stopping_speed
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, Kinematics
 from cardan.robots import JointKind
@@ -45,7 +45,7 @@ class JointBounds:
 
         True when the end of a joint's range bounds it more than speed and acceleration do.
         """
-        sqrt, ending = math.sqrt, False
+        ending = False
         longest_s = max(map(truediv, map(abs, v), self.acceleration))
         for index, (lower, upper, fastest, acceleration) in enumerate(self._joints):
             position, speed = q[index], v[index]
@@ -57,14 +57,14 @@ class JointBounds:
             if room > 0.0 and top * longest_s > 2.0 * room:
                 top, ending = 2.0 * room / longest_s, True
             if room * acceleration < fastest * (fastest + gain):
-                stop = sqrt(gain * gain + 2.0 * acceleration * room) - gain if room > 0 else 0.0
+                stop = stopping_speed(room, acceleration, dt_s)
                 if top > stop:
                     top, ending = stop, True
             room = position - lower
             if room > 0.0 and bottom * longest_s < -2.0 * room:
                 bottom, ending = -2.0 * room / longest_s, True
             if room * acceleration < fastest * (fastest + gain):
-                stop = gain - sqrt(gain * gain + 2.0 * acceleration * room) if room > 0 else 0.0
+                stop = -stopping_speed(room, acceleration, dt_s)
                 if bottom < stop:
                     bottom, ending = stop, True
             # Braking harder than the joint can is impossible, and no program may be infeasible.
