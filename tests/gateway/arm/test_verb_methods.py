@@ -15,8 +15,8 @@ from cardan.errors import (
     MotionRefusedError,
     OutOfReachError,
 )
-from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.arm.vocab import Action, PolicyCode, State
 from cardan.gateway.kinematics.base import to_pose
 from cardan.gateway.kinematics.collision import HalfSpace, Obstacle, box_obstacle

@@ -12,23 +12,28 @@ from cardan.gateway.arm.arrival import Arrival
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.joint_space_arm import PREFERRED, JointSpaceArm
 from cardan.gateway.arm.motions.base import Activity, Deceleration
-from cardan.gateway.arm.motions.joint_path import FollowJoints, Standing
+from cardan.gateway.arm.motions.joint_trajectory import FollowJointTrajectory
+from cardan.gateway.arm.motions.joints import FollowJoints
 from cardan.gateway.arm.motions.line import FollowLine
-from cardan.gateway.arm.motions.path import TOLERANCE_RAD
 from cardan.gateway.arm.motions.torque import TorqueMotion
-from cardan.gateway.arm.motions.trajectory import FollowTrajectory
+from cardan.gateway.arm.motions.trajectory_motion import TOLERANCE_RAD
 from cardan.gateway.arm.motions.twist import FollowTwist
 from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.arm.planner import MOST_SAMPLES, Planner
-from cardan.gateway.arm.validation import check_workspace
 from cardan.gateway.arm.vocab import FrameCode, Parameter, ProfileCode, State
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, short_way, to_pose
 from cardan.gateway.motion.joint_trajectory import SHORTEST_STEP_S, JointTrajectory
-from cardan.gateway.motion.paths import JointPath, LinePath, PathLimits
+from cardan.gateway.motion.planner import MOST_SAMPLES, Planner, check_workspace
 from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
 from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
-from cardan.gateway.motion.trajectory import TrajectoryPath, samples
+from cardan.gateway.motion.trajectories import (
+    HoldTrajectory,
+    LineLimits,
+    LineTrajectory,
+    PointToPointTrajectory,
+    SplineTrajectory,
+    samples,
+)
 from cardan.robots import ArmModel
 from cardan.spatial import (
     compose,
@@ -76,7 +81,7 @@ def there_already() -> Plan:
     return Plan(None, 0.0, "the arm is there already")
 
 
-class Plans:
+class VerbPlans:
     """Plans motions with the parameters as they are now. May take milliseconds."""
 
     def __init__(
@@ -147,7 +152,7 @@ class Plans:
         share = self._share_of_speed(start, goal, speeds)
         note = f"slowed to {share:.0%}, for the TCP's speed" if share < 1.0 else ""
         # Not `continuous`: the goal's turns are chosen already.
-        path = JointPath(start, goal, share * speeds, accelerations)
+        path = PointToPointTrajectory(start, goal, share * speeds, accelerations)
         activity = FollowJoints(self.servo, path, self.deceleration, self._arrival)
         return Plan(activity, path.duration_s, note)
 
@@ -155,7 +160,7 @@ class Plans:
         """For a goal at which the command is already; an arm that is not there is waited for."""
         if self._is_at(start):
             return there_already()
-        activity = FollowJoints(self.servo, Standing(start), self.deceleration, self._arrival)
+        activity = FollowJoints(self.servo, HoldTrajectory(start), self.deceleration, self._arrival)
         return Plan(activity, 0.0, "the command is there already")
 
     def _is_at(self, start: FloatArray) -> bool:
@@ -201,7 +206,7 @@ class Plans:
                     f"{wanted.positions[0][worst]:.4f}, which is at {start[worst]:.4f}; plan it "
                     "from where the arm is"
                 )
-        path = TrajectoryPath(wanted, start)
+        path = SplineTrajectory(wanted, start)
         planned_s = path.duration_s
         times = samples(path, TRAJECTORY_STEP_RAD, MOST_SAMPLES)
         rows = np.array([path.at(t)[0] for t in times.tolist()])
@@ -219,7 +224,7 @@ class Plans:
             note = f"slowed to {share:.0%}, for the limits of the arm"
         if float(np.abs(rows - start).max()) < ALREADY_THERE_RAD and self._is_at(start):
             return there_already()
-        activity = FollowTrajectory(self.servo, path, self.deceleration, wanted, self._arrival)
+        activity = FollowJointTrajectory(self.servo, path, self.deceleration, wanted, self._arrival)
         return Plan(activity, path.duration_s, note)
 
     def _nearest_turns(self, wanted: JointTrajectory, start: FloatArray) -> JointTrajectory:
@@ -230,7 +235,7 @@ class Plans:
         turned = short_way(away, self.planner.kinematics.continuous) - away
         return replace(wanted, positions=positions + turned) if turned.any() else wanted
 
-    def _share_of_trajectory(self, path: TrajectoryPath, times: FloatArray) -> float:
+    def _share_of_trajectory(self, path: SplineTrajectory, times: FloatArray) -> float:
         """Share of its speed at which joints and TCP keep their limits all the way."""
         kinematics = self.planner.kinematics
         speed = acceleration = 0.0
@@ -270,7 +275,7 @@ class Plans:
         activity = FollowLine(self.servo, path, self.planner.kept, self.deceleration, self._arrival)
         return Plan(activity, path.duration_s, note)
 
-    def _path(self, begin: Pose, target: Pose) -> tuple[LinePath, str]:
+    def _path(self, begin: Pose, target: Pose) -> tuple[LineTrajectory, str]:
         """The line at the reference speeds, or slower where a longer duration is set."""
         values = self.parameters
         jerk = values[Parameter.PROFILE] == ProfileCode.JERK
@@ -287,7 +292,7 @@ class Plans:
             cap_rad_s = min(cap_rad_s, most.angular_speed_rad_s)
             linear_m_s3 = min(linear_m_s3, most.linear_jerk_m_s3 or math.inf)
             angular_rad_s3 = min(angular_rad_s3, most.angular_jerk_rad_s3 or math.inf)
-        limits = PathLimits(
+        limits = LineLimits(
             linear_speed_m_s=min(values[Parameter.TRAJECTORY_SPEED], cap_m_s),
             linear_acceleration_m_s2=linear_m_s2,
             linear_jerk_m_s3=linear_m_s3,
@@ -296,10 +301,10 @@ class Plans:
             angular_jerk_rad_s3=angular_rad_s3,
         )
         profile: Literal["jerk", "trapezoid"] = "jerk" if jerk else "trapezoid"
-        path = LinePath(begin, target, limits, profile=profile)
+        path = LineTrajectory(begin, target, limits, profile=profile)
         wanted_s = values[Parameter.TRAJECTORY_DURATION]
         if wanted_s > path.duration_s:
-            path = LinePath(begin, target, limits, profile=profile, duration_s=wanted_s)
+            path = LineTrajectory(begin, target, limits, profile=profile, duration_s=wanted_s)
         elif wanted_s > 0.0:
             return path, f"{wanted_s:g} s is too short: it takes {path.duration_s:.2f} s"
         return path, ""

@@ -19,11 +19,10 @@ from cardan.errors import (
     MotionRefusedError,
     OutOfReachError,
 )
-from cardan.gateway.arm.validation import Workspace, check_workspace
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import SE3, FloatArray, to_se3
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
-from cardan.gateway.servo.status import SINGULAR, UNBENT
+from cardan.gateway.kinematics.singularity import SINGULAR, UNBENT
 from cardan.robots import ArmModel, BodyShape, JointKind
 from cardan.robots.arm_bodies import CHARACTERISTIC_LENGTH_M
 from cardan.spatial import norm, rotation_between, subtract
@@ -52,6 +51,11 @@ NEAREST_TRIES = 6
 
 BOUNDLESS = 1e3
 """A range, rad or m, that no joint ever leaves."""
+
+
+Workspace = tuple[
+    tuple[float, float] | None, tuple[float, float] | None, tuple[float, float] | None
+]
 
 
 class Line(Protocol):
@@ -423,6 +427,16 @@ class Planner:
         q, tcp = self._boundless.nearest(placement, near, self._weights_on_way)
         missed = np.abs(tcp.actInv(placement).translation[self._kept_on_way[:3]])
         return q if float(missed.max(initial=0.0)) < WAY_TOLERANCE_M else None
+
+
+def check_workspace(verb: str, position: Sequence[float], workspace: Workspace) -> None:
+    """Raises MotionRefusedError for a position (base axes, m) outside of the box."""
+    for axis, value, bounds in zip("xyz", position, workspace, strict=True):
+        if bounds is not None and not bounds[0] <= value <= bounds[1]:
+            raise MotionRefusedError(
+                f"{verb}: {axis} = {value:.4f} m is outside of the workspace, "
+                f"{bounds[0]:.4f} to {bounds[1]:.4f} m"
+            )
 
 
 def _returns(kinematics: ArmKinematics, before: FloatArray, q: FloatArray) -> bool:
