@@ -139,8 +139,8 @@ GONE = frozenset(
         "unattended",
         "declared",
         "report_line",
-    "plans",
-    "joint_path",
+        "plans",
+        "joint_path",
     ]
 )
 """Names of modules that the field has other words for: CHANGELOG.md has them."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
@@ -173,16 +174,19 @@ class VerbPlans:
 
     def _share_of_speed(self, start: FloatArray, goal: FloatArray, speeds: FloatArray) -> float:
         """Share of the joints' `speeds` at which the TCP keeps its speed limit on the whole way."""
-        limits = self.options.limits
-        if limits is None:
-            return 1.0
         way = goal - start
         rate = way / float((np.abs(way) / speeds).max())
-        kinematics = self.planner.kinematics
-        share = 1.0
-        for along in np.linspace(0.0, 1.0, SPEED_SAMPLES):
-            kinematics.update(start + along * way)
-            twist = kinematics.jacobian @ rate
+        shares = np.linspace(0.0, 1.0, SPEED_SAMPLES)
+        return self._tcp_share([(start + share * way, rate) for share in shares])
+
+    def _tcp_share(self, samples: Iterable[tuple[FloatArray, FloatArray]]) -> float:
+        """The same at all of these joint positions and velocities."""
+        limits, kinematics, share = self.options.limits, self.planner.kinematics, 1.0
+        if limits is None:
+            return share
+        for q, v in samples:
+            kinematics.update(q)
+            twist = kinematics.jacobian @ v
             share = min(
                 share,
                 limits.linear_speed_m_s / max(float(np.linalg.norm(twist[:3])), _STILL),
@@ -238,23 +242,14 @@ class VerbPlans:
     def _share_of_trajectory(self, path: SplineTrajectory, times: FloatArray) -> float:
         """Share of its speed at which joints and TCP keep their limits all the way."""
         kinematics = self.planner.kinematics
-        speed = acceleration = 0.0
-        limits = self.options.limits
-        for t_s in times.tolist():
-            q, v = path.at(t_s)
-            speed = max(speed, float((np.abs(v) / kinematics.velocity).max()))
-            a = path.acceleration(t_s)
-            acceleration = max(acceleration, float((np.abs(a) / kinematics.acceleration).max()))
-            if limits is not None and v.any():
-                kinematics.update(q)
-                twist = kinematics.jacobian @ v
-                linear, angular = np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])
-                speed = max(
-                    speed,
-                    float(linear) / limits.linear_speed_m_s,
-                    float(angular) / limits.angular_speed_rad_s,
-                )
-        return min(1.0, 1.0 / max(speed, 1.0), 1.0 / math.sqrt(max(acceleration, 1.0)))
+        moves = [path.at(t_s) for t_s in times.tolist()]
+        speeds = [float((np.abs(v) / kinematics.velocity).max()) for _, v in moves]
+        accelerations = [
+            float((np.abs(path.acceleration(t_s)) / kinematics.acceleration).max())
+            for t_s in times.tolist()
+        ]
+        within = 1.0 / max(1.0, *speeds), 1.0 / math.sqrt(max(1.0, *accelerations))
+        return min(self._tcp_share(moves), *within)
 
     def line(self, target: Pose, start: FloatArray, relative: bool, verb: str = "movl") -> Plan:
         """A straight line to `target`, in the base, or `relative` to where the TCP is."""

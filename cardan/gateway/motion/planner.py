@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, NamedTuple
 
 from cardan.common.arm_libraries import np, pin
 from cardan.common.bounds import SAFETY_DISTANCE_M
@@ -23,10 +23,11 @@ from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import SE3, FloatArray, to_se3
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
 from cardan.gateway.kinematics.singularity import SINGULAR, UNBENT
+from cardan.gateway.motion.trajectories import LineTrajectory
 from cardan.robots import ArmModel, BodyShape, JointKind
 from cardan.robots.arm_bodies import CHARACTERISTIC_LENGTH_M
 from cardan.spatial import norm, rotation_between, subtract
-from cardan.types import Pose, Twist
+from cardan.types import Pose
 
 REACHED_M = 1e-4
 REACHED_RAD = 1e-3
@@ -58,17 +59,6 @@ Workspace = tuple[
 ]
 
 
-class Line(Protocol):
-    """A straight path, as the planner needs it."""
-
-    @property
-    def duration_s(self) -> float:
-        """Time until rest, s."""
-
-    def at(self, t_s: float, /) -> tuple[Pose, Twist]:
-        """Pose and twist (base axes) at `t_s` since the start."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Margins(Options):
     """Distances, m, that a planned motion keeps. Raises OptionError."""
@@ -78,11 +68,8 @@ class Margins(Options):
 
 
 class DryRun(NamedTuple):
-    """Joint positions along a line."""
+    """How fast the joints can follow a line."""
 
-    times_s: FloatArray
-    positions: FloatArray
-    """A row for each time."""
     pace: float
     """Share of the wanted speed that the slowest joint allows, at most 1."""
     slowest: str
@@ -287,21 +274,11 @@ class Planner:
         share, pair = self._free_share(start, goal)
         if pair is not None:
             raise self._collision(verb, pair, share)
-        if not any(self.workspace):
-            return
-        was_outside = False
-        for index in range(WORKSPACE_SAMPLES + 1):
-            share = index / WORKSPACE_SAMPLES
-            position = self.kinematics.forward(start + share * (goal - start)).translation.tolist()
-            try:
-                check_workspace(verb, position, self.workspace)
-            except MotionRefusedError as error:
-                # A TCP that starts outside may come in, once.
-                if index > 0 and not was_outside:
-                    raise MotionRefusedError(f"{error}, after {share:.0%} of the way") from None
-                was_outside = True
-            else:
-                was_outside = False
+        if any(self.workspace):
+            rows = np.linspace(start, goal, WORKSPACE_SAMPLES + 1)
+            for index in range(1, len(rows)):
+                where = f" after {index / WORKSPACE_SAMPLES:.0%} of the way"
+                self._check_entered(verb, rows[index - 1], rows[index], where)
 
     def check_joint_samples(self, verb: str, positions: FloatArray) -> None:
         """See that straight joint motions from row to row of `positions` are free.
@@ -361,7 +338,7 @@ class Planner:
 
     # -- a line --------------------------------------------------------------------------------
 
-    def dry_run(self, verb: str, path: Line, start: FloatArray) -> DryRun:
+    def dry_run(self, verb: str, path: LineTrajectory, start: FloatArray) -> DryRun:
         """Follow `path` from the joint positions `start` without moving anything.
 
         Raises JointLimitError, CollisionError, OutOfReachError or MotionRefusedError, with how far
@@ -375,12 +352,9 @@ class Planner:
         count = math.ceil(2.0 * max(way_m / LINE_STEP_M, angle / LINE_STEP_RAD)) + 8
         count = min(count, MOST_SAMPLES)
         times = np.linspace(0.0, path.duration_s, count + 1)
-        positions = np.empty((count + 1, len(start)))
-        positions[0] = start
-        pace, slowest = 1.0, 0
+        before, pace, slowest = start, 1.0, 0
         velocity, step_s = self.kinematics.velocity, path.duration_s / count
         for index in range(1, count + 1):
-            before = positions[index - 1]
             pose = path.at(float(times[index]))[0]
             q = self._continue(pose, before)
             if way_m > 0.0:
@@ -416,8 +390,8 @@ class Planner:
             worst = int(np.argmin(allowed))
             if allowed[worst] < pace:
                 pace, slowest = float(allowed[worst]), worst
-            positions[index] = q
-        return DryRun(times, positions, pace, self.names[slowest] if pace < 1.0 else "")
+            before = q
+        return DryRun(pace, self.names[slowest] if pace < 1.0 else "")
 
     def _continue(self, pose: Pose, near: FloatArray) -> FloatArray | None:
         placement = to_se3(pose)

@@ -12,7 +12,7 @@ from cardan.common.arm_libraries import np
 from cardan.errors import ConfigurationError, MotionRefusedError
 from cardan.gateway.kinematics.base import FloatArray
 from cardan.gateway.motion.joint_trajectory import SHORTEST_STEP_S, JointTrajectory
-from cardan.gateway.motion.profiles import JerkLimited, Profile
+from cardan.gateway.motion.profiles import Profile
 from cardan.spatial import (
     add,
     compose,
@@ -38,7 +38,7 @@ _HALF_TURN_RAD = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class LineLimits:
-    """Limits of a Cartesian path; norms, for translation and rotation separately."""
+    """Limits of a line; norms, for translation and rotation separately."""
 
     linear_speed_m_s: float = 0.05
     linear_acceleration_m_s2: float = 0.1
@@ -88,37 +88,11 @@ def _cartesian_bounds(
 
 def _based(start: Pose) -> Pose:
     if start.frame is not Frame.BASE:
-        raise ValueError("the start of a path is a pose in the base frame")
+        raise ValueError("the start of a line is a pose in the base frame")
     return Pose(start.position, normalized(start.orientation), Frame.BASE)
 
 
-class _ScrewPath:
-    """Position straight, rotation about one fixed axis, both by one path variable."""
-
-    def __init__(self, start: Pose, linear: Vector3, angular: Vector3, profile: Profile) -> None:
-        self.start = start
-        self._linear, self._angular, self._profile = linear, angular, profile
-
-    @property
-    def duration_s(self) -> float:
-        """Time until rest, s; infinite where there is no end."""
-        return self._profile.duration_s
-
-    def at(self, t_s: float) -> tuple[Pose, Twist]:
-        """Pose and twist, both in the base frame, at `t_s` since the start of the path."""
-        u, du, _ = self._profile.at(t_s)
-        turned = multiply(from_rotation_vector(scale(self._angular, u)), self.start.orientation)
-        return (
-            Pose(add(self.start.position, scale(self._linear, u)), turned, Frame.BASE),
-            Twist(scale(self._linear, du), scale(self._angular, du), Frame.BASE),
-        )
-
-    def brake(self, t_s: float) -> _ScrewPath:
-        """The quickest stop along the same path from the state at `t_s`, which is its time 0."""
-        return _ScrewPath(self.start, self._linear, self._angular, self._profile.brake(t_s))
-
-
-class LineTrajectory(_ScrewPath):
+class LineTrajectory:
     """From rest to rest along a straight line, turning about one fixed axis the short way.
 
     Both parts share one path variable, bounded by the stricter of the two, and end together. At
@@ -144,30 +118,32 @@ class LineTrajectory(_ScrewPath):
         distance_m, angle_rad = norm(linear), norm(angular)
         bounds = _cartesian_bounds(limits, distance_m, angle_rad, profile)
         length = 1.0 if max(distance_m, angle_rad) > _NO_WAY else 0.0
-        super().__init__(start, linear, angular, JerkLimited(length, *bounds, duration_s))
+        self._profile = Profile(length, *bounds, duration_s)
+        self.start, self._linear, self._angular = start, linear, angular
         end = multiply(from_rotation_vector(angular), start.orientation)
         self.goal = Pose(
             goal.position, same_hemisphere(normalized(goal.orientation), end), Frame.BASE
         )
 
+    @property
+    def duration_s(self) -> float:
+        """Time until rest, s."""
+        return self._profile.duration_s
+
     def at(self, t_s: float) -> tuple[Pose, Twist]:
         """Pose and twist, both in the base frame, at `t_s`; from the end on exactly the goal."""
-        pose, twist = super().at(t_s)
-        return (self.goal if t_s >= self.duration_s else pose), twist
-
-
-def wrap_angle(angle_rad: float) -> float:
-    """`angle_rad` in (-pi, pi]."""
-    turn = 2.0 * math.pi
-    return angle_rad - turn * math.ceil((angle_rad - math.pi) / turn)
+        u, du, _ = self._profile.at(t_s)
+        twist = Twist(scale(self._linear, du), scale(self._angular, du), Frame.BASE)
+        if t_s >= self.duration_s:
+            return self.goal, twist
+        turned = multiply(from_rotation_vector(scale(self._angular, u)), self.start.orientation)
+        return Pose(add(self.start.position, scale(self._linear, u)), turned, Frame.BASE), twist
 
 
 class PointToPointTrajectory:
     """From rest to rest in joint space: a straight line, so that all joints arrive together.
 
-    `start`, `goal` and limits by joint in kinematic order, rad (m) and per s, s², s³; `jerks`
-    None: accelerations jump. Joints marked in `continuous` take the short way round, also when
-    that ends a turn beside `goal`. `duration_s` as in :class:`LineTrajectory`.
+    `start`, `goal` and limits by joint in kinematic order, rad (m) and per s, s².
     """
 
     def __init__(
@@ -176,43 +152,26 @@ class PointToPointTrajectory:
         goal: Sequence[float] | FloatArray,
         speeds: Sequence[float] | FloatArray,
         accelerations: Sequence[float] | FloatArray,
-        jerks: Sequence[float] | FloatArray | None = None,
-        *,
-        continuous: Sequence[bool] | None = None,
-        duration_s: float | None = None,
     ) -> None:
         self.start = np.array(start, dtype=np.float64)
         self.goal = np.array(goal, dtype=np.float64)
-        """Where the path ends, whole turns included."""
         joints = self.start.size
-        given = {"goal": self.goal, "speeds": speeds, "accelerations": accelerations}
-        for name, values in (*given.items(), ("jerks", jerks), ("continuous", continuous)):
-            if values is not None and len(values) != joints:
+        bounds = (("speeds", speeds), ("accelerations", accelerations))
+        for name, values in (("goal", self.goal), *bounds):
+            if len(values) != joints:
                 raise ValueError(f"{name} has {len(values)} values for {joints} joints")
         if not (np.isfinite(self.start).all() and np.isfinite(self.goal).all()):
             raise ValueError("start and goal must be finite")
-        self._way = self.goal - self.start
-        for joint, turns in enumerate(continuous or ()):
-            if turns and abs(self._way[joint]) > math.pi:
-                self._way[joint] = wrap_angle(float(self._way[joint]))
-                self.goal[joint] = self.start[joint] + self._way[joint]
-            elif turns and self._way[joint] == -math.pi:
-                self._way[joint] = math.pi
-                self.goal[joint] = self.start[joint] + math.pi
-        ways = np.abs(self._way).tolist()
-        bounds = []
-        for name, values in (("speeds", speeds), ("accelerations", accelerations)):
+        for name, values in bounds:
             if not all(value > 0.0 for value in values):
                 raise ValueError(f"{name} {list(values)} are not all above 0")
-            bounds.append(_strictest([float(value) for value in values], ways))
-        if jerks is not None and not all(value > 0.0 for value in jerks):
-            raise ValueError(f"jerks {list(jerks)} are not all above 0")
-        jerk = math.inf if jerks is None else _strictest([float(value) for value in jerks], ways)
+        self._way = self.goal - self.start
+        ways = np.abs(self._way).tolist()
+        speed, acceleration = (
+            _strictest([float(value) for value in values], ways) for _, values in bounds
+        )
         self._length = 1.0 if max(ways, default=0.0) > _NO_WAY else 0.0
-        self._run(JerkLimited(self._length, bounds[0], bounds[1], jerk, duration_s))
-
-    def _run(self, profile: Profile) -> None:
-        self._profile = profile
+        self._profile = Profile(self._length, speed, acceleration, math.inf)
         self._q, self._v = self.start.copy(), np.zeros_like(self.start)
 
     @property
@@ -231,17 +190,9 @@ class PointToPointTrajectory:
             self._q += self.start
         return self._q, self._v
 
-    def brake(self, t_s: float) -> PointToPointTrajectory:
-        """The quickest stop along the same line from the state at `t_s`, which is its time 0."""
-        stop = PointToPointTrajectory.__new__(PointToPointTrajectory)
-        stop.start, stop.goal = self.start, self.goal
-        stop._way, stop._length = self._way, self._length
-        stop._run(self._profile.brake(t_s))
-        return stop
-
 
 class HoldTrajectory:
-    """The path of an arm that is commanded to stay."""
+    """Of an arm that is commanded to stay."""
 
     duration_s = 0.0
 

@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 from cardan.common.arm_libraries import np
 from cardan.gateway.arm.arrival import Arrival
 from cardan.gateway.arm.motions.base import Deceleration
 from cardan.gateway.arm.motions.trajectory_motion import TOLERANCE_RAD, TrajectoryMotion
 from cardan.gateway.arm.vocab import State
 from cardan.gateway.kinematics.base import FloatArray, short_way
+from cardan.gateway.motion.trajectories import (
+    HoldTrajectory,
+    PointToPointTrajectory,
+    SplineTrajectory,
+)
 from cardan.gateway.servo.choice import AnyServo
 from cardan.types import RobotState
 
 ARRIVED_RAD = 1e-5
 """Largest distance of a commanded joint from its goal, rad or m, at which the command is there."""
-
-
-class JointMotionPath(Protocol):
-    """Path of a joint motion over time."""
-
-    @property
-    def duration_s(self) -> float:
-        """Time until rest, s."""
-
-    def at(self, t_s: float, /) -> tuple[FloatArray, FloatArray]:
-        """Joint positions and velocities at `t_s` since the start; the next call may reuse them."""
 
 
 class FollowJoints(TrajectoryMotion):
@@ -36,7 +28,7 @@ class FollowJoints(TrajectoryMotion):
     def __init__(
         self,
         servo: AnyServo,
-        path: JointMotionPath,
+        path: PointToPointTrajectory | HoldTrajectory | SplineTrajectory,
         deceleration: Deceleration,
         arrival: Arrival,
     ) -> None:

@@ -13,7 +13,7 @@ from cardan.gateway.arm.motions.trajectory_motion import (
 )
 from cardan.gateway.arm.vocab import State
 from cardan.gateway.kinematics.base import SE3, to_se3
-from cardan.gateway.motion.planner import Line
+from cardan.gateway.motion.trajectories import LineTrajectory
 from cardan.gateway.servo.choice import AnyServo
 from cardan.spatial import norm, rotation_between, scale, subtract
 from cardan.types import RobotState
@@ -27,7 +27,7 @@ class FollowLine(TrajectoryMotion):
     def __init__(
         self,
         servo: AnyServo,
-        path: Line,
+        path: LineTrajectory,
         kept: npt.NDArray[np.bool_],
         deceleration: Deceleration,
         arrival: Arrival,
