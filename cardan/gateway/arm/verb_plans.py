@@ -199,7 +199,9 @@ class VerbPlans:
         self.require_drive(verb)
         joints = len(wanted.positions[0])
         if joints != len(start):
-            raise MotionRefusedError(f"{verb}: it has {joints} joints, the arm has {len(start)}")
+            raise MotionRefusedError(
+                f"{verb}: it has {joints} joints, the arm has {len(start)}; plan it for this arm"
+            )
         wanted = self._nearest_turns(wanted, start)
         if wanted.times_s[0] < SHORTEST_STEP_S:
             away = np.abs(np.array(wanted.positions[0]) - start)
@@ -220,8 +222,8 @@ class VerbPlans:
             path.slow(share)
         if 0.0 < wanted.goal_time_s < path.duration_s - planned_s:
             raise MotionRefusedError(
-                f"{verb}: inside the limits of the arm it takes {path.duration_s:.2f} s; it was "
-                f"planned for {planned_s:.2f} s, and may take {wanted.goal_time_s:g} s longer"
+                f"{verb}: the arm's limits make it {path.duration_s:.2f} s; it was planned for "
+                f"{planned_s:.2f} s, and may take {wanted.goal_time_s:g} s longer; plan it slower"
             )
         note = ""
         if share < WORTH_A_NOTE:
@@ -312,7 +314,9 @@ class VerbPlans:
         linear, angular, share = self.slowed(linear, angular)
         note = f"slowed to {share:.0%}, the fastest allowed" if share < 1.0 else ""
         if not any((*linear, *angular)):
-            raise MotionRefusedError("movv: a twist of zero moves nothing")
+            raise MotionRefusedError(
+                "movv: a twist of zero moves nothing; call stop to end a motion"
+            )
         reference = self.reference(*self._accelerations)
         twist = Twist(linear, angular, Frame.BASE)
         controller = self._controller

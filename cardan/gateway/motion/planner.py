@@ -199,26 +199,34 @@ class Planner:
         angle = np.linalg.norm(pin.log3(difference.rotation)[self.followed[3:]])
         return float(distance), float(angle)
 
-    def _why_not(self, verb: str, placement: SE3, near: FloatArray) -> MotionRefusedError:
-        """The reason why no joint positions inside the limits give `placement`."""
+    def _why_not(
+        self, verb: str, placement: SE3, near: FloatArray, where: str = "", instead: str = ""
+    ) -> MotionRefusedError:
+        """The reason why no joint positions inside the limits give `placement`, and what to do
+        `instead`; empty: another pose."""
         beyond = (
             self._boundless.inverse(placement, near, restarts=0)
             if self._any_pose
             else self._nearest(self._boundless, placement, near, 1)
         )
         if beyond is not None:
-            error = self._limit_error(verb, beyond, "")
+            error = self._limit_error(verb, beyond, where)
             if error is not None:
                 return error
         _, tcp = self.kinematics.nearest(placement, near, self._weights)
         distance, angle = self._miss(tcp, placement)
-        if distance < REACHED_M and angle < REACHED_RAD:
+        missed = [f"{distance * 1e3:.1f} mm"] if distance >= REACHED_M else []
+        if angle >= REACHED_RAD:
+            missed.append(f"{angle:.3f} rad")
+        if not missed:
             return MotionRefusedError(
-                f"{verb}: the pose is at the edge of what the arm reaches; no joint positions "
-                "were found that keep their limits"
+                f"{verb}: the pose is at the edge of what the arm reaches{where}; "
+                f"{instead or 'choose one nearer to the base'}"
             )
+        x, y, z = tcp.translation
         return OutOfReachError(
-            f"{verb}: the pose is out of reach by {distance * 1e3:.1f} mm and {angle:.3f} rad",
+            f"{verb}: the pose is out of reach by {' and '.join(missed)}{where}; "
+            f"{instead or f'choose one near ({x:.2f}, {y:.2f}, {z:.2f}) m'}",
             distance,
             angle,
         )
@@ -234,7 +242,7 @@ class Planner:
         name, unit = self.names[worst], self._units[worst]
         return JointLimitError(
             f"{verb}: {name} would have to be at {value:.4f} {unit}{where}; "
-            f"its limit is {limit:.4f} {unit}",
+            f"its limit is {limit:.4f} {unit}: choose another pose",
             name,
             value,
             limit,
@@ -303,14 +311,12 @@ class Planner:
 
     def _check_entered(self, verb: str, before: FloatArray, q: FloatArray, where: str) -> None:
         """The TCP is in the workspace at `q`, or was outside of it already."""
+        before_m, now_m = (self.forward(each).translation.tolist() for each in (before, q))
         try:
-            check_workspace(verb, self.forward(q).translation.tolist(), self.workspace)
-        except MotionRefusedError as error:
-            try:
-                check_workspace(verb, self.forward(before).translation.tolist(), self.workspace)
-            except MotionRefusedError:
-                return
-            raise _further(error, f",{where}") from None
+            check_workspace(verb, before_m, self.workspace)
+        except MotionRefusedError:
+            return
+        check_workspace(verb, now_m, self.workspace, where)
 
     def _place_movers(self) -> None:
         frames = self._mover_frames()
@@ -333,7 +339,10 @@ class Planner:
         if solids[0] >= self.collision.first_mover:
             comes, to = to, f"{comes}, where that is now,"
         return CollisionError(
-            f"{verb}: {comes} would come too near to {to} after {share:.0%} of the way", pair, share
+            f"{verb}: {comes} would come too near to {to} after {share:.0%} of the way; "
+            "go around it",
+            pair,
+            share,
         )
 
     # -- a line --------------------------------------------------------------------------------
@@ -363,15 +372,20 @@ class Planner:
                 share = norm(rotation_between(begin.orientation, pose.orientation)) / (angle or 1.0)
             where = f" after {share:.0%} of the line"
             if q is None:
-                error = self._why_not(verb, to_se3(pose), before)
-                if isinstance(error, OutOfReachError):
-                    goal = self._why_not(verb, to_se3(end), before)
-                    if isinstance(goal, OutOfReachError):
-                        raise _further(goal, f"; the line leaves the reach after {share:.0%} of it")
-                value = self.kinematics.smallest_singular_value(before, self.model.task.weights)
-                if value < SINGULAR:
-                    where += f"; {UNBENT.format(value)}"
-                raise _further(error, f",{where}")
+                goal = to_se3(end)
+                begun, value = (
+                    self.kinematics.smallest_singular_value(each, self.model.task.weights)
+                    for each in (start, before)
+                )
+                if begun >= SINGULAR and self._inverse(goal, before) is None:
+                    beyond = f", from {share:.0%} of the line on"
+                    error = self._why_not(verb, goal, before, beyond)
+                    if isinstance(error, OutOfReachError):
+                        raise error
+                error = self._why_not(verb, to_se3(pose), before, where, "go there by movj")
+                if value < SINGULAR and not isinstance(error, JointLimitError):
+                    raise MotionRefusedError(f"{verb}: no way on{where}: {UNBENT.format(value)}")
+                raise error
             outside = self._limit_error(verb, q, where)
             if outside is not None and not _returns(self.kinematics, before, q):
                 raise outside
@@ -380,7 +394,7 @@ class Planner:
             if jump[worst] > LARGEST_JUMP_RAD:
                 raise MotionRefusedError(
                     f"{verb}: the line passes a singularity: {self.names[worst]} would have to "
-                    f"jump by {jump[worst]:.2f} rad{where}"
+                    f"jump by {jump[worst]:.2f} rad{where}; go there by movj"
                 )
             along, pair = self._free_share(before, q)
             if pair is not None:
@@ -403,12 +417,14 @@ class Planner:
         return q if float(missed.max(initial=0.0)) < WAY_TOLERANCE_M else None
 
 
-def check_workspace(verb: str, position: Sequence[float], workspace: Workspace) -> None:
+def check_workspace(
+    verb: str, position: Sequence[float], workspace: Workspace, where: str = ""
+) -> None:
     """Raises MotionRefusedError for a position (base axes, m) outside of the box."""
     for axis, value, bounds in zip("xyz", position, workspace, strict=True):
         if bounds is not None and not bounds[0] <= value <= bounds[1]:
             raise MotionRefusedError(
-                f"{verb}: {axis} = {value:.4f} m is outside of the workspace, "
+                f"{verb}: {axis} = {value:.4f} m{where} is outside of the workspace, "
                 f"{bounds[0]:.4f} to {bounds[1]:.4f} m"
             )
 
@@ -418,9 +434,3 @@ def _returns(kinematics: ArmKinematics, before: FloatArray, q: FloatArray) -> bo
     outside_before = np.maximum(kinematics.lower - before, before - kinematics.upper)
     outside = np.maximum(kinematics.lower - q, q - kinematics.upper)
     return bool(np.all((outside <= 1e-9) | (outside <= outside_before)))
-
-
-def _further(error: MotionRefusedError, where: str) -> MotionRefusedError:
-    """`error` with where on the line it is."""
-    error.args = (f"{error.args[0]}{where}",)
-    return error
