@@ -11,10 +11,10 @@ from collections.abc import Callable
 
 from cardan.gateway.arm.authority import HAND
 from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.arm.motion import Motion
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.arm.verb_methods import ArmVerbs
+from cardan.gateway.arm.verb_results import Motion
 from cardan.gateway.arm.vocab import Parameter, Stream
 from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.mapping import MappingOptions

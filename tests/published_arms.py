@@ -27,7 +27,7 @@ import pinocchio as pin
 
 from cardan.common.tables import parse_toml, read_table, read_text
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.motion import Outcome
+from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import CollisionModel
 from cardan.robots import ArmModel, load_arm

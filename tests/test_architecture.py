@@ -140,6 +140,8 @@ GONE = frozenset(
         "declared",
         "report_line",
         "judges",
+        "plans",
+        "joint_path",
     ]
 )
 """Names of modules that the field has other words for: CHANGELOG.md has them."""
@@ -161,8 +163,8 @@ FREE_OF_CIRCLES = (
 )  # fmt: skip
 
 GATEWAY_ROOMS = {
-    "motion": set(),
     "kinematics": set(),
+    "motion": {"kinematics"},
     "servo": {"kinematics"},
     "operator": {"motion"},
     "force": set(),
@@ -182,14 +184,13 @@ ARM_MODEL = (
     "cardan.gateway.arm.device",
     "cardan.gateway.arm.neighbors",
     "cardan.gateway.arm.options",
-    "cardan.gateway.arm.planner",
-    "cardan.gateway.arm.plans",
     "cardan.gateway.arm.streams",
     "cardan.gateway.arm.verb_methods",
+    "cardan.gateway.arm.verb_plans",
     "cardan.gateway.bus.neighbors",
     "cardan.gateway.kinematics.",
-    "cardan.gateway.motion.paths",
-    "cardan.gateway.motion.trajectory",
+    "cardan.gateway.motion.planner",
+    "cardan.gateway.motion.trajectories",
     "cardan.gateway.servo.",
     "cardan.own_arm.added",
     "cardan.own_arm.pictures",

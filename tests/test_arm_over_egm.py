@@ -7,9 +7,9 @@ import pytest
 
 from cardan.drivers.abb_egm import AbbEgm, AbbEgmOptions, EgmSession
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.verb_methods import ArmVerbs
+from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.session.arm_assembly import make_arm
 from cardan.gateway.session.config import parse_config
 from cardan.robots import load_arm

@@ -10,9 +10,9 @@ import pytest
 from cardan.common.tables import as_table
 from cardan.drivers.motoros import Motoros
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.verb_methods import ArmVerbs
+from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.session.arm_assembly import make_arm
 from cardan.gateway.session.assembly import load_config, make_controller

@@ -12,7 +12,7 @@ from cardan.gateway.arm.verb_table import NOTHING, VALUES, VERB_TABLE, Takes
 
 if TYPE_CHECKING:
     from cardan.gateway.arm.interface import CartesianArm
-    from cardan.gateway.arm.motion import Motion
+    from cardan.gateway.arm.verb_results import Motion
 
 LOOK_S: Final = 0.05
 """How often it looks whether a motion has ended."""

@@ -25,7 +25,7 @@ from cardan.demos.examples import Demo
 from cardan.demos.lab import POLL_S, READY_S, simulated_lab, write_lab
 from cardan.demos.peers import Peers
 from cardan.errors import ConfigurationError, MotionLoopError, MotionRefusedError
-from cardan.gateway.arm.motion import Motion, Outcome
+from cardan.gateway.arm.verb_results import Motion, Outcome
 from cardan.gateway.daemon import view
 from cardan.gateway.daemon.changes import Change
 from cardan.gateway.daemon.client import RELOAD_S, ControlClient, daemon_arm

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from cardan.gateway.arm.device import CartesianDevice, digital_output_gripper
     from cardan.gateway.arm.interface import CartesianArm
-    from cardan.gateway.arm.motion import ControllerStatus, Motion, Outcome, Stat
     from cardan.gateway.arm.options import ControllerOptions
     from cardan.gateway.arm.verb_methods import ArmVerbs
+    from cardan.gateway.arm.verb_results import ControllerStatus, Motion, Outcome, Stat
     from cardan.gateway.arm.vocab import Action, FrameCode, Parameter, State, Stream
 
 _HOMES = {

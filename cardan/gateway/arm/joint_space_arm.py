@@ -21,10 +21,11 @@ from cardan.gateway.arm.following_error import FollowingError
 from cardan.gateway.arm.neighbors import NeighborBodies
 from cardan.gateway.arm.output_check import OutputLimits
 from cardan.gateway.kinematics.base import SE3, FloatArray, Kinematics, short_way, to_pose
+from cardan.gateway.kinematics.singularity import SINGULAR
 from cardan.gateway.motion.speed_limited_reference import Reference
 from cardan.gateway.servo.choice import AnyServo
 from cardan.gateway.servo.servo import LONGEST_SERVO_STEP_S
-from cardan.gateway.servo.status import SINGULAR, ServoStatus
+from cardan.gateway.servo.status import ServoStatus
 from cardan.spatial import is_finite, norm, rotation_between, subtract
 from cardan.types import (
     IDENTITY_POSE,

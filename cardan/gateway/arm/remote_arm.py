@@ -17,7 +17,6 @@ from cardan.errors import CardanError, MotionLoopError, OptionError
 from cardan.gateway.arm.authority import HAND, VERBS
 from cardan.gateway.arm.interface import CartesianArm
 from cardan.gateway.arm.loop_link import NOT_OPEN
-from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import (
     MotionNote,
     PacketError,
@@ -28,6 +27,7 @@ from cardan.gateway.arm.requests import (
     result_of,
 )
 from cardan.gateway.arm.validation import LONGEST_NAME
+from cardan.gateway.arm.verb_results import Motion, Outcome
 
 ANSWER_TIMEOUT_S = 30.0
 """Longest time for a verb to plan and wait for rest; beyond, the session does not answer."""

@@ -21,8 +21,8 @@ from cardan import errors
 from cardan.common.value_json import to_json
 from cardan.errors import CardanError
 from cardan.gateway.arm.authority import AuthorityState
-from cardan.gateway.arm.motion import ControllerStatus, Motion, Outcome, Rehearsal, Stat
 from cardan.gateway.arm.validation import brief, checked_sequence, checked_source
+from cardan.gateway.arm.verb_results import ControllerStatus, Motion, Outcome, Rehearsal, Stat
 from cardan.gateway.arm.verb_table import (
     IN_PACKETS,
     LARGEST_INTEGER,

@@ -21,21 +21,21 @@ from cardan.gateway.arm.motions.joint_stream import FollowJointStream
 from cardan.gateway.arm.motions.pose_stream import FollowPoseStream
 from cardan.gateway.arm.motions.torque import TorqueMotion
 from cardan.gateway.arm.motions.twist_stream import FollowTwistStream
-from cardan.gateway.arm.plans import Plans
 from cardan.gateway.arm.replay_requests import CommandHeader, argument_text
 from cardan.gateway.arm.validation import (
     LONGEST_NAME,
     FramedPose,
     Target,
-    check_workspace,
     checked_pose,
     checked_sequence,
     checked_source,
     joint_numbers,
     six_numbers,
 )
+from cardan.gateway.arm.verb_plans import VerbPlans
 from cardan.gateway.arm.vocab import Parameter, State, Stream, vocab_text
 from cardan.gateway.kinematics.base import FloatArray
+from cardan.gateway.motion.planner import check_workspace
 from cardan.spatial import (
     add,
     compose,
@@ -68,7 +68,9 @@ def _is_time(stamp_s: object) -> bool:
 class Streams:
     """The streaming commands of one arm. Each answers with the reason why not, "" when taken."""
 
-    def __init__(self, controller: ArmController, commanded: JointSpaceArm, plans: Plans) -> None:
+    def __init__(
+        self, controller: ArmController, commanded: JointSpaceArm, plans: VerbPlans
+    ) -> None:
         self._controller, self._commanded, self._plans = controller, commanded, plans
         self._link: _Link | None = None
         self._delays = Delays()

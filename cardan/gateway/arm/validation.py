@@ -25,10 +25,6 @@ class FramedPose(NamedTuple):
     """BASE; or TOOL: relative to where the TCP is."""
 
 
-Workspace = tuple[
-    tuple[float, float] | None, tuple[float, float] | None, tuple[float, float] | None
-]
-
 LARGEST_NUMBER = 1e4
 """Largest accepted m, rad, m/s, N or N·m: more is a mistake of units, and could overflow."""
 
@@ -167,13 +163,3 @@ def six_of(pose: Pose) -> Six:
     """Position (m) and rotation vector (rad, length at most pi) of a pose."""
     rotation = to_rotation_vector(pose.orientation)
     return (*pose.position, *rotation)
-
-
-def check_workspace(verb: str, position: Sequence[float], workspace: Workspace) -> None:
-    """Raises MotionRefusedError for a position (base axes, m) outside of the box."""
-    for axis, value, bounds in zip("xyz", position, workspace, strict=True):
-        if bounds is not None and not bounds[0] <= value <= bounds[1]:
-            raise MotionRefusedError(
-                f"{verb}: {axis} = {value:.4f} m is outside of the workspace, "
-                f"{bounds[0]:.4f} to {bounds[1]:.4f} m"
-            )

@@ -17,24 +17,14 @@ from cardan.gateway.arm import parameters as prm
 from cardan.gateway.arm.authority import VERBS, Authority
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.joint_space_arm import PREFERRED, JointSpaceArm
-from cardan.gateway.arm.motion import (
-    ControllerStatus,
-    Motion,
-    Outcome,
-    Rehearsal,
-    Stat,
-)
+from cardan.gateway.arm.motions.joint_trajectory import FollowJointTrajectory
 from cardan.gateway.arm.motions.torque import TorqueMotion
-from cardan.gateway.arm.motions.trajectory import FollowTrajectory
 from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.arm.planner import Planner
-from cardan.gateway.arm.plans import Plan, Plans, kinds_in_words
 from cardan.gateway.arm.replay_requests import CommandHeader, argument_text
 from cardan.gateway.arm.streams import Streams
 from cardan.gateway.arm.validation import (
     FramedPose,
     Target,
-    check_workspace,
     checked_action,
     checked_distance,
     checked_name,
@@ -42,6 +32,14 @@ from cardan.gateway.arm.validation import (
     joint_numbers,
     six_numbers,
     six_of,
+)
+from cardan.gateway.arm.verb_plans import Plan, VerbPlans, kinds_in_words
+from cardan.gateway.arm.verb_results import (
+    ControllerStatus,
+    Motion,
+    Outcome,
+    Rehearsal,
+    Stat,
 )
 from cardan.gateway.arm.verb_table import preset_of
 from cardan.gateway.arm.vocab import (
@@ -57,6 +55,7 @@ from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, to_pose
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
 from cardan.gateway.motion.joint_trajectory import JointTrajectory
+from cardan.gateway.motion.planner import Planner, check_workspace
 from cardan.gateway.operator.input import OperatorInput
 from cardan.gateway.operator.mapping import MappingOptions, TwistMapping
 from cardan.gateway.servo.choice import choose_servo
@@ -128,7 +127,7 @@ class ArmVerbs:
             commanded.velocity_gain_1_s * values[Parameter.CONTROL_PERIOD] / 1000.0
         )
         values[Parameter.POLICY] = float(_TO_CODE[commanded.servo.policy])
-        self.plans = Plans(
+        self.plans = VerbPlans(
             controller, commanded, model, self.planner, capabilities, options, self.parameters
         )
         self.plans.measuring.set_tool(commanded.tool)
@@ -273,7 +272,7 @@ class ArmVerbs:
         """Joint positions and velocities that a trajectory has now, and the index of its point;
         None where none is followed."""
         current = self.controller.motion
-        if not isinstance(current, FollowTrajectory):
+        if not isinstance(current, FollowJointTrajectory):
             return None
         positions, velocities = current.desired()
         return positions.tolist(), velocities.tolist(), current.point

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from cardan.gateway.arm.authority import VERBS
 from cardan.gateway.arm.loop_link import LoopLink
-from cardan.gateway.arm.motion import Motion, Outcome, Rehearsal
 from cardan.gateway.arm.validation import checked_sequence, checked_source, checked_timeout
+from cardan.gateway.arm.verb_results import Motion, Outcome, Rehearsal
 from cardan.gateway.arm.verb_table import NOTHING, VERB_TABLE
 from cardan.gateway.arm.vocab import Begins, Parameter, State
 

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple, NoReturn
 
 from cardan.errors import ConfigurationError, MotionRefusedError
 from cardan.gateway.arm import parameters as prm
-from cardan.gateway.arm.motion import ControllerStatus, Motion, Rehearsal, Stat
 from cardan.gateway.arm.validation import (
     LARGEST_SEQUENCE,
     brief,
@@ -26,6 +25,7 @@ from cardan.gateway.arm.validation import (
     joint_numbers,
     six_numbers,
 )
+from cardan.gateway.arm.verb_results import ControllerStatus, Motion, Rehearsal, Stat
 from cardan.gateway.arm.vocab import Stream
 from cardan.types import Frame, Pose, Quaternion, Vector3
 

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 from cardan.bus.node import BusNode, ServiceRequest
 from cardan.errors import CardanError
-from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.requests import CANCELED, MotionNote, PacketError, Request
+from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.bus.commands import ActionCommand, Instant
 from cardan.gateway.bus.serving import CommandServer
 from cardan.protocols.ros2.actions import (

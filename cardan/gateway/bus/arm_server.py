@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 from cardan.bus.node import BusNode, Received, ServiceRequest
 from cardan.errors import CardanError, MotionRefusedError
 from cardan.gateway.arm.backlog import PROVEN_S, STREAMED_S, Delays, late_words
-from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.requests import (
     MotionNote,
     PacketError,
@@ -28,6 +27,7 @@ from cardan.gateway.arm.requests import (
     encode_note,
     encode_reply,
 )
+from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.arm.verb_table import CHANGING, ENDLESS, SEQUENCED, preset_of
 from cardan.gateway.arm.vocab import Begins, vocab_text
 from cardan.gateway.bus.actions import Ahead, ArmAction

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from cardan.errors import CardanError, MotionRefusedError
-from cardan.gateway.arm.motion import Stat
+from cardan.gateway.arm.verb_results import Stat
 from cardan.gateway.arm.verb_table import POSE, TWIST, VERB_TABLE, WRENCH, Takes, Verb
 from cardan.gateway.arm.vocab import Action
 from cardan.protocols.ros2.cdr import Message

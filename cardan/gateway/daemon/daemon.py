@@ -25,8 +25,8 @@ from cardan.common.resource_errors import shortage
 from cardan.common.sockets import make_runtime_folder, runtime_path
 from cardan.errors import CardanError, ConfigurationError
 from cardan.gateway.arm.backlog import STREAMED_S
-from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.requests import LATE_S, PacketError, decode_request
+from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.arm.verb_table import ENDLESS, NEW_MOTION, SEQUENCED
 from cardan.gateway.daemon.changes import (
     REMOVED,

@@ -7,7 +7,6 @@ A profile is a chain of phases of constant jerk. The length has whatever unit it
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import NamedTuple
 
 
@@ -29,133 +28,6 @@ class JerkSegment(NamedTuple):
     acceleration: float
     """At its start."""
     jerk: float
-
-
-def _require_positive(**values: float) -> None:
-    for name, value in values.items():
-        if not value > 0.0:
-            raise ValueError(f"{name} {value:g} is not above 0")
-
-
-def stopping_phases(
-    speed: float, acceleration_now: float, acceleration: float, jerk: float
-) -> tuple[JerkSegment, ...]:
-    """The quickest way from `speed` >= 0 and `acceleration_now` to rest, in up to three phases.
-
-    Speed falls at every time at least as fast as in any other motion within `acceleration` and
-    `jerk` (both may be infinite) that comes to rest without turning back; so no other covers less
-    way. Where speed is too low to end the present braking within `jerk` (by rounding, that is),
-    braking ends linearly.
-    """
-    a = acceleration_now
-    if speed <= 0.0:
-        return ()
-    if math.isinf(jerk):
-        if math.isinf(acceleration):
-            return ()
-        return (JerkSegment(speed / acceleration, -acceleration, 0.0),)
-    if a < 0.0 and 2.0 * jerk * speed <= a * a:
-        duration = -2.0 * speed / a
-        return (JerkSegment(duration, a, -a / duration),)
-    peak = math.sqrt(jerk * speed + 0.5 * a * a)
-    hold = 0.0
-    if peak > acceleration:
-        peak = acceleration
-        hold = max(0.0, (speed + 0.5 * a * a / jerk - peak * peak / jerk) / peak)
-    return (
-        JerkSegment((a + peak) / jerk, a, -jerk),
-        JerkSegment(hold, -peak, 0.0),
-        JerkSegment(peak / jerk, -peak, jerk),
-    )
-
-
-def _ways(speed: float, phases: tuple[JerkSegment, ...]) -> Iterator[float]:
-    """Way covered in each phase, from `speed` on."""
-    for time, a, jerk in phases:
-        yield time * (speed + time * (0.5 * a + time * jerk / 6.0))
-        speed += time * (a + time * 0.5 * jerk)
-
-
-class Profile:
-    """Phases one after the other, then the last speed for ever (0 where the motion ends).
-
-    The classes below make them; :meth:`brake` makes one from another.
-    """
-
-    def __init__(
-        self,
-        phases: tuple[JerkSegment, ...],
-        acceleration: float,
-        jerk: float,
-        start: ProfileState,
-        end: tuple[float, float],
-    ) -> None:
-        """`end`: way and speed after the last phase, free of the rounding of sums."""
-        self.acceleration = acceleration
-        """Bound of |dds| when braking."""
-        self.jerk = jerk
-        """Bound of |ddds|; infinite: accelerations may jump."""
-        self.start = start.s
-        """Way at time 0."""
-        # (end time, start time, way, speed, acceleration, jerk) of each phase.
-        self._phases: list[tuple[float, float, float, float, float, float]] = []
-        time, s, ds = 0.0, start.s, start.ds
-        for length, dds, ddds in phases:
-            if length <= 0.0:
-                continue
-            self._phases.append((time + length, time, s, ds, dds, ddds))
-            s += length * (ds + length * (0.5 * dds + length * ddds / 6.0))
-            ds = max(0.0, ds + length * (dds + length * 0.5 * ddds))
-            time += length
-        self._settled_s = time
-        self._end_s, self._end_ds = end
-        self.duration_s = time if self._end_ds == 0.0 else math.inf
-        """Time until rest, s; infinite for a motion without end."""
-
-    @property
-    def distance(self) -> float:
-        """Way covered from time 0 until rest."""
-        return math.inf if self._end_ds > 0.0 else self._end_s - self.start
-
-    def at(self, t_s: float) -> ProfileState:
-        """The state at `t_s` since the start; before it the start at rest, after it the end."""
-        if t_s < 0.0:
-            return ProfileState(self.start, 0.0, 0.0)
-        for until, since, s, ds, dds, ddds in self._phases:
-            if t_s < until:
-                t = t_s - since
-                way = s + t * (ds + t * (0.5 * dds + t * ddds / 6.0))
-                speed = ds + t * (dds + t * 0.5 * ddds)
-                if self._end_ds == 0.0 and way > self._end_s:
-                    way = self._end_s
-                return ProfileState(way, speed if speed > 0.0 else 0.0, dds + t * ddds)
-        if self._end_ds == 0.0:
-            return ProfileState(self._end_s, 0.0, 0.0)
-        return ProfileState(self._end_s + self._end_ds * (t_s - self._settled_s), self._end_ds, 0.0)
-
-    def brake(
-        self, t_s: float, acceleration: float | None = None, jerk: float | None = None
-    ) -> Profile:
-        """From the state at `t_s`, the quickest stop; its time 0 is `t_s`, its way goes on.
-
-        The limits are the profile's own (also where it was stretched) or stronger ones: with
-        weaker ones it could pass the end. Raises ValueError for these.
-        """
-        limits = []
-        for name, given, own in (
-            ("acceleration", acceleration, self.acceleration),
-            ("jerk", jerk, self.jerk),
-        ):
-            value = own if given is None else given
-            if not value >= own:
-                raise ValueError(f"{name} {value:g} is weaker than the profile's own {own:g}")
-            limits.append(value)
-        state = self.at(t_s)
-        phases = stopping_phases(state.ds, state.dds, *limits)
-        way = state.s + sum(_ways(state.ds, phases))
-        if self._end_ds == 0.0:
-            way = min(way, self._end_s)
-        return Profile(phases, limits[0], limits[1], state, (way, 0.0))
 
 
 def _ramp(speed: float, acceleration: float, jerk: float) -> tuple[float, float]:
@@ -197,7 +69,9 @@ def _rest_to_rest(
     """Phases of the quickest symmetric motion over `length`, stretched to `duration_s`."""
     if not 0.0 <= length < math.inf:
         raise ValueError(f"length {length:g} is not a finite number from 0")
-    _require_positive(speed=speed, acceleration=acceleration, jerk=jerk)
+    for name, value in (("speed", speed), ("acceleration", acceleration), ("jerk", jerk)):
+        if not value > 0.0:
+            raise ValueError(f"{name} {value:g} is not above 0")
     if math.isinf(speed):
         raise ValueError("speed is infinite")
     if length == 0.0:
@@ -235,7 +109,7 @@ def _rest_to_rest(
     )
 
 
-class JerkLimited(Profile):
+class Profile:
     """From rest to rest over `length` with speed, acceleration and jerk bounded: up to 7 phases.
 
     The quickest such motion; where `length` is too short, without cruising and without constant
@@ -252,18 +126,32 @@ class JerkLimited(Profile):
         duration_s: float | None = None,
     ) -> None:
         phases = _rest_to_rest(length, speed, acceleration, jerk, duration_s)
-        start = ProfileState(0.0, 0.0, 0.0)
+        self.length = length
+        # (end time, start time, way, speed, acceleration, jerk) of each phase.
+        self._phases: list[tuple[float, float, float, float, float, float]] = []
+        time = s = ds = 0.0
         if math.isinf(jerk) and math.isinf(acceleration) and length > 0.0:
-            start = ProfileState(0.0, length / sum(phase.duration_s for phase in phases), 0.0)
-        super().__init__(phases, acceleration, jerk, start, (length, 0.0))
+            ds = length / sum(phase.duration_s for phase in phases)
+        for phase_s, dds, ddds in phases:
+            if phase_s <= 0.0:
+                continue
+            self._phases.append((time + phase_s, time, s, ds, dds, ddds))
+            s += phase_s * (ds + phase_s * (0.5 * dds + phase_s * ddds / 6.0))
+            ds = max(0.0, ds + phase_s * (dds + phase_s * 0.5 * ddds))
+            time += phase_s
+        self.duration_s = time
+        """Time until rest, s."""
 
-
-class Ramp(Profile):
-    """From rest to `speed` as quickly as the limits allow, and on without end."""
-
-    def __init__(self, speed: float, acceleration: float, jerk: float = math.inf) -> None:
-        _require_positive(speed=speed, acceleration=acceleration, jerk=jerk)
-        jerk_s, constant_s = _ramp(speed, acceleration, jerk)
-        phases = _rise(speed, jerk_s, constant_s)
-        way = 0.5 * speed * (2.0 * jerk_s + constant_s)
-        super().__init__(phases, acceleration, jerk, ProfileState(0.0, 0.0, 0.0), (way, speed))
+    def at(self, t_s: float) -> ProfileState:
+        """The state at `t_s` since the start; before it the start at rest, after it the end."""
+        if t_s < 0.0:
+            return ProfileState(0.0, 0.0, 0.0)
+        for until, since, s, ds, dds, ddds in self._phases:
+            if t_s < until:
+                t = t_s - since
+                way = s + t * (ds + t * (0.5 * dds + t * ddds / 6.0))
+                speed = ds + t * (dds + t * 0.5 * ddds)
+                if way > self.length:
+                    way = self.length
+                return ProfileState(way, speed if speed > 0.0 else 0.0, dds + t * ddds)
+        return ProfileState(self.length, 0.0, 0.0)

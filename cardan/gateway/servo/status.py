@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from cardan.gateway.kinematics.singularity import SINGULAR
+
 SLOWED = 0.9
 """Share of the requested speed below which the status names the limit."""
-
-SINGULAR = 0.03
-"""Smallest singular value below which a slow arm is called singular."""
-
-UNBENT = "the arm is singular there ({:.3f}): move its joints to a bent posture first"
-"""Advice for a motion that does not go on, by the smallest singular value."""
 
 UNREACHABLE_M_S, UNREACHABLE_RAD_S = 1e-3, 1e-2
 """Smallest part of the commanded motion that counts as unreachable."""

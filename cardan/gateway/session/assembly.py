@@ -168,7 +168,7 @@ def make_verbs(
 def make_verb_options(config: SessionConfig) -> ControllerOptions:
     """The limits and options of the verbs of a session that has an ``[arm]``."""
     from cardan.gateway.arm.options import STREAM_LIMITS, ControllerOptions
-    from cardan.gateway.arm.planner import Margins
+    from cardan.gateway.motion.planner import Margins
 
     table, limits = config.arm, config.limits
     assert table is not None

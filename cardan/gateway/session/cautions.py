@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from cardan.gateway.servo.status import SINGULAR
+from cardan.gateway.kinematics.singularity import SINGULAR
 from cardan.gateway.session.arm_assembly import (
     has_rigid_arm,
     make_collision_model,

@@ -22,7 +22,6 @@ from cardan.common.resource_errors import shortage
 from cardan.errors import CardanError, MotionRefusedError
 from cardan.gateway.arm.backlog import STREAMED_S
 from cardan.gateway.arm.loop_link import LoopLink
-from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import (
     CANCELED,
     LATE_S,
@@ -34,6 +33,7 @@ from cardan.gateway.arm.requests import (
     encode_note,
     encode_reply,
 )
+from cardan.gateway.arm.verb_results import Motion, Outcome
 from cardan.gateway.arm.verb_server import VerbServer
 from cardan.gateway.arm.verb_table import ENDLESS, NEW_MOTION, QUICK, SEQUENCED
 from cardan.gateway.arm.vocab import Begins

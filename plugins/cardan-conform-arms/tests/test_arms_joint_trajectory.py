@@ -17,7 +17,7 @@ from cardan.conform.run import simulated
 from cardan.conform.runner import Exchange
 from cardan.conform.timeline import Kind, WireEvent, WireTimeline
 from cardan.errors import ConfigurationError
-from cardan.gateway.arm.plans import Plans
+from cardan.gateway.arm.verb_plans import VerbPlans
 from cardan.gateway.bus.commands import Instant
 from cardan.protocols.ros2.actions import Goals
 from cardan.protocols.ros2.cdr import codec_of
@@ -201,7 +201,7 @@ def test_joints_that_nobody_publishes_are_asked_nothing():
 
 @pytest.mark.matrix
 def test_a_session_that_leaves_whole_turns_as_they_are_fails(monkeypatch):
-    monkeypatch.setattr(Plans, "_nearest_turns", lambda _self, wanted, _start: wanted)
+    monkeypatch.setattr(VerbPlans, "_nearest_turns", lambda _self, wanted, _start: wanted)
     found = worse_than(VerdictOutcome.PASSED, judged(turned_arm(-2)))
     assert list(found) == ["212"]
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from cardan.errors import CommandError, MotionRefusedError
 from cardan.gateway.arm.interface import CartesianArm
-from cardan.gateway.arm.motion import Stat
+from cardan.gateway.arm.verb_results import Stat
 from cardan.gateway.arm.vocab import Action, Parameter, Stream
 from cardan.gateway.operator.mapping import MappingOptions
 from cardan.spatial import (

@@ -23,12 +23,12 @@ import numpy as np
 from cardan.common.native import NativePartError
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.authority import HAND, VERBS
-from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.motions.brake import Brake
 from cardan.gateway.arm.motions.hand import FollowHand
 from cardan.gateway.arm.motions.recover import Recover
 from cardan.gateway.arm.states import RESTING, Inhibit, States
 from cardan.gateway.arm.verb_methods import ArmVerbs
+from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.arm.vocab import Stream
 from cardan.gateway.operator.deadman import Arming
 from cardan.gateway.operator.mapping import MappingOptions

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cardan.gateway.arm.arrival import Arrival, ArrivalOptions
-from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.arm.vocab import State
 from cardan.gateway.motion.joint_trajectory import GOAL_TOLERANCE, JointTrajectory
 from cardan.gateway.session.assembly import make_verb_options

@@ -16,11 +16,11 @@ from cardan.gateway.arm.authority import (
 )
 from cardan.gateway.arm.commanded_arm import TaskSpaceArm
 from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.supervision import TRUST_AFTER_S
+from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.mapping import MappingOptions
 from cardan.spatial import add, norm, scale, subtract

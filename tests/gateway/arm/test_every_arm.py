@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cardan.drivers.sim_arm import SimArm, SimArmOptions
-from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.verb_methods import ArmVerbs
+from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.arm.vocab import State
 from cardan.robots import arm_names, load_arm
 from cardan.spatial import from_rotation_vector, rotate

@@ -7,8 +7,8 @@ import pytest
 
 from cardan.errors import ConfigurationError, MotionRefusedError, OptionError
 from cardan.gateway.arm.options import STREAM_LIMITS, ControllerOptions
-from cardan.gateway.arm.planner import Margins
 from cardan.gateway.arm.supervision import Watchdogs
+from cardan.gateway.motion.planner import Margins
 from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.servo.options import ServoOptions
 from tests.gateway.arm.arms import quick

@@ -3,7 +3,6 @@
 import pytest
 
 from cardan.errors import MotionLoopError, OptionError
-from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.remote_arm import EARLY_NOTES, RemoteArm
 from cardan.gateway.arm.requests import (
     MotionNote,
@@ -13,6 +12,7 @@ from cardan.gateway.arm.requests import (
     decode_request,
     encode_reply,
 )
+from cardan.gateway.arm.verb_results import Outcome
 
 
 def told(answers, source="program"):

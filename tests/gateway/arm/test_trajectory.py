@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cardan.errors import CollisionError, JointLimitError, MotionRefusedError
-from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.arm.vocab import State
 from cardan.gateway.kinematics.collision import HalfSpace, Obstacle
 from cardan.gateway.motion.joint_trajectory import JointTrajectory

@@ -15,8 +15,8 @@ from cardan.errors import (
     MotionRefusedError,
     OutOfReachError,
 )
-from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.arm.vocab import Action, PolicyCode, State
 from cardan.gateway.kinematics.base import to_pose
 from cardan.gateway.kinematics.collision import HalfSpace, Obstacle, box_obstacle
@@ -324,7 +324,7 @@ def test_what_is_out_of_reach_is_refused_with_how_far(verb):
     assert 1.5 < found.value.distance_m < 2.5
     assert "out of reach by" in str(found.value)
     if verb == "movl":
-        share = re.search(r"rad; the line leaves the reach after (\d+)% of it", str(found.value))
+        share = re.search(r" mm.*, from (\d+)% of the line on; choose one near", str(found.value))
         reach_m = world.six()[0] + int(share[1]) / 100 * (3.0 - world.six()[0])
         assert 0.7 < reach_m < 1.1
 

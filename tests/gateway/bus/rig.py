@@ -8,8 +8,8 @@ from collections import deque
 from cardan.bus.node import Received
 from cardan.bus.options import BusOptions
 from cardan.errors import CardanError
-from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import MotionNote, PacketError
+from cardan.gateway.arm.verb_results import Motion, Outcome
 from cardan.gateway.bus.arm_server import ArmServer
 from cardan.gateway.bus.arm_topics import ArmNames
 from cardan.gateway.bus.commands import ACTIONS, SERVICES, TOPICS, stat_command

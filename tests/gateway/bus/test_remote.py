@@ -10,7 +10,7 @@ import pytest
 
 from cardan.bus.options import BusOptions
 from cardan.errors import DriverError, MotionLoopError, MotionRefusedError, OptionError
-from cardan.gateway.arm.motion import Outcome
+from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.bus.options import DEFAULT_NAME
 from cardan.gateway.bus.remote import (
     network_arm,

@@ -7,7 +7,7 @@ import ruckig
 from hypothesis import assume, given, settings, strategies as st
 
 from cardan.errors import ConfigurationError
-from cardan.gateway.motion.profiles import JerkLimited
+from cardan.gateway.motion.profiles import Profile
 from cardan.gateway.motion.shaping import (
     JerkLimitedVector,
     PoseShaper,
@@ -172,7 +172,7 @@ def test_a_resting_target_is_reached_straight_in_time_and_not_passed(distance, t
             break
     assert norm(subtract(goal.position, pose.position)) <= 1e-12
     assert highest <= distance * (1 + 1e-9)
-    best = JerkLimited(distance, 0.25, 1.0, 10.0).duration_s
+    best = Profile(distance, 0.25, 1.0, 10.0).duration_s
     assert t <= 1.1 * best + 6 * max(times)
 
 

@@ -25,7 +25,7 @@ from cardan.errors import (
     MotionLoopError,
     MotionRefusedError,
 )
-from cardan.gateway.arm.motion import Outcome
+from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.arm.vocab import State
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.session import remote

@@ -13,7 +13,6 @@ import pytest
 from cardan.errors import MotionLoopError, MotionRefusedError
 from cardan.gateway.arm.backlog import STALE_S, STREAMED_S
 from cardan.gateway.arm.loop_link import LoopLink
-from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import (
     LATE_S,
     MotionNote,
@@ -23,6 +22,7 @@ from cardan.gateway.arm.requests import (
     encode_request,
     result_of,
 )
+from cardan.gateway.arm.verb_results import Motion, Outcome
 from cardan.gateway.arm.vocab import Begins, Stream
 from cardan.gateway.session.stop_and_requests import (
     MAX_PENDING,

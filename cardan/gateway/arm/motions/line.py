@@ -5,21 +5,21 @@ from __future__ import annotations
 from cardan.common.arm_libraries import np, npt, pin
 from cardan.gateway.arm.arrival import Arrival
 from cardan.gateway.arm.motions.base import Deceleration
-from cardan.gateway.arm.motions.path import (
+from cardan.gateway.arm.motions.trajectory_motion import (
     AT_REST_RAD_S,
     TOLERANCE_M,
     TOLERANCE_RAD,
-    FollowPath,
+    TrajectoryMotion,
 )
-from cardan.gateway.arm.planner import Line
 from cardan.gateway.arm.vocab import State
 from cardan.gateway.kinematics.base import SE3, to_se3
+from cardan.gateway.motion.trajectories import LineTrajectory
 from cardan.gateway.servo.choice import AnyServo
 from cardan.spatial import norm, rotation_between, scale, subtract
 from cardan.types import RobotState
 
 
-class FollowLine(FollowPath):
+class FollowLine(TrajectoryMotion):
     """movl: the TCP along a line."""
 
     state = State.MOVL
@@ -27,7 +27,7 @@ class FollowLine(FollowPath):
     def __init__(
         self,
         servo: AnyServo,
-        path: Line,
+        path: LineTrajectory,
         kept: npt.NDArray[np.bool_],
         deceleration: Deceleration,
         arrival: Arrival,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from cardan.gateway.arm.commanded_arm import CommandedArm
 from cardan.gateway.arm.motions.base import GOING, Deceleration, Progress
-from cardan.gateway.arm.motions.path import STUCK_S, STUCK_SHARE
 from cardan.gateway.arm.motions.reference_motion import ReferenceMotion
+from cardan.gateway.arm.motions.trajectory_motion import STUCK_S, STUCK_SHARE
 from cardan.gateway.arm.vocab import State
 from cardan.gateway.motion.speed_limited_reference import Reference
 from cardan.spatial import norm

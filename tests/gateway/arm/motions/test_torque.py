@@ -9,9 +9,9 @@ import pytest
 from cardan.errors import (
     MotionRefusedError,
 )
-from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.motions.torque import TorqueLimits
 from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.verb_results import Outcome
 from cardan.gateway.arm.vocab import State
 from cardan.robots import load_arm
 from cardan.types import (

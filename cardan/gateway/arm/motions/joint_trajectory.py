@@ -8,19 +8,19 @@ from collections.abc import Sequence
 from cardan.common.arm_libraries import np
 from cardan.gateway.arm.arrival import Arrival
 from cardan.gateway.arm.motions.base import Deceleration, Progress
-from cardan.gateway.arm.motions.joint_path import FollowJoints
+from cardan.gateway.arm.motions.joints import FollowJoints
 from cardan.gateway.kinematics.base import FloatArray
 from cardan.gateway.motion.joint_trajectory import (
     GOAL_TOLERANCE,
     PATH_TOLERANCE,
     JointTrajectory,
 )
-from cardan.gateway.motion.trajectory import TrajectoryPath
+from cardan.gateway.motion.trajectories import SplineTrajectory
 from cardan.gateway.servo.choice import AnyServo
 from cardan.types import RobotState
 
 
-class FollowTrajectory(FollowJoints):
+class FollowJointTrajectory(FollowJoints):
     """The joints follow a trajectory as it was planned, as far as the arm's limits allow it.
 
     An arm that lags behind by more than the path tolerance is braked along the trajectory.
@@ -29,7 +29,7 @@ class FollowTrajectory(FollowJoints):
     def __init__(
         self,
         servo: AnyServo,
-        path: TrajectoryPath,
+        path: SplineTrajectory,
         deceleration: Deceleration,
         wanted: JointTrajectory,
         arrival: Arrival,

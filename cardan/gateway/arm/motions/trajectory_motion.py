@@ -6,8 +6,8 @@ from abc import abstractmethod
 
 from cardan.gateway.arm.arrival import Arrival
 from cardan.gateway.arm.motions.base import ARRIVED, GOING, CommandedMotion, Progress
+from cardan.gateway.kinematics.singularity import UNBENT
 from cardan.gateway.servo.choice import AnyServo
-from cardan.gateway.servo.status import UNBENT
 from cardan.types import RobotState
 
 SETTLE_S = 1.0
@@ -27,7 +27,7 @@ STUCK_S = 0.5
 """How long an arm must be that slow to count as stuck."""
 
 
-class PathClock:
+class TrajectoryClock:
     """The time of a path, s, which runs at 0 to 1 times real time."""
 
     def __init__(self, duration_s: float) -> None:
@@ -70,13 +70,13 @@ class PathClock:
         self._stuck_s = self._stuck_s + dt_s if slow else 0.0
 
 
-class FollowPath(CommandedMotion):
+class TrajectoryMotion(CommandedMotion):
     """A motion along a path. It has arrived once its command is at rest at the end of the path, and
     the measured arm too."""
 
     def __init__(self, servo: AnyServo, duration_s: float, arrival: Arrival) -> None:
         self._servo = servo
-        self._clock = PathClock(duration_s)
+        self._clock = TrajectoryClock(duration_s)
         self._arrival = arrival
         self._timeout_s = arrival.lag_s + arrival.options.arrival_timeout_s
         self._resting = False

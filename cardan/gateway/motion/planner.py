@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, NamedTuple
 
 from cardan.common.arm_libraries import np, pin
 from cardan.common.bounds import SAFETY_DISTANCE_M
@@ -19,15 +19,15 @@ from cardan.errors import (
     MotionRefusedError,
     OutOfReachError,
 )
-from cardan.gateway.arm.validation import Workspace, check_workspace
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import SE3, FloatArray, to_se3
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
-from cardan.gateway.servo.status import SINGULAR, UNBENT
+from cardan.gateway.kinematics.singularity import SINGULAR, UNBENT
+from cardan.gateway.motion.trajectories import LineTrajectory
 from cardan.robots import ArmModel, BodyShape, JointKind
 from cardan.robots.arm_bodies import CHARACTERISTIC_LENGTH_M
 from cardan.spatial import norm, rotation_between, subtract
-from cardan.types import Pose, Twist
+from cardan.types import Pose
 
 REACHED_M = 1e-4
 REACHED_RAD = 1e-3
@@ -54,15 +54,9 @@ BOUNDLESS = 1e3
 """A range, rad or m, that no joint ever leaves."""
 
 
-class Line(Protocol):
-    """A straight path, as the planner needs it."""
-
-    @property
-    def duration_s(self) -> float:
-        """Time until rest, s."""
-
-    def at(self, t_s: float, /) -> tuple[Pose, Twist]:
-        """Pose and twist (base axes) at `t_s` since the start."""
+Workspace = tuple[
+    tuple[float, float] | None, tuple[float, float] | None, tuple[float, float] | None
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,11 +68,8 @@ class Margins(Options):
 
 
 class DryRun(NamedTuple):
-    """Joint positions along a line."""
+    """How fast the joints can follow a line."""
 
-    times_s: FloatArray
-    positions: FloatArray
-    """A row for each time."""
     pace: float
     """Share of the wanted speed that the slowest joint allows, at most 1."""
     slowest: str
@@ -208,26 +199,34 @@ class Planner:
         angle = np.linalg.norm(pin.log3(difference.rotation)[self.followed[3:]])
         return float(distance), float(angle)
 
-    def _why_not(self, verb: str, placement: SE3, near: FloatArray) -> MotionRefusedError:
-        """The reason why no joint positions inside the limits give `placement`."""
+    def _why_not(
+        self, verb: str, placement: SE3, near: FloatArray, where: str = "", instead: str = ""
+    ) -> MotionRefusedError:
+        """The reason why no joint positions inside the limits give `placement`, and what to do
+        `instead`; empty: another pose."""
         beyond = (
             self._boundless.inverse(placement, near, restarts=0)
             if self._any_pose
             else self._nearest(self._boundless, placement, near, 1)
         )
         if beyond is not None:
-            error = self._limit_error(verb, beyond, "")
+            error = self._limit_error(verb, beyond, where)
             if error is not None:
                 return error
         _, tcp = self.kinematics.nearest(placement, near, self._weights)
         distance, angle = self._miss(tcp, placement)
-        if distance < REACHED_M and angle < REACHED_RAD:
+        missed = [f"{distance * 1e3:.1f} mm"] if distance >= REACHED_M else []
+        if angle >= REACHED_RAD:
+            missed.append(f"{angle:.3f} rad")
+        if not missed:
             return MotionRefusedError(
-                f"{verb}: the pose is at the edge of what the arm reaches; no joint positions "
-                "were found that keep their limits"
+                f"{verb}: the pose is at the edge of what the arm reaches{where}; "
+                f"{instead or 'choose one nearer to the base'}"
             )
+        x, y, z = tcp.translation
         return OutOfReachError(
-            f"{verb}: the pose is out of reach by {distance * 1e3:.1f} mm and {angle:.3f} rad",
+            f"{verb}: the pose is out of reach by {' and '.join(missed)}{where}; "
+            f"{instead or f'choose one near ({x:.2f}, {y:.2f}, {z:.2f}) m'}",
             distance,
             angle,
         )
@@ -243,7 +242,7 @@ class Planner:
         name, unit = self.names[worst], self._units[worst]
         return JointLimitError(
             f"{verb}: {name} would have to be at {value:.4f} {unit}{where}; "
-            f"its limit is {limit:.4f} {unit}",
+            f"its limit is {limit:.4f} {unit}: choose another pose",
             name,
             value,
             limit,
@@ -283,21 +282,11 @@ class Planner:
         share, pair = self._free_share(start, goal)
         if pair is not None:
             raise self._collision(verb, pair, share)
-        if not any(self.workspace):
-            return
-        was_outside = False
-        for index in range(WORKSPACE_SAMPLES + 1):
-            share = index / WORKSPACE_SAMPLES
-            position = self.kinematics.forward(start + share * (goal - start)).translation.tolist()
-            try:
-                check_workspace(verb, position, self.workspace)
-            except MotionRefusedError as error:
-                # A TCP that starts outside may come in, once.
-                if index > 0 and not was_outside:
-                    raise MotionRefusedError(f"{error}, after {share:.0%} of the way") from None
-                was_outside = True
-            else:
-                was_outside = False
+        if any(self.workspace):
+            rows = np.linspace(start, goal, WORKSPACE_SAMPLES + 1)
+            for index in range(1, len(rows)):
+                where = f" after {index / WORKSPACE_SAMPLES:.0%} of the way"
+                self._check_entered(verb, rows[index - 1], rows[index], where)
 
     def check_joint_samples(self, verb: str, positions: FloatArray) -> None:
         """See that straight joint motions from row to row of `positions` are free.
@@ -322,14 +311,12 @@ class Planner:
 
     def _check_entered(self, verb: str, before: FloatArray, q: FloatArray, where: str) -> None:
         """The TCP is in the workspace at `q`, or was outside of it already."""
+        before_m, now_m = (self.forward(each).translation.tolist() for each in (before, q))
         try:
-            check_workspace(verb, self.forward(q).translation.tolist(), self.workspace)
-        except MotionRefusedError as error:
-            try:
-                check_workspace(verb, self.forward(before).translation.tolist(), self.workspace)
-            except MotionRefusedError:
-                return
-            raise _further(error, f",{where}") from None
+            check_workspace(verb, before_m, self.workspace)
+        except MotionRefusedError:
+            return
+        check_workspace(verb, now_m, self.workspace, where)
 
     def _place_movers(self) -> None:
         frames = self._mover_frames()
@@ -352,12 +339,15 @@ class Planner:
         if solids[0] >= self.collision.first_mover:
             comes, to = to, f"{comes}, where that is now,"
         return CollisionError(
-            f"{verb}: {comes} would come too near to {to} after {share:.0%} of the way", pair, share
+            f"{verb}: {comes} would come too near to {to} after {share:.0%} of the way; "
+            "go around it",
+            pair,
+            share,
         )
 
     # -- a line --------------------------------------------------------------------------------
 
-    def dry_run(self, verb: str, path: Line, start: FloatArray) -> DryRun:
+    def dry_run(self, verb: str, path: LineTrajectory, start: FloatArray) -> DryRun:
         """Follow `path` from the joint positions `start` without moving anything.
 
         Raises JointLimitError, CollisionError, OutOfReachError or MotionRefusedError, with how far
@@ -371,12 +361,9 @@ class Planner:
         count = math.ceil(2.0 * max(way_m / LINE_STEP_M, angle / LINE_STEP_RAD)) + 8
         count = min(count, MOST_SAMPLES)
         times = np.linspace(0.0, path.duration_s, count + 1)
-        positions = np.empty((count + 1, len(start)))
-        positions[0] = start
-        pace, slowest = 1.0, 0
+        before, pace, slowest = start, 1.0, 0
         velocity, step_s = self.kinematics.velocity, path.duration_s / count
         for index in range(1, count + 1):
-            before = positions[index - 1]
             pose = path.at(float(times[index]))[0]
             q = self._continue(pose, before)
             if way_m > 0.0:
@@ -385,15 +372,20 @@ class Planner:
                 share = norm(rotation_between(begin.orientation, pose.orientation)) / (angle or 1.0)
             where = f" after {share:.0%} of the line"
             if q is None:
-                error = self._why_not(verb, to_se3(pose), before)
-                if isinstance(error, OutOfReachError):
-                    goal = self._why_not(verb, to_se3(end), before)
-                    if isinstance(goal, OutOfReachError):
-                        raise _further(goal, f"; the line leaves the reach after {share:.0%} of it")
-                value = self.kinematics.smallest_singular_value(before, self.model.task.weights)
-                if value < SINGULAR:
-                    where += f"; {UNBENT.format(value)}"
-                raise _further(error, f",{where}")
+                goal = to_se3(end)
+                begun, value = (
+                    self.kinematics.smallest_singular_value(each, self.model.task.weights)
+                    for each in (start, before)
+                )
+                if begun >= SINGULAR and self._inverse(goal, before) is None:
+                    beyond = f", from {share:.0%} of the line on"
+                    error = self._why_not(verb, goal, before, beyond)
+                    if isinstance(error, OutOfReachError):
+                        raise error
+                error = self._why_not(verb, to_se3(pose), before, where, "go there by movj")
+                if value < SINGULAR and not isinstance(error, JointLimitError):
+                    raise MotionRefusedError(f"{verb}: no way on{where}: {UNBENT.format(value)}")
+                raise error
             outside = self._limit_error(verb, q, where)
             if outside is not None and not _returns(self.kinematics, before, q):
                 raise outside
@@ -402,7 +394,7 @@ class Planner:
             if jump[worst] > LARGEST_JUMP_RAD:
                 raise MotionRefusedError(
                     f"{verb}: the line passes a singularity: {self.names[worst]} would have to "
-                    f"jump by {jump[worst]:.2f} rad{where}"
+                    f"jump by {jump[worst]:.2f} rad{where}; go there by movj"
                 )
             along, pair = self._free_share(before, q)
             if pair is not None:
@@ -412,8 +404,8 @@ class Planner:
             worst = int(np.argmin(allowed))
             if allowed[worst] < pace:
                 pace, slowest = float(allowed[worst]), worst
-            positions[index] = q
-        return DryRun(times, positions, pace, self.names[slowest] if pace < 1.0 else "")
+            before = q
+        return DryRun(pace, self.names[slowest] if pace < 1.0 else "")
 
     def _continue(self, pose: Pose, near: FloatArray) -> FloatArray | None:
         placement = to_se3(pose)
@@ -425,14 +417,20 @@ class Planner:
         return q if float(missed.max(initial=0.0)) < WAY_TOLERANCE_M else None
 
 
+def check_workspace(
+    verb: str, position: Sequence[float], workspace: Workspace, where: str = ""
+) -> None:
+    """Raises MotionRefusedError for a position (base axes, m) outside of the box."""
+    for axis, value, bounds in zip("xyz", position, workspace, strict=True):
+        if bounds is not None and not bounds[0] <= value <= bounds[1]:
+            raise MotionRefusedError(
+                f"{verb}: {axis} = {value:.4f} m{where} is outside of the workspace, "
+                f"{bounds[0]:.4f} to {bounds[1]:.4f} m"
+            )
+
+
 def _returns(kinematics: ArmKinematics, before: FloatArray, q: FloatArray) -> bool:
     """True when each joint that is outside of its range comes nearer to it."""
     outside_before = np.maximum(kinematics.lower - before, before - kinematics.upper)
     outside = np.maximum(kinematics.lower - q, q - kinematics.upper)
     return bool(np.all((outside <= 1e-9) | (outside <= outside_before)))
-
-
-def _further(error: MotionRefusedError, where: str) -> MotionRefusedError:
-    """`error` with where on the line it is."""
-    error.args = (f"{error.args[0]}{where}",)
-    return error

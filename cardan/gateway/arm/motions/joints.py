@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 from cardan.common.arm_libraries import np
 from cardan.gateway.arm.arrival import Arrival
 from cardan.gateway.arm.motions.base import Deceleration
-from cardan.gateway.arm.motions.path import TOLERANCE_RAD, FollowPath
+from cardan.gateway.arm.motions.trajectory_motion import TOLERANCE_RAD, TrajectoryMotion
 from cardan.gateway.arm.vocab import State
 from cardan.gateway.kinematics.base import FloatArray, short_way
+from cardan.gateway.motion.trajectories import (
+    HoldTrajectory,
+    PointToPointTrajectory,
+    SplineTrajectory,
+)
 from cardan.gateway.servo.choice import AnyServo
 from cardan.types import RobotState
 
@@ -17,31 +20,7 @@ ARRIVED_RAD = 1e-5
 """Largest distance of a commanded joint from its goal, rad or m, at which the command is there."""
 
 
-class JointMotionPath(Protocol):
-    """Path of a joint motion over time."""
-
-    @property
-    def duration_s(self) -> float:
-        """Time until rest, s."""
-
-    def at(self, t_s: float, /) -> tuple[FloatArray, FloatArray]:
-        """Joint positions and velocities at `t_s` since the start; the next call may reuse them."""
-
-
-class Standing:
-    """The path of an arm that is commanded to stay."""
-
-    duration_s = 0.0
-
-    def __init__(self, q: FloatArray) -> None:
-        self._here = q, np.zeros_like(q)
-
-    def at(self, _t_s: float, /) -> tuple[FloatArray, FloatArray]:
-        """Always there, at rest."""
-        return self._here
-
-
-class FollowJoints(FollowPath):
+class FollowJoints(TrajectoryMotion):
     """movj and relj: all joints along one path variable."""
 
     state = State.MOVJ
@@ -49,7 +28,7 @@ class FollowJoints(FollowPath):
     def __init__(
         self,
         servo: AnyServo,
-        path: JointMotionPath,
+        path: PointToPointTrajectory | HoldTrajectory | SplineTrajectory,
         deceleration: Deceleration,
         arrival: Arrival,
     ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
@@ -12,23 +13,28 @@ from cardan.gateway.arm.arrival import Arrival
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.joint_space_arm import PREFERRED, JointSpaceArm
 from cardan.gateway.arm.motions.base import CommandedMotion, Deceleration
-from cardan.gateway.arm.motions.joint_path import FollowJoints, Standing
+from cardan.gateway.arm.motions.joint_trajectory import FollowJointTrajectory
+from cardan.gateway.arm.motions.joints import FollowJoints
 from cardan.gateway.arm.motions.line import FollowLine
-from cardan.gateway.arm.motions.path import TOLERANCE_RAD
 from cardan.gateway.arm.motions.torque import TorqueMotion
-from cardan.gateway.arm.motions.trajectory import FollowTrajectory
+from cardan.gateway.arm.motions.trajectory_motion import TOLERANCE_RAD
 from cardan.gateway.arm.motions.twist import FollowTwist
 from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.arm.planner import MOST_SAMPLES, Planner
-from cardan.gateway.arm.validation import check_workspace
 from cardan.gateway.arm.vocab import FrameCode, Parameter, ProfileCode, State
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, short_way, to_pose
 from cardan.gateway.motion.joint_trajectory import SHORTEST_STEP_S, JointTrajectory
-from cardan.gateway.motion.paths import JointPath, LinePath, PathLimits
+from cardan.gateway.motion.planner import MOST_SAMPLES, Planner, check_workspace
 from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
 from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
-from cardan.gateway.motion.trajectory import TrajectoryPath, samples
+from cardan.gateway.motion.trajectories import (
+    HoldTrajectory,
+    LineLimits,
+    LineTrajectory,
+    PointToPointTrajectory,
+    SplineTrajectory,
+    samples,
+)
 from cardan.robots import ArmModel
 from cardan.spatial import (
     compose,
@@ -76,7 +82,7 @@ def there_already() -> Plan:
     return Plan(None, 0.0, "the arm is there already")
 
 
-class Plans:
+class VerbPlans:
     """Plans motions with the parameters as they are now. May take milliseconds."""
 
     def __init__(
@@ -147,7 +153,7 @@ class Plans:
         share = self._share_of_speed(start, goal, speeds)
         note = f"slowed to {share:.0%}, for the TCP's speed" if share < 1.0 else ""
         # Not `continuous`: the goal's turns are chosen already.
-        path = JointPath(start, goal, share * speeds, accelerations)
+        path = PointToPointTrajectory(start, goal, share * speeds, accelerations)
         motion = FollowJoints(self.servo, path, self.deceleration, self._arrival)
         return Plan(motion, path.duration_s, note)
 
@@ -155,7 +161,7 @@ class Plans:
         """For a goal at which the command is already; an arm that is not there is waited for."""
         if self._is_at(start):
             return there_already()
-        motion = FollowJoints(self.servo, Standing(start), self.deceleration, self._arrival)
+        motion = FollowJoints(self.servo, HoldTrajectory(start), self.deceleration, self._arrival)
         return Plan(motion, 0.0, "the command is there already")
 
     def _is_at(self, start: FloatArray) -> bool:
@@ -168,16 +174,19 @@ class Plans:
 
     def _share_of_speed(self, start: FloatArray, goal: FloatArray, speeds: FloatArray) -> float:
         """Share of the joints' `speeds` at which the TCP keeps its speed limit on the whole way."""
-        limits = self.options.limits
-        if limits is None:
-            return 1.0
         way = goal - start
         rate = way / float((np.abs(way) / speeds).max())
-        kinematics = self.planner.kinematics
-        share = 1.0
-        for along in np.linspace(0.0, 1.0, SPEED_SAMPLES):
-            kinematics.update(start + along * way)
-            twist = kinematics.jacobian @ rate
+        shares = np.linspace(0.0, 1.0, SPEED_SAMPLES)
+        return self._tcp_share([(start + share * way, rate) for share in shares])
+
+    def _tcp_share(self, samples: Iterable[tuple[FloatArray, FloatArray]]) -> float:
+        """The same at all of these joint positions and velocities."""
+        limits, kinematics, share = self.options.limits, self.planner.kinematics, 1.0
+        if limits is None:
+            return share
+        for q, v in samples:
+            kinematics.update(q)
+            twist = kinematics.jacobian @ v
             share = min(
                 share,
                 limits.linear_speed_m_s / max(float(np.linalg.norm(twist[:3])), _STILL),
@@ -190,7 +199,9 @@ class Plans:
         self.require_drive(verb)
         joints = len(wanted.positions[0])
         if joints != len(start):
-            raise MotionRefusedError(f"{verb}: it has {joints} joints, the arm has {len(start)}")
+            raise MotionRefusedError(
+                f"{verb}: it has {joints} joints, the arm has {len(start)}; plan it for this arm"
+            )
         wanted = self._nearest_turns(wanted, start)
         if wanted.times_s[0] < SHORTEST_STEP_S:
             away = np.abs(np.array(wanted.positions[0]) - start)
@@ -201,7 +212,7 @@ class Plans:
                     f"{wanted.positions[0][worst]:.4f}, which is at {start[worst]:.4f}; plan it "
                     "from where the arm is"
                 )
-        path = TrajectoryPath(wanted, start)
+        path = SplineTrajectory(wanted, start)
         planned_s = path.duration_s
         times = samples(path, TRAJECTORY_STEP_RAD, MOST_SAMPLES)
         rows = np.array([path.at(t)[0] for t in times.tolist()])
@@ -211,15 +222,15 @@ class Plans:
             path.slow(share)
         if 0.0 < wanted.goal_time_s < path.duration_s - planned_s:
             raise MotionRefusedError(
-                f"{verb}: inside the limits of the arm it takes {path.duration_s:.2f} s; it was "
-                f"planned for {planned_s:.2f} s, and may take {wanted.goal_time_s:g} s longer"
+                f"{verb}: the arm's limits make it {path.duration_s:.2f} s; it was planned for "
+                f"{planned_s:.2f} s, and may take {wanted.goal_time_s:g} s longer; plan it slower"
             )
         note = ""
         if share < WORTH_A_NOTE:
             note = f"slowed to {share:.0%}, for the limits of the arm"
         if float(np.abs(rows - start).max()) < ALREADY_THERE_RAD and self._is_at(start):
             return there_already()
-        motion = FollowTrajectory(self.servo, path, self.deceleration, wanted, self._arrival)
+        motion = FollowJointTrajectory(self.servo, path, self.deceleration, wanted, self._arrival)
         return Plan(motion, path.duration_s, note)
 
     def _nearest_turns(self, wanted: JointTrajectory, start: FloatArray) -> JointTrajectory:
@@ -230,26 +241,17 @@ class Plans:
         turned = short_way(away, self.planner.kinematics.continuous) - away
         return replace(wanted, positions=positions + turned) if turned.any() else wanted
 
-    def _share_of_trajectory(self, path: TrajectoryPath, times: FloatArray) -> float:
+    def _share_of_trajectory(self, path: SplineTrajectory, times: FloatArray) -> float:
         """Share of its speed at which joints and TCP keep their limits all the way."""
         kinematics = self.planner.kinematics
-        speed = acceleration = 0.0
-        limits = self.options.limits
-        for t_s in times.tolist():
-            q, v = path.at(t_s)
-            speed = max(speed, float((np.abs(v) / kinematics.velocity).max()))
-            a = path.acceleration(t_s)
-            acceleration = max(acceleration, float((np.abs(a) / kinematics.acceleration).max()))
-            if limits is not None and v.any():
-                kinematics.update(q)
-                twist = kinematics.jacobian @ v
-                linear, angular = np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])
-                speed = max(
-                    speed,
-                    float(linear) / limits.linear_speed_m_s,
-                    float(angular) / limits.angular_speed_rad_s,
-                )
-        return min(1.0, 1.0 / max(speed, 1.0), 1.0 / math.sqrt(max(acceleration, 1.0)))
+        moves = [path.at(t_s) for t_s in times.tolist()]
+        speeds = [float((np.abs(v) / kinematics.velocity).max()) for _, v in moves]
+        accelerations = [
+            float((np.abs(path.acceleration(t_s)) / kinematics.acceleration).max())
+            for t_s in times.tolist()
+        ]
+        within = 1.0 / max(1.0, *speeds), 1.0 / math.sqrt(max(1.0, *accelerations))
+        return min(self._tcp_share(moves), *within)
 
     def line(self, target: Pose, start: FloatArray, relative: bool, verb: str = "movl") -> Plan:
         """A straight line to `target`, in the base, or `relative` to where the TCP is."""
@@ -270,7 +272,7 @@ class Plans:
         motion = FollowLine(self.servo, path, self.planner.kept, self.deceleration, self._arrival)
         return Plan(motion, path.duration_s, note)
 
-    def _path(self, begin: Pose, target: Pose) -> tuple[LinePath, str]:
+    def _path(self, begin: Pose, target: Pose) -> tuple[LineTrajectory, str]:
         """The line at the reference speeds, or slower where a longer duration is set."""
         values = self.parameters
         jerk = values[Parameter.PROFILE] == ProfileCode.JERK
@@ -287,7 +289,7 @@ class Plans:
             cap_rad_s = min(cap_rad_s, most.angular_speed_rad_s)
             linear_m_s3 = min(linear_m_s3, most.linear_jerk_m_s3 or math.inf)
             angular_rad_s3 = min(angular_rad_s3, most.angular_jerk_rad_s3 or math.inf)
-        limits = PathLimits(
+        limits = LineLimits(
             linear_speed_m_s=min(values[Parameter.TRAJECTORY_SPEED], cap_m_s),
             linear_acceleration_m_s2=linear_m_s2,
             linear_jerk_m_s3=linear_m_s3,
@@ -296,10 +298,10 @@ class Plans:
             angular_jerk_rad_s3=angular_rad_s3,
         )
         profile: Literal["jerk", "trapezoid"] = "jerk" if jerk else "trapezoid"
-        path = LinePath(begin, target, limits, profile=profile)
+        path = LineTrajectory(begin, target, limits, profile=profile)
         wanted_s = values[Parameter.TRAJECTORY_DURATION]
         if wanted_s > path.duration_s:
-            path = LinePath(begin, target, limits, profile=profile, duration_s=wanted_s)
+            path = LineTrajectory(begin, target, limits, profile=profile, duration_s=wanted_s)
         elif wanted_s > 0.0:
             return path, f"{wanted_s:g} s is too short: it takes {path.duration_s:.2f} s"
         return path, ""
@@ -312,7 +314,9 @@ class Plans:
         linear, angular, share = self.slowed(linear, angular)
         note = f"slowed to {share:.0%}, the fastest allowed" if share < 1.0 else ""
         if not any((*linear, *angular)):
-            raise MotionRefusedError("movv: a twist of zero moves nothing")
+            raise MotionRefusedError(
+                "movv: a twist of zero moves nothing; call stop to end a motion"
+            )
         reference = self.reference(*self._accelerations)
         twist = Twist(linear, angular, Frame.BASE)
         controller = self._controller
