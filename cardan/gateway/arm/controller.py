@@ -353,7 +353,7 @@ class ArmController:
         self.plan_epoch += 1
         if self.recovering:
             self._require_rearming(f"and stays so: {reason}")
-        self._end_activity(reason)
+        self._end_motion(reason)
 
     def place_neighbor(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
         """From the next tick on keep away from a neighbor where it is at `joints`, as
@@ -523,7 +523,7 @@ class ArmController:
             self._on(ArmEvent.JUMPED)
             self._trip_if_driven(reason)
             self._disarm()
-            self._end_activity(reason)
+            self._end_motion(reason)
         elif cause is Cause.HELD:
             if self.waits_for_rearming or self.recovering:
                 return
@@ -540,7 +540,7 @@ class ArmController:
                 if self.listener is not None:
                     self.listener.invalidate(reason)
             else:
-                self._end_activity(reason)
+                self._end_motion(reason)
 
     def _before(self, robot: RobotState) -> RobotState | None:
         """The state before, where the arm moved by command since and may still move."""
@@ -591,7 +591,7 @@ class ArmController:
     def _disengage(self, reason: str) -> None:
         """Forget all motion: where the robot is when it comes back is not known."""
         self.plan_epoch += 1
-        self._end_activity(reason)
+        self._end_motion(reason)
         self._on(ArmEvent.FORGOTTEN)
         self.commanded.halt()
         self._output_check.reset()
@@ -603,7 +603,7 @@ class ArmController:
         self.plan_epoch += 1
         self._recovered_way = NO_WAY
         self._tripped_in_tick = True
-        self._end_activity("the command was restarted from the measured position")
+        self._end_motion("the command was restarted from the measured position")
         self.commanded.place(
             robot, before, 0.0 if before is None else robot.stamp_s - before.stamp_s
         )
@@ -617,7 +617,7 @@ class ArmController:
     def _rest_here(self, reason: str) -> None:
         """Be at rest where the command is: it is not known where the robot is, or how it moves."""
         self.plan_epoch += 1
-        self._end_activity(reason)
+        self._end_motion(reason)
         self._on(ArmEvent.OVER)
         self.commanded.halt()
         self._output_check.reset()
@@ -647,7 +647,7 @@ class ArmController:
         self._trip_reason = reason
         self._trips += 1
         self.plan_epoch += 1
-        self._end_activity(reason)
+        self._end_motion(reason)
 
     def _disarm(self) -> None:
         if self.state.arming.armed:
@@ -656,7 +656,7 @@ class ArmController:
         if self.hand is not None:
             self.hand.disarm()
 
-    def _end_activity(self, reason: str) -> None:
+    def _end_motion(self, reason: str) -> None:
         """Brake the motion, and give its source the reason."""
         self.brake()
         if self.listener is not None:
@@ -717,7 +717,7 @@ class ArmController:
         if recovering and request.pressed and self.state.arming.armed and not request.asks:
             # A regrip goes on from the command's place; the rest of the way is dropped.
             self._on(ArmEvent.LEFT)
-            self._end_activity("it was ended by a button")
+            self._end_motion("it was ended by a button")
         elif recovering and request.pressed and not self.state.arming.armed:
             self._cancel_recovery("it was ended by a button")
 
@@ -728,7 +728,7 @@ class ArmController:
                 self._trip(fault or self.authority.take(HAND, now_s))
             case Act.LET_GO:
                 self.authority.release(HAND)
-                self._end_activity("the clutch was released")
+                self._end_motion("the clutch was released")
             case Act.ARM:
                 self._trip_reason, self._recovered_way = "", NO_WAY
             case Act.TAKE:
@@ -745,13 +745,13 @@ class ArmController:
         self.plan_epoch += 1
         reason, motion = "the operator device took over", self._motion
         if motion is None or not (motion.follows_hand or motion.recovers):
-            self._end_activity(reason)
+            self._end_motion(reason)
         elif self.listener is not None:
             self.listener.invalidate(reason)
 
     def _cancel_recovery(self, why: str) -> None:
         self._require_rearming(f"and stays so: {why}")
-        self._end_activity(why)
+        self._end_motion(why)
         self._disarm()
 
     def _require_rearming(self, why: str) -> None:
