@@ -18,9 +18,9 @@ _HOMES = {
     "vocab": ("Action", "FrameCode", "Parameter", "State", "Stream"),
     "device": ("CartesianDevice", "digital_output_gripper"),
     "interface": ("CartesianArm",),
-    "motion": ("ControllerStatus", "Motion", "Outcome", "Stat"),
     "options": ("ControllerOptions",),
-    "verbs": ("ArmVerbs",),
+    "verb_methods": ("ArmVerbs",),
+    "verb_results": ("ControllerStatus", "Motion", "Outcome", "Stat"),
 }
 # Imported on demand: sessions without an arm's model do without Pinocchio.
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
+import cardan.gateway.arm
 from cardan.errors import (
     CollisionError,
     CommandError,
@@ -306,6 +307,10 @@ def test_bad_input_is_refused_and_changes_nothing(verb, values, why):
     assert world.command == HoldCommand()
     assert why in world.verbs.status().last_refusal
     assert world.verbs.status().refusals == 1
+
+
+def test_the_package_has_each_of_its_names():
+    assert all(getattr(cardan.gateway.arm, name) for name in cardan.gateway.arm.__all__)
 
 
 def test_a_quaternion_has_length_one():
