@@ -68,7 +68,9 @@ class JointLimiter:
         self._inner_upper = tuple(b - d for b, d in zip(upper, braking, strict=True))
         self._target: Sequence[float] | None = None
         self.reference: list[float] = [0.0] * len(speed)
+        """Commanded positions. The same list always."""
         self.velocity: list[float] = [0.0] * len(speed)
+        """Commanded velocities. The same list always."""
 
     @property
     def limits(self) -> tuple[tuple[float, ...], ...]:
@@ -90,14 +92,14 @@ class JointLimiter:
 
     def reset(self, positions: Sequence[float], velocities: Sequence[float] | None = None) -> None:
         """Start from `positions` (rest, or `velocities` as far as they can be stopped)."""
-        self.reference = list(positions)
+        self.reference[:] = positions
         self._target = None
         if velocities is None:
-            self.velocity = [0.0] * len(self._axes)
+            self.velocity[:] = self._rest
             return
         ends = stopping_speeds(positions, self._lower, self._upper, self._acceleration, 0.0)
         velocities = clipped(velocities, [-v for v in self._speed], self._speed)
-        self.velocity = list(clipped(velocities, *ends))
+        self.velocity[:] = clipped(velocities, *ends)
 
     def coast(self, gap_s: float) -> None:
         """Advance by `gap_s` at the present speeds, stopping at the ends of the range."""
@@ -113,7 +115,7 @@ class JointLimiter:
 
     def relocate(self, positions: Sequence[float]) -> None:
         """Set the reference to the measured positions, keeping the velocities (speed control)."""
-        self.reference = list(positions)
+        self.reference[:] = positions
 
     def track(
         self, target: Sequence[float], velocities: Sequence[float] | None, dt_s: float

@@ -80,7 +80,7 @@ class TwoPointMoves(Trajectory):
         if phase is _Phase.RESTING:
             if self._rested(now_s):
                 if not self._end:
-                    self._guide.place(self._feed.positions)
+                    self._guide.reset(self._feed.positions)
                 self._end = list(self._feed.positions)
                 self.waiting = ""
                 self.next_s = math.inf
@@ -96,7 +96,7 @@ class TwoPointMoves(Trajectory):
             self._requests.control(MotionCommand.CHECK_MOTION_READY, self._checked)
 
     def _has_goal(self) -> bool:
-        goal = self._guide.positions
+        goal = self._guide.reference
         return any(abs(a - b) > SAME_GOAL_RAD for a, b in zip(goal, self._end, strict=True))
 
     def _arrived(self) -> bool:
@@ -125,7 +125,7 @@ class TwoPointMoves(Trajectory):
         self._stopping = True
 
     def settled(self, now_s: float) -> bool:
-        return bool(self._guide.at_rest) and self._phase in (_Phase.IDLE, _Phase.RESTING)
+        return not self._guide.moving and self._phase in (_Phase.IDLE, _Phase.RESTING)
 
     # -- replies ----------------------------------------------------------------------------------
 
@@ -142,7 +142,7 @@ class TwoPointMoves(Trajectory):
 
     def _accepted(self, point: JointTrajPtFull, now_s: float) -> None:
         if point.sequence == 0:
-            self._goal = list(self._guide.positions)
+            self._goal = list(self._guide.reference)
             ipc_ms = self.options.ipc_ms
             time_ms = math.ceil(1e3 * two_point_time_s(self._end, self._goal, self._guide))
             self._time_ms = max(2 * ipc_ms, time_ms)

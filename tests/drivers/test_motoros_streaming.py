@@ -375,20 +375,20 @@ class TestVelocityStream:
             bench.publish()
             bench.run(0.025, HoldCommand())
         assert bench.counters.replaced > 10
-        assert bench.guide.positions == pytest.approx(bench.position, abs=0.0041)
+        assert bench.guide.reference == pytest.approx(bench.position, abs=0.0041)
         assert all(body.vel == joints10(()) for _, body in bench.velocities)
         assert not bench.motion.ended
 
     def test_one_wrong_feedback_changes_next_to_nothing(self):
         bench = self.start()
-        before = list(bench.guide.positions)
+        before = list(bench.guide.reference)
         bench.position[0] += 0.3
         bench.publish()
         bench.run(0.02, HoldCommand())
         bench.position[0] -= 0.3
         bench.publish()
         bench.run(0.1, HoldCommand())
-        assert bench.guide.positions == pytest.approx(before, abs=0.002)
+        assert bench.guide.reference == pytest.approx(before, abs=0.002)
         assert not bench.motion.ended
 
     def test_an_arm_that_is_lost_for_long_ends_it_in_words(self):
@@ -402,7 +402,7 @@ class TestVelocityStream:
     def test_what_was_lost_is_made_up_for_slowly(self):
         bench = self.start()
         goal = list(bench.position)
-        bench.guide.shift([-0.1] + [0.0] * 5)
+        bench.guide.relocate([goal[0] - 0.1, *goal[1:]])
         bench.velocities.clear()
         bench.run(0.2, JointCommand(tuple(goal), (0.0,) * 6))
         fastest = max(abs(body.vel[0]) for _, body in bench.velocities)
@@ -411,11 +411,11 @@ class TestVelocityStream:
     def test_missed_periods_count_at_the_speed_there_was(self):
         bench = self.start()
         bench.run(0.4, JointVelocityCommand((0.2,) + (0.0,) * 5))
-        before = bench.guide.positions[0]
+        before = bench.guide.reference[0]
         bench.now_s += 0.06
         period_s = bench.motion.due(bench.now_s)
         bench.motion.command(HoldCommand(), period_s, bench.now_s)
-        coasted = bench.guide.positions[0] - before
+        coasted = bench.guide.reference[0] - before
         assert coasted == pytest.approx(0.2 * (period_s - 0.004) + 0.2 * 0.004, abs=4e-4)
         assert bench.velocities or bench.motion.topics
 

@@ -44,15 +44,15 @@ def guide_at(
     *positions: float, velocities: Sequence[float] | None = None
 ) -> JointTrajectoryLimiter:
     guide = JointTrajectoryLimiter(LOWER, UPPER, SPEED, ACCELERATION)
-    guide.place(positions, velocities)
+    guide.reset(positions, velocities)
     return guide
 
 
 def assert_within(guide: JointTrajectoryLimiter, before: Sequence[float], dt_s: float) -> None:
-    for i, (v, v_before) in enumerate(zip(guide.velocities, before, strict=True)):
+    for i, (v, v_before) in enumerate(zip(guide.velocity, before, strict=True)):
         assert abs(v) <= SPEED[i] * (1.0 + EPSILON)
         assert abs(v - v_before) <= ACCELERATION[i] * dt_s * (1.0 + EPSILON) + 1e-12
-        assert LOWER[i] <= guide.positions[i] <= UPPER[i]
+        assert LOWER[i] <= guide.reference[i] <= UPPER[i]
 
 
 def run(
@@ -80,10 +80,10 @@ class TestGuarantees:
         self, start: Sequence[float], speeds: Sequence[float], script
     ) -> None:
         guide = guide_at(*start, velocities=speeds)
-        assert_within(guide, guide.velocities, 0.0)
+        assert_within(guide, guide.velocity, 0.0)
         for command, times, dt_s in script:
             for _ in range(times):
-                before = tuple(guide.velocities)
+                before = tuple(guide.velocity)
                 guide.step(command, dt_s)
                 assert_within(guide, before, min(dt_s, 0.1))
 
@@ -101,44 +101,44 @@ class TestGuarantees:
         guide = guide_at(0.0, 0.0, 0.0)
         for command, times, dt_s in script:
             for _ in range(times):
-                before, speeds = tuple(guide.positions), tuple(guide.velocities)
+                before, speeds = tuple(guide.reference), tuple(guide.velocity)
                 guide.step(command, dt_s)
                 for i in range(3):
-                    mean = 0.5 * (speeds[i] + guide.velocities[i])
-                    assert guide.positions[i] == pytest.approx(before[i] + dt_s * mean, abs=1e-12)
+                    mean = 0.5 * (speeds[i] + guide.velocity[i])
+                    assert guide.reference[i] == pytest.approx(before[i] + dt_s * mean, abs=1e-12)
 
     @pytest.mark.parametrize("outside", [0.7, -1.3])
     def test_a_joint_placed_outside_its_range_only_moves_inwards(self, outside: float) -> None:
         guide = guide_at(outside, 0.0, 0.0, velocities=(math.copysign(1.0, outside), 0.0, 0.0))
-        assert guide.velocities[0] == 0.0
+        assert guide.velocity[0] == 0.0
         run(guide, JointVelocityCommand((math.copysign(1.0, outside), 0.0, 0.0)), 10)
         run(guide, JointCommand((2.0 * outside, 0.0, 0.0)), 10)
-        assert guide.positions[0] == outside
+        assert guide.reference[0] == outside
         distance = abs(outside)
         for _ in range(400):
-            before = tuple(guide.velocities)
+            before = tuple(guide.velocity)
             guide.step(JointCommand((0.0, 0.0, 0.0)), PERIOD_S)
-            assert abs(guide.positions[0]) <= distance
-            assert abs(guide.velocities[0] - before[0]) <= 10.0 * PERIOD_S * (1.0 + EPSILON)
-            distance = abs(guide.positions[0])
+            assert abs(guide.reference[0]) <= distance
+            assert abs(guide.velocity[0] - before[0]) <= 10.0 * PERIOD_S * (1.0 + EPSILON)
+            distance = abs(guide.reference[0])
         assert distance == pytest.approx(0.0, abs=1e-9)
 
     def test_a_joint_told_to_stay_outside_its_range_stays(self) -> None:
         guide = guide_at(0.6, 0.0, 0.0)
         run(guide, JointCommand((0.6, 0.0, 0.0)), 50)
         run(guide, HoldCommand(), 50)
-        assert guide.positions == [0.6, 0.0, 0.0]
+        assert guide.reference == [0.6, 0.0, 0.0]
 
     def test_a_joint_that_must_stop_does_not_hold_the_others(self) -> None:
         guide = guide_at(0.4, 0.0, 0.0)
         run(guide, JointVelocityCommand((0.5, 0.0, 0.5)), 500)
-        assert guide.positions[0] == pytest.approx(0.5, abs=1e-6)
-        assert guide.velocities[2] == 0.5
+        assert guide.reference[0] == pytest.approx(0.5, abs=1e-6)
+        assert guide.velocity[2] == 0.5
 
     def test_the_end_of_the_range_is_reached_soon(self) -> None:
         guide = guide_at(-1.0, 0.0, 0.0)
         steps = 0
-        while guide.positions[0] < 0.5 - 1e-4:
+        while guide.reference[0] < 0.5 - 1e-4:
             guide.step(JointVelocityCommand((2.0, 0.0, 0.0)), PERIOD_S)
             steps += 1
         shortest_s = 1.5 / 2.0 + 2.0 / 10.0
@@ -149,16 +149,16 @@ class TestGuarantees:
     def test_no_time_no_change(self, dt_s: float, command: RobotCommand) -> None:
         guide = guide_at(0.1, 0.0, 0.0, velocities=(0.5, 0.1, -0.5))
         guide.step(command, dt_s)
-        assert guide.positions == [0.1, 0.0, 0.0]
-        assert guide.velocities == [0.5, 0.1, -0.5]
+        assert guide.reference == [0.1, 0.0, 0.0]
+        assert guide.velocity == [0.5, 0.1, -0.5]
 
     @given(dt_s=st.floats(0.1) | st.just(math.inf), command=commands)
     def test_a_long_period_counts_as_the_longest(self, dt_s: float, command: RobotCommand) -> None:
         long, longest = guide_at(0.1, 0.0, 0.0), guide_at(0.1, 0.0, 0.0)
         long.step(command, dt_s)
         longest.step(command, 0.1)
-        assert long.positions == longest.positions
-        assert long.velocities == longest.velocities
+        assert long.reference == longest.reference
+        assert long.velocity == longest.velocity
 
     @pytest.mark.parametrize(
         "command",
@@ -172,25 +172,25 @@ class TestGuarantees:
     def test_the_shortest_period_counts(self, command: RobotCommand) -> None:
         guide = guide_at(0.1, 0.0, 0.0, velocities=(0.2, 0.0, 0.0))
         guide.step(command, 1e-6)
-        assert abs(guide.velocities[0] - 0.2) == pytest.approx(10.0 * 1e-6)
-        assert guide.positions[0] > 0.1
+        assert abs(guide.velocity[0] - 0.2) == pytest.approx(10.0 * 1e-6)
+        assert guide.reference[0] > 0.1
 
     @pytest.mark.parametrize("gap_s", [1e-6, 0.05, 0.1, 0.37])
     def test_a_gap_is_coasted_through_at_the_speeds_there_are(self, gap_s: float) -> None:
         guide = guide_at(-0.5, 0.0, 0.3, velocities=(0.5, 0.0, -0.7))
         guide.coast(gap_s)
-        assert guide.positions == pytest.approx([-0.5 + 0.5 * gap_s, 0.0, 0.3 - 0.7 * gap_s])
-        assert guide.positions[0] > -0.5
-        assert guide.velocities == [0.5, 0.0, -0.7]
+        assert guide.reference == pytest.approx([-0.5 + 0.5 * gap_s, 0.0, 0.3 - 0.7 * gap_s])
+        assert guide.reference[0] > -0.5
+        assert guide.velocity == [0.5, 0.0, -0.7]
         guide.coast(10.0)
-        assert guide.positions[0] == pytest.approx(0.5, abs=1e-6)
+        assert guide.reference[0] == pytest.approx(0.5, abs=1e-6)
 
     def test_a_new_guide_is_at_rest_at_zero(self) -> None:
         guide = JointTrajectoryLimiter(LOWER, UPPER, SPEED, ACCELERATION)
-        assert (guide.positions, guide.velocities, guide.at_rest) == ([0.0] * 3, [0.0] * 3, True)
+        assert (guide.reference, guide.velocity, guide.moving) == ([0.0] * 3, [0.0] * 3, False)
         assert (guide.speeds, guide.accelerations) == (SPEED, ACCELERATION)
         guide.step(JointVelocityCommand((0.0, 0.0, 0.1)), PERIOD_S)
-        assert not guide.at_rest
+        assert guide.moving
 
     @pytest.mark.parametrize(
         ("position", "velocity", "left"),
@@ -206,22 +206,22 @@ class TestGuarantees:
         self, position: float, velocity: float, left: float
     ) -> None:
         guide = guide_at(position, 0.0, 0.0, velocities=(velocity, 0.0, 0.5))
-        assert guide.positions == [position, 0.0, 0.0]
-        assert guide.velocities == [pytest.approx(left), 0.0, 0.5]
+        assert guide.reference == [position, 0.0, 0.0]
+        assert guide.velocity == [pytest.approx(left), 0.0, 0.5]
 
     def test_a_correction_is_no_motion(self) -> None:
         guide = guide_at(0.1, 0.0, 0.2, velocities=(0.3, 0.0, -0.1))
-        guide.shift((0.01, -0.002, 0.03))
-        assert guide.positions == pytest.approx([0.11, -0.002, 0.23])
-        assert guide.velocities == [0.3, 0.0, -0.1]
+        guide.relocate((0.11, -0.002, 0.23))
+        assert guide.reference == [0.11, -0.002, 0.23]
+        assert guide.velocity == [0.3, 0.0, -0.1]
 
     def test_the_lists_are_kept(self) -> None:
         guide = guide_at(0.0, 0.0, 0.0)
-        positions, velocities = guide.positions, guide.velocities
+        positions, velocities = guide.reference, guide.velocity
         run(guide, JointVelocityCommand((0.1, 0.1, 0.1)), 3)
-        guide.place((0.2, 0.0, 0.0))
-        assert guide.positions is positions
-        assert guide.velocities is velocities
+        guide.reset((0.2, 0.0, 0.0))
+        assert guide.reference is positions
+        assert guide.velocity is velocities
 
 
 class TestDirection:
@@ -234,38 +234,38 @@ class TestDirection:
         size = math.hypot(*wanted)
         for _ in range(300):
             guide.step(JointVelocityCommand(tuple(wanted)), PERIOD_S)
-            speed = math.hypot(*guide.velocities)
-            for v, w in zip(guide.velocities, wanted, strict=True):
+            speed = math.hypot(*guide.velocity)
+            for v, w in zip(guide.velocity, wanted, strict=True):
                 assert v * size == pytest.approx(w * speed, abs=1e-9 * (1.0 + size))
         if size > 0.01:
             share = max(abs(w) / s for w, s in zip(wanted, SPEED, strict=True))
             expected = size / max(1.0, share)
-            assert math.hypot(*guide.velocities) == pytest.approx(expected, rel=1e-9)
+            assert math.hypot(*guide.velocity) == pytest.approx(expected, rel=1e-9)
 
     def test_the_change_has_the_direction_of_the_difference(self) -> None:
         guide = guide_at(0.0, 0.0, 0.0, velocities=(0.5, 0.0, -0.5))
         guide.step(JointVelocityCommand((0.0, 0.1, 0.5)), PERIOD_S)
         # Joint 2 needs longest: 1 rad/s at 3 rad/s².
         share = 3.0 * PERIOD_S
-        assert guide.velocities == pytest.approx([0.5 - 0.5 * share, 0.1 * share, -0.5 + share])
+        assert guide.velocity == pytest.approx([0.5 - 0.5 * share, 0.1 * share, -0.5 + share])
 
     def test_a_step_is_taken_along_a_straight_line(self) -> None:
         guide = JointTrajectoryLimiter((-9.0,) * 3, (9.0,) * 3, SPEED, ACCELERATION)
         goal = (1.0, -0.5, 0.25)
 
         def straight() -> None:
-            x, y, z = guide.positions
+            x, y, z = guide.reference
             assert y == pytest.approx(-0.5 * x, abs=1e-9)
             assert z == pytest.approx(0.25 * x, abs=1e-9)
 
         run(guide, JointCommand(goal, (0.0,) * 3), 600, straight)
-        assert guide.positions == pytest.approx(goal, abs=1e-9)
+        assert guide.reference == pytest.approx(goal, abs=1e-9)
 
 
 class TestFollowing:
     def test_a_trajectory_inside_the_limits_comes_out_unchanged(self) -> None:
         guide = guide_at(-0.9, -0.005, 0.3)
-        q, v = list(guide.positions), [0.0, 0.0, 0.0]
+        q, v = list(guide.reference), [0.0, 0.0, 0.0]
         for k in range(500):
             t = PERIOD_S * k
             accelerations = (4.0 * math.sin(9.0 * t), 0.3 * math.cos(7.0 * t), -math.sin(4.0 * t))
@@ -273,8 +273,8 @@ class TestFollowing:
                 q[i] += PERIOD_S * (v[i] + 0.5 * a * PERIOD_S)
                 v[i] += a * PERIOD_S
             guide.step(JointCommand(tuple(q), tuple(v)), PERIOD_S)
-            assert guide.positions == pytest.approx(q, abs=1e-9)
-            assert guide.velocities == pytest.approx(v, abs=1e-9)
+            assert guide.reference == pytest.approx(q, abs=1e-9)
+            assert guide.velocity == pytest.approx(v, abs=1e-9)
 
     @pytest.mark.parametrize("rate", [1.0, 3.0])
     def test_a_sine_is_met_as_nearly_as_constant_acceleration_allows(self, rate: float) -> None:
@@ -284,7 +284,7 @@ class TestFollowing:
             t = rate * PERIOD_S * k
             goal = (0.0, 0.0, -0.2 * math.cos(t))
             guide.step(JointCommand(goal, (0.0, 0.0, 0.2 * rate * math.sin(t))), PERIOD_S)
-            worst = max(worst, abs(guide.positions[2] - goal[2]))
+            worst = max(worst, abs(guide.reference[2] - goal[2]))
         jerk = 0.2 * rate**3
         assert worst < jerk * PERIOD_S**3 / 12.0
 
@@ -294,7 +294,7 @@ class TestFollowing:
         for k in range(1, 2000):
             goal = -0.2 * math.cos(PERIOD_S * k)
             guide.step(JointCommand((0.0, 0.0, goal)), PERIOD_S)
-            worst = max(worst, abs(guide.positions[2] - goal))
+            worst = max(worst, abs(guide.reference[2] - goal))
         assert worst < 0.2 * PERIOD_S**2
 
     @settings(max_examples=examples(60))
@@ -319,12 +319,12 @@ class TestFollowing:
             guide.step(command, dt_s)
             time_s += dt_s
             for i in range(3):
-                past = (guide.positions[i] - goal[i]) * math.copysign(1.0, goal[i] - start[i])
+                past = (guide.reference[i] - goal[i]) * math.copysign(1.0, goal[i] - start[i])
                 assert past <= 1e-9
-            if any(abs(guide.positions[i] - goal[i]) > 1e-4 for i in range(3)):
+            if any(abs(guide.reference[i] - goal[i]) > 1e-4 for i in range(3)):
                 arrived_s = time_s
         assert arrived_s <= 1.05 * least_s + 8.0 * dt_s
-        assert guide.positions == pytest.approx(goal, abs=1e-6)
+        assert guide.reference == pytest.approx(goal, abs=1e-6)
 
     @settings(max_examples=examples(60))
     @given(jumps=st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=20))
@@ -335,40 +335,40 @@ class TestFollowing:
         for goal in jumps:
             for _ in range(10):
                 guide.step(JointCommand((0.3, 0.0, goal), (0.0, 0.0, 0.0)), PERIOD_S)
-                assert guide.positions[0] <= 0.3 + 1e-9
+                assert guide.reference[0] <= 0.3 + 1e-9
 
     def test_a_target_that_moves_is_caught_up_with(self) -> None:
         guide = guide_at(0.0, 0.0, 0.0)
         for k in range(500):
             goal = 0.5 + 0.4 * PERIOD_S * k
             guide.step(JointCommand((0.0, 0.0, goal), (0.0, 0.0, 0.4)), PERIOD_S)
-        assert guide.positions[2] == pytest.approx(goal, abs=1e-9)
-        assert guide.velocities[2] == pytest.approx(0.4)
+        assert guide.reference[2] == pytest.approx(goal, abs=1e-9)
+        assert guide.velocity[2] == pytest.approx(0.4)
 
     def test_a_target_beyond_the_range_is_met_at_its_end(self) -> None:
         guide = guide_at(0.0, 0.0, 0.0)
         run(guide, JointCommand((3.0, 0.0, 0.5), (1.0, 0.0, 0.0)), 500)
-        assert guide.positions == pytest.approx([0.5, 0.0, 0.5], abs=1e-6)
+        assert guide.reference == pytest.approx([0.5, 0.0, 0.5], abs=1e-6)
 
 
 class TestBraking:
     def test_hold_brakes_in_the_least_time_of_the_slowest_joint_and_stays(self) -> None:
         guide = guide_at(-0.5, 0.0, 0.0, velocities=(1.0, 0.2, 0.9))
         command, steps = HoldCommand(), 0
-        while not guide.at_rest:
+        while guide.moving:
             guide.step(command, PERIOD_S)
             steps += 1
         assert steps == math.ceil(0.9 / 3.0 / PERIOD_S - 1e-9)
-        stopped = tuple(guide.positions)
+        stopped = tuple(guide.reference)
         assert stopped[2] == pytest.approx(0.9 * 0.9 / 6.0, abs=1e-3)
         run(guide, command, 50)
-        assert tuple(guide.positions) == stopped
+        assert tuple(guide.reference) == stopped
 
     def test_the_stop_follows_the_direction_of_motion(self) -> None:
         guide = guide_at(-0.5, 0.0, 0.0, velocities=(0.5, 0.1, -0.5))
-        while not guide.at_rest:
+        while guide.moving:
             guide.brake(PERIOD_S)
-            x, y, z = guide.velocities
+            x, y, z = guide.velocity
             assert y == pytest.approx(0.2 * x, abs=1e-12)
             assert z == pytest.approx(-x, abs=1e-12)
 
@@ -376,11 +376,11 @@ class TestBraking:
         guide = guide_at(0.0, 0.0, 0.0)
         for k in range(100):
             guide.step(JointCommand((0.0, 0.0, 0.002 * k)), PERIOD_S)
-        while not guide.at_rest:
+        while guide.moving:
             guide.brake(PERIOD_S)
-        stopped = tuple(guide.positions)
+        stopped = tuple(guide.reference)
         guide.step(JointCommand(stopped), PERIOD_S)
-        assert guide.at_rest
+        assert not guide.moving
 
 
 class TestRefused:
@@ -407,20 +407,20 @@ class TestRefused:
     def test_bad_numbers_change_nothing(self, bad, make) -> None:
         guide = guide_at(0.1, 0.0, 0.2, velocities=(0.3, 0.1, -0.1))
         guide.step(JointVelocityCommand((9.0, 0.0, 0.0)), PERIOD_S)
-        before = tuple(guide.positions), tuple(guide.velocities)
+        before = tuple(guide.reference), tuple(guide.velocity)
         with pytest.raises(CommandError, match=r"joints|finite"):
             guide.step(make(bad), PERIOD_S)
-        assert (tuple(guide.positions), tuple(guide.velocities)) == before
+        assert (tuple(guide.reference), tuple(guide.velocity)) == before
 
     @pytest.mark.parametrize("bad", BAD)
     def test_nor_does_a_bad_place(self, bad) -> None:
         guide = guide_at(0.1, 0.0, 0.2, velocities=(0.3, 0.1, -0.1))
         with pytest.raises(CommandError, match="positions"):
-            guide.place(bad)
+            guide.reset(bad)
         with pytest.raises(CommandError, match="velocities"):
-            guide.place((0.0,) * 3, bad)
-        assert guide.positions == [0.1, 0.0, 0.2]
-        assert guide.velocities == [0.3, 0.1, -0.1]
+            guide.reset((0.0,) * 3, bad)
+        assert guide.reference == [0.1, 0.0, 0.2]
+        assert guide.velocity == [0.3, 0.1, -0.1]
 
     def test_other_commands(self) -> None:
         guide = guide_at(0.0, 0.0, 0.0)
@@ -576,7 +576,7 @@ class TestOnePeriod:
         steps = rng.random() < 0.4
         for _ in range(rng.choice((1, 3, 10))):
             dt_s = rng.choice((0.001, 0.004, 0.004, 0.03, 0.1))
-            q, v = list(guide.positions), list(guide.velocities)
+            q, v = list(guide.reference), list(guide.velocity)
             for i, rate in enumerate(rates):
                 target[i] += dt_s * rate * 0.3 + steps * rng.choice((0.0, 0.4, -0.4, 1e-3))
                 if abs(target[i]) > 3.0 or rng.random() < 0.02:
@@ -597,15 +597,15 @@ class TestOnePeriod:
                 guide.step(HoldCommand(), dt_s)
             elif verb == "place":
                 places = q if rng.random() < 0.5 else [rng.uniform(-1.2, 1.6) for _ in q]
-                guide.place(places, v if rng.random() < 0.5 else None)
+                guide.reset(places, v if rng.random() < 0.5 else None)
                 continue
             elif verb == "shift":
-                guide.shift([1e-3 * rng.uniform(-1.0, 1.0) for _ in q])
+                guide.relocate([p + 1e-3 * rng.uniform(-1.0, 1.0) for p in q])
                 continue
             speeds = law.speeds(q, v, wanted, bounds, dt_s)
-            assert guide.velocities == pytest.approx(speeds, abs=1e-8)
+            assert guide.velocity == pytest.approx(speeds, abs=1e-8)
             for p, now, new, after, low, high in zip(
-                q, v, guide.velocities, guide.positions, law.lower, law.upper, strict=True
+                q, v, guide.velocity, guide.reference, law.lower, law.upper, strict=True
             ):
                 moved = p + 0.5 * dt_s * (now + new)
                 assert after == pytest.approx(min(max(moved, min(low, p)), max(high, p)), abs=1e-12)
@@ -616,31 +616,31 @@ class TestOnePeriod:
         reach = 1.0 + 3.0 * dt_s  # v²/(2a), and v for the mean of this period and five of them
         for away, share in ((reach, 1e-3), (reach - 1e-9, 1.0)):
             guide = JointTrajectoryLimiter((-2.0, -9.0), (2.0, 9.0), (1.0, 1.0), (0.5, 0.5))
-            guide.place((sign * (2.0 - away), 0.0))
+            guide.reset((sign * (2.0 - away), 0.0))
             guide.step(JointVelocityCommand((sign * 1000.0, 1.0)), dt_s)
             # The other joint is slowed with the first one, or not, as that gives way to its end.
             speeds = [sign * 0.5 * dt_s, 0.5 * dt_s * share]
-            assert guide.velocities == pytest.approx(speeds, rel=0.03)
+            assert guide.velocity == pytest.approx(speeds, rel=0.03)
 
     @pytest.mark.parametrize("sign", [1.0, -1.0])
     def test_a_joint_that_can_just_stop_at_its_end_brakes_as_hard_as_it_may(
         self, sign: float
     ) -> None:
         guide = JointTrajectoryLimiter((-1.0,), (1.0,), (2.0,), (10.0,))
-        guide.place((sign * 0.95,), (sign * 1.0,))
+        guide.reset((sign * 0.95,), (sign * 1.0,))
         guide.step(JointVelocityCommand((sign * 1.0,)), PERIOD_S)
-        assert guide.velocities == [pytest.approx(sign * (1.0 - 10.0 * PERIOD_S))]
+        assert guide.velocity == [pytest.approx(sign * (1.0 - 10.0 * PERIOD_S))]
 
     def test_joints_that_the_period_brings_to_their_targets_change_as_one(self) -> None:
         dt_s = 1.0 / 256.0
         before, forward = (0.5, -0.5, 0.0), (0.25, -0.25, 0.5)
         limits = (-1.0,) * 3, (1.0,) * 3, (2.0,) * 3, (10.0, 10.0, 3.0)
         guide = JointTrajectoryLimiter(*limits)
-        guide.place((0.0,) * 3, before)
+        guide.reset((0.0,) * 3, before)
         there = [0.5 * dt_s * (v + f) for v, f in zip(before, forward, strict=True)]
         guide.step(JointCommand(tuple(there), forward), dt_s)
         share = 3.0 * dt_s / 0.5  # Of the third, which needs longest.
-        assert guide.velocities == pytest.approx(
+        assert guide.velocity == pytest.approx(
             [v + share * (f - v) for v, f in zip(before, forward, strict=True)]
         )
 
@@ -649,4 +649,4 @@ class TestOnePeriod:
             assert before + (wanted - before) != wanted
             guide = guide_at(0.0, 0.0, 0.0, velocities=(before, 0.0, 0.0))
             guide.step(JointVelocityCommand((wanted, 0.0, 0.0)), 0.1)
-            assert guide.velocities == [wanted, 0.0, 0.0]
+            assert guide.velocity == [wanted, 0.0, 0.0]

@@ -167,7 +167,7 @@ class MotorosMotion(ABC):
     @property
     def at_rest(self) -> bool:
         """True while standing still is what is commanded."""
-        return bool(self._guide.at_rest)
+        return not self._guide.moving
 
     @abstractmethod
     def advance(self, now_s: float) -> None:
@@ -207,12 +207,12 @@ class MotorosMotion(ABC):
         guide = self._guide
         ramp_s = max(
             abs(speed) / acceleration
-            for speed, acceleration in zip(guide.velocities, guide.accelerations, strict=True)
+            for speed, acceleration in zip(guide.velocity, guide.accelerations, strict=True)
         )
         return ramp_s + BRAKE_MARGIN_S
 
     def _resting(self) -> bool:
-        return all(abs(speed) < REST_RAD_S for speed in self._guide.velocities)
+        return all(abs(speed) < REST_RAD_S for speed in self._guide.velocity)
 
     def _note(self, now_s: float, kind: str) -> None:
         record = self._record
@@ -220,7 +220,7 @@ class MotorosMotion(ABC):
             record.add(
                 now_s,
                 kind,
-                tuple(self._guide.positions),
+                tuple(self._guide.reference),
                 self._feed.positions,
                 self._counters.queue_count,
             )
@@ -300,11 +300,11 @@ class Trajectory(MotorosMotion):
     def _begin(self, now_s: float) -> None:
         """Send point 0 from where the controller was commanded to be, or from the feedback."""
         if not self._placed:
-            self._guide.place(self._feed.positions)
+            self._guide.reset(self._feed.positions)
             self._placed = True
         self._sequence = self._time_ms = 0
         guide = self._guide
-        self._send(self._point(0, 0, guide.positions, guide.velocities), now_s, "start")
+        self._send(self._point(0, 0, guide.reference, guide.velocity), now_s, "start")
 
     def _send(self, point: JointTrajPtFull, now_s: float, kind: str) -> None:
         self._resend = point

@@ -118,7 +118,7 @@ class PointStream(Trajectory):
         self._was_moving = self._moving_at_send
         self._moving_at_send = not self._resting()
         self._phase = _Phase.SENDING
-        point = self._point(self._sequence, self._time_ms, guide.positions, guide.velocities)
+        point = self._point(self._sequence, self._time_ms, guide.reference, guide.velocity)
         self._send(point, now_s, "point")
 
     def _renew_now(self, now_s: float) -> bool:
@@ -153,14 +153,14 @@ class PointStream(Trajectory):
                 "are too slow for a stream; set point_spacing_s or queue_low higher"
             )
             return
-        self._guide.place(tuple(self._guide.positions))
+        self._guide.reset(tuple(self._guide.reference))
         self._moving_at_send = False
         self._phase = _Phase.RESTING
         self._wait_for_rest("the stream had run empty, a new one is being begun", now_s)
 
     def settled(self, now_s: float) -> bool:
-        still = self._guide.at_rest and self._phase is not _Phase.SENDING
-        return bool(still) and now_s >= self._played_s
+        still = not self._guide.moving and self._phase is not _Phase.SENDING
+        return still and now_s >= self._played_s
 
     # -- replies ----------------------------------------------------------------------------------
 

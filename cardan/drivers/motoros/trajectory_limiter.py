@@ -24,6 +24,7 @@ from typing import Annotated, Final
 from cardan.common.bounds import JOINT_POSITION, JOINT_VELOCITY, POSITIVE
 from cardan.common.braking import stopping_speed
 from cardan.common.options import check_value
+from cardan.drivers.limiters import JointLimiter
 from cardan.drivers.robot_core import check_numbers, wrong_kind
 from cardan.errors import CommandError, ConfigurationError
 from cardan.types import CommandKind, HoldCommand, JointCommand, JointVelocityCommand, RobotCommand
@@ -42,8 +43,8 @@ _INF = math.inf
 _sqrt = math.sqrt
 
 
-class JointTrajectoryLimiter:
-    """Joints that are independent of each other but move as one vector.
+class JointTrajectoryLimiter(JointLimiter):
+    """A limiter for joints that are independent of each other but move as one vector.
 
     Always, to rounding: |v| <= `velocity`; |Δv| <= `acceleration`·dt; positions stay in `lower` to
     `upper`, whatever sequence of periods is given. A joint that is placed outside its range may
@@ -72,33 +73,19 @@ class JointTrajectoryLimiter:
         for low, high in zip(lower, upper, strict=True):
             if not low < high:
                 raise ConfigurationError("upper", f"{high!r} is not above the lower end {low!r}")
-        self._axes = range(count)
-        self._lower = tuple(map(float, lower))
-        self._upper = tuple(map(float, upper))
-        self._speed = tuple(map(float, velocity))
-        self._acceleration = tuple(map(float, acceleration))
-        self._stop = tuple(
-            0.5 * v * v / a for v, a in zip(self._speed, self._acceleration, strict=True)
-        )
-        self._zeros = (0.0,) * count
+        super().__init__(lower, upper, velocity, acceleration, LONGEST_STEP_S)
+        self._stop = tuple(0.5 * v * v / a for v, a in zip(velocity, acceleration, strict=True))
         self._free_high = (_INF,) * count
         self._free_low = (-_INF,) * count
-        self._wanted = [*self._zeros]
-        self._forward = [*self._zeros]
-        self._error = [*self._zeros]
-        self._moved = [*self._zeros]
-        self._target = [*self._zeros]
+        self._forward = [*self._rest]
+        self._error = [*self._rest]
+        self._moved: Sequence[float] = self._rest
         self._high = [*self._free_high]
         self._low = [*self._free_low]
         self._range_high = [*self._free_high]
         self._range_low = [*self._free_low]
-        self._following = False
         self.closing_rad_s = _INF
         """Fastest correction of a distance, in addition to a JointCommand's velocities."""
-        self.positions = [*self._zeros]
-        """Commanded, rad. The same list always."""
-        self.velocities = [*self._zeros]
-        """Commanded, rad/s. The same list always."""
 
     @property
     def speeds(self) -> tuple[float, ...]:
@@ -110,12 +97,7 @@ class JointTrajectoryLimiter:
         """The limits, rad/s²."""
         return self._acceleration
 
-    @property
-    def at_rest(self) -> bool:
-        """True when no joint is commanded to move."""
-        return not any(self.velocities)
-
-    def place(self, positions: Sequence[float], velocities: Sequence[float] | None = None) -> None:
+    def reset(self, positions: Sequence[float], velocities: Sequence[float] | None = None) -> None:
         """Start from `positions`, rad, at rest, or at `velocities`, rad/s, as far as limits allow.
 
         Raises CommandError, and changes nothing, for a wrong length or an implausible number.
@@ -123,37 +105,22 @@ class JointTrajectoryLimiter:
         check_numbers("positions", positions, JOINT_POSITION, len(self._axes))
         if velocities is not None:
             check_numbers("velocities", velocities, JOINT_VELOCITY, len(self._axes))
-        self._following = False
-        for i in self._axes:
-            position = float(positions[i])
-            self.positions[i] = position
-            speed = 0.0
-            if velocities is not None:
-                gain = 2.0 * self._acceleration[i]
-                high = _sqrt(gain * max(0.0, self._upper[i] - position))
-                low = -_sqrt(gain * max(0.0, position - self._lower[i]))
-                most = self._speed[i]
-                speed = max(min(float(velocities[i]), high, most), low, -most)
-            self.velocities[i] = speed
+        super().reset(positions, velocities)
 
-    def shift(self, by: Sequence[float]) -> None:
-        """Correct the positions by `by`, rad, without motion."""
-        for i in self._axes:
-            self.positions[i] += by[i]
-
-    def coast(self, dt_s: float) -> None:
-        """Advance by `dt_s` at the present speeds, stopping at the ends of the ranges."""
-        velocities = tuple(self.velocities)
-        while dt_s >= SHORTEST_STEP_S:
-            self.step(JointVelocityCommand(velocities), dt_s)
-            dt_s -= LONGEST_STEP_S
+    def coast(self, gap_s: float) -> None:
+        """Advance by `gap_s` at the present speeds, slowing down for the ends of the ranges."""
+        velocities = tuple(self.velocity)
+        while gap_s >= SHORTEST_STEP_S:
+            self.drive(velocities, min(gap_s, LONGEST_STEP_S))
+            gap_s -= LONGEST_STEP_S
 
     def step(self, command: RobotCommand, dt_s: float) -> None:
         """Move for `dt_s` as `command` says, as far as limits allow.
 
         A JointCommand is followed: its velocities, plus what makes good the distance that is left
         without passing it. Without velocities the target is taken to move as it moved in both of
-        the two periods before. A HoldCommand brakes, and stays.
+        the two periods before. A HoldCommand brakes along the direction of motion, and stays: the
+        joint that needs longest, max |v|/acceleration, sets the time.
 
         A period of less than 1 µs, negative or NaN changes nothing; one above 0.1 s counts as
         0.1 s. Raises CommandError, and changes nothing, for a wrong length, an implausible number,
@@ -167,40 +134,30 @@ class JointTrajectoryLimiter:
             if command.external_axes:
                 raise CommandError("external_axes: the guide has none")
             if dt_s >= SHORTEST_STEP_S:
-                self._follow(command.positions, forward, min(dt_s, LONGEST_STEP_S))
+                self.track(command.positions, forward, min(dt_s, LONGEST_STEP_S))
         elif isinstance(command, JointVelocityCommand):
             check_numbers("velocities", command.velocities, JOINT_VELOCITY, len(self._axes))
             if dt_s >= SHORTEST_STEP_S:
-                self._following = False
-                self._wanted[:] = command.velocities
-                self._advance(min(dt_s, LONGEST_STEP_S), self._free_low, self._free_high)
+                self.drive(command.velocities, min(dt_s, LONGEST_STEP_S))
         elif isinstance(command, HoldCommand):
-            self.brake(dt_s)
+            if dt_s >= SHORTEST_STEP_S:
+                self.brake(min(dt_s, LONGEST_STEP_S))
         else:
             raise wrong_kind("the guide", command, KINDS)
 
-    def brake(self, dt_s: float) -> None:
-        """Slow down for `dt_s` along the direction of motion, or stay at rest.
-
-        The joint that needs longest, max |v|/acceleration, sets the time. `dt_s` as in `step`.
-        """
-        if not dt_s >= SHORTEST_STEP_S:
-            return
-        self._following = False
-        if any(self.velocities):
-            self._wanted[:] = self._zeros
-            self._advance(min(dt_s, LONGEST_STEP_S), self._free_low, self._free_high)
-
-    def _follow(
+    def track(
         self, target: Sequence[float], velocities: Sequence[float] | None, dt_s: float
     ) -> None:
-        positions = self.positions
+        """Advance one period towards `target`, which moves at `velocities`, or, without them, as
+        `step` says."""
+        positions = self.reference
         speeds = self._speed
-        goals = self._target
-        moved = self._moved
+        previous = self._target
+        before = self._rest if previous is None else self._moved
+        goals: list[float] = []
+        moved: list[float] = []
         forward = self._forward
         error = self._error
-        was_following = self._following
         shrink = 1.0
         for i in self._axes:
             goal = target[i]
@@ -215,34 +172,30 @@ class JointTrajectoryLimiter:
             elif goal < lower:
                 goal = min(lower, max(goal, position))
                 slowest = 0.0
-            if was_following:
-                rate = (goal - goals[i]) / dt_s
-                before = moved[i]
-            else:
-                rate = before = 0.0
-            goals[i] = goal
-            moved[i] = rate
+            rate = 0.0 if previous is None else (goal - previous[i]) / dt_s
+            goals.append(goal)
+            moved.append(rate)
             if velocities is not None:
                 speed = min(max(velocities[i], slowest), fastest)
-            elif rate * before <= 0.0:
+            elif rate * before[i] <= 0.0:
                 # A target that steps does not move.
                 speed = 0.0
             else:
-                speed = rate if abs(rate) < abs(before) else before
+                speed = rate if abs(rate) < abs(before[i]) else before[i]
             forward[i] = speed
             if abs(speed) * shrink > speeds[i]:
                 shrink = speeds[i] / abs(speed)
-        self._following = True
+        self._target, self._moved = goals, moved
 
         # The speed at which an error can be closed such that, the period over, joint i can still
         # stop: r·dt + r²/(2a) = |e|, written r = closing·|e|. The smallest `closing` for all keeps
         # the direction, and with it the joints arrive together.
         closing = _INF
-        own = self._wanted
+        own = [*self._rest]
         for i in self._axes:
             speed = forward[i] * shrink
             forward[i] = speed
-            left = goals[i] - positions[i] - 0.5 * dt_s * (self.velocities[i] + speed)
+            left = goals[i] - positions[i] - 0.5 * dt_s * (self.velocity[i] + speed)
             error[i] = left
             a = self._acceleration[i]
             gain = a * dt_s
@@ -263,20 +216,27 @@ class JointTrajectoryLimiter:
             low[i] = -_INF
             high[i] = _INF
             if left > 0.0:
-                high[i] = max(speed + own[i] * left, self.velocities[i] - gain, 0.0)
+                high[i] = max(speed + own[i] * left, self.velocity[i] - gain, 0.0)
             elif left < 0.0:
-                low[i] = min(speed + own[i] * left, self.velocities[i] + gain, 0.0)
+                low[i] = min(speed + own[i] * left, self.velocity[i] + gain, 0.0)
             own[i] = speed + closing * left
-        self._advance(dt_s, low, high)
+        self._approach(own, low, high, dt_s)
 
-    def _advance(self, dt_s: float, lows: Sequence[float], highs: Sequence[float]) -> None:
-        """Advance one period towards the velocities `_wanted`, within `lows` and `highs`.
+    def _advance(
+        self, desired: Sequence[float], target: Sequence[float] | None, dt_s: float
+    ) -> None:
+        self._approach([*desired], self._free_low, self._free_high, dt_s)
+
+    def _approach(
+        self, wanted: list[float], lows: Sequence[float], highs: Sequence[float], dt_s: float
+    ) -> None:
+        """Advance one period towards the velocities `wanted`, which it changes, within `lows` and
+        `highs`.
 
         The bounds contain zero, or the way to it that the acceleration allows.
         """
-        wanted = self._wanted
-        positions = self.positions
-        velocities = self.velocities
+        positions = self.reference
+        velocities = self.velocity
         speeds = self._speed
         accelerations = self._acceleration
         range_high = self._range_high

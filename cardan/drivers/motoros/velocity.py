@@ -71,7 +71,7 @@ class VelocityStream(MotorosMotion):
         """Commands in a row that said zero."""
         self.waiting = "velocity mode is being entered"
         guide.closing_rad_s = CLOSING_RAD_S
-        guide.place(feed.positions)
+        guide.reset(feed.positions)
         self._watch = TrackingMonitor(options.lag_s, feed.positions, now_s)
         self._watched = feed.feedbacks
         self._watched_s = now_s
@@ -97,7 +97,7 @@ class VelocityStream(MotorosMotion):
             and min(feed.status_s, feed.feedback_s) > self._started_s
         )
         if possible and (feed.at_rest_after(self._started_s) or waited_s >= SETTLE_S):
-            self._guide.place(feed.positions)
+            self._guide.reset(feed.positions)
             self._watch.begin(feed.positions, now_s)
             self._watched, self._watched_s = feed.feedbacks, now_s
             self._acting_s = now_s
@@ -114,9 +114,9 @@ class VelocityStream(MotorosMotion):
         farthest = JUMP_RAD + JUMP_RAD_S * passed_s
         if any(abs(a - b) > farthest for a, b in zip(feed.positions, before, strict=True)):
             self._jumped = True
-        away = self._watch.away(feed.positions, guide.positions)
+        away = self._watch.away(feed.positions, guide.reference)
         if self._jumped and away is None:
-            away = [a - b for a, b in zip(feed.positions, guide.positions, strict=True)]
+            away = [a - b for a, b in zip(feed.positions, guide.reference, strict=True)]
         if away is None:
             self._lost_since_s = math.inf
             return
@@ -135,10 +135,10 @@ class VelocityStream(MotorosMotion):
                 return
         if size <= AGREES_RAD or self._jumped:
             return
-        most = passed_s * (FOUND_RAD_S + max(map(abs, guide.velocities)))
+        most = passed_s * (FOUND_RAD_S + max(map(abs, guide.velocity)))
         share = min(1.0 - AGREES_RAD / size, most / size)
         by = [share * each for each in away]
-        guide.shift(by)
+        guide.relocate([q + way for q, way in zip(guide.reference, by, strict=True)])
         self._watch.shift(by)
         self._counters.replaced += 1
 
@@ -162,14 +162,14 @@ class VelocityStream(MotorosMotion):
             self._missed_s = 0.0
         guide.step(self._going_on(command), self.nominal_s)
         self._zeros = self._zeros + 1 if self.at_rest else 0
-        self._watch.note(guide.positions, now_s)
+        self._watch.note(guide.reference, now_s)
         body = JointVelocity(
             self.options.group,
             self._sequence,
             FIELDS,
             now_s - self._started_s,
             ZEROS,
-            joints10(v if abs(v) >= REST_RAD_S else 0.0 for v in guide.velocities),
+            joints10(v if abs(v) >= REST_RAD_S else 0.0 for v in guide.velocity),
             self._accelerations,
         )
         self._sequence = self._sequence + 1 if self._sequence + 1 < SEQUENCES else 1
