@@ -143,12 +143,13 @@ GONE = frozenset(
 )
 """Names of modules that the field has other words for: CHANGELOG.md has them."""
 GONE_WORDS = (
-    "AbbGofa", "Activity", "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "DaemonArm", "EgmPilot",
-    "EgmSeen", "EngineReport", "Felt", "FeltFigures", "FeltForce", "ForceGuard", "FreeBody",
-    "HandPilot", "JointStreamSeen", "MapGlide", "MotomanGp8", "MotorosPilot", "MotorosSeen",
-    "Outbox", "PlainBook", "RemoteCartesianDevice", "RemotePacketArm", "Tongue", "UrPilot",
-    "UrSeen", "VerbDesk", "leash_used", "leashed", "no_farewell_after_s", "off_the_wire",
-    "owes_answer", "replay_engine", "tongue", "tried_with",
+    "AbbGofa", "Activity", "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "DaemonArm",
+    "EgmPilot", "EgmSeen", "EngineReport", "Felt", "FeltFigures", "FeltForce", "ForceGuard",
+    "FoxgloveFeed", "FreeBody", "HandPilot", "JointStreamSeen", "MapGlide", "MotomanGp8",
+    "MotorosPilot", "MotorosSeen", "Outbox", "PlainBook", "RemoteCartesianDevice",
+    "RemotePacketArm", "RosbridgeFeed", "SessionTaps", "SharedFeeds", "Tongue", "UrPilot", "UrSeen",
+    "VerbDesk", "leash_used", "leashed", "no_farewell_after_s", "off_the_wire", "owes_answer",
+    "replay_engine", "tongue", "tried_with",
 )  # fmt: skip
 """Words of identifiers, likewise."""
 FREE_OF_CIRCLES = (
