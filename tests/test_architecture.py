@@ -145,11 +145,12 @@ GONE = frozenset(
 GONE_WORDS = (
     "AbbGofa", "Activity", "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "DaemonArm",
     "EgmPilot", "EgmSeen", "EngineReport", "Felt", "FeltFigures", "FeltForce", "ForceGuard",
-    "FoxgloveFeed", "FreeBody", "HandPilot", "JointStreamSeen", "MapGlide", "MotomanGp8",
-    "MotorosPilot", "MotorosSeen", "Outbox", "PlainBook", "RemoteCartesianDevice",
-    "RemotePacketArm", "RosbridgeFeed", "SessionTaps", "SharedFeeds", "Tongue", "UrPilot", "UrSeen",
-    "VerbDesk", "leash_used", "leashed", "no_farewell_after_s", "off_the_wire", "owes_answer",
-    "replay_engine", "tongue", "tried_with",
+    "FoxgloveFeed", "FreeBody", "Guidance", "HandPilot", "JointGuidance", "JointStreamSeen",
+    "MapGlide", "MotomanGp8", "MotorosPilot", "MotorosSeen", "Outbox", "PlainBook", "PoseGuidance",
+    "RemoteCartesianDevice", "RemotePacketArm", "RosbridgeFeed", "SessionTaps", "SharedFeeds",
+    "Surroundings", "Tongue", "UrPilot", "UrSeen", "VerbDesk", "felt_depth_m", "felt_stiffness_n_m",
+    "leash_used", "leashed", "no_farewell_after_s", "off_the_wire", "owes_answer", "replay_engine",
+    "tongue", "tried_with",
 )  # fmt: skip
 """Words of identifiers, likewise."""
 FREE_OF_CIRCLES = (

@@ -100,11 +100,11 @@ class SessionNetwork:
         offer: Callable[[Any, Any, float], None],
         full: Callable[[], bool],
         tables: Mapping[str, Any],
-        surroundings: str = "",
+        scene: str = "",
     ) -> None:
         """`offer` takes packets unless it is `full`, as :class:`RequestWorker` does; `tables`: the
-        session's configuration; `surroundings`: those of the arm, as JSON."""
-        self._surroundings = surroundings
+        session's configuration; `scene`: that of the arm, as JSON."""
+        self._scene = scene
         self._full = full
         self.options = options
         self._tables = tables
@@ -161,7 +161,7 @@ class SessionNetwork:
             self._names,
             period_s=1.0 / options.rate_hz,
             robot_description=self._description,
-            surroundings=self._surroundings,
+            scene=self._scene,
             tool=self._tool,
             transforms=options.transforms,
             same=same_topics(others),
