@@ -76,7 +76,7 @@ def check_mode(mapping: MappingOptions, device: OperatorDevice) -> None:
     able = device.capabilities
     if mapping.mode is Mode.RATE and not able.gives_axes:
         raise ConfigurationError(
-            "mapping.mode", 'this device measures the hand\'s pose: set mode = "position"'
+            "mapping.mode", 'this device measures a pose: set mode = "position"'
         )
     if mapping.mode is not Mode.RATE and not able.gives_pose:
         raise ConfigurationError(
