@@ -41,8 +41,8 @@ def main() -> None:
     _show(stable, "earlier", earlier.table(earlier.measure()))
     widths = zwidth.measure()
     _show(stable, "zwidth", zwidth.table(widths))
-    felt = [faults.feel(fault) for fault in faults.FAULTS]
-    _show(stable, "faults", faults.table(felt))
+    responses = [faults.feel(fault) for fault in faults.FAULTS]
+    _show(stable, "faults", faults.table(responses))
     afar = far.measure()
     _show(stable, "far", far.table(afar))
     measured = {"stability.md": stable}
@@ -59,7 +59,7 @@ def main() -> None:
         except ExtraMissingError as error:
             print(f"no plots: {error}")
         else:
-            plotting.save(directory, plots.draw(grids, channel, sampling, widths, felt, afar))
+            plotting.save(directory, plots.draw(grids, channel, sampling, widths, responses, afar))
             print(f"plots are in {directory}")
     print(f"took {time.monotonic() - began_s:.0f} s")
 

@@ -43,10 +43,10 @@ class _Timed(SimArm):
     def _timed(self) -> Iterator[RobotState]:
         for state in super().cycles():
             self._began_s = self._answered_s = time.perf_counter()
-            tapped = self.tap is not None
+            tapped = self.raw_packet_callback is not None
             yield state
             ended_s = time.perf_counter()
-            if tapped is (self.tap is not None):
+            if tapped is (self.raw_packet_callback is not None):
                 self.rows.append(
                     (tapped, self._answered_s - self._began_s, ended_s - self._began_s)
                 )

@@ -260,7 +260,7 @@ class DeviceState(NamedTuple):
     buttons: frozenset[str]
     """Names of the buttons held down."""
     pose: Pose | None = None
-    """Pose of the hand, for devices that measure one (frame: the device's base)."""
+    """Pose of the device, for devices that measure one (frame: the device's base)."""
     battery: float | None = None
     """Charge, 0..1, where the device reports it."""
     reason: str = ""

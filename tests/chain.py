@@ -21,7 +21,7 @@ from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, FaultyLink
 from cardan.sim_peers.scripted import play
 from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
-from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, ScriptedPuck
+from cardan.sim_peers.spacemouse.motion_script import SCRIPT_VERBS, ScriptedPuck
 from cardan.spatial import norm, subtract
 from cardan.types import RobotState, Vector3
 from tests.controllers import controller_for_hand

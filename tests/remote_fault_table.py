@@ -37,7 +37,7 @@ WATCHED_S = 1.0
 """After the fault, and after its end."""
 
 SETTLED_S = 0.5
-"""Longer than whatever the hand does takes to be seen at the arm."""
+"""Longer than whatever the device does takes to be seen at the arm."""
 
 AGAIN_M = 0.02
 """An arm that goes this far moves again."""

@@ -1,9 +1,11 @@
-"""Sentences of docstrings and messages, and those that begin as none should."""
+"""Sentences of docstrings, comments and messages, and those that begin as none should."""
 
 from __future__ import annotations
 
 import ast
+import io
 import re
+import tokenize
 from collections.abc import Iterator
 
 ENDS = re.compile(r"(?<=[.!?])\s+(?=[A-Z`'\"(])")
@@ -13,7 +15,7 @@ _BEGINS = (
 )
 PRONOUN = re.compile(rf"(?:^|(?<=[.:;!?]\s)){_BEGINS}[^.?]*")
 """A sentence, or a part after a colon or semicolon, whose subject is a pronoun."""
-MAYBE = re.compile(rf'(?:"|[.:;!?]\s)\s*{_BEGINS}')
+MAYBE = re.compile(rf'(?:"|#|[.:;!?]\s)\s*{_BEGINS}')
 """In a source that may have one: others need not be parsed."""
 LONGEST = 120
 """Of a sentence in a message, characters."""
@@ -39,3 +41,28 @@ def docstrings(source: str) -> Iterator[tuple[int, str]]:
             value = each.value if isinstance(each, ast.Expr) else None
             if isinstance(value, ast.Constant) and isinstance(value.value, str):
                 yield each.lineno, value.value
+
+
+def comments(source: str) -> Iterator[tuple[int, str]]:
+    """Line and text of the comments that are sentences; one over several lines is one text."""
+    begin, joined, last = 0, "", 0
+    for each in tokenize.generate_tokens(io.StringIO(source).readline):
+        if each.type != tokenize.COMMENT:
+            continue
+        line, column = each.start
+        alone = not each.line[:column].strip()
+        if joined and not (alone and line == last + 1):
+            yield begin, joined
+            joined = ""
+        begin = begin if joined else line
+        joined += f" {each.string.strip('# ')}"
+        last = line if alone else 0
+    if joined:
+        yield begin, joined
+
+
+def strings(source: str) -> Iterator[tuple[int, str]]:
+    """Line and text of every string in a module: docstrings, messages, help texts."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.lineno, node.value

@@ -15,7 +15,7 @@ import pytest
 from cardan.common.tables import read_toml
 from cardan.drivers import registry
 from tests.docs_tables import ours
-from tests.sentences import MAYBE, begun_with_a_pronoun, docstrings
+from tests.sentences import MAYBE, begun_with_a_pronoun, comments, docstrings, strings
 
 PACKAGE = Path(__file__).parents[1] / "cardan"
 SOURCE_TREE = PACKAGE.parent
@@ -147,12 +147,13 @@ GONE = frozenset(
 """Names of modules that the field has other words for: CHANGELOG.md has them."""
 GONE_WORDS = (
     "AbbGofa", "Activity", "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "DaemonArm",
-    "EgmPilot",
-    "EgmSeen", "EngineReport", "Felt", "FeltFigures", "FeltForce", "ForceGuard", "FreeBody",
-    "HandPilot", "JointStreamSeen", "MapGlide", "MotomanGp8", "MotorosPilot", "MotorosSeen",
-    "Outbox", "PlainBook", "RemoteCartesianDevice", "RemotePacketArm", "Tongue", "UrPilot",
-    "UrSeen", "VerbDesk", "leash_used", "leashed", "no_farewell_after_s", "off_the_wire",
-    "owes_answer", "replay_engine", "tongue", "tried_with",
+    "EgmPilot", "EgmSeen", "EngineReport", "Felt", "FeltFigures", "FeltForce", "ForceGuard",
+    "FoxgloveFeed", "FreeBody", "Guidance", "HandPilot", "JointGuidance", "JointStreamSeen",
+    "MapGlide", "MotomanGp8", "MotorosPilot", "MotorosSeen", "Outbox", "PlainBook", "PoseGuidance",
+    "RemoteCartesianDevice", "RemotePacketArm", "RosbridgeFeed", "SessionTaps", "SharedFeeds",
+    "Surroundings", "Tongue", "UrPilot", "UrSeen", "VerbDesk", "felt_depth_m", "felt_stiffness_n_m",
+    "leash_used", "leashed", "no_farewell_after_s", "off_the_wire", "owes_answer", "replay_engine",
+    "tongue", "tried_with",
 )  # fmt: skip
 """Words of identifiers, likewise."""
 GONE_ARGUMENTS = {"seen", "judge", "act", "acts"}
@@ -590,13 +591,40 @@ def test_sentences_with_a_pronoun_for_a_subject_are_found(text, found):
 
 
 def test_the_subject_of_a_sentence_is_a_thing_of_the_field():
-    """In docstrings; tests/test_troubles.py has the messages."""
+    """In docstrings and comments; tests/test_troubles.py has the messages."""
     found = [
         f"{path.relative_to(SOURCE_TREE)}:{line}: {each}"
         for path, text in own_sources()
         if MAYBE.search(text)
-        for line, said in docstrings(text)
+        for line, said in (*docstrings(text), *comments(text))
         for each in begun_with_a_pronoun(said)
+    ]
+    assert found == []
+
+
+def test_comments_that_begin_with_a_pronoun_are_found():
+    source = "a = 1  # Whose is it?\n# What comes late\n# is dropped. Others wait.\n"
+    found = [(line, begun_with_a_pronoun(said)) for line, said in comments(source)]
+    assert found == [(1, []), (2, ["What comes late is dropped"])]
+
+
+HUMAN_HANDS = (
+    "common/haptics.py", "common/bounds.py", "demos/demo.py", "drivers/ihaptic.py",
+    "drivers/remote/", "drivers/spnav/core.py", "gateway/bus/haptic_server.py",
+    "gateway/bus/sharing.py", "gateway/daemon/figures.py", "gateway/force/",
+    "gateway/servers/console/jog.py", "gateway/session/config.py",
+    "gateway/session/force_assembly.py", "gateway/session/terminal_view.py",
+)  # fmt: skip
+"""Modules that say "the hand" of the operator's own: it feels a force, or holds a device."""
+
+
+def test_an_operator_device_is_not_called_a_hand():
+    found = [
+        f"{path.relative_to(PACKAGE)}:{line}: {said[:80]}"
+        for path in MODULES
+        if not str(path.relative_to(PACKAGE)).startswith(HUMAN_HANDS)
+        for line, said in strings(path.read_text(encoding="utf-8"))
+        if re.search(r"\b[Tt]he hand\b", said)
     ]
     assert found == []
 

@@ -25,7 +25,7 @@ def test_a_publication_is_an_instant_by_the_number_of_its_messages():
     rows = {
         (kind, name): [seconds] * 3
         for kind, seconds in ((publication.ALONE, 100e-6), (publication.HEARD, 300e-6))
-        for name in ("publish", "poll", "tap")
+        for name in ("publish", "poll", "publish_cycle")
     }
     table = publication.table([publication.Cost(50.0, 10.0, rows, "real time")])
     assert "| 50 Hz | nobody subscribes | 10 | 100 / 100 µs | 10.0 µs | met: 0.40 of it |" in table

@@ -28,9 +28,9 @@ from bench.soak.peers import steps_of
 from bench.soak.report import RULES, Report, Sample, markdown
 from bench.soak.sampling import left_behind, marked_processes, use_of
 from cardan.sim_peers.base import ScriptStep
-from cardan.sim_peers.evdev.hand import SCRIPT_VERBS as PAD_VERBS
-from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS as PUCK_VERBS
-from cardan_wiimote.peer.hand import SCRIPT_VERBS as REMOTE_VERBS
+from cardan.sim_peers.evdev.motion_script import SCRIPT_VERBS as PAD_VERBS
+from cardan.sim_peers.spacemouse.motion_script import SCRIPT_VERBS as PUCK_VERBS
+from cardan_wiimote.peer.motion_script import SCRIPT_VERBS as REMOTE_VERBS
 from tests.test_cli import ENVIRONMENT
 
 pytestmark = pytest.mark.matrix

@@ -89,10 +89,10 @@ def test_check_and_run_warn_of_a_robot_that_anybody_may_take(tmp_path):
 @pytest.mark.parametrize(
     ("mapping", "words"),
     [
-        ('mode = "position"', "the TCP moves as the hand does, base axes"),
+        ('mode = "position"', "the TCP moves as the device does, base axes"),
         (
             'mode = "absolute"\norigin_m = [0.5, 0.0, 0.3]\napproach_speed_m_s = 0.04',
-            "the TCP goes where the hand is, base axes, at 40 mm/s and 17 deg/s",
+            "the TCP goes where the device is, base axes, at 40 mm/s and 17 deg/s",
         ),
     ],
 )

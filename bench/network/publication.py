@@ -47,8 +47,11 @@ class _Clock:
     @contextmanager
     def watching(self) -> Iterator[None]:
         """Time the methods of all sessions of this process."""
-        kept = {name: getattr(SessionNetwork, name) for name in ("due", "publish", "poll", "tap")}
-        timed = {name: self._timed(name, kept[name]) for name in ("poll", "tap")}
+        kept = {
+            name: getattr(SessionNetwork, name)
+            for name in ("due", "publish", "poll", "publish_cycle")
+        }
+        timed = {name: self._timed(name, kept[name]) for name in ("poll", "publish_cycle")}
         timed |= {"due": self._beginning(kept["due"]), "publish": self._ending(kept["publish"])}
         for name, method in timed.items():
             setattr(SessionNetwork, name, method)
@@ -171,7 +174,10 @@ def table(costs: list[Cost]) -> str:
                 f"{'met' if each <= AIM_S else 'missed'}: {each / AIM_S:.2f} of it |"
             )
     lines += ["", "| in each cycle | | median / p99 |", "|---|---|---|"]
-    for name, words in (("poll", "to look for commands"), ("tap", "to look for recorders")):
+    for name, words in (
+        ("poll", "to look for commands"),
+        ("publish_cycle", "to look for recorders"),
+    ):
         for kind in (ALONE, HEARD):
             took = [each for cost in costs for each in cost.rows[kind, name]]
             median, tail = statistics.median(took), quantile(took, 0.99)

@@ -23,14 +23,14 @@ from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
 from cardan.sim_peers.arm.udp import SimulatedArmPeer
 from cardan.sim_peers.base import ScriptStep, SimulatedPeer
 from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, EgmMode
-from cardan.sim_peers.evdev.hand import ScriptedInput as PadHand
+from cardan.sim_peers.evdev.motion_script import ScriptedInput as PadHand
 from cardan.sim_peers.evdev.peer import EvdevPeer, EvdevPeerOptions
 from cardan.sim_peers.hand_peer import HandPeer
 from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
 from cardan.sim_peers.scripted import Hand
-from cardan.sim_peers.spacemouse.hand import ScriptedPuck as PuckHand
+from cardan.sim_peers.spacemouse.motion_script import ScriptedPuck as PuckHand
 from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
-from cardan_wiimote.peer.hand import ScriptedHand as RemoteHand
+from cardan_wiimote.peer.motion_script import ScriptedHand as RemoteHand
 from cardan_wiimote.peer.peer import WiimotePeer, WiimotePeerOptions
 
 TOLD_S: Final = 0.05

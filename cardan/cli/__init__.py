@@ -369,11 +369,11 @@ def _parts(config: SessionConfig) -> Iterator[tuple[str, str]]:
     if config.device is None:
         yield "moved by", _moved_by_verbs(config)
     elif mapping.mode is Mode.POSITION:
-        yield "mapping", f"the TCP moves as the hand does, {mapping.frame.value} axes"
+        yield "mapping", f"the TCP moves as the device does, {mapping.frame.value} axes"
     elif mapping.mode is Mode.ABSOLUTE:
         yield (
             "mapping",
-            "the TCP goes where the hand is, base axes, at "
+            "the TCP goes where the device is, base axes, at "
             f"{mapping.approach_speed_m_s * 1e3:.0f} mm/s and "
             f"{math.degrees(mapping.approach_speed_rad_s):.0f} deg/s until it has arrived",
         )

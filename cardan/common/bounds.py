@@ -261,7 +261,7 @@ BLIND_S = Range(
 NEIGHBOR_AGE_S = Range(
     0.02, LONGEST_BLIND_S, "s", "10 ms for the clocks, and a state's way to here, are its least age"
 )
-LOOP_DELAY_S = Range(0.0, 1.0, "s", "a contact that is felt a second late cannot be held")
+LOOP_DELAY_S = Range(0.0, 1.0, "s", "a contact that is rendered a second late cannot be held")
 ARRIVAL_S = Range(0.1, 60.0, "s", "an arm that is not there by then does not come")
 LAG_S = Range(0.0, 2.0, "s", "an arm with a longer delay cannot be teleoperated")
 
@@ -287,7 +287,7 @@ DAMPING_N_S_M = Range(0.0, 10_000.0, "N·s/m", "nothing moves against more")
 DRAG_N_S_M = Range(0.0, 10_000.0, "N·s/m", "nothing moves against more", above=True)
 FRICTION = Range(0.0, 2.0, "", "rubber on rubber has less")
 FORCE_SCALE = Range(0.0, 10.0, "", "a newton at the robot is ten in the hand", above=True)
-FORCE_CUTOFF_HZ = Range(0.1, 200.0, "Hz", "lower is felt seconds late, higher filters nothing")
+FORCE_CUTOFF_HZ = Range(0.1, 200.0, "Hz", "lower is rendered seconds late, higher filters nothing")
 PAYLOAD_KG = Range(0.0, 1000.0, "kg", "the largest arms lift a tonne, no more")
 
 # -- shares, factors, counts -----------------------------------------------------------------------
@@ -295,7 +295,7 @@ PAYLOAD_KG = Range(0.0, 1000.0, "kg", "the largest arms lift a tonne, no more")
 SHARE = Range(0.001, 1.0, "", "of the whole; at less than a thousandth nothing moves")
 SHARE_OR_NONE = Range(0.0, 1.0, "", "a share of the whole")
 DEAD_ZONE = Range(0.0, 1.0, "", "with all of the deflection at rest nothing would move", below=True)
-MOTION_SCALE = Range(-100.0, 100.0, "", "a millimeter of the hand is ten centimeters of the TCP")
+MOTION_SCALE = Range(-100.0, 100.0, "", "a millimeter of the device is ten centimeters of the TCP")
 OUTPUT_VALUE = Range(-1e9, 1e9, "", "larger whole numbers are not exact in the robot's program")
 ANALOG_OUTPUT = Range(0, 39, "", "EGM carries 40 values")
 COUNTS = Range(1.0, 1e6, "counts", "no device's raw numbers are larger")

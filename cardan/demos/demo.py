@@ -107,7 +107,7 @@ def served_servers(
         yield
 
 
-def limits_felt(demo: Demo, config: SessionConfig) -> FeedbackLimits | None:
+def haptic_limits(demo: Demo, config: SessionConfig) -> FeedbackLimits | None:
     """The limits of the demo's haptic device, wherever it is; None: it has none."""
     device = make_device(config) if config.device is not None else None
     if not isinstance(device, HapticDevice):
@@ -119,7 +119,7 @@ def limits_felt(demo: Demo, config: SessionConfig) -> FeedbackLimits | None:
 
 def find_problems(
     last: Snapshot,
-    felt: FeedbackLimits | None = None,
+    haptic: FeedbackLimits | None = None,
     *,
     may_rest: bool = False,
     paused_s: float = 0.0,
@@ -127,10 +127,10 @@ def find_problems(
 ) -> list[str]:
     """The problems of a demo, by its last snapshot; empty when there were none.
 
-    `felt`: the limits of a haptic device, which its force is checked against. `may_rest`: the arm
+    `haptic`: the limits of a haptic device, which its force is checked against. `may_rest`: the arm
     need not move. `paused_s`: longest time that this computer stood still (see Pauses); its
     consequences are no problem of the demo, but a remark. `far`: the haptic device is at another
-    computer, which does not know the age of a force; contact has to be felt there.
+    computer, which does not know the age of a force; contact has to be rendered there.
     """
     found = []
     if last.loop.cycles == 0:
@@ -142,19 +142,19 @@ def find_problems(
             f"the robot was up to {last.tracking.error_max_m * 1e3:.1f} mm away from its reference "
             f"(expected: {WELL_FOLLOWED_M * 1e3:.0f} mm)"
         )
-    if felt is not None:
-        found += _force_problems(last, felt)
-        if far and last.force.felt_stiffness_n_m is None:
-            found.append("the hand felt no contact of the tool")
-    return found if paused_s > PAUSE_S else found + _interruptions(last, felt, far=far)
+    if haptic is not None:
+        found += _force_problems(last, haptic)
+        if far and last.force.rendered_stiffness_n_m is None:
+            found.append("no contact of the tool was rendered")
+    return found if paused_s > PAUSE_S else found + _interruptions(last, haptic, far=far)
 
 
-def _interruptions(last: Snapshot, felt: FeedbackLimits | None, *, far: bool) -> list[str]:
+def _interruptions(last: Snapshot, haptic: FeedbackLimits | None, *, far: bool) -> list[str]:
     """Problems that a computer which stands still for a moment can cause, too."""
     found = []
     if last.arm.trips:
         found.append(f"teleoperation was disengaged {last.arm.trips} times")
-    if felt is None:
+    if haptic is None:
         return found
     if last.force.losses:
         found.append(f"{last.force.losses} times there was no force: {last.force.lost_reason}")
@@ -174,7 +174,7 @@ def _interruptions(last: Snapshot, felt: FeedbackLimits | None, *, far: bool) ->
 
 def find_remarks(
     last: Snapshot,
-    felt: FeedbackLimits | None = None,
+    haptic: FeedbackLimits | None = None,
     *,
     paused_s: float = 0.0,
     far: bool = False,
@@ -188,11 +188,11 @@ def find_remarks(
         )
     if paused_s > PAUSE_S:
         stood_still = f"not judged, as this computer stood still for {paused_s * 1e3:.0f} ms: "
-        found += [stood_still + problem for problem in _interruptions(last, felt, far=far)]
+        found += [stood_still + problem for problem in _interruptions(last, haptic, far=far)]
     return found
 
 
-def _force_problems(last: Snapshot, felt: FeedbackLimits) -> list[str]:
+def _force_problems(last: Snapshot, haptic: FeedbackLimits) -> list[str]:
     """The problems of the force feedback."""
     found = []
     force, contact = last.force, last.contact
@@ -207,35 +207,37 @@ def _force_problems(last: Snapshot, felt: FeedbackLimits) -> list[str]:
             )
     if force.peak_n == 0.0:
         found.append("no force was rendered to the hand")
-    if force.peak_n > felt.force_n * (1.0 + 1e-6):
-        found.append(f"the force was {force.peak_n:.2f} N, above {felt.force_n:g} N")
-    if felt.energy_j is not None and force.energy_given_peak_j > felt.energy_j:
+    if force.peak_n > haptic.force_n * (1.0 + 1e-6):
+        found.append(f"the force was {force.peak_n:.2f} N, above {haptic.force_n:g} N")
+    if haptic.energy_j is not None and force.energy_given_peak_j > haptic.energy_j:
         found.append(
             f"the hand was given up to {force.energy_given_peak_j * 1e3:.1f} mJ in one engagement "
-            f"(bound: {felt.energy_j * 1e3:g} mJ)"
+            f"(bound: {haptic.energy_j * 1e3:g} mJ)"
         )
     if force.state != "enabled":
         found.append(f"the force was {force.state} at the end: {force.reason}")
     return found
 
 
-def _success(demo: Demo, last: Snapshot, felt: FeedbackLimits | None) -> str:
+def _success(demo: Demo, last: Snapshot, haptic: FeedbackLimits | None) -> str:
     """The message of a demo without problems."""
     if last.tracking.path_m == 0.0:
         return "nobody moved the arm"
-    if felt is None:
+    if haptic is None:
         return demo.success_message
     force = last.force
     said = f"{demo.success_message}, {force.peak_n:.2f} N at most"
-    if force.felt_stiffness_n_m is not None:
-        said += f", {force.felt_stiffness_n_m:.0f} N/m, {force.felt_depth_m * 1e3:.1f} mm deep"
+    if force.rendered_stiffness_n_m is not None:
+        said += (
+            f", {force.rendered_stiffness_n_m:.0f} N/m, {force.rendered_depth_m * 1e3:.1f} mm deep"
+        )
     if demo.delay_ms is not None:
         said += f", {demo.delay_ms:g} ms away"
-    if felt.energy_j is None:
+    if haptic.energy_j is None:
         return said
     return (
         f"{said}: it was given at most {force.energy_given_peak_j * 1e3:.2f} mJ in one engagement, "
-        f"of the {felt.energy_j * 1e3:g} mJ that passivity allows"
+        f"of the {haptic.energy_j * 1e3:g} mJ that passivity allows"
     )
 
 
@@ -306,13 +308,13 @@ def run_demo(
     if not outcome.last.finished or outcome.last.ending == STOPPED_ON_REQUEST:
         view.console.print("ended early: not judged")
         return EXIT_OK
-    felt = limits_felt(demo, config)
+    haptic = haptic_limits(demo, config)
     far, paused_s = demo.shared_file is not None, pauses.longest_s
     problems = find_problems(
-        outcome.last, felt, may_rest=bool(demo.invitation), paused_s=paused_s, far=far
+        outcome.last, haptic, may_rest=bool(demo.invitation), paused_s=paused_s, far=far
     )
-    for line in (*find_remarks(outcome.last, felt, paused_s=paused_s, far=far), *problems):
+    for line in (*find_remarks(outcome.last, haptic, paused_s=paused_s, far=far), *problems):
         print(f"cardan demo: {line}", file=sys.stderr)
     if not problems:
-        view.console.print(_success(demo, outcome.last, felt), markup=False)
+        view.console.print(_success(demo, outcome.last, haptic), markup=False)
     return EXIT_INCOMPLETE if problems else EXIT_OK

@@ -130,7 +130,7 @@ def judge_holders(held: Mapping[str, Holder]) -> Iterator[Finding]:
             yield caution(
                 "holder",
                 f"{path} is open in {holder}",
-                "what the hand does goes there, too; some programs keep others out",
+                "the device's motion goes there, too; some programs keep others out",
                 f"kill {holder.pid}",
             )
 

@@ -36,7 +36,7 @@ RECHECK_S = 0.1
 makes a state stale notifies no reader, and the device's thread may hang."""
 
 
-Tap = Callable[[bytes, bool, str], None]
+RawPacketCallback = Callable[[bytes, bool, str], None]
 """Is given raw bytes as they are exchanged: what was received or, where the second argument is
 True, sent; and by which of several connections, empty where there is one. Called in the thread that
 exchanges them: it must not block and not raise."""
@@ -73,7 +73,7 @@ class Driver(ABC):
     """Its documentation: a page as seen from Cardan's docs/, or a URL."""
     peer: ClassVar[str] = ""
     """The simulated peer that stands in for the hardware: ``cardan sim PEER``."""
-    tap: Tap | None = None
+    raw_packet_callback: RawPacketCallback | None = None
     """Recorder of the raw bytes that are exchanged; set and taken off at any time."""
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:

@@ -608,8 +608,8 @@ class DatagramRobot(AnswerMixin[DatagramSessionT], RobotDriver):
         return self._joined().waiting()
 
     def _take(self, came: Any, now_s: float) -> RobotState | None:
-        if (tap := self.tap) is not None:
-            tap(came, False, "")
+        if (callback := self.raw_packet_callback) is not None:
+            callback(came, False, "")
         return self._session.receive(came, now_s)
 
     def _hear(self) -> RobotState | None:
@@ -624,8 +624,8 @@ class DatagramRobot(AnswerMixin[DatagramSessionT], RobotDriver):
         if data is None:
             return False
         self._joined().send(data)
-        if (tap := self.tap) is not None:
-            tap(data, True, "")
+        if (callback := self.raw_packet_callback) is not None:
+            callback(data, True, "")
         return True
 
     def _hold(self) -> None:

@@ -399,8 +399,8 @@ class TcpRobot(LoopMixin[TcpSessionT], RobotDriver, Generic[TcpSessionT, Channel
             self._lost(session, channel, error.strerror or str(error))
             return
         if data:
-            if (tap := self.tap) is not None:
-                tap(data, False, channel)
+            if (callback := self.raw_packet_callback) is not None:
+                callback(data, False, channel)
             session.received(channel, data, _monotonic())
         else:
             self._lost(session, channel, "the controller closed it")
@@ -415,8 +415,8 @@ class TcpRobot(LoopMixin[TcpSessionT], RobotDriver, Generic[TcpSessionT, Channel
             to = self._links.get(channel)
             if to is None:
                 continue
-            if (tap := self.tap) is not None:
-                tap(data, True, channel)
+            if (callback := self.raw_packet_callback) is not None:
+                callback(data, True, channel)
             if to.backlog:
                 to.backlog += data
             else:

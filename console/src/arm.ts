@@ -3,7 +3,7 @@ import type { Link } from "./link.ts";
 import type { Message, Rosbridge } from "./rosbridge.ts";
 import type { Pose, Quat, Vec3 } from "./spatial.ts";
 import { Stops } from "./stops.ts";
-import type { Heard, Surroundings } from "./surroundings.ts";
+import type { Heard, SceneDescription } from "./scene_description.ts";
 
 const ASK_TYPE = "cardan_msgs/srv/Ask";
 
@@ -86,14 +86,14 @@ export class Arm {
   tcp: { parent: string; pose: Pose } | null = null;
   status: Status | null = null;
   snapshot: Snapshot | null = null;
-  surroundings: Surroundings | null = null;
+  sceneDescription: SceneDescription | null = null;
   /** Where its neighbors were heard to be, by their names. */
   readonly neighbors = new Map<string, Heard>();
   /** When the newest state came, ms of the page. */
   heardMs = -Infinity;
   onDescription: () => void = () => {};
   onState: () => void = () => {};
-  onSurroundings: () => void = () => {};
+  onSceneDescription: () => void = () => {};
   /** The arm was stopped by another source than this page. */
   onStop: (by: string) => void = () => {};
   onRequest: (request: AuthorityRequest) => void = () => {};
@@ -125,10 +125,10 @@ export class Arm {
       this.description = m.data;
       this.onDescription();
     }, 0);
-    hear(`${name}/surroundings`, "std_msgs/msg/String", (m: { data: string }) => {
-      this.surroundings = JSON.parse(m.data) as Surroundings;
-      this.hearNeighbors(this.surroundings);
-      this.onSurroundings();
+    hear(`${name}/scene`, "std_msgs/msg/String", (m: { data: string }) => {
+      this.sceneDescription = JSON.parse(m.data) as SceneDescription;
+      this.hearNeighbors(this.sceneDescription);
+      this.onSceneDescription();
     }, 0);
     hear("/tf_static", "tf2_msgs/msg/TFMessage", (m: Transforms) => {
       for (const each of m.transforms) {
@@ -172,7 +172,7 @@ export class Arm {
     this.ends.length = this.neighborEnds.length = 0;
   }
 
-  private hearNeighbors(told: Surroundings): void {
+  private hearNeighbors(told: SceneDescription): void {
     for (const end of this.neighborEnds) end();
     this.neighborEnds.length = 0;
     this.neighbors.clear();

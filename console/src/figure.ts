@@ -1,6 +1,6 @@
 import * as THREE from "three";
 import URDFLoader, { type URDFCollider, type URDFRobot, type URDFVisual } from "urdf-loader";
-import { type Surroundings, solid } from "./surroundings.ts";
+import { type SceneDescription, solid } from "./scene_description.ts";
 import { type Color, parseColor } from "./visuals.ts";
 
 /** What something of a link is painted with; null: it has no color of its own. `flat`: it has no
@@ -42,7 +42,7 @@ export class Figure {
 
   /** Where a link's bodies are meshes, show what the session keeps apart in their place; whether there
    * is more to be seen than before. */
-  standIn(shapes: Surroundings["shapes"]): boolean {
+  standIn(shapes: SceneDescription["shapes"]): boolean {
     const before = this.standIns.length;
     for (const each of this.standIns) each.removeFromParent();
     for (const shown of this.links.values()) {

@@ -289,7 +289,7 @@ function choose(name: string): void {
       scene?.surround(chosen);
     }
   };
-  chosen.onSurroundings = () => {
+  chosen.onSceneDescription = () => {
     if (!replay.open) scene?.surround(chosen);
     if (goal) goalPanel.surround();
   };
@@ -352,7 +352,7 @@ replay.onArm = () => {
     scene?.load(recorded.description);
     void scene?.dress(recorded);
   };
-  recorded.onSurroundings = () => void scene?.dress(recorded);
+  recorded.onSceneDescription = () => void scene?.dress(recorded);
   recorded.onState = () => {
     scene?.news(recorded);
     if (loaded || !recorded.joints) return;

@@ -39,12 +39,16 @@ export class RecordSource implements Source {
   private readonly heard = new Map<string, Set<Heard>>();
 
   get topics(): string[] {
-    return [...this.heard.keys()];
+    return [...this.heard.keys()].flatMap((topic) =>
+      topic.endsWith("/scene") ? [topic, topic.replace(/scene$/, "surroundings")] : [topic],
+    );
   }
 
   deliver(messages: readonly [string, Message][]): void {
     for (const [topic, message] of messages) {
-      for (const heard of this.heard.get(topic) ?? []) heard(message);
+      // Older records have `/surroundings`.
+      const now = topic.replace(/\/surroundings$/, "/scene");
+      for (const heard of this.heard.get(now) ?? []) heard(message);
     }
   }
 }

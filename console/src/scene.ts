@@ -7,7 +7,7 @@ import { Figure } from "./figure.ts";
 import { t } from "./i18n.ts";
 import type { Part } from "./settings.ts";
 import { type Pose, type Vec3, norm, subtract } from "./spatial.ts";
-import { Around, isOld, nearness, warning } from "./surroundings.ts";
+import { Around, isOld, nearness, warning } from "./scene_description.ts";
 import type { Color, Meshes } from "./visuals.ts";
 
 const TRAIL_POINTS = 1200;
@@ -191,13 +191,13 @@ export class Scene {
   /** Show an arm as it looks, as far as its session knows that, once its robot is loaded. */
   async dress(arm: Arm): Promise<void> {
     const { figures } = this;
-    if (!arm.surroundings) return;
+    if (!arm.sceneDescription) return;
     for (const each of figures) {
-      if (each.standIn(arm.surroundings.shapes)) this.measures = false;
+      if (each.standIn(arm.sceneDescription.shapes)) this.measures = false;
     }
     this.showLooks();
     // One after the other: what moves the arm comes first.
-    for (const [file, key] of Object.entries(arm.surroundings.visuals ?? {})) {
+    for (const [file, key] of Object.entries(arm.sceneDescription.visuals ?? {})) {
       const geometry = await this.meshes.get(key);
       if (this.figures !== figures) return;
       if (geometry) for (const each of figures) each.give(file, geometry);
@@ -239,11 +239,11 @@ export class Scene {
 
   /** Show what is around an arm, once its robot is loaded. */
   surround(arm: Arm): void {
-    if (!arm.surroundings) return;
+    if (!arm.sceneDescription) return;
     void this.dress(arm);
-    this.around.load(arm.surroundings, this.robot, this.reach);
+    this.around.load(arm.sceneDescription, this.robot, this.reach);
     this.around.showShells(this.shows("capsules"));
-    const { obstacles, neighbors } = arm.surroundings;
+    const { obstacles, neighbors } = arm.sceneDescription;
     const names = [...obstacles, ...(neighbors ?? [])].map((each) => each.name).join(", ");
     const words = names ? `${this.label}. ${t("shown_obstacles")}: ${names}.` : this.label;
     this.renderer.domElement.setAttribute("aria-label", words);
@@ -373,7 +373,7 @@ export class Scene {
       arm.status?.moving ? 1 : 0,
       arm.snapshot?.arm?.clearance_m ?? 1,
       arm.snapshot?.arm?.at_workspace_limit ? 1 : 0,
-      ...(arm.surroundings?.neighbors ?? []).flatMap((each) => {
+      ...(arm.sceneDescription?.neighbors ?? []).flatMap((each) => {
         const heard = arm.neighbors.get(each.name);
         if (!heard) return [];
         return [...heard.joints.values(), isOld(each, heard, performance.now()) ? 1 : 0];
@@ -451,7 +451,7 @@ export class Scene {
   private showClearance(arm: Arm): void {
     const clearance = arm.snapshot?.arm?.clearance_m ?? null;
     const pair = arm.snapshot?.arm?.nearest_pair ?? [];
-    const near = nearness(clearance, pair, arm.surroundings);
+    const near = nearness(clearance, pair, arm.sceneDescription);
     for (const [name, materials] of this.linkMaterials) {
       for (const material of materials) {
         material.color.copy(material.userData["color"] as THREE.Color);

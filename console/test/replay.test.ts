@@ -42,6 +42,11 @@ test("an arm hears a record as it hears the bus, and cannot be asked for anythin
   source.deliver([["/a", { data: 3 }]]);
   assert.deepEqual(heard, [{ data: 1 }]);
   assert.deepEqual(source.topics, []);
+  const older: Message[] = [];
+  source.bridge.subscribe("/a/scene", "x", (message) => older.push(message));
+  assert.deepEqual(source.topics, ["/a/scene", "/a/surroundings"]);
+  source.deliver([["/a/surroundings", { data: 2 }]]);
+  assert.deepEqual(older, [{ data: 2 }]);
   await assert.rejects(source.bridge.call(), /nothing moves/);
 });
 

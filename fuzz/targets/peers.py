@@ -15,17 +15,21 @@ from cardan.sim_peers.arm.controller import SimulatedArm
 from cardan.sim_peers.backends import uhid, usbip
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.egm_controller import EgmController, scripts as egm_scripts
-from cardan.sim_peers.evdev import MODELS as EVDEV_MODELS, SimulatedInput, hand as evdev_hand
+from cardan.sim_peers.evdev import (
+    MODELS as EVDEV_MODELS,
+    SimulatedInput,
+    motion_script as evdev_hand,
+)
 from cardan.sim_peers.motoros_controller import (
     CONNECTIONS,
     MotorosController,
     MotorosControllerOptions,
     MotorosServers,
 )
-from cardan.sim_peers.spacemouse import hand as mouse_hand
+from cardan.sim_peers.spacemouse import motion_script as mouse_hand
 from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
-from cardan_jr3.peer import SimulatedJr3, hand as jr3_hand, socketcand
+from cardan_jr3.peer import SimulatedJr3, motion_script as jr3_hand, socketcand
 from cardan_jr3.protocol import TEO_SENSORS
 from cardan_leap.peer import hand as leap_hand
 from cardan_leap.peer.core import SimulatedLeapService
@@ -34,7 +38,7 @@ from cardan_omni.peer.settings import parse_omni_faults
 from cardan_serial_mice.peer.core import simulated_serial_puck
 from cardan_serial_mice.protocol import models
 from cardan_spnav_server.core import SpnavServerCore
-from cardan_wiimote.peer import SimulatedWiimote, hand as wiimote_hand
+from cardan_wiimote.peer import SimulatedWiimote, motion_script as wiimote_hand
 from fuzz.target import Form, Packets, Target
 from fuzz.targets import devices, robots
 from fuzz.targets.common import Clients, all_finite, text_of

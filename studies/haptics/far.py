@@ -74,7 +74,7 @@ class Point(NamedTuple):
     """The law of both ends, in our tick."""
     alone_n_m: float
     """Force over depth where the hand rests, with our tick and without the law."""
-    felt_n_m: float
+    rendered_n_m: float
     """The same ratio with the law."""
 
 
@@ -93,11 +93,11 @@ def run(limits: TickLimits, hand: Hand, link: Link, law: bool) -> Trace:
         return rig.trace
 
 
-def felt_n_m(trace: Trace) -> float:
+def rendered_n_m(trace: Trace) -> float:
     """Mean force over mean depth in the end."""
     late = trace.times_s > trace.times_s[-1] - PRESSED_S
     depth_m = -float(np.mean(trace.position_m[late, 2]))
-    return float(np.mean(trace.felt_n[late, 2])) / depth_m if depth_m > 0.0 else 0.0
+    return float(np.mean(trace.rendered_n[late, 2])) / depth_m if depth_m > 0.0 else 0.0
 
 
 def _point(delay_s: float, hand: Hand) -> Point:
@@ -107,7 +107,12 @@ def _point(delay_s: float, hand: Hand) -> Point:
         for limits, law in ((PLAIN, False), (OURS, False), (OURS, True))
     )
     return Point(
-        hand, delay_s, judge(plain, PLAIN), judge(ours, OURS), felt_n_m(alone), felt_n_m(ours)
+        hand,
+        delay_s,
+        judge(plain, PLAIN),
+        judge(ours, OURS),
+        rendered_n_m(alone),
+        rendered_n_m(ours),
     )
 
 
@@ -123,7 +128,7 @@ def table(found: list[Point]) -> str:
         f"| felt of {STIFFNESS_N_M:.0f} N/m | the tick alone |",
         "|---|---|---|---|---|---|",
     ]
-    for hand, delay_s, plain, ours, alone, felt in found:
+    for hand, delay_s, plain, ours, alone, rendered in found:
         plain_mj, ours_mj = 1e3 * plain.given_j, 1e3 * ours.given_j
         jitter = f" + 0..{1e3 * JITTER * delay_s:.0f} ms" if delay_s else ""
         mark = "" if plain.stable else "**"
@@ -131,6 +136,6 @@ def table(found: list[Point]) -> str:
             f"| {hand.name} | {1e3 * delay_s:.0f}{jitter or ' ms'} "
             f"| {mark}{plain_mj:.1f} mJ, {1e3 * plain.restless_m_s:.0f} mm/s{mark} "
             f"| {ours_mj:.1f} mJ, {1e3 * ours.restless_m_s:.0f} mm/s "
-            f"| {felt:.0f} N/m | {alone:.0f} N/m |"
+            f"| {rendered:.0f} N/m | {alone:.0f} N/m |"
         )
     return "\n".join(lines)

@@ -212,7 +212,7 @@ class FaultResponse(NamedTuple):
     fall_n_ms: float
     """Fastest decline, where the motors were still on."""
     zero_s: float
-    """Time after the fault when the force felt was first zero; infinite: never."""
+    """Time after the fault when the rendered force was first zero; infinite: never."""
     forbidden_s: float
     """From the first tick that gave the fault's `forbidden` to the first after which no force was
     sent any more; infinite: no tick gave it, or force was sent to the end."""
@@ -248,11 +248,11 @@ def _response(
     fault: Fault, trace: Trace, first: int, after: HapticState, refused: int
 ) -> FaultResponse:
     since = slice(first - 1, None)
-    times_s, sent, felt = trace.times_s[since], trace.sent_n[since], trace.felt_n[since]
+    times_s, sent, rendered = trace.times_s[since], trace.sent_n[since], trace.rendered_n[since]
     sizes: Array = np.linalg.norm(sent, axis=1)
     per_ms = np.linalg.norm(np.diff(sent, axis=0), axis=1) / (1e3 * np.diff(times_s))
     grows = np.diff(sizes) > 0.0
-    gone = np.flatnonzero(np.linalg.norm(felt, axis=1)[1:] < 1e-9)
+    gone = np.flatnonzero(np.linalg.norm(rendered, axis=1)[1:] < 1e-9)
     zero_s = float(times_s[1 + gone[0]] - times_s[0]) if len(gone) else math.inf
     over = np.flatnonzero(sizes == 0.0)
     later = sizes[over[0] :] if len(over) else sizes[:0]

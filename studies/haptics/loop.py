@@ -52,7 +52,7 @@ class Trace(NamedTuple):
     velocity_m_s: Array
     sent_n: Array
     """Force in the frame that ended last."""
-    felt_n: Array
+    rendered_n: Array
     """Force of the motors."""
     measured_m: Array
     """The position as the tick received it."""
@@ -151,13 +151,14 @@ class Rig:
     def trace(self) -> Trace:
         """Everything so far."""
         rows = np.array(self._rows)
-        position, velocity, sent, felt, measured = (rows[:, k : k + 3] for k in (1, 4, 7, 10, 13))
+        parts = (rows[:, k : k + 3] for k in (1, 4, 7, 10, 13))
+        position, velocity, sent, rendered, measured = parts
         return Trace(
             rows[:, 0],
             position,
             velocity,
             sent,
-            felt,
+            rendered,
             measured,
             rows[:, 16],
             rows[:, 17],

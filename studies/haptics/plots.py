@@ -62,7 +62,7 @@ def draw(
     channel: list[Compared],
     sampling: list[Compared],
     widths: list[Width],
-    felt: list[FaultResponse],
+    responses: list[FaultResponse],
     far: list[Point],
 ) -> Iterator[Drawn]:
     """All pictures."""
@@ -71,7 +71,7 @@ def draw(
     yield from draw_pair()
     yield Drawn("energy", "Energy given to the hand", _energy())
     yield Drawn("zwidth", "Z-width", _zwidth(widths))
-    yield Drawn("faults", "Faults as the hand feels them", _faults(felt))
+    yield Drawn("faults", "Faults as the hand feels them", _faults(responses))
     yield Drawn("far", "Stiffness felt over delay", _far(far))
 
 
@@ -169,7 +169,7 @@ def _far(points: list[Point]) -> Any:
         own = [each for each in points if each.hand == hand]
         delays_ms = [1e3 * each.delay_s for each in own]
         for name, values, color in (
-            ("law of both ends", [each.felt_n_m for each in own], OURS_COLOR),
+            ("law of both ends", [each.rendered_n_m for each in own], OURS_COLOR),
             ("the tick alone", [each.alone_n_m for each in own], OFF_COLOR),
         ):
             cell.plot(delays_ms, values, "o-", color=color, label=name)
@@ -280,13 +280,13 @@ def _zwidth(widths: list[Width]) -> Any:
     return figure
 
 
-def _faults(felt: list[FaultResponse]) -> Any:
+def _faults(responses: list[FaultResponse]) -> Any:
     figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 3.4), layout="constrained")
-    by_name = {one.fault.name: one for one in felt}
+    by_name = {one.fault.name: one for one in responses}
     for name in FAULT_RESPONSES:
         trace = by_name[name].trace
         since_ms = 1e3 * (trace.times_s - FAULT_S)
-        size = np.linalg.norm(trace.felt_n, axis=1)
+        size = np.linalg.norm(trace.rendered_n, axis=1)
         for axes, first, last in ((left, -10.0, 60.0), (right, -100.0, 1000.0)):
             shown = (since_ms >= first) & (since_ms <= last)
             axes.plot(since_ms[shown], size[shown], lw=1.2, label=name)

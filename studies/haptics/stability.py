@@ -140,7 +140,7 @@ def hidden_j(trace: Trace) -> Array:
     q = y[1:] - x[:-1]
     moved = np.diff(x, axis=0)
     quantized = np.einsum("ij,ij->i", sent[:-2], np.diff(q, axis=0))
-    rounded = np.einsum("ij,ij->i", (trace.felt_n - sent)[:-1], moved)
+    rounded = np.einsum("ij,ij->i", (trace.rendered_n - sent)[:-1], moved)
     found: Array = np.zeros(len(x))
     found[1:-1] = -np.cumsum(quantized) + np.cumsum(rounded[:-1])
     found[-1] = found[-2]

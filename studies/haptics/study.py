@@ -35,7 +35,7 @@ class Grids(NamedTuple):
     channel: list[Compared]
     sampling: list[Compared]
     widths: list[zwidth.Width]
-    felt: list[faults.FaultResponse]
+    responses: list[faults.FaultResponse]
     far: list[far.Point]
 
 
@@ -111,7 +111,7 @@ def _tables(
         lines = tuple((line,) for line in summaries(more))
         found.append(Table("Over stiffness, delay, jitter, loss and sampling", ("grid",), lines))
         found.append(table_of("Stiffest walls, N/m", zwidth.table(more.widths)))
-        found.append(table_of("Faults as the hand feels them", faults.table(more.felt)))
+        found.append(table_of("Faults as the hand feels them", faults.table(more.responses)))
         found.append(table_of("Stiffness felt over delay", far.table(more.far)))
     if ticks is not None:
         found.append(table_of("The tick in real time", timing.evenness_table(ticks.found)))
@@ -186,8 +186,8 @@ def _figures(
             found.append(Figure(name, width.ours, "N/m", "more", WITHIN * width.ours))
         for wall in more.far:
             name = f"felt at {1e3 * wall.delay_s:.0f} ms one way, {wall.hand.name}"
-            found.append(Figure(name, wall.felt_n_m, "N/m", "more", WITHIN * far.STIFFNESS_N_M))
-        late = sum(not each.in_time for each in more.felt)
+            found.append(Figure(name, wall.rendered_n_m, "N/m", "more", WITHIN * far.STIFFNESS_N_M))
+        late = sum(not each.in_time for each in more.responses)
         found.append(Figure("faults not over in time", float(late), "", "less"))
     if ticks is not None:
         for each in ticks.found:

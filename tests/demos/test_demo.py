@@ -125,10 +125,10 @@ def test_what_a_drawing_may_lack(lack, words):
 
 
 def test_a_hand_far_away_has_to_feel_a_contact_and_no_age_of_it_is_known():
-    felt = changed(DRAWN, force__felt_stiffness_n_m=60.0, force__measured_age_p99_s=0.3)
+    felt = changed(DRAWN, force__rendered_stiffness_n_m=60.0, force__measured_age_p99_s=0.3)
     assert find_problems(felt, LIMITS, far=True) == []
-    untouched = changed(felt, force__felt_stiffness_n_m=None)
-    assert find_problems(untouched, LIMITS, far=True) == ["the hand felt no contact of the tool"]
+    untouched = changed(felt, force__rendered_stiffness_n_m=None)
+    assert find_problems(untouched, LIMITS, far=True) == ["no contact of the tool was rendered"]
     (found,) = find_problems(felt, LIMITS)
     assert "300.0 ms old" in found
     assert find_remarks(felt, LIMITS, far=True, paused_s=1.0) == []

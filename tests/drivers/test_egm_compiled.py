@@ -12,7 +12,7 @@ import pytest
 
 import cardan
 from cardan.common.native import NativePartError
-from cardan.drivers.abb_egm import AbbEgmOptions, compiled, guidance as guidance_module
+from cardan.drivers.abb_egm import AbbEgmOptions, compiled, reference_generator as generator_module
 from cardan.drivers.abb_egm.compiled import AnsweringLimiter, CompiledCycle, CompiledReader
 from cardan.drivers.abb_egm.session import EgmSession
 from cardan.drivers.abb_egm.statistics import PlainCycleState
@@ -48,8 +48,8 @@ def without_compiled(options: AbbEgmOptions) -> EgmSession:
         def missing(*_: object) -> None:
             raise NativePartError("not there")
 
-        patch.setattr(guidance_module, "AnsweringLimiter", missing)
-        patch.setattr(guidance_module, "AnsweringPose", missing)
+        patch.setattr(generator_module, "AnsweringLimiter", missing)
+        patch.setattr(generator_module, "AnsweringPose", missing)
         patch.setattr(compiled, "CompiledReader", missing)
         return EgmSession(options, 0.0)
 
@@ -103,14 +103,14 @@ def test_answers_are_those_of_the_session_in_python_byte_for_byte(
         digital_output=None if seed % 2 else True,
     )
     quick, plain = EgmSession(options, 0.0), without_compiled(options)
-    assert isinstance(quick._guidance._limiter, AnsweringLimiter)
-    assert type(plain._guidance._limiter) is JointLimiter
+    assert isinstance(quick._generator._limiter, AnsweringLimiter)
+    assert type(plain._generator._limiter) is JointLimiter
     assert isinstance(quick._reader, CompiledReader)
     assert type(plain._reader) is FeedbackReader
     compiled_answers = []
-    answer = quick._guidance.answer
+    answer = quick._generator.answer
     monkeypatch.setattr(
-        quick._guidance,
+        quick._generator,
         "answer",
         lambda *given: compiled_answers.append(answer(*given)) or compiled_answers[-1],
     )
@@ -149,7 +149,7 @@ def test_answers_are_those_of_the_session_in_python_byte_for_byte(
         assert found[0] == found[1], (cycle, command)
         for session in (quick, plain):
             session.answered(came_s + late_s)
-        one, two = quick._guidance, plain._guidance
+        one, two = quick._generator, plain._generator
         assert list(one._limiter.reference) == two._limiter.reference
         assert list(one._limiter.velocity) == two._limiter.velocity
         assert quick.moving == plain.moving
@@ -364,7 +364,7 @@ def test_all_that_a_session_says_is_that_of_the_one_in_python(
         return counting
 
     quick._take = counted("taken", quick._take)
-    quick._guidance.answer = counted("answered", quick._guidance.answer)  # type: ignore[assignment]
+    quick._generator.answer = counted("answered", quick._generator.answer)  # type: ignore[assignment]
     operator, line = Operator(choice, mode, speed), Line(choice)
     now_s = 1.0
     for cycle in range(800):
@@ -388,7 +388,7 @@ def test_all_that_a_session_says_is_that_of_the_one_in_python(
             one, two = getattr(quick._cycle_state, name), getattr(plain._cycle_state, name)
             assert (list(one) == list(two)) if name == "states" else one == two, name
         for part in ("_limiter", "_point", "_turn"):
-            limiter, other = (getattr(session._guidance, part, None) for session in (quick, plain))
+            limiter, other = (getattr(session._generator, part, None) for session in (quick, plain))
             if limiter is not None and other is not None:
                 assert tuple(limiter.reference) == tuple(other.reference)
                 assert tuple(limiter.velocity) == tuple(other.velocity)
@@ -491,7 +491,7 @@ def test_a_library_that_does_not_fit_is_not_used(monkeypatch, target, name, valu
     with pytest.raises(NativePartError, match="tools/native"):
         compiled.egm_library()
     session = EgmSession(AbbEgmOptions(mode="joint"), 0.0)
-    assert type(session._guidance._limiter) is JointLimiter
+    assert type(session._generator._limiter) is JointLimiter
     assert type(session._reader) is FeedbackReader
 
 
@@ -503,7 +503,7 @@ def test_what_it_does_not_take_goes_the_long_way() -> None:
         AbbEgmOptions(mode="path-correction"),
     ):
         session = EgmSession(options, 0.0)
-        assert getattr(session._guidance, "_compiled", None) is None
+        assert getattr(session._generator, "_compiled", None) is None
 
 
 @pytest.mark.parametrize("mode", ["joint", "pose"])
@@ -525,7 +525,7 @@ def test_nothing_is_left_behind(mode: str) -> None:
             session._take(b"\x0a", now_s, state)
             session._take(data, now_s, None)
             for wrong in wrong_commands:
-                assert session._guidance.answer(wrong, now_s, state, b"") is None  # type: ignore[arg-type]
+                assert session._generator.answer(wrong, now_s, state, b"") is None  # type: ignore[arg-type]
             assert state.pose is not None
             target = JointCommand(state.joints) if mode == "joint" else PoseCommand(state.pose)
             session.reply(HoldCommand() if count % 3 == 0 else target, now_s)
@@ -541,7 +541,7 @@ def test_nothing_is_left_behind(mode: str) -> None:
     assert abs(sys.getallocatedblocks() - blocks) < 100
     after = [sys.getrefcount(each) for each in lent]
     assert all(abs(a - b) < 10 for a, b in zip(after, before, strict=True))
-    for call in (session._take, session._guidance.answer):
+    for call in (session._take, session._generator.answer):
         for given in ((), (b"",) * 3, (1, 2, 3, 4), (b"", "1", session.state, b"")):
             with contextlib.suppress(TypeError):
                 assert call(*given) is None

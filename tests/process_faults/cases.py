@@ -501,7 +501,7 @@ def _each_pair() -> list[Case]:
                 Case("a second one at the same socket", "daemon", pair, second_daemon, goes,
                      watch_s=0.2)
             )  # fmt: skip
-        if pair != ROS2:  # Whose controller takes the commands of all who send some.
+        if pair != ROS2:  # The one whose controller takes the commands of all who send some.
             found.append(
                 Case("another session for the same robot", "session", pair, second_session, goes,
                      watch_s=0.2)

@@ -21,16 +21,16 @@ from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
 from cardan.sim_peers.arm.udp import SimulatedArmPeer
 from cardan.sim_peers.base import ScriptStep, SimulatedPeer, parse_script
 from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, EgmMode
-from cardan.sim_peers.evdev import hand as pad
+from cardan.sim_peers.evdev import motion_script as pad
 from cardan.sim_peers.evdev.peer import EvdevPeer, EvdevPeerOptions
 from cardan.sim_peers.hand_peer import HandPeer
 from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
 from cardan.sim_peers.ros2_arm.options import RosArmOptions
 from cardan.sim_peers.ros2_arm.peer import RosArmPeer
 from cardan.sim_peers.ros2_device.peer import NodePeer, NodePeerOptions
-from cardan.sim_peers.spacemouse import hand as puck
+from cardan.sim_peers.spacemouse import motion_script as puck
 from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
-from cardan_wiimote.peer import hand as remote
+from cardan_wiimote.peer import motion_script as remote
 from cardan_wiimote.peer.peer import WiimotePeer, WiimotePeerOptions
 
 COMM_TIMEOUT_S = 0.2

@@ -25,7 +25,7 @@ from cardan.recording.mcap_file import RecordedMessage, RecordedTopic, RecordWri
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.scripted import play
 from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
-from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, ScriptedPuck
+from cardan.sim_peers.spacemouse.motion_script import SCRIPT_VERBS, ScriptedPuck
 from tests.serving import PATIENT
 from tests.waiting import WITHIN_S, until
 

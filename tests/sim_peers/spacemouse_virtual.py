@@ -5,7 +5,7 @@ from __future__ import annotations
 from cardan.protocols.connexion.devices import model_by_key
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
-from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, ScriptedPuck
+from cardan.sim_peers.spacemouse.motion_script import SCRIPT_VERBS, ScriptedPuck
 
 Stamped = list[tuple[float, bytes]]
 

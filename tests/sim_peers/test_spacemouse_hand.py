@@ -13,7 +13,7 @@ from cardan.protocols.connexion.devices import MODELS, model_by_key
 from cardan.sim_peers.base import load_script, parse_script
 from cardan.sim_peers.scripted import play
 from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
-from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS, ScriptedPuck
+from cardan.sim_peers.spacemouse.motion_script import SCRIPT_VERBS, SCRIPTS, ScriptedPuck
 from tests.sim_peers.spacemouse_virtual import make, motions, perform, run
 
 pytestmark = pytest.mark.matrix

@@ -23,7 +23,7 @@ from tests.waiting import WITHIN_S
 pytestmark = pytest.mark.matrix
 
 MODULE = (Path(__file__).parent / "roslib_judge.mjs").read_text(encoding="utf-8")
-LATCHED = ("_static", "_description", "/configuration", "/surroundings")
+LATCHED = ("_static", "_description", "/configuration", "/scene")
 TIMEOUT_S = WITHIN_S
 ROSLIB = ("node", "--input-type=module", "-e", MODULE, "--")
 

@@ -243,15 +243,15 @@ class AbbEgm(AnswerMixin[EgmSession], RobotDriver):
         except OSError as error:
             self._session.send_failed(error.strerror or str(error))
             return False
-        if (tap := self.tap) is not None:
-            tap(data, True, "")
+        if (callback := self.raw_packet_callback) is not None:
+            callback(data, True, "")
         return True
 
     def _take(self, came: tuple[bytes, Address], now_s: float) -> RobotState | None:
         """Return the session's state for a datagram; notify the previous port of the controller."""
         data, source = came
-        if (tap := self.tap) is not None:
-            tap(data, False, "")
+        if (callback := self.raw_packet_callback) is not None:
+            callback(data, False, "")
         session = self._session
         state = session.receive(data, source, now_s)
         if session.handover is not None:

@@ -16,8 +16,8 @@ from cardan.drivers.abb_egm.compiled import (
 )
 from cardan.drivers.abb_egm.counters import EgmCounters
 from cardan.drivers.abb_egm.diagnosis import diagnose
-from cardan.drivers.abb_egm.guidance import guidance_for, wire_factors
 from cardan.drivers.abb_egm.options import AbbEgmOptions
+from cardan.drivers.abb_egm.reference_generator import reference_generator_for, wire_factors
 from cardan.drivers.abb_egm.slow_motion import SpeedCapDetector
 from cardan.drivers.abb_egm.states import EGM_UNDEFINED, FIRST_ANSWER, hold_reason
 from cardan.drivers.abb_egm.statistics import NO_STATES, UNKNOWN, CycleState, PlainCycleState
@@ -165,7 +165,7 @@ class EgmSession(AnsweringSession):
             self._cycle_state = cycle.cycle_state
             if not self._needs_external:
                 self._take = self._reader.compiled_receive(cycle, self._force_frame)
-        self._guidance = guidance_for(options, cycle)
+        self._generator = reference_generator_for(options, cycle)
         self.capabilities = self._capabilities()
         """Commands that `reply` takes in the mode of the options."""
         self._suffix = b""
@@ -590,7 +590,7 @@ class EgmSession(AnsweringSession):
     def _follow_controller(self, state: RobotState, gap_s: float) -> None:
         """Update the reference for what the controller did by itself in `gap_s`."""
         if gap_s < _COAST_PERIODS * self._nominal_s:
-            self._guidance.coast(gap_s)
+            self._generator.coast(gap_s)
             return
         known = []
         (earlier, data_before, _), (answered, data, _) = self._before, self._answered
@@ -610,7 +610,7 @@ class EgmSession(AnsweringSession):
         # The agreed time may be less than passed at the robot, whose speed would seem higher.
         states = (state.sequence - before.sequence) & 0xFFFFFFFF
         step_s = max(self._cycle_state.last_step_s, states * self._nominal_s)
-        self._guidance.resync((heading, heading_before, then), step_s, gap_s)
+        self._generator.resync((heading, heading_before, then), step_s, gap_s)
 
     def _ordered(
         self, joints: tuple[float, ...], outside: tuple[float, ...]
@@ -628,7 +628,7 @@ class EgmSession(AnsweringSession):
     def _capabilities(self) -> RobotCapabilities:
         outputs = self.options.mode != "path-correction"
         return RobotCapabilities(
-            self._guidance.kinds,
+            self._generator.kinds,
             self._nominal_s,
             self._joints,
             self.options.joint_limits,
@@ -645,7 +645,7 @@ class EgmSession(AnsweringSession):
 
     def check(self, command: RobotCommand) -> None:
         """Raise CommandError, saying what is allowed, unless `reply` can take `command`."""
-        check_command("EGM", command, self._guidance.check)
+        check_command("EGM", command, self._generator.check)
 
     def reply(self, command: RobotCommand, now_s: float) -> bytes:
         """The one answer to the datagram accepted last.
@@ -655,11 +655,11 @@ class EgmSession(AnsweringSession):
         """
         state = self.state
         if self.reply_pending and state is not None:
-            guidance = self._guidance
+            generator = self._generator
             # As every cycle goes but for the first and for what is wrong.
-            answer = guidance.answer(command, now_s, state, self._suffix)
+            answer = generator.answer(command, now_s, state, self._suffix)
             if answer is not None:
-                guidance.asked = command
+                generator.asked = command
                 self.counters.answers += 1
                 self._answered = self._newest
                 self.reply_pending = False
@@ -671,7 +671,7 @@ class EgmSession(AnsweringSession):
         state = self.state
         if state is None or not self.reply_pending:
             raise CommandError("there is no datagram to answer")
-        guidance = self._guidance
+        generator = self._generator
         nominal_s = self._nominal_s
         dt_s = self._cycle_state.since_reply_s
         gap_s = 0.0
@@ -679,16 +679,16 @@ class EgmSession(AnsweringSession):
             gap_s, dt_s = dt_s - nominal_s, nominal_s
         if state.hold_reason:
             # Should commands act nevertheless, the robot brakes and is not halted in one period.
-            obeys = self._cycle_state.said_speed and not self._fresh and guidance.near(state)
+            obeys = self._cycle_state.said_speed and not self._fresh and generator.near(state)
             if not obeys:
-                guidance.reset(state)
+                generator.reset(state)
             elif dt_s > 0.0:
-                guidance.step(None, state, dt_s)
+                generator.step(None, state, dt_s)
             self._held = obeys
         else:
             timeout_s = self._late_after_s
-            if self._held and not guidance.near(state):
-                guidance.reset(state)
+            if self._held and not generator.near(state):
+                generator.reset(state)
             self._held = False
             if now_s - self._cycle_state.replied_s > timeout_s:
                 self.counters.late_commands += 1
@@ -697,9 +697,9 @@ class EgmSession(AnsweringSession):
             # Where no time has passed that both clocks know of, the answer is the one before.
             if dt_s > 0.0:
                 late = now_s - state.stamp_s > timeout_s
-                guidance.step(None if late else command, state, dt_s)
+                generator.step(None if late else command, state, dt_s)
         self.counters.answers += 1
-        self._cycle_state.steady = guidance.steady and not self._held
+        self._cycle_state.steady = generator.steady and not self._held
         return self._encode(now_s)
 
     def hold(self, now_s: float) -> bytes:
@@ -724,7 +724,7 @@ class EgmSession(AnsweringSession):
             self.clock.heard(self._tm_s, state.stamp_s)
         if not state.hold_reason and self.slow_motion.due():
             heading = self._heading(self.message, state)
-            self.slow_motion.look(heading and self._guidance.progress(heading), now_s)
+            self.slow_motion.look(heading and self._generator.progress(heading), now_s)
 
     def send_failed(self, reason: str) -> None:
         """Note that the answer could not be sent."""
@@ -746,7 +746,7 @@ class EgmSession(AnsweringSession):
         if self.is_over(now_s):
             return None
         if self._cycle_state.replied_s == NEVER_S:
-            self._guidance.reset(self.state)
+            self._generator.reset(self.state)
         self.counters.final_commands += 1
         return self._encode(now_s, still=True)
 
@@ -761,10 +761,10 @@ class EgmSession(AnsweringSession):
         return bool(self._cycle_state.said_speed)
 
     def _encode(self, now_s: float, still: bool = False) -> bytes:
-        data = self._guidance.encode(
+        data = self._generator.encode(
             self._cycle_state.out_seqno, self._stamp_ms(now_s), self._suffix, still
         )
-        self._note_sent(now_s, not still and self._guidance.moving)
+        self._note_sent(now_s, not still and self._generator.moving)
         return data
 
     def _stamp_ms(self, now_s: float) -> int:

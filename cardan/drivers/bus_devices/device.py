@@ -198,7 +198,7 @@ class BusMixin(ReaderMixin[C]):
 
 
 class Phone(BusMixin[PhoneCore], OperatorDevice):
-    """A phone in the hand, by the console's page in its browser."""
+    """A hand-held phone, by the console's page in its browser."""
 
     Options: ClassVar[type[PhoneOptions]] = PhoneOptions
     summary = "phones: orientation and touch, by the console's page"
@@ -225,7 +225,7 @@ class Xr(BusMixin[XrCore], OperatorDevice):
     page = "phone.md"
     peer = "xr"
     simulated = SIMULATED
-    gives, suits = "pose of the hand, buttons", "position, base frame"
+    gives, suits = "pose, buttons", "position, base frame"
     takes_back = "vibration"
     options: XrOptions
     _kind = "headset"

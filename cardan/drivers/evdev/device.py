@@ -133,8 +133,8 @@ class EvdevDevice(ReaderMixin[K], OperatorDevice):
                     has_to_answer = core.has_to_answer
                 there = not has_to_answer or link.answers(ANSWER_TIMEOUT_S)
             now_s = time.monotonic()
-            if (tap := self.tap) is not None and data is not None:
-                tap(data, False, "")
+            if (callback := self.raw_packet_callback) is not None and data is not None:
+                callback(data, False, "")
             with self._lock:
                 if data is not None:
                     core.on_packet(data, now_s)

@@ -217,7 +217,7 @@ class HandheldCore(BusCore):
         elif interrupted:
             # It is unknown which of the two moved, the device or its reference.
             if elsewhere(before.sample, reading.sample):
-                self._unalign("the hand was lost and is found elsewhere")
+                self._unalign("the device was lost and is found elsewhere")
             return ""
         elif why := leap(before.sample, reading.sample):
             self._counts["leaps"] += 1
@@ -339,7 +339,7 @@ class XrCore(HandheldCore):
     """A controller or the viewer of a WebXR session."""
 
     kind = "xr"
-    no_sensor = "the hand has no place"
+    no_sensor = "the device has no place"
     to_align = (
         "point along the robot's x axis, and press the stick or touchpad (of a phone: "
         "Align on the page)"
@@ -358,7 +358,7 @@ class XrCore(HandheldCore):
     def _read(self, frame: OperatorFrame) -> TrackedPose | None:
         body = frame.body
         assert isinstance(body, XrFrame)
-        # The frame gives the direction of the grip's axis; the hand points below it.
+        # The frame gives the direction of the grip's axis; the device points below it.
         q = pitched(orientation_from_xr(body.orientation), -self._grip_rad)
         sample = PoseSample(1e-6 * frame.time_us, q, position_from_xr(body.position_m))
         return TrackedPose(sample, body.reference)

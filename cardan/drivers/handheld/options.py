@@ -24,12 +24,12 @@ class HandheldOptions(NodeOptions, ShapingOptions):
     name: str = "cardan_device_driver"
     """Name of this driver's node."""
     heading: Literal["asked", "each hold"] = "asked"
-    """Where the robot's x axis is for the hand. "asked": where it pointed when *Align* was pressed,
+    """Robot's x axis in the device's reference. "asked": where it pointed when *Align* was pressed,
     once for each page. "each hold": where it points whenever it is held anew."""
     full_turn_deg: Annotated[float, FULL_TURN_DEG] = 30.0
     """Turn since it was held that is a full deflection, in rate mode."""
     stale_after_s: Annotated[float, STALE_AFTER_S] = 0.15
-    """Age of the newest frame at which the hand counts as lost."""
+    """Age of the newest frame at which the device counts as lost."""
     wait_for_device: bool = False
     """open() succeeds without a page, which is found once it is there."""
 
@@ -51,7 +51,7 @@ class PhoneOptions(HandheldOptions):
     topic: str = "/phone"
     """cardan_msgs/OperatorFrame, as `cardan net server console` publishes what pages send."""
     drag_m: Annotated[float, FULL_WAY_M] = 0.1
-    """Way of the hand for a drag of the second finger over a third of the screen, in position
+    """Way of the device for a drag of the second finger over a third of the screen, in position
     mode."""
 
 
@@ -66,5 +66,5 @@ class XrOptions(HandheldOptions):
     full_way_m: Annotated[float, FULL_WAY_M] = 0.1
     """Way since it was held that is a full deflection, in rate mode."""
     grip_deg: Annotated[float, GRIP_DEG] = 0.0
-    """How far below the grip's axis the hand points; 45 is the natural grip of most
+    """How far below the grip's axis the device points; 45 is the natural grip of most
     controllers."""

@@ -13,7 +13,7 @@ from cardan.drivers.remote.shared import claim_topic, state_topic
 MAX_AGE_S = Range(0.02, 0.5, "s", "a hand that is gone moves the arm for so long")
 
 PLAYOUT_MS = Range(
-    0.0, 200.0, "ms", "the arm follows the hand so much later", zero="played on arrival"
+    0.0, 200.0, "ms", "the arm follows the device so much later", zero="played on arrival"
 )
 
 

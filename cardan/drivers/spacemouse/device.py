@@ -311,8 +311,8 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
 
     def _take(self, report: bytes) -> None:
         now_s = time.monotonic()
-        if (tap := self.tap) is not None:
-            tap(report, False, "")
+        if (callback := self.raw_packet_callback) is not None:
+            callback(report, False, "")
         with self._lock:
             self._core.on_report(report, now_s)
 

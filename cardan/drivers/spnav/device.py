@@ -154,8 +154,8 @@ class Spnav(ReadDevice[SpnavCore]):
         if not data:
             raise OSError(errno.ENODEV, "the daemon closed the connection")
         now_s = time.monotonic()
-        if (tap := self.tap) is not None:
-            tap(data, False, "")
+        if (callback := self.raw_packet_callback) is not None:
+            callback(data, False, "")
         with self._lock:
             self._core.on_bytes(data, now_s)
             output = self._core.outgoing()

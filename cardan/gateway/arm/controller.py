@@ -260,7 +260,7 @@ class ArmController:
         return self._request
 
     def hand_map(self) -> WorldMap | None:
-        """Map from the hand's position to the commanded TCP's after the last tick, within the
+        """Map from the device's position to the commanded TCP's after the last tick, within the
         workspace; None while no pose is followed, or through axes that mirror."""
         return None if self.hand is None or not self.following else self.hand.hand_map()
 

@@ -123,14 +123,14 @@ class ArmTopics:
         *,
         period_s: float,
         robot_description: str = "",
-        surroundings: str = "",
+        scene: str = "",
         tool: Pose = IDENTITY_POSE,
         transforms: Literal["all", "tool", "none"] = "all",
         same: Mapping[str, Sequence[str]] = _NO_NAMES,
     ) -> None:
         """`period_s`: shortest time between two instants that are published. `node` is open; its
         own name is before the arm's own topics, its namespace before those that all robots have.
-        `surroundings`: those of the arm, as JSON.
+        `scene`: that of the arm, as JSON.
 
         `transforms`: "all": base to flange (/tf) and flange to TCP (/tf_static); "tool": only the
         latter, because a robot_state_publisher has the others. `same`: further topics for the
@@ -183,9 +183,9 @@ class ArmTopics:
             self._latch("/tf_static", "tf2_msgs/msg/TFMessage", {"transforms": [fixed]})
         if robot_description:
             self._latch("robot_description", _STRING, {"data": robot_description})
-        self._surroundings = node.publisher("~/surroundings", _STRING, LATCHED_QOS)
-        if surroundings:
-            self._surroundings.put(codec_of(_STRING).encode({"data": surroundings}), 0)
+        self._scene = node.publisher("~/scene", _STRING, LATCHED_QOS)
+        if scene:
+            self._scene.put(codec_of(_STRING).encode({"data": scene}), 0)
 
     def _geometry(self, name: str, kind: str, field_name: str, header: Message) -> _Stamped:
         type_name = f"geometry_msgs/msg/{kind}"

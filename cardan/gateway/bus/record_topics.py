@@ -72,13 +72,13 @@ class _RawTap:
     def look(self) -> None:
         """Begin or end, by whether there is a subscriber."""
         if self._publisher.heard:
-            self._driver.tap = self._take
+            self._driver.raw_packet_callback = self._take
         else:
             self.end()
 
     def end(self) -> None:
         """Take nothing any more."""
-        self._driver.tap = None
+        self._driver.raw_packet_callback = None
         self._packets.clear()
 
     def _take(self, data: bytes, sent: bool, connection: str) -> None:
@@ -161,7 +161,7 @@ class _ControllerLog:
             self._publisher.put(self._codec.encode({"data": text}), now_ns)
 
 
-class SessionTaps:
+class RecordTopics:
     """A session's topics for recorders. For the loop's thread."""
 
     def __init__(

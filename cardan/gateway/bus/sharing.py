@@ -389,7 +389,7 @@ class HandEnd:
 
     @property
     def due_s(self) -> float:
-        """When the next cycle is; inf: nothing is felt."""
+        """When the next cycle is; inf: no haptic feedback."""
         return math.inf if self._port is None else self._cycled_s + FORCE_S
 
     def cycle(

@@ -120,7 +120,7 @@ class StiffnessFigures:
 
     @property
     def stiffness_n_m(self) -> float | None:
-        """Least squares of force over depth, through zero; None: nothing was felt in contact."""
+        """Least squares of force over depth, through zero; None: none in contact."""
         return self._work / self._square_m2 if self._square_m2 else None
 
 

@@ -69,10 +69,10 @@ class ForceInput:
         """
         known = tcp(state) if self.source.needs_tcp else None
         self.source.publish(state, known, world, state.stamp_s)
-        felt = self._take(state, known, tcp, at_rest and world is None)
-        fading = felt and rendered
+        usable = self._take(state, known, tcp, at_rest and world is None)
+        fading = usable and rendered
         self._share = min(1.0, self._share + state.period_s / FADE_IN_S) if fading else 0.0
-        return felt
+        return usable
 
     def force(self, world: WorldMap, hand: Vector3) -> MeasuredForce:
         """The present force, with the hand at `hand`."""
@@ -116,7 +116,7 @@ class ForceInput:
         return tuple(words)
 
     @property
-    def felt(self) -> tuple[float, ...]:
+    def rendered_n(self) -> tuple[float, ...]:
         """The measured force as it would be rendered, N, base axes; empty without one."""
         return self.conditioner.filtered.value if self._valid and not self._stale else ()
 

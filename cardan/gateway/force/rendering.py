@@ -139,8 +139,8 @@ class ForceRenderer:
             world = self._crossfade.follow(world, pose.position, state.stamp_s)
         force: MeasuredForce | None = None
         if self.measured is not None:
-            felt = self.measured.take(state, self._tcp, world, at_rest, self.watchdog.rendered)
-            if felt and world is not None and pose is not None:
+            usable = self.measured.take(state, self._tcp, world, at_rest, self.watchdog.rendered)
+            if usable and world is not None and pose is not None:
                 force = self.measured.force(world, pose.position)
                 absorbed_j = self._port.step(pose.position, force.force)
                 force = force._replace(absorbed_j=absorbed_j)
@@ -187,10 +187,10 @@ class ForceRenderer:
         watchdog, stiffness = self.watchdog, self._stiffness
         return replace(
             self.figures.report(),
-            felt_depth_m=stiffness.depth_m,
-            felt_stiffness_n_m=stiffness.stiffness_n_m,
+            rendered_depth_m=stiffness.depth_m,
+            rendered_stiffness_n_m=stiffness.stiffness_n_m,
             losses=watchdog.losses,
             out_s=watchdog.out_s,
             lost_reason=watchdog.lost_reason,
-            measured_n=() if self.measured is None else self.measured.felt,
+            measured_n=() if self.measured is None else self.measured.rendered_n,
         )

@@ -33,11 +33,10 @@ class ForceSnapshot:
     """Largest such energy within one engagement, which passivity bounds."""
     passivity_damping_n_s_m: float = 0.0
     """Present damping by the passivity controller."""
-    felt_depth_m: float = 0.0
+    rendered_depth_m: float = 0.0
     """How far the hand went in against a measured force, at most."""
-    felt_stiffness_n_m: float | None = None
-    """Force that the hand felt over that depth, least squares; None: nothing was felt in
-    contact."""
+    rendered_stiffness_n_m: float | None = None
+    """Rendered force over that depth, least squares; None: nothing was rendered in contact."""
     losses: int = 0
     """How often teleoperation was disengaged because the force was lost, or did not come."""
     out_s: float = 0.0

@@ -18,7 +18,7 @@ FIXTURE_STIFFNESS_N_M = 500.0
 
 
 def stable_stiffness_n_m(damping_n_s_m: float, period_s: float, delay_s: float) -> float:
-    """The largest felt stiffness, N/m, by the rule."""
+    """The largest rendered stiffness, N/m, by the rule."""
     return damping_n_s_m / (0.5 * period_s + delay_s)
 
 
@@ -36,27 +36,28 @@ def loop_warning(
 
     The delay of the low-pass filter, 1/(2π·cutoff), and one period more come on top of `delay_s`.
     """
-    felt = motion_scale * force_scale * environment_stiffness_n_m
+    rendered = motion_scale * force_scale * environment_stiffness_n_m
     delay_s += period_s + 0.5 / (math.pi * cutoff_hz)
     damping = HAND_DAMPING_N_S_M + device_damping_n_s_m
     most = stable_stiffness_n_m(damping, period_s, delay_s)
-    if felt <= most:
+    if rendered <= most:
         return ""
     return (
-        f"the force loop may become unstable: the hand will feel {felt:.3g} N/m (motion scale "
-        f"{motion_scale:g} x force.scale {force_scale:g} x environment "
+        f"the force loop may become unstable: the rendered stiffness is {rendered:.3g} N/m "
+        f"(motion scale {motion_scale:g} x force.scale {force_scale:g} x environment "
         f"{environment_stiffness_n_m:g} N/m), and with {damping:g} N·s/m, a period of "
         f"{period_s * 1e3:.3g} ms and {delay_s * 1e3:.3g} ms of delay {most:.3g} N/m are stable: "
-        f"set force.scale to {force_scale * most / felt:.2g} or less"
+        f"set force.scale to {force_scale * most / rendered:.2g} or less"
     )
 
 
 def fixture_warning(index: int, motion_scale: float, stiffness_n_m: float) -> str:
     """The warning about a fixture's stiffness; empty: none."""
-    felt = motion_scale * stiffness_n_m
-    if felt <= FIXTURE_STIFFNESS_N_M:
+    rendered = motion_scale * stiffness_n_m
+    if rendered <= FIXTURE_STIFFNESS_N_M:
         return ""
     return (
-        f"fixtures.{index} feels like {felt:.3g} N/m (motion scale {motion_scale:g} x "
-        f"{stiffness_n_m:g} N/m): a held Omni renders at most {FIXTURE_STIFFNESS_N_M:g} N/m cleanly"
+        f"fixtures.{index} has a rendered stiffness of {rendered:.3g} N/m (motion scale "
+        f"{motion_scale:g} x {stiffness_n_m:g} N/m): a held Omni renders at most "
+        f"{FIXTURE_STIFFNESS_N_M:g} N/m cleanly"
     )

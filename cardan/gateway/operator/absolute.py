@@ -1,6 +1,6 @@
-"""Absolute control: the TCP goes where the hand is.
+"""Absolute control: the TCP goes where the device is.
 
-Each position of the hand stands for one position of the TCP. Pressing the clutch moves the TCP
+Each position of the device stands for one position of the TCP. Pressing the clutch moves the TCP
 there, at an approach speed until it has arrived; from then on it follows as in position control.
 """
 
@@ -32,7 +32,7 @@ is held there, and too little to slow it along the edge."""
 
 
 class AbsoluteMapping(HandMapping):
-    """The TCP goes where the hand is, by a fixed map between their positions."""
+    """The TCP goes where the device is, by a fixed map between their positions."""
 
     def __init__(self, options: MappingOptions, limits: ReferenceLimits) -> None:
         super().__init__(options, limits)
@@ -42,16 +42,16 @@ class AbsoluteMapping(HandMapping):
         roll, pitch, yaw = (math.radians(angle) for angle in options.hand_to_tool_rpy_deg)
         self._tool_in_hand = from_euler_zyx(roll, pitch, yaw)
         self.arrived = False
-        """Whether the TCP has reached the hand since the clutch was pressed, or it was too far."""
+        """Whether the TCP has reached the device since the clutch press, or it was too far."""
         self.outside = False
-        """Whether the hand was outside the workspace at the last call."""
+        """Whether the device was outside the workspace at the last call."""
 
     @property
     def remark(self) -> str:
-        """Reason why the TCP is not where the hand is."""
+        """Reason why the TCP is not where the device is."""
         if self.outside:
-            return "the hand is outside the workspace: the TCP stays at its edge"
-        return "" if self.arrived else "the TCP is on its way to where the hand is"
+            return "the device is outside the workspace: the TCP stays at its edge"
+        return "" if self.arrived else "the TCP is on its way to where the device is"
 
     def release(self) -> None:
         """The clutch was released."""

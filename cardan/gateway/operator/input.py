@@ -2,7 +2,7 @@
 
 The rule of arming is here: going on after an interruption takes re-arming, which is the
 device at rest and, where one is configured, the dead-man button released and pressed anew, or a
-press of the button that toggles the clutch. Where the hand's pose is followed, deflections mean
+press of the button that toggles the clutch. Where the device's pose is followed, deflections mean
 nothing and need not be at rest. The controller decides on requests.
 """
 
@@ -200,13 +200,13 @@ class OperatorInput:
         )
 
     def disarm(self) -> None:
-        """Release the hand's pose: re-arming is needed."""
+        """Release the device's pose: re-arming is needed."""
         self._refusal = ""
         if self._position is not None:
             self._position.release()
 
     def hand_map(self) -> WorldMap | None:
-        """Map from the hand's position to the commanded position of the TCP, within the workspace;
+        """Map from the device's position to the TCP's commanded position, within the workspace;
         None while no pose is followed, or through axes that mirror."""
         return None if self._position is None else self._position.world_map()
 
@@ -284,7 +284,7 @@ class OperatorInput:
             if pose is None or not is_pose(pose):
                 return "the device gives no pose to follow"
             if position.leaps(pose, device.stamp_s):
-                return "the hand's pose jumped: another hand, or the sensor lost it"
+                return "the device's pose jumped: another hand, or the sensor lost it"
             if old:
                 return f"the device is silent for {age_s:.2f} s while its pose is followed"
         return ""
@@ -307,9 +307,9 @@ class OperatorInput:
                 return "the device gives no pose"
             age_s = view.robot.stamp_s - device.stamp_s
             if age_s > self._device_age_s:
-                return f"the hand's pose is {age_s:.2f} s old"
+                return f"the device's pose is {age_s:.2f} s old"
             if age_s < -self._device_age_s:
-                return f"the robot's pose is {-age_s:.2f} s older than the hand's"
+                return f"the robot's pose is {-age_s:.2f} s older than the device's"
         return ""
 
     # -- re-arming -----------------------------------------------------------------------------
@@ -391,7 +391,7 @@ class OperatorInput:
     def _by_pose(
         position: HandMapping, device: DeviceState, view: ArmView, recapture: bool
     ) -> Twist:
-        """The twist towards where the hand's pose puts the TCP."""
+        """The twist towards where the device's pose puts the TCP."""
         hand = device.pose
         assert hand is not None  # _fault() and _why_not_taken() have seen to it.
         assert view.tcp is not None

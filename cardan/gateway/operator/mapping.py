@@ -46,23 +46,23 @@ class Mode(enum.Enum):
     RATE = "rate"
     """Deflections are velocities."""
     POSITION = "position"
-    """The TCP moves by as much as the hand since the clutch was pressed."""
+    """The TCP moves by as much as the device since the clutch was pressed."""
     ABSOLUTE = "absolute"
-    """The TCP goes where the hand is."""
+    """The TCP goes where the device is."""
 
 
 class Orientation(enum.Enum):
-    """Meaning of the hand's orientation while its pose is followed."""
+    """Meaning of the device's orientation while its pose is followed."""
 
     FOLLOW_BASE = "follow-base"
-    """The TCP turns about the base's axes as the hand has turned about its device's axes since the
+    """The TCP turns about the base's axes as the device has turned about its base's axes since the
     clutch was pressed."""
     FOLLOW_TOOL = "follow-tool"
-    """The TCP turns about the tool's axes as the hand has turned about its own."""
+    """The TCP turns about the tool's axes as the device has turned about its own."""
     FIXED = "fixed"
     """The TCP keeps its orientation."""
     ABSOLUTE = "absolute"
-    """The tool has the hand's orientation; mode absolute only."""
+    """The tool has the device's orientation; mode absolute only."""
 
 
 class GripperAction(enum.Enum):
@@ -106,21 +106,21 @@ class MappingOptions(Options):
     """How the device's axes stand in those of `frame` (roll, pitch, yaw); position and absolute
     mode."""
     orientation: Orientation | None = None
-    """Meaning of the hand's orientation. None: in position mode by `frame`, the hand's turn about
+    """Meaning of the device's orientation. None: in position mode by `frame`, its turn about
     its device's axes; in absolute mode it is fixed."""
     origin_m: Point | None = None
-    """Where the TCP is, base frame, when the hand is at `device_center_m`; absolute mode."""
+    """Where the TCP is, base frame, when the device is at `device_center_m`; absolute mode."""
     device_center_m: Point = ZERO3
-    """A place of the hand, along the device's axes; absolute mode."""
+    """A place of the device, along the device's axes; absolute mode."""
     hand_to_tool_rpy_deg: Angles = NO_ANGLES
-    """How the tool's axes stand in the hand's (roll, pitch, yaw); orientation absolute."""
+    """How the tool's axes stand in the device's (roll, pitch, yaw); orientation absolute."""
     approach_speed_m_s: Speed = 0.05
-    """Speed at which the TCP goes to where the hand is after the clutch was pressed; absolute
+    """Speed at which the TCP goes to where the device is after the clutch was pressed; absolute
     mode."""
     approach_speed_rad_s: TurningSpeed = 0.3
     """The same for its orientation."""
     slip_m: Annotated[float, bounds.MAX_LEAD_M] = 0.15
-    """How far the hand may be ahead of the TCP: beyond, the clutch slips in position mode, and the
+    """How far the device may lead the TCP: beyond, the clutch slips in position mode, and the
     TCP goes at the approach speed in absolute mode."""
     slip_rad: Annotated[float, bounds.MAX_LEAD_RAD] = 0.6
     """The same for its orientation."""
@@ -191,7 +191,7 @@ class MappingOptions(Options):
             (
                 "deadman",
                 not rate and not self.deadman_buttons and not self.clutch,
-                f"{mode} needs one, the clutch: what the hand moves while it is held, the TCP "
+                f"{mode} needs one, the clutch: what the device moves while it is held, the TCP "
                 'moves; or a button that begins and ends it, clutch = "..."',
             ),
             ("joints", not rate and self.joints, f"in {mode} no axis drives a joint"),
@@ -207,7 +207,7 @@ class MappingOptions(Options):
             (
                 "origin_m",
                 absolute and self.origin_m is None,
-                f"{mode} needs it: where the TCP is when the hand is at device_center_m",
+                f"{mode} needs it: where the TCP is when the device is at device_center_m",
             ),
             (
                 "frame",
@@ -217,8 +217,8 @@ class MappingOptions(Options):
             (
                 "orientation",
                 whole and mapped,
-                '"absolute" takes the hand\'s orientation whole: leave the last three of axes and '
-                "scale as they are by themselves",
+                '"absolute" takes the device\'s whole orientation: leave the last three of axes '
+                "and scale as they are by themselves",
             ),
             (
                 "hand_to_tool_rpy_deg",
@@ -279,7 +279,7 @@ class TwistMapping:
         self.drives_joints = bool(self._joints)
         """True when some axes drive joints."""
         self.follows_pose = options.mode is not Mode.RATE
-        """True where the hand's pose moves the TCP, and its deflections mean nothing."""
+        """True where the device's pose moves the TCP, and its deflections mean nothing."""
         self._gripper_buttons = self.gripper.buttons
         self._deadman = options.deadman_buttons
         self.gripper_closed = False

@@ -1,4 +1,4 @@
-"""Position control: the TCP moves as the hand has moved since the clutch was pressed.
+"""Position control: the TCP moves as the device has moved since the clutch was pressed.
 
 The reference that follows is the one of rate control, with all its limits: each tick asks for the
 twist that brings it to its target as fast as it can still stop there. So nothing ever steps, and
@@ -86,7 +86,7 @@ def resting_pose(reference: Reference) -> Pose:
 
 
 Source = tuple[int, float]
-"""Index of the hand's component that drives one of the TCP's, and the gain."""
+"""Index of the device's component that drives one of the TCP's, and the gain."""
 
 
 def _sources(options: MappingOptions) -> list[Source]:
@@ -129,17 +129,17 @@ def _turning_sources(options: MappingOptions) -> list[Source] | None:
 
 
 def mirrors(options: MappingOptions) -> bool:
-    """Whether `options.axes` and `.scale` are no rotation for the hand's directions: a mirror, or
+    """Whether `options.axes` and `.scale` are no rotation for the device's directions: a mirror, or
     one axis that drives several components. Forces cannot be mapped back then."""
     return _turning_sources(options) is None
 
 
 LEAST_FOLLOWED = 0.001
-"""Share of the hand's motion below which the TCP does not count as following."""
+"""Share of the device's motion below which the TCP does not count as following."""
 
 
 def unfollowed(options: MappingOptions) -> tuple[str, ...]:
-    """Those of x, y, z of the TCP that the hand does not move, along the mapping's axes."""
+    """Those of x, y, z of the TCP that the device does not move, along the mapping's axes."""
     return tuple(
         axis
         for axis, (index, gain) in zip(AXES, _sources(options)[:3], strict=False)
@@ -211,10 +211,10 @@ class HandMapping(ABC):
         """The twist (base axes) that brings the reference at `tcp` to the target of `hand`."""
 
     def world_map(self) -> WorldMap | None:
-        """Map from the hand's position to the commanded position of the TCP at present.
+        """Map from the device's position to the commanded position of the TCP at present.
 
-        Along an axis on which the hand is beyond the workspace, it gives the workspace's edge,
-        whatever the hand does. None while released, and for axes that mirror.
+        Along an axis on which the device is beyond the workspace, it gives the workspace's edge,
+        whatever the device does. None while released, and for axes that mirror.
         """
         if self._hand is None or self._turning_sources is None:
             return None
@@ -230,7 +230,7 @@ class HandMapping(ABC):
         """The offset of the map, beside its linear part."""
 
     def _moved(self, hand: Pose) -> Sequence[float]:
-        """Motion of the hand since the last call: a displacement and a rotation vector, both along
+        """Device motion since the last call: a displacement and a rotation vector, both along
         the axes of the mapping's frame (the rotation about its own where the tool follows)."""
         assert self._hand is not None
         before, after = self._hand.orientation, hand.orientation
@@ -242,12 +242,12 @@ class HandMapping(ABC):
         return (*rotate(self._aligned, way), *rotate(self._aligned, turn))
 
     def _to_base(self, moved: Sequence[float], sources: Sequence[Source]) -> Vector3:
-        """The displacement of the TCP, base axes, for a motion of the hand."""
+        """The displacement of the TCP, base axes, for a motion of the device."""
         (i, a), (j, b), (k, c) = sources[:3]
         return rotate(self._linear_axes, Vector3(moved[i] * a, moved[j] * b, moved[k] * c))
 
     def _turned(self, moved: Sequence[float], orientation: Quaternion) -> Quaternion:
-        """`orientation` of the target, turned by the motion of the hand."""
+        """`orientation` of the target, turned by the motion of the device."""
         kind = self._orientation
         if kind is Orientation.FIXED:
             return orientation
@@ -258,7 +258,7 @@ class HandMapping(ABC):
         return multiply(from_rotation_vector(rotate(self._angular_axes, turn)), orientation)
 
     def _matrix(self, sources: Sequence[Source]) -> Matrix3:
-        """The matrix of `_to_base` for positions of the hand."""
+        """The matrix of `_to_base` for positions of the device."""
         x, y, z = (
             self._to_base((*rotate(self._aligned, unit), *ZERO3), sources)
             for unit in (Vector3(1.0, 0.0, 0.0), Vector3(0.0, 1.0, 0.0), Vector3(0.0, 0.0, 1.0))
@@ -266,7 +266,7 @@ class HandMapping(ABC):
         return (x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2])
 
     def _mapped(self, way: Vector3) -> Vector3:
-        """`way` of the hand through the linear map."""
+        """`way` of the device through the linear map."""
         a, b, c, d, e, f, g, h, i = self._linear_map
         x, y, z = way
         return Vector3(a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z)
@@ -282,21 +282,21 @@ def _held(world: WorldMap, axis: int, at_m: float) -> WorldMap:
 
 
 class PositionMapping(HandMapping):
-    """The TCP moves as the hand has moved since the clutch was pressed.
+    """The TCP moves as the device has moved since the clutch was pressed.
 
-    Each motion of the hand between two reports moves the target, so that no rotation is too long
+    Each motion of the device between two reports moves the target, so that no rotation is too long
     and a target that slips stays where it slipped to.
     """
 
     def __init__(self, options: MappingOptions, limits: ReferenceLimits) -> None:
         super().__init__(options, limits)
         self.slips = False
-        """Whether the hand was too far ahead at the last call."""
+        """Whether the device was too far ahead at the last call."""
 
     @property
     def remark(self) -> str:
         """Whether the clutch slips, for the operator."""
-        return "the hand is too far ahead of the TCP: the clutch slips" if self.slips else ""
+        return "the device is too far ahead of the TCP: the clutch slips" if self.slips else ""
 
     def engage(self, hand: Pose, stamp_s: float, tcp: Pose) -> None:
         """From here on `hand` (device axes) corresponds to `tcp` (base axes)."""

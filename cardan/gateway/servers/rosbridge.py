@@ -24,7 +24,7 @@ from cardan.gateway.servers.read_only import network_for
 from cardan.gateway.servers.refusals import Refusals
 from cardan.gateway.servers.rosapi import RosApi
 from cardan.gateway.servers.rosbridge_client import RosbridgeClient
-from cardan.gateway.servers.rosbridge_subscriptions import shared_feeds
+from cardan.gateway.servers.rosbridge_subscriptions import shared_subscriptions
 from cardan.gateway.servers.tokens import Role
 from cardan.gateway.servers.web import (
     ListenerConnection,
@@ -92,7 +92,7 @@ class RosbridgeServer:
         """Listen. Raises AddressError and ConfigurationError."""
         self._mailbox = Mailbox(asyncio.get_running_loop())
         self._rosapis = {role: self._rosapi(role, self._mailbox) for role in Role}
-        self._feeds = shared_feeds(self._network, self._mailbox, self.counts)
+        self._shared_subscriptions = shared_subscriptions(self._network, self._mailbox, self.counts)
         self._refusals = Refusals(self._network, self._mailbox)
         await self._listener.open()
         self._refusals.begin()
@@ -119,7 +119,7 @@ class RosbridgeServer:
                 network,
                 ServiceCaller(network, mailbox),
                 self._rosapis[role],
-                self._feeds,
+                self._shared_subscriptions,
                 mailbox,
                 self._allowed,
                 self.counts,

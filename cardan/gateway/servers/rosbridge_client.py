@@ -26,7 +26,11 @@ from cardan.gateway.servers.connection import SendLoop
 from cardan.gateway.servers.publishing import Advertisements, RefusedError, agreed_type
 from cardan.gateway.servers.read_only import READING_SERVICES
 from cardan.gateway.servers.rosapi import LOG, ROSOUT, SERVICES as ROSAPI_SERVICES, RosApi
-from cardan.gateway.servers.rosbridge_subscriptions import ClientStream, Feeds, RosbridgeFeed
+from cardan.gateway.servers.rosbridge_subscriptions import (
+    ClientStream,
+    RosbridgeSubscription,
+    RosbridgeSubscriptions,
+)
 from cardan.gateway.servers.send_queue import LATCHED_DEPTH, TopicQueue
 from cardan.gateway.servers.web import ListenerConnection
 from cardan.protocols.ros2.actions import CANCEL_TYPE, CancelCode, GoalStatus
@@ -93,7 +97,7 @@ _REFUSALS = (
 
 class _Subscribed(NamedTuple):
     stream: ClientStream
-    feed: RosbridgeFeed
+    subscription: RosbridgeSubscription
     latched: bool
 
 
@@ -137,7 +141,7 @@ class RosbridgeClient:
         network: Network,
         caller: ServiceCaller,
         rosapi: RosApi,
-        feeds: Feeds,
+        subscriptions: RosbridgeSubscriptions,
         mailbox: Mailbox,
         allowed: Allowed,
         counts: Counter[str],
@@ -153,7 +157,12 @@ class RosbridgeClient:
             connection, peer, max_bytes, counts, self._encoded
         )
         self._network, self._caller, self._rosapi = network, caller, rosapi
-        self._feeds, self._mailbox, self._allowed, self._counts = feeds, mailbox, allowed, counts
+        self._shared_subscriptions, self._mailbox, self._allowed, self._counts = (
+            subscriptions,
+            mailbox,
+            allowed,
+            counts,
+        )
         self._lasting = lasting
         self._service_timeout_s = service_timeout_s
         self._session = RosbridgeSession(max_bytes)
@@ -185,7 +194,7 @@ class RosbridgeClient:
 
     def _encoded(self, stream: ClientStream, sample: EncodedMessage) -> tuple[forms.Frame, ...]:
         subscribed = self._subscribed.get(stream.topic)
-        return () if subscribed is None else subscribed.feed.encoded(sample, stream)
+        return () if subscribed is None else subscribed.subscription.encoded(sample, stream)
 
     def _refuse(self, refused: RefusedOperation) -> None:
         """Say why: in the answer where the operation has one, and as a status."""
@@ -232,7 +241,7 @@ class RosbridgeClient:
             raise RefusedError(f"there are {MAX_SUBSCRIPTIONS} subscriptions; no more are taken")
         before = self._subscribed.get(asked.topic)
         known = self._network.topics().get(topic)
-        present = before.feed.type if before else known.type if known else ""
+        present = before.subscription.type if before else known.type if known else ""
         present = present or (LOG if topic == ROSOUT else "")
         type_name: str | None = agreed_type(topic, asked.type, present)
         if not type_name:
@@ -245,17 +254,19 @@ class RosbridgeClient:
         delivery = _whole(self._subscriptions.add(asked), latched)
         if before is not None:
             before.stream.delivery = delivery
-            if not latched and before.feed.type == type_name:
+            if not latched and before.subscription.type == type_name:
                 return
         stream = before.stream if before else TopicQueue(asked.topic, delivery)
         try:
-            feed = self._feeds.join(topic, type_name, latched, stream, self.sender)
+            subscription = self._shared_subscriptions.join(
+                topic, type_name, latched, stream, self.sender
+            )
         except NetworkError:
             self._subscriptions.remove(Unsubscribe(asked.id, asked.topic))
             raise
         if before is not None:
-            self._feeds.leave(before.feed, stream)
-        self._subscribed[asked.topic] = _Subscribed(stream, feed, latched)
+            self._shared_subscriptions.leave(before.subscription, stream)
+        self._subscribed[asked.topic] = _Subscribed(stream, subscription, latched)
 
     def _unsubscribe(self, asked: Unsubscribe) -> None:
         delivery = self._subscriptions.remove(asked)
@@ -266,7 +277,7 @@ class RosbridgeClient:
             subscribed.stream.delivery = _whole(delivery, subscribed.latched)
             return
         del self._subscribed[asked.topic]
-        self._feeds.leave(subscribed.feed, subscribed.stream)
+        self._shared_subscriptions.leave(subscribed.subscription, subscribed.stream)
         self.sender.outbox.forget(subscribed.stream)
 
     def _advertise(self, asked: Advertise) -> None:
@@ -572,7 +583,7 @@ class RosbridgeClient:
         for task in list(self._tasks):
             task.cancel()
         for subscribed in self._subscribed.values():
-            self._feeds.leave(subscribed.feed, subscribed.stream)
+            self._shared_subscriptions.leave(subscribed.subscription, subscribed.stream)
         self._advertised.close()
         for service in list(self._offered):
             self._stop_offering(service)

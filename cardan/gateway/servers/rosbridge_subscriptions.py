@@ -11,7 +11,7 @@ from cardan.bus.network import Network
 from cardan.gateway.servers.calls import Mailbox
 from cardan.gateway.servers.connection import SendLoop, ready
 from cardan.gateway.servers.send_queue import TopicQueue
-from cardan.gateway.servers.subscriptions import Feed, SharedFeeds
+from cardan.gateway.servers.subscriptions import SharedSubscriptions, TopicSubscription
 from cardan.protocols.ros2.interfaces import InterfaceError
 from cardan.protocols.rosbridge.delivery import Delivery
 from cardan.protocols.rosbridge.forms import EncodedMessage, UnreadableError
@@ -26,7 +26,7 @@ ClientStream = TopicQueue[Delivery, EncodedMessage]
 Receiver = SendLoop[Delivery, EncodedMessage]
 
 
-class RosbridgeFeed(Feed[ClientStream, Receiver]):
+class RosbridgeSubscription(TopicSubscription[ClientStream, Receiver]):
     """A topic on its way to clients of rosbridge, each message encoded once for all of them."""
 
     def __init__(
@@ -93,11 +93,13 @@ class RosbridgeFeed(Feed[ClientStream, Receiver]):
                     receiver.put(what)
 
 
-Feeds = SharedFeeds[RosbridgeFeed]
+RosbridgeSubscriptions = SharedSubscriptions[RosbridgeSubscription]
 
 
-def shared_feeds(network: Network, mailbox: Mailbox, counts: Counter[str]) -> Feeds:
-    """The feeds of a server."""
-    return SharedFeeds(
-        lambda topic, type_name: RosbridgeFeed(network, mailbox, counts, topic, type_name)
+def shared_subscriptions(
+    network: Network, mailbox: Mailbox, counts: Counter[str]
+) -> RosbridgeSubscriptions:
+    """The subscriptions of a server."""
+    return SharedSubscriptions(
+        lambda topic, type_name: RosbridgeSubscription(network, mailbox, counts, topic, type_name)
     )

@@ -13,7 +13,7 @@ KeyT = TypeVar("KeyT")
 ReceiverT = TypeVar("ReceiverT")
 
 
-class Feed(ABC, Generic[KeyT, ReceiverT]):
+class TopicSubscription(ABC, Generic[KeyT, ReceiverT]):
     """A topic that clients subscribed to, once on the network for all of them."""
 
     def __init__(self, network: Network, topic: str, type_name: str | None) -> None:
@@ -37,39 +37,39 @@ class Feed(ABC, Generic[KeyT, ReceiverT]):
         """A message has come; in any thread."""
 
 
-FeedT = TypeVar("FeedT", bound=Feed[Any, Any])
+SubscriptionT = TypeVar("SubscriptionT", bound=TopicSubscription[Any, Any])
 
 
-class SharedFeeds(Generic[FeedT]):
+class SharedSubscriptions(Generic[SubscriptionT]):
     """All topics that clients subscribed to."""
 
-    def __init__(self, make: Callable[[str, str | None], FeedT]) -> None:
-        """`make(topic, type)`: a feed that is not open."""
+    def __init__(self, make: Callable[[str, str | None], SubscriptionT]) -> None:
+        """`make(topic, type)`: a subscription that is not open."""
         self._make = make
-        self._shared: dict[tuple[str, str | None], FeedT] = {}
+        self._shared: dict[tuple[str, str | None], SubscriptionT] = {}
 
     def join(
         self, topic: str, type_name: str | None, latched: bool, key: object, receiver: object
-    ) -> FeedT:
+    ) -> SubscriptionT:
         """Have a topic's messages sent to a client. Raises NetworkError.
 
         A `latched` topic is subscribed to anew, because the network begins with its last messages.
         """
-        feed = None if latched else self._shared.get((topic, type_name))
-        if feed is not None:
-            feed.receivers[key] = receiver
-            return feed
-        feed = self._make(topic, type_name)
-        feed.receivers[key] = receiver
-        feed.open()
+        subscription = None if latched else self._shared.get((topic, type_name))
+        if subscription is not None:
+            subscription.receivers[key] = receiver
+            return subscription
+        subscription = self._make(topic, type_name)
+        subscription.receivers[key] = receiver
+        subscription.open()
         if not latched:
-            self._shared[topic, type_name] = feed
-        return feed
+            self._shared[topic, type_name] = subscription
+        return subscription
 
-    def leave(self, feed: FeedT, key: object) -> None:
+    def leave(self, subscription: SubscriptionT, key: object) -> None:
         """The client does not want it any more; twice is fine."""
-        feed.receivers.pop(key, None)
-        if not feed.receivers:
-            feed.close()
-            if self._shared.get((feed.topic, feed.type)) is feed:
-                del self._shared[feed.topic, feed.type]
+        subscription.receivers.pop(key, None)
+        if not subscription.receivers:
+            subscription.close()
+            if self._shared.get((subscription.topic, subscription.type)) is subscription:
+                del self._shared[subscription.topic, subscription.type]

@@ -76,7 +76,7 @@ def check_mode(mapping: MappingOptions, device: OperatorDevice) -> None:
     able = device.capabilities
     if mapping.mode is Mode.RATE and not able.gives_axes:
         raise ConfigurationError(
-            "mapping.mode", 'this device measures the hand\'s pose: set mode = "position"'
+            "mapping.mode", 'this device measures a pose: set mode = "position"'
         )
     if mapping.mode is not Mode.RATE and not able.gives_pose:
         raise ConfigurationError(
@@ -201,7 +201,7 @@ def make_network(
         return None
     from cardan.gateway.bus.arm_topics import ArmNames
     from cardan.gateway.session.network import SessionNetwork
-    from cardan.gateway.session.scene import surroundings
+    from cardan.gateway.session.scene import scene_of
 
     joints = tuple(f"joint_{number}" for number in range(1, robot.capabilities.joints + 1))
     description, tool = "", IDENTITY_POSE
@@ -212,7 +212,7 @@ def make_network(
             joints, description = model.joint_names, model.urdf
     names = ArmNames(joints, options.base_frame, options.flange_frame, options.tcp_frame)
     tables = as_table(config, from_file=False)
-    around = surroundings(config, has_rigid_arm(config), make_neighbor_bodies(config))
+    around = scene_of(config, has_rigid_arm(config), make_neighbor_bodies(config))
     return SessionNetwork(options, names, description, tool, offer, full, tables, around)
 
 

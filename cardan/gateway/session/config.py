@@ -200,7 +200,7 @@ class SessionConfig(Options):
         if self.gives_force and self.mapping.mode is Mode.RATE:
             raise ConfigurationError(
                 "fixtures" if self.fixtures else "force",
-                'in mode = "rate" no place of the hand is one of the TCP; set mapping.mode = '
+                'in mode = "rate" no place of the device is one of the TCP; set mapping.mode = '
                 '"position" or "absolute"',
             )
         network = self.network

@@ -39,7 +39,7 @@ from cardan.gateway.bus.compatibility import NamesTopics, PublishedState, other_
 from cardan.gateway.bus.device_topics import DeviceTopics
 from cardan.gateway.bus.haptic_server import HapticServer
 from cardan.gateway.bus.options import NetworkOptions
-from cardan.gateway.bus.record_topics import SessionTaps
+from cardan.gateway.bus.record_topics import RecordTopics
 from cardan.gateway.bus.trajectories import follow_joint_trajectory
 from cardan.gateway.force.network import NetworkSource
 from cardan.gateway.force.sources import ForceSource
@@ -100,11 +100,11 @@ class SessionNetwork:
         offer: Callable[[Any, Any, float], None],
         full: Callable[[], bool],
         tables: Mapping[str, Any],
-        surroundings: str = "",
+        scene: str = "",
     ) -> None:
         """`offer` takes packets unless it is `full`, as :class:`RequestWorker` does; `tables`: the
-        session's configuration; `surroundings`: those of the arm, as JSON."""
-        self._surroundings = surroundings
+        session's configuration; `scene`: that of the arm, as JSON."""
+        self._scene = scene
         self._full = full
         self.options = options
         self._tables = tables
@@ -118,7 +118,7 @@ class SessionNetwork:
         self._node = BusNode(options, options.name, namespace)
         self._topics: ArmTopics | None = None
         self._server: ArmServer | None = None
-        self._taps: SessionTaps | None = None
+        self._record_topics: RecordTopics | None = None
         self._device: DeviceTopics | None = None
         self._haptic: HapticServer | None = None
         self._names_topics: NamesTopics | None = None
@@ -161,12 +161,12 @@ class SessionNetwork:
             self._names,
             period_s=1.0 / options.rate_hz,
             robot_description=self._description,
-            surroundings=self._surroundings,
+            scene=self._scene,
             tool=self._tool,
             transforms=options.transforms,
             same=same_topics(others),
         )
-        self._taps = SessionTaps(self._node, self._tables, controller, robot, device)
+        self._record_topics = RecordTopics(self._node, self._tables, controller, robot, device)
         if options.commands:
             follow = follow_joint_trajectory(
                 options.trajectory_controller,
@@ -195,9 +195,9 @@ class SessionNetwork:
 
     def close(self) -> None:
         """Leave the bus. Never raises; twice is fine."""
-        if self._taps is not None:
-            self._taps.close()
-        self._server = self._topics = self._taps = None
+        if self._record_topics is not None:
+            self._record_topics.close()
+        self._server = self._topics = self._record_topics = None
         self._device = self._names_topics = self._haptic = self._twins = None
         self._haptic_twins = None
         self._node.close()
@@ -238,16 +238,18 @@ class SessionNetwork:
             self._twin = twin
             _log.warning("%s", "; ".join(twin) or "no other node has this one's name any more")
 
-    def tap(self, cycle: Cycle, now_s: float) -> None:
+    def publish_cycle(self, cycle: Cycle, now_s: float) -> None:
         """Publish a cycle for recorders."""
-        if self._taps is not None:
-            self._taps.cycle(cycle, now_s)
+        if self._record_topics is not None:
+            self._record_topics.cycle(cycle, now_s)
 
     def diagnosis(self) -> tuple[str, ...]:
         """Faults and warnings."""
         said = list(self._twin)
-        if self._taps is not None and self._taps.dropped:
-            said.append(f"{self._taps.dropped} raw packets were not published: too many at once")
+        if self._record_topics is not None and self._record_topics.dropped:
+            said.append(
+                f"{self._record_topics.dropped} raw packets were not published: too many at once"
+            )
         return tuple(said)
 
     def show_device(self, device: DeviceState, now_s: float) -> None:

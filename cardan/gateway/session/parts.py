@@ -518,7 +518,7 @@ class BusPart(Part):
         if network.due(now_s):
             status, verbs = self.whole.controller.status(), self.whole.worker.verbs
             network.publish(state, self.whole.tcp(state), status, verbs, now_s, time.time_ns())
-        network.tap(cycle, now_s)
+        network.publish_cycle(cycle, now_s)
 
     def tell(self, snapshot: Snapshot, now: Now) -> None:
         snapshot.diagnosis += self._network.diagnosis()

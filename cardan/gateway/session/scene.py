@@ -1,4 +1,4 @@
-"""Surroundings of an arm for display: obstacles, workspace, and the shapes of its own bodies.
+"""Scene of an arm for display: obstacles, workspace, and the shapes of its own bodies.
 
 A JSON object, published once and again when it changes. Lengths in m, angles in rad, base axes,
 orientations as x y z w.
@@ -20,10 +20,8 @@ if TYPE_CHECKING:
     from cardan.gateway.arm.neighbors import NeighborBodies
 
 
-def surroundings(
-    config: SessionConfig, rigid: bool, neighbors: Sequence[NeighborBodies] = ()
-) -> str:
-    """Return the surroundings of a session's arm, as JSON; `rigid`: whether its links are;
+def scene_of(config: SessionConfig, rigid: bool, neighbors: Sequence[NeighborBodies] = ()) -> str:
+    """Return the scene of a session's arm, as JSON; `rigid`: whether its links are;
     `neighbors`: those of `config`.
 
     ``workspace_m``: for x, y and z the range that the TCP keeps to, or null. ``reach_m``: those

@@ -108,7 +108,7 @@ def render(snapshot: Snapshot) -> RenderableType:
         f"{_microseconds(loop.tick_p50_s)}, {_microseconds(loop.tick_p99_s)}",
     )
     if force.state:
-        robot.add_row("force felt, peak", f"{force.rendered_n:.2f} N, {force.peak_n:.2f} N")
+        robot.add_row("rendered force, peak", f"{force.rendered_n:.2f} N, {force.peak_n:.2f} N")
         robot.add_row("force", Text(_force_words(force)))
         if force.measured_n:
             robot.add_row("for the hand, x y z", f"{_newtons(force.measured_n)} N, base axes")
@@ -167,18 +167,18 @@ def _force_rows(s: Snapshot) -> list[tuple[str, str]]:
     if not force.state:
         return []
     rows = [
-        ("force felt, peak", f"{force.peak_n:.2f} N"),
+        ("rendered force, peak", f"{force.peak_n:.2f} N"),
         ("energy given to the hand, net", f"at most {force.energy_given_j * 1e3:+.1f} mJ"),
         (
             "energy given since a clutch-in, net",
             f"at most {force.energy_given_peak_j * 1e3:.2f} mJ",
         ),
     ]
-    if force.felt_stiffness_n_m is not None:
+    if force.rendered_stiffness_n_m is not None:
         rows.append(
             (
-                "stiffness felt, depth of the hand",
-                f"{force.felt_stiffness_n_m:.0f} N/m, {force.felt_depth_m * 1e3:.1f} mm",
+                "rendered stiffness, depth of the hand",
+                f"{force.rendered_stiffness_n_m:.0f} N/m, {force.rendered_depth_m * 1e3:.1f} mm",
             )
         )
     for name, p50, p99 in (

@@ -112,6 +112,6 @@ class BusBackend(DeviceBackend[bytes]):
         if self._programs is not None and self._programs.others():
             self.shell.begin()
         while self._feedback is not None and (received := self._feedback.poll()) is not None:
-            felt = codec_of(FEEDBACK).decode(received.data)
-            if not isinstance(felt, MalformedCdr):
-                self._feel(felt)
+            feedback = codec_of(FEEDBACK).decode(received.data)
+            if not isinstance(feedback, MalformedCdr):
+                self._feel(feedback)

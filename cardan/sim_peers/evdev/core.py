@@ -154,7 +154,7 @@ class SimulatedInput:
             if name in faults
         ]
 
-    # -- the hand ------------------------------------------------------------------------------
+    # -- device states ----------------------------------------------------------------------------
 
     def set_controls(self, controls: Sequence[float]) -> None:
         """Move the sticks (-1..1) and triggers (0..1); six finite numbers, clamped."""

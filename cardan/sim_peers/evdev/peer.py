@@ -13,14 +13,14 @@ from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.evdev.backends import EventSocket, UinputBackend
 from cardan.sim_peers.evdev.core import InputEvents, SimulatedInput
 from cardan.sim_peers.evdev.faults import FAULTS
-from cardan.sim_peers.evdev.hand import (
+from cardan.sim_peers.evdev.models import MODELS, InputDeviceModel
+from cardan.sim_peers.evdev.motion_script import (
     GAMEPAD_SCRIPTS,
     KEYBOARD_SCRIPTS,
     SCRIPT_VERBS,
     SCRIPTS,
     ScriptedInput,
 )
-from cardan.sim_peers.evdev.models import MODELS, InputDeviceModel
 from cardan.sim_peers.hand_peer import DeviceNodeOptions, HandPeer
 
 

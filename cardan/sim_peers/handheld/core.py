@@ -1,6 +1,6 @@
 """Frames that a page sends of a hand, without any I/O and in virtual time.
 
-The hand aligns once, and is then moved by a script: six deflections, of which the turns tip and
+The device aligns once, and is then moved by a script: six deflections, of which the turns tip and
 twist it by 30° at most; the ways are a drag of the second finger (phone), or go 10 cm at most (XR).
 """
 
@@ -31,11 +31,13 @@ FAULTS: Final = (
     FaultSwitch("null", "the sensors tell nothing from VALUE s on", 3.0),
     FaultSwitch("lost", "the tracking is lost from VALUE s on", 3.0),
     FaultSwitch("hidden", "the page is hidden from VALUE s on", 3.0),
-    FaultSwitch("leap", "the hand leaps by half a meter and a right angle at VALUE s", 3.0),
+    FaultSwitch("leap", "the device leaps by half a meter and a right angle at VALUE s", 3.0),
     FaultSwitch(
         "recenter", "the reference is another one from VALUE s on, turned by a right angle", 3.0
     ),
-    FaultSwitch("stuck", "the control counts as held from VALUE s on, whatever the hand does", 3.0),
+    FaultSwitch(
+        "stuck", "the control counts as held from VALUE s on, whatever the device does", 3.0
+    ),
     FaultSwitch("late", "every frame is VALUE s on its way", 0.2),
     FaultSwitch.share("nan", "share of frames with a number that is none"),
 )
@@ -47,19 +49,19 @@ FULL_TURN_RAD: Final = math.radians(30.0)
 FULL_WAY_M: Final = 0.1
 
 NORTH_RAD: Final = 1.0
-"""Of the robot's x axis in the hand's first reference, which knows nothing of the robot."""
+"""Of the robot's x axis in the device's first reference, which knows nothing of the robot."""
 
 ALIGNS_S: Final = 0.1
 """How long Align is pressed at the beginning."""
 
 STANDS: Final = Vector3(0.3, 0.1, 1.2)
-"""Position of the hand at rest, m."""
+"""Position of the device at rest, m."""
 
 HOLD: Final = "hold"
 
 
 class SimulatedHand(HeldPeriodicDevice[bytes]):
-    """A page and the hand that it shows, which a script deflects (-1..1, robot frame)."""
+    """A page and the device that it shows, which a script deflects (-1..1, robot frame)."""
 
     def __init__(
         self,
@@ -83,7 +85,7 @@ class SimulatedHand(HeldPeriodicDevice[bytes]):
         self._reference = 0
         """Counts the references, as the page does."""
         self._north_rad = NORTH_RAD
-        """Of the robot's x axis in the hand's reference."""
+        """Of the robot's x axis in the device's reference."""
         self._acts = TimedActs(
             faults,
             {
@@ -96,7 +98,7 @@ class SimulatedHand(HeldPeriodicDevice[bytes]):
             },
         )
 
-    # -- the hand -------------------------------------------------------------------------------
+    # -- device states ----------------------------------------------------------------------------
 
     def replug(self) -> None:
         """Open the page again, and press Align on it."""

@@ -16,7 +16,7 @@ from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.hand_peer import HandPeer
 from cardan.sim_peers.handheld.console import ConsolePage
 from cardan.sim_peers.handheld.core import FAULTS, HandKind, SimulatedHand
-from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS, ScriptedPuck
+from cardan.sim_peers.spacemouse.motion_script import SCRIPT_VERBS, SCRIPTS, ScriptedPuck
 
 FRAME = "cardan_msgs/msg/OperatorFrame"
 

@@ -52,7 +52,7 @@ class SimulatedNode(HeldPeriodicDevice[bytes]):
         self._nan = faults.get("nan", 0.0)
         self._nodes_faults = TimedActs(faults, {"exit": self.exit, "hang": self.fall_silent})
 
-    # -- the hand -------------------------------------------------------------------------------
+    # -- device states ----------------------------------------------------------------------------
 
     def unplug(self) -> None:
         """Remove the device; the node stays."""

@@ -11,7 +11,7 @@ from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.hand_peer import HandPeer
 from cardan.sim_peers.ros2_device.core import FAULTS, JOY, TOPICS, SimulatedNode, StockNode
-from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS, ScriptedPuck
+from cardan.sim_peers.spacemouse.motion_script import SCRIPT_VERBS, SCRIPTS, ScriptedPuck
 
 FEEDBACK_TOPIC = "/joy/set_feedback"
 RUMBLE = 1

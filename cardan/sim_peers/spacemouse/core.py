@@ -95,7 +95,7 @@ class SimulatedSpaceMouse:
         self._counts = self._counts_of(NEUTRAL)
         self._reset_motion()
 
-    # -- the hand ------------------------------------------------------------------------------
+    # -- device states ----------------------------------------------------------------------------
 
     def set_axes(self, axes: Sequence[float]) -> None:
         """Deflect the puck: six values in -1..1, robot frame (x forward, y left, z up)."""

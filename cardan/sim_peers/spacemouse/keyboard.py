@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 from cardan.errors import ScriptError
 from cardan.sim_peers.spacemouse.core import NEUTRAL
-from cardan.sim_peers.spacemouse.hand import HAND_PERIOD_S, Puck
+from cardan.sim_peers.spacemouse.motion_script import HAND_PERIOD_S, Puck
 
 KEY_AXES: Mapping[str, tuple[int, float]] = {
     "w": (0, 1.0),

@@ -29,13 +29,13 @@ from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.hand_peer import DeviceNodeOptions, HandPeer
 from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
 from cardan.sim_peers.spacemouse.faults import FAULTS
-from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS, Puck, ScriptedPuck
 from cardan.sim_peers.spacemouse.keyboard import (
     KEYBOARD_HELP,
     KeyboardHand,
     Terminal,
     status_line,
 )
+from cardan.sim_peers.spacemouse.motion_script import SCRIPT_VERBS, SCRIPTS, Puck, ScriptedPuck
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
 
 STATUS_PERIOD_S = 0.1

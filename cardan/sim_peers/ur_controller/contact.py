@@ -81,15 +81,15 @@ class ForceMode:
         self,
         at: Frame,
         change: tuple[Vector3, Vector3],
-        felt: Vector3,
+        contact_force: Vector3,
         touched: tuple[float, Vector3],
         dt_s: float,
     ) -> tuple[Vector3, Vector3]:
         """Motion of the TCP in a frame (m, rad): the program's own `change` along the axes that are
         not compliant, and that of the force law along those that are.
 
-        `felt` is the force on the tool, and `touched` the stiffness of the touched object (N/m; 0:
-        none) and the direction in which that pushes.
+        `contact_force` is the force on the tool, and `touched` the stiffness of the touched object
+        (N/m; 0: none) and the direction in which that pushes.
         """
         asked = self._last
         if asked is None:
@@ -100,7 +100,7 @@ class ForceMode:
             part, axis = divmod(number, 3)
             along = axes[axis]
             if asked.free[number]:
-                missing = asked.wrench[number] + (0.0 if part else dot(felt, along))
+                missing = asked.wrench[number] + (0.0 if part else dot(contact_force, along))
                 against = 0.0 if part else touched[0] * dot(along, touched[1]) ** 2
                 self._speed(number, missing, against, asked.limits[number], dt_s)
                 way = self._speeds[number] * dt_s

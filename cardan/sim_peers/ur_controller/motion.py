@@ -301,7 +301,7 @@ class ArmMotion:
 
     def contact_force(self) -> UrPose:
         """Contact force since zeroing (N, N·m) about the flange, base frame."""
-        force = self._felt()
+        force = self._contact_force()
         if not any(force):
             return UrPose((0.0,) * AXES)
         tip = self.kinematics.forward(self.actual_q, self.tcp).position
@@ -344,7 +344,7 @@ class ArmMotion:
             return 0.0
         return self._plane.force(self.kinematics.forward(q, self.tcp).position)
 
-    def _felt(self) -> Vector3:
+    def _contact_force(self) -> Vector3:
         return subtract(Vector3(0.0, 0.0, self.pushed()), self._zero)
 
     # -- orders that take no time -----------------------------------------------------------------
@@ -580,14 +580,16 @@ class ArmMotion:
         turn = rotation_between(before.orientation, after.orientation)
         here = self.kinematics.forward(self.target_q, self.tcp)
         if self.sensor is None:
-            felt, touched = self._felt(), (0.0, UP)
+            contact_force, touched = self._contact_force(), (0.0, UP)
             if self._plane is not None and self.pushed() > 0.0:
                 touched = (self._plane.stiffness_n_m, UP)
         else:
-            felt = Vector3(*self.tcp_force()[:3])
-            size = norm(felt)
-            touched = (SENSED_STIFFNESS_N_M, scale(felt, 1.0 / size)) if size else (0.0, UP)
-        way, turn = self.force.motion(here, (way, turn), felt, touched, dt_s)
+            contact_force = Vector3(*self.tcp_force()[:3])
+            size = norm(contact_force)
+            touched = (
+                (SENSED_STIFFNESS_N_M, scale(contact_force, 1.0 / size)) if size else (0.0, UP)
+            )
+        way, turn = self.force.motion(here, (way, turn), contact_force, touched, dt_s)
         if not any(way) and not any(turn):
             return list(self.target_q)
         found = self.kinematics.inverse(_displaced(here, way, turn), self.target_q, self.tcp)

@@ -410,13 +410,13 @@ class Telemetry:
 
     def _raw_wrench(self) -> tuple[float, ...]:
         """Wrench of load and contact on the flange, in its axes."""
-        felt = rotate(
+        contact_force = rotate(
             conjugate(self._actual().frames.pose.orientation),
             Vector3(0.0, 0.0, self._motion.pushed()),
         )
-        about = cross(self._motion.tcp.position, felt)
+        about = cross(self._motion.tcp.position, contact_force)
         load = self._actual_effort().load_wrench
-        return tuple(a - b for a, b in zip((*felt, *about), load, strict=True))
+        return tuple(a - b for a, b in zip((*contact_force, *about), load, strict=True))
 
     def _acceleration(self, frames: Frames, effort: Effort) -> tuple[float, ...]:
         turn = frames.pose.orientation

@@ -128,7 +128,7 @@ export class GoalPanel {
   surround(): void {
     this.cartesian = AXES.map((label, index) => {
       const turns = index >= 3;
-      const around = this.arm?.surroundings;
+      const around = this.arm?.sceneDescription;
       const range = around?.workspace_m[index] ?? around?.reach_m?.[index] ?? UNKNOWN_M;
       const [low, high] = turns ? [-180, 180] : range.map((each) => 1000 * each);
       return new Slider({
@@ -238,7 +238,7 @@ export class GoalPanel {
   /** A pose that is saved by that name, or the arm's own. */
   private homeJoints(): readonly number[] | null {
     const own = this.named().find((each) => each.name === HOME);
-    return own?.joints ?? this.arm?.surroundings?.home ?? null;
+    return own?.joints ?? this.arm?.sceneDescription?.home ?? null;
   }
 
   private home(): void {

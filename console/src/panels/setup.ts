@@ -109,7 +109,7 @@ export class SetupPanel {
 
   /** What is told of a robot that may be ready keeps nothing from moving: it is not the reason line's. */
   private showTold(): void {
-    const around = this.arm?.surroundings;
+    const around = this.arm?.sceneDescription;
     const parts = [around?.links_without_body ?? "", around?.visuals_left_out ?? ""];
     const told = [...parts, ...(this.arm?.snapshot?.diagnosis ?? [])].filter(Boolean);
     this.toldCard.hidden = told.length === 0;

@@ -34,7 +34,7 @@ from cardan.gateway.servers.parameters import REFUSALS as PARAMETER_REFUSALS, No
 from cardan.gateway.servers.publishing import Advertisements, RefusedError
 from cardan.gateway.servers.read_only import READING_SERVICES
 from cardan.gateway.servers.send_queue import LATCHED_DEPTH, TopicQueue
-from cardan.gateway.servers.subscriptions import Feed, SharedFeeds
+from cardan.gateway.servers.subscriptions import SharedSubscriptions, TopicSubscription
 from cardan.gateway.servers.web import ListenerConnection
 from cardan.protocols.rate import MAX_PUBLICATIONS_PER_S, RateLimit
 from cardan.protocols.ros2.cdr import CdrError, MalformedCdr, Message, codec_of
@@ -110,7 +110,7 @@ class Pace(NamedTuple):
 NEWEST, ALL = Pace(0.0, 0), Pace(0.0, LATCHED_DEPTH)
 
 
-class FoxgloveFeed(Feed[int, Any]):
+class FoxgloveSubscription(TopicSubscription[int, Any]):
     """A topic on its way to the SDK's channels of all clients, by the channels' numbers."""
 
     def _hear(self, cdr: bytes, stamp_ns: int) -> None:
@@ -118,12 +118,12 @@ class FoxgloveFeed(Feed[int, Any]):
             channel.log(cdr, stamp_ns)
 
 
-Feeds = SharedFeeds[FoxgloveFeed]
+FoxgloveSubscriptions = SharedSubscriptions[FoxgloveSubscription]
 
 
-def shared_feeds(network: Network) -> Feeds:
-    """The feeds of a server."""
-    return SharedFeeds(partial(FoxgloveFeed, network))
+def shared_subscriptions(network: Network) -> FoxgloveSubscriptions:
+    """The subscriptions of a server."""
+    return SharedSubscriptions(partial(FoxgloveSubscription, network))
 
 
 class _Channel(NamedTuple):
@@ -150,7 +150,7 @@ class FoxgloveConnection:
         network: Network,
         caller: ServiceCaller,
         mailbox: Mailbox,
-        feeds: Feeds,
+        subscriptions: FoxgloveSubscriptions,
         allowed: Allowed,
         packages: Packages,
         counts: Counter[str],
@@ -163,7 +163,7 @@ class FoxgloveConnection:
         the client has not read yet."""
         self._connection, self._peer = connection, peer
         self._network, self._caller, self._mailbox = network, caller, mailbox
-        self._feeds, self._counts, self._packages = feeds, counts, packages
+        self._shared_subscriptions, self._counts, self._packages = subscriptions, counts, packages
         self._allowed = allowed
         self._first = shown
         self._service_timeout_s = service_timeout_s
@@ -178,7 +178,7 @@ class FoxgloveConnection:
         self._publications = RateLimit(MAX_PUBLICATIONS_PER_S)
         self._channels: dict[str, _Channel] = {}
         self._topic_of: dict[int, str] = {}
-        self._joined: dict[int, FoxgloveFeed] = {}
+        self._joined: dict[int, FoxgloveSubscription] = {}
         self._late_calls: dict[int, float] = {}
         """How long calls waited, in s, that waited for too long to act on, by their numbers."""
         self._services: dict[str, str] = {}
@@ -460,14 +460,14 @@ class FoxgloveConnection:
         if name is None or channel_id in self._joined:
             return
         topic, channel = self._channels[name]
-        self._joined[channel_id] = self._feeds.join(
+        self._joined[channel_id] = self._shared_subscriptions.join(
             name, topic.type, topic.latched, channel_id, channel
         )
 
     def _unsubscribe(self, channel_id: int) -> None:
-        feed = self._joined.pop(channel_id, None)
-        if feed is not None:
-            self._feeds.leave(feed, channel_id)
+        subscription = self._joined.pop(channel_id, None)
+        if subscription is not None:
+            self._shared_subscriptions.leave(subscription, channel_id)
 
     def _rejoin(self, channel_id: int) -> None:
         """A topic that is latched now: begin with its last messages."""

@@ -37,7 +37,7 @@ from cardan.gateway.servers.web import (
 )
 from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan_foxglove.assets import Packages
-from cardan_foxglove.client import AdvertisedGraph, FoxgloveConnection, sdk, shared_feeds
+from cardan_foxglove.client import AdvertisedGraph, FoxgloveConnection, sdk, shared_subscriptions
 from cardan_foxglove.protocol import SUBPROTOCOLS
 
 PORT = 8765
@@ -106,7 +106,7 @@ class FoxgloveServer:
         """Listen. Raises AddressError and ConfigurationError."""
         loop = asyncio.get_running_loop()
         mailbox = self._mailbox = Mailbox(loop)
-        self._feeds = shared_feeds(self._network)
+        self._shared_subscriptions = shared_subscriptions(self._network)
         self._looking = loop.create_task(self._look())
         with contextlib.suppress(NetworkError):
             self._events = self._network.subscribe(
@@ -138,7 +138,7 @@ class FoxgloveServer:
                 network,
                 ServiceCaller(network, mailbox),
                 mailbox,
-                self._feeds,
+                self._shared_subscriptions,
                 self._allowed,
                 self._packages,
                 self.counts,

@@ -135,8 +135,8 @@ def test_what_cannot_be_shown_is_left_out(network):
 def test_a_topic_is_subscribed_to_once_for_all_clients(network, running):
     with foxglove_client(running) as one, foxglove_client(running) as other:
         first, second = one.subscribe("/chatter"), other.subscribe("/chatter")
-        feeds = running.server._feeds._shared
-        until(lambda: feeds and len(next(iter(feeds.values())).receivers) == 2)
+        subscriptions = running.server._shared_subscriptions._shared
+        until(lambda: subscriptions and len(next(iter(subscriptions.values())).receivers) == 2)
         assert len(listening(network, "/chatter")) == 1
         network.publish("/chatter", STRING, data="x")
         assert one.message(first)["data"] == other.message(second)["data"]
@@ -329,8 +329,8 @@ def test_a_call_that_waits_stops_nobody(network, running):
         network.publish("/chatter", STRING, data="x")
         other.message(number)
         number = one.subscribe("/chatter")
-        feeds = running.server._feeds._shared
-        until(lambda: len(next(iter(feeds.values())).receivers) == 2)
+        subscriptions = running.server._shared_subscriptions._shared
+        until(lambda: len(next(iter(subscriptions.values())).receivers) == 2)
         network.publish("/chatter", STRING, data="y")
         assert one.message(number)["data"] == encoded(STRING, data="y")
 
@@ -613,8 +613,8 @@ def test_a_client_that_reads_slowly_harms_nobody_and_gets_the_newest(network, ru
     big = [0.0] * 2000
     with foxglove_client(running) as quick, foxglove_client(running, max_queue=1) as slow:
         numbers = [each.subscribe("/joints") for each in (quick, slow)]
-        feeds = running.server._feeds._shared
-        until(lambda: feeds and len(next(iter(feeds.values())).receivers) == 2)
+        subscriptions = running.server._shared_subscriptions._shared
+        until(lambda: subscriptions and len(next(iter(subscriptions.values())).receivers) == 2)
         for number in range(1000):
             network.publish("/joints", kind, stamp_ns=number, position=big)
             assert quick.message(numbers[0])["time"] == number

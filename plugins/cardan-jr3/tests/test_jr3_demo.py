@@ -42,7 +42,7 @@ def test_the_tap_gets_frames_with_their_identifier():
         def send(self, frame):
             pass
 
-    sensor.tap = lambda *said: heard.append(said)
+    sensor.raw_packet_callback = lambda *said: heard.append(said)
     sensor._turn(Bus())
     assert (bytes(8), False, "can 0x181") in heard
 

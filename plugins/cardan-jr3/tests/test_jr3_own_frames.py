@@ -54,7 +54,7 @@ def test_what_the_driver_sends_is_not_taken_for_what_the_board_says(monkeypatch)
     options = Jr3Options(interface="udp_multicast", channel="239.74.163.2", period_s=0.005)
     device, opened = Jr3(options), bus.open_bus(options)
     recorded = []
-    device.tap = lambda *packet: recorded.append(packet)
+    device.raw_packet_callback = lambda *packet: recorded.append(packet)
     device._core.on_opened(time.monotonic())
     sim = opened._bus
     end_s = time.monotonic() + 10.0

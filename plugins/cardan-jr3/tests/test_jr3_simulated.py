@@ -117,7 +117,7 @@ def test_over_udp_multicast():
     options = Jr3Options(interface="udp_multicast", channel=GROUP, port=port)
     device = Jr3(options)
     recorded = []
-    device.tap = lambda *packet: recorded.append(packet)
+    device.raw_packet_callback = lambda *packet: recorded.append(packet)
     with in_a_thread(peer), device:
         drive(device, peer)
         # Junk on the port is counted and changes nothing.

@@ -303,7 +303,7 @@ def test_messages_of_a_leap_service():
         def send(self, text):
             pass
 
-    leap.tap, leap._connection = (lambda *said: tapped.append(said)), Connection()
+    leap.raw_packet_callback, leap._connection = (lambda *said: tapped.append(said)), Connection()
     leap._serve(stop)
     assert tapped == [(b'{"version": 6}', False, "")]
 

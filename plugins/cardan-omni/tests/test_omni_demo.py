@@ -12,7 +12,7 @@ import pytest
 
 import cardan_omni
 from cardan.conform import registry as suites
-from cardan.demos.demo import limits_felt, run_demo, with_delay
+from cardan.demos.demo import haptic_limits, run_demo, with_delay
 from cardan.demos.examples import example_files, find_demos
 from cardan.drivers import registry as drivers
 from cardan.errors import ConfigurationError
@@ -75,7 +75,7 @@ def test_the_drawing_runs_and_is_felt():
 def test_a_hand_far_away_is_held_against_the_limits_of_its_own_device(tmp_path):
     demo = find_demos()["omni-remote"]
     tables, launches = demo.prepare(tmp_path)
-    limits = limits_felt(demo, parse_config(tables))
+    limits = haptic_limits(demo, parse_config(tables))
     assert limits == Omni(OmniOptions()).feedback_limits
     share, network = (" ".join(words) for words in launches)
     far = re.search(r"--listen tcp/(\S+)", share)[1]
@@ -96,7 +96,9 @@ def test_a_wall_far_away_is_felt_as_stiff_as_it_is():
     assert ran.returncode in (0, 4), ran.stderr
     for never in ("above", "given", "no contact"):
         assert never not in ran.stderr, ran.stderr
-    found = re.search(r"stiffness felt, depth of the hand *\S +(\d+) N/m, ([\d.]+) mm", ran.stdout)
+    found = re.search(
+        r"rendered stiffness, depth of the hand *\S +(\d+) N/m, ([\d.]+) mm", ran.stdout
+    )
     assert found, ran.stdout + ran.stderr
     # Scales of motion and force times the wall: 0.25 * 0.03 * 8000 N/m.
     assert float(found[1]) == pytest.approx(60.0, rel=0.25), ran.stdout

@@ -10,8 +10,8 @@ import pytest
 from cardan.errors import AddressError, OptionError, ScriptError
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.scripted import play
-from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, ScriptedPuck
 from cardan.sim_peers.spacemouse.keyboard import KeyboardHand, status_line
+from cardan.sim_peers.spacemouse.motion_script import SCRIPT_VERBS, ScriptedPuck
 from cardan_serial_mice.peer import (
     SERIAL_FAULTS,
     SerialPuckPeer,

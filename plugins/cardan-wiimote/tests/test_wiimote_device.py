@@ -482,7 +482,7 @@ class OneReport:
 def test_its_tap_is_given_reports_both_ways_as_they_are():
     tapped = []
     remote, link = Wiimote(), OneReport(b"\x20\0\0\0\0\0\0")
-    remote.tap, remote._remote = (lambda *packet: tapped.append(packet)), link
+    remote.raw_packet_callback, remote._remote = (lambda *packet: tapped.append(packet)), link
     remote._core.on_opened(0.0)
     remote._serve(link.stop)
     assert [data for data, sent, _ in tapped if not sent] == [b"\x20\0\0\0\0\0\0"]

@@ -22,6 +22,6 @@ def test_ours_keeps_its_bound_where_plain_is_unstable(hand, delay_s):
 @pytest.mark.parametrize("delay_s", [0.05, 0.2])
 def test_a_held_stylus_feels_more_of_the_wall_than_by_the_tick_alone(delay_s):
     link = Link(delay_s, far.JITTER * delay_s, far.LOSS)
-    alone, ours = (far.felt_n_m(far.run(OURS, HELD, link, law)) for law in (False, True))
+    alone, ours = (far.rendered_n_m(far.run(OURS, HELD, link, law)) for law in (False, True))
     assert ours > 0.8 * far.STIFFNESS_N_M
     assert ours > 1.3 * alone

@@ -111,8 +111,8 @@ def test_what_comes_late_gets_what_does_not_change(shown):
 
 
 def test_what_is_around_the_arm_is_told_to_who_comes_late():
-    shown = PublishedArm(surroundings='{"obstacles":[]}')
-    topic = "/arm/surroundings"
+    shown = PublishedArm(scene='{"obstacles":[]}')
+    topic = "/arm/scene"
     assert shown.node.publishers[topic].qos.transient_local
     assert [each["data"] for each in shown.heard(topic)] == ['{"obstacles":[]}']
 

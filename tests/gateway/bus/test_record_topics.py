@@ -8,7 +8,7 @@ from cardan.drivers.sim_arm import SimArm
 from cardan.gateway.arm.cycle_record import decode_cycle
 from cardan.gateway.arm.loop import ArmLoop
 from cardan.gateway.arm.states import Inhibit
-from cardan.gateway.bus.record_topics import AT_ONCE, HIDDEN, KEPT_PACKETS, KEPT_S, SessionTaps
+from cardan.gateway.bus.record_topics import AT_ONCE, HIDDEN, KEPT_PACKETS, KEPT_S, RecordTopics
 from cardan.gateway.session.assembly import make_controller, make_robot
 from cardan.gateway.session.config import parse_config
 from cardan.protocols.joint_stream.codec import MalformedDatagram, decode_state
@@ -27,7 +27,7 @@ class Rig:
         assert isinstance(self.robot, SimArm)
         self.controller = make_controller(config, self.robot)
         self.node = FakeNode()
-        self.taps = SessionTaps(self.node, TABLES, self.controller, self.robot, None)
+        self.record_topics = RecordTopics(self.node, TABLES, self.controller, self.robot, None)
         self.log = self.node.publishers["~/controller_log"]
         self.raw = self.node.publishers["~/raw/robot"]
         self.cycles = ArmLoop(self.robot, self.controller).cycles()
@@ -39,7 +39,7 @@ class Rig:
             if each is not None:
                 each(self.controller.ticks)
             self.now_s += 0.004
-            self.taps.cycle(cycle, self.now_s)
+            self.record_topics.cycle(cycle, self.now_s)
 
     def numbers(self):
         return [decode_cycle(each["data"]).number for each in self.log.messages]
@@ -56,7 +56,7 @@ def rig():
 def test_nothing_is_published_while_nobody_subscribes(rig):
     rig.run(200)
     assert rig.log.messages == rig.raw.messages == []
-    assert rig.robot.tap is None
+    assert rig.robot.raw_packet_callback is None
 
 
 def test_a_recorder_that_is_found_late_gets_the_first_cycles(rig):
@@ -80,14 +80,14 @@ def test_what_is_kept_still_goes_out_when_the_session_ends(rig):
     rig.run(200)
     rig.log.heard = True
     rig.run(1)
-    rig.taps.close()
+    rig.record_topics.close()
     assert rig.numbers() == list(range(1, 202))
 
 
 def test_nothing_is_kept_for_long(rig):
     rig.run(round(KEPT_S / 0.004) + 100)
     assert rig.controller.recorder is None
-    assert not rig.taps._log._kept
+    assert not rig.record_topics._log._kept
     rig.log.heard = True
     rig.run(100)
     assert rig.numbers()[0] > 1250
@@ -97,13 +97,13 @@ def test_nothing_is_kept_for_long(rig):
 def test_it_ends_when_the_recorder_has_gone(rig):
     rig.log.heard = rig.raw.heard = True
     rig.run(round(KEPT_S / 0.004) + 100)
-    assert rig.robot.tap is not None
+    assert rig.robot.raw_packet_callback is not None
     rig.log.heard = rig.raw.heard = False
     rig.run(100)
     count = len(rig.log.messages)
     rig.run(100)
     assert len(rig.log.messages) == count
-    assert rig.robot.tap is None
+    assert rig.robot.raw_packet_callback is None
 
 
 def test_requests_are_written_to_the_cycle_that_they_precede(rig):
@@ -141,8 +141,8 @@ def test_raw_bytes_for_which_there_is_no_room_are_counted(rig):
     rig.raw.heard = True
     rig.run(10)
     for _ in range(KEPT_PACKETS + 7):
-        rig.robot.tap(b"x", False, "")
-    assert rig.taps.dropped == 7
+        rig.robot.raw_packet_callback(b"x", False, "")
+    assert rig.record_topics.dropped == 7
     rig.run(1)
     assert len([each for each in rig.raw.messages if each["data"] == b"x"]) <= AT_ONCE
 
@@ -150,8 +150,8 @@ def test_raw_bytes_for_which_there_is_no_room_are_counted(rig):
 def test_after_its_end_nothing_is_tapped(rig):
     rig.log.heard = rig.raw.heard = True
     rig.run(10)
-    rig.taps.close()
-    assert rig.robot.tap is None
+    rig.record_topics.close()
+    assert rig.robot.raw_packet_callback is None
     assert rig.controller.recorder is None
 
 
@@ -160,7 +160,7 @@ def test_the_configuration_is_there_without_secrets():
     config = parse_config(TABLES)
     robot = make_robot(config)
     tables = {**TABLES, "device": {"driver": "theirs", "api_token": "abc", "passwords": ["x"]}}
-    SessionTaps(node, tables, make_controller(config, robot), robot, None)
+    RecordTopics(node, tables, make_controller(config, robot), robot, None)
     (message,) = node.publishers["~/configuration"].messages
     described = json.loads(message["data"])
     assert described["tables"]["arm"] == {"model": "ur5"}

@@ -343,7 +343,7 @@ def test_the_stiffness_felt_is_force_over_the_depth_of_the_hand():
     rig = Rig([], MeasuredSource(reaction=True))
     rig.device.told = HapticState(state=OperatingState.ENABLED, rendering=True)
     rig.cycle(count=50, force=(0.0, 0.0, 0.0))
-    assert rig.renderer.report().felt_stiffness_n_m is None
+    assert rig.renderer.report().rendered_stiffness_n_m is None
     # Pressed down by 0 to 20 mm against 60 N/m, then lifted and moved on in free air.
     for k in range(501):
         depth_m = 4e-5 * k
@@ -355,8 +355,8 @@ def test_the_stiffness_felt_is_force_over_the_depth_of_the_hand():
     rig.cycle(count=500, force=(0.0, 0.0, 0.0), hand=Pose(Vector3(0.01, 0.0, 0.0), IDENTITY))
     report = rig.renderer.report()
     # The contact force is filtered before it counts: the first touch is found 0.1 s late at most.
-    assert report.felt_stiffness_n_m == pytest.approx(60.0, rel=0.1)
-    assert report.felt_depth_m == pytest.approx(0.02, abs=0.001)
+    assert report.rendered_stiffness_n_m == pytest.approx(60.0, rel=0.1)
+    assert report.rendered_depth_m == pytest.approx(0.02, abs=0.001)
 
 
 def test_noise_is_no_contact_and_draws_nothing():
@@ -402,7 +402,7 @@ def test_a_loop_that_will_not_do_is_told_with_its_numbers():
     }
     assert loop_warning(force_scale=0.01, **loop) == ""
     said = loop_warning(force_scale=0.05, **loop)
-    assert "the hand will feel 500 N/m" in said
+    assert "the rendered stiffness is 500 N/m" in said
     assert "183 N/m are stable: set force.scale to 0.018 or less" in said
     assert fixture_warning(0, 1.0, 500.0) == ""
-    assert "fixtures.2 feels like 1e+03 N/m" in fixture_warning(2, 2.0, 500.0)
+    assert "fixtures.2 has a rendered stiffness of 1e+03 N/m" in fixture_warning(2, 2.0, 500.0)

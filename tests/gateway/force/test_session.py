@@ -383,8 +383,8 @@ def test_what_may_not_be_stable_is_said_at_the_start():
         fixtures=[{**SPHERE, "stiffness_n_m": 400.0}],
     )
     words = "; ".join(s.run().diagnosis)
-    assert "the hand will feel 800 N/m" in words
-    assert "fixtures.0 feels like 800 N/m" in words
+    assert "the rendered stiffness is 800 N/m" in words
+    assert "fixtures.0 has a rendered stiffness of 800 N/m" in words
     assert "set device.hold_s" in words
 
 
@@ -403,7 +403,7 @@ def test_the_view_shows_the_force(capsys):
     console.print(summary(last))
     print(plain(last))
     shown = capsys.readouterr().out
-    for words in ("1.25 N, 1.50 N", "4.0 ms old", "force felt, peak", "age of measured force"):
+    for words in ("1.25 N, 1.50 N", "4.0 ms old", "rendered force, peak", "age of measured force"):
         assert words in shown
     assert shown.count("+0.00 -0.10 +0.20 N") == 2
     assert "force 1.25 N" in shown.splitlines()[-1]

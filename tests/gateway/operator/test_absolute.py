@@ -54,7 +54,7 @@ def test_it_approaches_slowly_and_follows_at_speed_once_there():
     rig = absolute(approach_speed_m_s=0.03).press("button_2").run()
     fastest = 0.0
     while rig.message:
-        assert rig.message == "the TCP is on its way to where the hand is"
+        assert rig.message == "the TCP is on its way to where the device is"
         rig.run()
         fastest = max(fastest, norm(rig.velocity[0]))
     for _ in range(100):
@@ -69,7 +69,7 @@ def test_a_hand_that_is_too_far_ahead_is_approached_again():
     rig = absolute(slip_m=0.1).tap("button_2").run(8.0)
     assert rig.message == ""
     rig.send_hand(displaced(x=0.3)).run(1.0)
-    assert rig.message == "the TCP is on its way to where the hand is"
+    assert rig.message == "the TCP is on its way to where the device is"
     assert norm(rig.velocity[0]) == pytest.approx(0.05)
     rig.run(8.0)
     assert rig.message == ""
@@ -92,7 +92,7 @@ def test_a_hand_outside_the_workspace_is_met_at_its_edge():
     limits = ReferenceLimits(workspace_x_m=(0.3, 0.5), workspace_z_m=(0.2, 0.6))
     rig = absolute(limits=limits, orientation=Orientation.FIXED)
     rig.send_hand(displaced(x=0.2, y=0.05, z=0.5)).run(0.5).tap("button_2").run(15.0)
-    assert rig.message == "the hand is outside the workspace: the TCP stays at its edge"
+    assert rig.message == "the device is outside the workspace: the TCP stays at its edge"
     assert rig.core.reference.at_workspace_limit
     expected = (0.5, rig.mapped_hand.y, 0.6)
     assert close(rig.tcp.position, expected, 1e-4)
@@ -128,7 +128,7 @@ def test_a_relative_orientation_beside_an_absolute_place():
 def test_a_lost_hand_brakes_and_a_leap_is_not_followed():
     rig = absolute().tap("button_2").run(6.0).put_hand(displaced(x=0.3)).run(0.5)
     assert rig.core.at_rest
-    assert "the hand's pose jumped" in rig.message
+    assert "the device's pose jumped" in rig.message
     rig.tap("button_2").run(0.3)
     assert rig.core.following
     rig.device = rig.device._replace(link=DeviceLink.LOST)

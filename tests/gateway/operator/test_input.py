@@ -546,7 +546,7 @@ def test_a_hand_that_leaps_is_let_go():
     asked = posed()
     far = Pose(Vector3(0.5, 0.2, 0.3), IDENTITY)
     request = asked.tick(REST, "left", pose=far)
-    assert request.fault == "the hand's pose jumped: another hand, or the sensor lost it"
+    assert request.fault == "the device's pose jumped: another hand, or the sensor lost it"
     assert not request.armed
     assert posed().tick(REST, pose=far).fault == ""  # It is not followed.
 
@@ -585,7 +585,7 @@ def test_how_old_a_report_may_be_to_the_border(age_s, ok):
 @pytest.mark.parametrize(
     ("tick", "words"),
     [
-        ({"age_s": 0.25}, "the hand's pose is 0.25 s old"),
+        ({"age_s": 0.25}, "the device's pose is 0.25 s old"),
         ({"age_s": -0.3}, "the robot's pose is 0.3"),
         ({"pose": None}, "the device gives no pose"),
         ({"pose": NO_NUMBERS}, "the device gives no pose"),

@@ -17,7 +17,7 @@ from cardan.gateway.arm.verb_methods import ArmVerbs
 from cardan.gateway.kinematics.collision import Obstacle
 from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.cautions import cautions
-from cardan.gateway.session.scene import surroundings
+from cardan.gateway.session.scene import scene_of
 from cardan.robots import OrientedBox, load_arm
 from cardan.types import Vector3
 from tests.doctor.told import told
@@ -65,7 +65,7 @@ def test_what_is_allowed_is_said(session, more):
     config = load_config(session(more))
     (words,) = cautions(config)
     assert words.startswith(f"arm: {SAID}")
-    assert json.loads(surroundings(config, rigid=True))["links_without_body"] in words
+    assert json.loads(scene_of(config, rigid=True))["links_without_body"] in words
 
 
 def test_an_arm_that_avoids_nothing_has_said_so(session):

@@ -104,7 +104,7 @@ def test_mappings_of_a_pose():
         ({**ABSOLUTE, "hand_to_tool_rpy_deg": [1, 0, 0]}, "hand_to_tool_rpy_deg: only orientation"),
         (
             {**ABSOLUTE, "orientation": "absolute", "scale": [1, 1, 1, 1, 1, 2]},
-            "takes the hand's orientation whole",
+            "takes the device's whole orientation",
         ),
     ],
 )

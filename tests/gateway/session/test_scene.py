@@ -1,4 +1,4 @@
-"""Description of the arm's surroundings that a session publishes."""
+"""Scene that a session publishes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cardan.gateway.kinematics.reach import tcp_range_m
 from cardan.gateway.session.arm_assembly import make_neighbor_bodies
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.network import SessionNetwork
-from cardan.gateway.session.scene import surroundings
+from cardan.gateway.session.scene import scene_of
 from cardan.robots import load_arm
 from cardan.robots.arm_bodies import to_se3
 from cardan.types import IDENTITY_POSE, Pose, Quaternion, Vector3
@@ -36,8 +36,8 @@ TABLES = {
 
 
 def told(tables, rigid=True):
-    """Return the surroundings of the arm of a session of these tables."""
-    return json.loads(surroundings(parse_config(tables), rigid))
+    """Return the scene of the arm of a session of these tables."""
+    return json.loads(scene_of(parse_config(tables), rigid))
 
 
 def test_obstacles_workspace_and_what_is_kept_to_them():
@@ -83,7 +83,7 @@ def test_neighbors_are_told_with_all_that_places_their_bodies():
     tables = {**TABLES, "network": {"namespace": "cell"}, "neighbors": [neighbor]}
     config = parse_config(tables)
     (bodies,) = made = make_neighbor_bodies(config)
-    (told,) = json.loads(surroundings(config, True, made))["neighbors"]
+    (told,) = json.loads(scene_of(config, True, made))["neighbors"]
     assert (told["name"], told["topic"]) == ("right", "/cell/right/joint_states")
     assert told["max_age_s"] == 0.2
     assert [each["name"] for each in told["joints"]] == list(bodies.names)
@@ -126,7 +126,7 @@ def test_a_session_tells_it_as_it_opens():
     )
     network._node = node = FakeNode()
     node.join = node.open = lambda: None
-    part = SimpleNamespace(capabilities=None, tap=None, witness=None)
+    part = SimpleNamespace(capabilities=None, raw_packet_callback=None, witness=None)
     network.open(part, part, None)
-    (topic,) = (name for name in node.publishers if name.endswith("/surroundings"))
+    (topic,) = (name for name in node.publishers if name.endswith("/scene"))
     assert [each["data"] for each in node.publishers[topic].messages] == ["one"]

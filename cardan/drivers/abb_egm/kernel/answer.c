@@ -15,7 +15,7 @@ static void advance(EgmAnswer *answer, int i, double velocity, double dt_s)
     joint_advance(&answer->limits, i, velocity, dt_s, answer->reference, answer->velocity);
 }
 
-/* JointGuidance._relocate */
+/* JointReferenceGenerator._relocate */
 static void relocate(EgmAnswer *answer)
 {
     for (int i = 0; i < EGM_JOINTS; i++)

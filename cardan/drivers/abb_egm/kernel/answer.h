@@ -1,7 +1,7 @@
 /*
  * The answer to a controller of a six-axis arm in joint mode, in one call: the command's range, one
  * period of the limiter, and the message. What it does is cardan/drivers/limiters.py's JointLimiter
- * and the encoding of JointGuidance, to the last bit.
+ * and the encoding of JointReferenceGenerator, to the last bit.
  *
  * cardan/drivers/abb_egm/compiled.py mirrors the structure, and owns its memory.
  */

@@ -229,7 +229,7 @@ static bool good_twist(const EgmPoseAnswer *answer)
            in_range(answer->angular, answer->largest_angular);
 }
 
-/* PoseGuidance._relocate */
+/* PoseReferenceGenerator._relocate */
 static void relocate(EgmPoseAnswer *answer)
 {
     for (int i = 0; i < 3; i++)

@@ -1,7 +1,7 @@
 /*
  * The answer to a controller in pose mode, in one call: the command's range, one period of both
  * limiters, and the message. What it does is cardan/drivers/limiters.py's PointLimiter and
- * OrientationLimiter and the encoding of PoseGuidance, to the last bit.
+ * OrientationLimiter and the encoding of PoseReferenceGenerator, to the last bit.
  *
  * cardan/drivers/abb_egm/compiled.py mirrors the structures, and owns their memory.
  */

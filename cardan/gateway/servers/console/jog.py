@@ -97,7 +97,7 @@ class ArmJog:
         self._sent: Wish | None = None
         """The newest one of this hold that was sent."""
         self._held = False
-        """Whether the hand wants motion still."""
+        """Whether the operator still requests motion."""
         self._begun = False
         """Whether the arm has taken a command of this hold."""
         self._verb = ""

@@ -130,15 +130,17 @@ class Jr3(ReadDevice[Jr3Core]):
             wait_s = self._core.next_due_s - now_s
         for frame in frames:
             bus.send(frame)
-            if (tap := self.tap) is not None:
-                tap(frame.data, True, f"can 0x{frame.arbitration_id:03x}")
+            if (callback := self.raw_packet_callback) is not None:
+                callback(frame.data, True, f"can 0x{frame.arbitration_id:03x}")
         timeout_s = max(0.0, min(READ_TIMEOUT_S, wait_s))
         for _ in range(DRAIN_AT_MOST):
             received = bus.receive(timeout_s)
             if received is None:
                 break
-            if (tap := self.tap) is not None and not isinstance(received, Unusable):
-                tap(received.data, False, f"can 0x{received.arbitration_id:03x}")
+            if (callback := self.raw_packet_callback) is not None and not isinstance(
+                received, Unusable
+            ):
+                callback(received.data, False, f"can 0x{received.arbitration_id:03x}")
             with self._lock:
                 if isinstance(received, Unusable):
                     self._core.on_unusable(received.kind)

@@ -6,7 +6,7 @@ from cardan_jr3.peer.core import (
 from cardan_jr3.peer.faults import (
     FAULTS as FAULTS,
 )
-from cardan_jr3.peer.hand import (
+from cardan_jr3.peer.motion_script import (
     SCRIPT_VERBS as SCRIPT_VERBS,
     SCRIPTS as SCRIPTS,
     ScriptedHand as ScriptedHand,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cardan.sim_peers.command import PeerCommand
 from cardan_jr3.peer.faults import FAULTS
-from cardan_jr3.peer.hand import SCRIPT_VERBS, SCRIPTS
+from cardan_jr3.peer.motion_script import SCRIPT_VERBS, SCRIPTS
 from cardan_jr3.peer.peer import Jr3Peer, Jr3PeerOptions
 
 

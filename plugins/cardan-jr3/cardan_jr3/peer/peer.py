@@ -15,7 +15,7 @@ from cardan_jr3.bounds import CAN_NAME, CAN_PORTS
 from cardan_jr3.peer.can import CanBackend, PythonCanBus
 from cardan_jr3.peer.core import SimulatedJr3
 from cardan_jr3.peer.faults import FAULTS
-from cardan_jr3.peer.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
+from cardan_jr3.peer.motion_script import SCRIPT_VERBS, SCRIPTS, ScriptedHand
 from cardan_jr3.peer.socketcand import SocketcandHub
 from cardan_jr3.protocol import MAX_NODE_ID, TEO_NODE_IDS, TEO_SENSORS, CanFrame, Six
 

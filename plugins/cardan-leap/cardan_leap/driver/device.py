@@ -137,8 +137,8 @@ class Leap(ReadDevice[LeapCore]):
                 # Reading JSON takes its time: the lock is not held meanwhile.
                 message = decode_service(text)
                 now_s = time.monotonic()
-                if (tap := self.tap) is not None:
-                    tap(text, False, "")
+                if (callback := self.raw_packet_callback) is not None:
+                    callback(text, False, "")
                 with self._lock:
                     self._core.on_message(message, now_s)
             self._notify()

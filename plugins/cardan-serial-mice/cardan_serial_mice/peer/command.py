@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cardan.sim_peers.command import PeerCommand
-from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS
+from cardan.sim_peers.spacemouse.motion_script import SCRIPT_VERBS, SCRIPTS
 from cardan_serial_mice.peer.line import SERIAL_FAULTS
 from cardan_serial_mice.peer.peer import SerialPuckPeer, SerialPuckPeerOptions
 

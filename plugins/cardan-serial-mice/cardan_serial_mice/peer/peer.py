@@ -10,7 +10,7 @@ from cardan.common import bounds
 from cardan.errors import ConfigurationError, OptionError
 from cardan.sim_peers.backends.pseudo_terminal import PseudoTerminal
 from cardan.sim_peers.command import option
-from cardan.sim_peers.spacemouse.hand import ScriptedPuck
+from cardan.sim_peers.spacemouse.motion_script import ScriptedPuck
 from cardan.sim_peers.spacemouse.peer import PuckPeer, PuckPeerOptions
 from cardan_serial_mice.peer.core import SimulatedSerialPuck, simulated_serial_puck
 from cardan_serial_mice.protocol import SERIAL_MODELS, serial_model_by_key

@@ -175,8 +175,8 @@ class Wiimote(ReadDevice[WiimoteCore]):
                 failure = self._core.failure(now_s)
             for report in reports:
                 link.write(report)
-                if (tap := self.tap) is not None:
-                    tap(report, True, "")
+                if (callback := self.raw_packet_callback) is not None:
+                    callback(report, True, "")
             if failure:
                 raise OSError(errno.ETIMEDOUT, failure)
             received = link.read(READ_TIMEOUT_S)
@@ -184,8 +184,8 @@ class Wiimote(ReadDevice[WiimoteCore]):
                 if received is None:
                     break
                 now_s = time.monotonic()
-                if (tap := self.tap) is not None:
-                    tap(received, False, "")
+                if (callback := self.raw_packet_callback) is not None:
+                    callback(received, False, "")
                 with self._lock:
                     self._core.on_report(received, now_s)
                 received = link.read(0.0)

@@ -8,7 +8,7 @@ from cardan_wiimote.peer.core import (
 from cardan_wiimote.peer.faults import (
     FAULTS as FAULTS,
 )
-from cardan_wiimote.peer.hand import (
+from cardan_wiimote.peer.motion_script import (
     SCRIPT_VERBS as SCRIPT_VERBS,
     SCRIPTS as SCRIPTS,
     ScriptedHand as ScriptedHand,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cardan.sim_peers.command import PeerCommand
 from cardan_wiimote.peer.faults import FAULTS
-from cardan_wiimote.peer.hand import SCRIPT_VERBS, SCRIPTS
+from cardan_wiimote.peer.motion_script import SCRIPT_VERBS, SCRIPTS
 from cardan_wiimote.peer.peer import WiimotePeer, WiimotePeerOptions
 
 

@@ -16,8 +16,8 @@ from cardan.sim_peers.command import option
 from cardan.sim_peers.hand_peer import DeviceNodeOptions, HandPeer
 from cardan_wiimote.address import BLUETOOTH_ADDRESS
 from cardan_wiimote.peer.core import ExtensionName, NoiseLsb, SimulatedWiimote
-from cardan_wiimote.peer.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
 from cardan_wiimote.peer.l2cap import BluetoothChannels, UnixChannels, parse_address
+from cardan_wiimote.peer.motion_script import SCRIPT_VERBS, SCRIPTS, ScriptedHand
 from cardan_wiimote.protocol import (
     NINTENDO,
     SET_REPORT_HEADER,

@@ -1,7 +1,7 @@
-"""Commands to EGM messages: one guidance class per EGM mode.
+"""Commands to EGM messages: one reference generator per EGM mode.
 
-A guidance owns the limited reference that is sent. It is set to what the robot measures while
-commands do not act, and from there moves only through its limiters.
+A reference generator owns the limited reference that is sent. It is set to what the robot measures
+while commands do not act, and from there moves only through its limiters.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ References = tuple[RobotState, RobotState, RobotState]
 """The controller's own reference at three times."""
 
 
-class Guidance(ABC):
+class ReferenceGenerator(ABC):
     """Reference generator with which a session answers datagrams in one mode."""
 
     kinds: frozenset[CommandKind]
@@ -145,13 +145,15 @@ class Guidance(ABC):
         """The reference and the controller's own one, `heading`; None without a reference."""
 
 
-def guidance_for(options: AbbEgmOptions, cycle: CompiledCycle | None = None) -> Guidance:
-    """The guidance of the mode in `options`, which can answer in a `cycle`."""
+def reference_generator_for(
+    options: AbbEgmOptions, cycle: CompiledCycle | None = None
+) -> ReferenceGenerator:
+    """The reference generator of the mode in `options`, which can answer in a `cycle`."""
     if options.mode == "joint":
-        return JointGuidance(options, cycle)
+        return JointReferenceGenerator(options, cycle)
     if options.mode == "pose":
-        return PoseGuidance(options, cycle)
-    return PathGuidance(options)
+        return PoseReferenceGenerator(options, cycle)
+    return PathCorrectionGenerator(options)
 
 
 def _header(seqno: int, tm_ms: int) -> EgmHeader:
@@ -236,14 +238,14 @@ class _Followed(SlipCompensation):
         self.limiter = limiter
 
     def coast(self, gap_s: float) -> None:
-        """As in `Guidance`."""
+        """As in `ReferenceGenerator`."""
         self.limiter.coast(gap_s)
         self.passed(gap_s)
 
     def resync(
         self, heading: Any, before: Any, answered: Any, dt_s: float, gap_s: float, period_s: float
     ) -> None:
-        """As in `Guidance`, for positions instead of states.
+        """As in `ReferenceGenerator`, for positions instead of states.
 
         The reference is as far ahead of the controller as it was at its last answer, a period
         before this one: controllers act on what they are sent some periods later.
@@ -294,7 +296,7 @@ _TargetT = TypeVar("_TargetT", JointCommand, PoseCommand)
 _SpeedT = TypeVar("_SpeedT", JointVelocityCommand, TwistCommand)
 
 
-class _ReferenceGuidance(Guidance, Generic[_TargetT, _SpeedT]):
+class _PositionGenerator(ReferenceGenerator, Generic[_TargetT, _SpeedT]):
     """Joint and pose mode: a reference of one or two parts, and external axes beside it."""
 
     target_type: type[_TargetT]
@@ -408,7 +410,7 @@ class _ReferenceGuidance(Guidance, Generic[_TargetT, _SpeedT]):
         self._externals.limiter.brake(dt_s)
 
 
-class JointGuidance(_ReferenceGuidance[JointCommand, JointVelocityCommand]):
+class JointReferenceGenerator(_PositionGenerator[JointCommand, JointVelocityCommand]):
     """Joint mode: EGMRunJoint."""
 
     target_type = JointCommand
@@ -502,7 +504,7 @@ class JointGuidance(_ReferenceGuidance[JointCommand, JointVelocityCommand]):
         return None if self._speed_only else (self._limiter.reference, heading.joints)
 
 
-class PoseGuidance(_ReferenceGuidance[PoseCommand, TwistCommand]):
+class PoseReferenceGenerator(_PositionGenerator[PoseCommand, TwistCommand]):
     """Pose mode: EGMRunPose."""
 
     target_type = PoseCommand
@@ -635,7 +637,7 @@ def _check_twist(twist: Twist) -> None:
 _AGE_MS_MAX = 2**32 - 1
 
 
-class PathGuidance(Guidance):
+class PathCorrectionGenerator(ReferenceGenerator):
     """Path correction: EGMMoveL and EGMMoveC. The reference is the offset from the path."""
 
     kinds = frozenset((CommandKind.HOLD, CommandKind.PATH_CORRECTION))

@@ -1,9 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import * as THREE from "three";
-import { Around, type Heard, type Surroundings, nearness, walls } from "../src/surroundings.ts";
+import { Around, type Heard, type SceneDescription, nearness, walls } from "../src/scene_description.ts";
 
-const AROUND: Surroundings = {
+const AROUND: SceneDescription = {
   workspace_m: [[-0.5, 0.5], null, [0, 0.8]],
   obstacles: [
     { name: "table", box: { position: [0.6, 0, -0.05], orientation: [0, 0, 0, 1], size_m: [0.8, 1, 0.1] } },
@@ -56,7 +56,7 @@ test("obstacles stand where they are, and what is near is colored", () => {
 
 const FLAT = [0, 0, 0, 1] as const;
 
-const NEIGHBOR: Surroundings = {
+const NEIGHBOR: SceneDescription = {
   ...AROUND,
   neighbors: [
     {

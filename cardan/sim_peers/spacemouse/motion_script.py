@@ -30,7 +30,7 @@ SCRIPT_VERBS: Mapping[str, str] = {
 }
 """Usage of each verb of a script. Deflections are -1..1 in the robot frame.
 
-``axes`` ramps linearly from where the hand is; ``swing`` adds N whole sine periods of SECONDS each
+``axes`` ramps linearly from the present axes; ``swing`` adds N whole sine periods of SECONDS each
 on top; ``neutral`` ends both. LABEL is a button's label, or ``first`` or ``second`` for the two
 lowest buttons of whatever model it is. ``silence`` stops the device's reports until ``resume``;
 ``loop`` starts the script again.
@@ -86,7 +86,7 @@ SCRIPTS: Mapping[str, str] = {
         5.5   press first
         5.8   release first
     """,
-    # A circle in x and y to the left, then the same to the right. The ramp that takes the hand
+    # A circle in x and y to the left, then the same to the right. The ramp that takes the device
     # to the start of a cosine is dropped as the cosine begins; the two turns cancel its area.
     "circle": """
         # a circle to the left, then one to the right

@@ -1,4 +1,4 @@
-"""Every driver that exchanges bytes gives them to its tap, as they are."""
+"""Every driver that exchanges bytes gives them to its callback for raw packets, as they are."""
 
 import socket
 import threading
@@ -16,15 +16,15 @@ from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions
 from cardan.types import HoldCommand
 
 
-class Tap(list):
+class Packets(list):
     def __call__(self, data, sent, connection):
         assert type(data) is bytes
         self.append((data, sent, connection))
 
 
 @pytest.fixture
-def tap():
-    return Tap()
+def packets():
+    return Packets()
 
 
 class Link:
@@ -50,31 +50,31 @@ class Link:
 
 
 def test_without_one_there_is_none():
-    assert SimArm().tap is None
-    assert SpaceMouse().tap is None
+    assert SimArm().raw_packet_callback is None
+    assert SpaceMouse().raw_packet_callback is None
 
 
-def test_datagrams_of_the_simulated_arm(tap):
+def test_datagrams_of_the_simulated_arm(packets):
     with SimArm(pacing="virtual") as robot:
-        robot.tap = tap
+        robot.raw_packet_callback = packets
         for number, _ in enumerate(robot.cycles()):
             robot.send(HoldCommand())
             if number == 5:
                 break
     # A keepalive, then a state and its answer each; and final commands.
-    assert [sent for _, sent, _ in tap[:13]] == [True] + 6 * [False, True]
-    assert tap[13:]
-    assert all(sent for _, sent, _ in tap[13:])
+    assert [sent for _, sent, _ in packets[:13]] == [True] + 6 * [False, True]
+    assert packets[13:]
+    assert all(sent for _, sent, _ in packets[13:])
 
 
 @pytest.mark.real
-def test_datagrams_of_egm(tap):
+def test_datagrams_of_egm(packets):
     controller = EgmController(EgmControllerOptions())
     with (
         AbbEgm(listen_host="127.0.0.1", listen_port=0) as robot,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as theirs,
     ):
-        robot.tap = tap
+        robot.raw_packet_callback = packets
         theirs.bind(("127.0.0.1", 0))
         cycles = robot.cycles()
         sent, answers = [], []
@@ -84,7 +84,7 @@ def test_datagrams_of_egm(tap):
             next(cycles)
             robot.send(HoldCommand())
             answers.append(theirs.recv(2000))
-        assert tap == [
+        assert packets == [
             entry
             for data, answer in zip(sent, answers, strict=True)
             for entry in ((data, False, ""), (answer, True, ""))
@@ -93,10 +93,10 @@ def test_datagrams_of_egm(tap):
 
 
 @pytest.mark.real
-def test_messages_of_motoros_with_their_connection(tap):
+def test_messages_of_motoros_with_their_connection(packets):
     ours, theirs = socket.socketpair()
     robot = Motoros(host="127.0.0.1")
-    robot.tap = tap
+    robot.raw_packet_callback = packets
     with ours, theirs:
         ours.setblocking(False)
         link = TcpConnection(ours, 0.0)
@@ -106,28 +106,28 @@ def test_messages_of_motoros_with_their_connection(tap):
         robot._session._out.append(("state", b"\0\0\0\4efgh"))
         robot._flush(robot._session)
         assert theirs.recv(100).endswith(b"efgh")
-    assert tap == [(b"\0\0\0\4abcd", False, "state"), (b"\0\0\0\4efgh", True, "state")]
+    assert packets == [(b"\0\0\0\4abcd", False, "state"), (b"\0\0\0\4efgh", True, "state")]
 
 
-def test_reports_of_a_spacemouse(tap):
+def test_reports_of_a_spacemouse(packets):
     mouse = SpaceMouse()
-    mouse.tap = tap
+    mouse.raw_packet_callback = packets
     mouse._take(bytes(7))
-    assert tap == [(bytes(7), False, "")]
+    assert packets == [(bytes(7), False, "")]
 
 
-def test_packets_of_a_gamepad(tap):
+def test_packets_of_a_gamepad(packets):
     pad, link = Gamepad(), Link(bytes(24))
-    pad.tap, pad._link = tap, link
+    pad.raw_packet_callback, pad._link = packets, link
     pad._serve(link.stop)
-    assert tap == [(bytes(24), False, "")]
+    assert packets == [(bytes(24), False, "")]
 
 
-def test_bytes_of_spacenavd(tap):
+def test_bytes_of_spacenavd(packets):
     ours, theirs = socket.socketpair()
     navigator = Spnav()
-    navigator.tap = tap
+    navigator.raw_packet_callback = packets
     with ours, theirs:
         theirs.send(bytes(32))
         navigator._exchange(ours, 1.0)
-    assert tap == [(bytes(32), False, "")]
+    assert packets == [(bytes(32), False, "")]

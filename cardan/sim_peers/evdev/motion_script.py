@@ -87,7 +87,7 @@ GAMEPAD_SCRIPTS: Mapping[str, str] = {
         6.5   loop
     """,
     "circle": """
-        # a circle to the left; the ramp that takes the hand there is dropped as the sine begins
+        # a circle to the left; the ramp that takes the device there is dropped as the sine begins
         0.3   hold start for 0.1
         1.0   press left-shoulder
         1.2   sticks -0.5 0 0 0 over 0.4

@@ -28,7 +28,7 @@ export type Neighbor = {
 export type Heard = { joints: ReadonlyMap<string, number>; ms: number };
 
 /** What an arm's session tells of what is around it: base axes, m and rad. */
-export type Surroundings = {
+export type SceneDescription = {
   workspace_m: readonly (Range | null)[];
   /** Of the TCP, for x, y and z; null: no arm is known. */
   reach_m?: readonly Range[] | null;
@@ -70,7 +70,7 @@ const COLORS = {
 export function nearness(
   clearance: number | null,
   pair: readonly string[],
-  told: Surroundings | null,
+  told: SceneDescription | null,
 ): number {
   if (clearance === null) return 0;
   const solids = [told?.obstacles, ...(told?.neighbors ?? []).map((each) => each.shapes)];
@@ -159,7 +159,7 @@ export class Around {
   private readonly edge = new THREE.LineBasicMaterial({ color: COLORS.edge });
 
   /** Make all of it anew; `reach`: about how far the arm reaches, m. */
-  load(told: Surroundings, robot: URDFRobot | null, reach: number): void {
+  load(told: SceneDescription, robot: URDFRobot | null, reach: number): void {
     this.clear();
     for (const each of told.obstacles) {
       const mesh = solid(each, 0, 3 * reach);
