@@ -529,8 +529,8 @@ def apart(network: Network, way: str = TCP) -> Iterator[Apart]:
 
 
 def transit_s(both: TwoComputers, stroke: Stroke, delay_s: float) -> float:
-    """What the network itself took from the act: the first frame that left the operator's computer
-    since then tells it, whatever is in that frame: the state, or an acknowledgement just before it.
+    """Return the transit of the first frame that left the operator's computer since the act,
+    whatever is in it: the state, or an acknowledgment just before it.
 
     One behind frames that stand still takes as long as they do. Where it is lost this is `delay_s`:
     what a protocol takes to send it anew is the protocol's.
@@ -550,7 +550,7 @@ def measure_network(network: Network, way: str, acts: int) -> tuple[Figures, Fig
                 moves.miss(REMOTE)
                 continue
             beyond_s = took.moves_s - transit_s(both, took, network.link.delay_s)
-            if beyond_s < 0.0:  # A swing: of the act nothing had arrived.
+            if beyond_s < 0.0:  # The arm swung: nothing of the act had come.
                 moves.miss(REMOTE)
                 continue
             moves.add(REMOTE, took.moves_s)
