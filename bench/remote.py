@@ -340,7 +340,7 @@ class Cell:
         """Have the arm move and rest; None: it did not move."""
         self.act(robot, buttons=True)
         self.wait(PAUSE_S + rest_s)
-        # What swings still would count as moved by the act.
+        # An arm that swings still would count as moved by the act.
         end_s = time.monotonic() + ACT_WITHIN_S
         while (now_s := time.monotonic()) < min(robot.moved_s + STILL_S, end_s):
             self.play(now_s + PERIOD_S)
@@ -529,8 +529,8 @@ def apart(network: Network, way: str = TCP) -> Iterator[Apart]:
 
 
 def transit_s(both: TwoComputers, stroke: Stroke, delay_s: float) -> float:
-    """Return the time in transit of the first frame that left the operator's computer after the act
-    had begun, whatever is in it: the state, or an acknowledgment just before it.
+    """Return the transit of the first frame that left the operator's computer since the act,
+    whatever is in it: the state, or an acknowledgment just before it.
 
     One behind frames that stand still takes as long as they do. Where it is lost this is `delay_s`:
     what a protocol takes to send it anew is the protocol's.
@@ -550,7 +550,7 @@ def measure_network(network: Network, way: str, acts: int) -> tuple[Figures, Fig
                 moves.miss(REMOTE)
                 continue
             beyond_s = took.moves_s - transit_s(both, took, network.link.delay_s)
-            if beyond_s < 0.0:  # A swing: of the act nothing had arrived.
+            if beyond_s < 0.0:  # The arm swung: nothing of the act had come.
                 moves.miss(REMOTE)
                 continue
             moves.add(REMOTE, took.moves_s)

@@ -61,7 +61,7 @@ def test_a_cut_loses_what_is_on_its_way_and_what_is_sent_until_it_ends():
 
 
 def transits(way, since_s, until_s):
-    """Time in transit of each frame that was sent between, s; None: it has not arrived."""
+    """Transit times of the frames that were sent between, s; None: not arrived."""
     return [
         each.came_s and pytest.approx(each.came_s - each.sent_s)
         for each in way.carried(since_s, until_s)
