@@ -202,8 +202,9 @@ class Reference:
                 # Further ahead only as fast as it can stop; back or sideways is never held.
                 (u, v, w), (a, b, c) = wanted, ahead
                 outward = (u * a + v * b + w * c) / distance
-                excess = outward - stopping_speed(max_lead - distance, hardest, dt_s)
-                if not excess <= 0.0:
+                stops_after = outward * dt_s + outward * outward / (2.0 * hardest)
+                if not (outward <= 0.0 or stops_after <= max_lead - distance):
+                    excess = outward - stopping_speed(max_lead - distance, hardest, dt_s)
                     share = excess / distance
                     wanted = Vector3(u - a * share, v - b * share, w - c * share)
             shaped.append(wanted)
