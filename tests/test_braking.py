@@ -1,8 +1,15 @@
 """Braking bounds hold in discrete time, for all periods."""
 
+import math
+
+import numpy as np
 from hypothesis import given, strategies as st
 
 from cardan.common.braking import stopping_speed
+from cardan.drivers.limiters import JointLimiter
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.servo.bounds import JointBounds
+from cardan.robots import load_arm
 
 EPSILON = 1e-9
 periods = st.floats(1e-3, 0.05)
@@ -29,3 +36,15 @@ def test_approaches_the_continuous_bound(distance, acceleration):
 def test_nothing_left():
     assert stopping_speed(0.0, 1.0, 0.004) == 0.0
     assert stopping_speed(-1.0, 1.0, 0.004) == 0.0
+
+
+def test_a_distance_that_is_no_number_leaves_no_speed():
+    assert stopping_speed(math.nan, 1.0, 0.004) == 0.0
+    limiter = JointLimiter((-1.0,), (1.0,), (2.0,), (5.0,), 0.02)
+    limiter.reset((math.nan,), (2.0,))
+    assert not limiter.moving
+    bounds = JointBounds(ArmKinematics(load_arm("ur5")), 1.0, 1.0)
+    lowest, highest = np.full(6, math.nan), np.full(6, math.nan)
+    bounds.fill([math.nan] * 6, [0.0] * 6, 0.004, lowest, highest)
+    assert np.all(np.isfinite(lowest))
+    assert np.all(np.isfinite(highest))

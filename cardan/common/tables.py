@@ -2,8 +2,9 @@
 
 A table is a dataclass. Its annotations give the allowed values (:mod:`cardan.common.options`), its
 defaults those of keys that are left out, its ``__post_init__`` checks that they fit together, and
-its ``RENAMED``, if any, has the new names of keys that an earlier version took. A field may be a
-table of its own, several of them, or one of several kinds that a key tells apart (:class:`Tag`).
+its ``RENAMED``, if any, has the new names of keys that an earlier version took, and of values, as
+"key = 'value'". A field may be a table of its own, several of them, or one of several kinds that a
+key tells apart (:class:`Tag`).
 """
 
 from __future__ import annotations
@@ -278,13 +279,13 @@ class _Reader:
         before, keys = len(self.errors), keys_of(kind, self._from_file)
         allowed = hints(kind)
         values: dict[str, Any] = {}
+        renamed = getattr(kind, "RENAMED", {})
         unknown = {name: value for name, value in table.items() if name not in keys}
         if others := _others(kind):
             values[others] = unknown
         else:
             words = f"there is no such key{tag and f' with {tag}'}"
             listed = ", ".join(keys)
-            renamed = getattr(kind, "RENAMED", {})
             for name in [each for each in unknown if each in renamed]:
                 self._wrong(_below(key, name), f"is now: {renamed[name]}; rename it")
                 del unknown[name]
@@ -293,7 +294,9 @@ class _Reader:
                 told = f"{near} Allowed: {listed}" if near else f"; allowed: {listed}"
                 self._wrong(_below(key, name), words + (near if number else told))
         for name, each in keys.items():
-            if name in table:
+            if name in table and (former := f"{name} = {shown(table[name])}") in renamed:
+                self._wrong(_below(key, name), f"is now: {renamed[former]}; rename it")
+            elif name in table:
                 values[name] = self._value(allowed[name], table[name], _below(key, name))
             elif each.default is each.default_factory is MISSING:
                 self._wrong(_below(key, name), f"is missing{tag and f': {tag} needs it'}")

@@ -20,7 +20,7 @@ bool is_period(double dt_s)
 
 static double stopping_speed(double distance, double acceleration, double dt_s)
 {
-    if (distance <= 0.0)
+    if (!(distance > 0.0))
         return 0.0;
     double gain = acceleration * dt_s;
     return sqrt(gain * gain + 2.0 * acceleration * distance) - gain;

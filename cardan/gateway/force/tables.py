@@ -33,6 +33,7 @@ Place = tuple[Near, Near, Near]
 
 MAX_CONTACTS = 8
 FORMER_KEYS = {"centre_m": "center_m"}
+FORMER_SENSE = {"sense = 'felt'": "'reaction'"}
 
 # -- [[fixtures]]: geometry in the robot's base frame that pushes the hand -------------------------
 
@@ -224,6 +225,8 @@ class NoForceTable(ForceTable):
 class MeasuredForceTable(ForceTable):
     """The robot itself measures it."""
 
+    RENAMED: ClassVar = FORMER_SENSE
+
     source: Literal["measured"] = "measured"
     sense: Literal["exerted", "reaction"] = "exerted"
 
@@ -231,6 +234,8 @@ class MeasuredForceTable(ForceTable):
 @dataclass(frozen=True, kw_only=True)
 class SensorForceTable(ForceTable):
     """A sensor at the robot's flange."""
+
+    RENAMED: ClassVar = FORMER_SENSE
 
     source: Literal["sensor"] = "sensor"
     sense: Literal["exerted", "reaction"] = "reaction"

@@ -63,6 +63,10 @@ def test_a_configuration_is_the_same_in_the_sessions_own_process(tables):
             {"fixtures": [{**SPHERE, "centre_m": [0.3, 0.0, 0.4]}]},
             r"fixtures\.0\.centre_m: is now: center_m; rename it",
         ),
+        (
+            {"force": {"source": "measured", "sense": "felt"}},
+            r"force\.sense: is now: 'reaction'; rename it",
+        ),
         ({"fixtures": [{**PLANE, "at": "start", "point_m": [0.0, 0.0, 0.0]}]}, "one of both"),
         (
             {"fixtures": [{**SPHERE, "at": "start"}]},

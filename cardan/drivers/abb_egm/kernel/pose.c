@@ -76,7 +76,7 @@ static void steer(const double *velocity, const double *error, const double *for
 
 static double stopping_speed(double distance, double acceleration, double dt_s)
 {
-    if (distance <= 0.0)
+    if (!(distance > 0.0))
         return 0.0;
     double gain = acceleration * dt_s;
     return sqrt(gain * gain + 2.0 * acceleration * distance) - gain;
