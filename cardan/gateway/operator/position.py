@@ -19,12 +19,12 @@ from collections.abc import Sequence
 from cardan.common.braking import stopping_speed
 from cardan.common.haptics import Matrix3, WorldMap
 from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
-from cardan.gateway.operator.mapping import AXES, MappingOptions, Orientation
+from cardan.gateway.operator.mapping import AXES, MappingOptions, Orientation, Source
 from cardan.spatial import (
     add,
     conjugate,
-    from_euler_zyx,
     from_rotation_vector,
+    from_rpy_deg,
     is_finite,
     limit_norm,
     multiply,
@@ -85,21 +85,6 @@ def resting_pose(reference: Reference) -> Pose:
     )
 
 
-Source = tuple[int, float]
-"""Index of the device's component that drives one of the TCP's, and the gain."""
-
-
-def _sources(options: MappingOptions) -> list[Source]:
-    sources = []
-    for axis, factor in zip(options.axes, options.scale, strict=True):
-        if axis == "fixed":
-            sources.append((0, 0.0))
-        else:
-            sign = -1.0 if axis.startswith("-") else 1.0
-            sources.append((AXES.index(axis.lstrip("-")), sign * factor))
-    return sources
-
-
 def _turning_sources(options: MappingOptions) -> list[Source] | None:
     """The rotation among `options.axes`: of gain 1 or -1, nothing fixed, nothing mirrored.
 
@@ -108,7 +93,7 @@ def _turning_sources(options: MappingOptions) -> list[Source] | None:
     """
     rows = [
         (index, math.copysign(1.0, gain)) if gain and index < 3 else None
-        for index, gain in _sources(options)[:3]
+        for index, gain in options.sources[:3]
     ]
     free = [row for row in range(3) if rows[row] is None]
     left = sorted(set(range(3)) - {source[0] for source in rows if source is not None})
@@ -142,7 +127,7 @@ def unfollowed(options: MappingOptions) -> tuple[str, ...]:
     """Those of x, y, z of the TCP that the device does not move, along the mapping's axes."""
     return tuple(
         axis
-        for axis, (index, gain) in zip(AXES, _sources(options)[:3], strict=False)
+        for axis, (index, gain) in zip(AXES, options.sources[:3], strict=False)
         if index > 2 or abs(gain) < LEAST_FOLLOWED
     )
 
@@ -153,13 +138,11 @@ class HandMapping(ABC):
     def __init__(self, options: MappingOptions, limits: ReferenceLimits) -> None:
         self.options = options
         self.limits = limits
-        self._sources = _sources(options)
+        self._sources = options.sources
         self._turning_sources = _turning_sources(options)
-        roll, pitch, yaw = (math.radians(angle) for angle in options.device_rpy_deg)
-        self._aligned = from_euler_zyx(roll, pitch, yaw)
+        self._aligned = from_rpy_deg(options.device_rpy_deg)
         """Turns device axes into those of the mapping's frame."""
-        half_yaw = 0.5 * math.radians(options.yaw_deg)
-        self._yaw = Quaternion(math.cos(half_yaw), 0.0, 0.0, math.sin(half_yaw))
+        self._yaw = from_rpy_deg((0.0, 0.0, options.yaw_deg))
         self._linear_axes = self._angular_axes = IDENTITY
         """Turn the mapping's frame into the base, as it was when the clutch was pressed."""
         self._orientation = options.orientation

@@ -11,7 +11,6 @@ from cardan.common.options import suggestion
 from cardan.drivers.base import RobotDriver
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.operator.mapping import AXES
 from cardan.gateway.servo.kernel_layout import MAX_PAIRS, MAX_SHAPES
 from cardan.gateway.servo.options import ServoOptions
 from cardan.gateway.session.config import ArmTable, NeighborTable, ObstacleTable, SessionConfig
@@ -352,11 +351,11 @@ def _check_joints(config: SessionConfig, names: tuple[str, ...]) -> None:
                 f"there is no joint {joint!r}; allowed: {', '.join(names)}"
                 + suggestion(joint, names),
             )
-        index = AXES.index(axis.removeprefix("-"))
-        if any(source.removeprefix("-") == AXES[index] for source in mapping.axes):
+        name = axis.removeprefix("-")
+        if {name, f"-{name}"} & {*mapping.axes}:
             raise ConfigurationError(
                 f"mapping.joints.{axis}",
-                f"the axis drives {AXES[index]} as well: name it in mapping.axes no more, "
+                f"the axis drives {name} as well: name it in mapping.axes no more, "
                 'with "fixed" in its place',
             )
 

@@ -6,7 +6,6 @@ error names the key, the fault of the value, and the allowed values.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,7 +36,7 @@ from cardan.gateway.operator.filters.registry import FilterTable
 from cardan.gateway.operator.mapping import GripperAction, GripperOptions, MappingOptions, Mode
 from cardan.gateway.servo.options import Policy, ServoOptions
 from cardan.robots import SolidTable
-from cardan.spatial import from_euler_zyx
+from cardan.spatial import from_rpy_deg
 from cardan.types import Pose, Vector3
 
 Part = TypeVar("Part")
@@ -85,8 +84,7 @@ class ArmTable(ArrivalOptions):
 
     def tool(self) -> Pose:
         """The TCP in the model's own."""
-        x, y, z = (math.radians(angle) for angle in self.tool_rpy_deg)
-        return Pose(Vector3(*self.tool_xyz_m), from_euler_zyx(x, y, z))
+        return Pose(Vector3(*self.tool_xyz_m), from_rpy_deg(self.tool_rpy_deg))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,8 +132,7 @@ class NeighborTable(Options):
         """Of the neighbor in this arm's base; None: by the robot's description."""
         if self.base_xyz_m is None:
             return None
-        x, y, z = (math.radians(angle) for angle in self.base_rpy_deg)
-        return Pose(Vector3(*self.base_xyz_m), from_euler_zyx(x, y, z))
+        return Pose(Vector3(*self.base_xyz_m), from_rpy_deg(self.base_rpy_deg))
 
 
 @dataclass(frozen=True, kw_only=True)

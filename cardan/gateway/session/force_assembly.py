@@ -130,8 +130,7 @@ def _force_warnings(
     if not config.gives_force:
         return ()
     mapping, table, period_s = config.mapping, config.force, robot.capabilities.period_s
-    factors = zip(mapping.axes[:3], mapping.scale[:3], strict=True)
-    motion_scale = max(0.0 if axis == "fixed" else abs(factor) for axis, factor in factors)
+    motion_scale = max(abs(gain) for _, gain in mapping.sources[:3])
     words = []
     hold_s = getattr(device.options, "hold_s", math.inf)
     if 2.0 * period_s > hold_s:
