@@ -213,18 +213,13 @@ class SessionConfig(Options):
             raise ConfigurationError(
                 "mapping.joints", "only a session with an [arm] commands joints"
             )
-        if self.obstacles and (self.arm is None or not self.arm.collisions):
-            raise ConfigurationError(
-                "obstacles",
-                "only an arm's model keeps away from them: add [arm] with its model, and leave "
-                "arm.collisions on",
-            )
-        if self.neighbors and (self.arm is None or not self.arm.collisions):
-            raise ConfigurationError(
-                "neighbors",
-                "only an arm's model keeps away from them: add [arm] with its model, and leave "
-                "arm.collisions on",
-            )
+        for around in ("obstacles", "neighbors"):
+            if getattr(self, around) and (self.arm is None or not self.arm.collisions):
+                raise ConfigurationError(
+                    around,
+                    "only an arm's model keeps away from them: add [arm] with its model, and leave "
+                    "arm.collisions on",
+                )
         names = [each.name for each in self.neighbors]
         if len(set(names)) < len(names):
             raise ConfigurationError("neighbors", "two have one name: name each differently")
@@ -240,32 +235,32 @@ class SessionConfig(Options):
         """Whether the hand is to feel anything."""
         return bool(self.fixtures) or not isinstance(self.force, NoForceTable)
 
-    def _check_buttons(self) -> None:
-        """Refuse buttons with two meanings."""
+    def buttons(self) -> list[tuple[str, str]]:
+        """The buttons of the operator device that have a meaning, after their keys."""
         mapping = self.mapping
-        buttons = [("mapping.deadman", button) for button in mapping.deadman_buttons]
-        buttons += [
+        found = [("mapping.deadman", button) for button in mapping.deadman_buttons]
+        found += [
             (f"mapping.{key}", getattr(mapping, key))
             for key in ("clutch", "recapture", "enable", "pass_on")
         ]
-        buttons += [(f"gripper.{a.value}", getattr(self.gripper, a.value)) for a in GripperAction]
+        found += [(f"gripper.{a.value}", getattr(self.gripper, a.value)) for a in GripperAction]
+        return [(key, button) for key, button in found if button]
+
+    def _check_buttons(self) -> None:
+        """Refuse buttons with two meanings."""
+        buttons = self.buttons()
         for key, button in buttons:
             for other, same in buttons:
-                if button and button == same and key < other:
+                if button == same and key < other:
                     raise ConfigurationError(key, f"{button!r} is the button of {other}, too")
 
     def _check_limits(self) -> None:
         limits, watchdogs = self.limits, self.watchdogs
         accepted = limits.i_accept_long_stops
         longest_s = LONGEST_ACCEPTED_STOP_S if accepted else LONGEST_STOP_S
-        for key, speed, acceleration in (
-            ("linear_acceleration_m_s2", limits.linear_speed_m_s, limits.linear_acceleration_m_s2),
-            (
-                "angular_acceleration_rad_s2",
-                limits.angular_speed_rad_s,
-                limits.angular_acceleration_rad_s2,
-            ),
-        ):
+        for kind, unit in (("linear", "m"), ("angular", "rad")):
+            key = f"{kind}_acceleration_{unit}_s2"
+            speed, acceleration = getattr(limits, f"{kind}_speed_{unit}_s"), getattr(limits, key)
             # Rounding of a stop of exactly the longest time is no reason to refuse it.
             if speed > acceleration * longest_s * (1.0 + 1e-9):
                 consent = (
@@ -280,7 +275,6 @@ class SessionConfig(Options):
                     f"it must not take more than {longest_s:g} s: raise the acceleration or lower "
                     f"the speed; {consent}",
                 )
-        for unit in ("m", "rad"):
             lead = getattr(limits, f"max_lead_{unit}")
             error_limit = getattr(watchdogs, f"following_error_{unit}")
             if lead > error_limit:
