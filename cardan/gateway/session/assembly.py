@@ -27,7 +27,6 @@ from cardan.gateway.operator.mapping import GripperOptions, MappingOptions, Mode
 from cardan.gateway.session.arm_assembly import (
     has_rigid_arm,
     make_arm,
-    make_neighbor_bodies,
     make_obstacle,
     own_model,
     why_no_verbs,
@@ -204,8 +203,7 @@ def make_network(
             joints, description = model.joint_names, model.urdf
     names = ArmNames(joints, options.base_frame, options.flange_frame, options.tcp_frame)
     tables = as_table(config, from_file=False)
-    around = scene_of(config, has_rigid_arm(config), make_neighbor_bodies(config))
-    return SessionNetwork(options, names, description, tool, offer, full, tables, around)
+    return SessionNetwork(options, names, description, tool, offer, full, tables, scene_of(config))
 
 
 def has_output(table: GripperOptions, robot: RobotCapabilities) -> bool:
