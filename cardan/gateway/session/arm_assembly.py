@@ -13,7 +13,7 @@ from cardan.errors import ConfigurationError
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.servo.kernel_layout import MAX_PAIRS, MAX_SHAPES
 from cardan.gateway.servo.options import ServoOptions
-from cardan.gateway.session.config import ArmTable, NeighborTable, ObstacleTable, SessionConfig
+from cardan.gateway.session.config import NeighborTable, ObstacleTable, SessionConfig
 from cardan.robots import ArmModel, load_arm
 from cardan.robots.urdf import ARM_BASE, read_tree
 from cardan.spatial import compose, inverse, norm, scale, to_rotation_vector
@@ -116,7 +116,13 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> JointSpaceArm | None:
         )
     _check_joints(config, kinematics.names)
     _take_limits(kinematics, able)
-    servo = choose_servo(kinematics, collision, _servo_options(table), weights)
+    options = ServoOptions(
+        policy=table.policy,
+        speed_share=table.speed_share,
+        acceleration_share=table.acceleration_share,
+        safety_distance_m=table.safety_distance_m,
+    )
+    servo = choose_servo(kinematics, collision, options, weights)
     servo.posture = posture
     commanded = JointSpaceArm(
         servo,
@@ -331,15 +337,6 @@ def _check_count(collision: CollisionModel, neighbors: bool) -> None:
                 f"with them there are {count} {what} to keep apart, and at most {most} can be: set "
                 'fit = "coarse" in [collision] of the arms\' .toml files, or leave some out',
             )
-
-
-def _servo_options(table: ArmTable) -> ServoOptions:
-    return ServoOptions(
-        policy=table.policy,
-        speed_share=table.speed_share,
-        acceleration_share=table.acceleration_share,
-        safety_distance_m=table.safety_distance_m,
-    )
 
 
 def _check_joints(config: SessionConfig, names: tuple[str, ...]) -> None:
