@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.mapping import MappingOptions, Orientation
-from cardan.gateway.operator.position import FOLLOW_TIME_S, HandMapping, closing_velocity
+from cardan.gateway.operator.position import FOLLOW_TIME_S, HandMapping
 from cardan.spatial import (
     add,
     from_rpy_deg,
@@ -77,11 +77,7 @@ class AbsoluteMapping(HandMapping):
         if not self.arrived:
             speed = min(speed, options.approach_speed_m_s)
             turning = min(turning, options.approach_speed_rad_s)
-        return Twist(
-            closing_velocity(way, speed, limits.linear_acceleration_m_s2, dt_s),
-            closing_velocity(turn, turning, limits.angular_acceleration_rad_s2, dt_s),
-            Frame.BASE,
-        )
+        return self._closing(way, turn, speed, turning, dt_s)
 
     def _wanted_orientation(self, hand: Pose, now: Quaternion) -> Quaternion:
         if self._orientation is Orientation.FIXED:

@@ -15,6 +15,7 @@ import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import TypeGuard
 
 from cardan.common.braking import stopping_speed
 from cardan.common.haptics import Matrix3, WorldMap
@@ -55,7 +56,7 @@ FARTHEST_M = 10.0
 """Largest plausible distance of a hand from its sensor."""
 
 
-def is_pose(pose: Pose | None) -> bool:
+def is_pose(pose: Pose | None) -> TypeGuard[Pose]:
     """Whether a device's pose is plausible: finite, near the device, a unit quaternion."""
     return (
         pose is not None
@@ -189,6 +190,17 @@ class HandMapping(ABC):
             and turn_rad > HAND_NOISE_RAD + HAND_SPEED_RAD_S * time_s
         )
 
+    def _closing(
+        self, way: Vector3, turn: Vector3, speed_m_s: float, speed_rad_s: float, dt_s: float
+    ) -> Twist:
+        """The twist that closes `way` and `turn`, at most at these speeds."""
+        limits = self.limits
+        return Twist(
+            _closing_velocity(way, speed_m_s, limits.linear_acceleration_m_s2, dt_s),
+            _closing_velocity(turn, speed_rad_s, limits.angular_acceleration_rad_s2, dt_s),
+            Frame.BASE,
+        )
+
     @abstractmethod
     def twist(self, hand: Pose, stamp_s: float, tcp: Pose, dt_s: float) -> Twist:
         """The twist (base axes) that brings the reference at `tcp` to the target of `hand`."""
@@ -281,11 +293,6 @@ class PositionMapping(HandMapping):
         """Whether the clutch slips, for the operator."""
         return "the device is too far ahead of the TCP: the clutch slips" if self.slips else ""
 
-    def engage(self, hand: Pose, stamp_s: float, tcp: Pose) -> None:
-        """From here on `hand` (device axes) corresponds to `tcp` (base axes)."""
-        super().engage(hand, stamp_s, tcp)
-        self.slips = False
-
     def release(self) -> None:
         """The clutch was released."""
         super().release()
@@ -312,13 +319,7 @@ class PositionMapping(HandMapping):
             Frame.BASE,
         )
         limits = self.limits
-        return Twist(
-            closing_velocity(way, limits.linear_speed_m_s, limits.linear_acceleration_m_s2, dt_s),
-            closing_velocity(
-                turn, limits.angular_speed_rad_s, limits.angular_acceleration_rad_s2, dt_s
-            ),
-            Frame.BASE,
-        )
+        return self._closing(way, turn, limits.linear_speed_m_s, limits.angular_speed_rad_s, dt_s)
 
     def _map_offset(self) -> Vector3:
         assert self._hand is not None
@@ -326,7 +327,7 @@ class PositionMapping(HandMapping):
         return subtract(self._target.position, self._mapped(self._hand.position))
 
 
-def closing_velocity(way: Vector3, speed: float, acceleration: float, dt_s: float) -> Vector3:
+def _closing_velocity(way: Vector3, speed: float, acceleration: float, dt_s: float) -> Vector3:
     """The velocity that closes `way` soon, and from which it can still stop at its end."""
     distance = norm(way)
     if distance < 1e-9:
