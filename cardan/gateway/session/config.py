@@ -13,11 +13,11 @@ from typing import Annotated, Any, ClassVar, TypeVar
 
 from cardan.common import bounds
 from cardan.common.bounds import Angles, Coordinate, Direction
-from cardan.common.options import Options
+from cardan.common.options import Options, require_each
 from cardan.common.places import in_file
 from cardan.common.tables import keys_of, read_table, read_toml, resolved
 from cardan.drivers.registry import DriverTable
-from cardan.errors import ConfigurationError, OptionError
+from cardan.errors import ConfigurationError
 from cardan.gateway.arm.arrival import ArrivalOptions
 from cardan.gateway.arm.authority import AuthorityOptions
 from cardan.gateway.arm.supervision import Watchdogs
@@ -119,14 +119,16 @@ class NeighborTable(Options):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.name:
-            raise OptionError("name", self.name, 'a name for messages: "right"')
-        if not is_topic(self.topic):
-            raise OptionError("topic", self.topic, 'the name of a topic: "/right/joint_states"')
-        if any(self.base_rpy_deg) and self.base_xyz_m is None:
-            raise OptionError(
-                "base_rpy_deg", self.base_rpy_deg, "given with base_xyz_m, where the base is"
-            )
+        require_each(
+            self,
+            ("name", self.name, 'a name for messages: "right"'),
+            ("topic", is_topic(self.topic), 'the name of a topic: "/right/joint_states"'),
+            (
+                "base_rpy_deg",
+                self.base_xyz_m is not None or not any(self.base_rpy_deg),
+                "given with base_xyz_m, where the base is",
+            ),
+        )
 
     def base(self) -> Pose | None:
         """Of the neighbor in this arm's base; None: by the robot's description."""
