@@ -205,6 +205,12 @@ def from_euler_zyx(x: float, y: float, z: float) -> Quaternion:
     )
 
 
+def from_rpy_deg(angles: Sequence[float]) -> Quaternion:
+    """The same for roll, pitch and yaw in degrees."""
+    x, y, z = map(math.radians, angles)
+    return from_euler_zyx(x, y, z)
+
+
 def to_euler_zyx(q: Quaternion) -> Vector3:
     """Angles (x, y, z) in rad of R = Rz(z)·Ry(y)·Rx(x); at y = ±90° the x angle carries z."""
     w, x, y, z = q

@@ -287,7 +287,7 @@ def run(
             recorder = opened.enter_context(recorded(config.network, record_to, *join))
         view = opened.enter_context(SessionView())
         outcome = supervise(
-            config, math.inf if seconds is None else seconds, view.show, shown=view.is_read
+            config, math.inf if seconds is None else seconds, view.show, shown=output.is_read
         )
     if outcome.last.loop.cycles or outcome.last.elapsed_s:
         view.console.print(summary(outcome.last))

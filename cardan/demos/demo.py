@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
+from cardan.common import output
 from cardan.common.haptics import FeedbackLimits
 from cardan.common.tables import resolved
 from cardan.common.troubles import coded
@@ -299,7 +300,7 @@ def run_demo(
         ):
             if demo.invitation:
                 say(demo.invitation)
-            outcome = supervise(config, seconds, view.show, through=through, shown=view.is_read)
+            outcome = supervise(config, seconds, view.show, through=through, shown=output.is_read)
     if outcome.exit_code == EXIT_OK or outcome.last.loop.cycles:
         view.console.print(summary(outcome.last))
     if outcome.exit_code != EXIT_OK:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar, Literal
@@ -24,7 +23,7 @@ from cardan.errors import ConfigurationError
 from cardan.gateway.force.conditioning import Conditioning
 from cardan.gateway.force.fixtures import FixtureTable, matrix_of, outward_of_round, unit
 from cardan.gateway.force.sources import ContactTable
-from cardan.spatial import dot, from_euler_zyx, subtract
+from cardan.spatial import dot, from_rpy_deg, subtract
 from cardan.types import ZERO3, Vector3
 
 Near = Annotated[float, bounds.NEAR_M]
@@ -114,7 +113,7 @@ class BoxTable(StiffFixtureTable):
     inside: bool = False
 
     def made(self, tcp: Vector3 = ZERO3) -> Box:
-        rotation = matrix_of(from_euler_zyx(*map(math.radians, self.rpy_deg)))
+        rotation = matrix_of(from_rpy_deg(self.rpy_deg))
         center, sides = Vector3(*self.center_m), Vector3(*self.half_sides_m)
         return Box(center, sides, *self._material, self.inside, rotation)
 

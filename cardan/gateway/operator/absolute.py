@@ -6,14 +6,12 @@ there, at an approach speed until it has arrived; from then on it follows as in 
 
 from __future__ import annotations
 
-import math
-
 from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.mapping import MappingOptions, Orientation
-from cardan.gateway.operator.position import FOLLOW_TIME_S, HandMapping, closing_velocity
+from cardan.gateway.operator.position import FOLLOW_TIME_S, HandMapping
 from cardan.spatial import (
     add,
-    from_euler_zyx,
+    from_rpy_deg,
     multiply,
     norm,
     normalized,
@@ -39,8 +37,7 @@ class AbsoluteMapping(HandMapping):
         self._orientation = options.orientation or Orientation.FIXED
         self._origin = Vector3(*(options.origin_m or ZERO3))
         self._device_center = Vector3(*options.device_center_m)
-        roll, pitch, yaw = (math.radians(angle) for angle in options.hand_to_tool_rpy_deg)
-        self._tool_in_hand = from_euler_zyx(roll, pitch, yaw)
+        self._tool_in_hand = from_rpy_deg(options.hand_to_tool_rpy_deg)
         self.arrived = False
         """Whether the TCP has reached the device since the clutch press, or it was too far."""
         self.outside = False
@@ -80,11 +77,7 @@ class AbsoluteMapping(HandMapping):
         if not self.arrived:
             speed = min(speed, options.approach_speed_m_s)
             turning = min(turning, options.approach_speed_rad_s)
-        return Twist(
-            closing_velocity(way, speed, limits.linear_acceleration_m_s2, dt_s),
-            closing_velocity(turn, turning, limits.angular_acceleration_rad_s2, dt_s),
-            Frame.BASE,
-        )
+        return self._closing(way, turn, speed, turning, dt_s)
 
     def _wanted_orientation(self, hand: Pose, now: Quaternion) -> Quaternion:
         if self._orientation is Orientation.FIXED:

@@ -127,6 +127,7 @@ class OperatorInput:
         """The mapping of the device's pose; None in rate mode."""
         self._holds = bool(mapping.options.deadman_buttons or mapping.options.clutch)
         """Whether an operator without motion still claims the arm, by a button."""
+        self._deadman_words = " or ".join(map(repr, mapping.options.deadman_buttons))
         self._refusal = ""
         """Why re-arming was last refused."""
         self._device: DeviceState | None = None
@@ -233,7 +234,7 @@ class OperatorInput:
             return why + self.complaint
         if self._refusal:
             why = f"the clutch was not engaged: {self._refusal}; "
-        deadman = " or ".join(repr(button) for button in options.deadman_buttons)
+        deadman = self._deadman_words
         deflected = position is None and device.axes != NO_DEFLECTION
         if options.clutch:
             first = "let go of the device, then " if deflected else ""
@@ -255,8 +256,7 @@ class OperatorInput:
         if options.clutch:
             act = f"press {options.clutch!r}"
         elif options.deadman_buttons:
-            deadman = " or ".join(repr(button) for button in options.deadman_buttons)
-            act = f"let go of {deadman}, then press it"
+            act = f"let go of {self._deadman_words}, then press it"
         else:
             act = "move the device and let it go"
         reason = "" if self._device is None else _why_not_live(self._device)
@@ -281,7 +281,7 @@ class OperatorInput:
                 return f"the device is deflected but silent for {age_s:.2f} s"
         elif held:
             pose = device.pose
-            if pose is None or not is_pose(pose):
+            if not is_pose(pose):
                 return "the device gives no pose to follow"
             if position.leaps(pose, device.stamp_s):
                 return "the device's pose jumped: another hand, or the sensor lost it"
@@ -303,7 +303,7 @@ class OperatorInput:
         if view.behind:
             return view.behind
         if self._position is not None:
-            if device.pose is None or not is_pose(device.pose):
+            if not is_pose(device.pose):
                 return "the device gives no pose"
             age_s = view.robot.stamp_s - device.stamp_s
             if age_s > self._device_age_s:

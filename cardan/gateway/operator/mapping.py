@@ -10,7 +10,6 @@ buttons that toggle the clutch and recapture the references are those of the Pha
 from __future__ import annotations
 
 import enum
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -21,14 +20,13 @@ from cardan.common import bounds
 from cardan.common.bounds import Angle, Angles, Point
 from cardan.common.options import Options, require
 from cardan.errors import ConfigurationError
-from cardan.spatial import rotate
+from cardan.spatial import from_rpy_deg, rotate
 from cardan.types import (
     ZERO3,
     ButtonEvent,
     DeviceLink,
     DeviceState,
     Frame,
-    Quaternion,
     Twist,
     Vector3,
 )
@@ -78,7 +76,16 @@ TurningSpeed = Annotated[float, bounds.ANGULAR_SPEED_RAD_S]
 Factor = Annotated[float, bounds.MOTION_SCALE]
 NO_ANGLES = (0.0, 0.0, 0.0)
 
+Source = tuple[int, float]
+"""Index of the device's axis that drives a component of the motion, and the gain."""
+
 AXES_IN_WORDS = f"{', '.join(AXES)}, each also with a minus in front"
+
+
+def _source(axis: str, gain: float) -> Source:
+    if axis == "fixed":
+        return 0, 0.0
+    return AXES.index(axis.removeprefix("-")), -gain if axis.startswith("-") else gain
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,6 +178,11 @@ class MappingOptions(Options):
             return (self.deadman,) if self.deadman else ()
         return self.deadman
 
+    @cached_property
+    def sources(self) -> tuple[Source, ...]:
+        """What drives each of x y z rx ry rz, by `axes` and `scale`."""
+        return tuple(map(_source, self.axes, self.scale))
+
     def _rules(self) -> tuple[tuple[str, object, str], ...]:
         """Conditions by mode: a key, whether it is wrong, and why."""
         mode, only = f'mode = "{self.mode.value}"', 'only mode = "absolute" has one'
@@ -254,26 +266,13 @@ class TwistMapping:
         self.options = options
         self.gripper = gripper or GripperOptions()
         speeds = (options.linear_speed_m_s,) * 3 + (options.angular_speed_rad_s,) * 3
-        indices, gains = [], []
-        for axis, factor, speed in zip(options.axes, options.scale, speeds, strict=True):
-            if axis == "fixed":
-                indices.append(0)
-                gains.append(0.0)
-            else:
-                sign = -1.0 if axis.startswith("-") else 1.0
-                indices.append(AXES.index(axis.lstrip("-")))
-                gains.append(sign * factor * speed)
-        self._sources, self._gains = itemgetter(*indices), gains
-        half_yaw = 0.5 * math.radians(options.yaw_deg)
-        self._yaw = Quaternion(math.cos(half_yaw), 0.0, 0.0, math.sin(half_yaw))
+        self._sources = itemgetter(*(index for index, _ in options.sources))
+        self._gains = [gain * each for (_, gain), each in zip(options.sources, speeds, strict=True)]
+        self._yaw = from_rpy_deg((0.0, 0.0, options.yaw_deg))
         self._turned = options.yaw_deg != 0.0 and options.frame is not Frame.TOOL
         self._turned_angular = options.frame is Frame.BASE
         self._joints = [
-            (
-                AXES.index(axis.lstrip("-")),
-                joint,
-                -options.joint_speed_rad_s if axis.startswith("-") else options.joint_speed_rad_s,
-            )
+            (*_source(axis, options.joint_speed_rad_s), joint)
             for axis, joint in options.joints.items()
         ]
         self.drives_joints = bool(self._joints)
@@ -295,7 +294,7 @@ class TwistMapping:
 
     def joint_rates(self, axes: Sequence[float]) -> dict[str, float]:
         """The wanted speeds of joints by name, rad/s or m/s."""
-        return {joint: axes[index] * gain for index, joint, gain in self._joints}
+        return {joint: axes[index] * gain for index, gain, joint in self._joints}
 
     def passes_on(self, events: Iterable[ButtonEvent]) -> bool:
         """True when the operator passes the device on to the next session."""

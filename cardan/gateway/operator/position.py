@@ -15,16 +15,17 @@ import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import TypeGuard
 
 from cardan.common.braking import stopping_speed
 from cardan.common.haptics import Matrix3, WorldMap
 from cardan.gateway.motion.speed_limited_reference import Reference, ReferenceLimits
-from cardan.gateway.operator.mapping import AXES, MappingOptions, Orientation
+from cardan.gateway.operator.mapping import AXES, MappingOptions, Orientation, Source
 from cardan.spatial import (
     add,
     conjugate,
-    from_euler_zyx,
     from_rotation_vector,
+    from_rpy_deg,
     is_finite,
     limit_norm,
     multiply,
@@ -55,7 +56,7 @@ FARTHEST_M = 10.0
 """Largest plausible distance of a hand from its sensor."""
 
 
-def is_pose(pose: Pose | None) -> bool:
+def is_pose(pose: Pose | None) -> TypeGuard[Pose]:
     """Whether a device's pose is plausible: finite, near the device, a unit quaternion."""
     return (
         pose is not None
@@ -85,21 +86,6 @@ def resting_pose(reference: Reference) -> Pose:
     )
 
 
-Source = tuple[int, float]
-"""Index of the device's component that drives one of the TCP's, and the gain."""
-
-
-def _sources(options: MappingOptions) -> list[Source]:
-    sources = []
-    for axis, factor in zip(options.axes, options.scale, strict=True):
-        if axis == "fixed":
-            sources.append((0, 0.0))
-        else:
-            sign = -1.0 if axis.startswith("-") else 1.0
-            sources.append((AXES.index(axis.lstrip("-")), sign * factor))
-    return sources
-
-
 def _turning_sources(options: MappingOptions) -> list[Source] | None:
     """The rotation among `options.axes`: of gain 1 or -1, nothing fixed, nothing mirrored.
 
@@ -108,7 +94,7 @@ def _turning_sources(options: MappingOptions) -> list[Source] | None:
     """
     rows = [
         (index, math.copysign(1.0, gain)) if gain and index < 3 else None
-        for index, gain in _sources(options)[:3]
+        for index, gain in options.sources[:3]
     ]
     free = [row for row in range(3) if rows[row] is None]
     left = sorted(set(range(3)) - {source[0] for source in rows if source is not None})
@@ -142,7 +128,7 @@ def unfollowed(options: MappingOptions) -> tuple[str, ...]:
     """Those of x, y, z of the TCP that the device does not move, along the mapping's axes."""
     return tuple(
         axis
-        for axis, (index, gain) in zip(AXES, _sources(options)[:3], strict=False)
+        for axis, (index, gain) in zip(AXES, options.sources[:3], strict=False)
         if index > 2 or abs(gain) < LEAST_FOLLOWED
     )
 
@@ -153,13 +139,11 @@ class HandMapping(ABC):
     def __init__(self, options: MappingOptions, limits: ReferenceLimits) -> None:
         self.options = options
         self.limits = limits
-        self._sources = _sources(options)
+        self._sources = options.sources
         self._turning_sources = _turning_sources(options)
-        roll, pitch, yaw = (math.radians(angle) for angle in options.device_rpy_deg)
-        self._aligned = from_euler_zyx(roll, pitch, yaw)
+        self._aligned = from_rpy_deg(options.device_rpy_deg)
         """Turns device axes into those of the mapping's frame."""
-        half_yaw = 0.5 * math.radians(options.yaw_deg)
-        self._yaw = Quaternion(math.cos(half_yaw), 0.0, 0.0, math.sin(half_yaw))
+        self._yaw = from_rpy_deg((0.0, 0.0, options.yaw_deg))
         self._linear_axes = self._angular_axes = IDENTITY
         """Turn the mapping's frame into the base, as it was when the clutch was pressed."""
         self._orientation = options.orientation
@@ -204,6 +188,17 @@ class HandMapping(ABC):
         return way_m > HAND_NOISE_M + HAND_SPEED_M_S * time_s or (
             self._orientation is not Orientation.FIXED
             and turn_rad > HAND_NOISE_RAD + HAND_SPEED_RAD_S * time_s
+        )
+
+    def _closing(
+        self, way: Vector3, turn: Vector3, speed_m_s: float, speed_rad_s: float, dt_s: float
+    ) -> Twist:
+        """The twist that closes `way` and `turn`, at most at these speeds."""
+        limits = self.limits
+        return Twist(
+            _closing_velocity(way, speed_m_s, limits.linear_acceleration_m_s2, dt_s),
+            _closing_velocity(turn, speed_rad_s, limits.angular_acceleration_rad_s2, dt_s),
+            Frame.BASE,
         )
 
     @abstractmethod
@@ -298,11 +293,6 @@ class PositionMapping(HandMapping):
         """Whether the clutch slips, for the operator."""
         return "the device is too far ahead of the TCP: the clutch slips" if self.slips else ""
 
-    def engage(self, hand: Pose, stamp_s: float, tcp: Pose) -> None:
-        """From here on `hand` (device axes) corresponds to `tcp` (base axes)."""
-        super().engage(hand, stamp_s, tcp)
-        self.slips = False
-
     def release(self) -> None:
         """The clutch was released."""
         super().release()
@@ -329,13 +319,7 @@ class PositionMapping(HandMapping):
             Frame.BASE,
         )
         limits = self.limits
-        return Twist(
-            closing_velocity(way, limits.linear_speed_m_s, limits.linear_acceleration_m_s2, dt_s),
-            closing_velocity(
-                turn, limits.angular_speed_rad_s, limits.angular_acceleration_rad_s2, dt_s
-            ),
-            Frame.BASE,
-        )
+        return self._closing(way, turn, limits.linear_speed_m_s, limits.angular_speed_rad_s, dt_s)
 
     def _map_offset(self) -> Vector3:
         assert self._hand is not None
@@ -343,7 +327,7 @@ class PositionMapping(HandMapping):
         return subtract(self._target.position, self._mapped(self._hand.position))
 
 
-def closing_velocity(way: Vector3, speed: float, acceleration: float, dt_s: float) -> Vector3:
+def _closing_velocity(way: Vector3, speed: float, acceleration: float, dt_s: float) -> Vector3:
     """The velocity that closes `way` soon, and from which it can still stop at its end."""
     distance = norm(way)
     if distance < 1e-9:

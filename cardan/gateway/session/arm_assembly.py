@@ -11,10 +11,9 @@ from cardan.common.options import suggestion
 from cardan.drivers.base import RobotDriver
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.operator.mapping import AXES
 from cardan.gateway.servo.kernel_layout import MAX_PAIRS, MAX_SHAPES
 from cardan.gateway.servo.options import ServoOptions
-from cardan.gateway.session.config import ArmTable, NeighborTable, ObstacleTable, SessionConfig
+from cardan.gateway.session.config import NeighborTable, ObstacleTable, SessionConfig
 from cardan.robots import ArmModel, load_arm
 from cardan.robots.urdf import ARM_BASE, read_tree
 from cardan.spatial import compose, inverse, norm, scale, to_rotation_vector
@@ -117,7 +116,13 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> JointSpaceArm | None:
         )
     _check_joints(config, kinematics.names)
     _take_limits(kinematics, able)
-    servo = choose_servo(kinematics, collision, _servo_options(table), weights)
+    options = ServoOptions(
+        policy=table.policy,
+        speed_share=table.speed_share,
+        acceleration_share=table.acceleration_share,
+        safety_distance_m=table.safety_distance_m,
+    )
+    servo = choose_servo(kinematics, collision, options, weights)
     servo.posture = posture
     commanded = JointSpaceArm(
         servo,
@@ -334,15 +339,6 @@ def _check_count(collision: CollisionModel, neighbors: bool) -> None:
             )
 
 
-def _servo_options(table: ArmTable) -> ServoOptions:
-    return ServoOptions(
-        policy=table.policy,
-        speed_share=table.speed_share,
-        acceleration_share=table.acceleration_share,
-        safety_distance_m=table.safety_distance_m,
-    )
-
-
 def _check_joints(config: SessionConfig, names: tuple[str, ...]) -> None:
     mapping = config.mapping
     for axis, joint in mapping.joints.items():
@@ -352,11 +348,11 @@ def _check_joints(config: SessionConfig, names: tuple[str, ...]) -> None:
                 f"there is no joint {joint!r}; allowed: {', '.join(names)}"
                 + suggestion(joint, names),
             )
-        index = AXES.index(axis.removeprefix("-"))
-        if any(source.removeprefix("-") == AXES[index] for source in mapping.axes):
+        name = axis.removeprefix("-")
+        if {name, f"-{name}"} & {*mapping.axes}:
             raise ConfigurationError(
                 f"mapping.joints.{axis}",
-                f"the axis drives {AXES[index]} as well: name it in mapping.axes no more, "
+                f"the axis drives {name} as well: name it in mapping.axes no more, "
                 'with "fixed" in its place',
             )
 

@@ -27,7 +27,6 @@ from cardan.gateway.operator.mapping import GripperOptions, MappingOptions, Mode
 from cardan.gateway.session.arm_assembly import (
     has_rigid_arm,
     make_arm,
-    make_neighbor_bodies,
     make_obstacle,
     own_model,
     why_no_verbs,
@@ -54,16 +53,8 @@ positions are known exactly, and a home position may have them near."""
 def check_buttons(config: SessionConfig, device: OperatorDevice) -> None:
     """Raise ConfigurationError for buttons that a device, as far as it knows its own, has not."""
     known, further = device.capabilities.buttons, device.capabilities.further_buttons
-    mapping = config.mapping
-    for key, button in (
-        *(("mapping.deadman", button) for button in mapping.deadman_buttons),
-        ("mapping.clutch", mapping.clutch),
-        ("mapping.recapture", mapping.recapture),
-        ("mapping.enable", mapping.enable),
-        ("mapping.pass_on", mapping.pass_on),
-        *((f"gripper.{each.value}", name) for name, each in config.gripper.buttons.items()),
-    ):
-        if button and known and button not in (*known, *further):
+    for key, button in config.buttons():
+        if known and button not in (*known, *further):
             raise ConfigurationError(
                 key,
                 f"the device has no button {button!r}; it has: {', '.join(known)}"
@@ -212,8 +203,7 @@ def make_network(
             joints, description = model.joint_names, model.urdf
     names = ArmNames(joints, options.base_frame, options.flange_frame, options.tcp_frame)
     tables = as_table(config, from_file=False)
-    around = scene_of(config, has_rigid_arm(config), make_neighbor_bodies(config))
-    return SessionNetwork(options, names, description, tool, offer, full, tables, around)
+    return SessionNetwork(options, names, description, tool, offer, full, tables, scene_of(config))
 
 
 def has_output(table: GripperOptions, robot: RobotCapabilities) -> bool:
@@ -248,10 +238,8 @@ def servo_in_words(config: SessionConfig) -> str:
 
 def _check_speeds(limits: LimitsTable, robot: RobotCapabilities) -> None:
     """A reference that is faster than its robot runs into the maximum lead; better to say so."""
-    for name, asked, most in (
-        ("linear_speed_m_s", limits.linear_speed_m_s, robot.linear_speed_m_s),
-        ("angular_speed_rad_s", limits.angular_speed_rad_s, robot.angular_speed_rad_s),
-    ):
+    for name in ("linear_speed_m_s", "angular_speed_rad_s"):
+        asked, most = getattr(limits, name), getattr(robot, name)
         if most is not None and asked > most:
             raise ConfigurationError(
                 f"limits.{name}",

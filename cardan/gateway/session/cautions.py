@@ -18,7 +18,7 @@ from cardan.gateway.session.driver_assembly import make_driver
 from cardan.robots import ArmModel, load_arm
 
 if TYPE_CHECKING:
-    from cardan.gateway.kinematics.collision import Obstacle
+    from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
 
 
 def cautions(config: SessionConfig) -> list[str]:
@@ -66,7 +66,6 @@ def arm_cautions(
 
 def _touching(model: ArmModel, obstacles: Sequence[Obstacle]) -> list[str]:
     """Pairs of bodies that are left out, and those that overlap at home."""
-    from cardan.common.arm_libraries import np
     from cardan.gateway.kinematics.arm import ArmKinematics
     from cardan.gateway.kinematics.collision import CollisionModel
 
@@ -75,18 +74,12 @@ def _touching(model: ArmModel, obstacles: Sequence[Obstacle]) -> list[str]:
         named = ", ".join(" and ".join(pair) for pair in pairs)
         found.append(f"touch in every posture, and are not kept apart: {named}")
     bodies = CollisionModel(ArmKinematics(model), obstacles)
-    overlaps: dict[tuple[str, str], tuple[float, bool]] = {}
-    for names, distance, outside in zip(
-        bodies.pairs, bodies.at(np.array(model.home)), bodies.with_obstacle, strict=True
-    ):
-        if distance < min(0.0, overlaps.get(names, (0.0, False))[0]):
-            overlaps[names] = distance, bool(outside)
-    for (first, second), (distance, outside) in overlaps.items():
+    for (first, second), (distance, index) in _overlaps(bodies, model).items():
         remedy = (
             f'ignore = [["{first}", "{second}"]] in [collision] of the arm\'s .toml if they do so '
             "in every posture"
         )
-        if outside:
+        if bodies.with_obstacle[index]:
             remedy = "move the obstacle"
         found.append(
             f"at home {first} and {second} overlap by {distance * -1e3:.1f} mm, which ends "
@@ -95,11 +88,22 @@ def _touching(model: ArmModel, obstacles: Sequence[Obstacle]) -> list[str]:
     return found
 
 
+def _overlaps(bodies: CollisionModel, model: ArmModel) -> dict[tuple[str, str], tuple[float, int]]:
+    """By the names of two bodies that overlap at home their distance, m, and the pair's index."""
+    from cardan.common.arm_libraries import np
+
+    found: dict[tuple[str, str], tuple[float, int]] = {}
+    distances = bodies.at(np.array(model.home))
+    for index, (names, distance) in enumerate(zip(bodies.pairs, distances, strict=True)):
+        if distance < min(0.0, found.get(names, (0.0, 0))[0]):
+            found[names] = distance, index
+    return found
+
+
 def _touching_neighbors(config: SessionConfig, model: ArmModel) -> list[str]:
     """Bodies of neighbors that overlap with the arm's where both arms are at home."""
     if not config.neighbors:
         return []
-    from cardan.common.arm_libraries import np
     from cardan.gateway.kinematics.arm import ArmKinematics
 
     neighbors = make_neighbor_bodies(config)
@@ -107,17 +111,12 @@ def _touching_neighbors(config: SessionConfig, model: ArmModel) -> list[str]:
     for each in neighbors:
         bodies.move(first, each.frames(each.model.home), [0.0] * len(each.shapes))
         first += len(each.shapes)
-    least: dict[tuple[str, str], float] = {}
-    for names, (one, _), distance in zip(
-        bodies.pairs, bodies.pair_solids, bodies.at(np.array(model.home)), strict=True
-    ):
-        if one >= bodies.first_mover and distance < min(0.0, least.get(names, 0.0)):
-            least[names] = distance
     return [
         f"neighbors: at home {theirs} and {own} overlap by {distance * -1e3:.1f} mm, which ends "
         "motions there: check base_xyz_m, or name the two in `ignore` if they do so in every "
         "posture"
-        for (theirs, own), distance in least.items()
+        for (theirs, own), (distance, index) in _overlaps(bodies, model).items()
+        if bodies.pair_solids[index][0] >= bodies.first_mover
     ]
 
 

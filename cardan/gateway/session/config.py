@@ -6,7 +6,6 @@ error names the key, the fault of the value, and the allowed values.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,11 +13,11 @@ from typing import Annotated, Any, ClassVar, TypeVar
 
 from cardan.common import bounds
 from cardan.common.bounds import Angles, Coordinate, Direction
-from cardan.common.options import Options
+from cardan.common.options import Options, require_each
 from cardan.common.places import in_file
 from cardan.common.tables import keys_of, read_table, read_toml, resolved
 from cardan.drivers.registry import DriverTable
-from cardan.errors import ConfigurationError, OptionError
+from cardan.errors import ConfigurationError
 from cardan.gateway.arm.arrival import ArrivalOptions
 from cardan.gateway.arm.authority import AuthorityOptions
 from cardan.gateway.arm.supervision import Watchdogs
@@ -37,7 +36,7 @@ from cardan.gateway.operator.filters.registry import FilterTable
 from cardan.gateway.operator.mapping import GripperAction, GripperOptions, MappingOptions, Mode
 from cardan.gateway.servo.options import Policy, ServoOptions
 from cardan.robots import SolidTable
-from cardan.spatial import from_euler_zyx
+from cardan.spatial import from_rpy_deg
 from cardan.types import Pose, Vector3
 
 Part = TypeVar("Part")
@@ -85,8 +84,7 @@ class ArmTable(ArrivalOptions):
 
     def tool(self) -> Pose:
         """The TCP in the model's own."""
-        x, y, z = (math.radians(angle) for angle in self.tool_rpy_deg)
-        return Pose(Vector3(*self.tool_xyz_m), from_euler_zyx(x, y, z))
+        return Pose(Vector3(*self.tool_xyz_m), from_rpy_deg(self.tool_rpy_deg))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,21 +119,22 @@ class NeighborTable(Options):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.name:
-            raise OptionError("name", self.name, 'a name for messages: "right"')
-        if not is_topic(self.topic):
-            raise OptionError("topic", self.topic, 'the name of a topic: "/right/joint_states"')
-        if any(self.base_rpy_deg) and self.base_xyz_m is None:
-            raise OptionError(
-                "base_rpy_deg", self.base_rpy_deg, "given with base_xyz_m, where the base is"
-            )
+        require_each(
+            self,
+            ("name", self.name, 'a name for messages: "right"'),
+            ("topic", is_topic(self.topic), 'the name of a topic: "/right/joint_states"'),
+            (
+                "base_rpy_deg",
+                self.base_xyz_m is not None or not any(self.base_rpy_deg),
+                "given with base_xyz_m, where the base is",
+            ),
+        )
 
     def base(self) -> Pose | None:
         """Of the neighbor in this arm's base; None: by the robot's description."""
         if self.base_xyz_m is None:
             return None
-        x, y, z = (math.radians(angle) for angle in self.base_rpy_deg)
-        return Pose(Vector3(*self.base_xyz_m), from_euler_zyx(x, y, z))
+        return Pose(Vector3(*self.base_xyz_m), from_rpy_deg(self.base_rpy_deg))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,18 +215,13 @@ class SessionConfig(Options):
             raise ConfigurationError(
                 "mapping.joints", "only a session with an [arm] commands joints"
             )
-        if self.obstacles and (self.arm is None or not self.arm.collisions):
-            raise ConfigurationError(
-                "obstacles",
-                "only an arm's model keeps away from them: add [arm] with its model, and leave "
-                "arm.collisions on",
-            )
-        if self.neighbors and (self.arm is None or not self.arm.collisions):
-            raise ConfigurationError(
-                "neighbors",
-                "only an arm's model keeps away from them: add [arm] with its model, and leave "
-                "arm.collisions on",
-            )
+        for around in ("obstacles", "neighbors"):
+            if getattr(self, around) and (self.arm is None or not self.arm.collisions):
+                raise ConfigurationError(
+                    around,
+                    "only an arm's model keeps away from them: add [arm] with its model, and leave "
+                    "arm.collisions on",
+                )
         names = [each.name for each in self.neighbors]
         if len(set(names)) < len(names):
             raise ConfigurationError("neighbors", "two have one name: name each differently")
@@ -243,32 +237,32 @@ class SessionConfig(Options):
         """Whether the hand is to feel anything."""
         return bool(self.fixtures) or not isinstance(self.force, NoForceTable)
 
-    def _check_buttons(self) -> None:
-        """Refuse buttons with two meanings."""
+    def buttons(self) -> list[tuple[str, str]]:
+        """The buttons of the operator device that have a meaning, after their keys."""
         mapping = self.mapping
-        buttons = [("mapping.deadman", button) for button in mapping.deadman_buttons]
-        buttons += [
+        found = [("mapping.deadman", button) for button in mapping.deadman_buttons]
+        found += [
             (f"mapping.{key}", getattr(mapping, key))
             for key in ("clutch", "recapture", "enable", "pass_on")
         ]
-        buttons += [(f"gripper.{a.value}", getattr(self.gripper, a.value)) for a in GripperAction]
+        found += [(f"gripper.{a.value}", getattr(self.gripper, a.value)) for a in GripperAction]
+        return [(key, button) for key, button in found if button]
+
+    def _check_buttons(self) -> None:
+        """Refuse buttons with two meanings."""
+        buttons = self.buttons()
         for key, button in buttons:
             for other, same in buttons:
-                if button and button == same and key < other:
+                if button == same and key < other:
                     raise ConfigurationError(key, f"{button!r} is the button of {other}, too")
 
     def _check_limits(self) -> None:
         limits, watchdogs = self.limits, self.watchdogs
         accepted = limits.i_accept_long_stops
         longest_s = LONGEST_ACCEPTED_STOP_S if accepted else LONGEST_STOP_S
-        for key, speed, acceleration in (
-            ("linear_acceleration_m_s2", limits.linear_speed_m_s, limits.linear_acceleration_m_s2),
-            (
-                "angular_acceleration_rad_s2",
-                limits.angular_speed_rad_s,
-                limits.angular_acceleration_rad_s2,
-            ),
-        ):
+        for kind, unit in (("linear", "m"), ("angular", "rad")):
+            key = f"{kind}_acceleration_{unit}_s2"
+            speed, acceleration = getattr(limits, f"{kind}_speed_{unit}_s"), getattr(limits, key)
             # Rounding of a stop of exactly the longest time is no reason to refuse it.
             if speed > acceleration * longest_s * (1.0 + 1e-9):
                 consent = (
@@ -283,7 +277,6 @@ class SessionConfig(Options):
                     f"it must not take more than {longest_s:g} s: raise the acceleration or lower "
                     f"the speed; {consent}",
                 )
-        for unit in ("m", "rad"):
             lead = getattr(limits, f"max_lead_{unit}")
             error_limit = getattr(watchdogs, f"following_error_{unit}")
             if lead > error_limit:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from cardan.common.options import suggestion
 from cardan.common.plugins import not_installed, reason
@@ -13,9 +13,6 @@ from cardan.drivers import registry
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
 from cardan.errors import ConfigurationError, below
 from cardan.types import DeviceCapabilities, DeviceState, RobotCapabilities
-
-if TYPE_CHECKING:
-    pass
 
 
 def make_driver(table: registry.DriverTable, key: str) -> Driver:

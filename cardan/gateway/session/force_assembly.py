@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cardan.common.places import in_file
 from cardan.drivers.base import OperatorDevice, RobotDriver
@@ -31,9 +30,6 @@ from cardan.gateway.force.tables import (
 from cardan.gateway.operator.position import mirrors, unfollowed
 from cardan.gateway.session.config import ForceConfig, HapticConfig, SessionConfig, read_part
 from cardan.gateway.session.driver_assembly import make_device, make_driver
-
-if TYPE_CHECKING:
-    pass
 
 SHAPED_FORCES = (RemoteForceTable, NetworkForceTable)
 """Sources whose forces are scaled for the hand already."""
@@ -82,7 +78,7 @@ def make_force(
                 "[[fixtures]] out, or choose a haptic device",
             )
         return None
-    check_forces(config, device)
+    _check_forces(config)
     table = config.force
     source = make_source(table)
     measured = None
@@ -104,17 +100,17 @@ def make_force(
     )
 
 
-def check_forces(config: SessionConfig, device: OperatorDevice) -> None:
+def _check_forces(config: SessionConfig) -> None:
     """Raise ConfigurationError where forces could not be mapped back to the hand."""
-    if not isinstance(device, HapticDevice):
+    if not config.gives_force:
         return
-    if config.gives_force and mirrors(config.mapping):
+    if mirrors(config.mapping):
         raise ConfigurationError(
             "mapping.axes",
             "these axes and signs are not a rotation (a mirror, or one axis twice): a force "
             "cannot be mapped back through them",
         )
-    if config.gives_force and (still := unfollowed(config.mapping)):
+    if still := unfollowed(config.mapping):
         raise ConfigurationError(
             "mapping.scale" if "fixed" not in config.mapping.axes[:3] else "mapping.axes",
             f"the TCP's {' and '.join(still)} does not follow the hand: a force along it "
@@ -130,8 +126,7 @@ def _force_warnings(
     if not config.gives_force:
         return ()
     mapping, table, period_s = config.mapping, config.force, robot.capabilities.period_s
-    factors = zip(mapping.axes[:3], mapping.scale[:3], strict=True)
-    motion_scale = max(0.0 if axis == "fixed" else abs(factor) for axis, factor in factors)
+    motion_scale = max(abs(gain) for _, gain in mapping.sources[:3])
     words = []
     hold_s = getattr(device.options, "hold_s", math.inf)
     if 2.0 * period_s > hold_s:

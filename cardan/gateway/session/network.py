@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
 import time
@@ -108,22 +109,14 @@ class SessionNetwork:
         self._full = full
         self.options = options
         self._tables = tables
-        self._names, self._description, self._tool, self._offer = (
-            names,
-            robot_description,
-            tool,
-            offer,
-        )
+        self._names, self._description, self._tool = names, robot_description, tool
+        self._offer = offer
         namespace = f"/{options.namespace}"
         self._node = BusNode(options, options.name, namespace)
-        self._topics: ArmTopics | None = None
+        self._opened = contextlib.ExitStack()
         self._server: ArmServer | None = None
-        self._record_topics: RecordTopics | None = None
         self._device: DeviceTopics | None = None
         self._haptic: HapticServer | None = None
-        self._names_topics: NamesTopics | None = None
-        self._twins: Twins | None = None
-        self._haptic_twins: Twins | None = None
         self._twins_due_s = -math.inf
         self._twin: tuple[str, ...] = ()
         """Messages about other nodes of the same names."""
@@ -167,6 +160,7 @@ class SessionNetwork:
             same=same_topics(others),
         )
         self._record_topics = RecordTopics(self._node, self._tables, controller, robot, device)
+        self._opened.callback(self._record_topics.close)
         if options.commands:
             follow = follow_joint_trajectory(
                 options.trajectory_controller,
@@ -195,11 +189,7 @@ class SessionNetwork:
 
     def close(self) -> None:
         """Leave the bus. Never raises; twice is fine."""
-        if self._record_topics is not None:
-            self._record_topics.close()
-        self._server = self._topics = self._record_topics = None
-        self._device = self._names_topics = self._haptic = self._twins = None
-        self._haptic_twins = None
+        self._opened.close()
         self._node.close()
 
     def _haptic_server(self, device: HapticDevice, force: ForceSource | None) -> HapticServer:
@@ -215,24 +205,23 @@ class SessionNetwork:
 
     def poll(self, now_s: float) -> None:
         """Pass on the commands that have arrived."""
-        if self._twins is not None and now_s >= self._twins_due_s:
+        if now_s >= self._twins_due_s:
             self._twins_due_s = now_s + TWINS_PERIOD_S
-            self._look_for_twins(self._twins)
+            self._look_for_twins()
         if self._server is not None:
             self._server.poll(now_s)
         if self._haptic is not None:
             self._haptic.poll(now_s)
 
-    def _look_for_twins(self, twins: Twins) -> None:
-        said, listens = twins.state()
+    def _look_for_twins(self) -> None:
+        said, listens = self._twins.state()
         if self._server is not None:
             self._server.inhibited = "" if listens else said
         words = [said]
-        if self._haptic_twins is not None:
+        if self._haptic is not None:
             said, listens = self._haptic_twins.state()
+            self._haptic.inhibited = "" if listens else said
             words.append(said)
-            if self._haptic is not None:
-                self._haptic.inhibited = "" if listens else said
         twin = tuple(filter(None, words))
         if twin != self._twin:
             self._twin = twin
@@ -240,16 +229,13 @@ class SessionNetwork:
 
     def publish_cycle(self, cycle: Cycle, now_s: float) -> None:
         """Publish a cycle for recorders."""
-        if self._record_topics is not None:
-            self._record_topics.cycle(cycle, now_s)
+        self._record_topics.cycle(cycle, now_s)
 
     def diagnosis(self) -> tuple[str, ...]:
         """Faults and warnings."""
         said = list(self._twin)
-        if self._record_topics is not None and self._record_topics.dropped:
-            said.append(
-                f"{self._record_topics.dropped} raw packets were not published: too many at once"
-            )
+        if dropped := self._record_topics.dropped:
+            said.append(f"{dropped} raw packets were not published: too many at once")
         return tuple(said)
 
     def show_device(self, device: DeviceState, now_s: float) -> None:
@@ -263,7 +249,7 @@ class SessionNetwork:
 
     def due(self, now_s: float) -> bool:
         """Whether it is time to publish the state."""
-        return self._topics is not None and self._topics.due(now_s)
+        return self._topics.due(now_s)
 
     def publish(
         self,
@@ -275,8 +261,6 @@ class SessionNetwork:
         now_ns: int,
     ) -> None:
         """Publish the state of one instant; `pose`: the measured TCP."""
-        if self._topics is None or self._names_topics is None:
-            return
         flags: dict[str, Any] = {"ready": state.ready, "moving": status.phase is Phase.MOVING}
         if verbs is not None:
             flags |= {"state": int(verbs.state), "stream": int(verbs.streams.kind)}
@@ -293,8 +277,6 @@ class SessionNetwork:
 
     def tell(self, snapshot: Snapshot, now_s: float, now_ns: int) -> None:
         """Publish a snapshot, the diagnostics of each part, and new messages."""
-        if self._topics is None:
-            return
         self._topics.put_snapshot(snapshot.to_bytes().decode(), now_ns)
         parts = _parts(snapshot)
         if self._server is not None:

@@ -11,18 +11,23 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from cardan.gateway.servo.options import ServoOptions
-from cardan.gateway.session.config import ObstacleTable, SessionConfig
-from cardan.robots import ArmModel, BodyShape, Capsule, JointKind, OrientedBox, Shape, load_arm
-from cardan.spatial import norm, scale
-from cardan.types import Pose, Vector3
+from cardan.gateway.session.arm_assembly import (
+    has_rigid_arm,
+    make_neighbor_bodies,
+    make_obstacle,
+    own_model,
+    own_topic,
+)
+from cardan.gateway.session.config import SessionConfig
+from cardan.robots import ArmModel, BodyShape, Capsule, JointKind, OrientedBox, Shape
+from cardan.types import Pose
 
 if TYPE_CHECKING:
-    from cardan.gateway.arm.neighbors import NeighborBodies
+    from cardan.gateway.kinematics.collision import HalfSpace
 
 
-def scene_of(config: SessionConfig, rigid: bool, neighbors: Sequence[NeighborBodies] = ()) -> str:
-    """Return the scene of a session's arm, as JSON; `rigid`: whether its links are;
-    `neighbors`: those of `config`.
+def scene_of(config: SessionConfig) -> str:
+    """Return the scene of a session's arm, as JSON.
 
     ``workspace_m``: for x, y and z the range that the TCP keeps to, or null. ``reach_m``: those
     that it has within the joints' limits, null where no arm is known. ``obstacles``: each
@@ -38,22 +43,20 @@ def scene_of(config: SessionConfig, rigid: bool, neighbors: Sequence[NeighborBod
     ``visuals_left_out``: those that it has not, in words. ``home``: joints to begin from, null
     where none are known.
     """
-    table = config.arm
-    avoids = table is not None and table.collisions and rigid
+    table = config.arm if has_rigid_arm(config) else None
+    avoids = table is not None and table.collisions
+    neighbors = make_neighbor_bodies(config)
     shapes: list[dict[str, Any]] = []
     home = reach_m = None
     bare = left_out = ""
     visuals: dict[str, str] = {}
-    if table is not None and rigid:
+    if table is not None:
         # Sessions without an arm's model run without its libraries.
         from cardan.gateway.kinematics.arm import ArmKinematics
         from cardan.gateway.kinematics.reach import tcp_range_m
         from cardan.robots.visuals import keep_visuals
 
-        model = load_arm(table.model)
-        for named, each in zip(config.neighbors, neighbors, strict=True):
-            if named.base_xyz_m is None:
-                model = model.without(each.model)
+        model = own_model(config)
         shapes = _shapes(model, model.shapes)
         home, bare = list(model.home), model.links_without_body()
         kept = keep_visuals(table.model)
@@ -63,12 +66,15 @@ def scene_of(config: SessionConfig, rigid: bool, neighbors: Sequence[NeighborBod
         {
             "workspace_m": [each and list(each) for each in config.limits.workspace_m],
             "reach_m": reach_m,
-            "obstacles": [{"name": each.name, **_obstacle(each)} for each in config.obstacles],
+            "obstacles": [
+                {"name": each.name, **_shape(make_obstacle(each).shape)}
+                for each in config.obstacles
+            ],
             "shapes": shapes,
             "neighbors": [
                 {
                     "name": each.name,
-                    "topic": "" if config.network is None else config.network.absolute(named.topic),
+                    "topic": own_topic(config, named.topic),
                     "max_age_s": named.max_age_s,
                     "base": _pose(each.base),
                     "joints": [
@@ -94,23 +100,14 @@ def scene_of(config: SessionConfig, rigid: bool, neighbors: Sequence[NeighborBod
     )
 
 
-def _obstacle(table: ObstacleTable) -> dict[str, Any]:
-    if (solid := table.shape()) is not None:
-        return _solid(solid)
-    assert table.plane is not None
-    normal = Vector3(*table.plane[0])
-    unit = scale(normal, 1.0 / norm(normal))
-    return {"plane": {"normal": list(unit), "offset_m": table.plane[1]}}
-
-
 def _shapes(model: ArmModel, shapes: Sequence[BodyShape]) -> list[dict[str, Any]]:
     joints = ("", *model.joint_names)
     return [
-        {"name": each.name, "joint": joints[each.body], **_solid(each.shape)} for each in shapes
+        {"name": each.name, "joint": joints[each.body], **_shape(each.shape)} for each in shapes
     ]
 
 
-def _solid(shape: Shape) -> dict[str, Any]:
+def _shape(shape: Shape | HalfSpace) -> dict[str, Any]:
     if isinstance(shape, Capsule):
         return {
             "capsule": {
@@ -119,8 +116,9 @@ def _solid(shape: Shape) -> dict[str, Any]:
                 "radius_m": shape.radius_m,
             }
         }
-    assert isinstance(shape, OrientedBox)
-    return {"box": {**_pose(shape.pose), "size_m": list(shape.size_m)}}
+    if isinstance(shape, OrientedBox):
+        return {"box": {**_pose(shape.pose), "size_m": list(shape.size_m)}}
+    return {"plane": {"normal": list(shape.normal), "offset_m": shape.offset_m}}
 
 
 def _pose(pose: Pose) -> dict[str, Any]:

@@ -84,7 +84,7 @@ class Session:
         self.snapshot = Snapshot()
         self._config, self._link = config, LoopLink()
         self._stop_reason = self._inhibited = ""
-        self._worker = worker = RequestWorker(
+        worker = RequestWorker(
             self._link,
             lambda: make_verbs(config, robot, controller, gripper.act),
             controller.stop,

@@ -7,12 +7,16 @@ The session publishes decimated snapshots, the latest wins, and it never waits f
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, is_dataclass, replace
 from typing import Any, TypeVar
 
 from cardan.common.text_sanitizer import printable
 from cardan.gateway.force.snapshot import ContactSnapshot, ForceSnapshot
+
+FIGURES = re.compile(r"[0-9.,]+")
+"""Parts of a message that change all the time without being news."""
 
 _T = TypeVar("_T")
 

@@ -275,7 +275,7 @@ class RequestWorker:
             self._reply(job, None)
         elif verb == "wait":
             self._wait(job)
-        elif verb in QUICK and self._verb_server is not None and not self._waits_to_begin(job):
+        elif verb in QUICK and (verbs := self.verbs) and not self._waits_to_begin(job, verbs):
             self._perform(job)
         elif not self._pending.acquire(blocking=False):
             self._refuse(job, f"{MAX_PENDING} requests are waiting already")
@@ -286,15 +286,16 @@ class RequestWorker:
                     self._beginning.append((job.client, job.request.source))
             self._jobs.put(job)
 
-    def _waits_to_begin(self, job: _Job) -> bool:
-        """Whether a streamed command may choose its preset, or comes after one of its sender that
-        waits to."""
-        assert self._verb_server is not None
-        sender = (job.client, job.request.source)
+    def _waits_to_begin(self, job: _Job, verbs: ArmVerbs) -> bool:
+        """Whether a streamed command may choose its preset, which takes as long as planning, or
+        comes after one of its sender that waits to."""
+        request, begins = job.request, job.request.begins
         with self._ordering:
-            if job.request.verb in _BEGINNING and sender in self._beginning:
+            if request.verb in _BEGINNING and (job.client, request.source) in self._beginning:
                 return True
-        return _begins(job.request, self._verb_server)
+        if begins is Begins.NEW or (begins and verbs.goes_on(begins, request.source)):
+            return verbs.may_choose(request.verb, begins, request.source)
+        return False
 
     def _wait(self, job: _Job) -> None:
         if not self._waits.acquire(blocking=False):
@@ -413,14 +414,6 @@ def _late(late_s: float) -> str:
     if late_s == math.inf:
         return "it came before the session had begun"
     return f"the session stood still for {late_s:.1f} s when it came"
-
-
-def _begins(request: Request, verb_server: VerbServer) -> bool:
-    """Whether a streamed command may choose its preset, which takes as long as planning."""
-    verbs, begins = verb_server.verbs, request.begins
-    if begins is Begins.NEW or (begins and verbs.goes_on(begins, request.source)):
-        return verbs.may_choose(request.verb, begins, request.source)
-    return False
 
 
 def _note(number: int, motion: Motion) -> MotionNote:

@@ -7,7 +7,6 @@ import json
 import logging
 import math
 import os
-import re
 import selectors
 import signal
 import socket
@@ -25,13 +24,12 @@ from cardan.common.signals import ENDING_SIGNALS, on_ending, signal_name
 from cardan.common.tables import as_table
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.session import BRAKE_TIMEOUT_S, EXIT_INTERNAL
-from cardan.gateway.session.snapshot import MAX_SNAPSHOT_BYTES, Snapshot
+from cardan.gateway.session.snapshot import FIGURES, MAX_SNAPSHOT_BYTES, Snapshot
 from cardan.gateway.session.supervisor_heartbeat import BEAT, BEAT_PERIOD_S
 from cardan.types import NEVER_S
 
 KILL_AFTER_S = BRAKE_TIMEOUT_S + 3.0
 """How long after it was asked to end a session is killed."""
-
 
 LAST_OUTPUT_S = 0.5
 """Longest wait for the last lines of an ended session on standard error."""
@@ -39,8 +37,6 @@ LAST_OUTPUT_S = 0.5
 _BEFORE_IT_BEGAN = {code for each in ENDING_SIGNALS for code in (-each, 128 + each)}
 """Exit codes of a session, or of a command around it, that an ending signal has ended: it handles
 them before it opens anything."""
-
-_FIGURES = re.compile(r"[0-9.,]+")
 
 _log = logging.getLogger(__name__)
 
@@ -290,8 +286,7 @@ class _Logged:
             ("authority", snapshot.arm.authority),
             ("message", snapshot.arm.message),
         ):
-            # Figures in a message change all the time.
-            words = _FIGURES.sub("", now).strip()
+            words = FIGURES.sub("", now).strip()
             if words != self._said.get(what, ""):
                 self._said[what] = words
                 _log.info("%s: %s", what, now or "none")

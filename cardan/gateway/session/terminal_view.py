@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 
 from rich.console import Console, Group, RenderableType
@@ -11,22 +10,18 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from cardan.common import output
 from cardan.common.troubles import coded
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.force.snapshot import ForceSnapshot
 from cardan.gateway.operator.mapping import AXES
 from cardan.gateway.session.live_display import LivePanel
-from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.snapshot import FIGURES, Snapshot
 
 BAR_CELLS = 9
 """Cells on each side of zero in an axis bar."""
 
 PLAIN_PERIOD_S = 1.0
 """How often a view that is not on a terminal prints a line."""
-
-_DIGITS = re.compile(r"[0-9.,]+")
-"""Parts of a message that may change without being news."""
 
 _PHASE_STYLES = {
     "moving": "bold green",
@@ -227,10 +222,6 @@ class SessionView:
     def __exit__(self, *exception: object) -> None:
         self._panel.__exit__(*exception)
 
-    def is_read(self) -> bool:
-        """Whether a person can see it: False while its terminal or pipe takes nothing."""
-        return output.is_read()
-
     def show(self, snapshot: Snapshot) -> None:
         """Show the newest snapshot."""
         if snapshot.error:
@@ -239,12 +230,12 @@ class SessionView:
             self._panel.update(render(snapshot))
             return
         due = snapshot.elapsed_s >= self._next_line_s
-        said = _DIGITS.sub("", _messages(snapshot))
+        said = FIGURES.sub("", _messages(snapshot))
         if due or said != self._messages:
             self._messages = said
             self._next_line_s = snapshot.elapsed_s + PLAIN_PERIOD_S
             print(plain(snapshot), flush=True)
-        advice = {_DIGITS.sub("", line): line for line in _diagnosis(snapshot)}
+        advice = {FIGURES.sub("", line): line for line in _diagnosis(snapshot)}
         for line in advice.keys() - self._advice:
             print(f"{'':10} {coded(advice[line])}", flush=True)
         self._advice = set(advice)

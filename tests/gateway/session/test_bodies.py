@@ -65,7 +65,7 @@ def test_what_is_allowed_is_said(session, more):
     config = load_config(session(more))
     (words,) = cautions(config)
     assert words.startswith(f"arm: {SAID}")
-    assert json.loads(scene_of(config, rigid=True))["links_without_body"] in words
+    assert json.loads(scene_of(config))["links_without_body"] in words
 
 
 def test_an_arm_that_avoids_nothing_has_said_so(session):

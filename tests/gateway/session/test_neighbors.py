@@ -554,7 +554,7 @@ def test_arms_of_one_robot_that_hold_it_differently_are_refused(tmp_path):
 
 def test_what_a_neighbor_of_the_same_robot_moves_is_told_once(tmp_path):
     config = of_one_tree(tmp_path, 'base = "l/mount"', 'base = "r/mount"')
-    around = json.loads(scene_of(config, True, make_neighbor_bodies(config)))
+    around = json.loads(scene_of(config))
     own = {each["name"] for each in around["shapes"]}
     assert {"torso", "l/hand"} <= own
     assert not {name for name in own if name.startswith("r/")}

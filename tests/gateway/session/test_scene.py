@@ -35,9 +35,9 @@ TABLES = {
 }
 
 
-def told(tables, rigid=True):
+def told(tables):
     """Return the scene of the arm of a session of these tables."""
-    return json.loads(scene_of(parse_config(tables), rigid))
+    return json.loads(scene_of(parse_config(tables)))
 
 
 def test_obstacles_workspace_and_what_is_kept_to_them():
@@ -82,8 +82,8 @@ def test_neighbors_are_told_with_all_that_places_their_bodies():
     }
     tables = {**TABLES, "network": {"namespace": "cell"}, "neighbors": [neighbor]}
     config = parse_config(tables)
-    (bodies,) = made = make_neighbor_bodies(config)
-    (told,) = json.loads(scene_of(config, True, made))["neighbors"]
+    (bodies,) = make_neighbor_bodies(config)
+    (told,) = json.loads(scene_of(config))["neighbors"]
     assert (told["name"], told["topic"]) == ("right", "/cell/right/joint_states")
     assert told["max_age_s"] == 0.2
     assert [each["name"] for each in told["joints"]] == list(bodies.names)
@@ -108,7 +108,7 @@ def test_neighbors_are_told_with_all_that_places_their_bodies():
 def test_without_a_model_there_is_the_workspace_alone():
     tables = {**TABLES, "robot": {"driver": "sim_abb"}}
     del tables["arm"], tables["obstacles"]
-    around = told(tables, rigid=False)
+    around = told(tables)
     assert around["workspace_m"][0] == [-0.5, 0.5]
     assert around["shapes"] == around["obstacles"] == []
     assert around["home"] is around["obstacle_m"] is around["own_body_m"] is None
