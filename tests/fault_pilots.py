@@ -22,7 +22,7 @@ from cardan.gateway.session.arm_assembly import make_arm
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.supervisor_heartbeat import SupervisorHeartbeat
 from cardan.types import CommandKind, DeviceLink, DeviceState, RobotCommand, RobotState
-from tests.controllers import controller_for_hand
+from tests.controllers import controller_for_device
 from tests.fault_rig import Bench
 
 SPEED_M_S = 0.1
@@ -80,7 +80,7 @@ class Operator(Scenario):
         if CommandKind.POSE not in bench.capabilities.commands:
             table = {"device": {"driver": "spacemouse"}, "robot": {"driver": "sim_arm"}}
             arm = make_arm(parse_config({**table, "arm": {"model": bench.arm}}), bench.driver)
-        self.controller = controller_for_hand(
+        self.controller = controller_for_device(
             MappingOptions(deadman=("left",), linear_speed_m_s=SPEED_M_S),
             ReferenceLimits(linear_speed_m_s=LIMIT_M_S, linear_acceleration_m_s2=ACCELERATION_M_S2),
             watchdogs,

@@ -147,13 +147,14 @@ GONE = frozenset(
 """Names of modules that the field has other words for: CHANGELOG.md has them."""
 GONE_WORDS = (
     "AbbGofa", "Activity", "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "DaemonArm",
-    "EgmPilot", "EgmSeen", "EngineReport", "Felt", "FeltFigures", "FeltForce", "ForceGuard",
-    "FoxgloveFeed", "FreeBody", "Guidance", "HandPilot", "JointGuidance", "JointStreamSeen",
-    "MapGlide", "MotomanGp8", "MotorosPilot", "MotorosSeen", "Outbox", "PlainBook", "PoseGuidance",
-    "RemoteCartesianDevice", "RemotePacketArm", "RosbridgeFeed", "SessionTaps", "SharedFeeds",
-    "Surroundings", "Tongue", "UrPilot", "UrSeen", "VerbDesk", "felt_depth_m", "felt_stiffness_n_m",
-    "leash_used", "leashed", "no_farewell_after_s", "off_the_wire", "owes_answer", "replay_engine",
-    "tongue", "tried_with",
+    "EgmPilot", "EgmSeen", "EngineReport", "Felt", "FeltFigures", "FeltForce", "FollowHand",
+    "ForceGuard", "FoxgloveFeed", "FreeBody", "Guidance", "HandFeedback", "HandMapping",
+    "HandPilot", "JointGuidance", "JointStreamSeen", "MapGlide", "MotomanGp8", "MotorosPilot",
+    "MotorosSeen", "Outbox", "PlainBook", "PoseGuidance", "RemoteCartesianDevice",
+    "RemotePacketArm", "RosbridgeFeed", "SessionTaps", "SharedFeeds", "Surroundings", "Tongue",
+    "UrPilot", "UrSeen", "VerbDesk", "felt_depth_m", "felt_stiffness_n_m", "follows_hand",
+    "hand_map", "leash_used", "leashed", "no_farewell_after_s", "off_the_wire", "owes_answer",
+    "replay_engine", "tongue", "tried_with",
 )  # fmt: skip
 """Words of identifiers, likewise."""
 GONE_ARGUMENTS = {"seen", "judge", "act", "acts"}

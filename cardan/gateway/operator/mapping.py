@@ -41,7 +41,7 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 class Mode(enum.Enum):
-    """Meaning of the motion of a device or hand."""
+    """Meaning of the motion of a device."""
 
     RATE = "rate"
     """Deflections are velocities."""
@@ -136,7 +136,7 @@ class MappingOptions(Options):
     """Button of which each press begins or ends the motion; empty: none. With `deadman` too, both
     are needed."""
     recapture: str = ""
-    """Button that makes hand and TCP, each where it is, belong together; position mode."""
+    """Button that makes device and TCP, each where it is, belong together; position mode."""
     enable: str = ""
     """Button that asks for the robot's drives and program; empty: none."""
     pass_on: str = ""

@@ -14,7 +14,7 @@ import numpy as np
 from cardan.errors import CardanError
 from cardan.gateway.arm.authority import HAND, AuthorityOptions, AuthorityPolicy
 from cardan.gateway.arm.motions.brake import Brake
-from cardan.gateway.arm.motions.hand import FollowHand
+from cardan.gateway.arm.motions.operator import FollowOperator
 from cardan.gateway.arm.motions.recover import Recover
 from cardan.gateway.arm.motions.torque import TorqueMotion
 from cardan.gateway.arm.options import ControllerOptions
@@ -158,7 +158,7 @@ class Walk:
         moving = commanded.moving and not isinstance(command, HoldCommand)
         if moving and not core.braking and not isinstance(motion, (Recover, Brake)):
             owner = core.authority.owner
-            if isinstance(motion, FollowHand):
+            if isinstance(motion, FollowOperator):
                 assert owner == HAND
             elif motion is not None:
                 assert owner not in ("", HAND), (motion, owner)

@@ -38,7 +38,7 @@ from cardan.types import (
     Twist,
     Vector3,
 )
-from tests.controllers import PERIOD_S, controller_for_hand
+from tests.controllers import PERIOD_S, controller_for_device
 from tests.gateway.arm.arms import DT_S, HandWorld, World
 
 START = Pose(Vector3(0.5, 0.0, 0.8), IDENTITY)
@@ -52,7 +52,7 @@ class Driven:
     """A controller, a hand and a robot that is sent poses; checked for steps in every tick."""
 
     def __init__(self, commanded=None, authority=None):
-        self.core = controller_for_hand(MAPPING, LIMITS, authority=authority)
+        self.core = controller_for_device(MAPPING, LIMITS, authority=authority)
         if commanded is not None:
             self.core.commanded = commanded
         self.robot = RobotState(
