@@ -9,7 +9,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
-from cardan.gateway.arm.authority import HAND
+from cardan.gateway.arm.authority import OPERATOR
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.supervision import Watchdogs
@@ -94,7 +94,7 @@ class Operator(Scenario):
         return self.controller.tick(state, self._device(state.stamp_s))
 
     def lose_authority(self) -> None:
-        self.controller.authority.hand_over(HAND, "somebody else", self.bench.now_s)
+        self.controller.authority.hand_over(OPERATOR, "somebody else", self.bench.now_s)
         self.controller.stop("authority was handed over")
 
     def _device(self, now_s: float) -> DeviceState:

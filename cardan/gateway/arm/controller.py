@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Protocol
 
 from cardan.common.haptics import WorldMap
-from cardan.gateway.arm.authority import HAND, Authority
+from cardan.gateway.arm.authority import OPERATOR, Authority
 from cardan.gateway.arm.commanded_arm import CommandedArm, equal_steps
 from cardan.gateway.arm.following_error import FollowingError
 from cardan.gateway.arm.motions.base import CommandedMotion
@@ -651,7 +651,7 @@ class ArmController:
 
     def _disarm(self) -> None:
         if self.state.arming.armed:
-            self.authority.release(HAND)
+            self.authority.release(OPERATOR)
         self._on(ArmEvent.DISARMED)
         if self.operator is not None:
             self.operator.disarm()
@@ -683,7 +683,7 @@ class ArmController:
         if not state.arming.armed:
             # Re-arming by the operator arms nothing now.
             inhibited = self.inhibited or robot.alarm or self._filter_fault
-            inhibited = inhibited or authority.refuses(HAND)
+            inhibited = inhibited or authority.refuses(OPERATOR)
         if not inhibited and (not state.arming.armed or not self._request.following):
             if self._tripped_in_tick:
                 behind = "the robot was not ready for it"
@@ -708,8 +708,8 @@ class ArmController:
         self._request = request = operator.request(device, events, view)
         recovering = state.separation.waits or recovers
         acknowledges = bool(inhibited) and not recovering
-        owns = authority.owner == HAND
-        refused = not owns and bool(authority.refuses(HAND))
+        owns = authority.owner == OPERATOR
+        refused = not owns and bool(authority.refuses(OPERATOR))
         arming, act = arming_after(state.arming, request, acknowledges, owns, refused)
         if arming is not state.arming and act is not Act.TRIP:
             self._enter(state._replace(arming=arming))
@@ -727,23 +727,23 @@ class ArmController:
         """Carry out the consequence of the operator's request, which may have a `fault`."""
         match act:
             case Act.TRIP:
-                self._trip(fault or self.authority.take(HAND, now_s))
+                self._trip(fault or self.authority.take(OPERATOR, now_s))
             case Act.LET_GO:
-                self.authority.release(HAND)
+                self.authority.release(OPERATOR)
                 self._end_motion("the clutch was released")
             case Act.ARM:
                 self._trip_reason, self._recovered_way = "", NO_WAY
             case Act.TAKE:
                 self._take_over(now_s)
             case Act.ACKNOWLEDGE:
-                if self.authority.refuses(HAND):
-                    self.authority.take(HAND, now_s)  # Notes the refusal.
+                if self.authority.refuses(OPERATOR):
+                    self.authority.take(OPERATOR, now_s)  # Notes the refusal.
                 self._acknowledge()
 
     def _take_over(self, now_s: float) -> None:
         """The operator device takes the arm; a motion under way is braked first."""
         self._trip_reason, self._recovered_way = "", NO_WAY
-        self.authority.take(HAND, now_s)
+        self.authority.take(OPERATOR, now_s)
         self.plan_epoch += 1
         reason, motion = "the operator device took over", self._motion
         if motion is None or not (motion.follows_operator or motion.recovers):
@@ -916,5 +916,5 @@ class ArmController:
             )
         if self.operator is None:
             return why.removesuffix("; ")
-        refusal = self.authority.refuses(HAND)
+        refusal = self.authority.refuses(OPERATOR)
         return f"{why}{refusal}" if refusal else self.operator.advice(why, self.state.arming)

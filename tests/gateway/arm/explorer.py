@@ -22,7 +22,7 @@ import numpy as np
 
 from cardan.common.native import NativePartError
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.authority import HAND, VERBS
+from cardan.gateway.arm.authority import OPERATOR, VERBS
 from cardan.gateway.arm.motions.brake import Brake
 from cardan.gateway.arm.motions.operator import FollowOperator
 from cardan.gateway.arm.motions.recover import Recover
@@ -407,7 +407,7 @@ class World:
         if core.armed:
             assert self.rearmed, "armed without re-arming"
             if core.state.arming is Arming.CLAIMING:
-                assert core.authority.owner == HAND, "claimed without authority"
+                assert core.authority.owner == OPERATOR, "claimed without authority"
         by_hand = (
             core.armed
             and self.deflected
@@ -442,7 +442,7 @@ class World:
             if not core.braking and not isinstance(motion, (Recover, Brake)):
                 owner = core.authority.owner
                 if isinstance(motion, FollowOperator):
-                    assert owner == HAND or not core.armed
+                    assert owner == OPERATOR or not core.armed
                     assert self.verbs._motion is None
                     assert streams.kind is Stream.NONE
                 elif motion is not None:
@@ -638,7 +638,7 @@ def falls_silent(w):
 
 @event(lambda w: True)
 def hands_over_to_hand(w):
-    w.verbs.hand_over(HAND, source=w.core.authority.owner or VERBS)
+    w.verbs.hand_over(OPERATOR, source=w.core.authority.owner or VERBS)
     w.interrupt()
 
 

@@ -438,7 +438,7 @@ def test_every_promise_is_kept_on_a_walk_at_random(seed):
         seed,
         "pr2_left_arm" if seed == 11 else ("ur5", GOFA)[seed % 2],
         KINDS[seed % 3],
-        (AuthorityPolicy.HAND, AuthorityPolicy.FIRST)[seed // 3 % 2],
+        (AuthorityPolicy.OPERATOR, AuthorityPolicy.FIRST)[seed // 3 % 2],
         MAPPINGS[seed % 4],
     )
     walk.tick(3)
