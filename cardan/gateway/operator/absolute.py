@@ -39,7 +39,7 @@ class AbsoluteMapping(DevicePoseMapping):
         self._orientation = options.orientation or Orientation.FIXED
         self._origin = Vector3(*(options.origin_m or ZERO3))
         self._device_center = Vector3(*options.device_center_m)
-        roll, pitch, yaw = (math.radians(angle) for angle in options.hand_to_tool_rpy_deg)
+        roll, pitch, yaw = (math.radians(angle) for angle in options.device_to_tool_rpy_deg)
         self._tool_in_device = from_euler_zyx(roll, pitch, yaw)
         self.arrived = False
         """Whether the TCP has reached the device since the clutch press, or it was too far."""

@@ -108,7 +108,7 @@ def test_the_tool_stands_as_the_hand_does():
         orientation=Orientation.ABSOLUTE,
         device_rpy_deg=(0.0, 0.0, 90.0),
         yaw_deg=30.0,
-        hand_to_tool_rpy_deg=(180.0, 0.0, 0.0),
+        device_to_tool_rpy_deg=(180.0, 0.0, 0.0),
     )
     rig.tap("button_2").run(15.0)
     for turn in (0.0, 0.4):
