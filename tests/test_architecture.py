@@ -148,14 +148,14 @@ GONE = frozenset(
 GONE_WORDS = (
     "AbbGofa", "Activity", "Anatomy", "ArmBody", "Askers", "Carrier", "ConnexionPilot", "DaemonArm",
     "EgmPilot", "EgmSeen", "EngineReport", "Felt", "FeltFigures", "FeltForce", "FollowHand",
-    "ForceGuard", "FoxgloveFeed", "FreeBody", "Guidance", "HAND_PERIOD_S", "HandEnd",
-    "HandFeedback", "HandKind", "HandMapping", "HandPeer", "HandPilot", "HandPort", "JointGuidance",
-    "JointStreamSeen", "KeyboardHand", "MapGlide", "MotomanGp8", "MotorosPilot", "MotorosSeen",
-    "Outbox", "PlainBook", "PoseGuidance", "RemoteCartesianDevice", "RemotePacketArm",
-    "RosbridgeFeed", "ScriptHand", "ScriptedHand", "SessionTaps", "SharedFeeds", "Surroundings",
-    "Tongue", "UrPilot", "UrSeen", "VerbDesk", "felt_depth_m", "felt_stiffness_n_m", "follows_hand",
-    "hand_map", "hand_peer", "leash_used", "leashed", "no_farewell_after_s", "off_the_wire",
-    "owes_answer", "replay_engine", "tongue", "tried_with",
+    "ForceGuard", "FoxgloveFeed", "FreeBody", "Guidance", "HAND_PERIOD_S", "HandActions", "HandEnd",
+    "HandEvents", "HandFeedback", "HandKind", "HandMapping", "HandPeer", "HandPilot", "HandPort",
+    "JointGuidance", "JointStreamSeen", "KeyboardHand", "MapGlide", "MotomanGp8", "MotorosPilot",
+    "MotorosSeen", "Outbox", "PlainBook", "PoseGuidance", "RemoteCartesianDevice",
+    "RemotePacketArm", "RosbridgeFeed", "ScriptHand", "ScriptedHand", "SessionTaps", "SharedFeeds",
+    "Surroundings", "Tongue", "UrPilot", "UrSeen", "VerbDesk", "felt_depth_m", "felt_stiffness_n_m",
+    "follows_hand", "hand_map", "hand_peer", "leash_used", "leashed", "make_hand",
+    "no_farewell_after_s", "off_the_wire", "owes_answer", "replay_engine", "tongue", "tried_with",
 )  # fmt: skip
 """Words of identifiers, likewise."""
 GONE_ARGUMENTS = {"seen", "judge", "act", "acts"}
