@@ -61,7 +61,7 @@ SCRIPTS: Mapping[str, str] = {
         13.5 swing 6 6 0 0 0.8 0 over 2.5
     """,
     "push": """
-        # a steady push forward, then the hand lets go
+        # a steady push forward, then it is let go
         2.5  wrench 6 0 0 0 0 0 over 0.4
         4.5  release over 0.3
     """,
@@ -80,7 +80,7 @@ SCRIPTS: Mapping[str, str] = {
         5.0  release over 0.3
     """,
     "brownout": """
-        # the power fails during a push; the hand goes on pushing, and lets go later
+        # the power fails during a push; the push goes on, and ends later
         2.5  wrench 6 0 0 0 0 0 over 0.4
         4.0  power-off
         4.5  power-on
