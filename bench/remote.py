@@ -244,7 +244,7 @@ def _position(place: EgmMotion) -> Vector3:
 
 
 class Stroke(NamedTuple):
-    """Times of an act of the hand, and of what the arm did by it, s."""
+    """Times of an act of the operator, and of what the arm did by it, s."""
 
     begun_s: float
     moved_s: float
@@ -263,7 +263,7 @@ class Stroke(NamedTuple):
 
 
 class Cell:
-    """All robots, asked at their pace, and the operator's hand, which acts at any instant."""
+    """All robots, asked at their pace, and the operator, who acts at any instant."""
 
     def __init__(self, robots: Mapping[str, Robot]) -> None:
         self.robots = robots
@@ -314,7 +314,7 @@ class Cell:
         return robot.went_s
 
     def act(self, robot: Robot, **what: bool) -> float:
-        """Have the hand do it, now; returns when."""
+        """Have the operator do it, now; returns when."""
         for name, value in what.items():
             setattr(robot.device, name, value)
         now_s = time.monotonic()
@@ -405,7 +405,7 @@ def remote(router: str, more: str = "") -> str:
 
 
 def measure_speed(acts: int) -> Figures:
-    """From the hand's bytes to motion, three ways."""
+    """From the device's bytes to motion, three ways."""
     figures = Figures("From the device's report to the answer that moves the arm")
     with tempfile.TemporaryDirectory(prefix="cardan-remote-") as name, _stack() as stack:
         folder = Path(name)
@@ -448,7 +448,7 @@ def measure_speed(acts: int) -> Figures:
 
 
 class Apart(NamedTuple):
-    """A hand at one computer, and the arm that it moves at the other."""
+    """A device at one computer, and the arm that it moves at the other."""
 
     cell: Cell
     robot: Robot
