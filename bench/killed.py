@@ -129,7 +129,7 @@ ROBOTS: dict[str, Case] = {
 
 @contextlib.contextmanager
 def driven(name: str, speed_m_s: float, folder: Path) -> Iterator[tuple[Robot, dict[str, Any]]]:
-    """A robot of ROBOTS that serves, and the tables of a session that a device drives at this speed,
+    """A robot of ROBOTS that serves, and the tables of a session with a device at this speed,
     to and fro without end."""
     case = ROBOTS[name]
     robot = case.make()

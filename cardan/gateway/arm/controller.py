@@ -677,9 +677,8 @@ class ArmController:
         reference, motion, authority = self.reference, self._motion, self.authority
         state, inhibited, behind = self.state, "", ""
         recovers = motion is not None and motion.recovers
-        free = motion is None or (
-            (motion.follows_operator or recovers) and not state.motion.braking
-        )
+        follows = motion is not None and (motion.follows_operator or recovers)
+        free = motion is None or (follows and not state.motion.braking)
         if not state.arming.armed:
             # Re-arming by the operator arms nothing now.
             inhibited = self.inhibited or robot.alarm or self._filter_fault

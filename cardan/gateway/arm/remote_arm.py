@@ -71,9 +71,7 @@ class RemoteArm(CartesianArm):
         `end`, and returns what disconnects it again. `source`: name of this source, which gets the
         authority. Raises ConfigurationError."""
         if source == OPERATOR or not 0 < len(source) <= LONGEST_NAME:
-            allowed = (
-                f"a name of 1 to {LONGEST_NAME} characters other than {OPERATOR!r}, the device"
-            )
+            allowed = f"a name, 1 to {LONGEST_NAME} characters, other than {OPERATOR!r}, the device"
             raise OptionError("source", source, allowed)
         self.source = source
         self._connect = connect

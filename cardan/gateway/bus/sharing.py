@@ -561,12 +561,8 @@ def share_until(
         codec = codec_of(STATE_TYPE)
         force_end = DeviceEnd(device) if isinstance(device, HapticDevice) else None
         while not stop.is_set() and (now_s := time.monotonic()) < end_s:
-            due_s = min(
-                core.due_s,
-                end_s,
-                now_s + FREE_S,
-                math.inf if force_end is None else force_end.due_s,
-            )
+            force_due_s = math.inf if force_end is None else force_end.due_s
+            due_s = min(core.due_s, end_s, now_s + FREE_S, force_due_s)
             received = claims.wait(max(0.0, due_s - now_s))
             for _ in range(CLAIMS_KEPT):
                 if received is None:

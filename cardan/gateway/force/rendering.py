@@ -105,9 +105,8 @@ class ForceRenderer:
         self.figures.add(told, fixtures, self._engaged)
         if self.measured is not None:
             touching = self._engaged and self.measured.contact.touching
-            self._stiffness.add(
-                device.pose.position if touching and device.pose else None, told.force
-            )
+            place = device.pose.position if touching and device.pose else None
+            self._stiffness.add(place, told.force)
         if not self._engaged:
             return ""
         return self.watchdog.disengage_reason(
