@@ -71,7 +71,7 @@ help:
 	@echo "make bench-kilohertz  whether a session holds a period of 1 ms, for docs/"
 	@echo "make bench-servo  what a tick of the servo costs beside what others do, for docs/"
 	@echo "make bench-peers  builds what others do in C++, which some benchmarks compare with"
-	@echo "make soak    $(HOURS) hours (HOURS) of random hands and random faults on a lab, with a report in soak/"
+	@echo "make soak    $(HOURS) hours (HOURS) of random motions and random faults on a lab, with a report in soak/"
 	@echo "make dist    what is released: the source archive and a manylinux wheel, in dist/"
 	@echo "make clean   remove the environment and caches"
 

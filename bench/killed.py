@@ -39,7 +39,7 @@ SPEEDS_M_S = (0.1, 0.25)
 TIMES = 5
 
 STROKE_S = 1.7
-"""From one stroke of the hand to the next; the arm rests for less than a second between them."""
+"""From one stroke of the device to the next; the arm rests for less than a second between them."""
 
 SAMPLE_S = 0.001
 WINDOW_S = 0.06
@@ -129,7 +129,7 @@ ROBOTS: dict[str, Case] = {
 
 @contextlib.contextmanager
 def driven(name: str, speed_m_s: float, folder: Path) -> Iterator[tuple[Robot, dict[str, Any]]]:
-    """A robot of ROBOTS that serves, and the tables of a session that a hand drives at this speed,
+    """A robot of ROBOTS that serves, and the tables of a session with a device at this speed,
     to and fro without end."""
     case = ROBOTS[name]
     robot = case.make()

@@ -3,7 +3,7 @@
     python -m bench kilohertz [--seconds=60] [--pages]
 
 The session is the process of ``cardan run``: a simulated UR5 in it at 1 kHz, the arm's model with
-at least 35 pairs of bodies, and a SpaceMouse (simulated, in a process of its own) whose hand moves
+at least 35 pairs of bodies, and a SpaceMouse (simulated, in a process of its own) which moves
 the arm in circles. It runs by itself, beside a process that computes all the time, and beside one
 on every processor, each for a minute; a loop in C that only waits does so after it, in each case:
 that is what this computer can do. `--pages` writes the table into docs/measurements.md.
@@ -43,12 +43,12 @@ PAIRS = 35
 PERIOD_S = 0.001
 
 WARM_UP_S, SECONDS = 6.0, 60.0
-"""The hand moves after one second, and everything has been used once after six."""
+"""The device moves after one second, and everything has been used once after six."""
 
 LATE_P99_S = 100e-6
 """Aim."""
 
-HAND = """
+MOTION = """
 0.3 axes 0 0 0.4 0 0 0 over 0.05
 0.5 neutral over 0.05
 0.9 press left
@@ -198,7 +198,7 @@ def main() -> None:
     load = os.getloadavg()[0]
     with tempfile.TemporaryDirectory(prefix="cardan-kilohertz-") as folder:
         mouse, script = f"{folder}/mouse", Path(folder, "hand")
-        script.write_text(HAND)
+        script.write_text(MOTION)
         config = configuration(mouse)
         with cardan_subprocess("sim", "spacemouse", "--hid", mouse, "--script", str(script)):
             rows = [measure(config, beside, seconds) for beside in BESIDE]

@@ -39,7 +39,7 @@ STALE_PERIODS = 2.0
 
 
 def swinging(seconds: float) -> str:
-    """A hand that never rests: a script of to and fro."""
+    """A device that never rests: a script of to and fro."""
     lines = ["1.0 axes 0.3 0 0 0 0 0", "1.2 neutral", f"{FIRST_PUSH_S - 0.8} press ctrl"]
     count = int((seconds + FIRST_PUSH_S) / SWING_S) + 2
     for number in range(count):

@@ -244,7 +244,7 @@ def _position(place: EgmMotion) -> Vector3:
 
 
 class Stroke(NamedTuple):
-    """Times of an act of the hand, and of what the arm did by it, s."""
+    """Times of an act of the operator, and of what the arm did by it, s."""
 
     begun_s: float
     moved_s: float
@@ -263,7 +263,7 @@ class Stroke(NamedTuple):
 
 
 class Cell:
-    """All robots, asked at their pace, and the operator's hand, which acts at any instant."""
+    """All robots, asked at their pace, and the operator, who acts at any instant."""
 
     def __init__(self, robots: Mapping[str, Robot]) -> None:
         self.robots = robots
@@ -314,7 +314,7 @@ class Cell:
         return robot.went_s
 
     def act(self, robot: Robot, **what: bool) -> float:
-        """Have the hand do it, now; returns when."""
+        """Have the operator do it, now; returns when."""
         for name, value in what.items():
             setattr(robot.device, name, value)
         now_s = time.monotonic()
@@ -340,7 +340,7 @@ class Cell:
         """Have the arm move and rest; None: it did not move."""
         self.act(robot, buttons=True)
         self.wait(PAUSE_S + rest_s)
-        # An arm that swings still would count as moved by the act.
+        # A robot that swings still would count as moved by the act.
         end_s = time.monotonic() + ACT_WITHIN_S
         while (now_s := time.monotonic()) < min(robot.moved_s + STILL_S, end_s):
             self.play(now_s + PERIOD_S)
@@ -405,7 +405,7 @@ def remote(router: str, more: str = "") -> str:
 
 
 def measure_speed(acts: int) -> Figures:
-    """From the hand's bytes to motion, three ways."""
+    """From the device's bytes to motion, three ways."""
     figures = Figures("From the device's report to the answer that moves the arm")
     with tempfile.TemporaryDirectory(prefix="cardan-remote-") as name, _stack() as stack:
         folder = Path(name)
@@ -448,7 +448,7 @@ def measure_speed(acts: int) -> Figures:
 
 
 class Apart(NamedTuple):
-    """A hand at one computer, and the arm that it moves at the other."""
+    """A device at one computer, and the arm that it moves at the other."""
 
     cell: Cell
     robot: Robot
@@ -529,8 +529,8 @@ def apart(network: Network, way: str = TCP) -> Iterator[Apart]:
 
 
 def transit_s(both: TwoComputers, stroke: Stroke, delay_s: float) -> float:
-    """Return the transit of the first frame that left the operator's computer since the act,
-    whatever is in it: the state, or an acknowledgment just before it.
+    """Return the time in transit of the first frame that left the operator's computer after the act
+    had begun, whatever is in it: the state, or an acknowledgment just before it.
 
     One behind frames that stand still takes as long as they do. Where it is lost this is `delay_s`:
     what a protocol takes to send it anew is the protocol's.
@@ -550,7 +550,7 @@ def measure_network(network: Network, way: str, acts: int) -> tuple[Figures, Fig
                 moves.miss(REMOTE)
                 continue
             beyond_s = took.moves_s - transit_s(both, took, network.link.delay_s)
-            if beyond_s < 0.0:  # The arm swung: nothing of the act had come.
+            if beyond_s < 0.0:  # A swing: of the act nothing had arrived.
                 moves.miss(REMOTE)
                 continue
             moves.add(REMOTE, took.moves_s)

@@ -24,7 +24,7 @@ from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
 from cardan.sim_peers.spacemouse.motion_script import SCRIPT_VERBS, ScriptedPuck
 from cardan.spatial import norm, subtract
 from cardan.types import RobotState, Vector3
-from tests.controllers import controller_for_hand
+from tests.controllers import controller_for_device
 
 PC_ADDRESS = ("127.0.0.1", 40000)
 SILENCE_TICK_S = 0.1
@@ -84,7 +84,7 @@ class Chain:
         self.puck = SimulatedSpaceMouse(known, faults=self.hand_faults, jitter_lsb=1, seed=1)
         self.script = ScriptedPuck(parse_script(hand, SCRIPT_VERBS), known)
         self.device = SpaceMouseCore(SpaceMouseOptions(), known)
-        self.core = controller_for_hand(
+        self.core = controller_for_device(
             MappingOptions(deadman=deadman),
             limits or ReferenceLimits(),
             Watchdogs(),

@@ -11,7 +11,7 @@ from cardan.types import RobotCapabilities
 PERIOD_S = 0.004
 
 
-def controller_for_hand(
+def controller_for_device(
     mapping=None,
     limits=None,
     watchdogs=None,
@@ -23,7 +23,7 @@ def controller_for_hand(
 ):
     """The controller of a robot that one operator device moves; `arm`: its body, by a model."""
     limits, watchdogs = limits or ReferenceLimits(), watchdogs or Watchdogs()
-    hand = OperatorInput(
+    operator = OperatorInput(
         TwistMapping(mapping or MappingOptions(), gripper),
         limits,
         filters,
@@ -38,7 +38,7 @@ def controller_for_hand(
         arm or TaskSpaceArm(limits),
         limits,
         watchdogs,
-        hand,
+        operator,
         authority,
         period_s=period_s,
         output_limits=output_limits,

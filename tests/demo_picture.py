@@ -1,6 +1,6 @@
 """Makes docs/images/demo.webp, the moving picture of `make demo` (make demo-picture).
 
-The demo's own simulated SpaceMouse, session and simulated GoFa run, with its script for the hand;
+The demo's own simulated SpaceMouse, session and simulated GoFa run, with its motion script;
 the session is recorded, and what it showed of itself ten times a second is drawn: the deflections
 of the hand, the arm by its joints, the path of its TCP, and what the session said.
 """
@@ -100,7 +100,7 @@ class Drawing:
         self._write(16, 12, "cardan demo", 17, INK)
         told = "simulated SpaceMouse (HID)  >  gateway  >  simulated ABB GoFa (EGM, 250 Hz)"
         self._write(140, 15, told, 13, ARM)
-        self._hand(snapshot)
+        self._device(snapshot)
         self._arm(snapshot)
         self._draw.rectangle((0, FINER * 328, FINER * WIDTH, FINER * HEIGHT), fill=PAPER)
         phase = snapshot["arm"]["phase"]
@@ -115,9 +115,9 @@ class Drawing:
         self._write(530, 336, way, 13, ARM)
         return picture.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS)
 
-    def _hand(self, snapshot: dict[str, Any]) -> None:
+    def _device(self, snapshot: dict[str, Any]) -> None:
         """The six deflections as bars, and the button that is held."""
-        self._write(16, 52, "hand", 14, INK)
+        self._write(16, 52, "device", 14, INK)
         for at, (name, value) in enumerate(zip(AXES, snapshot["device"]["axes"], strict=True)):
             y = 84 + 30 * at
             self._write(16, y - 9, name, 13, ARM)

@@ -9,7 +9,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
-from cardan.gateway.arm.authority import HAND
+from cardan.gateway.arm.authority import OPERATOR
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.supervision import Watchdogs
@@ -22,7 +22,7 @@ from cardan.gateway.session.arm_assembly import make_arm
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.supervisor_heartbeat import SupervisorHeartbeat
 from cardan.types import CommandKind, DeviceLink, DeviceState, RobotCommand, RobotState
-from tests.controllers import controller_for_hand
+from tests.controllers import controller_for_device
 from tests.fault_rig import Bench
 
 SPEED_M_S = 0.1
@@ -80,7 +80,7 @@ class Operator(Scenario):
         if CommandKind.POSE not in bench.capabilities.commands:
             table = {"device": {"driver": "spacemouse"}, "robot": {"driver": "sim_arm"}}
             arm = make_arm(parse_config({**table, "arm": {"model": bench.arm}}), bench.driver)
-        self.controller = controller_for_hand(
+        self.controller = controller_for_device(
             MappingOptions(deadman=("left",), linear_speed_m_s=SPEED_M_S),
             ReferenceLimits(linear_speed_m_s=LIMIT_M_S, linear_acceleration_m_s2=ACCELERATION_M_S2),
             watchdogs,
@@ -94,7 +94,7 @@ class Operator(Scenario):
         return self.controller.tick(state, self._device(state.stamp_s))
 
     def lose_authority(self) -> None:
-        self.controller.authority.hand_over(HAND, "somebody else", self.bench.now_s)
+        self.controller.authority.hand_over(OPERATOR, "somebody else", self.bench.now_s)
         self.controller.stop("authority was handed over")
 
     def _device(self, now_s: float) -> DeviceState:

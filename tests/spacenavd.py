@@ -23,8 +23,8 @@ PROBES = 30
 """Most starts of the daemon until it has found its device."""
 
 
-class PuckHand:
-    """A hand that does what a test has it do, at once."""
+class PuckMotion:
+    """Does what a test has it do, at once."""
 
     def __init__(self):
         self._acts = queue.SimpleQueue()
@@ -87,8 +87,8 @@ def _started(folder, daemon):
 
 
 @contextlib.contextmanager
-def spacenavd(folder, script, *, settings="", model="magellan", hand=None, **options):
-    """Debian's daemon with a serial device that a hand moves by `script`, or `hand` in its place:
+def spacenavd(folder, script, *, settings="", model="magellan", motion=None, **options):
+    """Debian's daemon with a serial device that a hand moves by `script`, or `motion` in its place:
     its socket's path, and a connection that says nothing.
 
     Once, at its start, it looks for the device, and takes it for absent if that does not answer
@@ -104,8 +104,8 @@ def spacenavd(folder, script, *, settings="", model="magellan", hand=None, **opt
     chosen = SerialPuckPeerOptions(port=port, model=model, script=steps, **options)
     for _ in range(PROBES):
         peer = SerialPuckPeer(chosen)
-        if hand is not None:
-            peer.hand = hand
+        if motion is not None:
+            peer.motion = motion
         with in_a_thread(peer), _started(folder, daemon) as (path, old_client):
             if asked(path, Code.DEV_NBUTTONS).ok:
                 yield path, old_client

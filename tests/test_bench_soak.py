@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.soak import faults, hands, judge, page, soak, watch
+from bench.soak import faults, judge, motion_scripts, page, soak, watch
 from bench.soak.judge import (
     AT_REST_S,
     RECOVERED_S,
@@ -293,16 +293,16 @@ def test_quantiles_between_two_histograms():
     assert math.isnan(quantile_s(before, before, 0, bounds_s, 0.5))
 
 
-# -- hands ----------------------------------------------------------------------------------------
+# -- devices --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("hand", "verbs"), [("mouse", PUCK_VERBS), ("pad", PAD_VERBS), ("remote", REMOTE_VERBS)]
+    ("device", "verbs"), [("mouse", PUCK_VERBS), ("pad", PAD_VERBS), ("remote", REMOTE_VERBS)]
 )
-def test_scripts_of_hands_begin_and_end_at_rest(hand, verbs):
+def test_motion_scripts_begin_and_end_at_rest(device, verbs):
     rng = random.Random(1)
     for _ in range(50):
-        episode = hands.episode(hand, rng)
+        episode = motion_scripts.episode(device, rng)
         steps = [
             ScriptStep(float(time_s), verb, tuple(map(str, words)))
             for time_s, verb, *words in episode.script
@@ -319,7 +319,7 @@ def test_scripts_of_hands_begin_and_end_at_rest(hand, verbs):
                 down.discard(step.args)
         assert not down
         assert steps[-1].time_s > episode.ends_s > episode.begins_s
-    assert {hands.UNPLUG[hand], hands.PLUG[hand]} <= set(verbs)
+    assert {motion_scripts.UNPLUG[device], motion_scripts.PLUG[device]} <= set(verbs)
 
 
 def test_a_device_that_was_stopped_is_not_behind_its_hand():
@@ -377,7 +377,7 @@ def reported(tmp_path):
         report.load(3.0)
     report.did("fault", "kill_robot", "arm", "for 2 s")
     report.did("client", "jog", "arm", "refused: movv: 'hand' has authority over the arm")
-    report.count("hand", "mouse: episode")
+    report.count("device", "mouse: episode")
     report.answered(0.02, False)
     report.answered(9.0, True)
     report.violation(judge.Violation(begin_s, "moves unasked", "arm", "at 1 rad/s"))
@@ -390,7 +390,7 @@ def reported(tmp_path):
 def test_the_report_has_what_was_seen(reported):
     table = json.loads((reported / "report.json").read_text())
     assert table["violations"] == {"moves unasked": 1}
-    assert table["acts"] == {"client jog": 1, "fault kill_robot": 1, "hand mouse: episode": 1}
+    assert table["acts"] == {"client jog": 1, "fault kill_robot": 1, "device mouse: episode": 1}
     assert table["outcomes"] == {"jog": {"refused": 1}}
     assert table["answer_max_ms"] == 20.0
     assert [(e["figure"], e["exceeded"]) for e in table["drift"]] == [

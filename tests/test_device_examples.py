@@ -15,7 +15,7 @@ from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.session import EXIT_OK
 from cardan.gateway.session.supervisor import supervise
 from cardan.sim_peers import registry as peers
-from cardan.sim_peers.hand_peer import HandOptions
+from cardan.sim_peers.device_peer import DevicePeerOptions
 
 # No watchdog may trip: on a computer with four at a time a device was late once.
 pytestmark = pytest.mark.matrix
@@ -101,7 +101,7 @@ def supervised(name, shown, **more):
 
 def is_a_device(peer):
     """Whether a hand moves the simulated peer of that name."""
-    return issubclass(peers.load(peer).Options, HandOptions)
+    return issubclass(peers.load(peer).Options, DevicePeerOptions)
 
 
 @pytest.fixture

@@ -27,7 +27,7 @@ from cardan.types import (
     RobotLink,
     TorqueCommand,
 )
-from tests.controllers import controller_for_hand
+from tests.controllers import controller_for_device
 from tests.test_docs import blocks, text
 
 PACKAGE = Path(__file__).parents[1] / "examples" / "packages" / "cardan-rail"
@@ -142,7 +142,7 @@ def teleoperate(robot, until_s, stall_s=0.0):
     process stands still for `stall_s` once."""
     tables = {"device": {"driver": "spacemouse"}, "robot": {"driver": "sim_arm"}}
     config = parse_config({**tables, "arm": {"model": "cardan_rail:rail.toml"}})
-    controller = controller_for_hand(
+    controller = controller_for_device(
         MappingOptions(
             deadman=("left",),
             axes=("x", "y", "z", "fixed", "fixed", "fixed"),

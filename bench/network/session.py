@@ -46,7 +46,7 @@ class Answers(NamedTuple):
 
 
 def measure() -> dict[str, Answers]:
-    """Three sessions whose hand moves, asked in turns; everything that is published is heard."""
+    """Three sessions whose device moves, asked in turns; everything that is published is heard."""
     endpoints = {f"all topics at {rate:g} Hz": (free_endpoint(), rate) for rate in RATES_HZ}
     tables = {WITHOUT: MODEL}
     tables |= {name: MODEL + network_table(*each) for name, each in endpoints.items()}

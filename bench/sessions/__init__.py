@@ -3,7 +3,7 @@
     python -m bench sessions [COUNT]... [--pages] [--seconds=15]
 
 By default 1, 4, 8, 16, 24 and 32 sessions of one `cardan daemon run`, each with the arm's model of
-a GoFa, guided by EGM, and a SpaceMouse whose hand moves it; then, by halving, the largest number of
+a GoFa, guided by EGM, and a SpaceMouse that moves it; then, by halving, the largest number of
 sessions that miss no more than a thousandth of their control instants. Robots and mice are played
 by one process in C (crowd.c), which measures from outside when each answer came. Five minutes at
 most. `--pages` writes the table into docs/measurements.md.

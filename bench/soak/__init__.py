@@ -3,7 +3,7 @@
     python -m bench soak --hours 2 --seed 1 --output FOLDER
 
 A daemon with four simulated arms, three simulated devices and two servers, each a process of its
-own; random hands move the devices, programs contend for the arms, and processes are killed,
+own; random motions move the devices, programs contend for the arms, and processes are killed,
 stopped, unplugged and fed with garbage. The rules are checked all the time. The
 report is written into the folder again and again; SIGINT ends the run. Exit status 1: a rule was
 broken. With ``--page`` the report of a run that was made before becomes that of

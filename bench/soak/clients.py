@@ -1,4 +1,4 @@
-"""Programs that move the arms beside the hands: by the daemon, the command line and rosbridge."""
+"""Programs that move the arms beside the devices: by the daemon, the command line and rosbridge."""
 
 from __future__ import annotations
 

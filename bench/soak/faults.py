@@ -14,9 +14,9 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from bench.soak import hands
+from bench.soak import motion_scripts
 from bench.soak.judge import Violation
-from bench.soak.lab import ARMS, HANDS_OF, SILENCE_NOTICED, SPEEDS_M_S, VETERAN
+from bench.soak.lab import ARMS, DEVICES_OF, SILENCE_NOTICED, SPEEDS_M_S, VETERAN
 from bench.soak.watch import SETTLES_S, Watch
 from cardan.errors import CardanError
 
@@ -57,7 +57,7 @@ class Faults:
         """Inject random faults in turn until the run ends."""
         rng = random.Random(f"{self._watch.seed}-faults")
         acts: tuple[tuple[Callable[[random.Random], tuple[str, str]], int], ...] = (
-            (self._unplug, 6), (self._kill_hand, 3), (self._stop_hand, 5),
+            (self._unplug, 6), (self._kill_device, 3), (self._stop_device, 5),
             (self._kill_robot, 3), (self._stop_robot, 5),
             (self._kill_session, 2), (self._stop_session, 6), (self._restart_session, 1),
             (self._stop_daemon, 4), (self._kill_server, 2), (self._stop_server, 3),
@@ -74,24 +74,24 @@ class Faults:
             self._watch.report.did("fault", name, who, what)
 
     def _unplug(self, rng: random.Random) -> tuple[str, str]:
-        hand, away_s = rng.choice(list(HANDS_OF)), rng.uniform(*DOWN_S)
-        device = self._lab.hands[hand]
-        with self._watch.away(hand):
-            device.play([[0.0, hands.UNPLUG[hand]]])
+        device, away_s = rng.choice(list(DEVICES_OF)), rng.uniform(*DOWN_S)
+        peer = self._lab.devices[device]
+        with self._watch.away(device):
+            peer.play([[0.0, motion_scripts.UNPLUG[device]]])
             self._stop.wait(away_s)
-            device.play([[0.0, hands.PLUG[hand]], *hands.LET_GO[hand]])
+            peer.play([[0.0, motion_scripts.PLUG[device]], *motion_scripts.LET_GO[device]])
             self._stop.wait(SETTLES_S)
-        return hand, f"for {away_s:.1f} s"
+        return device, f"for {away_s:.1f} s"
 
-    def _kill_hand(self, rng: random.Random) -> tuple[str, str]:
-        hand, away_s = rng.choice(list(HANDS_OF)), rng.uniform(*DOWN_S)
-        device = self._lab.hands[hand]
-        with self._watch.away(hand):
-            device.end(signal.SIGKILL)
+    def _kill_device(self, rng: random.Random) -> tuple[str, str]:
+        device, away_s = rng.choice(list(DEVICES_OF)), rng.uniform(*DOWN_S)
+        peer = self._lab.devices[device]
+        with self._watch.away(device):
+            peer.end(signal.SIGKILL)
             self._stop.wait(away_s)
-            device.start()
-            device.ready.wait(STARTS_S)
-        return hand, f"for {away_s:.1f} s"
+            peer.start()
+            peer.ready.wait(STARTS_S)
+        return device, f"for {away_s:.1f} s"
 
     def _stop_for(self, pid: int | None, rng: random.Random, noticed_s: float,
                   noticed: Callable[[], None]) -> float:  # fmt: skip
@@ -109,22 +109,22 @@ class Faults:
                 os.kill(pid, signal.SIGCONT)
         return lasts_s
 
-    def _stop_hand(self, rng: random.Random) -> tuple[str, str]:
-        hand = rng.choice(list(HANDS_OF))
+    def _stop_device(self, rng: random.Random) -> tuple[str, str]:
+        device = rng.choice(list(DEVICES_OF))
 
         def noticed() -> None:
-            if hand in SILENCE_NOTICED:
-                self._watch.hand_gone(hand)
+            if device in SILENCE_NOTICED:
+                self._watch.operator_gone(device)
 
-        if hand not in SILENCE_NOTICED:
-            # Its last report stays in effect, also after the hand has released the device.
-            self._watch.hand_asks(hand, "held device")
-        lasts_s = self._stop_for(self._lab.hands[hand].pid, rng, NOTICED_S, noticed)
+        if device not in SILENCE_NOTICED:
+            # Its last report stays in effect, also after the device was released.
+            self._watch.operator_asks(device, "held device")
+        lasts_s = self._stop_for(self._lab.devices[device].pid, rng, NOTICED_S, noticed)
         self._stop.wait(SETTLES_S)
-        self._watch.hand_gone(hand, "held device")
+        self._watch.operator_gone(device, "held device")
         # A device held at rest was not missed, and goes on.
-        self._watch.hand_goes_on(hand)
-        return hand, f"for {lasts_s:g} s"
+        self._watch.operator_goes_on(device)
+        return device, f"for {lasts_s:g} s"
 
     def _kill_robot(self, rng: random.Random) -> tuple[str, str]:
         arm, away_s = rng.choice(ARMS), rng.uniform(*DOWN_S)
@@ -215,7 +215,7 @@ class Faults:
 
     def _switch(self, _rng: random.Random) -> tuple[str, str]:
         found = self._watch.ask("switch", "mouse")
-        self._watch.hand_gone("mouse")
+        self._watch.operator_gone("mouse")
         return "mouse", f"to {found['to']}"
 
     def _garbage(self, rng: random.Random) -> tuple[str, str]:

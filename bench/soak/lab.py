@@ -24,7 +24,7 @@ VETERAN: Final = "ur5-b"
 
 SOURCES: Final = frozenset({"hand", "verbs", "alice", "bob", "ros2", "daemon"})
 
-HANDS_OF: Final = {"mouse": ("gofa", "gp8"), "pad": ("ur5-a",), "remote": ("ur5-b",)}
+DEVICES_OF: Final = {"mouse": ("gofa", "gp8"), "pad": ("ur5-a",), "remote": ("ur5-b",)}
 """Which arms each device can drive."""
 
 SILENCE_NOTICED: Final = frozenset({"mouse", "remote"})
@@ -237,7 +237,7 @@ class Kept:
             self.process.send_signal(number)
 
     def play(self, steps: list[list[Any]]) -> bool:
-        """Have a device's hand do these steps, beginning now; whether it runs."""
+        """Have a device do these steps, beginning now; whether it runs."""
         script = {"at_s": time.monotonic(), "steps": steps}
         if self.pid is None or self.process is None or self.process.stdin is None:
             return False
@@ -309,7 +309,7 @@ class Lab:
             "ur5-a": ("ur5", {"port": p["ur5_a"], "period_s": 0.008}),
             "ur5-b": ("ur5", {"port": p["ur5_b"], "period_s": 0.008}),
         }
-        hands: dict[str, tuple[str, dict[str, Any]]] = {
+        devices: dict[str, tuple[str, dict[str, Any]]] = {
             "mouse": ("spacemouse", {"hid": f"{folder}/mouse.sock"}),
             "pad": ("gamepad", {"path": f"{folder}/pad.sock"}),
             "remote": ("wiimote", {"l2cap": f"{folder}/remote"}),
@@ -318,9 +318,9 @@ class Lab:
             arm: self._peer(f"robot-{arm}", *each, functools.partial(measured, arm))
             for arm, each in robots.items()
         }
-        self.hands = {
-            name: self._peer(f"hand-{name}", *each, lambda _line: None)
-            for name, each in hands.items()
+        self.devices = {
+            name: self._peer(f"device-{name}", *each, lambda _line: None)
+            for name, each in devices.items()
         }
         self.daemon = Kept(
             [sys.executable, "-m", "cardan", "daemon", "run", str(self.file),
@@ -350,7 +350,7 @@ class Lab:
         """Robots and devices by their names in the report."""
         return {
             **{f"robot {name}": each for name, each in self.robots.items()},
-            **{f"hand {name}": each for name, each in self.hands.items()},
+            **{f"device {name}": each for name, each in self.devices.items()},
         }
 
     def start(self) -> None:

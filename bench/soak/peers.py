@@ -2,9 +2,9 @@
 
     python -m bench.soak.peers KIND OPTIONS
 
-KIND is one of ROBOTS or HANDS, OPTIONS are those of its peer, as JSON. It prints READY, then a
+KIND is one of ROBOTS or DEVICES, OPTIONS are those of its peer, as JSON. It prints READY, then a
 robot prints its true joints twenty times a second: ``J TIME JOINT ...``, monotonic s and rad. A
-device reads scripts on standard input, a line of JSON each: what its hand does from then on. At the
+device reads scripts on standard input, a line of JSON each: its motion from then on. At the
 end of standard input it ends.
 """
 
@@ -22,15 +22,15 @@ from cardan.common.realtime import ask_for_real_time
 from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
 from cardan.sim_peers.arm.udp import SimulatedArmPeer
 from cardan.sim_peers.base import ScriptStep, SimulatedPeer
+from cardan.sim_peers.device_peer import DevicePeer
 from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, EgmMode
-from cardan.sim_peers.evdev.motion_script import ScriptedInput as PadHand
+from cardan.sim_peers.evdev.motion_script import ScriptedInput
 from cardan.sim_peers.evdev.peer import EvdevPeer, EvdevPeerOptions
-from cardan.sim_peers.hand_peer import HandPeer
 from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
-from cardan.sim_peers.scripted import Hand
-from cardan.sim_peers.spacemouse.motion_script import ScriptedPuck as PuckHand
+from cardan.sim_peers.scripted import DeviceMotion
+from cardan.sim_peers.spacemouse.motion_script import ScriptedPuck
 from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
-from cardan_wiimote.peer.motion_script import ScriptedHand as RemoteHand
+from cardan_wiimote.peer.motion_script import ScriptedWiimote
 from cardan_wiimote.peer.peer import WiimotePeer, WiimotePeerOptions
 
 TOLD_S: Final = 0.05
@@ -60,20 +60,20 @@ def _ur5(options: dict[str, Any]) -> tuple[SimulatedPeer, Joints]:
     return arm, lambda: arm.core.plant.positions
 
 
-def _spacemouse(options: dict[str, Any]) -> HandPeer[Any, Any]:
+def _spacemouse(options: dict[str, Any]) -> DevicePeer[Any, Any]:
     return SpaceMousePeer(SpaceMousePeerOptions(script="rest", start_on_connect=False, **options))
 
 
-def _gamepad(options: dict[str, Any]) -> HandPeer[Any, Any]:
+def _gamepad(options: dict[str, Any]) -> DevicePeer[Any, Any]:
     return EvdevPeer(EvdevPeerOptions(script="rest", start_on_connect=False, **options))
 
 
-def _wiimote(options: dict[str, Any]) -> HandPeer[Any, Any]:
+def _wiimote(options: dict[str, Any]) -> DevicePeer[Any, Any]:
     return WiimotePeer(WiimotePeerOptions(script="rest", start_on_connect=False, **options))
 
 
 ROBOTS: Final = {"gofa": _gofa, "gp8": _gp8, "ur5": _ur5}
-HANDS: Final = {"spacemouse": _spacemouse, "gamepad": _gamepad, "wiimote": _wiimote}
+DEVICES: Final = {"spacemouse": _spacemouse, "gamepad": _gamepad, "wiimote": _wiimote}
 
 
 def steps_of(script: Script, device_s: float, now_s: float) -> list[ScriptStep]:
@@ -86,12 +86,12 @@ def steps_of(script: Script, device_s: float, now_s: float) -> list[ScriptStep]:
     ]
 
 
-def _hand(kind: str, peer: HandPeer[Any, Any], script: Script) -> Hand[Any]:
-    """A hand that plays a script."""
+def _motion(kind: str, peer: DevicePeer[Any, Any], script: Script) -> DeviceMotion[Any]:
+    """The motion of a script."""
     steps = steps_of(script, peer.device_s(), time.monotonic())
     if kind == "spacemouse":
-        return PuckHand(steps, peer.device.model)
-    return PadHand(steps, peer.device) if kind == "gamepad" else RemoteHand(steps)
+        return ScriptedPuck(steps, peer.device.model)
+    return ScriptedInput(steps, peer.device) if kind == "gamepad" else ScriptedWiimote(steps)
 
 
 class _Lines:
@@ -114,12 +114,12 @@ def main() -> None:
     """Serve it until the end of standard input."""
     kind, options = sys.argv[1], json.loads(sys.argv[2])
     joints: Joints | None = None
-    hand: HandPeer[Any, Any] | None = None
+    device: DevicePeer[Any, Any] | None = None
     peer: SimulatedPeer
     if kind in ROBOTS:
         peer, joints = ROBOTS[kind](options)
     else:
-        peer = hand = HANDS[kind](options)
+        peer = device = DEVICES[kind](options)
     lines = _Lines()
     peer.open()
     try:
@@ -128,8 +128,8 @@ def main() -> None:
         while not lines.ended:
             peer.step(time.monotonic() + TOLD_S)
             for line in lines.read():
-                if hand is not None:
-                    hand.hand = _hand(kind, hand, json.loads(line))
+                if device is not None:
+                    device.motion = _motion(kind, device, json.loads(line))
             if joints is not None:
                 words = " ".join(f"{each:.6f}" for each in joints())
                 print(f"J {time.monotonic():.4f} {words}", flush=True)

@@ -1,4 +1,4 @@
-"""A run: the lab is started, hands, programs and faults are let loose on it, and it is ended."""
+"""A run: the lab is started, devices, programs and faults are let loose on it, and it is ended."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bench.soak import judge
 from bench.soak.clients import Clients
 from bench.soak.faults import Faults
 from bench.soak.judge import Violation
-from bench.soak.lab import HANDS_OF
+from bench.soak.lab import DEVICES_OF
 from bench.soak.sampling import left_behind
 from bench.soak.watch import Watch
 from cardan.common.signals import signal_name
@@ -54,7 +54,7 @@ class Soak:
             self.report.begin()
             parts: list[Callable[[], None]] = [
                 watch.poll, watch.sample, self._clients.run, self._faults.run, self._faults.operate,
-                *(functools.partial(watch.hand, hand) for hand in HANDS_OF),
+                *(functools.partial(watch.device, device) for device in DEVICES_OF),
             ]  # fmt: skip
             threads = [
                 threading.Thread(target=self._guarded, args=(each,), daemon=True) for each in parts
@@ -103,7 +103,7 @@ class Soak:
         give_up_s = time.monotonic() + READY_WITHIN_S
         while True:
             rows = self.watch.ask("units")
-            # Devices are live once a hand has touched them.
+            # Devices are live once they were touched.
             if all(not judge.problem_of(row, False) for row in rows):
                 return
             if time.monotonic() > give_up_s or self.stop.wait(0.2):

@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from bench.soak import hands, judge
+from bench.soak import judge, motion_scripts
 from bench.soak.judge import ArmJudge, RecoveryJudge, Told, Violation
-from bench.soak.lab import ARMS, HANDS_OF, MARK, SOURCES, Lab
+from bench.soak.lab import ARMS, DEVICES_OF, MARK, SOURCES, Lab
 from bench.soak.report import Report, Sample
 from bench.soak.sampling import is_marked, shared_memory, use_of
 from cardan.errors import CardanError
@@ -58,7 +58,7 @@ class Watch:
         self._excused: Counter[str] = Counter()
         self._away: Counter[str] = Counter()
         """Devices that are not there."""
-        self._asked_until_s = dict.fromkeys(HANDS_OF, -math.inf)
+        self._asked_until_s = dict.fromkeys(DEVICES_OF, -math.inf)
         self._histograms: dict[str, tuple[int, list[int], int]] = {}
         self._cpu: dict[int, tuple[float, float]] = {}
         self._paused_s = -math.inf
@@ -97,37 +97,37 @@ class Watch:
             for arm in arms:
                 self.arms[arm].void(time.monotonic())
 
-    def hand_asks(self, hand: str, who: str = "hand") -> None:
-        """A hand holds its dead-man."""
+    def operator_asks(self, device: str, who: str = "hand") -> None:
+        """The operator of a device holds its dead-man."""
         with self.lock:
-            for arm in HANDS_OF[hand]:
+            for arm in DEVICES_OF[device]:
                 self.arms[arm].asks(who, time.monotonic())
 
-    def hand_gone(self, hand: str, who: str = "hand") -> None:
-        """A hand does not hold its dead-man any more."""
+    def operator_gone(self, device: str, who: str = "hand") -> None:
+        """The operator of a device does not hold its dead-man any more."""
         with self.lock:
-            for arm in HANDS_OF[hand]:
+            for arm in DEVICES_OF[device]:
                 self.arms[arm].lets_go(who, time.monotonic())
 
-    def hand_goes_on(self, hand: str) -> None:
-        """After its device was stopped a hand may go on with what it had begun."""
+    def operator_goes_on(self, device: str) -> None:
+        """After its device was stopped its operator may go on with what was begun."""
         with self.lock:
-            if time.monotonic() < self._asked_until_s[hand]:
-                self.hand_asks(hand)
+            if time.monotonic() < self._asked_until_s[device]:
+                self.operator_asks(device)
 
     # -- what faults excuse ----------------------------------------------------------------------
 
     @contextlib.contextmanager
-    def away(self, hand: str) -> Iterator[None]:
+    def away(self, device: str) -> Iterator[None]:
         """A device is absent until the context ends."""
         with self.lock:
-            self._away[hand] += 1
-            self.hand_gone(hand)
+            self._away[device] += 1
+            self.operator_gone(device)
         try:
             yield
         finally:
             with self.lock:
-                self._away[hand] -= 1
+                self._away[device] -= 1
 
     @contextlib.contextmanager
     def excused(self, *names: str) -> Iterator[None]:
@@ -203,8 +203,8 @@ class Watch:
         there = True
         if row["kind"] == "session":
             pid, cycles = row["pid"] or 0, row["cycles"]
-            hand = next(each for each, of in HANDS_OF.items() if name in of)
-            there = not self._away[hand]
+            device = next(each for each, of in DEVICES_OF.items() if name in of)
+            there = not self._away[device]
             if pid and (pid, cycles) != self._cycles.get(name):
                 self._cycles[name] = pid, cycles
                 self.arms[name].told(Told(now_s, pid, row["authority"], row["phase"]))
@@ -253,23 +253,23 @@ class Watch:
         )
         return p50_s, p99_s
 
-    # -- hands -----------------------------------------------------------------------------------
+    # -- devices ---------------------------------------------------------------------------------
 
-    def hand(self, hand: str) -> None:
+    def device(self, device: str) -> None:
         """Moves a device, again and again."""
-        rng = random.Random(f"{self.seed}-{hand}")
+        rng = random.Random(f"{self.seed}-{device}")
         while not self.stop.wait(rng.uniform(*BETWEEN_EPISODES_S)):
-            episode = hands.episode(hand, rng)
-            if self._away[hand] or not self.lab.hands[hand].play(episode.script):
+            episode = motion_scripts.episode(device, rng)
+            if self._away[device] or not self.lab.devices[device].play(episode.script):
                 continue
             began_s = time.monotonic()
             if self.stop.wait(episode.begins_s - SETTLES_S / 2):
                 return
             with self.lock:
-                if not self._away[hand]:
-                    self.hand_asks(hand)
-                    self._asked_until_s[hand] = began_s + episode.ends_s
-            self.report.count("hand", f"{hand}: episode")
+                if not self._away[device]:
+                    self.operator_asks(device)
+                    self._asked_until_s[device] = began_s + episode.ends_s
+            self.report.count("device", f"{device}: episode")
             if self.stop.wait(episode.ends_s - episode.begins_s + SETTLES_S):
                 return
-            self.hand_gone(hand)
+            self.operator_gone(device)

@@ -1,4 +1,4 @@
-"""The core of a simulated device that reports all the time, whether or not a hand moves it."""
+"""The core of a simulated device that reports all the time, whether or not it moves."""
 
 from __future__ import annotations
 
@@ -77,14 +77,14 @@ class PeriodicDevice(ABC, Generic[M]):
 
 
 class HeldModel(NamedTuple):
-    """Data of a device that a scripted hand needs."""
+    """Data of a device that a motion script needs."""
 
     name: str
     buttons: Mapping[int, str]
 
 
 class HeldPeriodicDevice(PeriodicDevice[M]):
-    """Device with six deflections and buttons that a hand holds, on a program's page or node."""
+    """Device with six deflections and buttons that is held, on a program's page or node."""
 
     model: HeldModel
 

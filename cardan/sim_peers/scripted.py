@@ -1,4 +1,4 @@
-"""Shared parts of scripted hands: the words of a script's step, and steps as actions in time."""
+"""Shared parts of motion scripts: the words of a script's step, and steps as actions in time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ D_contra = TypeVar("D_contra", contravariant=True)
 
 
 class HeldDevice(Protocol):
-    """A simulated device that a hand moves; times are s from the script's start."""
+    """A simulated device that a script moves; times are s from the script's start."""
 
     @property
     def plugged(self) -> bool:
@@ -36,7 +36,7 @@ class HeldDevice(Protocol):
         """Send nothing for the time before `now_s`, except reports that must not be lost."""
 
 
-class Hand(Protocol[D_contra]):
+class DeviceMotion(Protocol[D_contra]):
     """Motion source of a simulated device."""
 
     @property
@@ -50,14 +50,14 @@ class Hand(Protocol[D_contra]):
 H = TypeVar("H", bound=HeldDevice)
 
 
-def pieces(device: H, hand: Hand[H], until_s: float) -> Iterator[list[Any]]:
-    """Move `device` by `hand` until `until_s`, each at its due times. Yields the device's reports,
-    in pieces that end where it is plugged in or out."""
+def pieces(device: H, motion: DeviceMotion[H], until_s: float) -> Iterator[list[Any]]:
+    """Move `device` by `motion` until `until_s`, each at its due times. Yields the reports, in
+    pieces that end where it is plugged in or out."""
     sent: list[Any] = []
     plugged = device.plugged
-    while (due_s := min(device.next_due_s, hand.next_due_s)) <= until_s:
+    while (due_s := min(device.next_due_s, motion.next_due_s)) <= until_s:
         device.skip_to(due_s)
-        hand.advance(due_s, device)
+        motion.advance(due_s, device)
         sent += device.reports(due_s)
         if device.plugged != plugged:
             yield sent
@@ -65,9 +65,9 @@ def pieces(device: H, hand: Hand[H], until_s: float) -> Iterator[list[Any]]:
     yield sent
 
 
-def play(device: H, hand: Hand[H], until_s: float) -> list[Any]:
+def play(device: H, motion: DeviceMotion[H], until_s: float) -> list[Any]:
     """All reports of `pieces` in one list."""
-    return [each for piece in pieces(device, hand, until_s) for each in piece]
+    return [each for piece in pieces(device, motion, until_s) for each in piece]
 
 
 def calling(method: str, *arguments: Any) -> Act[Any]:
@@ -213,7 +213,7 @@ class ScriptTimeline(Generic[A]):
                 self._start_s, self._next = due_s, 0
 
 
-class ScriptHand(ABC, Generic[D]):
+class MotionScript(ABC, Generic[D]):
     """Plays the steps of a script on a device, of type D; afterwards it stays as it is.
 
     `motions` move parts of the device in time. `start_s` is when the script begins; inf: when

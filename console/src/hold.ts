@@ -15,7 +15,7 @@ const MARGIN_PX = 32;
 /** Armed, and nothing was held for so long: a page that nobody uses leaves the arm to others. */
 export const IDLE_MS = 180_000;
 
-/** How often frames go out that hold nothing, so that the server knows that the hand is free. */
+/** How often frames go out that hold nothing, so that the server knows that the operator is free. */
 const REST_MS = 200;
 
 export type End =

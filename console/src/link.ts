@@ -136,7 +136,7 @@ export class Link {
     this.bridge.send({ op: "cardan.close", channel });
   }
 
-  /** Send the state of a hand; false where it was dropped, as the link is slow or gone. What holds
+  /** Send the state of a device; false where it was dropped, as the link is slow or gone. What holds
    * is never queued: it is dropped where frames before still wait. */
   send(channel: number, body: Body, hold: boolean, tracking = true): boolean {
     const waits = this.bridge.waiting > 0;

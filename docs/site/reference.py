@@ -46,7 +46,7 @@ PARTS = {
     "Write a simulated peer": (
         "cardan.sim_peers.base",
         "cardan.sim_peers.command",
-        "cardan.sim_peers.hand_peer",
+        "cardan.sim_peers.device_peer",
         "cardan.sim_peers.scripted",
     ),
 }

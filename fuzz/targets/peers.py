@@ -18,7 +18,7 @@ from cardan.sim_peers.egm_controller import EgmController, scripts as egm_script
 from cardan.sim_peers.evdev import (
     MODELS as EVDEV_MODELS,
     SimulatedInput,
-    motion_script as evdev_hand,
+    motion_script as evdev_motion,
 )
 from cardan.sim_peers.motoros_controller import (
     CONNECTIONS,
@@ -26,10 +26,10 @@ from cardan.sim_peers.motoros_controller import (
     MotorosControllerOptions,
     MotorosServers,
 )
-from cardan.sim_peers.spacemouse import motion_script as mouse_hand
+from cardan.sim_peers.spacemouse import motion_script as mouse_motion
 from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
-from cardan_jr3.peer import SimulatedJr3, motion_script as jr3_hand, socketcand
+from cardan_jr3.peer import SimulatedJr3, motion_script as jr3_motion, socketcand
 from cardan_jr3.protocol import TEO_SENSORS
 from cardan_leap.peer import hand as leap_hand
 from cardan_leap.peer.core import SimulatedLeapService
@@ -38,7 +38,7 @@ from cardan_omni.peer.settings import parse_omni_faults
 from cardan_serial_mice.peer.core import simulated_serial_puck
 from cardan_serial_mice.protocol import models
 from cardan_spnav_server.core import SpnavServerCore
-from cardan_wiimote.peer import SimulatedWiimote, motion_script as wiimote_hand
+from cardan_wiimote.peer import SimulatedWiimote, motion_script as remote_motion
 from fuzz.target import Form, Packets, Target
 from fuzz.targets import devices, robots
 from fuzz.targets.common import Clients, all_finite, text_of
@@ -280,20 +280,24 @@ def _spnav_server(packets: Packets) -> object:
 # -- scripts --------------------------------------------------------------------------------------
 
 
-def _mouse_hand(steps: Any) -> object:
-    return mouse_hand.ScriptedPuck(steps, connexion_devices.MODELS[0])
+def _mouse_motion(steps: Any) -> object:
+    return mouse_motion.ScriptedPuck(steps, connexion_devices.MODELS[0])
 
 
-def _evdev_hand(steps: Any) -> object:
-    return evdev_hand.ScriptedInput(steps, SimulatedInput(EVDEV_MODELS[0]))
+def _evdev_motion(steps: Any) -> object:
+    return evdev_motion.ScriptedInput(steps, SimulatedInput(EVDEV_MODELS[0]))
 
 
-_HANDS: tuple[tuple[Mapping[str, str], Mapping[str, str], Callable[[Any], object]], ...] = (
-    (wiimote_hand.SCRIPTS, wiimote_hand.SCRIPT_VERBS, lambda s: wiimote_hand.ScriptedHand(s, "")),
+_SCRIPTED: tuple[tuple[Mapping[str, str], Mapping[str, str], Callable[[Any], object]], ...] = (
+    (
+        remote_motion.SCRIPTS,
+        remote_motion.SCRIPT_VERBS,
+        lambda s: remote_motion.ScriptedWiimote(s, ""),
+    ),
     (leap_hand.SCRIPTS, leap_hand.SCRIPT_VERBS, leap_hand.ScriptedHands),
-    (mouse_hand.SCRIPTS, mouse_hand.SCRIPT_VERBS, _mouse_hand),
-    (jr3_hand.SCRIPTS, jr3_hand.SCRIPT_VERBS, jr3_hand.ScriptedHand),
-    (evdev_hand.GAMEPAD_SCRIPTS, evdev_hand.SCRIPT_VERBS, _evdev_hand),
+    (mouse_motion.SCRIPTS, mouse_motion.SCRIPT_VERBS, _mouse_motion),
+    (jr3_motion.SCRIPTS, jr3_motion.SCRIPT_VERBS, jr3_motion.ScriptedJr3),
+    (evdev_motion.GAMEPAD_SCRIPTS, evdev_motion.SCRIPT_VERBS, _evdev_motion),
     (omni_hand.SCRIPTS, omni_hand.SCRIPT_VERBS, omni_hand.compile_script),
     (egm_scripts.SCRIPTS, egm_scripts.SCRIPT_VERBS, egm_scripts.compile_script),
 )
@@ -302,7 +306,7 @@ _HANDS: tuple[tuple[Mapping[str, str], Mapping[str, str], Callable[[Any], object
 def _script(data: bytes) -> object:
     text = text_of(data)
     results: list[object] = []
-    for _built_in, verbs, compiled in _HANDS:
+    for _built_in, verbs, compiled in _SCRIPTED:
         try:
             compiled(parse_script(text, verbs))
             results.append(True)
@@ -312,7 +316,7 @@ def _script(data: bytes) -> object:
 
 
 def _scripts() -> Iterator[bytes]:
-    for built_in, verbs, _compiled in _HANDS:
+    for built_in, verbs, _compiled in _SCRIPTED:
         for text in built_in.values():
             yield text.encode()
         yield "\n".join(f"1 {usage}" for usage in verbs.values()).encode()

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from cardan.common.arm_libraries import np
 from cardan.common.haptics import HapticCommand, MeasuredForce
-from cardan.gateway.force.passive import FarPort, HandPort, share_left
+from cardan.gateway.force.passive import DevicePort, FarPort, share_left
 from cardan.types import NEVER_S, ZERO3, Vector3
 from cardan_omni.driver.limits import TickLimits
 from studies.haptics.loop import TICK_S, Rig, Trace
@@ -42,7 +42,7 @@ class FarWall:
         self._asked: tuple[int, Vector3, float, float] = (0, ZERO3, 0.0, NEVER_S)
         self._heard_s = NEVER_S
         self._sent = 0
-        self._far, self._hand = FarPort(), HandPort() if law else None
+        self._far, self._hand = FarPort(), DevicePort() if law else None
 
     def cycle(self, stylus: Vector3, now_s: float) -> MeasuredForce:
         """Both ends, once in a period: what the tick is to render."""

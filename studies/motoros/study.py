@@ -46,7 +46,7 @@ def measure(runs: Sequence[tuple[str, str]], pushes: int = PUSHES) -> list[tuple
 
 
 def recorded(mode: str, plant: str, pushes: int) -> tuple[Recording, Run]:
-    """Record a run; again if a busy machine was not ready when the hand pushed."""
+    """Record a run; again if a busy machine was not ready when the device pushed."""
     for left in reversed(range(TRIES)):
         try:
             recording = record(mode, plant, pushes)

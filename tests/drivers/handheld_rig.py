@@ -7,7 +7,7 @@ from cardan.drivers.handheld import PhoneOptions, XrOptions
 from cardan.drivers.handheld.core import FRAME_TYPE, PhoneCore, XrCore
 from cardan.protocols.ros2.names import dds_type
 from cardan.protocols.ros2.zenoh import Attachment
-from cardan.sim_peers.handheld import SimulatedHand
+from cardan.sim_peers.handheld import SimulatedHandheld
 from cardan.sim_peers.handheld.peer import wrapped
 
 KEY = f"0/phone/{dds_type(FRAME_TYPE)}/RIHS01_0"
@@ -25,7 +25,7 @@ class Bench:
         self.core = (
             PhoneCore(PhoneOptions(**options)) if kind == "phone" else XrCore(XrOptions(**options))
         )
-        self.device = SimulatedHand(kind, dict(faults))
+        self.device = SimulatedHandheld(kind, dict(faults))
         self.now_s = 0.0
         self.sequence = 0
         self.sender = 1

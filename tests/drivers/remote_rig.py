@@ -17,7 +17,7 @@ from cardan.drivers.remote.shared import (
     claim_message,
     shared_message,
 )
-from cardan.gateway.bus.sharing import HandEnd, ShareCore
+from cardan.gateway.bus.sharing import DeviceEnd, ShareCore
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.names import dds_type
 from cardan.protocols.ros2.zenoh import Attachment
@@ -144,7 +144,7 @@ class Bench:
         self.edges = []
         self.given = DeviceFeedback()
         self.haptic, self.command = haptic, None
-        self.hand = None if haptic is None else HandEnd(haptic)
+        self.force_end = None if haptic is None else DeviceEnd(haptic)
         self.heard = []
         """Edges that came out of the driver."""
         self.frozen = False
@@ -201,9 +201,9 @@ class Bench:
             self.share.on_received(item, self.there_s)
         edges, self.edges = self.edges, []
         haptic_feedback = None
-        if self.hand is not None:
-            self.hand.cycle(*self.share.order(self.there_s), self.there_s)
-            haptic_feedback = self.hand.haptic_feedback
+        if self.force_end is not None:
+            self.force_end.cycle(*self.share.order(self.there_s), self.there_s)
+            haptic_feedback = self.force_end.haptic_feedback
         shared = self.share.offer(self.device, edges, ABLE, self.there_s, haptic_feedback)
         if shared is not None:
             message = self.mangle(shared_message(shared))

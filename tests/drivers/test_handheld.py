@@ -10,7 +10,7 @@ from cardan.drivers.handheld import HandheldOptions, PhoneOptions, XrOptions
 from cardan.errors import DeviceNotFoundError, OptionError
 from cardan.protocols.handheld.frames import BodyPart, GamepadFrame, OperatorFrame, encode_frame
 from cardan.sim_peers.handheld import FAULTS, PagePeer, PagePeerOptions, XrPeerOptions
-from cardan.sim_peers.handheld.core import FULL_WAY_M, SimulatedHand
+from cardan.sim_peers.handheld.core import FULL_WAY_M, SimulatedHandheld
 from cardan.sim_peers.handheld.peer import wrapped
 from cardan.spatial import rotation_between, subtract
 from cardan.types import NEUTRAL, DeviceFeedback, DeviceLink
@@ -122,7 +122,7 @@ def test_the_other_hand_is_another_device(part):
     bench.run(1.0)
     assert bench.state.link is DeviceLink.STALE
     bench = Bench("xr", part=part)
-    bench.device = SimulatedHand("xr", {}, part=BodyPart[part.upper()])
+    bench.device = SimulatedHandheld("xr", {}, part=BodyPart[part.upper()])
     assert bench.live().state.link is DeviceLink.LIVE
 
 

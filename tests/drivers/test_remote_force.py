@@ -235,13 +235,13 @@ def test_a_clutch_out_ends_the_force_at_once():
 
 def test_another_lease_is_another_engagement_though_it_came_while_this_end_stood_still():
     bench = pressed()
-    before = bench.hand._port
+    before = bench.force_end._port
     assert before is not None
     order, heard_s, lease = bench.share.order(bench.there_s)
     told = len(bench.haptic.commands)
-    bench.hand.cycle(order, heard_s, lease + 1, bench.there_s + 0.02)
+    bench.force_end.cycle(order, heard_s, lease + 1, bench.there_s + 0.02)
     assert [each.engaged for each in bench.haptic.commands[told:]][:1] == [False]
-    assert bench.hand._port is not before
+    assert bench.force_end._port is not before
 
 
 def test_an_answer_to_what_the_hand_has_not_done_yet_is_none():

@@ -29,7 +29,7 @@ from cardan_spnav_server import (
 )
 from cardan_spnav_server.protocol import encode_button, encode_motion
 from tests.serving import in_a_thread
-from tests.spacenavd import TIMEOUT_S, PuckHand, spacenavd
+from tests.spacenavd import TIMEOUT_S, PuckMotion, spacenavd
 
 pytestmark = pytest.mark.matrix
 
@@ -336,8 +336,8 @@ def test_feedback_before_open(path):
 @pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
 def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
     """Touch and let go; then one axis after the other, and gone in the middle of a push."""
-    hand = PuckHand()
-    with spacenavd(tmp_path, "", hand=hand) as (path, old_client), answered(path) as driver:
+    hand = PuckMotion()
+    with spacenavd(tmp_path, "", motion=hand) as (path, old_client), answered(path) as driver:
         assert driver.metrics()["version"] == 1
         assert driver.metrics()["full_scale"] == 400.0
         assert driver.capabilities.feedback == {"led"}
@@ -388,8 +388,8 @@ def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
 @pytest.mark.parametrize("interval", [40, 250, 999])
 def test_what_spacenavd_repeats_by_itself_is_no_sign_of_life(tmp_path, monkeypatch, interval):
     settings = f"repeat-interval = {interval}\n"
-    hand = PuckHand()
-    daemon = spacenavd(tmp_path, "", hand=hand, settings=settings, jitter_lsb=0)
+    hand = PuckMotion()
+    daemon = spacenavd(tmp_path, "", motion=hand, settings=settings, jitter_lsb=0)
     with daemon as (path, old_client), opened(path) as driver:
         told = Told(old_client)
         hand.do("set_axes", push(2, 0.2))
@@ -425,8 +425,8 @@ def test_what_spacenavd_repeats_by_itself_is_no_sign_of_life(tmp_path, monkeypat
 @pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
 def test_a_steady_hand_on_a_serial_device_needs_the_longer_silence(tmp_path):
     """A hand that trembles by one count: some packets are like those before, and not passed on."""
-    hand = PuckHand()
-    daemon = spacenavd(tmp_path, "", hand=hand, jitter_lsb=1)
+    hand = PuckMotion()
+    daemon = spacenavd(tmp_path, "", motion=hand, jitter_lsb=1)
     with daemon as (path, _), opened(path) as usual, opened(path, stale_after_s=1.0) as patient:
         assert '"spacemouse_serial"' in " ".join(usual.diagnosis())
         hand.do("set_axes", push(2, 0.2))
@@ -504,8 +504,8 @@ def keys_of(model):
 def told_presses(folder, model):
     """The buttons that the driver has of a hand that presses all keys of a serial device."""
     folder.mkdir()
-    hand, edges = PuckHand(), []
-    with spacenavd(folder, "", hand=hand, model=model) as (path, _), answered(path) as driver:
+    hand, edges = PuckMotion(), []
+    with spacenavd(folder, "", motion=hand, model=model) as (path, _), answered(path) as driver:
         for key in keys_of(model):
             for act in ("press", "release"):
                 hand.do(act, key)

@@ -1,5 +1,5 @@
 """The other processes of the fault table: a simulated robot that notes how it moves, and a
-simulated device whose hand does what it is told.
+simulated device that does what it is told.
 
     python -m tests.process_faults.peers robot KIND FILE PORT
     python -m tests.process_faults.peers hand KIND PLACE
@@ -20,10 +20,10 @@ from cardan.common.realtime import ask_for_real_time
 from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
 from cardan.sim_peers.arm.udp import SimulatedArmPeer
 from cardan.sim_peers.base import ScriptStep, SimulatedPeer, parse_script
+from cardan.sim_peers.device_peer import DevicePeer
 from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, EgmMode
 from cardan.sim_peers.evdev import motion_script as pad
 from cardan.sim_peers.evdev.peer import EvdevPeer, EvdevPeerOptions
-from cardan.sim_peers.hand_peer import HandPeer
 from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
 from cardan.sim_peers.ros2_arm.options import RosArmOptions
 from cardan.sim_peers.ros2_arm.peer import RosArmPeer
@@ -102,37 +102,37 @@ def serve_robot(kind: str, file: Path, port: int) -> None:
 # -- devices --------------------------------------------------------------------------------------
 
 
-class Hand(NamedTuple):
-    """A simulated device, and what makes a hand of a script's lines."""
+class ScriptedPeer(NamedTuple):
+    """A simulated device, and what makes a motion of a script's lines."""
 
-    make: Callable[[str, str], HandPeer[Any, Any]]
+    make: Callable[[str, str], DevicePeer[Any, Any]]
     """Of a place, and the script to begin with."""
-    hand: Callable[[Sequence[ScriptStep], Any], Any]
+    motion: Callable[[Sequence[ScriptStep], Any], Any]
     """Of steps and the device."""
     verbs: Mapping[str, str]
 
 
-def _mouse(place: str, script: str) -> HandPeer[Any, Any]:
+def _mouse(place: str, script: str) -> DevicePeer[Any, Any]:
     return SpaceMousePeer(SpaceMousePeerOptions(hid=place, script=script, jitter_lsb=0))
 
 
-HANDS: dict[str, Hand] = {
-    "spacemouse": Hand(
+PEERS: dict[str, ScriptedPeer] = {
+    "spacemouse": ScriptedPeer(
         _mouse,
         lambda steps, device: puck.ScriptedPuck(steps, device.model),
         puck.SCRIPT_VERBS,
     ),
-    "gamepad": Hand(
+    "gamepad": ScriptedPeer(
         lambda place, script: EvdevPeer(EvdevPeerOptions(path=place, script=script)),
         pad.ScriptedInput,
         pad.SCRIPT_VERBS,
     ),
-    "wiimote": Hand(
+    "wiimote": ScriptedPeer(
         lambda place, script: WiimotePeer(WiimotePeerOptions(l2cap=place, script=script)),
-        lambda steps, _: remote.ScriptedHand(steps),
+        lambda steps, _: remote.ScriptedWiimote(steps),
         remote.SCRIPT_VERBS,
     ),
-    "ros2-device": Hand(
+    "ros2-device": ScriptedPeer(
         lambda place, script: NodePeer(NodePeerOptions(port=int(place), script=script)),
         lambda steps, device: puck.ScriptedPuck(steps, device.model),
         puck.SCRIPT_VERBS,
@@ -140,19 +140,19 @@ HANDS: dict[str, Hand] = {
 }
 
 
-def serve_hand(kind: str, place: str, held: str = "") -> None:
+def serve_device(kind: str, place: str, held: str = "") -> None:
     """Serve until killed. Each line of standard input, steps of a script with semicolons between
-    them, is done at once, and the hand keeps to it; `held` is done before anybody can connect."""
-    of = HANDS[kind]
+    them, is done at once, and it keeps to that; `held` is done before anybody can connect."""
+    of = PEERS[kind]
 
-    def hand_of(steps: str) -> Any:
+    def motion_of(steps: str) -> Any:
         text = "\n".join(f"0 {step.strip()}" for step in steps.split(";"))
-        return of.hand(parse_script(text, of.verbs), peer.device)
+        return of.motion(parse_script(text, of.verbs), peer.device)
 
     with tempfile.NamedTemporaryFile("w", suffix=".txt") as nothing:
         peer = of.make(place, nothing.name)
     if held:
-        peer.hand = hand_of(held)
+        peer.motion = motion_of(held)
     ask_for_real_time()
     peer.open()
     os.set_blocking(0, False)
@@ -168,7 +168,7 @@ def serve_hand(kind: str, place: str, held: str = "") -> None:
             return
         *lines, left = (left + data).split(b"\n")
         for line in lines:
-            peer.hand = hand_of(line.decode())
+            peer.motion = motion_of(line.decode())
             peer.catch_up()
             print("DONE", flush=True)
 
@@ -178,4 +178,4 @@ if __name__ == "__main__":
     if what == "robot":
         serve_robot(kind, Path(rest[0]), int(rest[1]))
     else:
-        serve_hand(kind, *rest)
+        serve_device(kind, *rest)

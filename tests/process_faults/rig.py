@@ -68,7 +68,7 @@ class Pair(NamedTuple):
     robot: str
     """As `peers.ROBOTS` has it."""
     hand: str
-    """As `peers.HANDS` has it."""
+    """As `peers.PEERS` has it."""
     configured: Callable[[Lab], dict[str, Any]]
     """The session's tables."""
     push: tuple[str, str]

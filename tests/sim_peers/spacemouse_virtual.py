@@ -28,11 +28,11 @@ def run(device: SimulatedSpaceMouse, until_s: float) -> Stamped:
 
 def perform(device: SimulatedSpaceMouse, script: str, until_s: float) -> Stamped:
     """Every report of `device` in the hand of `script`, with its time."""
-    hand = ScriptedPuck(parse_script(script, SCRIPT_VERBS), device.model)
+    motion = ScriptedPuck(parse_script(script, SCRIPT_VERBS), device.model)
     reports: Stamped = []
-    while (due_s := min(device.next_due_s, hand.next_due_s)) <= until_s:
+    while (due_s := min(device.next_due_s, motion.next_due_s)) <= until_s:
         device.skip_to(due_s)
-        hand.advance(due_s, device)
+        motion.advance(due_s, device)
         reports += [(due_s, report) for report in device.reports(due_s)]
     return reports
 

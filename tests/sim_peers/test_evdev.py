@@ -242,21 +242,21 @@ def test_built_in_scripts_play_to_their_end_and_let_everything_go(kind, name, mo
     device = make(model)
     if device.model.is_gamepad != (kind == "gamepad"):
         return
-    hand = ScriptedInput(parse_script(SCRIPTS[kind][name], SCRIPT_VERBS), device)
-    frames = play(device, hand, 60.0)
+    motion = ScriptedInput(parse_script(SCRIPTS[kind][name], SCRIPT_VERBS), device)
+    frames = play(device, motion, 60.0)
     assert frames
     assert [f.time_s for f in frames] == sorted(f.time_s for f in frames)
     if "loop" not in SCRIPTS[kind][name]:
         assert device.controls == REST
         assert device.held == ()
-        assert hand.next_due_s == math.inf
+        assert motion.next_due_s == math.inf
 
 
 def test_taps_go_on_for_ever():
     device = make("keyboard")
-    hand = ScriptedInput(parse_script(SCRIPTS["keyboard"]["taps"], SCRIPT_VERBS), device)
+    motion = ScriptedInput(parse_script(SCRIPTS["keyboard"]["taps"], SCRIPT_VERBS), device)
     presses = [
-        pair for pair in values(play(device, hand, 21.0), evdev_events.EV_KEY) if pair[1] == 1
+        pair for pair in values(play(device, motion, 21.0), evdev_events.EV_KEY) if pair[1] == 1
     ]
     assert len(presses) >= 30
 

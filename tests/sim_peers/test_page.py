@@ -18,7 +18,7 @@ from tests.waiting import WITHIN_S
 @pytest.fixture
 def page(monkeypatch):
     """The module that the page shows."""
-    (code,) = (b for b in blocks(text("adding-a-driver.md"), "python") if "HandPeer" in b)
+    (code,) = (b for b in blocks(text("adding-a-driver.md"), "python") if "DevicePeer" in b)
     module = types.ModuleType("simulated_joystick")
     monkeypatch.setitem(sys.modules, module.__name__, module)
     exec(code, vars(module))
@@ -27,8 +27,8 @@ def page(monkeypatch):
 
 def test_its_device_sends_what_its_script_does(page):
     stick = page.SimulatedJoystick(0.25, {})
-    hand = page.ScriptedHand(page.load_script("demo", page.SCRIPTS, page.VERBS))
-    tilts = [int.from_bytes(report, "little", signed=True) for report in play(stick, hand, 3.0)]
+    motion = page.ScriptedJoystick(page.load_script("demo", page.SCRIPTS, page.VERBS))
+    tilts = [int.from_bytes(report, "little", signed=True) for report in play(stick, motion, 3.0)]
     assert tilts == [0, 0, 0, 64, 127, 127, 127, 64, 0, -64, -127, -127, -127]
 
 

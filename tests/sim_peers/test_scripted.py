@@ -11,7 +11,7 @@ from hypothesis import given, strategies as st
 from cardan.errors import ScriptError
 from cardan.sim_peers.base import ScriptStep, parse_script
 from cardan.sim_peers.motion_profile import SinePeriods, VectorMotion, VectorRamp
-from cardan.sim_peers.scripted import ScriptHand, ScriptTimeline, StepWords, calling, moving
+from cardan.sim_peers.scripted import MotionScript, ScriptTimeline, StepWords, calling, moving
 
 VERBS = {"go": "go X Y [over SECONDS]", "note": "note WORD", "loop": "loop"}
 
@@ -124,7 +124,7 @@ class TestTimeline:
 
 
 def test_a_hand_deflects_and_acts_when_each_is_due():
-    class Hand(ScriptHand[list[object]]):
+    class Notes(MotionScript[list[object]]):
         def __init__(self, steps) -> None:
             self.motion = VectorMotion((0.0, 0.0), 0.75)
             super().__init__(steps, VERBS, [self.motion])
@@ -138,13 +138,13 @@ def test_a_hand_deflects_and_acts_when_each_is_due():
             return calling("append", words.word("WORD"))
 
     steps = parse_script("1 go 1 2 over 1\n1.5 note half\n2 note end", VERBS)
-    hand = Hand(steps)
+    motion = Notes(steps)
     device: list[object] = []
     due = []
-    while hand.next_due_s < math.inf:
-        due.append(hand.next_due_s)
-        hand.advance(due[-1], device)
+    while motion.next_due_s < math.inf:
+        due.append(motion.next_due_s)
+        motion.advance(due[-1], device)
     assert due == [1.0, 1.5, 2.0]
     assert device == [(0.0, 0.0), "half", (0.5, 1.0), "end", (1.0, 2.0)]
     with pytest.raises(ScriptError, match="1 s note: 'two' is too much"):
-        Hand(parse_script("1 note one two", VERBS))
+        Notes(parse_script("1 note one two", VERBS))

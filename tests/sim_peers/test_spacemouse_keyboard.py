@@ -16,7 +16,7 @@ from cardan.sim_peers.spacemouse.keyboard import (
     KEY_DEFLECTION,
     KEY_HOLD_S,
     KEY_SPEED,
-    KeyboardHand,
+    KeyboardMotion,
     Terminal,
     status_line,
 )
@@ -25,59 +25,59 @@ from tests.sim_peers.spacemouse_virtual import make
 RAMP_S = KEY_DEFLECTION / KEY_SPEED
 
 
-def at(hand: KeyboardHand, device: SimulatedSpaceMouse, now_s: float) -> tuple[float, ...]:
-    hand.advance(now_s, device)
+def at(motion: KeyboardMotion, device: SimulatedSpaceMouse, now_s: float) -> tuple[float, ...]:
+    motion.advance(now_s, device)
     return device.axes
 
 
 @pytest.mark.parametrize("key", KEY_AXES)
 def test_each_key_deflects_one_axis_and_decays(key: str) -> None:
-    hand, device = KeyboardHand(), make()
-    hand.feed(key, 5.0)
+    motion, device = KeyboardMotion(), make()
+    motion.feed(key, 5.0)
     axis, sign = KEY_AXES[key]
-    assert at(hand, device, 5.0) == (0.0,) * 6
-    deflected = at(hand, device, 5.0 + KEY_HOLD_S)
+    assert at(motion, device, 5.0) == (0.0,) * 6
+    deflected = at(motion, device, 5.0 + KEY_HOLD_S)
     assert deflected[axis] == pytest.approx(sign * KEY_DEFLECTION)
     assert sum(map(abs, deflected)) == pytest.approx(KEY_DEFLECTION)
-    halfway = at(hand, device, 5.0 + KEY_HOLD_S + RAMP_S / 2)
+    halfway = at(motion, device, 5.0 + KEY_HOLD_S + RAMP_S / 2)
     assert halfway[axis] == pytest.approx(sign * KEY_DEFLECTION / 2)
-    assert at(hand, device, 5.0 + KEY_HOLD_S + 2 * RAMP_S) == (0.0,) * 6
-    assert hand.next_due_s == math.inf
+    assert at(motion, device, 5.0 + KEY_HOLD_S + 2 * RAMP_S) == (0.0,) * 6
+    assert motion.next_due_s == math.inf
 
 
 def test_a_repeating_key_holds() -> None:
-    hand, device = KeyboardHand(), make()
+    motion, device = KeyboardMotion(), make()
     for repeat in range(30):
-        hand.feed("w", repeat / 30)
+        motion.feed("w", repeat / 30)
         if repeat > 4:
-            assert at(hand, device, repeat / 30)[0] == pytest.approx(KEY_DEFLECTION)
+            assert at(motion, device, repeat / 30)[0] == pytest.approx(KEY_DEFLECTION)
 
 
 def test_one_late_look_is_the_same_as_many() -> None:
-    coarse, fine, device = KeyboardHand(), KeyboardHand(), make()
-    for hand in (coarse, fine):
-        hand.feed("u", 1.0)
+    coarse, fine, device = KeyboardMotion(), KeyboardMotion(), make()
+    for motion in (coarse, fine):
+        motion.feed("u", 1.0)
     for step in range(200):
         at(fine, device, 1.0 + step * 0.001)
     assert at(coarse, device, 1.199) == pytest.approx(device.axes)
 
 
 def test_capitals_deflect_fully_and_the_opposite_key_turns_round() -> None:
-    hand, device = KeyboardHand(), make()
+    motion, device = KeyboardMotion(), make()
     for step in range(10):
-        hand.feed("A", step * 0.05)
-    assert at(hand, device, 0.45)[1] == 1.0
-    hand.feed("d", 0.46)
-    assert at(hand, device, 0.47)[1] < 1.0
+        motion.feed("A", step * 0.05)
+    assert at(motion, device, 0.45)[1] == 1.0
+    motion.feed("d", 0.46)
+    assert at(motion, device, 0.47)[1] < 1.0
 
 
 def test_the_deflection_never_jumps() -> None:
-    hand, device = KeyboardHand(), make()
+    motion, device = KeyboardMotion(), make()
     before = device.axes
     for step in range(1, 400):
         if step % 7 == 0:
-            hand.feed("wWsS"[step // 7 % 4], step * 0.008)
-        after = at(hand, device, step * 0.008)
+            motion.feed("wWsS"[step // 7 % 4], step * 0.008)
+        after = at(motion, device, step * 0.008)
         assert abs(after[0] - before[0]) <= KEY_SPEED * 0.008 + 1e-9
         before = after
 
@@ -85,29 +85,29 @@ def test_the_deflection_never_jumps() -> None:
 @pytest.mark.parametrize(("key", "label"), [(" ", "left"), ("\n", "right"), ("\r", "right")])
 def test_buttons_toggle(key: str, label: str) -> None:
     assert key in KEY_BUTTONS
-    hand, device = KeyboardHand(), make()
-    hand.feed(key, 1.0)
-    assert hand.next_due_s == 1.0
-    hand.advance(1.0, device)
+    motion, device = KeyboardMotion(), make()
+    motion.feed(key, 1.0)
+    assert motion.next_due_s == 1.0
+    motion.advance(1.0, device)
     assert device.held == (label,)
-    hand.feed(key, 2.0)
-    hand.advance(2.0, device)
+    motion.feed(key, 2.0)
+    motion.advance(2.0, device)
     assert device.held == ()
     assert len(device.reports(2.0)) == 2
 
 
 def test_two_strokes_in_one_read_are_two_edges() -> None:
-    hand, device = KeyboardHand(), make()
-    hand.feed("  ", 1.0)
-    hand.advance(1.0, device)
+    motion, device = KeyboardMotion(), make()
+    motion.feed("  ", 1.0)
+    motion.advance(1.0, device)
     assert [report[1] for report in device.reports(1.0)] == [1, 0]
 
 
 def test_cursor_keys_and_others_do_nothing() -> None:
-    hand, device = KeyboardHand(), make()
-    hand.feed("\x1b[A\x1b[1;5D\x1bOAzé7", 1.0)
-    assert hand.next_due_s == math.inf
-    assert at(hand, device, 1.1) == (0.0,) * 6
+    motion, device = KeyboardMotion(), make()
+    motion.feed("\x1b[A\x1b[1;5D\x1bOAzé7", 1.0)
+    assert motion.next_due_s == math.inf
+    assert at(motion, device, 1.1) == (0.0,) * 6
 
 
 def test_status_line_shows_led_axes_and_buttons() -> None:

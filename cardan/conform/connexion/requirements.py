@@ -239,8 +239,8 @@ def the_battery_is_not_empty(decoded: ConnexionTraffic) -> Findings:
 @requires(17, "the system's HID driver")
 def it_stays(decoded: ConnexionTraffic) -> Verdict:
     """The device does not go while it is used."""
-    hand = decoded.phase("unplug")
-    wrong = [index for index in decoded.lost if hand is None or index < hand.first]
+    phase = decoded.phase("unplug")
+    wrong = [index for index in decoded.lost if phase is None or index < phase.first]
     some(not decoded.refused, "it was never opened")
     return failed("it went", wrong) if wrong else passed("it stayed")
 

@@ -10,7 +10,7 @@ from cardan.common.options import require
 from cardan.drivers.node_options import NodeOptions, require_name
 from cardan.drivers.remote.shared import claim_topic, state_topic
 
-MAX_AGE_S = Range(0.02, 0.5, "s", "a hand that is gone moves the arm for so long")
+MAX_AGE_S = Range(0.02, 0.5, "s", "a device that is gone moves the arm for so long")
 
 PLAYOUT_MS = Range(
     0.0, 200.0, "ms", "the arm follows the device so much later", zero="played on arrival"

@@ -11,8 +11,8 @@ from cardan.common.options import Options
 from cardan.errors import ConfigurationError
 from cardan.types import NEVER_S
 
-HAND = "hand"
-"""The operator device beside the session."""
+OPERATOR = "hand"
+"""The operator device beside the session: the name that files, records and the network have."""
 
 VERBS = "verbs"
 """The verbs and nameless streams of this process."""
@@ -25,7 +25,7 @@ network's pause that an operator would sit out, short enough for others to wait 
 class AuthorityPolicy(enum.Enum):
     """Which source may take the authority from which. Stop needs none."""
 
-    HAND = "hand"
+    OPERATOR = "hand"
     """Re-arming the operator device takes it from any source; others when it is free."""
     FIRST = "first"
     """Any source takes it when it is free, the operator device too."""
@@ -38,7 +38,7 @@ class AuthorityPolicy(enum.Enum):
 class AuthorityOptions(Options):
     """``[authority]``: which source may move the arm, and which may take it from which."""
 
-    policy: AuthorityPolicy = AuthorityPolicy.HAND
+    policy: AuthorityPolicy = AuthorityPolicy.OPERATOR
     named: str = ""
     """The source that may have it, where `policy` is NAMED."""
     lease_s: Annotated[float, AUTHORITY_LEASE_S] = LEASE_S
@@ -97,7 +97,7 @@ class Authority:
         """Why `source` may not take it now; empty when it may."""
         if source == self.owner:
             return ""
-        if self.owner and not (self.policy is AuthorityPolicy.HAND and source == HAND):
+        if self.owner and not (self.policy is AuthorityPolicy.OPERATOR and source == OPERATOR):
             return f"{self.owner!r} has authority over the arm"
         if self.policy is AuthorityPolicy.NAMED and not self._is_named(source):
             return f"authority over the arm is reserved for {self.named!r}"

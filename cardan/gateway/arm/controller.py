@@ -20,12 +20,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Protocol
 
 from cardan.common.haptics import WorldMap
-from cardan.gateway.arm.authority import HAND, Authority
+from cardan.gateway.arm.authority import OPERATOR, Authority
 from cardan.gateway.arm.commanded_arm import CommandedArm, equal_steps
 from cardan.gateway.arm.following_error import FollowingError
 from cardan.gateway.arm.motions.base import CommandedMotion
 from cardan.gateway.arm.motions.brake import Brake
-from cardan.gateway.arm.motions.hand import FollowHand
+from cardan.gateway.arm.motions.operator import FollowOperator
 from cardan.gateway.arm.motions.recover import NO_WAY, Recover
 from cardan.gateway.arm.output_check import OutputCheck, OutputLimits
 from cardan.gateway.arm.states import (
@@ -100,7 +100,7 @@ class ArmController:
         commanded: CommandedArm,
         limits: ReferenceLimits,
         watchdogs: Watchdogs | None = None,
-        hand: OperatorInput | None = None,
+        operator: OperatorInput | None = None,
         authority: Authority | None = None,
         *,
         period_s: float = 0.0,
@@ -108,7 +108,7 @@ class ArmController:
     ) -> None:
         """`limits` are those of the operator's motion; `period_s` is the robot's; 0: unknown."""
         self.commanded = commanded
-        self.hand = hand
+        self.operator = operator
         self.authority = authority or Authority()
         self.supervision = Supervision(watchdogs or Watchdogs(), period_s)
         self.reference = Reference(limits)
@@ -221,8 +221,8 @@ class ArmController:
                 return self._what_to_do(self.robot)
             if self.recovering:
                 return "resynchronizing with the robot; any button ends it"
-            if self._request.following and self.hand is not None:
-                return self.hand.remark or self._held(self._request)
+            if self._request.following and self.operator is not None:
+                return self.operator.remark or self._held(self._request)
             return ""
 
     @property
@@ -259,19 +259,19 @@ class ArmController:
         """The operator's newest request."""
         return self._request
 
-    def hand_map(self) -> WorldMap | None:
+    def device_map(self) -> WorldMap | None:
         """Map from the device's position to the commanded TCP's after the last tick, within the
         workspace; None while no pose is followed, or through axes that mirror."""
-        return None if self.hand is None or not self.following else self.hand.hand_map()
+        return None if self.operator is None or not self.following else self.operator.device_map()
 
     def status(self) -> ArmStatus:
         """A snapshot for views and recorders."""
         with self.lock:
-            commanded, hand = self.commanded, self.hand
+            commanded, operator = self.commanded, self.operator
             placed = commanded.placed and self.engaged
             arm = commanded.status() if placed else None
-            by_hand = self._motion is None or self._motion.follows_hand
-            if arm is not None and not self._request.asks and by_hand:
+            by_operator = self._motion is None or self._motion.follows_operator
+            if arm is not None and not self._request.asks and by_operator:
                 arm = arm._replace(path_speed=1.0)  # Nothing is asked, so nothing is slowed.
             return ArmStatus(
                 self.phase,
@@ -281,10 +281,10 @@ class ArmController:
                 commanded.pose if placed else None,
                 self.reference.lead_used,
                 self.reference.at_workspace_limit,
-                hand is not None and hand.mapping.gripper_closed,
+                operator is not None and operator.mapping.gripper_closed,
                 self._trips,
                 self.authority.state(),
-                () if hand is None else hand.filter_words(),
+                () if operator is None else operator.filter_words(),
                 arm,
             )
 
@@ -296,7 +296,7 @@ class ArmController:
         """Enter the states after `event`; the arm moves `by` a motion from now on. `moving`:
         whether it moves, where that is not the commanded arm's."""
         facts = Facts(
-            self.hand is not None,
+            self.operator is not None,
             self.commanded.moving if moving is None else moving,
             not self.supervision.error.exceeds(self.supervision.limit, NEAR_SHARE),
             self.supervision.watchdogs.recovery,
@@ -455,7 +455,7 @@ class ArmController:
                 self.not_ready = ""
                 self._on(ArmEvent.READY)
             if not self.state.readings.rejected:
-                own = self.reference if self.hand is not None else None
+                own = self.reference if self.operator is not None else None
                 finding = self.supervision.compare(
                     robot, self.commanded, own, self._motion, self.state.motion.commanded
                 )
@@ -465,8 +465,8 @@ class ArmController:
             barred = self._inhibits or robot.alarm
             if barred and self.recovering and (why := self._why_no_recovery):
                 self._cancel_recovery(why)
-            if self.hand is not None and device is not None:
-                self._read_operator(self.hand, robot, device, events, dt_s, ignored)
+            if self.operator is not None and device is not None:
+                self._read_operator(self.operator, robot, device, events, dt_s, ignored)
             claims = self.state.arming.claims
             self.authority.expire(robot.stamp_s, claims or self._keeps_authority)
             self._move(robot, dt_s)
@@ -574,11 +574,11 @@ class ArmController:
         moves = cause is not Cause.LOST and self._motion is not None and self.commanded.moving
         self._on(ArmEvent.UNREADY, moving=moves)
         self.not_ready = reason
-        if self.hand is not None and device is not None:
+        if self.operator is not None and device is not None:
             view = ArmView(
                 robot, dt_s, None, None, Arming.DISARMED, False, reason, input_ignored=True
             )
-            self._request = self.hand.request(device, events, view)
+            self._request = self.operator.request(device, events, view)
         self.authority.expire(robot.stamp_s, False)
         if moves:
             self.brake()
@@ -651,10 +651,10 @@ class ArmController:
 
     def _disarm(self) -> None:
         if self.state.arming.armed:
-            self.authority.release(HAND)
+            self.authority.release(OPERATOR)
         self._on(ArmEvent.DISARMED)
-        if self.hand is not None:
-            self.hand.disarm()
+        if self.operator is not None:
+            self.operator.disarm()
 
     def _end_motion(self, reason: str) -> None:
         """Brake the motion, and give its source the reason."""
@@ -666,7 +666,7 @@ class ArmController:
 
     def _read_operator(
         self,
-        hand: OperatorInput,
+        operator: OperatorInput,
         robot: RobotState,
         device: DeviceState,
         events: Sequence[ButtonEvent],
@@ -677,25 +677,26 @@ class ArmController:
         reference, motion, authority = self.reference, self._motion, self.authority
         state, inhibited, behind = self.state, "", ""
         recovers = motion is not None and motion.recovers
-        free = motion is None or ((motion.follows_hand or recovers) and not state.motion.braking)
+        follows = motion is not None and (motion.follows_operator or recovers)
+        free = motion is None or (follows and not state.motion.braking)
         if not state.arming.armed:
             # Re-arming by the operator arms nothing now.
             inhibited = self.inhibited or robot.alarm or self._filter_fault
-            inhibited = inhibited or authority.refuses(HAND)
+            inhibited = inhibited or authority.refuses(OPERATOR)
         if not inhibited and (not state.arming.armed or not self._request.following):
             if self._tripped_in_tick:
                 behind = "the robot was not ready for it"
             elif self.supervision.error.exceeds(self.supervision.limit, BEHIND_SHARE):
                 behind = self.supervision.error.in_words("behind")
         seen = robot
-        if hand.filters and not state.readings.rejected:
+        if operator.filters and not state.readings.rejected:
             # A robot may report joints alone, or another tool's pose: filters get the model's.
             seen = robot._replace(pose=self.commanded.measured(robot))
         view = ArmView(
             seen,
             dt_s,
             reference.pose,
-            resting_pose(reference) if hand.mapping.follows_pose and reference.pose else None,
+            resting_pose(reference) if operator.mapping.follows_pose and reference.pose else None,
             state.arming,
             free and not state.readings.rejected,
             inhibited,
@@ -703,11 +704,11 @@ class ArmController:
             self._tripped_in_tick and bool(self._trip_reason),
             suspended=ignored,
         )
-        self._request = request = hand.request(device, events, view)
+        self._request = request = operator.request(device, events, view)
         recovering = state.separation.waits or recovers
         acknowledges = bool(inhibited) and not recovering
-        owns = authority.owner == HAND
-        refused = not owns and bool(authority.refuses(HAND))
+        owns = authority.owner == OPERATOR
+        refused = not owns and bool(authority.refuses(OPERATOR))
         arming, act = arming_after(state.arming, request, acknowledges, owns, refused)
         if arming is not state.arming and act is not Act.TRIP:
             self._enter(state._replace(arming=arming))
@@ -725,26 +726,26 @@ class ArmController:
         """Carry out the consequence of the operator's request, which may have a `fault`."""
         match act:
             case Act.TRIP:
-                self._trip(fault or self.authority.take(HAND, now_s))
+                self._trip(fault or self.authority.take(OPERATOR, now_s))
             case Act.LET_GO:
-                self.authority.release(HAND)
+                self.authority.release(OPERATOR)
                 self._end_motion("the clutch was released")
             case Act.ARM:
                 self._trip_reason, self._recovered_way = "", NO_WAY
             case Act.TAKE:
                 self._take_over(now_s)
             case Act.ACKNOWLEDGE:
-                if self.authority.refuses(HAND):
-                    self.authority.take(HAND, now_s)  # Notes the refusal.
+                if self.authority.refuses(OPERATOR):
+                    self.authority.take(OPERATOR, now_s)  # Notes the refusal.
                 self._acknowledge()
 
     def _take_over(self, now_s: float) -> None:
         """The operator device takes the arm; a motion under way is braked first."""
         self._trip_reason, self._recovered_way = "", NO_WAY
-        self.authority.take(HAND, now_s)
+        self.authority.take(OPERATOR, now_s)
         self.plan_epoch += 1
         reason, motion = "the operator device took over", self._motion
-        if motion is None or not (motion.follows_hand or motion.recovers):
+        if motion is None or not (motion.follows_operator or motion.recovers):
             self._end_motion(reason)
         elif self.listener is not None:
             self.listener.invalidate(reason)
@@ -802,9 +803,9 @@ class ArmController:
                 self._begin_recovery()
             return
         if motion is None and not self.commanded.moving:
-            motion = FollowHand(self.commanded, self.reference)
+            motion = FollowOperator(self.commanded, self.reference)
             self._on(ArmEvent.FOLLOWS, motion)
-        if isinstance(motion, FollowHand):
+        if isinstance(motion, FollowOperator):
             if request.asks:
                 self._recovered_way = NO_WAY
                 if self.state.separation.left:
@@ -821,7 +822,7 @@ class ArmController:
         """Whether a reference at rest is so far from its robot that it is brought back."""
         return (
             self.reference.lead_used > EASE_ABOVE
-            and self.hand is not None
+            and self.operator is not None
             and self.engaged
             and self.state.separation.together
             and not self._why_no_recovery
@@ -883,7 +884,7 @@ class ArmController:
     def _held(self, request: MotionRequest) -> str:
         """Reason why the arm does not follow the operator."""
         motion, reference = self._motion, self.reference
-        if not request.asks or not isinstance(motion, FollowHand):
+        if not request.asks or not isinstance(motion, FollowOperator):
             return ""
         if reference.lead_used > TAUT_SHARE:
             behind = self.supervision.error.in_words("behind")
@@ -903,7 +904,7 @@ class ArmController:
             return robot.alarm or self._filter_fault
         if self.recovering:
             return f"{why}resynchronizing with the robot; any button ends it"
-        act = "" if self.hand is None else f": {self.hand.rearming_instruction()} to go on"
+        act = "" if self.operator is None else f": {self.operator.rearming_instruction()} to go on"
         if self.rejects:
             why = self.supervision.implausible
             return f"{why}; the measured position is implausible, the arm holds{act}"
@@ -912,7 +913,7 @@ class ArmController:
                 f"{why}{self._separation_reason}: check what holds the arm and whether it is "
                 f"measured right, then {act.removeprefix(': ') or 'acknowledge it'}"
             )
-        if self.hand is None:
+        if self.operator is None:
             return why.removesuffix("; ")
-        refusal = self.authority.refuses(HAND)
-        return f"{why}{refusal}" if refusal else self.hand.advice(why, self.state.arming)
+        refusal = self.authority.refuses(OPERATOR)
+        return f"{why}{refusal}" if refusal else self.operator.advice(why, self.state.arming)

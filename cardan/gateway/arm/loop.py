@@ -55,23 +55,23 @@ class ArmLoop:
         controller, device, calls = self.controller, self.device, self._calls
         tick, send = controller.tick, self.robot.send
         foreign = device is not None and is_foreign(device)
-        hand: DeviceState | None = None
+        newest: DeviceState | None = None
         events: Sequence[ButtonEvent] = ()
         for state in self._states():
             if device is not None:
                 try:
-                    hand, events = device.state(), device.button_events()
+                    newest, events = device.state(), device.button_events()
                 except FAILURES as error:
-                    hand, events = self._failed(reason(error), error), ()
-                if foreign and (problem := device_problem(hand, events)):
-                    hand, events = self._failed(problem), ()
-            command = tick(state, hand, events)
+                    newest, events = self._failed(reason(error), error), ()
+                if foreign and (problem := device_problem(newest, events)):
+                    newest, events = self._failed(problem), ()
+            command = tick(state, newest, events)
             try:
                 send(command)
             except FAILURES as error:
                 calls.judge(error)
                 raise
-            yield Cycle(state, hand, events, command)
+            yield Cycle(state, newest, events, command)
 
     def _states(self) -> Iterator[RobotState]:
         foreign = is_foreign(self.robot)

@@ -14,7 +14,7 @@ from typing import Any
 
 from cardan.common.forks import IN_CHILD, give_up_in_children
 from cardan.errors import CardanError, MotionLoopError, OptionError
-from cardan.gateway.arm.authority import HAND, VERBS
+from cardan.gateway.arm.authority import OPERATOR, VERBS
 from cardan.gateway.arm.interface import CartesianArm
 from cardan.gateway.arm.loop_link import NOT_OPEN
 from cardan.gateway.arm.requests import (
@@ -70,8 +70,8 @@ class RemoteArm(CartesianArm):
         """`connect` connects the arm: it calls `begin`, then in any thread `take`, `fail` and
         `end`, and returns what disconnects it again. `source`: name of this source, which gets the
         authority. Raises ConfigurationError."""
-        if source == HAND or not 0 < len(source) <= LONGEST_NAME:
-            allowed = f"a name of 1 to {LONGEST_NAME} characters other than {HAND!r}, the device"
+        if source == OPERATOR or not 0 < len(source) <= LONGEST_NAME:
+            allowed = f"a name, 1 to {LONGEST_NAME} characters, other than {OPERATOR!r}, the device"
             raise OptionError("source", source, allowed)
         self.source = source
         self._connect = connect

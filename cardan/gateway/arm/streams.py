@@ -12,7 +12,7 @@ from typing import Any
 
 from cardan.common.arm_libraries import np
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.authority import HAND, VERBS
+from cardan.gateway.arm.authority import OPERATOR, VERBS
 from cardan.gateway.arm.backlog import Delays
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.joint_space_arm import JointSpaceArm
@@ -124,7 +124,7 @@ class Streams:
         controller, plans = self._controller, self._plans
         verb = f"streaming {vocab_text(kind)}"
         owner = controller.authority.owner
-        if owner == HAND or (owner and owner == self.owner and owner != source):
+        if owner == OPERATOR or (owner and owner == self.owner and owner != source):
             raise MotionRefusedError(f"{verb}: {owner!r} has authority over the arm")
         if kind is Stream.NONE:
             self.end("no streaming command is chosen")

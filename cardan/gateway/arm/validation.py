@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.authority import HAND
+from cardan.gateway.arm.authority import OPERATOR
 from cardan.gateway.arm.vocab import Action, vocab, vocab_text
 from cardan.spatial import from_rotation_vector, is_finite, normalized, to_rotation_vector
 from cardan.types import Frame, Pose, Vector3
@@ -92,8 +92,8 @@ def checked_name(verb: str, name: object) -> str:
 
 def checked_source(verb: str, name: object) -> str:
     """`name` as that of a source which is a program. Raises MotionRefusedError."""
-    if name == HAND:
-        raise MotionRefusedError(f"{verb}: {HAND!r} is the operator device, no program")
+    if name == OPERATOR:
+        raise MotionRefusedError(f"{verb}: {OPERATOR!r} is the operator device, no program")
     return checked_name(verb, name)
 
 

@@ -190,14 +190,14 @@ class ArmVerbs:
         )
         limits = replace(options.streams, linear_jerk_m_s3=None, angular_jerk_rad_s3=None)
         age_s = options.watchdogs.device_age_s
-        hand = None
+        operator = None
         if mapping is not None:
-            hand = OperatorInput(TwistMapping(mapping), limits, (), age_s)
+            operator = OperatorInput(TwistMapping(mapping), limits, (), age_s)
         controller = ArmController(
             commanded,
             limits,
             options.watchdogs,
-            hand,
+            operator,
             Authority(options.authority),
             period_s=capabilities.period_s,
             output_limits=commanded.output_limits(capabilities),

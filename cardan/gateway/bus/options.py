@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from cardan.bus.options import BusOptions
 from cardan.common.bounds import ANGULAR_SPEED_RAD_S, LINEAR_SPEED_M_S, Range
 from cardan.errors import OptionError
-from cardan.gateway.arm.authority import HAND
+from cardan.gateway.arm.authority import OPERATOR
 from cardan.gateway.bus.compatibility import NamesOf, ServoScales
 from cardan.protocols.ros2.names import RosNameError, checked_name
 
@@ -102,8 +102,8 @@ class NetworkOptions(BusOptions):
                 raise OptionError(each, "", "the name of a frame")
         if self.base_frame == self.tcp_frame:
             raise OptionError("tcp_frame", self.tcp_frame, "another name than base_frame")
-        if self.source == HAND:
-            raise OptionError("source", self.source, f"another name: {HAND!r} is the device")
+        if self.source == OPERATOR:
+            raise OptionError("source", self.source, f"another name: {OPERATOR!r} is the device")
 
     @property
     def servo_scales(self) -> ServoScales:

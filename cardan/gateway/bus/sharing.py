@@ -45,7 +45,7 @@ from cardan.drivers.remote.shared import (
 )
 from cardan.drivers.ros2_nodes.core import MOST_BYTES
 from cardan.errors import AddressError, DriverError, OptionError
-from cardan.gateway.force.passive import HandPort, share_left
+from cardan.gateway.force.passive import DevicePort, share_left
 from cardan.gateway.force.servo_on import ForceEnabling
 from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.names import RosNameError, checked_name, dds_type
@@ -371,14 +371,14 @@ class ShareCore:
         return feedback
 
 
-class HandEnd:
+class DeviceEnd:
     """The device's end of a force from far away: the rendered force. Fixtures it renders by
-    itself, as in a session beside it; forces go through the law of `HandPort`."""
+    itself, as in a session beside it; forces go through the law of `DevicePort`."""
 
     def __init__(self, device: HapticDevice) -> None:
         self._device = device
         self._enabling = ForceEnabling(device)
-        self._port: HandPort | None = None
+        self._port: DevicePort | None = None
         """Of this engagement; None: there is none."""
         self._sequence = 0
         self._given: deque[tuple[int, int]] = deque(maxlen=GIVEN_KEPT)
@@ -410,7 +410,7 @@ class HandEnd:
             return
         command = order.command
         if self._port is None:
-            self._port = HandPort()
+            self._port = DevicePort()
             self._enabling.engage(now_s)
         else:
             self._enabling.retry(now_s)
@@ -559,9 +559,10 @@ def share_until(
         ask_for_real_time()
         ready(topic)
         codec = codec_of(STATE_TYPE)
-        hand = HandEnd(device) if isinstance(device, HapticDevice) else None
+        force_end = DeviceEnd(device) if isinstance(device, HapticDevice) else None
         while not stop.is_set() and (now_s := time.monotonic()) < end_s:
-            due_s = min(core.due_s, end_s, now_s + FREE_S, math.inf if hand is None else hand.due_s)
+            force_due_s = math.inf if force_end is None else force_end.due_s
+            due_s = min(core.due_s, end_s, now_s + FREE_S, force_due_s)
             received = claims.wait(max(0.0, due_s - now_s))
             for _ in range(CLAIMS_KEPT):
                 if received is None:
@@ -570,9 +571,9 @@ def share_until(
                 received = claims.poll()
             edges, state = device.button_events(), device.state()
             now_s = time.monotonic()
-            if hand is not None:
-                hand.cycle(*core.order(now_s), now_s)
-            haptic_feedback = None if hand is None else hand.haptic_feedback
+            if force_end is not None:
+                force_end.cycle(*core.order(now_s), now_s)
+            haptic_feedback = None if force_end is None else force_end.haptic_feedback
             shared = core.offer(state, edges, device.capabilities, now_s, haptic_feedback)
             if shared is not None:
                 publisher.put(codec.encode(shared_message(shared)), time.time_ns())
@@ -587,8 +588,8 @@ def share_until(
                 lines += news.of_bus(others_there, routed=routed, obstacle=obstacle)
             for line in lines:
                 tell(line)
-        if hand is not None:
-            hand.end(time.monotonic())
+        if force_end is not None:
+            force_end.end(time.monotonic())
         _give(device, DeviceFeedback(False, 0.0))
 
 

@@ -18,7 +18,7 @@ from prometheus_client.core import (
     Metric,
 )
 
-from cardan.gateway.arm.authority import HAND, VERBS
+from cardan.gateway.arm.authority import OPERATOR, VERBS
 from cardan.gateway.arm.status import LIMITS, Phase
 from cardan.gateway.daemon.restart_policy import UnitState
 from cardan.gateway.servers.stats import ROUND_TRIP
@@ -27,7 +27,7 @@ from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 LIVE: Final = "live"
 """The state of a link over which reports come."""
 
-SOURCES: Final = (HAND, VERBS, "stream")
+SOURCES: Final = (OPERATOR, VERBS, "stream")
 """Sources that may have the authority; a stream's owner has any name, which is no label."""
 
 Row = Mapping[str, Any]

@@ -4,8 +4,8 @@ A two-port after Ryu, Artigas and Preusche (A passive bilateral control scheme f
 with time-varying communication delay, 2010): either end observes the energy at its own port, only
 sums travel, and so the newest that has arrived is right whatever was lost, overtaken or came twice.
 Late news is cautious news. The arm's end (`FarPort`) sends the net energy that the surroundings
-have absorbed; the hand's end (`HandPort`) renders no force that would return more than they have
-given back by then, or in all more than the hand put in.
+have absorbed; the device's end (`DevicePort`) renders no force that would return more than they
+have given back by then, or in all more than the hand put in.
 
 Two things differ from the paper. The arm's motion is not held back where the hand has not paid for
 it yet: its motors pay, and an arm that is held back stays beside the hand, until the next clutch.
@@ -77,8 +77,8 @@ class FarPort:
         return self.absorbed_j
 
 
-class HandPort:
-    """The hand's end, from clutch-in to clutch-out."""
+class DevicePort:
+    """The device's end, from clutch-in to clutch-out."""
 
     def __init__(self, budget_j: float = BUDGET_J) -> None:
         self._budget_j = budget_j

@@ -85,7 +85,7 @@ class ForceRenderer:
     def cycle(
         self,
         state: RobotState,
-        hand: DeviceState,
+        device: DeviceState,
         world: WorldMap | None,
         at_rest: bool,
     ) -> str:
@@ -95,7 +95,7 @@ class ForceRenderer:
         teleoperation must be disengaged; empty while it need not.
         """
         if self._rendering:
-            self._render(state, hand, world, at_rest)
+            self._render(state, device, world, at_rest)
         now_s = state.stamp_s
         if not self._engaged and now_s - self._look_s < LOOK_PERIOD_S:
             return ""
@@ -105,7 +105,8 @@ class ForceRenderer:
         self.figures.add(told, fixtures, self._engaged)
         if self.measured is not None:
             touching = self._engaged and self.measured.contact.touching
-            self._stiffness.add(hand.pose.position if touching and hand.pose else None, told.force)
+            place = device.pose.position if touching and device.pose else None
+            self._stiffness.add(place, told.force)
         if not self._engaged:
             return ""
         return self.watchdog.disengage_reason(
@@ -124,11 +125,11 @@ class ForceRenderer:
     def _render(
         self,
         state: RobotState,
-        hand: DeviceState,
+        device: DeviceState,
         world: WorldMap | None,
         at_rest: bool,
     ) -> None:
-        pose = hand.pose
+        pose = device.pose
         if not self._started and state.ready and (place := self._tcp(state)) is not None:
             self._started = True
             self.fixtures.place("start", place.position)

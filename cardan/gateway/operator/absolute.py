@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.gateway.operator.mapping import MappingOptions, Orientation
-from cardan.gateway.operator.position import FOLLOW_TIME_S, HandMapping
+from cardan.gateway.operator.position import FOLLOW_TIME_S, DevicePoseMapping
 from cardan.spatial import (
     add,
     from_rpy_deg,
@@ -29,7 +29,7 @@ BEYOND_WALL_M = 0.0005
 is held there, and too little to slow it along the edge."""
 
 
-class AbsoluteMapping(HandMapping):
+class AbsoluteMapping(DevicePoseMapping):
     """The TCP goes where the device is, by a fixed map between their positions."""
 
     def __init__(self, options: MappingOptions, limits: ReferenceLimits) -> None:
@@ -37,7 +37,7 @@ class AbsoluteMapping(HandMapping):
         self._orientation = options.orientation or Orientation.FIXED
         self._origin = Vector3(*(options.origin_m or ZERO3))
         self._device_center = Vector3(*options.device_center_m)
-        self._tool_in_hand = from_rpy_deg(options.hand_to_tool_rpy_deg)
+        self._tool_in_device = from_rpy_deg(options.device_to_tool_rpy_deg)
         self.arrived = False
         """Whether the TCP has reached the device since the clutch press, or it was too far."""
         self.outside = False
@@ -55,14 +55,14 @@ class AbsoluteMapping(HandMapping):
         super().release()
         self.arrived = self.outside = False
 
-    def twist(self, hand: Pose, stamp_s: float, tcp: Pose, dt_s: float) -> Twist:
-        """The twist (base axes) that brings the reference at `tcp` to where `hand` is."""
+    def twist(self, device: Pose, stamp_s: float, tcp: Pose, dt_s: float) -> Twist:
+        """The twist (base axes) that brings the reference at `tcp` to where `device` is."""
         assert self._target is not None
-        wanted = add(self._map_offset(), self._mapped(hand.position))
+        wanted = add(self._map_offset(), self._mapped(device.position))
         position = self._inside(wanted)
-        orientation = normalized(self._wanted_orientation(hand, self._target.orientation))
+        orientation = normalized(self._wanted_orientation(device, self._target.orientation))
         self._target = Pose(position, orientation, Frame.BASE)
-        self._hand, self._hand_s = hand, stamp_s
+        self._device, self._device_s = device, stamp_s
         way = subtract(position, tcp.position)
         turn = rotation_between(tcp.orientation, orientation)
         options, limits = self.options, self.limits
@@ -79,13 +79,13 @@ class AbsoluteMapping(HandMapping):
             turning = min(turning, options.approach_speed_rad_s)
         return self._closing(way, turn, speed, turning, dt_s)
 
-    def _wanted_orientation(self, hand: Pose, now: Quaternion) -> Quaternion:
+    def _wanted_orientation(self, device: Pose, now: Quaternion) -> Quaternion:
         if self._orientation is Orientation.FIXED:
             return now
         if self._orientation is not Orientation.ABSOLUTE:
-            return self._turned(self._moved(hand), now)
-        in_base = multiply(multiply(self._yaw, self._aligned), hand.orientation)
-        return multiply(in_base, self._tool_in_hand)
+            return self._turned(self._moved(device), now)
+        in_base = multiply(multiply(self._yaw, self._aligned), device.orientation)
+        return multiply(in_base, self._tool_in_device)
 
     def _inside(self, position: Vector3) -> Vector3:
         """The position in the workspace that is nearest to `position`."""

@@ -64,7 +64,7 @@ class ArmFeedback(NamedTuple):
     """Level requested from the network, 0..1."""
 
 
-class HandFeedback:
+class OperatorFeedback:
     """Decides on feedback; `channels` are those the device has."""
 
     def __init__(self, options: FeedbackOptions, channels: Collection[str]) -> None:

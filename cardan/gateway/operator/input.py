@@ -18,7 +18,7 @@ from cardan.gateway.operator.absolute import AbsoluteMapping
 from cardan.gateway.operator.deadman import Arming, armed_by_deadman, armed_by_rest
 from cardan.gateway.operator.filters.base import TwistFilter
 from cardan.gateway.operator.mapping import MappingOptions, Mode, TwistMapping
-from cardan.gateway.operator.position import HandMapping, PositionMapping, is_pose
+from cardan.gateway.operator.position import DevicePoseMapping, PositionMapping, is_pose
 from cardan.spatial import is_finite
 from cardan.types import (
     ZERO3,
@@ -102,7 +102,7 @@ NO_REQUEST = MotionRequest(
 )
 
 
-def _followed(options: MappingOptions, limits: ReferenceLimits) -> HandMapping | None:
+def _followed(options: MappingOptions, limits: ReferenceLimits) -> DevicePoseMapping | None:
     if options.mode is Mode.POSITION:
         return PositionMapping(options, limits)
     return AbsoluteMapping(options, limits) if options.mode is Mode.ABSOLUTE else None
@@ -206,7 +206,7 @@ class OperatorInput:
         if self._position is not None:
             self._position.release()
 
-    def hand_map(self) -> WorldMap | None:
+    def device_map(self) -> WorldMap | None:
         """Map from the device's position to the TCP's commanded position, within the workspace;
         None while no pose is followed, or through axes that mirror."""
         return None if self._position is None else self._position.world_map()
@@ -299,7 +299,7 @@ class OperatorInput:
         )
 
     def _why_not_taken(self, device: DeviceState, view: ArmView) -> str:
-        """Why the clutch cannot be engaged with the present poses of hand and robot."""
+        """Why the clutch cannot be engaged with the present poses of device and robot."""
         if view.behind:
             return view.behind
         if self._position is not None:
@@ -389,16 +389,16 @@ class OperatorInput:
 
     @staticmethod
     def _by_pose(
-        position: HandMapping, device: DeviceState, view: ArmView, recapture: bool
+        position: DevicePoseMapping, device: DeviceState, view: ArmView, recapture: bool
     ) -> Twist:
         """The twist towards where the device's pose puts the TCP."""
-        hand = device.pose
-        assert hand is not None  # _fault() and _why_not_taken() have seen to it.
+        pose = device.pose
+        assert pose is not None  # _fault() and _why_not_taken() have seen to it.
         assert view.tcp is not None
         assert view.resting is not None
         if recapture or not position.engaged:
-            position.engage(hand, device.stamp_s, view.resting)
-        wanted = position.twist(hand, device.stamp_s, view.tcp, view.dt_s)
+            position.engage(pose, device.stamp_s, view.resting)
+        wanted = position.twist(pose, device.stamp_s, view.tcp, view.dt_s)
         return ZERO_TWIST if view.suspended else wanted
 
     def _filtered(self, wanted: Twist, robot: RobotState) -> tuple[Twist, str]:

@@ -39,7 +39,7 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 class Mode(enum.Enum):
-    """Meaning of the motion of a device or hand."""
+    """Meaning of the motion of a device."""
 
     RATE = "rate"
     """Deflections are velocities."""
@@ -92,7 +92,10 @@ def _source(axis: str, gain: float) -> Source:
 class MappingOptions(Options):
     """``[mapping]``: how a device is turned into a motion of the TCP."""
 
-    RENAMED: ClassVar = {"device_centre_m": "device_center_m"}
+    RENAMED: ClassVar = {
+        "device_centre_m": "device_center_m",
+        "hand_to_tool_rpy_deg": "device_to_tool_rpy_deg",
+    }
 
     mode: Mode = Mode.RATE
     frame: Frame = Frame.BASE
@@ -119,7 +122,7 @@ class MappingOptions(Options):
     """Where the TCP is, base frame, when the device is at `device_center_m`; absolute mode."""
     device_center_m: Point = ZERO3
     """A place of the device, along the device's axes; absolute mode."""
-    hand_to_tool_rpy_deg: Angles = NO_ANGLES
+    device_to_tool_rpy_deg: Angles = NO_ANGLES
     """How the tool's axes stand in the device's (roll, pitch, yaw); orientation absolute."""
     approach_speed_m_s: Speed = 0.05
     """Speed at which the TCP goes to where the device is after the clutch was pressed; absolute
@@ -143,7 +146,7 @@ class MappingOptions(Options):
     """Button of which each press begins or ends the motion; empty: none. With `deadman` too, both
     are needed."""
     recapture: str = ""
-    """Button that makes hand and TCP, each where it is, belong together; position mode."""
+    """Button that makes device and TCP, each where it is, belong together; position mode."""
     enable: str = ""
     """Button that asks for the robot's drives and program; empty: none."""
     pass_on: str = ""
@@ -214,7 +217,7 @@ class MappingOptions(Options):
             ),
             ("origin_m", not absolute and self.origin_m is not None, only),
             ("device_center_m", not absolute and self.device_center_m != ZERO3, only),
-            ("hand_to_tool_rpy_deg", not absolute and any(self.hand_to_tool_rpy_deg), only),
+            ("device_to_tool_rpy_deg", not absolute and any(self.device_to_tool_rpy_deg), only),
             ("orientation", not absolute and whole, '"absolute" is for mode = "absolute" only'),
             (
                 "origin_m",
@@ -233,8 +236,8 @@ class MappingOptions(Options):
                 "and scale as they are by themselves",
             ),
             (
-                "hand_to_tool_rpy_deg",
-                not whole and any(self.hand_to_tool_rpy_deg),
+                "device_to_tool_rpy_deg",
+                not whole and any(self.device_to_tool_rpy_deg),
                 'only orientation = "absolute" has one',
             ),
         )

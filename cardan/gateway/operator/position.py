@@ -2,7 +2,7 @@
 
 The reference that follows is the one of rate control, with all its limits: each tick asks for the
 twist that brings it to its target as fast as it can still stop there. So nothing ever steps, and
-a hand that is faster than the limits is caught up with, not overshot.
+a device that is faster than the limits is caught up with, not overshot.
 
 This is the "differential control" of the bilateral teleoperation paper of 2026, with its defects
 corrected: the scale acts on the displacement, and displacements are along the base's axes unless
@@ -41,7 +41,7 @@ from cardan.types import IDENTITY, NEVER_S, ZERO3, Frame, Pose, Quaternion, Twis
 
 FOLLOW_TIME_S = 0.04
 """Time constant with which a small distance is closed: ten control cycles of EGM. Shorter, the
-noise of a hand sensor shows in the arm; longer, the operator notices the delay."""
+noise of a pose sensor shows in the arm; longer, the operator notices the delay."""
 
 HAND_SPEED_M_S, HAND_SPEED_RAD_S = 3.0, 15.0
 """Largest plausible speed of a hand: faster is another hand or a fault of the sensor."""
@@ -133,7 +133,7 @@ def unfollowed(options: MappingOptions) -> tuple[str, ...]:
     )
 
 
-class HandMapping(ABC):
+class DevicePoseMapping(ABC):
     """Follows the device's pose from one press of the clutch to its release."""
 
     def __init__(self, options: MappingOptions, limits: ReferenceLimits) -> None:
@@ -147,44 +147,44 @@ class HandMapping(ABC):
         self._linear_axes = self._angular_axes = IDENTITY
         """Turn the mapping's frame into the base, as it was when the clutch was pressed."""
         self._orientation = options.orientation
-        self._hand: Pose | None = None
-        self._hand_s = NEVER_S
+        self._device: Pose | None = None
+        self._device_s = NEVER_S
         self._target: Pose | None = None
         self._linear_map = self._rotation_map = WorldMap().linear
 
     @property
     def engaged(self) -> bool:
         """True between engage() and release()."""
-        return self._hand is not None
+        return self._device is not None
 
     @property
     @abstractmethod
     def remark(self) -> str:
         """A message about the last call for the operator; empty: all is well."""
 
-    def engage(self, hand: Pose, stamp_s: float, tcp: Pose) -> None:
+    def engage(self, device: Pose, stamp_s: float, tcp: Pose) -> None:
         """The clutch was pressed: from here on the TCP, commanded to be at `tcp` (base axes),
-        follows `hand` (device axes). Called again without release(): all begins anew."""
+        follows `device` (device axes). Called again without release(): all begins anew."""
         frame = self.options.frame
         follows_base = self._orientation is Orientation.FOLLOW_BASE
         self._linear_axes = tcp.orientation if frame is Frame.TOOL else self._yaw
         self._angular_axes = self._yaw if frame is Frame.BASE or follows_base else tcp.orientation
-        self._hand, self._hand_s, self._target = hand, stamp_s, tcp
+        self._device, self._device_s, self._target = device, stamp_s, tcp
         self._linear_map = self._matrix(self._sources)
         if self._turning_sources is not None:
             self._rotation_map = self._matrix(self._turning_sources)
 
     def release(self) -> None:
         """The clutch was released."""
-        self._hand = self._target = None
+        self._device = self._target = None
 
-    def leaps(self, hand: Pose, stamp_s: float) -> bool:
-        """Whether `hand`, measured at `stamp_s`, is implausibly far from the pose before."""
-        if self._hand is None:
+    def leaps(self, device: Pose, stamp_s: float) -> bool:
+        """Whether `device`, measured at `stamp_s`, is implausibly far from the pose before."""
+        if self._device is None:
             return False
-        time_s = min(max(0.0, stamp_s - self._hand_s), LONGEST_GAP_S)
-        way_m = norm(subtract(hand.position, self._hand.position))
-        turn_rad = norm(rotation_between(self._hand.orientation, hand.orientation))
+        time_s = min(max(0.0, stamp_s - self._device_s), LONGEST_GAP_S)
+        way_m = norm(subtract(device.position, self._device.position))
+        turn_rad = norm(rotation_between(self._device.orientation, device.orientation))
         return way_m > HAND_NOISE_M + HAND_SPEED_M_S * time_s or (
             self._orientation is not Orientation.FIXED
             and turn_rad > HAND_NOISE_RAD + HAND_SPEED_RAD_S * time_s
@@ -202,8 +202,8 @@ class HandMapping(ABC):
         )
 
     @abstractmethod
-    def twist(self, hand: Pose, stamp_s: float, tcp: Pose, dt_s: float) -> Twist:
-        """The twist (base axes) that brings the reference at `tcp` to the target of `hand`."""
+    def twist(self, device: Pose, stamp_s: float, tcp: Pose, dt_s: float) -> Twist:
+        """The twist (base axes) that brings the reference at `tcp` to the target of `device`."""
 
     def world_map(self) -> WorldMap | None:
         """Map from the device's position to the commanded position of the TCP at present.
@@ -211,10 +211,10 @@ class HandMapping(ABC):
         Along an axis on which the device is beyond the workspace, it gives the workspace's edge,
         whatever the device does. None while released, and for axes that mirror.
         """
-        if self._hand is None or self._turning_sources is None:
+        if self._device is None or self._turning_sources is None:
             return None
         world = WorldMap(self._linear_map, self._map_offset(), self._rotation_map)
-        place = add(self._mapped(self._hand.position), world.offset)
+        place = add(self._mapped(self._device.position), world.offset)
         for axis, bounds in enumerate(self.limits.workspace_m):
             if bounds is not None and not bounds[0] <= place[axis] <= bounds[1]:
                 world = _held(world, axis, min(max(place[axis], bounds[0]), bounds[1]))
@@ -224,12 +224,12 @@ class HandMapping(ABC):
     def _map_offset(self) -> Vector3:
         """The offset of the map, beside its linear part."""
 
-    def _moved(self, hand: Pose) -> Sequence[float]:
+    def _moved(self, device: Pose) -> Sequence[float]:
         """Device motion since the last call: a displacement and a rotation vector, both along
         the axes of the mapping's frame (the rotation about its own where the tool follows)."""
-        assert self._hand is not None
-        before, after = self._hand.orientation, hand.orientation
-        way = subtract(hand.position, self._hand.position)
+        assert self._device is not None
+        before, after = self._device.orientation, device.orientation
+        way = subtract(device.position, self._device.position)
         if self._orientation is Orientation.FOLLOW_TOOL:
             turn = to_rotation_vector(multiply(conjugate(before), after))
         else:
@@ -276,7 +276,7 @@ def _held(world: WorldMap, axis: int, at_m: float) -> WorldMap:
     return WorldMap((a, b, c, d, e, f, g, h, i), Vector3(*offset), world.rotation)
 
 
-class PositionMapping(HandMapping):
+class PositionMapping(DevicePoseMapping):
     """The TCP moves as the device has moved since the clutch was pressed.
 
     Each motion of the device between two reports moves the target, so that no rotation is too long
@@ -298,16 +298,16 @@ class PositionMapping(HandMapping):
         super().release()
         self.slips = False
 
-    def twist(self, hand: Pose, stamp_s: float, tcp: Pose, dt_s: float) -> Twist:
-        """The twist (base axes) that brings the reference at `tcp` to the target of `hand`.
+    def twist(self, device: Pose, stamp_s: float, tcp: Pose, dt_s: float) -> Twist:
+        """The twist (base axes) that brings the reference at `tcp` to the target of `device`.
 
-        A hand too far ahead is not followed: the clutch slips, and the target stays near.
+        A device too far ahead is not followed: the clutch slips, and the target stays near.
         """
         assert self._target is not None
-        moved = self._moved(hand)
+        moved = self._moved(device)
         position = add(self._target.position, self._to_base(moved, self._sources))
         orientation = self._turned(moved, self._target.orientation)
-        self._hand, self._hand_s = hand, stamp_s
+        self._device, self._device_s = device, stamp_s
         full_way = subtract(position, tcp.position)
         full_turn = rotation_between(tcp.orientation, orientation)
         way = limit_norm(full_way, self.options.slip_m)
@@ -322,9 +322,9 @@ class PositionMapping(HandMapping):
         return self._closing(way, turn, limits.linear_speed_m_s, limits.angular_speed_rad_s, dt_s)
 
     def _map_offset(self) -> Vector3:
-        assert self._hand is not None
+        assert self._device is not None
         assert self._target is not None
-        return subtract(self._target.position, self._mapped(self._hand.position))
+        return subtract(self._target.position, self._mapped(self._device.position))
 
 
 def _closing_velocity(way: Vector3, speed: float, acceleration: float, dt_s: float) -> Vector3:

@@ -101,15 +101,15 @@ def make_controller(config: SessionConfig, robot: RobotDriver) -> ArmController:
     limits, watchdogs = config.limits, config.watchdogs
     arm = make_arm(config, robot)
     body: CommandedArm = TaskSpaceArm(limits) if arm is None else arm
-    hand = None
+    operator = None
     if config.device is not None:
         mapping = TwistMapping(config.mapping, config.gripper)
-        hand = OperatorInput(mapping, limits, make_filters(config), watchdogs.device_age_s)
+        operator = OperatorInput(mapping, limits, make_filters(config), watchdogs.device_age_s)
     return ArmController(
         body,
         limits,
         watchdogs,
-        hand,
+        operator,
         Authority(config.authority, "" if config.network is None else config.network.source),
         period_s=robot.capabilities.period_s,
         output_limits=None if arm is None else arm.output_limits(robot.capabilities),

@@ -28,7 +28,7 @@ from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import ArmStatus, Phase
 from cardan.gateway.arm.vocab import Action
 from cardan.gateway.force.rendering import ForceRenderer
-from cardan.gateway.operator.feedback import ArmFeedback, HandFeedback
+from cardan.gateway.operator.feedback import ArmFeedback, OperatorFeedback
 from cardan.gateway.operator.filters import registry as filter_registry
 from cardan.gateway.operator.filters.base import TwistFilter
 from cardan.gateway.session.assembly import check_buttons, check_mode, has_output
@@ -264,9 +264,9 @@ class Gripper(Part):
     _closed = False
 
     def after(self, cycle: Cycle, now_s: float) -> None:
-        hand = self.whole.controller.hand
-        if hand is not None and hand.mapping.gripper_closed is not self._closed:
-            self._move(hand.mapping.gripper_closed)
+        operator = self.whole.controller.operator
+        if operator is not None and operator.mapping.gripper_closed is not self._closed:
+            self._move(operator.mapping.gripper_closed)
 
     def tell(self, snapshot: Snapshot, now: Now) -> None:
         snapshot.gripper_closed = self._closed
@@ -279,8 +279,8 @@ class Gripper(Part):
 
         def act() -> None:
             self._move(closed)
-            if (hand := self.whole.controller.hand) is not None:
-                hand.mapping.gripper_closed = closed
+            if (operator := self.whole.controller.operator) is not None:
+                operator.mapping.gripper_closed = closed
 
         self.whole.link.do(act)
 
@@ -306,8 +306,8 @@ class Operator(Part):
     ) -> None:
         """`begins_with_device`: other sessions may have it at first."""
         super().__init__(whole)
-        assert whole.controller.hand is not None
-        self._input, self._device, self._lease = whole.controller.hand, device, lease
+        assert whole.controller.operator is not None
+        self._input, self._device, self._lease = whole.controller.operator, device, lease
         self._begins_with_device = begins_with_device
         self._known_buttons: tuple[str, ...] = ()
         self._passes = 0
@@ -404,14 +404,14 @@ class Feedback(Part):
         super().__init__(whole)
         self._device, self._lease = device, lease
         self._channels: Collection[str] = ()
-        self._feedback = HandFeedback(whole.config.feedback, ())
+        self._feedback = OperatorFeedback(whole.config.feedback, ())
 
     def open(self) -> None:
         """Set the feedback that the device can show: an open one may be able to do more."""
         channels = self._device.capabilities.feedback
         if channels != self._channels:
             self._channels = channels
-            self._feedback = HandFeedback(self.whole.config.feedback, channels)
+            self._feedback = OperatorFeedback(self.whole.config.feedback, channels)
 
     def after(self, cycle: Cycle, now_s: float) -> None:
         feedback = self._feedback
@@ -454,7 +454,7 @@ class Forces(Part):
             return
         force, controller = self._force, self.whole.controller
         at_rest = controller.at_rest and not controller.following
-        lost = force.cycle(cycle.robot, cycle.device, controller.hand_map(), at_rest)
+        lost = force.cycle(cycle.robot, cycle.device, controller.device_map(), at_rest)
         if lost:
             controller.inhibit(lost, Inhibit.ONCE)
         elif force.watchdog.in_doubt:

@@ -72,12 +72,12 @@ def render(snapshot: Snapshot) -> RenderableType:
     """Render a frame of the live view."""
     s, arm, device, loop = snapshot, snapshot.arm, snapshot.device, snapshot.loop
     force, contact = s.force, s.contact
-    hand = Table.grid(padding=(0, 1))
+    axes_table = Table.grid(padding=(0, 1))
     for index, name in enumerate(AXES):
         deflection = device.axes[index] if device.axes else 0.0
         speed = arm.twist[index] if arm.twist else 0.0
         unit = "mm/s" if index < 3 else "mrad/s"
-        hand.add_row(
+        axes_table.add_row(
             name, _bar(deflection, 1.0), f"{deflection:+.2f}", f"{speed * 1e3:+8.1f}", unit
         )
 
@@ -112,7 +112,7 @@ def render(snapshot: Snapshot) -> RenderableType:
                 "contact force, path", f"{contact.force_n:.1f} N, {contact.path_m * 1e3:.0f} mm"
             )
     links = Text.assemble(
-        "hand ",
+        "device ",
         _link(device.link),
         "   robot ",
         _link(s.robot.link),
@@ -137,7 +137,7 @@ def render(snapshot: Snapshot) -> RenderableType:
         lines.append(Text("; ".join(arm.filters), style="cyan"))
     lines += [Text(coded(line), style="dim") for line in _diagnosis(s)[:3]]
     columns = Table.grid(padding=(0, 4))
-    columns.add_row(hand, robot)
+    columns.add_row(axes_table, robot)
     return Panel(Group(*lines, Text(), columns), title="cardan", subtitle="Ctrl-C: brake and stop")
 
 
@@ -246,7 +246,7 @@ def plain(snapshot: Snapshot) -> str:
     s = snapshot
     speed_mm_s = math.sqrt(sum(v * v for v in s.arm.twist[:3])) * 1e3
     text = (
-        f"{s.elapsed_s:6.1f} s  {s.arm.phase or 'starting':9} hand {s.device.link or '–'}, "
+        f"{s.elapsed_s:6.1f} s  {s.arm.phase or 'starting':9} device {s.device.link or '–'}, "
         f"robot {s.robot.link}  TCP {_position_mm(s.robot.pose)} mm  {speed_mm_s:5.1f} mm/s  "
         f"answers {s.loop.cycles}, missed {s.robot.missed_cycles}, "
         f"p99 {_microseconds(s.loop.tick_p99_s)}"

@@ -14,7 +14,7 @@ from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.zenoh import SUBSCRIPTION
 from cardan.sim_peers.backends.base import DeviceBackend
 from cardan.sim_peers.command import listen_option, option
-from cardan.sim_peers.hand_peer import HandOptions
+from cardan.sim_peers.device_peer import DevicePeerOptions
 
 FEEDBACK = "sensor_msgs/msg/JoyFeedback"
 
@@ -23,7 +23,7 @@ LOOK_PERIOD_S = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
-class BusPeerOptions(HandOptions):
+class BusPeerOptions(DevicePeerOptions):
     """Options of a device on the bus, beside script, faults and seed."""
 
     host: Annotated[str, bounds.LISTEN_HOST] = listen_option("Where other nodes connect to")

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.evdev.core import NEUTRAL, SimulatedInput
 from cardan.sim_peers.motion_profile import VectorMotion, VectorRamp
-from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, moving
+from cardan.sim_peers.scripted import Act, MotionScript, StepWords, calling, moving
 
-HAND_PERIOD_S = 0.004
-"""How often a moving hand is sampled: as often as a pad is polled."""
+MOTION_PERIOD_S = 0.004
+"""How often a motion is sampled: as often as a pad is polled."""
 
 SCRIPT_VERBS: Mapping[str, str] = {
     "sticks": (
@@ -155,12 +155,12 @@ a device only after its first event."""
 _STICKS = ("LX", "LY", "RX", "RY")
 
 
-class ScriptedInput(ScriptHand[SimulatedInput]):
+class ScriptedInput(MotionScript[SimulatedInput]):
     """Plays the steps of a script on `device`."""
 
     def __init__(self, steps: Sequence[ScriptStep], device: SimulatedInput) -> None:
         self._device = device
-        self._controls = VectorMotion(NEUTRAL, HAND_PERIOD_S)
+        self._controls = VectorMotion(NEUTRAL, MOTION_PERIOD_S)
         super().__init__(steps, SCRIPT_VERBS, [self._controls])
 
     def _hold(self, device: SimulatedInput, now_s: float) -> None:
@@ -189,7 +189,7 @@ class ScriptedInput(ScriptHand[SimulatedInput]):
             return moving(self._controls, VectorRamp(NEUTRAL, words.over(), ends_swings=True))
         if words.verb == "swing":
             sticks = words.numbers(_STICKS, -1.0, 1.0)
-            return moving(self._controls, words.swing((*sticks, 0.0, 0.0), HAND_PERIOD_S))
+            return moving(self._controls, words.swing((*sticks, 0.0, 0.0), MOTION_PERIOD_S))
         labels = [self._label(words)] if words.verb in ("press", "release") else []
         return calling(words.verb, *labels)
 

@@ -10,6 +10,7 @@ from cardan.errors import ConfigurationError, OptionError
 from cardan.sim_peers.backends.base import DeviceBackend
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import PeerCommand, option
+from cardan.sim_peers.device_peer import DeviceNodeOptions, DevicePeer
 from cardan.sim_peers.evdev.backends import EventSocket, UinputBackend
 from cardan.sim_peers.evdev.core import InputEvents, SimulatedInput
 from cardan.sim_peers.evdev.faults import FAULTS
@@ -21,7 +22,6 @@ from cardan.sim_peers.evdev.motion_script import (
     SCRIPTS,
     ScriptedInput,
 )
-from cardan.sim_peers.hand_peer import DeviceNodeOptions, HandPeer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +44,7 @@ class EvdevPeerOptions(DeviceNodeOptions):
     """Noise of the sticks while they are deflected, counts."""
 
 
-class EvdevPeer(HandPeer[SimulatedInput, InputEvents]):
+class EvdevPeer(DevicePeer[SimulatedInput, InputEvents]):
     """A simulated input device, for any number of programs up to 8 on its socket.
 
     Raises OptionError for a model that does not exist, ScriptError for a script or fault that does

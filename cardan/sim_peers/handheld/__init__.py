@@ -2,7 +2,7 @@
 
 from cardan.sim_peers.handheld.core import (
     FAULTS as FAULTS,
-    SimulatedHand as SimulatedHand,
+    SimulatedHandheld as SimulatedHandheld,
 )
 from cardan.sim_peers.handheld.peer import (
     PagePeer as PagePeer,

@@ -24,7 +24,7 @@ from cardan.sim_peers.periodic import PERIODIC_FAULTS, HeldModel, HeldPeriodicDe
 from cardan.spatial import add, conjugate, from_rotation_vector, multiply, rotate, scale
 from cardan.types import Quaternion, Vector3
 
-HandKind = Literal["phone", "xr"]
+HandheldKind = Literal["phone", "xr"]
 
 FAULTS: Final = (
     *PERIODIC_FAULTS,
@@ -60,12 +60,12 @@ STANDS: Final = Vector3(0.3, 0.1, 1.2)
 HOLD: Final = "hold"
 
 
-class SimulatedHand(HeldPeriodicDevice[bytes]):
+class SimulatedHandheld(HeldPeriodicDevice[bytes]):
     """A page and the device that it shows, which a script deflects (-1..1, robot frame)."""
 
     def __init__(
         self,
-        kind: HandKind,
+        kind: HandheldKind,
         faults: Mapping[str, float],
         seed: int = 0,
         part: BodyPart = BodyPart.RIGHT,

@@ -13,9 +13,9 @@ from cardan.sim_peers.backends.base import DeviceBackend
 from cardan.sim_peers.backends.bus import BusBackend, BusPeerOptions
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import PeerCommand, option
-from cardan.sim_peers.hand_peer import HandPeer
+from cardan.sim_peers.device_peer import DevicePeer
 from cardan.sim_peers.handheld.console import ConsolePage
-from cardan.sim_peers.handheld.core import FAULTS, HandKind, SimulatedHand
+from cardan.sim_peers.handheld.core import FAULTS, HandheldKind, SimulatedHandheld
 from cardan.sim_peers.spacemouse.motion_script import SCRIPT_VERBS, SCRIPTS, ScriptedPuck
 
 FRAME = "cardan_msgs/msg/OperatorFrame"
@@ -33,12 +33,12 @@ class PagePeerOptions(BusPeerOptions):
     )
 
     @property
-    def kind(self) -> HandKind:
+    def kind(self) -> HandheldKind:
         """Kind of device whose page it is."""
         return "phone"
 
     @property
-    def hand(self) -> BodyPart:
+    def body_part(self) -> BodyPart:
         """Which part of the body it shows."""
         return BodyPart.RIGHT
 
@@ -50,15 +50,15 @@ class XrPeerOptions(PagePeerOptions):
     part: Literal["right", "left", "viewer"] = option("right", "Which hand, or the viewer.")
 
     @property
-    def kind(self) -> HandKind:
+    def kind(self) -> HandheldKind:
         return "xr"
 
     @property
-    def hand(self) -> BodyPart:
+    def body_part(self) -> BodyPart:
         return BodyPart[self.part.upper()]
 
 
-def page_on_bus(device: SimulatedHand, options: PagePeerOptions) -> BusBackend:
+def page_on_bus(device: SimulatedHandheld, options: PagePeerOptions) -> BusBackend:
     """Backend of a page whose frames a console has already passed on to the bus."""
 
     def feel(feedback: Mapping[str, Any]) -> None:
@@ -78,7 +78,7 @@ def page_on_bus(device: SimulatedHand, options: PagePeerOptions) -> BusBackend:
 class ConsoleBackend(DeviceBackend[bytes]):
     """Is a page of a console."""
 
-    def __init__(self, device: SimulatedHand, options: PagePeerOptions) -> None:
+    def __init__(self, device: SimulatedHandheld, options: PagePeerOptions) -> None:
         self._device, self._options = device, options
         self._page: ConsolePage | None = None
 
@@ -129,16 +129,16 @@ def wrapped(frame: bytes, age_s: float) -> bytes:
     return codec_of(FRAME).encode({**message, "age": age_s, "frame": frame})
 
 
-class PagePeer(HandPeer[SimulatedHand, bytes]):
+class PagePeer(DevicePeer[SimulatedHandheld, bytes]):
     """A simulated page. Raises ScriptError for a script or a fault."""
 
     def __init__(self, options: PagePeerOptions | None = None) -> None:
         options = PagePeerOptions() if options is None else options
-        device = SimulatedHand(options.kind, options.faults, options.seed, options.hand)
+        device = SimulatedHandheld(options.kind, options.faults, options.seed, options.body_part)
         steps = load_script(options.script, SCRIPTS, SCRIPT_VERBS)
-        hand = ScriptedPuck(steps, device.model)
+        motion = ScriptedPuck(steps, device.model)
         made = ConsoleBackend if options.console else page_on_bus
-        super().__init__(device, hand, made(device, options), options)  # type: ignore[arg-type]
+        super().__init__(device, motion, made(device, options), options)  # type: ignore[arg-type]
 
 
 class PhonePageCommand(PeerCommand[PagePeerOptions]):

@@ -1,4 +1,4 @@
-"""Messages that a stock node publishes of the device in a hand, without I/O, in virtual time.
+"""Messages that a stock node publishes of its device, without I/O, in virtual time.
 
 From the nodes' sources and documentation: spacenav_node publishes zeros at rest and without a
 device; joy_node and game_controller_node repeat the newest state at autorepeat_rate while there is
@@ -40,7 +40,7 @@ SPACENAV_FULL = 350.0 / 512.0
 
 
 class SimulatedNode(HeldPeriodicDevice[bytes]):
-    """A node and its device, which a hand deflects (-1..1, robot frame)."""
+    """A node and its device, which is deflected (-1..1, robot frame)."""
 
     def __init__(self, node: StockNode, faults: Mapping[str, float], seed: int = 0) -> None:
         super().__init__(PERIODS_S[node], faults, FAULTS)

@@ -9,7 +9,7 @@ from typing import Any
 from cardan.sim_peers.backends.bus import BusBackend, BusPeerOptions
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import PeerCommand, option
-from cardan.sim_peers.hand_peer import HandPeer
+from cardan.sim_peers.device_peer import DevicePeer
 from cardan.sim_peers.ros2_device.core import FAULTS, JOY, TOPICS, SimulatedNode, StockNode
 from cardan.sim_peers.spacemouse.motion_script import SCRIPT_VERBS, SCRIPTS, ScriptedPuck
 
@@ -38,15 +38,15 @@ def node_on_bus(device: SimulatedNode, options: NodePeerOptions) -> BusBackend:
     return BusBackend(options, name, (TOPICS[options.node], JOY), FEEDBACK_TOPIC, feel)
 
 
-class NodePeer(HandPeer[SimulatedNode, bytes]):
+class NodePeer(DevicePeer[SimulatedNode, bytes]):
     """A simulated stock node. Raises ScriptError for a script or a fault."""
 
     def __init__(self, options: NodePeerOptions | None = None) -> None:
         options = NodePeerOptions() if options is None else options
         device = SimulatedNode(options.node, options.faults, options.seed)
         steps = load_script(options.script, SCRIPTS, SCRIPT_VERBS)
-        hand = ScriptedPuck(steps, device.model)
-        super().__init__(device, hand, node_on_bus(device, options), options)  # type: ignore[arg-type]
+        motion = ScriptedPuck(steps, device.model)
+        super().__init__(device, motion, node_on_bus(device, options), options)  # type: ignore[arg-type]
 
 
 class Ros2DeviceCommand(PeerCommand[NodePeerOptions]):

@@ -1,1 +1,1 @@
-"""A simulated 3Dconnexion device: the puck, the hands that move it, and the ways to open it."""
+"""A simulated 3Dconnexion device: the puck, its motion scripts, and the ways to open it."""

@@ -1,4 +1,4 @@
-"""A hand made of keys: drives the simulated puck from a terminal."""
+"""Motion by keys: drives the simulated puck from a terminal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 from cardan.errors import ScriptError
 from cardan.sim_peers.spacemouse.core import NEUTRAL
-from cardan.sim_peers.spacemouse.motion_script import HAND_PERIOD_S, Puck
+from cardan.sim_peers.spacemouse.motion_script import MOTION_PERIOD_S, Puck
 
 KEY_AXES: Mapping[str, tuple[int, float]] = {
     "w": (0, 1.0),
@@ -46,7 +46,7 @@ KEY_SPEED = 4.0
 _ESCAPE_SEQUENCE = re.compile(r"\x1b(\[[0-9;]*[@-~]|O.|.)?")
 
 
-class KeyboardHand:
+class KeyboardMotion:
     """Turns key strokes and their times into deflections and buttons. Reads nothing itself."""
 
     def __init__(self) -> None:
@@ -72,7 +72,7 @@ class KeyboardHand:
         if self._toggles:
             return self._now_s
         pulled = any(end_s > self._now_s for _, end_s in self._pulls)
-        return self._now_s + HAND_PERIOD_S if pulled or any(self._axes) else math.inf
+        return self._now_s + MOTION_PERIOD_S if pulled or any(self._axes) else math.inf
 
     def advance(self, now_s: float, device: Puck) -> None:
         """Apply the keys to `device` until `now_s`."""

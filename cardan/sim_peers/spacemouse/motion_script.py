@@ -7,11 +7,11 @@ from typing import Protocol
 
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.motion_profile import VectorMotion, VectorRamp
-from cardan.sim_peers.scripted import Act, HeldDevice, ScriptHand, StepWords, calling, moving
+from cardan.sim_peers.scripted import Act, HeldDevice, MotionScript, StepWords, calling, moving
 from cardan.sim_peers.spacemouse.core import AXES, NEUTRAL, Axes
 
-HAND_PERIOD_S = 0.008
-"""How often a moving hand is sampled: the shortest report period of a device."""
+MOTION_PERIOD_S = 0.008
+"""How often a motion is sampled: the shortest report period of a device."""
 
 SCRIPT_VERBS: Mapping[str, str] = {
     "axes": "axes X Y Z RX RY RZ [over SECONDS] (ramp the deflection there, each in -1..1)",
@@ -147,7 +147,7 @@ only after it has seen it at rest."""
 
 
 class PuckModel(Protocol):
-    """Data of a model that a scripted hand needs."""
+    """Data of a model that a motion script needs."""
 
     @property
     def name(self) -> str:
@@ -159,7 +159,7 @@ class PuckModel(Protocol):
 
 
 class Puck(HeldDevice, Protocol):
-    """A simulated device as its hand sees it; times are s from plugging in."""
+    """A simulated device as its script sees it; times are s from plugging in."""
 
     axes: Axes
 
@@ -197,12 +197,12 @@ class Puck(HeldDevice, Protocol):
         """Send again."""
 
 
-class ScriptedPuck(ScriptHand[Puck]):
+class ScriptedPuck(MotionScript[Puck]):
     """Plays the steps of a script on a device of `model`."""
 
     def __init__(self, steps: Sequence[ScriptStep], model: PuckModel, start_s: float = 0.0) -> None:
         self._model = model
-        self._axes = VectorMotion(NEUTRAL, HAND_PERIOD_S)
+        self._axes = VectorMotion(NEUTRAL, MOTION_PERIOD_S)
         super().__init__(steps, SCRIPT_VERBS, [self._axes], start_s)
 
     def _hold(self, device: Puck, now_s: float) -> None:
@@ -215,7 +215,7 @@ class ScriptedPuck(ScriptHand[Puck]):
             return moving(self._axes, VectorRamp(NEUTRAL, words.over(), ends_swings=True))
         if words.verb == "swing":
             amplitude = words.numbers(AXES, -1.0, 1.0)
-            return moving(self._axes, words.swing(amplitude, HAND_PERIOD_S))
+            return moving(self._axes, words.swing(amplitude, MOTION_PERIOD_S))
         labels = [self._label(words)] if words.verb in ("press", "release") else []
         return calling(words.verb, *labels)
 

@@ -26,12 +26,12 @@ from cardan.sim_peers.backends.unix_socket import ReportSocket
 from cardan.sim_peers.backends.usbip import UsbipBackend
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import PeerCommand, option
-from cardan.sim_peers.hand_peer import DeviceNodeOptions, HandPeer
+from cardan.sim_peers.device_peer import DeviceNodeOptions, DevicePeer
 from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
 from cardan.sim_peers.spacemouse.faults import FAULTS
 from cardan.sim_peers.spacemouse.keyboard import (
     KEYBOARD_HELP,
-    KeyboardHand,
+    KeyboardMotion,
     Terminal,
     status_line,
 )
@@ -98,7 +98,7 @@ class SpaceMousePeerOptions(PuckPeerOptions):
 P = TypeVar("P", bound=Puck)
 
 
-class PuckPeer(HandPeer[P, bytes]):
+class PuckPeer(DevicePeer[P, bytes]):
     """A simulated device with a cap, moved by a script, which begins at `script_s` of the device's
     time, or by the keyboard.
 
@@ -113,16 +113,16 @@ class PuckPeer(HandPeer[P, bytes]):
         *,
         script_s: float = 0.0,
     ) -> None:
-        self._keys: KeyboardHand | None = None
+        self._keys: KeyboardMotion | None = None
         self._terminal: Terminal | None = None
-        hand: KeyboardHand | ScriptedPuck
+        motion: KeyboardMotion | ScriptedPuck
         if options.keyboard:
-            hand = self._keys = KeyboardHand()
+            motion = self._keys = KeyboardMotion()
             self._terminal = Terminal()
         else:
             steps = load_script(options.script, SCRIPTS, SCRIPT_VERBS)
-            hand = ScriptedPuck(steps, device.model, start_s=script_s)
-        super().__init__(device, hand, backend, options)
+            motion = ScriptedPuck(steps, device.model, start_s=script_s)
+        super().__init__(device, motion, backend, options)
         self._led = device.led
         self._status = ""
         self._status_due_s = math.inf

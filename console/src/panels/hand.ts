@@ -1,6 +1,6 @@
 import { button, h, section, setText, stopper } from "../dom.ts";
 import { findPad, isHeld, padBody } from "../gamepad.ts";
-import { Hand } from "../hand.ts";
+import { OperatorDevice } from "../operator_device.ts";
 import type { Body, XrPart } from "../frames.ts";
 import { STALL_MS, whileHeld } from "../hold.ts";
 import { t } from "../i18n.ts";
@@ -14,7 +14,7 @@ const CHANNELS = { phone: 2, pad: 3, left: 4, right: 5, viewer: 6 } as const;
 /** The second finger's way that counts as 1: a third of the screen's shorter side. */
 const DRAG_SHARE = 1 / 3;
 
-/** This device as an operator's hand: phone, gamepad, headset. */
+/** This device as an operator device: phone, gamepad, headset. */
 export class HandPanel {
   readonly element: HTMLElement;
   private readonly link: Link;
@@ -22,7 +22,7 @@ export class HandPanel {
   private readonly keep: () => void;
   private readonly refreshes: (() => void)[] = [];
   private readonly stops: (() => void)[] = [];
-  private readonly hands: Hand[] = [];
+  private readonly devices: OperatorDevice[] = [];
 
   constructor(link: Link, settings: Settings, keep: () => void) {
     [this.link, this.settings, this.keep] = [link, settings, keep];
@@ -38,25 +38,25 @@ export class HandPanel {
 
   /** The arm was stopped: what they hold has to be let go and held anew. */
   halt(): void {
-    for (const each of this.hands) each.holding.end("stopped");
+    for (const each of this.devices) each.holding.end("stopped");
   }
 
-  /** None of them is a hand any more. */
+  /** None of them is an operator device any more. */
   stop(): void {
     for (const each of this.stops) each();
   }
 
   private phone(): HTMLElement {
     const sensors = new PhoneSensors();
-    const hand = new Hand(CHANNELS.phone, this.link, () => sensors.body());
+    const device = new OperatorDevice(CHANNELS.phone, this.link, () => sensors.body());
     const note = h("p", { class: "hint", role: "status" });
     const pad = h("button", { type: "button", class: "clutch" }, t("clutch"));
     whileHeld(
       pad,
-      () => hand.press(),
+      () => device.press(),
       (why) => {
         sensors.letGo();
-        hand.holding.end(why);
+        device.holding.end(why);
       },
     );
     secondFinger(pad, (right, up) => sensors.drag(right, up));
@@ -65,23 +65,23 @@ export class HandPanel {
       align,
       () => {
         sensors.buttons |= BUTTONS.align;
-        return hand.open;
+        return device.open;
       },
       () => {
         sensors.buttons &= ~BUTTONS.align;
       },
     );
-    this.hands.push(hand);
-    const start = stopper(t("start"), () => hand.open, () => void toggle());
+    this.devices.push(device);
+    const start = stopper(t("start"), () => device.open, () => void toggle());
     const end = () => {
-      if (!hand.open) return;
-      hand.stop();
+      if (!device.open) return;
+      device.stop();
       sensors.stop();
       setText(note, t("phoneHelp"));
     };
     this.stops.push(end);
     const toggle = async () => {
-      if (hand.open) {
+      if (device.open) {
         end();
         return;
       }
@@ -95,14 +95,14 @@ export class HandPanel {
         setText(note, t("noSensor"));
         return;
       }
-      setText(note, (await hand.start({ device: this.settings.phoneTopic })) || t("sensorsRun"));
+      setText(note, (await device.start({ device: this.settings.phoneTopic })) || t("sensorsRun"));
     };
     this.refreshes.push(() => {
-      setText(start, t(hand.open ? "finish" : "start"));
-      pad.disabled = !hand.open;
-      align.disabled = !hand.open;
+      setText(start, t(device.open ? "finish" : "start"));
+      pad.disabled = !device.open;
+      align.disabled = !device.open;
       const input = this.link.inputs.get(CHANNELS.phone);
-      if (hand.open && input) {
+      if (device.open && input) {
         setText(note, input.why || `${t("inputRate")} ${input.rate_hz.toFixed(0)} 1/s`);
       }
     });
@@ -121,42 +121,42 @@ export class HandPanel {
       const pad = findPad();
       return pad ? padBody(pad) : null;
     };
-    const hand = new Hand(CHANNELS.pad, this.link, now);
+    const device = new OperatorDevice(CHANNELS.pad, this.link, now);
     const note = h("p", { class: "hint", role: "status" });
     const poll = () => {
-      if (!hand.open) return;
+      if (!device.open) return;
       const pad = findPad();
-      hand.setHeld(pad !== null && isHeld(pad));
+      device.setHeld(pad !== null && isHeld(pad));
       requestAnimationFrame(poll);
     };
-    this.stops.push(() => hand.stop());
-    this.hands.push(hand);
+    this.stops.push(() => device.stop());
+    this.devices.push(device);
     const toggle = () => {
-      if (hand.open) hand.stop();
-      else void hand.start({ joy: this.settings.padTopic }).then(() => requestAnimationFrame(poll));
+      if (device.open) device.stop();
+      else void device.start({ joy: this.settings.padTopic }).then(() => requestAnimationFrame(poll));
     };
-    const start = stopper(t("start"), () => hand.open, toggle);
+    const start = stopper(t("start"), () => device.open, toggle);
     this.refreshes.push(() => {
-      setText(start, t(hand.open ? "finish" : "start"));
+      setText(start, t(device.open ? "finish" : "start"));
       const pad = findPad();
-      start.disabled = !pad && !hand.open;
+      start.disabled = !pad && !device.open;
       const input = this.link.inputs.get(CHANNELS.pad);
-      setText(note, hand.note || (hand.open && input?.why) || (pad ? `${pad.id} · ${t("padHelp")}` : t("padNone")));
+      setText(note, device.note || (device.open && input?.why) || (pad ? `${pad.id} · ${t("padHelp")}` : t("padNone")));
     });
     return section("pad", this.topic("padTopic"), h("div", { class: "row" }, start), note);
   }
 
   private xr(): HTMLElement {
     const states = new Map<XrPart, { body: Body; atMs: number }>();
-    // A hand that the session tells nothing of any more is none: its last place says nothing.
+    // A device that the session tells nothing of any more is none: its last place says nothing.
     const present = (part: XrPart): Body | null => {
       const state = states.get(part);
       return state && performance.now() - state.atMs <= STALL_MS ? state.body : null;
     };
-    const hands = new Map<XrPart, Hand>(
+    const devices = new Map<XrPart, OperatorDevice>(
       (["left", "right", "viewer"] as const).map((part) => [
         part,
-        new Hand(CHANNELS[part], this.link, () => present(part)),
+        new OperatorDevice(CHANNELS[part], this.link, () => present(part)),
       ]),
     );
     const note = h("p", { class: "hint", role: "status" }, t("xrNone"));
@@ -188,19 +188,19 @@ export class HandPanel {
     let end: (() => void) | null = null;
     this.stops.push(() => end?.());
     overlay.append(clutch, align, stopper(t("finish"), () => true, () => end?.()));
-    this.hands.push(...hands.values());
+    this.devices.push(...devices.values());
     const over = () => {
       end = null;
       overlay.hidden = true;
       states.clear();
-      for (const each of hands.values()) each.stop();
+      for (const each of devices.values()) each.stop();
     };
     const start = button(t("start"), () => void begin(), { disabled: true });
     const begin = async () => {
       try {
         const mode = await xrMode();
         if (!mode) return;
-        for (const each of hands.values()) each.note = "";
+        for (const each of devices.values()) each.note = "";
         end = await startXr(
           mode,
           overlay,
@@ -210,16 +210,16 @@ export class HandPanel {
             const atMs = performance.now();
             for (const each of all) {
               states.set(each.part, { body: each.body, atMs });
-              const hand = hands.get(each.part);
-              if (!hand) continue;
-              hand.tracking = each.tracking;
+              const device = devices.get(each.part);
+              if (!device) continue;
+              device.tracking = each.tracking;
               // What the server refuses is not asked for again at each frame.
-              if (!hand.open && !hand.note) {
-                void hand.start({ device: this.settings.xrTopic }).then((why) => {
+              if (!device.open && !device.note) {
+                void device.start({ device: this.settings.xrTopic }).then((why) => {
                   if (why) setText(note, why);
                 });
               }
-              hand.setHeld(each.held);
+              device.setHeld(each.held);
             }
           },
           over,

@@ -1,7 +1,7 @@
 import { CameraView } from "../camera.ts";
 import { Chart, save } from "../chart.ts";
 import { button, h, section, setText } from "../dom.ts";
-import { Hand } from "../hand.ts";
+import { OperatorDevice } from "../operator_device.ts";
 import { t } from "../i18n.ts";
 import type { Link } from "../link.ts";
 import { PhoneSensors } from "../phone.ts";
@@ -161,10 +161,10 @@ export class SensorsPanel {
   /** The sensors of this device, published while its person asks for that. */
   private phone(): HTMLElement {
     const sensors = new PhoneSensors();
-    const hand = new Hand(CHANNEL, this.link, () => sensors.body());
+    const device = new OperatorDevice(CHANNEL, this.link, () => sensors.body());
     const note = h("p", { class: "hint", role: "status" }, t("imuHelp"));
     const end = () => {
-      hand.stop();
+      device.stop();
       sensors.stop();
       setText(note, t("imuHelp"));
     };
@@ -179,22 +179,22 @@ export class SensorsPanel {
         setText(note, t("noSensor"));
         return;
       }
-      const why = await hand.start({ imu: this.settings.imuTopic });
+      const why = await device.start({ imu: this.settings.imuTopic });
       if (!why) return;
       sensors.stop();
       setText(note, why);
     };
-    const start = button(t("publish"), () => void (hand.open ? end() : begin()));
+    const start = button(t("publish"), () => void (device.open ? end() : begin()));
     const topic = h("input", { type: "text", value: this.settings.imuTopic, spellcheck: "false" });
     topic.addEventListener("change", () => {
       this.settings.imuTopic = topic.value;
       this.keep();
     });
     this.refreshes.push(() => {
-      setText(start, t(hand.open ? "finish" : "publish"));
-      start.setAttribute("aria-pressed", String(hand.open));
+      setText(start, t(device.open ? "finish" : "publish"));
+      start.setAttribute("aria-pressed", String(device.open));
       const input = this.link.inputs.get(CHANNEL);
-      if (hand.open && input) {
+      if (device.open && input) {
         setText(note, `${this.settings.imuTopic} · ${t("inputRate")} ${input.rate_hz.toFixed(0)} 1/s`);
       }
     });

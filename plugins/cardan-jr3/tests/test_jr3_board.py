@@ -10,7 +10,7 @@ from cardan.errors import ScriptError
 from cardan.sim_peers.base import load_script, parse_script
 from cardan.sim_peers.scripted import play
 from cardan_jr3 import protocol as jr3
-from cardan_jr3.peer import SCRIPT_VERBS, SCRIPTS, ScriptedHand, SimulatedJr3
+from cardan_jr3.peer import SCRIPT_VERBS, SCRIPTS, ScriptedJr3, SimulatedJr3
 from tests.examples import examples
 
 NODE = 33
@@ -304,7 +304,7 @@ def test_nothing_on_the_bus_breaks_it(frames):
 
 
 def hand(text):
-    return ScriptedHand(parse_script(text, SCRIPT_VERBS))
+    return ScriptedJr3(parse_script(text, SCRIPT_VERBS))
 
 
 def test_a_script_begins_when_the_board_is_started():
@@ -329,7 +329,7 @@ def test_a_script_begins_when_the_board_is_started():
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_built_in_scripts_leave_two_seconds_for_zeroing(name):
     board = SimulatedJr3(NODE, SCALES, boot_s=0.0)
-    script = ScriptedHand(load_script(name, SCRIPTS, SCRIPT_VERBS))
+    script = ScriptedJr3(load_script(name, SCRIPTS, SCRIPT_VERBS))
     board.on_first_start = script.start
     board.receive(*jr3.encode_from_host(jr3.StartSync(0), NODE), 0.0)
     moved = False

@@ -149,7 +149,7 @@ def test_the_driver_on_a_bus_is_felt_and_missed():
     hand, felt = s.device, []
 
     def load(what):
-        peer.hand.advance = lambda now_s, board: what(board)
+        peer.motion.advance = lambda now_s, board: what(board)
 
     def cycles():
         stage = 0

@@ -54,7 +54,7 @@ def zeroed(device):
 
 def push(peer, force_n):
     """Another hand takes over from the script."""
-    peer.hand.advance = lambda now_s, sensor: sensor.set_wrench((force_n, 0, 0, 0, 0, 0))
+    peer.motion.advance = lambda now_s, sensor: sensor.set_wrench((force_n, 0, 0, 0, 0, 0))
 
 
 def free_port(kind):

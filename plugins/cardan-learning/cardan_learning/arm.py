@@ -23,6 +23,7 @@ from cardan.spatial import (
     to_rotation_vector,
 )
 from cardan.types import IDENTITY, Frame, Pose, Quaternion, Vector3
+from cardan_learning.device_actions import turns_with_tool
 from cardan_learning.features import (
     CLOSE,
     CLOSED,
@@ -41,7 +42,6 @@ from cardan_learning.features import (
     six_of,
 )
 from cardan_learning.goal import Approach
-from cardan_learning.hand import turns_with_tool
 
 SILENCE_S = 0.3
 """Silence of a stream after which a moving arm is braked: ten frames of 30 a second."""

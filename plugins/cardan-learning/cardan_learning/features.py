@@ -24,7 +24,7 @@ class ActionKind(enum.Enum):
     DELTA = "delta"
     """How fast the TCP moves, as shares of full speed."""
     TARGET = "target"
-    """Where the TCP is to be, counted from where it was when the hand took hold of it."""
+    """Where the TCP is to be, counted from where it was when the device took hold of it."""
     POSE = "pose"
     """Where the TCP is to be, in the arm's base."""
 

@@ -1,4 +1,4 @@
-"""A hand or an arm of a session's file, or of a driver's name and its options."""
+"""A device or an arm of a session's file, or of a driver's name and its options."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from cardan.gateway.session.config import LimitsTable, SessionConfig, parse_conf
 from cardan.gateway.session.driver_assembly import make_driver
 from cardan.robots import load_arm
 from cardan.types import IDENTITY_POSE, Vector3
+from cardan_learning.device_actions import DEVICE_ACTIONS, DeviceActions, EventButtons
 from cardan_learning.features import ActionKind, action_kind, reference_of
-from cardan_learning.hand import HAND_ACTIONS, EventButtons, HandActions
 
 Table = Mapping[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True)
-class HandConfig(Options):
+class DeviceConfig(Options):
     """Tables of a session's file that a source of actions reads."""
 
     device: DriverTable
@@ -42,14 +42,14 @@ class HandConfig(Options):
     watchdogs: Watchdogs = field(default_factory=Watchdogs)
 
 
-class Hand(NamedTuple):
+class ActionDevice(NamedTuple):
     """An operator device that is not open yet, and its actions."""
 
     device: OperatorDevice
-    actions: HandActions
+    actions: DeviceActions
 
 
-def make_hand(
+def make_device(
     *,
     session: str = "",
     driver: str = "",
@@ -58,20 +58,20 @@ def make_hand(
     gripper: Table | None = None,
     action: str = "delta",
     buttons: EventButtons | None = None,
-) -> Hand:
+) -> ActionDevice:
     """The device of `session`, a session's file, or of `driver` with its `options`; `mapping` and
     `gripper` are tables as such a file has them, in place of its own. Raises ConfigurationError."""
     with _in_file(session):
-        tables = _tables(session, driver, {"device": options}, HandConfig)
-        config = read_table(HandConfig, {**tables, **_given(mapping=mapping, gripper=gripper)})
+        tables = _tables(session, driver, {"device": options}, DeviceConfig)
+        config = read_table(DeviceConfig, {**tables, **_given(mapping=mapping, gripper=gripper)})
         device = make_driver(config.device, "device")
         assert isinstance(device, OperatorDevice)
         check_mode(config.mapping, device)
-    kind = action_kind(action, HAND_ACTIONS)
+    kind = action_kind(action, DEVICE_ACTIONS)
     age_s = config.watchdogs.device_age_s
-    return Hand(
+    return ActionDevice(
         device,
-        HandActions(kind, config.mapping, config.gripper, config.limits, age_s, buttons),
+        DeviceActions(kind, config.mapping, config.gripper, config.limits, age_s, buttons),
     )
 
 

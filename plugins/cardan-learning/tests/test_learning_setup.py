@@ -7,7 +7,7 @@ from cardan.errors import ConfigurationError
 from cardan.gateway.bus import remote as on_the_network
 from cardan.gateway.session import remote as in_a_session
 from cardan_learning.features import ActionKind
-from cardan_learning.setup import make_arm, make_hand
+from cardan_learning.setup import make_arm, make_device
 
 SESSION = """
 [device]
@@ -47,9 +47,9 @@ def asked(monkeypatch):
 
 
 def test_both_of_a_sessions_file(session, asked):
-    hand = make_hand(session=session)
-    assert isinstance(hand.device, SpaceMouse)
-    assert hand.actions.kind is ActionKind.DELTA
+    device = make_device(session=session)
+    assert isinstance(device.device, SpaceMouse)
+    assert device.actions.kind is ActionKind.DELTA
     arm = make_arm(session=session, action="target")
     assert arm.joints[0] == "shoulder_pan_joint"
     assert (len(arm.joints), arm.kind) == (6, ActionKind.TARGET)
@@ -62,18 +62,18 @@ def test_both_of_a_sessions_file(session, asked):
 def test_the_hand_reads_no_more_of_the_file_than_its_own(session, tmp_path):
     path = tmp_path / "other.toml"
     path.write_text('[device]\ndriver = "spacemouse"\n[robot]\ndriver = "nobody_has_it"\n')
-    assert isinstance(make_hand(session=str(path)).device, SpaceMouse)
+    assert isinstance(make_device(session=str(path)).device, SpaceMouse)
 
 
 def test_both_of_drivers(asked):
-    hand = make_hand(
+    device = make_device(
         driver="spacemouse",
         options={"curve": 0.5},
         mapping={"deadman": "left"},
         gripper={"toggle": "right"},
         action="target",
     )
-    assert hand.device.options.curve == 0.5
+    assert device.device.options.curve == 0.5
     arm = make_arm(
         driver="abb_egm",
         options={"listen_port": 6510},
@@ -94,21 +94,21 @@ def test_an_arm_on_the_network(asked):
     assert asked == ["tcp/127.0.0.1:7447/cell/arm"]
 
 
-HAND, ARM = make_hand, make_arm
+DEVICE, ARM = make_device, make_arm
 
 
 @pytest.mark.parametrize(
     ("make", "given", "why"),
     [
-        (HAND, {}, "give either the file of a session, or a driver"),
-        (HAND, {"session": "a.toml", "driver": "spacemouse"}, "give either"),
-        (HAND, {"session": "none.toml"}, "cannot read none.toml"),
-        (HAND, {"driver": "spacemouze"}, "there is no driver 'spacemouze'"),
-        (HAND, {"driver": "spacemouse", "options": {"dead_zon": 1}}, "dead_zon"),
-        (HAND, {"driver": "spacemouse", "mapping": {"deadmen": "left"}}, "mapping.deadmen"),
-        (HAND, {"driver": "spacemouse", "action": "pose"}, "one of delta, target"),
-        (HAND, {"driver": "sim_arm"}, "is not an operator device"),
-        (HAND, {"driver": "leap"}, "mapping.mode"),
+        (DEVICE, {}, "give either the file of a session, or a driver"),
+        (DEVICE, {"session": "a.toml", "driver": "spacemouse"}, "give either"),
+        (DEVICE, {"session": "none.toml"}, "cannot read none.toml"),
+        (DEVICE, {"driver": "spacemouze"}, "there is no driver 'spacemouze'"),
+        (DEVICE, {"driver": "spacemouse", "options": {"dead_zon": 1}}, "dead_zon"),
+        (DEVICE, {"driver": "spacemouse", "mapping": {"deadmen": "left"}}, "mapping.deadmen"),
+        (DEVICE, {"driver": "spacemouse", "action": "pose"}, "one of delta, target"),
+        (DEVICE, {"driver": "sim_arm"}, "is not an operator device"),
+        (DEVICE, {"driver": "leap"}, "mapping.mode"),
         (ARM, {"driver": "sim_arm"}, "arm"),
         (ARM, {"driver": "spacemouse", "model": "ur5"}, "is not a robot"),
         (ARM, {"driver": "sim_arm", "model": "teo_soft_neck"}, "rigid links|soft"),
@@ -125,4 +125,4 @@ def test_what_is_wrong_is_said_before_anything_is_opened(make, given, why):
 
 def test_options_beside_a_file_are_refused(session):
     with pytest.raises(ConfigurationError, match="a session's file has those of its driver"):
-        make_hand(session=session, options={"curve": 0.5})
+        make_device(session=session, options={"curve": 0.5})

@@ -10,7 +10,7 @@ import pytest
 from cardan.errors import AddressError, OptionError, ScriptError
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.scripted import play
-from cardan.sim_peers.spacemouse.keyboard import KeyboardHand, status_line
+from cardan.sim_peers.spacemouse.keyboard import KeyboardMotion, status_line
 from cardan.sim_peers.spacemouse.motion_script import SCRIPT_VERBS, ScriptedPuck
 from cardan_serial_mice.peer import (
     SERIAL_FAULTS,
@@ -535,7 +535,7 @@ def test_a_stalled_peer_makes_no_burst():
 
 def test_keys_of_a_terminal_move_it_too():
     puck = simulated_serial_puck(serial_model_by_key("spaceorb"))
-    keys = KeyboardHand()
+    keys = KeyboardMotion()
     keys.feed("W ", 0.0)
     keys.advance(0.1, puck)
     assert puck.axes[0] == pytest.approx(0.4)

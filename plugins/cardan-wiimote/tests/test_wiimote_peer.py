@@ -26,7 +26,7 @@ from cardan.errors import (
     OptionError,
     ScriptError,
 )
-from cardan.sim_peers import hand_peer
+from cardan.sim_peers import device_peer
 from cardan.sim_peers.backends.uhid import (
     BUS_BLUETOOTH,
     OUTPUT_REPORT,
@@ -124,7 +124,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_old_and_the_new_way_over_sockets(place, monkeypatch):
     """In virtual time, so that the period of the reports is the remote's and not this machine's."""
     now_s = 100.0
-    monkeypatch.setattr(hand_peer, "time", types.SimpleNamespace(monotonic=lambda: now_s))
+    monkeypatch.setattr(device_peer, "time", types.SimpleNamespace(monotonic=lambda: now_s))
     peer = served(place, script="rest")
 
     def turn(seconds: float = 0.0) -> None:

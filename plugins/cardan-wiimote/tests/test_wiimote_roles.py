@@ -6,12 +6,12 @@ from hypothesis import given, strategies as st
 from cardan.common.options import choices, hints
 from cardan_wiimote.driver.core import BUTTON_NAMES, NUNCHUK_BUTTONS
 from cardan_wiimote.driver.options import WiimoteOptions
-from cardan_wiimote.driver.roles import ROLES, STICK_BUTTON, Hand
+from cardan_wiimote.driver.roles import ROLES, STICK_BUTTON, RemoteMotion
 
 REST = (0.0,) * 6
 UNIT = st.floats(-1.0, 1.0)
-HANDS = st.builds(
-    Hand,
+MOTIONS = st.builds(
+    RemoteMotion,
     st.frozensets(st.sampled_from([*BUTTON_NAMES, *NUNCHUK_BUTTONS])),
     UNIT,
     UNIT,
@@ -25,15 +25,15 @@ def test_the_options_name_them_all():
 
 
 @pytest.mark.parametrize("name", ROLES)
-@given(hand=HANDS)
-def test_nothing_moves_without_a_clutch(name, hand):
+@given(motion=MOTIONS)
+def test_nothing_moves_without_a_clutch(name, motion):
     roles = ROLES[name]()
-    axes = roles.axes(hand)
+    axes = roles.axes(motion)
     assert all(-1.0 <= u <= 1.0 for u in axes)
-    if roles.clutch.isdisjoint(hand.buttons):
-        stick = hand.stick if STICK_BUTTON in hand.buttons else (0.0, 0.0)
+    if roles.clutch.isdisjoint(motion.buttons):
+        stick = motion.stick if STICK_BUTTON in motion.buttons else (0.0, 0.0)
         assert axes == (*stick, 0.0, 0.0, 0.0, 0.0)
-        assert roles.axes(hand._replace(buttons=frozenset())) == REST
+        assert roles.axes(motion._replace(buttons=frozenset())) == REST
 
 
 @given(pressed=st.lists(st.frozensets(st.sampled_from(BUTTON_NAMES))))

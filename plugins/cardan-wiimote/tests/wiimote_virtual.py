@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cardan.sim_peers.base import parse_script
-from cardan_wiimote.peer import SCRIPT_VERBS, ScriptedHand, SimulatedWiimote
+from cardan_wiimote.peer import SCRIPT_VERBS, ScriptedWiimote, SimulatedWiimote
 from cardan_wiimote.protocol import (
     Data,
     DataMode,
@@ -24,7 +24,7 @@ class Host:
 
     def __init__(self, script: str = "", extension: str = "", **settings: object) -> None:
         self.remote = SimulatedWiimote(extension=extension, **settings)  # type: ignore[arg-type]
-        self.hand = ScriptedHand(parse_script(script, SCRIPT_VERBS), extension)
+        self.motion = ScriptedWiimote(parse_script(script, SCRIPT_VERBS), extension)
         self.now_s = 0.0
         assert self.remote.connect(0.0)
         self.remote.reports(0.0)
@@ -33,9 +33,9 @@ class Host:
         """Every report of the next `seconds`, with the time at which it came."""
         until_s = self.now_s + seconds
         came: Stamped = []
-        while (due_s := min(self.remote.next_due_s, self.hand.next_due_s)) <= until_s:
-            if self.hand.next_due_s <= due_s:
-                self.hand.advance(due_s, self.remote)
+        while (due_s := min(self.remote.next_due_s, self.motion.next_due_s)) <= until_s:
+            if self.motion.next_due_s <= due_s:
+                self.motion.advance(due_s, self.remote)
             came += [(due_s, decode_input(report)) for report in self.remote.reports(due_s)]
         came += [(until_s, decode_input(report)) for report in self.remote.reports(until_s)]
         self.now_s = until_s

@@ -31,7 +31,7 @@ class CardanRobotConfig(RobotConfig):
     limits: dict[str, Any] = field(default_factory=dict)
     """As a session's [limits]."""
     action: str = "delta"
-    """"delta": shares of full speed; "target": the way since the hand took hold; "pose": where the
+    """"delta": shares of full speed; "target": the way since following began; "pose": where the
     TCP is to be."""
     network_gripper: bool = False
     """Whether the arm at `address` has a gripper."""

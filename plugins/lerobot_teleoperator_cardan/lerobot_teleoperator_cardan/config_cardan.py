@@ -23,7 +23,7 @@ class CardanTeleopConfig(TeleoperatorConfig):
     gripper: dict[str, Any] = field(default_factory=dict)
     """As a session's [gripper]: its buttons."""
     action: str = "delta"
-    """"delta": shares of full speed; "target": the way since the hand took hold."""
+    """"delta": shares of full speed; "target": the way since following began."""
     success_button: str = ""
     """Ends an episode that succeeded; empty: none."""
     failure_button: str = ""

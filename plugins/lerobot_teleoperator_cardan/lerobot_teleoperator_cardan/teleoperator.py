@@ -9,9 +9,9 @@ from lerobot.teleoperators.utils import TeleopEvents
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 from cardan.types import DeviceFeedback
+from cardan_learning.device_actions import EventButtons
 from cardan_learning.features import action_names
-from cardan_learning.hand import EventButtons
-from cardan_learning.setup import make_hand
+from cardan_learning.setup import make_device
 from lerobot_teleoperator_cardan.config_cardan import CardanTeleopConfig
 
 logger = logging.getLogger(__name__)
@@ -29,7 +29,7 @@ class CardanTeleop(Teleoperator):
         self._connected = False
         super().__init__(config)
         self.config = config
-        self._device, self._actions = make_hand(
+        self._device, self._actions = make_device(
             session=config.session,
             driver=config.driver,
             options=config.options,

@@ -22,9 +22,9 @@ import numpy as np
 
 from cardan.common.native import NativePartError
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.authority import HAND, VERBS
+from cardan.gateway.arm.authority import OPERATOR, VERBS
 from cardan.gateway.arm.motions.brake import Brake
-from cardan.gateway.arm.motions.hand import FollowHand
+from cardan.gateway.arm.motions.operator import FollowOperator
 from cardan.gateway.arm.motions.recover import Recover
 from cardan.gateway.arm.states import RESTING, Inhibit, States
 from cardan.gateway.arm.verb_methods import ArmVerbs
@@ -157,7 +157,7 @@ class World:
         self.verbs = ArmVerbs.alone(model, able, mapping=mapping)
         self.core = self.verbs.controller
         self.filter = Sensed()
-        self.core.hand.filters = (self.filter,)
+        self.core.operator.filters = (self.filter,)
         self.verbs.set_parameters({"cpts": SPEED_M_S, "cpta": 1.0})
         self.q = np.array(model.home, dtype=float)
         self.v = np.zeros(len(self.q))
@@ -221,7 +221,7 @@ class World:
 
     def abstract(self) -> Abstract:
         core, verbs = self.core, self.verbs
-        source, watched, motion = core.hand, core.supervision, core.motion
+        source, watched, motion = core.operator, core.supervision, core.motion
         moves = core.commanded.moving and core.commanded.placed
         quick = moves and norm(core.commanded.twist.linear) > QUICK_M_S
         implausible = ""
@@ -407,7 +407,7 @@ class World:
         if core.armed:
             assert self.rearmed, "armed without re-arming"
             if core.state.arming is Arming.CLAIMING:
-                assert core.authority.owner == HAND, "claimed without authority"
+                assert core.authority.owner == OPERATOR, "claimed without authority"
         by_hand = (
             core.armed
             and self.deflected
@@ -441,8 +441,8 @@ class World:
             assert ago_s <= BRAKES_S, f"moves {ago_s:.2f} s after anybody might move it"
             if not core.braking and not isinstance(motion, (Recover, Brake)):
                 owner = core.authority.owner
-                if isinstance(motion, FollowHand):
-                    assert owner == HAND or not core.armed
+                if isinstance(motion, FollowOperator):
+                    assert owner == OPERATOR or not core.armed
                     assert self.verbs._motion is None
                     assert streams.kind is Stream.NONE
                 elif motion is not None:
@@ -638,7 +638,7 @@ def falls_silent(w):
 
 @event(lambda w: True)
 def hands_over_to_hand(w):
-    w.verbs.hand_over(HAND, source=w.core.authority.owner or VERBS)
+    w.verbs.hand_over(OPERATOR, source=w.core.authority.owner or VERBS)
     w.interrupt()
 
 

@@ -12,9 +12,9 @@ import random
 import numpy as np
 
 from cardan.errors import CardanError
-from cardan.gateway.arm.authority import HAND, AuthorityOptions, AuthorityPolicy
+from cardan.gateway.arm.authority import OPERATOR, AuthorityOptions, AuthorityPolicy
 from cardan.gateway.arm.motions.brake import Brake
-from cardan.gateway.arm.motions.hand import FollowHand
+from cardan.gateway.arm.motions.operator import FollowOperator
 from cardan.gateway.arm.motions.recover import Recover
 from cardan.gateway.arm.motions.torque import TorqueMotion
 from cardan.gateway.arm.options import ControllerOptions
@@ -158,10 +158,10 @@ class Walk:
         moving = commanded.moving and not isinstance(command, HoldCommand)
         if moving and not core.braking and not isinstance(motion, (Recover, Brake)):
             owner = core.authority.owner
-            if isinstance(motion, FollowHand):
-                assert owner == HAND
+            if isinstance(motion, FollowOperator):
+                assert owner == OPERATOR
             elif motion is not None:
-                assert owner not in ("", HAND), (motion, owner)
+                assert owner not in ("", OPERATOR), (motion, owner)
         if isinstance(motion, Recover):
             assert norm(commanded.twist.linear) <= RECOVERY_M_S * 1.02 or isinstance(
                 command, HoldCommand
@@ -186,7 +186,7 @@ class Walk:
             assert not commanded.moving
             assert not isinstance(command, TorqueCommand)
         if isinstance(motion, TorqueMotion) and isinstance(command, TorqueCommand):
-            assert core.authority.owner != HAND
+            assert core.authority.owner != OPERATOR
 
     # -- possible events ---------------------------------------------------------------------
 
@@ -484,7 +484,7 @@ def stream(w):
 @event
 def hand_over(w):
     with contextlib.suppress(CardanError):
-        w.verbs.hand_over(w.random.choice(("a", "b", HAND)))
+        w.verbs.hand_over(w.random.choice(("a", "b", OPERATOR)))
 
 
 @event

@@ -6,8 +6,8 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from cardan.errors import ConfigurationError, OptionError
 from cardan.gateway.arm.authority import (
-    HAND,
     LEASE_S,
+    OPERATOR,
     VERBS,
     Authority,
     AuthorityOptions,
@@ -87,26 +87,26 @@ def test_a_network_that_is_named_is_each_of_its_nodes():
 
 
 @pytest.mark.parametrize(
-    ("policy", "taken"), [(AuthorityPolicy.HAND, True), (AuthorityPolicy.FIRST, False)]
+    ("policy", "taken"), [(AuthorityPolicy.OPERATOR, True), (AuthorityPolicy.FIRST, False)]
 )
 def test_the_policy_says_whether_the_hand_takes_it_from_others(policy, taken):
     authority = owned_by(VERBS, policy)
-    assert (authority.take(HAND, 10.1) == "") is taken
-    assert authority.owner == (HAND if taken else VERBS)
+    assert (authority.take(OPERATOR, 10.1) == "") is taken
+    assert authority.owner == (OPERATOR if taken else VERBS)
 
 
-@pytest.mark.parametrize("policy", [AuthorityPolicy.HAND, AuthorityPolicy.FIRST])
+@pytest.mark.parametrize("policy", [AuthorityPolicy.OPERATOR, AuthorityPolicy.FIRST])
 def test_nobody_takes_it_from_the_hand(policy):
-    authority = owned_by(HAND, policy)
+    authority = owned_by(OPERATOR, policy)
     assert "'hand' has authority" in authority.take(VERBS, 10.1)
 
 
 def test_where_it_is_reserved_only_who_is_named_has_it():
     authority = Authority(AuthorityOptions(policy=AuthorityPolicy.NAMED, named="pendant"))
-    for other in (HAND, VERBS):
+    for other in (OPERATOR, VERBS):
         assert authority.take(other, 10.0) == "authority over the arm is reserved for 'pendant'"
     assert authority.take("pendant", 10.0) == ""
-    assert "'pendant' has authority" in authority.take(HAND, 10.1)
+    assert "'pendant' has authority" in authority.take(OPERATOR, 10.1)
 
 
 def test_handing_over_gives_it_to_exactly_one_other_and_starts_a_lease():
@@ -138,13 +138,13 @@ def test_whom_the_named_source_trusts_has_it_until_the_lease_ends_and_no_longer(
     assert "reserved for 'pendant'" in authority.take("guest", 20.0)
 
 
-SOURCES = st.sampled_from((HAND, VERBS, "a", "b"))
+SOURCES = st.sampled_from((OPERATOR, VERBS, "a", "b"))
 
 
 class OneOwner(RuleBasedStateMachine):
     """For all actions of sources: only these four ways change the owner, and only as they say."""
 
-    policy = AuthorityPolicy.HAND
+    policy = AuthorityPolicy.OPERATOR
 
     def __init__(self):
         super().__init__()
@@ -160,7 +160,7 @@ class OneOwner(RuleBasedStateMachine):
         if refusal:
             assert source != self.owner
             return
-        by_hand = self.policy is AuthorityPolicy.HAND and source == HAND
+        by_hand = self.policy is AuthorityPolicy.OPERATOR and source == OPERATOR
         assert self.owner in ("", source) or by_hand
         self.owner, self.renewed_s = source, self.now_s
 
@@ -190,8 +190,8 @@ class OneOwner(RuleBasedStateMachine):
     def the_owner_is_who_it_was_given_to(self):
         assert self.authority.owner == self.owner == self.authority.state().owner
         if self.owner:
-            may = [s for s in (HAND, VERBS, "a", "b") if not self.authority.refuses(s)]
-            by_hand = {HAND} if self.policy is AuthorityPolicy.HAND else set()
+            may = [s for s in (OPERATOR, VERBS, "a", "b") if not self.authority.refuses(s)]
+            by_hand = {OPERATOR} if self.policy is AuthorityPolicy.OPERATOR else set()
             assert set(may) == {self.owner} | by_hand
 
 
@@ -221,7 +221,11 @@ def test_only_a_network_is_reserved_for_with_its_nodes():
 
 @pytest.mark.parametrize(
     ("policy", "named"),
-    [(AuthorityPolicy.NAMED, ""), (AuthorityPolicy.HAND, "pendant"), (AuthorityPolicy.FIRST, HAND)],
+    [
+        (AuthorityPolicy.NAMED, ""),
+        (AuthorityPolicy.OPERATOR, "pendant"),
+        (AuthorityPolicy.FIRST, OPERATOR),
+    ],
 )
 def test_the_policy_that_reserves_it_says_for_whom_and_no_other_does(policy, named):
     with pytest.raises(ConfigurationError, match='policy = "named" needs the source'):

@@ -7,8 +7,8 @@ import pytest
 
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.authority import (
-    HAND,
     LEASE_S,
+    OPERATOR,
     VERBS,
     Authority,
     AuthorityOptions,
@@ -38,7 +38,7 @@ from cardan.types import (
     Twist,
     Vector3,
 )
-from tests.controllers import PERIOD_S, controller_for_hand
+from tests.controllers import PERIOD_S, controller_for_device
 from tests.gateway.arm.arms import DT_S, HandWorld, World
 
 START = Pose(Vector3(0.5, 0.0, 0.8), IDENTITY)
@@ -52,7 +52,7 @@ class Driven:
     """A controller, a hand and a robot that is sent poses; checked for steps in every tick."""
 
     def __init__(self, commanded=None, authority=None):
-        self.core = controller_for_hand(MAPPING, LIMITS, authority=authority)
+        self.core = controller_for_device(MAPPING, LIMITS, authority=authority)
         if commanded is not None:
             self.core.commanded = commanded
         self.robot = RobotState(
@@ -147,7 +147,7 @@ def test_a_new_session_of_a_robot_that_is_elsewhere_begins_there_at_rest():
 
 
 def test_a_new_session_of_an_arm_keeps_every_joint_within_its_acceleration():
-    world = hand_and_verbs()
+    world = operator_and_verbs()
     motion = world.verbs.movl(world.moved(0.0, 0.0, -0.2))
     world.tick(100)
     assert world.verbs.servo.moving
@@ -259,7 +259,7 @@ class Shared(HandWorld):
         return self.verbs.controller.authority.owner
 
 
-def hand_and_verbs(policy=AuthorityPolicy.HAND, named=""):
+def operator_and_verbs(policy=AuthorityPolicy.OPERATOR, named=""):
     world = Shared(
         "gofa_crb15000_5",
         options=ControllerOptions(authority=AuthorityOptions(policy=policy, named=named)),
@@ -274,7 +274,7 @@ DOWN = [0.0, 0.0, -0.02, 0.0, 0.0, 0.0]
 
 
 def test_with_the_policy_first_a_stream_keeps_the_hand_off_until_its_lease_ends():
-    world = hand_and_verbs(AuthorityPolicy.FIRST)
+    world = operator_and_verbs(AuthorityPolicy.FIRST)
     world.verbs.set_parameter("cpsc", "twst")
     assert world.verbs.stream("twist", DOWN, owner="a") == ""
     world.act()
@@ -289,7 +289,7 @@ def test_with_the_policy_first_a_stream_keeps_the_hand_off_until_its_lease_ends(
     world.hand()
     world.tick(int(LEASE_S / DT_S) + 200)
     world.act()
-    assert world.owner == HAND
+    assert world.owner == OPERATOR
     assert world.verbs.controller.phase is Phase.HOLDING
     assert world.verbs.controller.message == ""
     with pytest.raises(MotionRefusedError, match="'hand' has authority over the arm"):
@@ -297,37 +297,37 @@ def test_with_the_policy_first_a_stream_keeps_the_hand_off_until_its_lease_ends(
 
 
 def test_with_the_policy_hand_the_act_takes_the_arm_from_a_stream():
-    world = hand_and_verbs()
+    world = operator_and_verbs()
     world.verbs.set_parameter("cpsc", "twst")
     assert world.verbs.stream("twist", DOWN, owner="a") == ""
     world.tick(20)
     world.act()
-    assert world.owner == HAND
+    assert world.owner == OPERATOR
     assert "the operator device took over" in world.verbs.stream("twist", DOWN, owner="a")
     with pytest.raises(MotionRefusedError, match="'hand' has authority over the arm"):
         world.verbs.movl(world.moved(0.0, 0.0, -0.05))
 
 
 def test_a_hand_that_lets_go_keeps_its_authority_for_a_lease_and_takes_it_again():
-    world = hand_and_verbs()
+    world = operator_and_verbs()
     world.act()
     world.tick(int(2 * LEASE_S / DT_S))
-    assert world.owner == HAND  # held by the dead-man, although nothing moves
+    assert world.owner == OPERATOR  # held by the dead-man, although nothing moves
     world.hand()
     world.tick(int(0.9 * LEASE_S / DT_S))
-    assert world.owner == HAND
+    assert world.owner == OPERATOR
     world.tick(int(0.2 * LEASE_S / DT_S))
     assert world.owner == ""
     motion = world.verbs.movl(world.moved(0.0, 0.0, -0.05))
     world.tick(50)
     world.hand(REST, "left")
     world.tick()
-    assert world.owner == HAND
+    assert world.owner == OPERATOR
     assert "the operator device took over" in motion.reason
 
 
 def test_a_stop_frees_the_authority_of_a_hand():
-    world = hand_and_verbs()
+    world = operator_and_verbs()
     world.act()
     world.verbs.stop()
     assert world.owner == ""
@@ -335,7 +335,7 @@ def test_a_stop_frees_the_authority_of_a_hand():
 
 
 def test_authority_that_is_handed_over_stops_the_arm_and_is_somebody_elses():
-    world = hand_and_verbs()
+    world = operator_and_verbs()
     motion = world.verbs.movl(world.moved(0.0, 0.0, -0.2))
     world.tick(50)
     world.verbs.hand_over("b")
@@ -352,7 +352,7 @@ def test_authority_that_is_handed_over_stops_the_arm_and_is_somebody_elses():
 
 
 def test_anybody_stops_each_source_that_moves_the_arm():
-    world = hand_and_verbs()
+    world = operator_and_verbs()
     world.act()
     world.hand(FORWARD, "left")
     world.tick(50)
@@ -373,7 +373,7 @@ def test_anybody_stops_each_source_that_moves_the_arm():
 
 
 def test_where_the_arm_is_reserved_nobody_else_begins_anything():
-    world = hand_and_verbs(AuthorityPolicy.HAND)
+    world = operator_and_verbs(AuthorityPolicy.OPERATOR)
     world.verbs.controller.authority = Authority(
         AuthorityOptions(policy=AuthorityPolicy.NAMED, named="pendant")
     )
@@ -389,7 +389,7 @@ def test_where_the_arm_is_reserved_nobody_else_begins_anything():
 
 @pytest.mark.parametrize("ticks", [3, 40, 150])
 def test_the_dead_man_in_the_middle_of_a_line_takes_the_arm_without_a_step(ticks):
-    world = hand_and_verbs()
+    world = operator_and_verbs()
     world.tick(2)
     motion = world.verbs.movl(world.moved(0.0, 0.0, -0.2))
     world.tick(ticks)
@@ -405,7 +405,7 @@ def test_the_dead_man_in_the_middle_of_a_line_takes_the_arm_without_a_step(ticks
             break
     assert motion.outcome is Outcome.ABORTED
     assert motion.reason == "the operator device took over"
-    assert world.owner == HAND
+    assert world.owner == OPERATOR
     assert rests
     # From rest, along the hand's direction; `World` checks every joint's acceleration.
     first = world.verbs.servo.twist[0]

@@ -26,10 +26,10 @@ from cardan.types import (
     TorqueCommand,
     Vector3,
 )
-from tests.controllers import controller_for_hand
+from tests.controllers import controller_for_device
 from tests.gateway.arm.arms import DT_S, HandWorld, World
 from tests.gateway.arm.random_walk import Walk
-from tests.gateway.arm.test_controller_hand import (
+from tests.gateway.arm.test_controller_device import (
     FORWARD,
     REST,
     Rig,
@@ -292,7 +292,7 @@ def test_a_pose_that_waited_for_the_planner_is_not_gone_to():
 def test_a_clutch_let_go_as_a_filter_fails_is_let_go():
     fails = Rule(lambda twist: twist)
     rig = Rig(deadman=(), filters=[fails])
-    rig.core = controller_for_hand(MappingOptions(clutch="left"), filters=[fails])
+    rig.core = controller_for_device(MappingOptions(clutch="left"), filters=[fails])
     rig.hand()
     rig.run(0.1)
     rig.hand(REST, "left")
@@ -438,7 +438,7 @@ def test_every_promise_is_kept_on_a_walk_at_random(seed):
         seed,
         "pr2_left_arm" if seed == 11 else ("ur5", GOFA)[seed % 2],
         KINDS[seed % 3],
-        (AuthorityPolicy.HAND, AuthorityPolicy.FIRST)[seed // 3 % 2],
+        (AuthorityPolicy.OPERATOR, AuthorityPolicy.FIRST)[seed // 3 % 2],
         MAPPINGS[seed % 4],
     )
     walk.tick(3)

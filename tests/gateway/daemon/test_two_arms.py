@@ -23,18 +23,18 @@ UP = (0.0, 0.0, 0.3, 0.0, 0.0, 0.0)
 NEUTRAL = (0.0,) * 6
 MOVED_M = 0.002
 
-HAND_PERIOD_S = 0.008
+MOTION_PERIOD_S = 0.008
 
 
-class AskedHand:
-    """A hand that does what the test asks for, one thing each period, in its device's thread."""
+class AskedMotion:
+    """Does what the test asks for, one thing each period, in its device's thread."""
 
     def __init__(self):
         self.next_due_s = 0.0
         self.asked = deque()
 
     def advance(self, now_s, device):
-        self.next_due_s = now_s + HAND_PERIOD_S
+        self.next_due_s = now_s + MOTION_PERIOD_S
         if self.asked:
             method, *arguments = self.asked.popleft()
             getattr(device, method)(*arguments)
@@ -49,10 +49,10 @@ class Mouse(SpaceMousePeer):
                 hid=str(path), model="spacemouse-compact", jitter_lsb=0, start_on_connect=False
             )
         )
-        self.hand = AskedHand()
+        self.motion = AskedMotion()
 
     def do(self, *words):
-        self.hand.asked.append(words)
+        self.motion.asked.append(words)
 
     def touch(self):
         """Touch the cap for some reports and let go: it is seen at rest."""

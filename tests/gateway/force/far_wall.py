@@ -7,7 +7,7 @@ import itertools
 import random
 from typing import NamedTuple
 
-from cardan.gateway.force.passive import FarPort, HandPort, share_left
+from cardan.gateway.force.passive import DevicePort, FarPort, share_left
 from cardan.types import Vector3
 
 STEP_S = 0.0005
@@ -78,7 +78,7 @@ def press(
     comes."""
     chosen = random.Random(seed)
     there, back = (Way(delay_s, jitter_s, loss, stalls, chosen) for _ in range(2))
-    far, port = FarPort(), HandPort()
+    far, port = FarPort(), DevicePort()
     place, speed, force, given_j = wanted(0.0), 0.0, 0.0, 0.0
     goal, newest_there = (-1, place, 0.0), -1
     asked, heard_s = (-1, 0.0, 0.0, 0.0), 0.0

@@ -13,7 +13,7 @@ from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.spatial import norm, subtract
 from cardan.types import ZERO3, Vector3
 from tests.examples import examples
-from tests.gateway.hand_rig import DT_S, HandRig, displaced
+from tests.gateway.device_pose_rig import DT_S, DevicePoseRig, displaced
 from tests.gateway.operator.test_differential import plans, rpys
 
 HERE = Vector3(0.1, -0.2, 0.05)
@@ -77,7 +77,7 @@ WORKSPACE = ReferenceLimits(
 @given(plans, rpys, st.floats(0.3, 3.0))
 def test_nothing_makes_the_rendered_place_leap(plan, rpy, factor):
     """Recaptures, slips and edges: it moves by what the hand moves, twice at most, and glides."""
-    rig = HandRig(
+    rig = DevicePoseRig(
         limits=WORKSPACE,
         device_rpy_deg=rpy,
         scale=(factor, factor, factor, 1.0, 1.0, 1.0),
@@ -88,7 +88,7 @@ def test_nothing_makes_the_rendered_place_leap(plan, rpy, factor):
     glide, before = MapCrossfade(), None
     for (kind, value), ticks, _ in plan:
         if kind in ("send", "leap"):
-            rig.send_hand(displaced(*value[:3]))
+            rig.send_pose(displaced(*value[:3]))
         elif kind != "tap":
             continue
         elif value != "grip":
@@ -98,7 +98,7 @@ def test_nothing_makes_the_rendered_place_leap(plan, rpy, factor):
                 before = None
         for _ in range(ticks):
             rig.run()
-            world = rig.core.hand_map()
+            world = rig.core.device_map()
             if world is None:
                 glide.release()
                 before = None
@@ -114,21 +114,21 @@ def test_nothing_makes_the_rendered_place_leap(plan, rpy, factor):
 
 
 def test_after_a_recapture_the_glide_ends_at_the_true_map():
-    rig = HandRig(recapture="button_1", slip_m=0.1).run().tap("button_2")
+    rig = DevicePoseRig(recapture="button_1", slip_m=0.1).run().tap("button_2")
     glide = MapCrossfade()
-    rig.send_hand(displaced(y=0.4))
+    rig.send_pose(displaced(y=0.4))
     for k in range(1500):
         if k == 30:
             rig.press("button_1")
         rig.run()
-        rendered = glide.follow(rig.core.hand_map(), rig.device.pose.position, rig.now_s)
+        rendered = glide.follow(rig.core.device_map(), rig.device.pose.position, rig.now_s)
         if k == 30:
-            leap = subtract(rendered.offset, rig.core.hand_map().offset)
+            leap = subtract(rendered.offset, rig.core.device_map().offset)
             assert norm(leap) > 0.02
     # what the hand moved on since, the TCP has slipped
     assert rig.core.following
     while glide.left != ZERO3:
         rig.run()
-        rendered = glide.follow(rig.core.hand_map(), rig.device.pose.position, rig.now_s)
+        rendered = glide.follow(rig.core.device_map(), rig.device.pose.position, rig.now_s)
         assert rig.now_s < 130.0
-    assert rendered == rig.core.hand_map()
+    assert rendered == rig.core.device_map()

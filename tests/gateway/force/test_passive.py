@@ -10,8 +10,8 @@ from cardan.gateway.force.passive import (
     HOLD_S,
     LONGEST_STEP_S,
     OLDEST_S,
+    DevicePort,
     FarPort,
-    HandPort,
     share_left,
 )
 from cardan.types import ZERO3, Vector3
@@ -117,7 +117,7 @@ def pushed(port, places):
 def test_what_the_wall_still_holds_is_not_given_back():
     into = [-0.0002 * number for number in range(100)]
     back = [into[-1] + 0.0004 * number for number in range(1, 40)]
-    held, free = HandPort(), HandPort()
+    held, free = DevicePort(), DevicePort()
     for port in (held, free):
         pushed(port, into)
         assert port.put_in_j == pytest.approx(0.02, rel=0.2)
@@ -133,7 +133,7 @@ def test_what_the_wall_still_holds_is_not_given_back():
 
 
 def test_a_stall_of_the_hands_end_ends_the_force():
-    port = HandPort()
+    port = DevicePort()
     assert pushed(port, [0.0] * 60)[-1].z > 0.5
     assert port.step(ZERO3, up(1.0), 0.0, 1.0, 60 * 0.004 + LONGEST_STEP_S) == ZERO3
     assert port.step(ZERO3, up(1.0), 0.0, 1.0, 61 * 0.004 + LONGEST_STEP_S).z < 0.1
@@ -157,7 +157,7 @@ def test_how_much_is_left_of_a_force(silent_s, round_s, left):
 @pytest.mark.parametrize(("toward_m", "gained"), [(-0.01, 0.0), (0.01, -1.0)])
 def test_of_a_stall_the_hand_is_owed_nothing_and_has_what_it_was_given(toward_m, gained):
     """A device that was let go on by itself may have fallen silent long before it moved."""
-    port, now_s = HandPort(), 0.0
+    port, now_s = DevicePort(), 0.0
     asked = Vector3(0.0, 0.0, 1.0)
     for _ in range(200):
         now_s += STEP_S
@@ -169,7 +169,7 @@ def test_of_a_stall_the_hand_is_owed_nothing_and_has_what_it_was_given(toward_m,
 
 
 def test_what_the_hand_does_while_its_device_lets_no_force_out_is_no_work():
-    port = HandPort()
+    port = DevicePort()
     for n, z in enumerate((0.0, 0.0, -0.001)):
         port.step(up(z), up(1.0), 0.0, 1.0, 0.004 * n)
     put_in_j = port.put_in_j

@@ -37,7 +37,7 @@ from cardan.types import (
     Vector3,
 )
 from tests.examples import examples
-from tests.gateway.hand_rig import DEFLECTIONS, HAND, HandRig, close, displaced
+from tests.gateway.device_pose_rig import DEFLECTIONS, HAND, DevicePoseRig, close, displaced
 
 pytestmark = pytest.mark.matrix
 
@@ -45,7 +45,7 @@ NAN_AXES = (math.nan,) * 6
 
 
 def engaged(**options):
-    rig = HandRig(recapture="button_1", **options).run().tap("button_2")
+    rig = DevicePoseRig(recapture="button_1", **options).run().tap("button_2")
     assert rig.core.following
     return rig
 
@@ -58,19 +58,19 @@ def engaged(**options):
 )
 def test_the_papers_check_value(frame, expected):
     start = Pose(Vector3(0.3, -0.35, 0.1), from_rotation_vector(Vector3(0.0, math.pi / 2, 0.0)))
-    rig = HandRig(
+    rig = DevicePoseRig(
         start=start, frame=frame, device_rpy_deg=(90.0, 0.0, 90.0), orientation=Orientation.FIXED
     )
-    rig.put_hand(Pose(Vector3(0.0, -0.02, 0.05), IDENTITY)).run().tap("button_2")
-    rig.send_hand(Pose(Vector3(0.03, 0.0, 0.01), from_euler_zyx(0.3, 0.2, 0.1))).run(2.0)
+    rig.put_device(Pose(Vector3(0.0, -0.02, 0.05), IDENTITY)).run().tap("button_2")
+    rig.send_pose(Pose(Vector3(0.03, 0.0, 0.01), from_euler_zyx(0.3, 0.2, 0.1))).run(2.0)
     assert close(rig.tcp.position, expected)
     assert close(rig.turned, (0.0, 0.0, 0.0))
-    assert close(rig.mapped_hand, expected)
+    assert close(rig.mapped_device, expected)
 
 
 def test_the_scale_multiplies_the_displacement():
     rig = engaged(scale=(0.5, 2.0, 1.0, 1.0, 1.0, 1.0))
-    rig.send_hand(displaced(0.04, 0.03, 0.02)).run(2.0)
+    rig.send_pose(displaced(0.04, 0.03, 0.02)).run(2.0)
     assert close(rig.moved, (0.02, 0.06, 0.02))
 
 
@@ -88,7 +88,7 @@ rpys = st.tuples(*[st.floats(-180.0, 180.0)] * 3)
 )
 def test_orientation_follows_as_the_reference_has_it(turn, rpy, kind, frame):
     rig = engaged(device_rpy_deg=rpy, orientation=kind, frame=frame)
-    rig.send_hand(displaced(rx=turn.x, ry=turn.y, rz=turn.z)).run(2.0)
+    rig.send_pose(displaced(rx=turn.x, ry=turn.y, rz=turn.z)).run(2.0)
     align = from_euler_zyx(*(math.radians(angle) for angle in rpy))
     hand, start = rig.device.pose.orientation, rig.start.orientation
     if kind is Orientation.FOLLOW_BASE:
@@ -103,14 +103,14 @@ def test_orientation_follows_as_the_reference_has_it(turn, rpy, kind, frame):
 @pytest.mark.parametrize("frame", list(Frame))
 def test_without_a_word_on_orientation_the_frame_decides(frame):
     rig = engaged(frame=frame)
-    rig.send_hand(displaced(rx=0.2, ry=-0.1)).run(2.0)
+    rig.send_pose(displaced(rx=0.2, ry=-0.1)).run(2.0)
     turn = Vector3(0.2, -0.1, 0.0)
     assert close(rig.turned, turn if frame is Frame.BASE else rotate(rig.start.orientation, turn))
 
 
 def test_a_fixed_orientation_minds_no_flick_of_the_gimbal():
     rig = engaged(orientation=Orientation.FIXED)
-    rig.put_hand(displaced(x=0.01, rx=2.0)).run(1.0)
+    rig.put_device(displaced(x=0.01, rx=2.0)).run(1.0)
     assert close(rig.moved, (0.01, 0.0, 0.0))
     assert rig.core.phase is Phase.HOLDING
 
@@ -119,23 +119,23 @@ def test_a_fixed_orientation_minds_no_flick_of_the_gimbal():
 
 
 def test_each_press_toggles_and_holding_means_nothing():
-    rig = HandRig().run().press("button_2").run(0.5)
+    rig = DevicePoseRig().run().press("button_2").run(0.5)
     assert rig.core.following
-    rig.send_hand(displaced(x=0.02)).run(1.0)
+    rig.send_pose(displaced(x=0.02)).run(1.0)
     rig.release("button_2").run(0.1)
     assert rig.core.following
     rig.press("button_2").run(0.5)
     assert not rig.core.following
     assert rig.message == "let go of 'button_2', then press 'button_2' to move"
-    rig.send_hand(displaced(x=-0.2)).run(0.5).release("button_2").run(0.5)
+    rig.send_pose(displaced(x=-0.2)).run(0.5).release("button_2").run(0.5)
     assert close(rig.moved, (0.02, 0.0, 0.0))
-    rig.tap("button_2").send_hand(displaced(x=-0.19)).run(1.0)
+    rig.tap("button_2").send_pose(displaced(x=-0.19)).run(1.0)
     assert close(rig.moved, (0.03, 0.0, 0.0))
 
 
 def test_recapture_forgets_slip_and_lag():
     rig = engaged(slip_m=0.1)
-    rig.send_hand(displaced(y=0.4)).run(0.15)
+    rig.send_pose(displaced(y=0.4)).run(0.15)
     assert "slips" in rig.message
     rig.run(0.2)
     before = rig.velocity[0].y
@@ -152,14 +152,14 @@ def test_recapture_forgets_slip_and_lag():
         way = rig.moved.y - y
     assert rig.core.at_rest
     assert way == pytest.approx(before**2 / 2.0, abs=2e-3)
-    assert close(rig.mapped_hand, rig.tcp.position)
+    assert close(rig.mapped_device, rig.tcp.position)
 
 
 def test_recapture_without_a_clutch_held_does_nothing():
-    rig = HandRig(recapture="button_1").run().tap("button_1")
+    rig = DevicePoseRig(recapture="button_1").run().tap("button_1")
     assert rig.core.phase is Phase.DISARMED
-    rig = HandRig(deadman=("grip",), recapture="button_1").run().press("grip").run()
-    rig.send_hand(displaced(x=0.2)).run(0.3).press("button_1").run(1.0)
+    rig = DevicePoseRig(deadman=("grip",), recapture="button_1").run().press("grip").run()
+    rig.send_pose(displaced(x=0.2)).run(0.3).press("button_1").run(1.0)
     assert rig.core.following
     assert 0.0 < rig.moved.x < 0.15
 
@@ -169,7 +169,7 @@ def test_recapture_without_a_clutch_held_does_nothing():
     [(("button_1", "button_2"), False), (("button_2", "button_1"), False)],
 )
 def test_both_buttons_in_one_tick_while_following(order, follows):
-    rig = engaged().send_hand(displaced(x=0.3)).run(0.3)
+    rig = engaged().send_pose(displaced(x=0.3)).run(0.3)
     rig.press(*order).run(1.0)
     assert rig.core.following is follows
     assert rig.core.at_rest
@@ -177,7 +177,7 @@ def test_both_buttons_in_one_tick_while_following(order, follows):
 
 @pytest.mark.parametrize("order", [("button_1", "button_2"), ("button_2", "button_1")])
 def test_both_buttons_in_one_tick_while_clutched_out(order):
-    rig = HandRig(recapture="button_1").run().press(*order).run(0.1)
+    rig = DevicePoseRig(recapture="button_1").run().press(*order).run(0.1)
     assert rig.core.following
     assert rig.moved == (0, 0, 0)
 
@@ -186,7 +186,7 @@ def test_both_buttons_in_one_tick_while_clutched_out(order):
 @settings(max_examples=examples(50))
 def test_a_chattering_button_counts_its_presses(edges):
     """All in one tick; what bounces is the driver's to remove, but nothing else comes of it."""
-    rig = HandRig().run()
+    rig = DevicePoseRig().run()
     down, presses = False, 0
     for pressed in edges:
         if pressed is not down:
@@ -198,24 +198,24 @@ def test_a_chattering_button_counts_its_presses(edges):
 
 
 def test_out_and_in_again_in_one_tick_takes_the_references_anew():
-    rig = engaged().send_hand(displaced(x=0.1)).run(0.2)
+    rig = engaged().send_pose(displaced(x=0.1)).run(0.2)
     rig.press("button_2").release("button_2").press("button_2").run(1.0)
     assert rig.core.following
     assert 0.0 < rig.moved.x < 0.06
-    assert close(rig.mapped_hand, rig.tcp.position)
+    assert close(rig.mapped_device, rig.tcp.position)
 
 
 def test_clutch_and_dead_man_together_are_both_needed():
-    rig = HandRig(deadman=("button_1",), clutch="button_2").run()
+    rig = DevicePoseRig(deadman=("button_1",), clutch="button_2").run()
     assert rig.message == "press 'button_2', with 'button_1' held, to move"
-    rig.press("button_1").send_hand(displaced(x=0.05)).run(0.5)
+    rig.press("button_1").send_pose(displaced(x=0.05)).run(0.5)
     assert rig.moved == (0, 0, 0)
-    rig.tap("button_2").send_hand(displaced(x=0.08)).run(1.0)
+    rig.tap("button_2").send_pose(displaced(x=0.08)).run(1.0)
     assert close(rig.moved, (0.03, 0, 0))
-    rig.release("button_1").run(0.5).send_hand(displaced()).run(0.5)
+    rig.release("button_1").run(0.5).send_pose(displaced()).run(0.5)
     assert close(rig.moved, (0.03, 0, 0))
     assert rig.core.phase is Phase.HOLDING
-    rig.press("button_1").run().send_hand(displaced(x=0.01)).run(1.0)
+    rig.press("button_1").run().send_pose(displaced(x=0.01)).run(1.0)
     assert close(rig.moved, (0.04, 0, 0))
 
 
@@ -225,13 +225,13 @@ def test_clutch_and_dead_man_together_are_both_needed():
 @pytest.mark.parametrize("link", [DeviceLink.LOST, DeviceLink.STALE, DeviceLink.NEEDS_NEUTRAL])
 @pytest.mark.parametrize("told_anew", [False, True])
 def test_a_button_held_through_a_loss_is_not_pressed_anew(link, told_anew):
-    rig = HandRig().run().press("button_2").run(0.1).send_hand(displaced(x=0.1)).run(0.2)
+    rig = DevicePoseRig().run().press("button_2").run(0.1).send_pose(displaced(x=0.1)).run(0.2)
     live = rig.device
     rig.device = live._replace(link=link, buttons=frozenset())
     rig.run(0.5)
     assert rig.core.at_rest
     assert not rig.core.following
-    rig.device = live._replace(pose=rig.hand_goal)
+    rig.device = live._replace(pose=rig.device_goal)
     if told_anew:
         rig.press("button_2")
     rig.run(0.5)
@@ -245,7 +245,7 @@ def test_a_button_held_through_a_loss_is_not_pressed_anew(link, told_anew):
 
 @pytest.mark.parametrize("trouble", ["lost", "alarm", "silent robot", "stopping"])
 def test_a_press_while_something_is_wrong_begins_nothing_later(trouble):
-    rig = HandRig().run()
+    rig = DevicePoseRig().run()
     good_device, good_robot = rig.device, rig.robot
     if trouble == "lost":
         rig.device = rig.device._replace(link=DeviceLink.LOST, reason="unplugged")
@@ -258,14 +258,14 @@ def test_a_press_while_something_is_wrong_begins_nothing_later(trouble):
     rig.run().tap("button_2").run(0.1)
     rig.device = good_device._replace(stamp_s=rig.now_s)
     rig.robot = good_robot
-    rig.send_hand(displaced(x=0.1)).run(0.5)
+    rig.send_pose(displaced(x=0.1)).run(0.5)
     assert not rig.core.following
     assert rig.moved == (0, 0, 0)
     assert rig.core.status().trips == 0
 
 
 def test_somebody_else_may_take_the_hand_off_the_robot():
-    rig = engaged().send_hand(displaced(x=0.1)).run(0.2)
+    rig = engaged().send_pose(displaced(x=0.1)).run(0.2)
     rig.core.inhibit("the force is lost", Inhibit.ONCE)
     rig.press("button_2").run()  # In the same tick it does not re-arm.
     assert not rig.core.following
@@ -279,7 +279,7 @@ def test_somebody_else_may_take_the_hand_off_the_robot():
 
 
 def test_a_hand_that_is_suspended_is_waited_for_and_then_followed_without_a_step():
-    rig = engaged().send_hand(displaced(x=0.1)).run(0.15)
+    rig = engaged().send_pose(displaced(x=0.1)).run(0.15)
     before = rig.moved
     for _ in range(50):
         rig.core.inhibit("the force is in doubt", Inhibit.MOTION_IGNORED)
@@ -292,7 +292,7 @@ def test_a_hand_that_is_suspended_is_waited_for_and_then_followed_without_a_step
 
 
 def test_a_press_from_before_a_stall_begins_nothing():
-    rig = HandRig().run().press("button_2")
+    rig = DevicePoseRig().run().press("button_2")
     rig.run(0.3, dt_s=0.3)
     assert not rig.core.following
     rig.run(1.0)
@@ -303,8 +303,8 @@ def test_a_press_from_before_a_stall_begins_nothing():
 def test_no_hand_is_taken_up_while_the_robot_is_far_behind(held):
     button = "grip" if held else "button_2"
     limits = ReferenceLimits(max_lead_m=0.09)
-    rig = HandRig(limits=limits, **({"deadman": ("grip",)} if held else {})).run()
-    rig.press(button).run().send_hand(displaced(x=0.14))
+    rig = DevicePoseRig(limits=limits, **({"deadman": ("grip",)} if held else {})).run()
+    rig.press(button).run().send_pose(displaced(x=0.14))
     rig.stuck = True
     rig.run(0.6)
     assert rig.core.following
@@ -323,7 +323,7 @@ def test_no_hand_is_taken_up_while_the_robot_is_far_behind(held):
 
 
 def test_an_old_press_begins_nothing_but_still_ends():
-    rig = HandRig().run()
+    rig = DevicePoseRig().run()
     rig.events.append(ButtonEvent(rig.now_s - 0.7, "button_2", True))
     rig.run()
     assert "it was pressed 0.7 s ago" in rig.message
@@ -339,12 +339,12 @@ def test_letting_go_brakes_at_the_braking_limits_and_not_as_softly_as_the_motion
     ways = []
     for ends in ("clutch", "deadman", "trip"):
         held = {"deadman": ("grip",)} if ends == "deadman" else {}
-        rig = HandRig(limits=limits, **held).run()
+        rig = DevicePoseRig(limits=limits, **held).run()
         if held:
             rig.press("grip").run()
         else:
             rig.tap("button_2")
-        rig.send_hand(displaced(x=0.14)).run(0.4)
+        rig.send_pose(displaced(x=0.14)).run(0.4)
         x = rig.moved.x
         if ends == "trip":
             rig.device = rig.device._replace(link=DeviceLink.LOST)
@@ -384,10 +384,10 @@ def test_the_map_is_where_the_tcp_goes(rpy, frame, factors, axes):
         scale=(*factors, 1.0, 1.0, 1.0),
         axes=(*axes, "rx", "ry", "rz"),
     )
-    assert close(rig.mapped_hand, rig.start.position, 1e-12)
-    rig.send_hand(displaced(0.02, -0.03, 0.01, rz=0.2)).run(3.0)
-    assert close(rig.mapped_hand, rig.tcp.position)
-    rotation = rig.core.hand_map().rotation
+    assert close(rig.mapped_device, rig.start.position, 1e-12)
+    rig.send_pose(displaced(0.02, -0.03, 0.01, rz=0.2)).run(3.0)
+    assert close(rig.mapped_device, rig.tcp.position)
+    rotation = rig.core.device_map().rotation
     assert determinant(rotation) == pytest.approx(1.0)
     columns = [rotation[i::3] for i in range(3)]
     for i, a in enumerate(columns):
@@ -402,24 +402,24 @@ def test_the_map_is_where_the_tcp_goes(rpy, frame, factors, axes):
 
 
 def test_the_map_moves_with_a_slip():
-    rig = engaged(slip_m=0.1).send_hand(displaced(y=0.4)).run(5.0)
-    assert close(rig.mapped_hand, rig.tcp.position)
+    rig = engaged(slip_m=0.1).send_pose(displaced(y=0.4)).run(5.0)
+    assert close(rig.mapped_device, rig.tcp.position)
     assert rig.moved.y < 0.2
 
 
 def test_the_map_ends_where_the_workspace_ends():
     """A wall beyond its edge is nothing that the TCP could meet."""
     limits = ReferenceLimits(workspace_x_m=(0.45, 0.55))
-    rig = HandRig(limits=limits, recapture="button_1", slip_m=0.15).run().tap("button_2")
-    rig.send_hand(displaced(x=0.03, y=0.03)).run(2.0)
-    assert close(rig.mapped_hand, rig.tcp.position)
-    rig.send_hand(displaced(x=0.12, y=0.05)).run(2.0)
+    rig = DevicePoseRig(limits=limits, recapture="button_1", slip_m=0.15).run().tap("button_2")
+    rig.send_pose(displaced(x=0.03, y=0.03)).run(2.0)
+    assert close(rig.mapped_device, rig.tcp.position)
+    rig.send_pose(displaced(x=0.12, y=0.05)).run(2.0)
     assert close(rig.tcp.position, (0.55, 0.05, 0.4), 1e-4)
-    assert close(rig.mapped_hand, (0.55, 0.05, 0.4), 1e-4)
-    rig.put_hand(displaced(x=0.2, y=0.06))  # Until the next tick: it follows along the edge alone.
-    assert close(rig.mapped_hand, (0.55, 0.06, 0.4), 1e-4)
-    rig.put_hand(displaced(x=0.12, y=0.05)).send_hand(displaced(x=0.02)).run(2.0)
-    assert close(rig.mapped_hand, rig.tcp.position)
+    assert close(rig.mapped_device, (0.55, 0.05, 0.4), 1e-4)
+    rig.put_device(displaced(x=0.2, y=0.06))  # Until the next tick, along the edge alone.
+    assert close(rig.mapped_device, (0.55, 0.06, 0.4), 1e-4)
+    rig.put_device(displaced(x=0.12, y=0.05)).send_pose(displaced(x=0.02)).run(2.0)
+    assert close(rig.mapped_device, rig.tcp.position)
     assert close(rig.tcp.position, (0.52, 0.0, 0.4), 1e-4)
 
 
@@ -450,7 +450,7 @@ def test_directions_that_no_place_of_the_hand_moves(options, still):
 def test_forces_have_no_way_back_through_a_mirror(axes, gone):
     axes = (*axes, *AXES[3:])
     assert mirrors(MappingOptions(axes=axes)) is gone
-    assert (engaged(axes=axes).core.hand_map() is None) is gone
+    assert (engaged(axes=axes).core.device_map() is None) is gone
     flipped = MappingOptions(axes=axes, scale=(-1.0, *[1.0] * 5))
     if not gone and "fixed" not in axes and "rx" not in axes[:3]:
         assert mirrors(flipped)
@@ -491,9 +491,9 @@ def play(rig, plan):
         elif kind == "both":
             rig.press(*value).release(*value).press(value[0])
         elif kind == "send":
-            rig.send_hand(displaced(*value))
+            rig.send_pose(displaced(*value))
         elif kind == "leap":
-            rig.put_hand(displaced(*value))
+            rig.put_device(displaced(*value))
         elif kind == "link":
             rig.device = rig.device._replace(link=value)
         elif kind == "fresh":
@@ -506,8 +506,8 @@ def play(rig, plan):
             rig.device = rig.device._replace(axes=value)
         for _ in range(ticks):
             rig.run(dt_s, dt_s)
-            world = rig.core.hand_map()
-            pose_mode = rig.core.hand.mapping.options.mode is not Mode.RATE
+            world = rig.core.device_map()
+            pose_mode = rig.core.operator.mapping.options.mode is not Mode.RATE
             assert (world is not None) is (rig.core.following and pose_mode)
     return rig
 
@@ -525,7 +525,7 @@ def play(rig, plan):
 )  # fmt: skip
 def test_never_a_step(plan, buttons, frame, orientation, rpy, factors, jerk):
     """The rig checks every command of whatever comes, and that a clutch taken at rest is still."""
-    rig = HandRig(
+    rig = DevicePoseRig(
         limits=ReferenceLimits(
             linear_jerk_m_s3=jerk, workspace_x_m=(0.3, 0.8), workspace_z_m=(0.2, 0.7)
         ),
@@ -544,13 +544,13 @@ def test_never_a_step(plan, buttons, frame, orientation, rpy, factors, jerk):
 def test_nothing_moves_without_a_following_hand(plan):
     """With a robot that is where it is told, so that nothing has to come back."""
     plan = [step for step in plan if step[0][0] != "stuck"]
-    rig = HandRig(recapture="button_1").run().tap("button_2")
+    rig = DevicePoseRig(recapture="button_1").run().tap("button_2")
     play(rig, plan)
     rig.device = rig.device._replace(link=DeviceLink.LOST)
     rig.run(0.3)
     where = rig.tcp
     assert rig.core.at_rest
-    rig.send_hand(displaced(x=0.2)).run(0.2)
+    rig.send_pose(displaced(x=0.2)).run(0.2)
     assert norm(subtract(rig.tcp.position, where.position)) == 0.0
     assert norm(scale(rotation_between(rig.tcp.orientation, where.orientation), 1.0)) < 1e-12
 

@@ -9,7 +9,7 @@ from cardan.gateway.operator.feedback import (
     LIMIT_LEVEL,
     TRIP_PULSE_S,
     FeedbackOptions,
-    HandFeedback,
+    OperatorFeedback,
 )
 from cardan.gateway.session.parts import arm_feedback_of
 from cardan.types import (
@@ -42,7 +42,7 @@ def played(hand, status, robot=ROBOT, start_s=0.0, seconds=1.0):
 
 
 def test_the_light_says_that_the_hand_is_on_the_robot():
-    hand = HandFeedback(FeedbackOptions(), {"led"})
+    hand = OperatorFeedback(FeedbackOptions(), {"led"})
     assert played(hand, REST) == [DeviceFeedback(True)]
     assert played(hand, MOVING, start_s=1.0) == []
     assert played(hand, REST._replace(phase=Phase.DISARMED), start_s=2.0) == [DeviceFeedback(False)]
@@ -50,14 +50,14 @@ def test_the_light_says_that_the_hand_is_on_the_robot():
 
 
 def test_it_ends_dark_and_quiet():
-    hand = HandFeedback(FeedbackOptions(rumble=("max_lead",)), BOTH)
+    hand = OperatorFeedback(FeedbackOptions(rumble=("max_lead",)), BOTH)
     played(hand, MOVING._replace(lead_used=1.0))
     assert hand.last() == DeviceFeedback(False, 0.0)
     assert hand.last() is None
 
 
 def test_a_trip_is_felt_for_a_while():
-    hand = HandFeedback(FeedbackOptions(led=False), BOTH)
+    hand = OperatorFeedback(FeedbackOptions(led=False), BOTH)
     sent = played(hand, REST._replace(trips=1), seconds=2 * TRIP_PULSE_S)
     assert sent[0].rumble == 1.0
     assert sent[-1].rumble == 0.0
@@ -82,25 +82,25 @@ def test_a_trip_is_felt_for_a_while():
     ],
 )
 def test_what_is_felt(sources, status, robot, level):
-    hand = HandFeedback(FeedbackOptions(led=False, rumble=sources), BOTH)
+    hand = OperatorFeedback(FeedbackOptions(led=False, rumble=sources), BOTH)
     sent = played(hand, status, robot, seconds=0.1)
     assert [each.rumble for each in sent] == ([] if level is None else [pytest.approx(level)])
 
 
 def test_rumble_that_lasts_is_renewed_before_the_driver_ends_it():
-    hand = HandFeedback(FeedbackOptions(led=False, rumble=("max_lead",)), BOTH)
+    hand = OperatorFeedback(FeedbackOptions(led=False, rumble=("max_lead",)), BOTH)
     sent = played(hand, MOVING._replace(lead_used=1.0), seconds=2.0)
     assert 4 <= len(sent) <= 6
 
 
 def test_small_changes_are_not_passed_on():
-    hand = HandFeedback(FeedbackOptions(led=False, rumble=("max_lead",)), BOTH)
+    hand = OperatorFeedback(FeedbackOptions(led=False, rumble=("max_lead",)), BOTH)
     played(hand, MOVING._replace(lead_used=0.65), seconds=FEEDBACK_PERIOD_S)
     assert played(hand, MOVING._replace(lead_used=0.66), start_s=0.06, seconds=0.1) == []
 
 
 def test_a_device_without_channels_is_left_alone():
-    hand = HandFeedback(FeedbackOptions(), ())
+    hand = OperatorFeedback(FeedbackOptions(), ())
     assert not hand.useful
     assert hand.update(MOVING, ROBOT, 0.0) is None
     assert hand.last() is None

@@ -483,20 +483,20 @@ def test_a_dead_man_that_was_let_go_and_held_again_in_between_takes_the_hand_up_
 def test_letting_go_takes_the_hand_up_anew():
     asked = posed()
     asked.tick(pose=HAND)
-    assert not asked.source.hand_map()
+    assert not asked.source.device_map()
     request = asked.tick(REST, "left", pose=AWAY)
     assert request.armed
     assert request.twist == ZERO_TWIST
-    assert asked.source.hand_map()
+    assert asked.source.device_map()
     asked.disarm()
-    assert not asked.source.hand_map()
-    assert not Asked().source.hand_map()
+    assert not asked.source.device_map()
+    assert not Asked().source.device_map()
 
 
 def test_a_press_of_the_clutch_lets_go_of_the_hand_although_it_is_engaged_again_at_once():
     asked = Asked(POSE_CLUTCH).seen(pose=HAND)
     asked.tick(REST, "right", events=[press()], pose=HAND)
-    assert asked.source.hand_map()
+    assert asked.source.device_map()
     presses = [RELEASE, press(), RELEASE, press()]
     request = asked.tick(REST, "right", events=presses, pose=AWAY)
     assert request.armed
@@ -528,7 +528,7 @@ def test_a_suspended_hand_is_followed_on_without_a_motion():
     request = asked.tick(REST, "left", pose=AWAY, suspended=True)
     assert request.following
     assert request.twist == ZERO_TWIST
-    assert asked.source.hand_map()
+    assert asked.source.device_map()
 
 
 def test_what_the_hand_is_told():

@@ -195,11 +195,11 @@ def test_what_is_so_by_itself():
         ("recapture", {**ABSOLUTE, "recapture": "grip"}),
         ("origin_m", {**POSITION, "origin_m": (0.5, 0.0, 0.3)}),
         ("device_center_m", {**POSITION, "device_center_m": (0.0, 0.0, 0.1)}),
-        ("hand_to_tool_rpy_deg", {**POSITION, "hand_to_tool_rpy_deg": (0.0, 0.0, 90.0)}),
+        ("device_to_tool_rpy_deg", {**POSITION, "device_to_tool_rpy_deg": (0.0, 0.0, 90.0)}),
         ("orientation", {**POSITION, "orientation": Orientation.ABSOLUTE}),
         (
-            "hand_to_tool_rpy_deg",
-            {**WHOLE, **POSITION, "origin_m": None, "hand_to_tool_rpy_deg": (0.0, 0.0, 90.0)},
+            "device_to_tool_rpy_deg",
+            {**WHOLE, **POSITION, "origin_m": None, "device_to_tool_rpy_deg": (0.0, 0.0, 90.0)},
         ),
         ("origin_m", {"mode": Mode.ABSOLUTE, "deadman": "left"}),
         ("frame", {**ABSOLUTE, "frame": Frame.TOOL}),
@@ -207,7 +207,7 @@ def test_what_is_so_by_itself():
         ("orientation", {**WHOLE, "axes": ("x", "y", "z", "rx", "ry", "-rz")}),
         ("orientation", {**WHOLE, "scale": (1.0, 1.0, 1.0, 0.5, 1.0, 1.0)}),
         ("orientation", {**WHOLE, "scale": (1.0, 1.0, 1.0, 1.0, 1.0, 0.5)}),
-        ("hand_to_tool_rpy_deg", {**ABSOLUTE, "hand_to_tool_rpy_deg": (0.0, 0.0, 90.0)}),
+        ("device_to_tool_rpy_deg", {**ABSOLUTE, "device_to_tool_rpy_deg": (0.0, 0.0, 90.0)}),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(key, known):
@@ -226,7 +226,7 @@ def test_options_that_do_not_go_together_are_refused(key, known):
         {**POSITION, "frame": Frame.TOOL},
         {**ABSOLUTE, "device_center_m": (0.0, 0.0, 0.1)},
         WHOLE,
-        {**WHOLE, "hand_to_tool_rpy_deg": (0.0, 0.0, 90.0)},
+        {**WHOLE, "device_to_tool_rpy_deg": (0.0, 0.0, 90.0)},
         {**WHOLE, "axes": ("y", "x", "z", "rx", "ry", "rz")},
         {**WHOLE, "scale": (2.0, 2.0, 0.5, 1.0, 1.0, 1.0)},
         {**ABSOLUTE, "axes": ("x", "y", "z", "-rx", "ry", "rz")},

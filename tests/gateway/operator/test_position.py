@@ -8,10 +8,10 @@ from cardan.gateway.arm.status import Phase
 from cardan.gateway.motion.speed_limited_reference import ReferenceLimits
 from cardan.spatial import from_euler_zyx, norm, rotate, scale
 from cardan.types import IDENTITY, ButtonEvent, DeviceLink, Frame, Pose, Quaternion, Vector3
-from tests.gateway.hand_rig import DT_S, HAND, START, HandRig, close, displaced
+from tests.gateway.device_pose_rig import DT_S, HAND, START, DevicePoseRig, close, displaced
 
 
-class Rig(HandRig):
+class Rig(DevicePoseRig):
     """A hand that is put somewhere, and is followed while a button is held."""
 
     def __init__(self, limits=None, **options):
@@ -20,7 +20,7 @@ class Rig(HandRig):
     def hand(self, pose=HAND, clutch=True):
         """Send the hand to `pose`, as fast as hands are; without the clutch it is there at once."""
         buttons = frozenset({"clutch"} if clutch else ())
-        self.hand_goal = pose
+        self.device_goal = pose
         there = self.device.pose if clutch and "clutch" in self.device.buttons else pose
         self.device = self.device._replace(pose=there, buttons=buttons)
         return self
@@ -136,9 +136,9 @@ def test_a_hand_that_is_lost_takes_itself_off_the_robot(change):
     good = rig.device
     for _ in range(3):  # Once would do.
         rig.device = good._replace(**change)
-        rig.hand_goal = rig.device.pose
+        rig.device_goal = rig.device.pose
         rig.run()
-    rig.hand_goal = good.pose
+    rig.device_goal = good.pose
     rig.device = good
     rig.run(0.4)
     assert rig.core.at_rest
@@ -192,7 +192,7 @@ def displaced_turn(axis, angle):
 def test_a_clutch_tapped_between_two_ticks_is_a_new_grip():
     rig = Rig().engage()
     device = rig.device._replace(pose=displaced(x=0.01), stamp_s=rig.now_s + DT_S)
-    rig.hand_goal = device.pose
+    rig.device_goal = device.pose
     tap = [ButtonEvent(rig.now_s, "clutch", False), ButtonEvent(rig.now_s, "clutch", True)]
     robot = rig.robot._replace(stamp_s=rig.now_s + DT_S)
     rig.core.tick(robot, device, tap)

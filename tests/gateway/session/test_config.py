@@ -66,7 +66,7 @@ def test_mappings_of_a_pose():
         **ABSOLUTE,
         "orientation": "absolute",
         "device_center_m": [0.1, 0, 0],
-        "hand_to_tool_rpy_deg": [180, 0, 0],
+        "device_to_tool_rpy_deg": [180, 0, 0],
         "approach_speed_m_s": 0.02,
     }
     config = parse_config({**GOOD, "mapping": mapping})
@@ -101,7 +101,10 @@ def test_mappings_of_a_pose():
         ({"mode": "absolute", "clutch": "a"}, 'origin_m: mode = "absolute" needs it'),
         ({**ABSOLUTE, "frame": "tool"}, "frame: 'tool' moves"),
         ({**ABSOLUTE, "approach_speed_m_s": 0}, "approach_speed_m_s"),
-        ({**ABSOLUTE, "hand_to_tool_rpy_deg": [1, 0, 0]}, "hand_to_tool_rpy_deg: only orientation"),
+        (
+            {**ABSOLUTE, "device_to_tool_rpy_deg": [1, 0, 0]},
+            "device_to_tool_rpy_deg: only orientation",
+        ),
         (
             {**ABSOLUTE, "orientation": "absolute", "scale": [1, 1, 1, 1, 1, 2]},
             "takes the device's whole orientation",
@@ -170,6 +173,11 @@ def test_survives_the_way_to_the_session_process():
         ({"limits": {"max_lead_rad": 3}}, "limits.max_lead_rad", "1.5"),
         ({"limits": {"leash_rad": 0.3}}, "limits.leash_rad", "is now: max_lead_rad; rename it"),
         ({"mapping": {"device_centre_m": [0, 0, 0]}}, "mapping.device_centre_m", "device_center_m"),
+        (
+            {"mapping": {"hand_to_tool_rpy_deg": [0, 0, 0]}},
+            "mapping.hand_to_tool_rpy_deg",
+            "is now: device_to_tool_rpy_deg; rename it",
+        ),
         ({"neighbours": []}, "neighbours", "is now: neighbors; rename it"),
         ({"watchdogs": {"device_age_s": 10}}, "watchdogs.device_age_s", "0.5"),
         ({"speed": 1}, "speed", "allowed: device, robot"),

@@ -68,7 +68,7 @@ def operator(whole):
         whole.config, mapping=dataclasses.replace(whole.config.mapping, enable="right")
     )
     whole = dataclasses.replace(whole, config=config, robot=robot)
-    whole.controller.hand.mapping.options = config.mapping
+    whole.controller.operator.mapping.options = config.mapping
     return Operator(whole, None, lease, False), robot
 
 

@@ -242,7 +242,7 @@ def test_a_gripper_on_the_robots_output_is_everybodys(in_thread, monkeypatch):
         arm.act("accg")
         assert done == [{"digital": True}]
         until(lambda: ThreadProcess.shown.gripper_closed, "the news of it")
-        assert ThreadProcess.newest.session.controller.hand.mapping.gripper_closed
+        assert ThreadProcess.newest.session.controller.operator.mapping.gripper_closed
         with pytest.raises(MotionRefusedError, match="half way"):
             arm.act("acsg")
         arm.release()

@@ -411,7 +411,7 @@ class TestAFilterThatFails:
         made = Failing()
         made.name = "mine"
         setattr(made, call, lambda: 1 / 0)
-        s.controller.hand.filters = (made,)
+        s.controller.operator.filters = (made,)
         return s.run()
 
     def test_opening(self, fake_drivers):

@@ -49,7 +49,7 @@ class CommandedMotion(ABC):
     """Longest silence of the source after which the motion may go on."""
     recovers = False
     """Whether it brings the command back to its robot."""
-    follows_hand = False
+    follows_operator = False
     """Whether it follows the operator device."""
     in_one_step = False
     """Whether a long period must not be divided for it."""

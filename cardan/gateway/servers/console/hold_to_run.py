@@ -50,7 +50,7 @@ class HoldVerdict(enum.Enum):
 
 
 class Hold:
-    """The hold of one hand."""
+    """The hold of one control."""
 
     def __init__(self, longest_s: float = math.inf) -> None:
         """`longest_s`: how long it goes on without being renewed."""

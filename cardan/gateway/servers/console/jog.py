@@ -81,7 +81,7 @@ class Wish(NamedTuple):
 
 
 class ArmJog:
-    """The stream of one hand to one arm, in a loop, between `open` and `close`."""
+    """The stream of one operator to one arm, in a loop, between `open` and `close`."""
 
     def __init__(
         self, arm: str, source: str, caller: ServiceCaller, refused: Callable[[str], None]
@@ -115,12 +115,12 @@ class ArmJog:
         self._begun, self._sent = False, None
 
     def move(self, wish: Wish) -> None:
-        """The hand wants this now."""
+        """The operator wants this now."""
         self._wish, self._held = wish, True
         self._something.set()
 
     def rest(self) -> None:
-        """The hand wants nothing any more."""
+        """The operator wants nothing any more."""
         self._wish, self._held = None, False
         if self._sent is not None:
             self._wish = self._sent.at_rest(self._loop.time())

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from cardan.sim_peers.backends.pseudo_terminal import PseudoTerminal
 from cardan.sim_peers.base import FaultSwitch, ScriptStep, load_script
 from cardan.sim_peers.command import PeerCommand, option
-from cardan.sim_peers.hand_peer import HandOptions, HandPeer
+from cardan.sim_peers.device_peer import DevicePeer, DevicePeerOptions
 from cardan.sim_peers.motion_profile import VectorMotion, VectorRamp
 from cardan.sim_peers.periodic import PERIODIC_FAULTS, PeriodicDevice
-from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, moving, setting
+from cardan.sim_peers.scripted import Act, MotionScript, StepWords, moving, setting
 
 from cardan_lever.protocol import PERIOD_S, Report, encode
 
@@ -64,7 +64,7 @@ class SimulatedLever(PeriodicDevice[bytes]):
         return line[: len(line) // 2] if cut else line
 
 
-class ScriptedHand(ScriptHand[SimulatedLever]):
+class ScriptedLever(MotionScript[SimulatedLever]):
     """Moves the lever as a script says."""
 
     def __init__(self, steps: Sequence[ScriptStep]) -> None:
@@ -86,19 +86,19 @@ class ScriptedHand(ScriptHand[SimulatedLever]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LeverPeerOptions(HandOptions):
+class LeverPeerOptions(DevicePeerOptions):
     """Options of :class:`LeverPeer`, beside script, faults and seed."""
 
     path: str = option("lever.port", "The serial port to create.", metavar="LINK")
 
 
-class LeverPeer(HandPeer[SimulatedLever, bytes]):
+class LeverPeer(DevicePeer[SimulatedLever, bytes]):
     """A simulated lever at a serial port. Raises ScriptError for a script or a fault."""
 
     def __init__(self, options: LeverPeerOptions) -> None:
         device = SimulatedLever(options.faults)
-        hand = ScriptedHand(load_script(options.script, SCRIPTS, VERBS))
-        super().__init__(device, hand, PseudoTerminal(options.path), options)
+        motion = ScriptedLever(load_script(options.script, SCRIPTS, VERBS))
+        super().__init__(device, motion, PseudoTerminal(options.path), options)
 
 
 class LeverCommand(PeerCommand[LeverPeerOptions]):

@@ -183,14 +183,14 @@ def arrival_is_steady(decoded: RosArmTraffic) -> Verdict:
 @requires(11, f"{BROADCASTER}: one message in each cycle of the controller manager")
 def there_are_no_pauses(decoded: RosArmTraffic) -> Verdict:
     """It is never silent for more than 10 periods."""
-    hand = decoded.phase("gone")
-    found = [e for e in decoded.states if hand is None or e.number < hand.first]
+    phase = decoded.phase("gone")
+    found = [e for e in decoded.states if phase is None or e.number < phase.first]
     if len(found) < 10:
         return not_seen(_NOTHING)
     usual = _usual(found)
     gaps = [(b.time_s - a.time_s, b.number) for a, b in pairwise(found)]
     last = max(decoded.phases.values(), key=lambda each: each.end_s)
-    gaps.append(((hand or last).start_s - found[-1].time_s, found[-1].number))
+    gaps.append(((phase or last).start_s - found[-1].time_s, found[-1].number))
     longest, number = max(gaps)
     said = f"longest {longest * 1e3:.0f} ms"
     return at_most(SILENT_PERIODS * usual * 1e3, longest * 1e3, "ms", said, [number])

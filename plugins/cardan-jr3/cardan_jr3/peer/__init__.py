@@ -9,7 +9,7 @@ from cardan_jr3.peer.faults import (
 from cardan_jr3.peer.motion_script import (
     SCRIPT_VERBS as SCRIPT_VERBS,
     SCRIPTS as SCRIPTS,
-    ScriptedHand as ScriptedHand,
+    ScriptedJr3 as ScriptedJr3,
 )
 from cardan_jr3.peer.peer import (
     Jr3Peer as Jr3Peer,

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.motion_profile import VectorMotion, VectorRamp
-from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, moving
+from cardan.sim_peers.scripted import Act, MotionScript, StepWords, calling, moving
 from cardan_jr3.peer.core import NO_WRENCH, SimulatedJr3
 
-HAND_PERIOD_S = 0.002
+MOTION_PERIOD_S = 0.002
 """How often a changing load is sampled."""
 
 COMPONENTS = ("FX", "FY", "FZ", "MX", "MY", "MZ")
@@ -61,7 +61,7 @@ SCRIPTS: Mapping[str, str] = {
         13.5 swing 6 6 0 0 0.8 0 over 2.5
     """,
     "push": """
-        # a steady push forward, then the hand lets go
+        # a steady push forward, then it is let go
         2.5  wrench 6 0 0 0 0 0 over 0.4
         4.5  release over 0.3
     """,
@@ -80,7 +80,7 @@ SCRIPTS: Mapping[str, str] = {
         5.0  release over 0.3
     """,
     "brownout": """
-        # the power fails during a push; the hand goes on pushing, and lets go later
+        # the power fails during a push; the push goes on, and ends later
         2.5  wrench 6 0 0 0 0 0 over 0.4
         4.0  power-off
         4.5  power-on
@@ -100,14 +100,14 @@ _ACTS = {
 }
 
 
-class ScriptedHand(ScriptHand[SimulatedJr3]):
+class ScriptedJr3(MotionScript[SimulatedJr3]):
     """Plays the steps of a script on a sensor; afterwards the load stays as it is.
 
     Time 0 of the script is when `start` is called, which is for `SimulatedJr3.on_first_start`.
     """
 
     def __init__(self, steps: Sequence[ScriptStep]) -> None:
-        self._wrench = VectorMotion(NO_WRENCH, HAND_PERIOD_S)
+        self._wrench = VectorMotion(NO_WRENCH, MOTION_PERIOD_S)
         super().__init__(steps, SCRIPT_VERBS, [self._wrench], math.inf)
 
     def _hold(self, device: SimulatedJr3, now_s: float) -> None:
@@ -122,7 +122,7 @@ class ScriptedHand(ScriptHand[SimulatedJr3]):
             return moving(self._wrench, VectorRamp(NO_WRENCH, words.over(), ends_swings=True))
         if words.verb == "swing":
             amplitude = words.numbers(COMPONENTS, -1e6, 1e6)
-            return moving(self._wrench, words.swing(amplitude, HAND_PERIOD_S))
+            return moving(self._wrench, words.swing(amplitude, MOTION_PERIOD_S))
         if words.verb == "overload":
             return self._overload(words)
         return calling(_ACTS[words.verb])

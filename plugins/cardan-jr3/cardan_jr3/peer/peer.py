@@ -10,12 +10,12 @@ from cardan.common import bounds
 from cardan.common.options import require_each
 from cardan.sim_peers.base import check_faults, load_script
 from cardan.sim_peers.command import option
-from cardan.sim_peers.hand_peer import HandOptions, HandPeer
+from cardan.sim_peers.device_peer import DevicePeer, DevicePeerOptions
 from cardan_jr3.bounds import CAN_NAME, CAN_PORTS
 from cardan_jr3.peer.can import CanBackend, PythonCanBus
 from cardan_jr3.peer.core import SimulatedJr3
 from cardan_jr3.peer.faults import FAULTS
-from cardan_jr3.peer.motion_script import SCRIPT_VERBS, SCRIPTS, ScriptedHand
+from cardan_jr3.peer.motion_script import SCRIPT_VERBS, SCRIPTS, ScriptedJr3
 from cardan_jr3.peer.socketcand import SocketcandHub
 from cardan_jr3.protocol import MAX_NODE_ID, TEO_NODE_IDS, TEO_SENSORS, CanFrame, Six
 
@@ -26,7 +26,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Jr3PeerOptions(HandOptions):
+class Jr3PeerOptions(DevicePeerOptions):
     """Options of the simulated board and its bus. Times of the script and of faults count from when
     the board is first told to acquire."""
 
@@ -77,7 +77,7 @@ class Jr3PeerOptions(HandOptions):
         check_faults(self.faults, FAULTS)
 
 
-class Jr3Peer(HandPeer[SimulatedJr3, CanFrame]):
+class Jr3Peer(DevicePeer[SimulatedJr3, CanFrame]):
     """A simulated board on a bus; its power is on from `open`.
 
     Raises ScriptError or ConfigurationError for nonsense.
@@ -102,9 +102,9 @@ class Jr3Peer(HandPeer[SimulatedJr3, CanFrame]):
         else:
             extra = _extra(options)
             backend = PythonCanBus(board, options.interface, options.channel, extra)
-        hand = ScriptedHand(load_script(options.script, SCRIPTS, SCRIPT_VERBS))
-        board.on_first_start = hand.start
-        super().__init__(board, hand, backend, options)
+        motion = ScriptedJr3(load_script(options.script, SCRIPTS, SCRIPT_VERBS))
+        board.on_first_start = motion.start
+        super().__init__(board, motion, backend, options)
         self._starts = 0
 
     def _follow(self, now_s: float) -> None:

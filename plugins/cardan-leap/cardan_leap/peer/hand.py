@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.motion_profile import SinePeriods, VectorMotion, VectorRamp
-from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, setting
+from cardan.sim_peers.scripted import Act, MotionScript, StepWords, calling, setting
 from cardan_leap.peer.core import SimulatedLeapService
 from cardan_leap.peer.faults import RESTART_S
 from cardan_leap.protocol import HANDS
@@ -165,7 +165,7 @@ def _channels(palm_mm: tuple[float, ...] = HOME_MM) -> _Channels:
     return {name: VectorMotion(value, gentle=True) for name, value in values.items()}
 
 
-class ScriptedHands(ScriptHand[SimulatedLeapService]):
+class ScriptedHands(MotionScript[SimulatedLeapService]):
     """Plays the steps of a script above a simulated tracker. Between steps hands move with the
     service's frames."""
 

@@ -9,7 +9,7 @@ from cardan.common import bounds
 from cardan.common.bounds import Range
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import option
-from cardan.sim_peers.hand_peer import HandOptions, HandPeer
+from cardan.sim_peers.device_peer import DevicePeer, DevicePeerOptions
 from cardan_leap.peer.core import (
     DEFAULT_JITTER,
     DEFAULT_RATE_HZ,
@@ -25,7 +25,7 @@ JITTER = Range(0.0, 0.9, "", "a frame comes before the next one")
 
 
 @dataclass(frozen=True, kw_only=True)
-class LeapPeerOptions(HandOptions):
+class LeapPeerOptions(DevicePeerOptions):
     """Options of the simulated service. Raises OptionError for a value that is not allowed."""
 
     host: Annotated[str, bounds.LISTEN_HOST] = option(
@@ -37,7 +37,7 @@ class LeapPeerOptions(HandOptions):
     """How late a frame may be, as a share of the period."""
 
 
-class LeapPeer(HandPeer[SimulatedLeapService, Message]):
+class LeapPeer(DevicePeer[SimulatedLeapService, Message]):
     """Serves a `SimulatedLeapService` to any number of clients up to `MAX_CLIENTS`.
 
     Raises ScriptError for a script or fault that does not exist or makes no sense.

@@ -114,7 +114,7 @@ class SimulatedSerialPuck(ABC):
         self._owes_zero = False
         self._start()
 
-    # -- the hand ------------------------------------------------------------------------------
+    # -- the motion ----------------------------------------------------------------------------
 
     def set_axes(self, axes: Sequence[float]) -> None:
         """Deflect the cap: six values in -1..1, robot frame (x forward, y left, z up)."""

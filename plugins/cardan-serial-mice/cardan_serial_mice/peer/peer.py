@@ -77,6 +77,6 @@ class SerialPuckPeer(PuckPeer[SimulatedSerialPuck]):
         if self._waits and self.device.host_began:
             self._waits = False
             self.device.faults_from_s = self.device_s() + SCRIPT_DELAY_S
-            # Tests put a hand of their own in its place.
-            if isinstance(self.hand, ScriptedPuck):
-                self.hand.start(self.device.faults_from_s)
+            # Tests put a motion of their own in its place.
+            if isinstance(self.motion, ScriptedPuck):
+                self.motion.start(self.device.faults_from_s)

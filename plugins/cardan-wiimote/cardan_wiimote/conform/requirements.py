@@ -112,8 +112,8 @@ def buttons_are_told(decoded: WiimoteTraffic) -> Verdict:
 @requires(5, "the system's HID driver")
 def the_link_stays(decoded: WiimoteTraffic) -> Verdict:
     """The remote does not end the link while it is used."""
-    hand = decoded.phase("power-off")
-    wrong = [number for number in decoded.lost if hand is None or number < hand.first]
+    phase = decoded.phase("power-off")
+    wrong = [number for number in decoded.lost if phase is None or number < phase.first]
     if decoded.refused:
         return not_seen("it was never opened")
     return failed("it ended", wrong) if wrong else passed("it stayed")

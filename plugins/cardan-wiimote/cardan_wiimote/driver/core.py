@@ -15,7 +15,7 @@ from cardan.drivers.shaping import Shaper
 from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceLink, Inertia, Vector3
 from cardan_wiimote.driver.gyro import Gyro
 from cardan_wiimote.driver.options import WiimoteOptions
-from cardan_wiimote.driver.roles import ROLES, STICK_BUTTON, Hand
+from cardan_wiimote.driver.roles import ROLES, STICK_BUTTON, RemoteMotion
 from cardan_wiimote.driver.rumble import PULSE_S, Rumble
 from cardan_wiimote.driver.session import Session
 from cardan_wiimote.driver.tilt import Tilt, Vector
@@ -525,10 +525,10 @@ class WiimoteCore(DeviceCore):
         rolled, dipped = self._tilt.rolled_and_dipped(now_s)
         scale = 1.0 / self._options.gyro_full_scale_rad_s
         wx, wy, wz = self._rates_rad_s
-        hand = Hand(
+        motion = RemoteMotion(
             self._buttons.held, rolled, dipped, (scale * wx, scale * wy, scale * wz), self._stick
         )
-        return self._shaper(self._roles.axes(hand))
+        return self._shaper(self._roles.axes(motion))
 
     def _oldest_s(self) -> float:
         """Time of the last report of that part of the remote whose report is oldest."""

@@ -18,7 +18,7 @@ STICK_BUTTON = "z"
 """The Nunchuk's trigger: a clutch for its stick alone."""
 
 
-class Hand(NamedTuple):
+class RemoteMotion(NamedTuple):
     """Buttons, tilt, rates and stick of the operator's remote."""
 
     buttons: frozenset[str]
@@ -51,16 +51,16 @@ class Roles(ABC):
         """Tilt to the side turns about z instead of x."""
         return False
 
-    def axes(self, hand: Hand) -> Deflections:
+    def axes(self, motion: RemoteMotion) -> Deflections:
         """The deflections, before they are shaped."""
-        held = not self.clutch.isdisjoint(hand.buttons)
-        x, y, z, rx, ry, rz = self._moved(hand) if held else (0.0,) * 6
-        if held or STICK_BUTTON in hand.buttons:
-            x, y = _clamped(x + hand.stick[0]), _clamped(y + hand.stick[1])
+        held = not self.clutch.isdisjoint(motion.buttons)
+        x, y, z, rx, ry, rz = self._moved(motion) if held else (0.0,) * 6
+        if held or STICK_BUTTON in motion.buttons:
+            x, y = _clamped(x + motion.stick[0]), _clamped(y + motion.stick[1])
         return (x, y, z, _clamped(rx), _clamped(ry), _clamped(rz))
 
     @abstractmethod
-    def _moved(self, hand: Hand) -> Deflections:
+    def _moved(self, motion: RemoteMotion) -> Deflections:
         """The deflections that the remote itself makes, its clutch being held."""
 
 
@@ -86,11 +86,11 @@ class PaperRoles(Roles):
         elif "two" in buttons:
             self._yaw = True
 
-    def _moved(self, hand: Hand) -> Deflections:
-        z = float("a" in hand.buttons) - float("b" in hand.buttons)
+    def _moved(self, motion: RemoteMotion) -> Deflections:
+        z = float("a" in motion.buttons) - float("b" in motion.buttons)
         if self._yaw:
-            return (0.0, 0.0, z, 0.0, hand.dipped, hand.rolled)
-        return (0.0, 0.0, z, hand.rolled, hand.dipped, 0.0)
+            return (0.0, 0.0, z, 0.0, motion.dipped, motion.rolled)
+        return (0.0, 0.0, z, motion.rolled, motion.dipped, 0.0)
 
 
 class TiltRoles(Roles):
@@ -99,12 +99,12 @@ class TiltRoles(Roles):
 
     clutch = frozenset({"b"})
 
-    def _moved(self, hand: Hand) -> Deflections:
-        z = _cross(hand.buttons, "up", "down")
-        rz = _cross(hand.buttons, "left", "right")
-        if "a" in hand.buttons:
-            return (0.0, 0.0, z, hand.rolled, hand.dipped, rz)
-        return (hand.dipped, -hand.rolled, z, 0.0, 0.0, rz)
+    def _moved(self, motion: RemoteMotion) -> Deflections:
+        z = _cross(motion.buttons, "up", "down")
+        rz = _cross(motion.buttons, "left", "right")
+        if "a" in motion.buttons:
+            return (0.0, 0.0, z, motion.rolled, motion.dipped, rz)
+        return (motion.dipped, -motion.rolled, z, 0.0, 0.0, rz)
 
 
 class GyroRoles(Roles):
@@ -114,13 +114,13 @@ class GyroRoles(Roles):
     clutch = frozenset({"b"})
     needs_rates = True
 
-    def _moved(self, hand: Hand) -> Deflections:
-        buttons = hand.buttons
+    def _moved(self, motion: RemoteMotion) -> Deflections:
+        buttons = motion.buttons
         return (
             _cross(buttons, "up", "down"),
             _cross(buttons, "left", "right"),
             _cross(buttons, "plus", "minus"),
-            *hand.rates,
+            *motion.rates,
         )
 
 

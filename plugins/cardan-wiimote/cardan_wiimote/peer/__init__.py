@@ -1,4 +1,4 @@
-"""A simulated Wii Remote: its memory and sensors, the hand that holds it, and ways to reach it."""
+"""A simulated Wii Remote: its memory and sensors, its motion scripts, and ways to reach it."""
 
 from cardan_wiimote.peer.core import (
     ExtensionName as ExtensionName,
@@ -11,7 +11,7 @@ from cardan_wiimote.peer.faults import (
 from cardan_wiimote.peer.motion_script import (
     SCRIPT_VERBS as SCRIPT_VERBS,
     SCRIPTS as SCRIPTS,
-    ScriptedHand as ScriptedHand,
+    ScriptedWiimote as ScriptedWiimote,
 )
 from cardan_wiimote.peer.peer import (
     WiimotePeer as WiimotePeer,

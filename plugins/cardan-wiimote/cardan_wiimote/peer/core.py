@@ -188,7 +188,7 @@ class SimulatedWiimote:
         self._happenings = self._plan(faults)
         self._measure()
 
-    # -- the hand ------------------------------------------------------------------------------
+    # -- the motion ----------------------------------------------------------------------------
 
     def set_attitude(
         self, roll_rad: float, pitch_rad: float, yaw_rad: float = 0.0, rates_rad_s: Vector = ZERO

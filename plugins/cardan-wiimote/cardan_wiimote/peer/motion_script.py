@@ -1,4 +1,4 @@
-"""Scripted hands: what an operator does with the simulated remote, as a function of time."""
+"""Motion scripts: what an operator does with the simulated remote, as a function of time."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.motion_profile import VectorMotion, VectorRamp
-from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, moving, setting
+from cardan.sim_peers.scripted import Act, MotionScript, StepWords, calling, moving, setting
 from cardan_wiimote.peer.core import ZERO, SimulatedWiimote
 from cardan_wiimote.protocol import BUTTONS, IrDot
 from cardan_wiimote.protocol.camera import HEIGHT, WIDTH
 
-HAND_PERIOD_S = 0.005
-"""How often a moving hand is sampled."""
+MOTION_PERIOD_S = 0.005
+"""How often a motion is sampled."""
 
 SCRIPT_VERBS: Mapping[str, str] = {
     "tilt": "tilt ROLL PITCH YAW [over SECONDS] (ramp the angles there)",
@@ -190,7 +190,7 @@ SCRIPTS: Mapping[str, str] = {
 """The built-in scripts."""
 
 
-class ScriptedHand(ScriptHand[SimulatedWiimote]):
+class ScriptedWiimote(MotionScript[SimulatedWiimote]):
     """Plays the steps of a script on a remote.
 
     Raises ScriptError also for steps that need a Nunchuk when `extension` is not one and the script
@@ -199,9 +199,9 @@ class ScriptedHand(ScriptHand[SimulatedWiimote]):
 
     def __init__(self, steps: Sequence[ScriptStep], extension: str = "") -> None:
         self._has_nunchuk = extension == "nunchuk"
-        self._angles_rad = VectorMotion(ZERO, HAND_PERIOD_S)
-        self._acceleration_g = VectorMotion(ZERO, HAND_PERIOD_S)
-        self._stick = VectorMotion((0.0, 0.0), HAND_PERIOD_S)
+        self._angles_rad = VectorMotion(ZERO, MOTION_PERIOD_S)
+        self._acceleration_g = VectorMotion(ZERO, MOTION_PERIOD_S)
+        self._stick = VectorMotion((0.0, 0.0), MOTION_PERIOD_S)
         motions = (self._angles_rad, self._acceleration_g, self._stick)
         super().__init__(steps, SCRIPT_VERBS, motions)
 
@@ -230,11 +230,11 @@ class ScriptedHand(ScriptHand[SimulatedWiimote]):
         return moving(self._angles_rad, VectorRamp(ZERO, words.over(), ends_swings=True))
 
     def _swing(self, words: StepWords) -> Act[SimulatedWiimote]:
-        return moving(self._angles_rad, words.swing(_angles_rad(words), HAND_PERIOD_S))
+        return moving(self._angles_rad, words.swing(_angles_rad(words), MOTION_PERIOD_S))
 
     def _push(self, words: StepWords) -> Act[SimulatedWiimote]:
         amplitude_g = words.numbers(("X", "Y", "Z"), -4.0, 4.0)
-        return moving(self._acceleration_g, words.swing(amplitude_g, HAND_PERIOD_S, phased=False))
+        return moving(self._acceleration_g, words.swing(amplitude_g, MOTION_PERIOD_S, phased=False))
 
     def _move_stick(self, words: StepWords) -> Act[SimulatedWiimote]:
         act = moving(self._stick, VectorRamp(words.numbers(("X", "Y"), -1.0, 1.0), words.over()))
@@ -267,16 +267,16 @@ class ScriptedHand(ScriptHand[SimulatedWiimote]):
             raise words.error("there is no Nunchuk; choose the extension 'nunchuk'")
 
 
-_READERS: Mapping[str, Callable[[ScriptedHand, StepWords], Act[SimulatedWiimote]]] = {
-    "tilt": ScriptedHand._tilt,
-    "level": ScriptedHand._level,
-    "swing": ScriptedHand._swing,
-    "push": ScriptedHand._push,
-    "stick": ScriptedHand._move_stick,
-    "press": ScriptedHand._button,
-    "release": ScriptedHand._button,
-    "dots": ScriptedHand._dots,
-    "battery": ScriptedHand._battery,
+_READERS: Mapping[str, Callable[[ScriptedWiimote, StepWords], Act[SimulatedWiimote]]] = {
+    "tilt": ScriptedWiimote._tilt,
+    "level": ScriptedWiimote._level,
+    "swing": ScriptedWiimote._swing,
+    "push": ScriptedWiimote._push,
+    "stick": ScriptedWiimote._move_stick,
+    "press": ScriptedWiimote._button,
+    "release": ScriptedWiimote._button,
+    "dots": ScriptedWiimote._dots,
+    "battery": ScriptedWiimote._battery,
 }
 """Readers of the words of verbs that are not methods of the remote."""
 _NUNCHUK_BUTTONS = ("c", "z")

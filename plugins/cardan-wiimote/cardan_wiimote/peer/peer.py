@@ -13,11 +13,11 @@ from cardan.sim_peers.backends.base import DeviceBackend
 from cardan.sim_peers.backends.uhid import BUS_BLUETOOTH, HidIdentity, UhidBackend
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import option
-from cardan.sim_peers.hand_peer import DeviceNodeOptions, HandPeer
+from cardan.sim_peers.device_peer import DeviceNodeOptions, DevicePeer
 from cardan_wiimote.address import BLUETOOTH_ADDRESS
 from cardan_wiimote.peer.core import ExtensionName, NoiseLsb, SimulatedWiimote
 from cardan_wiimote.peer.l2cap import BluetoothChannels, UnixChannels, parse_address
-from cardan_wiimote.peer.motion_script import SCRIPT_VERBS, SCRIPTS, ScriptedHand
+from cardan_wiimote.peer.motion_script import SCRIPT_VERBS, SCRIPTS, ScriptedWiimote
 from cardan_wiimote.protocol import (
     NINTENDO,
     SET_REPORT_HEADER,
@@ -117,7 +117,7 @@ class UhidRemote(UhidBackend):
         return self._remote.control(packet, self.shell.device_s()) == _HANDSHAKE_OK
 
 
-class WiimotePeer(HandPeer[SimulatedWiimote, bytes]):
+class WiimotePeer(DevicePeer[SimulatedWiimote, bytes]):
     """A simulated remote that one host at a time can connect to, again and again.
 
     Raises ScriptError for a script or fault that does not exist or does not fit.
@@ -137,7 +137,9 @@ class WiimotePeer(HandPeer[SimulatedWiimote, bytes]):
             noise_lsb=options.noise_lsb,
             seed=options.seed,
         )
-        hand = ScriptedHand(load_script(options.script, SCRIPTS, SCRIPT_VERBS), options.extension)
+        motion = ScriptedWiimote(
+            load_script(options.script, SCRIPTS, SCRIPT_VERBS), options.extension
+        )
         backend: DeviceBackend[bytes]
         if options.l2cap:
             backend = UnixChannels(remote, options.l2cap, options.mode)
@@ -145,7 +147,7 @@ class WiimotePeer(HandPeer[SimulatedWiimote, bytes]):
             backend = BluetoothChannels(remote, options.bluetooth)
         else:
             backend = UhidRemote(remote, options.address)
-        super().__init__(remote, hand, backend, options)
+        super().__init__(remote, motion, backend, options)
         self._logged = 0
 
     def _follow(self, now_s: float) -> None:

@@ -14,7 +14,7 @@ from tests.test_docs import blocks, text
 def test_filters_of_other_packages_are_found_by_their_entry_point(monkeypatch):
     points = [
         EntryPoint(
-            "theirs", "tests.gateway.arm.test_controller_hand:Rule", registry.ENTRY_POINT_GROUP
+            "theirs", "tests.gateway.arm.test_controller_device:Rule", registry.ENTRY_POINT_GROUP
         ),
         EntryPoint("wrong", "cardan.types:Twist", registry.ENTRY_POINT_GROUP),
     ]

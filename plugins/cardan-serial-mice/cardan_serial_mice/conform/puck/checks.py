@@ -144,8 +144,8 @@ def buttons(decoded: Traffic) -> Verdict:
 
 def stays(decoded: Traffic) -> Verdict:
     """The port does not go while it is used."""
-    hand = decoded.phase("unplug")
-    wrong = [index for index in decoded.lost if hand is None or index < hand.first]
+    phase = decoded.phase("unplug")
+    wrong = [index for index in decoded.lost if phase is None or index < phase.first]
     if decoded.refused:
         return not_seen("it was never opened")
     return failed("it went", wrong) if wrong else passed("it stayed")

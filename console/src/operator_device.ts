@@ -3,8 +3,8 @@ import { FRAME_MS, Holding, endWithPage } from "./hold.ts";
 import type { Link, Target } from "./link.ts";
 import { Pulse } from "./pulse.ts";
 
-/** A hand whose raw frames go to the driver of a session, which judges them by itself. */
-export class Hand {
+/** A device whose raw frames go to the driver of a session, which judges them by itself. */
+export class OperatorDevice {
   readonly holding = new Holding();
   tracking = true;
   /** What the server said of it last. */

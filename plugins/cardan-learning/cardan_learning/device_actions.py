@@ -1,7 +1,7 @@
 """An operator device as a source of actions: its states in, numbers by name out.
 
 The rules of dead-man, clutch and rest are those of every session (:mod:`cardan.gateway.operator`).
-No arm is known here: the hand moves a TCP of its own, which is where it was taken hold of.
+No arm is known here: the device moves a TCP of its own, which is where it was taken hold of.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ from cardan_learning.features import (
 )
 
 LONGEST_STEP_S = 0.1
-"""Time that was lost beyond this is lost: the hand's TCP does not make up for it."""
+"""Time that was lost beyond this is lost: the device's TCP does not make up for it."""
 
-HAND_ACTIONS = (ActionKind.DELTA, ActionKind.TARGET)
+DEVICE_ACTIONS = (ActionKind.DELTA, ActionKind.TARGET)
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class EventButtons:
     """Ends the episode, which is to be recorded anew."""
 
 
-class HandEvents(NamedTuple):
+class DeviceEvents(NamedTuple):
     """The operator's button events since the last call."""
 
     intervenes: bool
@@ -69,7 +69,7 @@ class HandEvents(NamedTuple):
     again: bool
 
 
-class HandActions:
+class DeviceActions:
     """Actions from an operator device with its mapping and gripper buttons. For one thread; has no
     clock."""
 
@@ -104,7 +104,7 @@ class HandActions:
         self._before_s: float | None = None
         self._arming = Arming.DISARMED
         self._at = IDENTITY_POSE
-        """Where the TCP that the hand moves is, from where it was taken hold of."""
+        """Where the TCP that the device moves is, from where it was taken hold of."""
         self._gripped: bool | None = None
         """Whether the gripper was told to close; None: nothing new was told."""
         self._ends = self._succeeded = self._again = False
@@ -162,10 +162,10 @@ class HandActions:
         full = (options.linear_speed_m_s,) * 3 + (options.angular_speed_rad_s,) * 3
         return [speed / most for speed, most in zip((*twist[0], *twist[1]), full, strict=True)]
 
-    def events(self) -> HandEvents:
+    def events(self) -> DeviceEvents:
         """Return the button events since the last call, and whether the operator intervenes."""
         request = self._request
-        told = HandEvents(
+        told = DeviceEvents(
             request is not None and (self._arming is Arming.CLAIMING or request.following),
             self._ends,
             self._succeeded,

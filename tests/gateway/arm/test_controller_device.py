@@ -27,7 +27,7 @@ from cardan.types import (
     Twist,
     Vector3,
 )
-from tests.controllers import controller_for_hand
+from tests.controllers import controller_for_device
 
 DT_S = 0.004
 START = Pose(Vector3(0.5, 0.0, 0.8), IDENTITY)
@@ -39,7 +39,7 @@ class Rig:
     """An engine, a device set by hand and an ideal robot that is where it is told."""
 
     def __init__(self, deadman=("left",), gripper=None, limits=None, filters=(), watchdogs=None):
-        self.core = controller_for_hand(
+        self.core = controller_for_device(
             MappingOptions(deadman=deadman),
             limits or ReferenceLimits(),
             watchdogs,

@@ -22,16 +22,16 @@ FULL_SPEED = (0.1,) * 3 + (0.4,) * 3
 """m/s and rad/s that the gateway makes of full deflection in the demonstration."""
 
 
-def hand(script: str, model: str = "spacenavigator") -> ScriptedPuck:
+def motion(script: str, model: str = "spacenavigator") -> ScriptedPuck:
     return ScriptedPuck(parse_script(script, SCRIPT_VERBS), model_by_key(model))
 
 
 def trace(name: str, until_s: float) -> list[tuple[float, tuple[float, ...], tuple[str, ...]]]:
     """Deflection and buttons of a built-in script, every 2 ms."""
-    device, script_hand = make(), hand(SCRIPTS[name])
+    device, script_motion = make(), motion(SCRIPTS[name])
     samples = []
     for step in range(round(until_s / 0.002) + 1):
-        script_hand.advance(step * 0.002, device)
+        script_motion.advance(step * 0.002, device)
         samples.append((step * 0.002, device.axes, device.held))
     return samples
 
@@ -49,7 +49,7 @@ def travel(samples: list[tuple[float, tuple[float, ...], tuple[str, ...]]]) -> l
 
 
 def test_axes_ramp_linearly_from_where_they_are() -> None:
-    device, ramp = make(), hand("1 axes 1 0 0 0 0 -0.5 over 2\n 2 axes 0 0 0 0 0 -0.5 over 1")
+    device, ramp = make(), motion("1 axes 1 0 0 0 0 -0.5 over 2\n 2 axes 0 0 0 0 0 -0.5 over 1")
     for now_s, x, rz in ((0.5, 0.0, 0.0), (1.5, 0.25, -0.125), (2.5, 0.25, -0.375), (9, 0.0, -0.5)):
         ramp.advance(now_s, device)
         assert device.axes == pytest.approx((x, 0, 0, 0, 0, rz))
@@ -57,7 +57,7 @@ def test_axes_ramp_linearly_from_where_they_are() -> None:
 
 
 def test_axes_without_a_time_jump() -> None:
-    device, jump = make(), hand("1 axes 0 1 0 0 0 0")
+    device, jump = make(), motion("1 axes 0 1 0 0 0 0")
     jump.advance(1.0, device)
     assert device.axes[1] == 1.0
 
@@ -65,7 +65,7 @@ def test_axes_without_a_time_jump() -> None:
 def test_swings_add_up_and_integrate_to_zero() -> None:
     device, swing = (
         make(),
-        hand("0 swing 0.5 0 0 0 0 0 over 1 times 2\n0 swing 0.5 0 0 0 0 0 over 2"),
+        motion("0 swing 0.5 0 0 0 0 0 over 1 times 2\n0 swing 0.5 0 0 0 0 0 over 2"),
     )
     total = 0.0
     for step in range(2001):
@@ -78,7 +78,7 @@ def test_swings_add_up_and_integrate_to_zero() -> None:
 
 
 def test_neutral_ends_a_swing_without_a_jump() -> None:
-    device, swing = make(), hand("0 swing 0 0 0.8 0 0 0 over 4\n1 neutral over 1")
+    device, swing = make(), motion("0 swing 0 0 0.8 0 0 0 over 4\n1 neutral over 1")
     for now_s, z in ((1.0, 0.8), (1.5, 0.4), (2.0, 0.0), (3.0, 0.0)):
         swing.advance(now_s, device)
         assert device.axes[2] == pytest.approx(z)
@@ -95,11 +95,11 @@ def test_a_hand_that_moves_wakes_a_resting_device() -> None:
 
 def test_play_gives_the_same_whatever_the_slices() -> None:
     def record(slices: int) -> list[bytes]:
-        device, script_hand = make(jitter_lsb=1), hand(SCRIPTS["short"])
+        device, script_motion = make(jitter_lsb=1), motion(SCRIPTS["short"])
         return [
             report
             for index in range(1, slices + 1)
-            for report in play(device, script_hand, 6.0 * index / slices)
+            for report in play(device, script_motion, 6.0 * index / slices)
         ]
 
     assert record(1) == record(7) == record(600)
@@ -143,7 +143,7 @@ def test_loop_starts_again() -> None:
 )
 def test_wrong_scripts_are_named(script: str, message: str) -> None:
     with pytest.raises(ScriptError, match=message.replace("(", r"\(")):
-        hand(script)
+        motion(script)
 
 
 def test_scripts_come_from_files_too(tmp_path: Path) -> None:
@@ -213,8 +213,8 @@ def test_demo_lets_the_dead_man_go_while_deflected_and_grips_again_at_rest() -> 
 
 
 def test_short_is_over_after_six_seconds() -> None:
-    device, script_hand = make(), hand(SCRIPTS["short"])
-    play(device, script_hand, 6.0)
-    assert script_hand.next_due_s == math.inf
+    device, script_motion = make(), motion(SCRIPTS["short"])
+    play(device, script_motion, 6.0)
+    assert script_motion.next_due_s == math.inf
     assert run(device, 60.0) == []
     assert device.held == ()

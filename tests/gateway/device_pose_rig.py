@@ -34,7 +34,7 @@ from cardan.types import (
     RobotState,
     Vector3,
 )
-from tests.controllers import controller_for_hand
+from tests.controllers import controller_for_device
 
 DT_S = 0.004
 LONGEST_PERIOD_S = 0.02
@@ -58,7 +58,7 @@ def close(a, b, tolerance=1e-6):
     return all(abs(u - v) <= tolerance for u, v in zip(a, b, strict=True))
 
 
-class HandRig:
+class DevicePoseRig:
     """A hand that goes where it is sent as fast as hands do, buttons, and a robot."""
 
     def __init__(
@@ -74,7 +74,7 @@ class HandRig:
         if not options.get("deadman"):
             options.setdefault("clutch", "button_2")
         self.limits = limits or ReferenceLimits()
-        self.core = controller_for_hand(
+        self.core = controller_for_device(
             MappingOptions(mode=mode, **options),
             self.limits,
             Watchdogs(),
@@ -85,7 +85,7 @@ class HandRig:
         self.now_s = 100.0
         self.robot = RobotState(self.now_s, RobotLink.LIVE, 1, 0, DT_S, (0.0,) * 6, (), start, "")
         self.device = DeviceState(self.now_s, DeviceLink.LIVE, deflections, frozenset(), HAND)
-        self.hand_goal = HAND
+        self.device_goal = HAND
         self.events = []
         self.fresh = True
         self.stuck = False
@@ -110,12 +110,12 @@ class HandRig:
     def tap(self, *names):
         return self.press(*names).run().release(*names).run()
 
-    def send_hand(self, pose):
-        self.hand_goal = pose
+    def send_pose(self, pose):
+        self.device_goal = pose
         return self
 
-    def put_hand(self, pose):
-        self.hand_goal = pose
+    def put_device(self, pose):
+        self.device_goal = pose
         self.device = self.device._replace(pose=pose)
         return self
 
@@ -132,7 +132,7 @@ class HandRig:
             stamp_s=self.now_s, sequence=self.robot.sequence + 1, period_s=dt_s
         )
         if self.fresh:
-            self._move_hand(dt_s)
+            self._move_device(dt_s)
             self.device = self.device._replace(stamp_s=self.now_s)
         before, followed = self.command, self.core.following
         rested = self.core.at_rest
@@ -146,24 +146,24 @@ class HandRig:
         else:
             self._check(before.pose, dt_s)
             takes_up = self.core.following and not followed
-            if takes_up and rested and self.core.hand.mapping.options.mode is Mode.POSITION:
+            if takes_up and rested and self.core.operator.mapping.options.mode is Mode.POSITION:
                 assert self.command == before
         if not self.stuck:
             self.robot = self.robot._replace(pose=self.command.pose)
 
-    def _move_hand(self, dt_s):
+    def _move_device(self, dt_s):
         here = self.device.pose
-        if here is None or here == self.hand_goal:
+        if here is None or here == self.device_goal:
             return
-        way = subtract(self.hand_goal.position, here.position)
-        turn = rotation_between(here.orientation, self.hand_goal.orientation)
+        way = subtract(self.device_goal.position, here.position)
+        turn = rotation_between(here.orientation, self.device_goal.orientation)
         turn = limit_norm(turn, HAND_SPEED_RAD_S * dt_s)
         pose = Pose(
             add(here.position, limit_norm(way, HAND_SPEED_M_S * dt_s)),
             normalized(multiply(from_rotation_vector(turn), here.orientation)),
         )
-        if close(pose.position, self.hand_goal.position, 1e-12) and norm(turn) < 1e-12:
-            pose = self.hand_goal
+        if close(pose.position, self.device_goal.position, 1e-12) and norm(turn) < 1e-12:
+            pose = self.device_goal
         self.device = self.device._replace(pose=pose)
 
     def _check(self, before, dt_s):
@@ -205,9 +205,9 @@ class HandRig:
         return self.core.status().message
 
     @property
-    def mapped_hand(self):
+    def mapped_device(self):
         """Where the engine's map says that the TCP goes."""
-        world = self.core.hand_map()
+        world = self.core.device_map()
         x = self.device.pose.position
         rows = (world.linear[0:3], world.linear[3:6], world.linear[6:9])
         return Vector3(

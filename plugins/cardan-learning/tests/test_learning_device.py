@@ -1,4 +1,4 @@
-"""A hand as a source of actions, in virtual time: shares of full speed, ways since it took hold,
+"""A device as a source of actions, in virtual time: shares of full speed, ways since it took hold,
 the gripper, and what buttons say of an episode."""
 
 import math
@@ -17,8 +17,8 @@ from cardan.types import (
     Pose,
     Vector3,
 )
+from cardan_learning.device_actions import DeviceActions, EventButtons, turns_with_tool
 from cardan_learning.features import ActionKind
-from cardan_learning.hand import EventButtons, HandActions, turns_with_tool
 
 DT_S = 1 / 30
 REST = (0.0,) * 6
@@ -26,11 +26,11 @@ FORWARD = (1.0, 0.0, 0.0, 0.0, 0.0, 0.5)
 
 
 class Held:
-    """A hand that holds a device, asked thirty times a second."""
+    """A held device, asked thirty times a second."""
 
     def __init__(self, kind="delta", gripper=None, buttons=None, **mapping):
         mapping.setdefault("deadman", "left")
-        self.actions = HandActions(
+        self.actions = DeviceActions(
             ActionKind(kind),
             MappingOptions(**mapping),
             gripper or GripperOptions(toggle="right"),
@@ -57,104 +57,104 @@ def moves(action):
 
 
 def test_deflections_are_shares_of_full_speed():
-    hand = Held(scale=(1.0, 0.5, 1.0, 1.0, 1.0, 1.0))
-    assert moves(hand.action((0.4, 0.6, 0, 0, 0, 0))) == [0.0] * 6  # nobody holds the dead-man
-    hand.update(REST)
-    hand.update(REST, "left")
-    action = hand.action((0.4, 0.6, -1.0, 0, 0, 0.2), "left")
+    held = Held(scale=(1.0, 0.5, 1.0, 1.0, 1.0, 1.0))
+    assert moves(held.action((0.4, 0.6, 0, 0, 0, 0))) == [0.0] * 6  # nobody holds the dead-man
+    held.update(REST)
+    held.update(REST, "left")
+    action = held.action((0.4, 0.6, -1.0, 0, 0, 0.2), "left")
     assert moves(action) == pytest.approx([0.4, 0.3, -1.0, 0.0, 0.0, 0.2])
-    assert moves(hand.action((0.4, 0.6, -1.0, 0, 0, 0.2))) == [0.0] * 6
+    assert moves(held.action((0.4, 0.6, -1.0, 0, 0, 0.2))) == [0.0] * 6
 
 
 def test_a_lost_device_asks_for_rest_until_rearming():
-    hand = Held()
-    hand.update(REST, "left")
-    assert moves(hand.action(FORWARD, "left"))[0] == 1.0
-    assert moves(hand.action(REST, "left", link=DeviceLink.LOST)) == [0.0] * 6
-    assert moves(hand.action(FORWARD, "left")) == [0.0] * 6
-    assert "let go of the device and of 'left'" in hand.actions.advice()
-    hand.update(REST)
-    hand.update(REST, "left")
-    assert moves(hand.action(FORWARD, "left"))[0] == 1.0
-    assert hand.actions.advice() == ""
+    held = Held()
+    held.update(REST, "left")
+    assert moves(held.action(FORWARD, "left"))[0] == 1.0
+    assert moves(held.action(REST, "left", link=DeviceLink.LOST)) == [0.0] * 6
+    assert moves(held.action(FORWARD, "left")) == [0.0] * 6
+    assert "let go of the device and of 'left'" in held.actions.advice()
+    held.update(REST)
+    held.update(REST, "left")
+    assert moves(held.action(FORWARD, "left"))[0] == 1.0
+    assert held.actions.advice() == ""
 
 
 def test_the_way_since_it_took_hold():
-    hand = Held("target", linear_speed_m_s=0.3, angular_speed_rad_s=0.6)
-    assert moves(hand.action()) == [0.0] * 7
-    hand.update(REST, "left")
+    held = Held("target", linear_speed_m_s=0.3, angular_speed_rad_s=0.6)
+    assert moves(held.action()) == [0.0] * 7
+    held.update(REST, "left")
     for _ in range(30):
-        action = hand.action(FORWARD, "left")
+        action = held.action(FORWARD, "left")
     enabled, x, y, z, *turn = moves(action)
     assert enabled == 1.0
     assert (x, y, z) == pytest.approx((0.3, 0.0, 0.0))
     assert turn == pytest.approx([0.0, 0.0, 0.3])
-    assert moves(hand.action(REST)) == [0.0] * 7
-    hand.update(REST, "left")
-    assert moves(hand.action(FORWARD, "left"))[1] == pytest.approx(0.3 * DT_S)
+    assert moves(held.action(REST)) == [0.0] * 7
+    held.update(REST, "left")
+    assert moves(held.action(FORWARD, "left"))[1] == pytest.approx(0.3 * DT_S)
 
 
 def test_time_that_was_lost_is_lost():
-    hand = Held("target", linear_speed_m_s=0.3)
-    hand.update(REST, "left")
-    action = hand.action(FORWARD, "left", dt_s=5.0)
+    held = Held("target", linear_speed_m_s=0.3)
+    held.update(REST, "left")
+    action = held.action(FORWARD, "left", dt_s=5.0)
     assert moves(action)[1] <= 0.3 * 0.1 + 1e-9
 
 
 def test_along_the_tools_axes_the_way_turns_with_the_tool():
-    hand = Held("target", frame=Frame.TOOL, linear_speed_m_s=0.3, angular_speed_rad_s=math.pi / 2)
-    hand.update(REST, "left")
+    held = Held("target", frame=Frame.TOOL, linear_speed_m_s=0.3, angular_speed_rad_s=math.pi / 2)
+    held.update(REST, "left")
     for _ in range(30):
-        hand.update((0, 0, 0, 0, 0, 1.0), "left")
+        held.update((0, 0, 0, 0, 0, 1.0), "left")
     for _ in range(30):
-        action = hand.action((1.0, 0, 0, 0, 0, 0), "left")
+        action = held.action((1.0, 0, 0, 0, 0, 0), "left")
     assert moves(action)[1:4] == pytest.approx([0.0, 0.3, 0.0], abs=1e-9)
 
 
 def test_a_hands_pose_is_followed_from_where_it_took_hold():
-    hand = Held("target", mode=Mode.POSITION)
+    held = Held("target", mode=Mode.POSITION)
     place = [0.2, 0.1, 0.5]
-    hand.update(REST, place=place)
-    hand.update(REST, "left", place=place)
+    held.update(REST, place=place)
+    held.update(REST, "left", place=place)
     for _ in range(30):
         place[1] += 0.002
-        hand.update(REST, "left", place=place)
+        held.update(REST, "left", place=place)
     for _ in range(30):
-        action = hand.action(REST, "left", place=place)
+        action = held.action(REST, "left", place=place)
     assert moves(action) == pytest.approx([1.0, 0.0, 0.06, 0.0, 0.0, 0.0, 0.0], abs=2e-3)
 
 
 @pytest.mark.parametrize(("kind", "name"), [("delta", "gripper"), ("target", "gripper_vel")])
 def test_the_gripper_is_told_once(kind, name):
     close, stay, open_ = (0.0, 1.0, 2.0) if kind == "delta" else (-1.0, 0.0, 1.0)
-    hand = Held(kind)
-    hand.update(REST, "left")
-    assert hand.action(REST, "left")[name] == stay
+    held = Held(kind)
+    held.update(REST, "left")
+    assert held.action(REST, "left")[name] == stay
     # An update between, as of get_teleop_events(), loses nothing.
-    hand.update(REST, "left", press=("right",))
-    assert hand.action(REST, "left")[name] == close
-    assert hand.action(REST, "left")[name] == stay
-    assert hand.action(REST, "left", press=("right",))[name] == open_
+    held.update(REST, "left", press=("right",))
+    assert held.action(REST, "left")[name] == close
+    assert held.action(REST, "left")[name] == stay
+    assert held.action(REST, "left", press=("right",))[name] == open_
 
 
 def test_what_buttons_say_of_an_episode():
-    hand = Held(buttons=EventButtons("a", "b", "c"))
-    assert hand.actions.events() == (False, False, False, False)
-    hand.update(REST, "left")
-    assert hand.actions.events().intervenes
+    held = Held(buttons=EventButtons("a", "b", "c"))
+    assert held.actions.events() == (False, False, False, False)
+    held.update(REST, "left")
+    assert held.actions.events().intervenes
     for press, told in (("a", (True, True, False)), ("b", (True, False, False))):
-        hand.update(press=(press,))
-        hand.update()
-        assert hand.actions.events()[1:] == told
-        assert hand.actions.events()[1:] == (False, False, False)
-    hand.update(press=("c",))
-    assert hand.actions.events()[1:] == (True, False, True)
+        held.update(press=(press,))
+        held.update()
+        assert held.actions.events()[1:] == told
+        assert held.actions.events()[1:] == (False, False, False)
+    held.update(press=("c",))
+    assert held.actions.events()[1:] == (True, False, True)
 
 
 def test_no_button_is_none():
-    hand = Held()
-    hand.update(press=("",))
-    assert hand.actions.events()[1:] == (False, False, False)
+    held = Held()
+    held.update(press=("",))
+    assert held.actions.events()[1:] == (False, False, False)
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,10 @@ from cardan.gateway.arm.motions.reference_motion import ReferenceMotion
 from cardan.types import ZERO_TWIST
 
 
-class FollowHand(ReferenceMotion):
+class FollowOperator(ReferenceMotion):
     """The TCP goes as the newest request of an operator device asks."""
 
-    follows_hand = True
+    follows_operator = True
 
     @property
     def driven(self) -> bool:

@@ -12,7 +12,7 @@ RIGHT, CLOCKWISE = (0.0, -0.5, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, -1
 REST = (0.0,) * 6
 
 
-class ToldHand:
+class ToldMotion:
     """Does what a person would who is told to."""
 
     def __init__(self, more=()):

@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from cardan.errors import ScriptError
 from cardan.sim_peers.base import load_script, parse_script
 from cardan.sim_peers.scripted import play
-from cardan_wiimote.peer import SCRIPT_VERBS, SCRIPTS, ScriptedHand, SimulatedWiimote
+from cardan_wiimote.peer import SCRIPT_VERBS, SCRIPTS, ScriptedWiimote, SimulatedWiimote
 from cardan_wiimote.protocol import (
     Data,
     DataMode,
@@ -37,7 +37,7 @@ def test_tilt_ramps_and_stays():
     assert attitude_deg(host) == pytest.approx((15, -10, 5), abs=0.1)
     host.run(5.0)
     assert attitude_deg(host) == (30, -20, 10)
-    assert host.hand.next_due_s == math.inf
+    assert host.motion.next_due_s == math.inf
 
 
 def test_swing_returns_and_level_ends_it():
@@ -142,10 +142,10 @@ def test_built_in_scripts_end_level_with_nothing_held(name):
     remote = SimulatedWiimote(extension=extension, motion_plus=True)
     remote.connect(0.0)
     remote.output(encode_output(DataMode(0x35)), 0.0)
-    hand = ScriptedHand(steps, extension)
-    assert play(remote, hand, 30.0)
+    motion = ScriptedWiimote(steps, extension)
+    assert play(remote, motion, 30.0)
     if steps and steps[-1].verb != "loop":
-        assert hand.next_due_s == math.inf
+        assert motion.next_due_s == math.inf
         assert remote.held == ()
         assert max(map(abs, remote.attitude_rad)) < 1e-9
 
@@ -154,15 +154,15 @@ def test_only_one_built_in_script_needs_the_nunchuk():
     for name in SCRIPTS:
         if name == "nunchuk":
             with pytest.raises(ScriptError, match="no Nunchuk"):
-                ScriptedHand(load_script(name, SCRIPTS, SCRIPT_VERBS))
+                ScriptedWiimote(load_script(name, SCRIPTS, SCRIPT_VERBS))
         else:
-            ScriptedHand(load_script(name, SCRIPTS, SCRIPT_VERBS))
+            ScriptedWiimote(load_script(name, SCRIPTS, SCRIPT_VERBS))
 
 
 @pytest.mark.parametrize("name", ["demo", "circle", "short"])
 def test_angles_never_jump(name):
     host = Host()
-    host.hand = ScriptedHand(load_script(name, SCRIPTS, SCRIPT_VERBS))
+    host.motion = ScriptedWiimote(load_script(name, SCRIPTS, SCRIPT_VERBS))
     last = host.remote.attitude_rad
     begun = False
     for _ in range(6000):
@@ -200,14 +200,14 @@ def test_angles_never_jump(name):
 )
 def test_nonsense_is_refused(script, words):
     with pytest.raises(ScriptError, match=words):
-        ScriptedHand(parse_script(script, SCRIPT_VERBS))
+        ScriptedWiimote(parse_script(script, SCRIPT_VERBS))
 
 
 def test_a_script_may_plug_its_nunchuk():
     steps = parse_script("0 plug nunchuk\n1 stick 0 1\n2 unplug\n3 press c", SCRIPT_VERBS)
     remote = SimulatedWiimote()
     remote.connect(0.0)
-    play(remote, ScriptedHand(steps), 4.0)
+    play(remote, ScriptedWiimote(steps), 4.0)
     assert remote.held == ()
 
 
@@ -224,7 +224,7 @@ def test_reports_of_a_played_script_are_whole():
     remote = SimulatedWiimote(noise_lsb=1)
     remote.connect(0.0)
     remote.output(encode_output(DataMode(0x31)), 0.0)
-    hand = ScriptedHand(load_script("short", SCRIPTS, SCRIPT_VERBS))
-    reports = [decode_input(report) for report in play(remote, hand, 6.0)]
+    motion = ScriptedWiimote(load_script("short", SCRIPTS, SCRIPT_VERBS))
+    reports = [decode_input(report) for report in play(remote, motion, 6.0)]
     assert len(reports) == pytest.approx(600, abs=3)
     assert {label for r in reports if isinstance(r, Data) for label in (r.buttons,)} >= {0, 0x800}

@@ -1,4 +1,4 @@
-"""The shell of every simulated device that a hand moves in real time: its loop, and its options."""
+"""The shell of every simulated device that moves in real time: its loop, and its options."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cardan.common.sockets import EVERYBODY, OWNER_ONLY
 from cardan.sim_peers.backends.base import DeviceBackend, M
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.sim_peers.command import option
-from cardan.sim_peers.scripted import Hand, HeldDevice, pieces
+from cardan.sim_peers.scripted import DeviceMotion, HeldDevice, pieces
 
 STALL_S = 0.02
 """Reports older than this when a peer comes to run are left out: a late peer makes no burst."""
@@ -22,8 +22,8 @@ D = TypeVar("D", bound=HeldDevice)
 
 
 @dataclass(frozen=True, kw_only=True)
-class HandOptions(Options):
-    """Options of every simulated device that a hand moves. Raises OptionError."""
+class DevicePeerOptions(Options):
+    """Options of every simulated device that moves. Raises OptionError."""
 
     script: str = "demo"
     """A built-in script or a file."""
@@ -37,7 +37,7 @@ class HandOptions(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeviceNodeOptions(HandOptions):
+class DeviceNodeOptions(DevicePeerOptions):
     """Options of a device that programs open at a path: a socket, or a serial port."""
 
     everybody: bool = option(False, "Let every user of this machine open it, not its owner alone.")
@@ -49,20 +49,24 @@ class DeviceNodeOptions(HandOptions):
         return EVERYBODY if self.everybody else OWNER_ONLY
 
 
-class HandPeer(SimulatedPeer, Generic[D, M]):
-    """Serves `device`, which `hand` moves, by `backend`.
+class DevicePeer(SimulatedPeer, Generic[D, M]):
+    """Serves `device`, which `motion` moves, by `backend`.
 
-    Time of device and hand stands still until the script begins. The fault ``refuse`` is the
+    Time of device and motion stands still until the script begins. The fault ``refuse`` is the
     shell's, the others are the device's and the backend's.
     """
 
     stall_s = STALL_S
 
     def __init__(
-        self, device: D, hand: Hand[D], backend: DeviceBackend[M], options: HandOptions
+        self,
+        device: D,
+        motion: DeviceMotion[D],
+        backend: DeviceBackend[M],
+        options: DevicePeerOptions,
     ) -> None:
         self.device = device
-        self.hand = hand
+        self.motion = motion
         self.backend = backend
         self.options = options
         self._selector: selectors.BaseSelector | None = None
@@ -70,7 +74,7 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
         self._start_s: float | None = None
         """When the script began, monotonic s; None: it has not."""
         self._played_s = 0.0
-        """Time up to which device and hand were last played, s from the script's start."""
+        """Time up to which device and motion were last played, s from the script's start."""
 
     # -- the peer ------------------------------------------------------------------------------
 
@@ -154,8 +158,8 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
         if now_s < self.refused_until_s:
             due_s = min(due_s, self.refused_until_s)
         if self._start_s is not None:
-            hand_due_s = min(self.device.next_due_s, self.hand.next_due_s)
-            due_s = min(due_s, self._start_s + hand_due_s)
+            motion_due_s = min(self.device.next_due_s, self.motion.next_due_s)
+            due_s = min(due_s, self._start_s + motion_due_s)
         return due_s
 
     def _play(self, now_s: float) -> None:
@@ -168,7 +172,7 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
         if device_s - self._played_s > self.stall_s:
             self.device.skip_to(device_s - self.stall_s)
         self._played_s = device_s
-        for reports in pieces(self.device, self.hand, device_s):
+        for reports in pieces(self.device, self.motion, device_s):
             self._deliver(reports, now_s)
 
     def _deliver(self, reports: Sequence[M], now_s: float) -> None:

@@ -1,4 +1,4 @@
-"""Random motion scripts of each device, as of an operator's hand; they begin and end at rest."""
+"""Random motion scripts of each device, as of an operator; they begin and end at rest."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ TOUCH_S: Final = 0.5
 
 
 class Episode(NamedTuple):
-    """A script for a device, and when in it the hand asks for motion."""
+    """A script for a device, and when in it the operator asks for motion."""
 
     script: list[list[Any]]
     begins_s: float
@@ -69,10 +69,10 @@ PLUG: Final = {"mouse": "replug", "pad": "replug", "remote": "power-on"}
 """The words of each device's script for going away and coming back."""
 
 
-def episode(hand: str, rng: random.Random) -> Episode:
+def episode(device: str, rng: random.Random) -> Episode:
     """Choose the next motion script of a device."""
     lasts_s = round(rng.uniform(2.0, 10.0), 1)
     in_motion = rng.random() < 0.3
-    script = _OF[hand](rng, lasts_s, lets_go_in_motion=in_motion)
+    script = _OF[device](rng, lasts_s, lets_go_in_motion=in_motion)
     ends_s = max(step[0] for step in script if step[1] == "release")
     return Episode(script, TOUCH_S, ends_s)

@@ -1,4 +1,4 @@
-"""The shell that serves a device which a hand moves in real time."""
+"""The shell that serves a device that moves in real time."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import socket
 import pytest
 
 from cardan.errors import AddressError
-from cardan.sim_peers import hand_peer
+from cardan.sim_peers import device_peer
 from cardan.sim_peers.backends.base import DeviceBackend
-from cardan.sim_peers.hand_peer import STALL_S, HandOptions, HandPeer
+from cardan.sim_peers.device_peer import STALL_S, DevicePeer, DevicePeerOptions
 
 
 class Clock:
@@ -59,7 +59,7 @@ class Device:
             self.next_due_s += 0.5
 
 
-class Hand:
+class Motion:
     """Plugs and unplugs."""
 
     def __init__(self, *steps) -> None:
@@ -113,7 +113,7 @@ class Noting(DeviceBackend):
 @pytest.fixture
 def make(monkeypatch):
     clock = Clock()
-    monkeypatch.setattr(hand_peer, "time", clock)
+    monkeypatch.setattr(device_peer, "time", clock)
     monkeypatch.setattr(selectors, "SelectSelector", Waiting)
     monkeypatch.setattr(Waiting, "clock", clock, raising=False)
     peers = []
@@ -121,7 +121,7 @@ def make(monkeypatch):
     def making(*steps, **options):
         done = []
         backend = Noting(clock, done)
-        peer = HandPeer(Device(done), Hand(*steps), backend, HandOptions(**options))
+        peer = DevicePeer(Device(done), Motion(*steps), backend, DevicePeerOptions(**options))
         peer.done, peer.clock = done, clock
         peers.append(peer)
         return peer
