@@ -132,7 +132,7 @@ def turned_by(q: Quaternion, by: Vector3) -> Quaternion:
     length = math.sqrt(u * u + i * i + j * j + k * k)
     if not 1e-12 < length < math.inf:
         raise ValueError(f"quaternion {(u, i, j, k)} has no direction")
-    return Quaternion(u / length, i / length, j / length, k / length)
+    return tuple.__new__(Quaternion, (u / length, i / length, j / length, k / length))
 
 
 def to_rotation_vector(q: Quaternion) -> Vector3:

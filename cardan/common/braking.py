@@ -58,7 +58,7 @@ def towards(now: Vector3, target: Vector3, most: float) -> Vector3:
     if squared <= most * most:
         return target
     share = most / math.sqrt(squared)
-    return Vector3(x + u * share, y + v * share, z + w * share)
+    return tuple.__new__(Vector3, (x + u * share, y + v * share, z + w * share))
 
 
 def within_walls(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from time import monotonic
 from typing import ClassVar
 
 from cardan.drivers.base import Endpoint
@@ -42,12 +43,12 @@ class UrRtde(TcpRobot[UrSession, Channel, Task]):
 
     def send(self, command: RobotCommand) -> None:
         """Answer the state last yielded; without effect where that takes no command."""
-        session, now_s = self._require_open(), self._now_s()
+        session, now_s = self._require_open(), monotonic()
         if session.reply_pending and session.late(now_s):
             session.check(command)
             # The arm has moved on since the state that this command was computed from.
             self._wait(session, 0.0)
-            now_s = self._now_s()
+            now_s = monotonic()
         session.command(command, now_s)
         self._flush(session)
         session.account()

@@ -75,7 +75,6 @@ _MOVES_IN = frozenset(map(int, MOVES_IN))
 _RUNNING, _PLAYING = int(RobotMode.RUNNING), int(RuntimeState.PLAYING)
 _FOLLOWS = int(ProgramStatus.FOLLOWS)
 """As plain numbers, which are compared in every cycle."""
-_STUCK = "the program at the controller does not answer: another has taken its place"
 _LIVE = RobotLink.LIVE
 _new = tuple.__new__
 """Makes a named tuple in half the time of its constructor."""
@@ -264,24 +263,28 @@ class UrSession(TcpSession[Channel, Task]):
     def received(self, channel: Channel, data: bytes, now_s: float) -> None:
         if not self._links[channel].up:
             return
-        if channel == "rtde":
-            self._received_states(data, now_s)
-        elif channel == "dashboard":
+        if channel == "dashboard":
             self._received_lines(data, now_s)
-        else:
+            return
+        if channel == "primary":
             self._received_packages(data, now_s)
-
-    def _received_states(self, data: bytes, now_s: float) -> None:
+            return
         feed = self.feed
         before, before_s = feed.packages, feed.heard_s
         feed.received(data, now_s)
         fresh = feed.packages - before
         if fresh:
             self.superseded += fresh - 1
-            self.account()
+            if self._unaccounted is not None:
+                self.account()
             waited_s = now_s - before_s if fresh == 1 else math.inf
-            self._unaccounted = (now_s, waited_s, feed.values.beat)
-            self._look(now_s)
+            obeyed, motion = feed.values.beat, self._motion
+            self._unaccounted = (now_s, waited_s, obeyed)
+            obeys = feed.obeys and self.phase == "moving"
+            if motion is None or not obeys or self._stuck(obeyed, motion):
+                self._look(now_s)
+            else:
+                self._followed_s = now_s
         if feed.failure:
             self._drop("rtde", feed.failure, now_s)
 
@@ -362,13 +365,7 @@ class UrSession(TcpSession[Channel, Task]):
 
     def _watch(self, values: Package, motion: UrMotion, now_s: float) -> None:
         """Check whether the program still runs and obeys."""
-        obeyed, why = values.beat, ""
-        if self.feed.obeys:
-            if self._stuck(obeyed, motion):
-                why = _STUCK
-            else:
-                self._followed_s = now_s
-        elif values.safety_mode not in _MOVES_IN:
+        if values.safety_mode not in _MOVES_IN:
             why = safety_words(values.safety_mode)
         elif values.robot_mode != _RUNNING:
             why = f"{mode_words(values.robot_mode)}: motion has ended"
@@ -381,8 +378,8 @@ class UrSession(TcpSession[Channel, Task]):
                 why = "the program was paused at the controller: stop it there"
             else:
                 why = "the program was stopped at the controller"
-        elif self._stuck(obeyed, motion):
-            why = _STUCK
+        elif self._stuck(values.beat, motion):
+            why = "the program at the controller does not answer: another has taken its place"
         else:
             why = self._astray(values, now_s)
         if why:
@@ -586,7 +583,8 @@ class UrSession(TcpSession[Channel, Task]):
         self._told_packages = feed.packages
         time_s = feed.clock.time_s
         before_s, self._before_s = self._before_s, time_s
-        hold_reason = self.hold_reason
+        moves = feed.obeys and self.phase == "moving" and feed.slider >= SLOWEST_SHARE
+        hold_reason = "" if moves else self.hold_reason
         period_s = feed.period_s if before_s is None else time_s - before_s
         state = self._state(now_s, _LIVE, period_s, hold_reason)
         if self.phase == "moving" and self._motion is not None:

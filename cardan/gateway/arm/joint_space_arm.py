@@ -70,6 +70,9 @@ AT_LIMIT_RAD = 0.02
 AT_REST_RAD_S = 2e-4
 """All joints slower than this can stop within one period."""
 
+_new = tuple.__new__
+"""Makes a named tuple in half the time of its constructor, for those of every cycle."""
+
 
 class JointSpaceArm(CommandedArm):
     """The commanded joints of one arm."""
@@ -239,7 +242,8 @@ class JointSpaceArm(CommandedArm):
             if observe and reference.pose is not None:
                 reference.observe(pose)
             linear, angular = reference.ahead_m, reference.ahead_rad
-        return FollowingError(linear, angular, worst, self.servo.kinematics.names[joint])
+        names = self.servo.kinematics.names
+        return _new(FollowingError, (linear, angular, worst, names[joint]))
 
     # -- motion ----------------------------------------------------------------------------------
 
@@ -292,7 +296,7 @@ class JointSpaceArm(CommandedArm):
         if servo.projects and (reachable := servo.reachable) is not None:
             reference.pose = reachable
         linear, angular = servo.twist.tolist()
-        reference.move(Vector3(*linear), Vector3(*angular), dt_s)
+        reference.move(_new(Vector3, linear), _new(Vector3, angular), dt_s)
         return share
 
     def brake(self, dt_s: float) -> None:
@@ -328,7 +332,8 @@ class JointSpaceArm(CommandedArm):
         # A velocity-controlled one would keep its error for ever.
         v = self._still if approaching else servo.v
         if self.kind is CommandKind.JOINT:
-            return JointCommand(tuple(servo.q.tolist()), tuple(v.tolist()))
+            positions, speeds = tuple(servo.q.tolist()), tuple(v.tolist())
+            return _new(JointCommand, (positions, speeds, (), CommandKind.JOINT))
         if self.kind is CommandKind.JOINT_VELOCITY:
             v = self._velocities(None if blind else state, v, dt_s, approaching)
             return JointVelocityCommand(tuple(v.tolist()))

@@ -289,11 +289,12 @@ class TwistMapping:
     def twist(self, axes: Sequence[float]) -> Twist:
         """The twist of six deflections, along the axes of `options.frame`."""
         x, y, z, rx, ry, rz = map(mul, self._sources(axes), self._gains)
-        linear, angular = Vector3(x, y, z), Vector3(rx, ry, rz)
+        linear = tuple.__new__(Vector3, (x, y, z))
+        angular = tuple.__new__(Vector3, (rx, ry, rz))
         if self._turned:
             linear = rotate(self._yaw, linear)
             angular = rotate(self._yaw, angular) if self._turned_angular else angular
-        return Twist(linear, angular, self.options.frame)
+        return tuple.__new__(Twist, (linear, angular, self.options.frame))
 
     def joint_rates(self, axes: Sequence[float]) -> dict[str, float]:
         """The wanted speeds of joints by name, rad/s or m/s."""

@@ -10,10 +10,11 @@ import ctypes
 import math
 import struct
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from cardan.common.arm_libraries import np
+from cardan.common.native import native_call
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import SE3, FloatArray, to_se3
@@ -29,14 +30,10 @@ from cardan.gateway.servo.servo import (
 from cardan.gateway.servo.status import ServoStatus
 from cardan.robots import Capsule, JointKind, OrientedBox, SixWeights
 from cardan.spatial import norm, subtract
-from cardan.types import Pose, Quaternion, Vector3
+from cardan.types import Frame, Pose, Quaternion, Vector3
 
 _pack_goal = struct.Struct("13d").pack_into
 _unpack_pose = struct.Struct("7d").unpack_from
-_unpack_measured = struct.Struct("8d").unpack_from
-
-_FLAGS = tuple(ctypes.c_int32(flags) for flags in range(4))
-"""Of a tick, made once: to make one takes longer than to pass it on."""
 
 _SPHERE_M = 1e-9
 """Capsules shorter than this are spheres, as CollisionModel has it."""
@@ -86,8 +83,13 @@ class CompiledServo:
         self._memory: Any = _Memory.from_address(address)
         weakref.finalize(self._memory, library.kernel_destroy, self._handle).atexit = False
         self._library = library
-        self._tick, self._measure = library.kernel_tick, library.kernel_measure
-        self._dt_s, self._period = 0.0, ctypes.c_double()
+        held = self._handle, Pose, Vector3, Quaternion, Frame.BASE
+        self.note: Callable[[float], None]
+        """As Servo.note."""
+        self._measure, self._tick, self.note = (
+            native_call(library, f"kernel_call_{name}", *held)
+            for name in ("measure", "tick", "note")
+        )
         self.projects = min(sum(1 for weight in weights if weight), n) < 6
         self.q = self._window("q", n)
         self.v = self._window("v", n)
@@ -197,18 +199,13 @@ class CompiledServo:
         """As Servo.keep_past."""
         self._library.kernel_keep_past(self._handle, lag_s, self._turns)
 
-    def note(self, stamp_s: float) -> None:
-        """As Servo.note."""
-        self._library.kernel_note(self._handle, stamp_s)
-
     def measure(self, joints: Sequence[float]) -> tuple[Pose, float, int]:
         """As Servo.measure."""
         if self.kinematics.tool is not self._tool:
             self._take_tool()
         self._pack_joints(self._memory, self._pose_joints, *joints)
-        worst: int = self._measure(self._handle)
-        x, y, z, w, i, j, k, away = _unpack_measured(self._memory, self._pose_position)
-        return Pose(Vector3(x, y, z), Quaternion(w, i, j, k)), away, worst
+        found: tuple[Pose, float, int] = self._measure()
+        return found
 
     def expected(self, joints: Sequence[float]) -> FloatArray:
         """As Servo.expected."""
@@ -293,10 +290,7 @@ class CompiledServo:
         if joint_rate is not None:
             self._write("joint rates", self._joint_rate, joint_rate)
             flags |= layout.WITH_RATE
-        if dt_s != self._dt_s:
-            self._period.value = dt_s
-            self._dt_s = dt_s
-        share: float = self._tick(self._handle, self._period, _FLAGS[flags])
+        share: float = self._tick(dt_s, flags)
         return share
 
     def tick_joints(self, goal: FloatArray, rate: FloatArray, dt_s: float) -> float:
