@@ -95,6 +95,15 @@ def test_walls_do_not_hold_motion_along_them():
     assert reference.linear.x == pytest.approx(0.1)
 
 
+@pytest.mark.parametrize("way", [-0.1, 0.1])
+def test_walls_along_one_axis_leave_the_others_free(way):
+    reference = placed(ReferenceLimits(workspace_z_m=(0.7, 0.85)))
+    for _ in range(250):
+        reference.shape(Twist(Vector3(way, way, 0.0), ZERO3), 0.004)
+    assert reference.linear == pytest.approx((way, way, 0.0))
+    assert not reference.at_workspace_limit
+
+
 def test_outside_the_workspace_only_inward_motion():
     reference = placed(ReferenceLimits(workspace_x_m=(0.6, 0.8)))
     follow(reference, Twist(Vector3(-0.1, 0, 0), ZERO3), 50)
