@@ -267,7 +267,6 @@ class TwistMapping:
 
     def __init__(self, options: MappingOptions, gripper: GripperOptions | None = None) -> None:
         self.options = options
-        self.gripper = gripper or GripperOptions()
         speeds = (options.linear_speed_m_s,) * 3 + (options.angular_speed_rad_s,) * 3
         self._sources = itemgetter(*(index for index, _ in options.sources))
         self._gains = [gain * each for (_, gain), each in zip(options.sources, speeds, strict=True)]
@@ -282,8 +281,7 @@ class TwistMapping:
         """True when some axes drive joints."""
         self.follows_pose = options.mode is not Mode.RATE
         """True where the device's pose moves the TCP, and its deflections mean nothing."""
-        self._gripper_buttons = self.gripper.buttons
-        self._deadman = options.deadman_buttons
+        self._gripper_buttons = (gripper or GripperOptions()).buttons
         self.gripper_closed = False
 
     def twist(self, axes: Sequence[float]) -> Twist:
@@ -319,7 +317,7 @@ class TwistMapping:
         to move. Empty with a live device, nothing deflected and no dead-man held."""
         if device.link is not DeviceLink.LIVE:
             return f"the device is {device.link.value}"
-        if held := sorted(device.buttons.intersection(self._deadman)):
+        if held := sorted(device.buttons.intersection(self.options.deadman_buttons)):
             return f"{held[0]!r} is held"
         if not self.follows_pose and any(device.axes):
             return "the device is deflected"

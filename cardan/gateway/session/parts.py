@@ -89,7 +89,6 @@ class Whole:
     config: SessionConfig
     robot: RobotDriver
     controller: ArmController
-    device: OperatorDevice | None
     lease: DeviceLease | None
     """Opens and closes the device, which other sessions may have."""
     link: LoopLink
@@ -207,7 +206,8 @@ class Figures(Part):
     def _arm(self, status: ArmStatus, now_s: float, reference: tuple[float, ...]) -> ArmSnapshot:
         """`reference`: the one before."""
         authority, controller, pose = status.authority, self.whole.controller, status.pose
-        found = ArmSnapshot(
+        arm = status.arm
+        return ArmSnapshot(
             phase=status.phase.value,
             message=status.message,
             trips=status.trips,
@@ -221,16 +221,11 @@ class Figures(Part):
             lead_used=status.lead_used,
             at_workspace_limit=status.at_workspace_limit,
             filters=status.filters,
+            path_speed=None if arm is None else arm.path_speed,
+            clearance_m=None if arm is None else arm.distance_m,
+            nearest_pair=() if arm is None else arm.nearest_pair,
             limits=tuple(status.limits()),
-        )
-        if (arm := status.arm) is None:
-            return found
-        return replace(
-            found,
-            path_speed=arm.path_speed,
-            clearance_m=arm.distance_m,
-            nearest_pair=arm.nearest_pair,
-            limits_in_words=tuple(arm.in_words()),
+            limits_in_words=() if arm is None else tuple(arm.in_words()),
         )
 
     def _tracking(self, phase: Phase) -> TrackingSnapshot:

@@ -93,7 +93,7 @@ class Session:
         lease = None if device is None else DeviceLease(device)
         network = make_network(config, robot, worker.offer, lambda: worker.full)
         neighbors = make_neighbors(config, robot, controller)
-        whole = Whole(config, robot, controller, device, lease, self._link, worker, network)
+        whole = Whole(config, robot, controller, lease, self._link, worker, network)
         gripper = Gripper(whole)
         self._parts: list[Part] = [Figures(whole), gripper]
         if device is not None and lease is not None:

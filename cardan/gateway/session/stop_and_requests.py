@@ -16,6 +16,7 @@ import socket
 import threading
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from cardan.common.resource_errors import shortage
@@ -138,15 +139,15 @@ _ENDED = {
 """Verbs that cancel motions requested before them and not begun, with the reason."""
 
 
+@dataclass(eq=False)
 class _Job:
-    def __init__(
-        self, client: Requester, request: Request, received_s: float, late_s: float
-    ) -> None:
-        """`late_s`: how long it may have waited before it was received."""
-        self.client, self.request = client, request
-        self.received_s, self.late_s = received_s, late_s
-        self.ended_by = ""
-        """The verb of _ENDED that came after it; empty: none."""
+    client: Requester
+    request: Request
+    received_s: float
+    late_s: float
+    """How long it may have waited before it was received."""
+    ended_by: str = ""
+    """The verb of _ENDED that came after it; empty: none."""
 
 
 class RequestWorker:

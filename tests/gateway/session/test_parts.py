@@ -37,7 +37,7 @@ def whole():
         }
     )
     robot = make_robot(config)
-    return Whole(config, robot, make_controller(config, robot), *5 * [None])
+    return Whole(config, robot, make_controller(config, robot), *4 * [None])
 
 
 def test_a_robot_that_only_holds_shows_its_tcp_of_now(whole):
