@@ -558,7 +558,7 @@ def test_a_capture_without_the_side_that_is_judged_is_refused(tmp_path):
     ],
 )
 def test_a_capture_is_judged_as_it_is(more, tmp_path):
-    words = f"judged as it is, and nothing is run: leave {more[0]} out"
+    words = f"checked as it is, and nothing is run: leave {more[0]} out"
     with pytest.raises(ConfigurationError, match=words):
         run("egm", "--capture", str(tmp_path / "a.pcap"), *more)
 

@@ -194,7 +194,7 @@ class HandMapping(ABC):
         """The clutch was released."""
         self._hand = self._target = None
 
-    def leaps(self, hand: Pose, stamp_s: float) -> bool:
+    def jumps(self, hand: Pose, stamp_s: float) -> bool:
         """Whether `hand`, measured at `stamp_s`, is implausibly far from the pose before."""
         if self._hand is None:
             return False

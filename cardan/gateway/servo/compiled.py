@@ -36,7 +36,7 @@ _unpack_pose = struct.Struct("7d").unpack_from
 _unpack_measured = struct.Struct("8d").unpack_from
 
 _FLAGS = tuple(ctypes.c_int32(flags) for flags in range(4))
-"""Of a tick, made once: to make one takes longer than to pass it on."""
+"""Flags of a tick, made once: to make one takes longer than to pass it on."""
 
 _SPHERE_M = 1e-9
 """Capsules shorter than this are spheres, as CollisionModel has it."""
