@@ -340,7 +340,7 @@ class Cell:
         """Have the arm move and rest; None: it did not move."""
         self.act(robot, buttons=True)
         self.wait(PAUSE_S + rest_s)
-        # A robot that swings still would count as moved by the act.
+        # An arm that swings still would count as moved by the act.
         end_s = time.monotonic() + ACT_WITHIN_S
         while (now_s := time.monotonic()) < min(robot.moved_s + STILL_S, end_s):
             self.play(now_s + PERIOD_S)

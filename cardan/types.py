@@ -66,13 +66,13 @@ class Quaternion(NamedTuple):
 
     @classmethod
     def from_wxyz(cls, numbers: Sequence[float]) -> Quaternion:
-        """Of four numbers, scalar first."""
+        """Make a quaternion of four numbers, scalar first."""
         w, x, y, z = map(float, numbers)
         return cls(w, x, y, z)
 
     @classmethod
     def from_xyzw(cls, numbers: Sequence[float]) -> Quaternion:
-        """Of four numbers, scalar last, as scipy's ``as_quat()`` has them."""
+        """Make a quaternion of four numbers, scalar last, as scipy's ``as_quat()`` has them."""
         x, y, z, w = map(float, numbers)
         return cls(w, x, y, z)
 
@@ -116,8 +116,8 @@ class Pose(NamedTuple):
 
     @classmethod
     def from_matrix(cls, matrix: Any, frame: Frame = Frame.BASE) -> Pose:
-        """Of a homogeneous 4×4 matrix: of numpy's, or of rows. Raises ValueError for one that is
-        no rigid motion (skewed, scaled, mirrored, transposed)."""
+        """Make a pose of a homogeneous 4×4 matrix: of numpy's, or of rows. Raises ValueError for
+        one that is no rigid motion (skewed, scaled, mirrored, transposed)."""
         from cardan.spatial import from_rows
 
         rows = [tuple(map(float, row)) for row in matrix]
@@ -145,7 +145,7 @@ class Pose(NamedTuple):
 
     @classmethod
     def from_ros(cls, message: Mapping[str, Any]) -> Pose:
-        """Of a geometry_msgs/Pose as a dict, in the base's frame."""
+        """Make a pose of a geometry_msgs/Pose as a dict, in the base's frame."""
         p, q = message["position"], message["orientation"]
         return cls(Vector3(p["x"], p["y"], p["z"]), Quaternion(q["w"], q["x"], q["y"], q["z"]))
 

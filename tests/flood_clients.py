@@ -262,7 +262,7 @@ class _PageFrames(_Held):
 
 
 class PagePhone(_PageFrames):
-    """A phone, tilted while it is held: slowly, as a turn at once would be a leap."""
+    """A phone, tilted while it is held: slowly, as a turn at once would be a jump."""
 
     target: ClassVar = {"device": "/phone"}
 

@@ -64,7 +64,7 @@ class Network:
     ("frames", "took_s"),
     [
         ([(0.9, 1.0), (1.001, 1.031), (1.002, 1.132)], 0.03),
-        # The time until a frame is sent anew is the protocol's cost.
+        # Time for sending anew is the protocol's cost.
         ([(1.001, None), (1.2, 1.3)], 0.1),
         ([], 0.1),
     ],

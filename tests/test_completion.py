@@ -144,6 +144,36 @@ def test_the_shell_is_told(words, found):
 
 
 @pytest.mark.matrix
+@pytest.mark.parametrize(
+    ("shell", "words", "found"),
+    [
+        (
+            "fish",
+            "net server ",
+            "router\tRun a Zenoh router, like rmw_zenohd, by which sessions, servers",
+        ),
+        ("fish", "run --", "--record\tRecord the network into this file (MCAP) while the session"),
+        ("fish", "run --", "the session needs a [network]."),
+        ("zsh", "run --", "the session needs a [network]."),
+    ],
+)
+def test_other_shells_get_each_help_whole_and_on_a_line(shell, words, found):
+    """A line that went on would be one more word to choose."""
+    variables = {
+        "_CARDAN_COMPLETE": f"complete_{shell}",
+        "_TYPER_COMPLETE_ARGS": f"cardan {words}",
+        "_TYPER_COMPLETE_FISH_ACTION": "get-args",
+    }
+    done = subprocess.run(
+        [sys.executable, "-m", "cardan"],
+        env={**ENVIRONMENT, **variables},
+        capture_output=True, text=True, timeout=50, check=False,
+    )  # fmt: skip
+    assert found in done.stdout, done.stderr
+    assert all("\t" in line or '":"' in line for line in done.stdout.splitlines())
+
+
+@pytest.mark.matrix
 def test_sessions_of_a_daemon_that_runs(tmp_path):
     file = tmp_path / "lab.toml"
     file.write_text(

@@ -46,7 +46,7 @@ STAND_INS = {
     "capture.pcap": "made by the test: what is on the wire is shown to the superuser alone",
     "pip": "uv, where it is there: it needs seconds for half a gigabyte",
 }
-"""Replacements that a test makes of what the page says, and why."""
+"""Stand-ins of the test for parts of the page, each with the reason."""
 
 FINDS = re.compile(r"cardan doctor\b")
 """Ends with 4 where this computer lacks something, or no controller is there."""

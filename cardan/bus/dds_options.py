@@ -29,7 +29,7 @@ class DdsOptions(Options):
     """Configuration of Cyclone DDS: XML, or file://PATH. Empty: CYCLONEDDS_URI where that is set,
     or else loopback alone."""
     dds_distribution: Literal["humble", "iron and later"] = "iron and later"
-    """Of the ROS 2 nodes on DDS: up to Humble, announcements of nodes have longer ids."""
+    """ROS 2 distribution on DDS: up to Humble, announcements of nodes have longer ids."""
 
     @property
     def number(self) -> int:

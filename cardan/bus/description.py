@@ -32,7 +32,7 @@ router connect within a second."""
 TEXTS_KEPT: Final = 20
 
 OPTION: Final = "--from-topic"
-"""Of the command that asks for it."""
+"""Option of the command that asks for it."""
 
 _BEFORE_ROBOT = re.compile(r"\A[\ufeff\s]*(<\?xml.*?\?>\s*)?", re.DOTALL)
 """A declaration of XML speaks of the file that a text was read from."""

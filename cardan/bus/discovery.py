@@ -105,7 +105,7 @@ def remedies(options: BusOptions, found: Discovery) -> list[str]:
         return []
     if found.routers and options.mode == "peer":
         return [
-            "A router answers, and no node was met. ROS 2's router tells peers of each other, and "
+            "A router answers, and no node was met. ROS 2's router introduces peers, and "
             "forwards nothing between them: each has to reach the others by itself.",
             'On this computer: let all be peers (mode = "peer") with gossip, which is Zenoh\'s '
             'default, and each listen at a loopback port of its own (listen = ["tcp/127.0.0.1:0"]'

@@ -75,8 +75,8 @@ TX_BATCHES = 16
 still for 40 ms loses messages of a session that is recorded."""
 
 SEND_BYTES = 32_768
-"""Of a link's buffer in the kernel, which doubles it: its content goes before any command. With the
-kernel's own size, 2 MB and more of pictures are ahead of an answer, 8 s at 2 Mbit/s."""
+"""Size of a link's buffer in the kernel, which doubles it: its content goes before any command.
+With the kernel's own size, 2 MB and more of pictures are ahead of an answer, 8 s at 2 Mbit/s."""
 
 _log = logging.getLogger(__name__)
 

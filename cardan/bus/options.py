@@ -32,8 +32,8 @@ class BusOptions(Options):
     zenoh_config: Annotated[str, FILE] = ""
     """Zenoh configuration file (JSON5), used as it is instead of `router`, `listen` and `mode`."""
     distribution: Literal["humble", "iron and later", "kilted and later"] = "iron and later"
-    """Of the ROS 2 nodes: Humble has no type hashes, Kilted and later have more in the feedback of
-    FollowJointTrajectory."""
+    """Distribution of the ROS 2 nodes: Humble has no type hashes, Kilted and later have more in the
+    feedback of FollowJointTrajectory."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -48,8 +48,8 @@ except ImportError as error:
 TLS_PORT: Final = 7448
 """Where the robot's router serves the operator's computer: UDP for QUIC, TCP for TLS."""
 MIXED: Final = "mixed_rel"
-"""Of QUIC's endpoints in Zenoh: what need not arrive goes in datagrams beside the streams, where
-nothing that was lost before holds it up. "auto": where the other side does so, too."""
+"""Parameter of Zenoh's QUIC endpoints: best-effort messages go in datagrams, where no loss before
+them holds them up, reliable ones in streams. "auto": where the other side does so, too."""
 WAIT_S: Final = 300.0
 """How long the robot's computer waits."""
 CLIENT_S: Final = 10.0

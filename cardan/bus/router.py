@@ -119,7 +119,7 @@ class RouterKeeper:
 
     @property
     def pid(self) -> int | None:
-        """Of the router that this one has started; None: none."""
+        """Process id of the router that this one has started; None: none."""
         return None if self._process is None else self._process.pid
 
     def poll(self) -> None:

@@ -27,7 +27,7 @@ PERIOD_S: Final = 5.0
 """Pause between two looks at a router that stays away."""
 
 PROTOCOLS: Final = ("tls", "quic")
-"""Of Zenoh's endpoints, those with certificates. A pair's router serves TLS at QUIC's port, too."""
+"""Protocols of Zenoh that use certificates. A pair's router serves TLS at QUIC's port, too."""
 
 # RFC 8446, 6.2. Which alert a certificate of another authority gets depends on its issuer's name.
 _ALERTS: Final = {

@@ -10,11 +10,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import typer
+from typer import _completion_classes
 
 from cardan.errors import CardanError
 
 if TYPE_CHECKING:
     from cardan.bus.options import BusOptions
+
+# Typer takes helps for markup of rich: it drops words in brackets, and breaks lines at 80 columns,
+# of which fish offers the second as one more word.
+_completion_classes._sanitize_help_text = lambda text: text
 
 ANSWER_S: Final = 0.5
 """Longest wait for the daemon's answer; it takes a millisecond."""

@@ -26,7 +26,7 @@ while its computer slept."""
 class _Round(NamedTuple):
     took_s: float
     offset_s: float
-    """Of our clock against the other's, as if both ways took the same time."""
+    """Offset of our clock against the other's, as if both ways took the same time."""
 
 
 class RemoteClock:
@@ -54,7 +54,7 @@ class RemoteClock:
 
     @property
     def median_s(self) -> float | None:
-        """Of the round trips of late."""
+        """Median of the round trips of late."""
         took = sorted(each.took_s for each in self._rounds)
         return took[len(took) // 2] if took else None
 

@@ -181,7 +181,7 @@ class FeedbackLimits(NamedTuple):
     force_n: float
     """Norm of the force."""
     joint_torque_n_m: float | None = None
-    """Of each joint; None: it does not accept joint torques."""
+    """Limit of each joint; None: it does not accept joint torques."""
     energy_j: float | None = None
     """Net energy that one engagement may give to the hand; None: it keeps no such bound."""
 

@@ -49,7 +49,7 @@ class BackgroundOutput(io.BufferedIOBase):
         self._keeping_up = self._ended = False
         self._pieces: deque[bytes] = deque()
         self._waiting_bytes = 0
-        """Of the piece that is being written, and of those after it."""
+        """Bytes of the piece that is being written, and of those after it."""
         self._began_s: float | None = None
         """When the write that is under way began."""
         self._error: OSError | None = None

@@ -38,7 +38,7 @@ class _Scan:
         ]
         self._next = 0
         self._lengths: dict[_Path, int] = {}
-        """Of the arrays of tables, up to here."""
+        """Lengths of the arrays of tables, up to here."""
         table: _Path = ()
         while self._next < len(self._tokens):
             if self._token == "\n":

@@ -46,7 +46,7 @@ class Trouble(NamedTuple):
     """Behavior of the program meanwhile."""
     do: str
     page: str
-    """Of the documentation, as seen from docs/."""
+    """Page of the documentation, as seen from docs/."""
 
 
 @functools.cache

@@ -59,7 +59,7 @@ class SuiteReport:
     """From the first event to the last."""
     events: int
     version: str
-    """Of Cardan."""
+    """Version of Cardan."""
     attached: Mapping[str, str] = field(default_factory=dict, kw_only=True)
     """SHA-256 of each file beside the report, by its name."""
     results: tuple[Result, ...]

@@ -82,7 +82,7 @@ class Used(NamedTuple):
     key: str
     """ "device" or "robot"."""
     name: str
-    """Of the driver."""
+    """Name of the driver."""
     driver: Driver
 
 
@@ -111,7 +111,7 @@ class Subject:
     run: Callable[[Sequence[str]], str | None] = run
     """Runs another program, which only tells."""
     socket: str = ""
-    """Of the daemon; empty: of this user's."""
+    """Socket of the daemon; empty: of this user's."""
 
     @property
     def sessions(self) -> Mapping[str, SessionEntry]:

@@ -38,7 +38,7 @@ def judge_units(rows: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
 
 
 def judge_absent(why: str, services: Sequence[SystemdUnit]) -> Finding:
-    """Of a daemon that does not answer. `services`: units of it that are installed."""
+    """Findings of a daemon that does not answer. `services`: units of it that are installed."""
     if services:
         systemctl = " ".join(services[0].systemctl)
         return failure(
@@ -53,7 +53,7 @@ def judge_absent(why: str, services: Sequence[SystemdUnit]) -> Finding:
 
 
 def judge_unit(service: SystemdUnit) -> Finding:
-    """Of a unit that starts the daemon by its old name."""
+    """Finding of a unit that starts the daemon by its old name."""
     install = (
         "cardan daemon service install"
         if service.user

@@ -15,7 +15,7 @@ from cardan.robots import ArmModel, Capsule, OrientedBox, Shape
 from cardan.robots.arm_bodies import pinocchio_model, to_se3
 
 COLUMNS, ROWS = 34, 14
-"""Of a view in characters; a character is twice as high as wide."""
+"""Size of a view in characters; a character is twice as high as wide."""
 
 GAP = "   "
 
@@ -27,7 +27,7 @@ class Posed(NamedTuple):
     line: FloatArray
     """Base, joints, TCP: a row each."""
     frames: list[Any]
-    """Of the bodies, the base's first."""
+    """Frames of the bodies, the base's first."""
 
 
 def posed(arm: ArmModel, q: Sequence[float], name: str) -> Posed:

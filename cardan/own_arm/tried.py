@@ -18,7 +18,7 @@ POSES = 1_000
 """Reachable ones, of which the inverse is looked for."""
 
 LONGEST_S = 20.0
-"""Of the tries; on an idle computer they take a second or two."""
+"""Longest duration of the tries; on an idle computer they take a second or two."""
 
 POSTURE_TRIES = 1_000
 """Random postures among which some without a touch are looked for."""
@@ -47,7 +47,7 @@ class Tried(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """Of the TCP, in the base, m."""
+    """Reach of the TCP, in the base, m."""
 
     ranges: tuple[tuple[float, float], ...]
     """Lowest and highest x, y, z."""

@@ -51,7 +51,7 @@ MOST_DAMAGE = 20
 
 _MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")
-"""Of each record: its kind, and how many bytes follow."""
+"""Head of each record: its kind, and how many bytes follow."""
 _FOOTER_BYTES: Final = 9 + 20 + len(_MAGIC)
 _PRIVATE: Final = 0x80
 """Kinds of records from here on are other programs'."""
@@ -209,7 +209,7 @@ class RecordPosition(NamedTuple):
     """Position in a record at which reading can begin, too."""
 
     log_ns: int
-    """Of the first message from there on."""
+    """Log time of the first message from there on."""
     offset: int
 
 

@@ -43,9 +43,9 @@ class Series:
     """Plotted data of one arm; all times since the epoch, ns."""
 
     poses: list[Placed] = field(default_factory=list)
-    """Of the measured TCP, m."""
+    """Poses of the measured TCP, m."""
     targets: list[Placed] = field(default_factory=list)
-    """Of the commanded one, m."""
+    """Poses of the commanded one, m."""
     forces: list[Placed] = field(default_factory=list)
     """N."""
     answers: list[tuple[int, float]] = field(default_factory=list)

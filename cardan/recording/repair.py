@@ -187,7 +187,7 @@ def _is_whole(attachment: bytes) -> bool:
 
 
 def _profile(header: bytes) -> str:
-    """Of a header; empty where it cannot be read."""
+    """Profile of a header; empty where it cannot be read."""
     from mcap.data_stream import ReadDataStream
     from mcap.exceptions import EndOfFile
     from mcap.records import Header

@@ -70,7 +70,7 @@ class Difference(NamedTuple):
 
     cycle: int
     stamp_s: float
-    """Of the robot's state."""
+    """Stamp of the robot's state."""
     recorded: str
     computed: str
 

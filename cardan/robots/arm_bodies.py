@@ -78,8 +78,8 @@ def coal_shape(shape: Shape) -> tuple[Any, SE3]:
 
 
 def smallest_singular_value(jacobian: FloatArray, weights: SixWeights) -> float:
-    """Of the motion of the TCP (1 rad counts as 0.3 m) by `jacobian` (6×n, TCP axes, linear part
-    first) in the directions along TCP axes whose weight is above 0: 0 where the arm is singular."""
+    """Smallest singular value of `jacobian` (6×n, TCP axes, linear part first; 1 rad counts as 0.3
+    m) in the directions along TCP axes whose weight is above 0: 0 where the arm is singular."""
     return float(smallest_singular_values(jacobian[None], weights)[0])
 
 

@@ -102,7 +102,7 @@ class ArmFile(Options):
     home_deg: tuple[_Number, ...] | None = None
     """Revolute joints in deg, prismatic ones in m; default: chosen bent."""
     velocity_deg_s: Mapping[str, _Positive] = field(default_factory=dict)
-    """Of joints by name, m/s for prismatic ones; counts instead of the URDF's, as do the next."""
+    """Speeds by joint, m/s for prismatic ones; used instead of the URDF's, as are the next."""
     lower_deg: Mapping[str, _Number] = field(default_factory=dict)
     """Ends of ranges, m for prismatic joints."""
     upper_deg: Mapping[str, _Number] = field(default_factory=dict)

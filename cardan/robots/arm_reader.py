@@ -159,8 +159,8 @@ def _reduced(
 
 
 def _urdf_of(tree: Tree, chain: Chain, limits: Mapping[str, Limits], model: Any, q: Any) -> str:
-    """Of the arm alone: its joints are the only ones that move, and its base is the root. That of
-    the file where it is so."""
+    """URDF of the arm alone: its joints are the only ones that move, and its base is the root. That
+    of the file where it is so."""
     held = [joint for joint in tree.joints.values() if joint.kind in LOOSE]
     held += [tree.joints[name] for name in chain.held]
     if not held and not limits and chain.base == tree.root:

@@ -1,4 +1,4 @@
-"""Verdicts on drivers that end, and on references that leap."""
+"""Verdicts on drivers that end, and on references that jump."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cardan.conform import Level, VerdictOutcome, registry
 from cardan.conform.egm.decoded import Robot, SensorDatagram
 from cardan.conform.egm_driver.requirements import (
     a_session_begins_where_the_arm_is,
-    references_do_not_leap,
+    references_do_not_jump,
 )
 from cardan.conform.run import simulated
 from cardan.protocols.egm.messages import (
@@ -42,8 +42,8 @@ def answer(joint_deg=0.0, x_m=0.0):
         (answer(0.9, 0.003), ""),
     ],
 )
-def test_a_leap_is_told_in_what_was_exceeded(after, words):
-    assert references_do_not_leap((answer(), after)) == words
+def test_a_jump_is_told_in_what_was_exceeded(after, words):
+    assert references_do_not_jump((answer(), after)) == words
 
 
 def test_joints_away_from_the_arm_are_told_in_degrees():

@@ -50,7 +50,7 @@ def turn(page, alpha=0.0, beta=0.0, gamma=0.0):
 
 
 def turn_slowly(page, began, ended):
-    """About the vertical, as a hand does: a leap would void the alignment."""
+    """About the vertical, as a hand does: a jump would void the alignment."""
     for step in range(1, 10):
         turn(page, alpha=began + (ended - began) * step / 9)
         time.sleep(0.05)
@@ -306,7 +306,7 @@ class Headset:
         self.page.until(f"window.looks >= {looks + 6}")
 
     def back(self, side):
-        """Leap to where it began, which voids the alignment, and align anew."""
+        """Jump to where it began, which voids the alignment, and align anew."""
         self.place(side)
         self.align(side)
 
@@ -315,7 +315,7 @@ class Headset:
         self.page.value(f"headset.controllers.{side}.position.set({x + offset}, {y}, {z}); 1")
 
     def go(self, side, way, steps=12, **at):
-        """Move along an axis, as a hand does, not in a leap."""
+        """Move along an axis, as a hand does, not in a jump."""
         axis, end = way
         start = {"x": 0.0, "y": 1.2, "z": -0.4, **at}[axis]
         for step in range(1, steps + 1):
@@ -391,7 +391,7 @@ def taken_off(headset):
     headset.page.value("headset.updateVisibilityState('hidden'); 1")
 
 
-def leapt(headset):
+def jumped(headset):
     headset.place("right", y=1.6)
 
 
@@ -399,7 +399,7 @@ BACK = {
     gone: "headset.controllers.right.connected = true; 1",
     guessed: "window.guessed = false",
     taken_off: "headset.updateVisibilityState('visible'); 1",
-    leapt: "1",
+    jumped: "1",
 }
 
 
@@ -414,7 +414,7 @@ def test_a_hand_that_is_lost_stops_and_comes_back_by_a_new_press(headset, loss):
     # Squeezed still: it does not count until it has let go.
     right.rests(0.6)
     headset.press("right", "squeeze", 0)
-    if loss is leapt:
+    if loss is jumped:
         right.until("'not aligned any more' in device.reason")
         headset.align("right")
     right.until("device.link == 'live'")

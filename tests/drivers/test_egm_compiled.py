@@ -201,7 +201,7 @@ def random_vector(choice: random.Random, far: float) -> list[float]:
 
 
 class Operator:
-    """Commands that mostly move on by a little, sometimes leap, and sometimes are wrong."""
+    """Commands that mostly move on by a little, sometimes jump, and sometimes are wrong."""
 
     def __init__(self, choice: random.Random, mode: str, speed: str) -> None:
         self.choice = choice

@@ -167,7 +167,7 @@ def let_go_and_hold(bench):
     bench.device.release("hold")
     bench.run(0.1, tuple(0.5 * each for each in bench.device.axes))
     bench.run(0.1, (0.0,) * 6)
-    if bench.device.leapt:
+    if bench.device.jumped:
         bench.device.align()
         bench.run(0.2)
     assert bench.state.link is DeviceLink.LIVE
@@ -182,7 +182,7 @@ def let_go_and_hold(bench):
         ("null", "Start"),
         ("lost", "tracking"),
         ("hidden", "hidden"),
-        ("leap", "jumped"),
+        ("jump", "jumped"),
     ],
 )
 def test_a_fault_disarms_until_the_hand_lets_go(kind, fault, words):
@@ -190,7 +190,7 @@ def test_a_fault_disarms_until_the_hand_lets_go(kind, fault, words):
     assert bench.state.axes != NEUTRAL
     device = bench.device
     {"null": device.lose_sensors, "lost": device.lose_tracking, "hidden": device.hide,
-     "leap": device.leap}[fault]()  # fmt: skip
+     "jump": device.jump}[fault]()  # fmt: skip
     bench.run(0.02)
     assert bench.state.axes == NEUTRAL
     assert bench.state.buttons == frozenset()
@@ -289,7 +289,7 @@ def test_another_type_is_refused():
 
 def test_every_fault_is_one_that_disarms_or_is_counted():
     disarming = {"unplug", "replug", "silence", "refuse", "null", "lost", "hidden", "stuck"}
-    disarming |= {"leap", "recenter"}
+    disarming |= {"jump", "recenter"}
     assert {each.name for each in FAULTS} == disarming | {"late", "nan"}
 
 
@@ -332,7 +332,7 @@ def told_while_lost(bench):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("held", [False, True], ids=["free", "held"])
 @pytest.mark.parametrize(
-    ("leaps", "words"),
+    ("jumps", "words"),
     [
         (recentered, "jumped by 90°"),
         (lost_and_found, "elsewhere"),
@@ -342,10 +342,10 @@ def told_while_lost(bench):
         (told_while_lost, "another reference"),
     ],
 )
-def test_an_alignment_is_void_after_a_leap_of_its_reference(kind, held, leaps, words):
+def test_an_alignment_is_void_after_a_jump_of_its_reference(kind, held, jumps, words):
     bench = Bench(kind, **PLAIN)
     (bench.held if held else bench.live)()
-    leaps(bench)
+    jumps(bench)
     bench.run(0.5)
     if held:
         bench.device.release("hold")
@@ -437,9 +437,9 @@ def test_a_page_that_is_not_there_says_what_to_open():
 
 
 def test_the_hand_of_the_simulated_page_can_be_followed_by_a_hand():
-    """Its fastest built-in motion is no leap."""
+    """Its fastest built-in motion is no jump."""
     bench = Bench("xr").held()
     for step in range(200):
         angle = 2 * math.pi * step / 60
         bench.run(1 / 60, (math.sin(angle), 0, 0, 0, 0, math.sin(angle)))
-    assert bench.core.metrics(bench.now_s)["leaps"] == 0
+    assert bench.core.metrics(bench.now_s)["jumps"] == 0

@@ -334,7 +334,7 @@ def test_the_simulated_second_publisher_moves_no_arm():
     assert wire.rests()
 
 
-# -- leaps ------------------------------------------------------------------------------------
+# -- jumps ------------------------------------------------------------------------------------
 
 
 def test_a_state_out_of_the_arms_reach_is_told_and_not_commanded_from():
@@ -368,7 +368,7 @@ def test_a_state_out_of_the_arms_reach_is_told_and_not_commanded_from():
     assert codec_of(COMMAND_TYPES["position"]).decode(sent)["data"][1] == pytest.approx(away[1])
 
 
-def test_one_state_that_leaps_ends_readiness_for_as_long_as_it_is_there():
+def test_one_state_that_jumps_ends_readiness_for_as_long_as_it_is_there():
     ours = session(command="velocity")
     ours.receive(message(stamp_s=5.0), 0.0)
     ours.command(JointVelocityCommand((0.1,) * 6), 0.0)
@@ -392,7 +392,7 @@ def test_a_simulation_that_was_reset_waits_until_its_arm_can_be_there():
     assert states == [(False, 1)] * 31 + [(True, 2)] * 19
 
 
-def test_a_continuous_joint_that_is_counted_anew_has_not_leapt():
+def test_a_continuous_joint_that_is_counted_anew_has_not_jumped():
     limits = limits_in(BRANCHED, ("two", "one"))
     ours = Ros2ArmSession(Ros2ArmOptions(robot="", joints=("two", "one")), limits)
     ours.receive(message((3.13, 0.0), ("two", "one"), stamp_s=5.0), 0.0)

@@ -113,8 +113,8 @@ def changed_by(choice):
             return [data[:3] + b"\x63" + data[4:]]
         elif happens < 0.0435:
             (timestamp,) = struct.unpack_from(">d", data, 4)
-            leap = choice.choice((-1.0, -0.002, 0.002, 0.004, 0.05))
-            return [data[:4] + struct.pack(">d", timestamp + leap) + data[12:]]
+            jump = choice.choice((-1.0, -0.002, 0.002, 0.004, 0.05))
+            return [data[:4] + struct.pack(">d", timestamp + jump) + data[12:]]
         return [data]
 
     return changed

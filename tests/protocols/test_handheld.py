@@ -17,7 +17,7 @@ from cardan.protocols.handheld.frames import (
     decode_frame,
     encode_frame,
 )
-from cardan.protocols.handheld.motion import Held, PoseSample, Yaw, drag_on_screen, leap
+from cardan.protocols.handheld.motion import Held, PoseSample, Yaw, drag_on_screen, jump
 from cardan.protocols.handheld.orientation import (
     from_angles,
     heading_rad,
@@ -237,7 +237,7 @@ def test_the_way_since_it_was_held():
 
 
 @pytest.mark.parametrize(
-    ("dt_s", "way_m", "angle_deg", "leaps"),
+    ("dt_s", "way_m", "angle_deg", "jumps"),
     [
         (0.016, 0.04, 0, False),
         (0.016, 0.06, 0, True),
@@ -250,10 +250,10 @@ def test_the_way_since_it_was_held():
         (-1.0, 0.06, 0, True),
     ],
 )
-def test_leaps(dt_s, way_m, angle_deg, leaps):
+def test_jumps(dt_s, way_m, angle_deg, jumps):
     before = PoseSample(5.0, IDENTITY, Vector3(0, 0, 0))
     now = PoseSample(5.0 + dt_s, about(X, angle_deg), Vector3(way_m, 0, 0))
-    assert bool(leap(before, now)) is leaps
+    assert bool(jump(before, now)) is jumps
 
 
 # -- teleop ---------------------------------------------------------------------------------------

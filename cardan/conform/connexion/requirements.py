@@ -209,13 +209,13 @@ def axes_have_their_signs(decoded: ConnexionTraffic) -> Verdict:
 
 @requires(15, DESCRIPTOR)
 def buttons_are_told(decoded: ConnexionTraffic) -> Verdict:
-    """A button that is pressed is told at once, and again when it is let go."""
+    """A button that is pressed is reported at once, and again when it is let go."""
     if decoded.model is not None and not decoded.model.buttons:
         return not_applicable("the model has none")
     some(decoded.phase("release") and not decoded.refused, "none was pressed")
     down, up = _buttons(decoded.during("press")), _buttons(decoded.during("release"))
-    must(down and down[-1], "pressing was not told")
-    must(up, "letting go was not told")
+    must(down and down[-1], "pressing was not reported")
+    must(up, "letting go was not reported")
     return passed("pressed and let go") if not up[-1] else failed("it stays down")
 
 
@@ -266,7 +266,7 @@ def both_descriptions_agree(decoded: ConnexionTraffic) -> Verdict:
 @requires(101, f"{SPACENAVD}: output report 4")
 def the_led_disturbs_nothing(decoded: ConnexionTraffic) -> Verdict:
     """Told to switch its LED on and off, the device sends on as before."""
-    some(decoded.phase("push-again") and not decoded.refused, "it was not told")
+    some(decoded.phase("push-again") and not decoded.refused, "it was not reported")
     if decoded.model is not None and not decoded.model.led:
         return not_applicable("the model has no LED")
     found = [each for each in decoded.during("push-again") if any(each.counts)]
@@ -275,9 +275,9 @@ def the_led_disturbs_nothing(decoded: ConnexionTraffic) -> Verdict:
 
 @requires(301, "the system's HID driver")
 def unplugging_is_told(decoded: ConnexionTraffic) -> Verdict:
-    """Unplugged, the device is told to be gone, and sends nothing more."""
+    """Unplugged, the device is reported gone, and sends nothing more."""
     phase = decoded.phase("unplug")
     gone = [] if phase is None else [index for index in decoded.lost if index >= phase.first]
     some(gone, "it was not unplugged")
     after = [each.number for each in decoded.reports if each.number > gone[0]]
-    return failed("reports come from what is gone", after) if after else passed("told")
+    return failed("reports come from what is gone", after) if after else passed("reported")

@@ -46,7 +46,7 @@ LAW = f"{MANUAL}: every reference acts at once; there is no path planner"
 ANSWERED_SHARE = 0.95
 ANSWER_WITHIN_S = 0.004
 NEAR_M, NEAR_RAD = 5e-4, math.radians(0.05)
-LEAP_M, LEAP_RAD = 0.004, math.radians(1.0)
+JUMP_M, JUMP_RAD = 0.004, math.radians(1.0)
 """Largest step in one cycle: 1 m/s and 250 degrees a second."""
 SPEED_M_S, SPEED_RAD_S = 1e-6, 1e-6
 FAREWELLS = 3
@@ -241,13 +241,13 @@ def _neighbors(decoded: EgmTraffic) -> Iterator[tuple[SensorDatagram, SensorData
 
 
 @requires.each(110, LAW, Over(_neighbors, "{} steps"))
-def references_do_not_leap(each: tuple[SensorDatagram, SensorDatagram]) -> str | None:
+def references_do_not_jump(each: tuple[SensorDatagram, SensorDatagram]) -> str | None:
     """From answer to answer the reference goes no further than 4 mm and 1 degree."""
     a, b = map(_planned, each)
     if a is None or b is None:
         return None
     far_m, far_rad = apart(place_of(a), place_of(b)), apart(joints_of(a), joints_of(b))
-    return _beyond(far_m, far_rad, LEAP_M, LEAP_RAD)
+    return _beyond(far_m, far_rad, JUMP_M, JUMP_RAD)
 
 
 @requires(

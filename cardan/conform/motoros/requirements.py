@@ -584,9 +584,9 @@ def silence_stops_it(decoded: MotorosTraffic) -> Verdict:
 def an_emergency_stop_is_told(decoded: MotorosTraffic) -> Verdict:
     """After an emergency stop e_stopped is 1 and motion is not possible."""
     found = [(each, s) for each, s in decoded.statuses("estop") if s.e_stopped == 1]
-    some(found, "no status told of one")
+    some(found, "no status reported one")
     wrong = [each.number for each, s in found[2:] if s.motion_possible]
-    return failed("motion is still possible", wrong) if wrong else passed("told")
+    return failed("motion is still possible", wrong) if wrong else passed("reported")
 
 
 @requires(302, f"{CONTROLLER}: the order of the reasons")

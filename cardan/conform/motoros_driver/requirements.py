@@ -744,7 +744,7 @@ def it_leaves_the_mode(decoded: DriverTraffic) -> Findings:
     return Words("{} of them", _NOT_ENDED)
 
 
-@requires(303, f"{SERVER}: one client at a time, and nothing but TCP tells that it has gone")
+@requires(303, f"{SERVER}: one client at a time, and nothing but TCP shows that it has gone")
 def it_closes_its_connections(decoded: DriverTraffic) -> Verdict:
     """When the program ends, its connections are closed."""
     phases, wrong = decoded.named("end"), []

@@ -255,7 +255,7 @@ def _begun(decoded: UrTraffic, phase: str, name: str = "") -> SentProgram:
 
 @requires(112, f"{CLIENT}: key message")
 def programs_are_announced(decoded: UrTraffic) -> Verdict:
-    """Key messages tell that a program has begun, and that it has ended."""
+    """Key messages report that a program has begun, and that it has ended."""
     some(first(decoded.during("say"), RUNTIME, RuntimeState.PLAYING), "no program ran")
     titles = [each.title for each in decoded.messages(MessageKind.KEY, during=("say", "wrong"))]
     missing = [t for t in ("PROGRAM_XXX_STARTED", "PROGRAM_XXX_STOPPED") if t not in titles]
@@ -449,7 +449,7 @@ def the_other_joints_stand(decoded: UrTraffic) -> Verdict:
 
 @requires(205, f"{GUIDE}: actual_qd, target_qd", unless=_unmoved)
 def speeds_are_those_of_the_joints(decoded: UrTraffic) -> Findings:
-    """The speeds that it tells add up to the way that the joint goes, to a tenth of it."""
+    """The speeds that it reports add up to the way that the joint goes, to a tenth of it."""
     found = decoded.during("out")
     for place, speed in (("actual_q", "actual_qd"), ("target_q", "target_qd")):
         way = sum(
@@ -540,7 +540,7 @@ def _emergency(decoded: UrTraffic) -> list[DataPackage]:
 def an_emergency_stop_is_told(decoded: UrTraffic) -> Verdict:
     """After an emergency stop safety_mode says so, and no state says that a program plays half a
     second later."""
-    found = some(_emergency(decoded), "no state told of one")
+    found = some(_emergency(decoded), "no state reported one")
     late = [each for each in found if each.time_s > found[0].time_s + STOPPED_BY_HAND_S]
     wrong = [each.number for each in late if each.values[RUNTIME] == RuntimeState.PLAYING]
     return failed("a program plays", wrong) if wrong else passed(f"{len(found)} states")
@@ -549,7 +549,7 @@ def an_emergency_stop_is_told(decoded: UrTraffic) -> Verdict:
 @requires(305, f"{GUIDE}: robot_mode; stop category 1")
 def an_emergency_stop_takes_the_power(decoded: UrTraffic) -> Verdict:
     """Within a second of it the robot is no longer RUNNING."""
-    found = some(_emergency(decoded), "no state told of one")
+    found = some(_emergency(decoded), "no state reported one")
     mode = found[-1].values["robot_mode"]
     said = RobotMode(mode).name if mode in RobotMode._value2member_map_ else str(mode)
     return met(mode != RobotMode.RUNNING, said, [found[-1].number])

@@ -132,10 +132,10 @@ def other_versions_arerefused(decoded: UrTraffic) -> Verdict:
 
 @requires(4, f"{GUIDE}: URControl version")
 def it_says_its_version(decoded: UrTraffic) -> Verdict:
-    """It tells its software's version, which is 3 or newer."""
+    """It reports its software's version, which is 3 or newer."""
     found = version_of(decoded)
     some(found or decoded.exchanges(rtde.PacketType.CONTROLLER_VERSION), "it was not asked")
-    found = must(found, "it was not told")
+    found = must(found, "it was not reported")
     return met(found.major >= 3, ".".join(map(str, found)))
 
 
@@ -396,7 +396,7 @@ def near(decoded: UrTraffic, time_s: float) -> list[DataPackage]:
 
 @requires(23, f"{CLIENT}: robot mode data; {GUIDE}: robot_mode")
 def both_interfaces_tell_one_mode(decoded: UrTraffic) -> Findings:
-    """The robot mode of the primary interface is one that RTDE tells within 0.3 s of it."""
+    """The robot mode of the primary interface is one that RTDE reports within 0.3 s of it."""
     for each in decoded.told:
         mode = read_mode(each.package)
         around = {s.values["robot_mode"] for s in near(decoded, each.time_s)} if mode else set()
@@ -431,7 +431,7 @@ _BOARD_MODES = {
 
 @requires(25, f"{BOARD}; {GUIDE}: robot_mode, safety_mode")
 def the_dashboard_tells_the_same_modes(decoded: UrTraffic) -> Findings:
-    """robotmode and safetystatus of the dashboard are those that RTDE tells within 0.3 s."""
+    """robotmode and safetystatus of the dashboard are those that RTDE reports within 0.3 s."""
     for words, (name, begins, modes) in _BOARD_MODES.items():
         for each in decoded.said(words):
             around = {state.values[name] for state in near(decoded, each.time_s)}
@@ -564,7 +564,7 @@ def the_real_time_interface_keeps_time(decoded: UrTraffic) -> Verdict:
 
 @requires(32, f"{REALTIME}: actual joint positions; {GUIDE}: actual_q")
 def the_real_time_interface_tells_the_same_joints(decoded: UrTraffic) -> Findings:
-    """Joints of the real-time interface are those that RTDE tells within 0.3 s, to 0.01 rad."""
+    """Joints of the real-time interface are those that RTDE reports within 0.3 s, to 0.01 rad."""
     version = some(version_of(decoded) if decoded.samples else None, "no packet came")
     form = RealtimeForm(version[:2])
     for each in decoded.samples:

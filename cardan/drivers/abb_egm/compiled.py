@@ -368,9 +368,9 @@ def _say(shared: Any, says_speed: bool, delay_s: float) -> None:
 
 
 ReplyFunction = Callable[[RobotCommand, float, RobotState, bytes], bytes | None]
-"""Of the command, the time, the answered state and the end of the message: one period of the
-limiters, and the message. None, and no change, for the unusual and for an invalid command, which
-Python explains."""
+"""Function of the command, the time, the answered state and the end of the message: one period of
+the limiters, and the message. None, and no change, for the unusual and for an invalid command,
+which Python explains."""
 
 
 def no_answer(*_: object) -> None:

@@ -111,7 +111,8 @@ class GamepadCore(EvdevCore):
 
     _radio_words = (
         "by Bluetooth: when the radio is lost with a stick deflected and the dead-man held, the "
-        "system tells only after seconds; set stale_after_s if the sticks flutter, or take a cable"
+        "system reports it only after seconds; set stale_after_s if the sticks flutter, or "
+        "take a cable"
     )
 
     _guess_words = (

@@ -37,7 +37,7 @@ from cardan.protocols.handheld.motion import (
     Yaw,
     drag_on_screen,
     elsewhere,
-    leap,
+    jump,
     pitched,
 )
 from cardan.protocols.handheld.orientation import from_angles, orientation_from_xr, position_from_xr
@@ -75,7 +75,7 @@ class TrackedPose(NamedTuple):
     reference: int
     """Number of its reference, as the page counts them."""
     drag: Vector3 = ZERO3
-    """Of the second finger, along the reference's axes; 1 is a third of the screen."""
+    """Motion of the second finger, along the reference's axes; 1 is a third of the screen."""
 
 
 class HandheldCore(BusCore):
@@ -87,7 +87,7 @@ class HandheldCore(BusCore):
         "silences": "silences of the page",
         "late": "frames that came twice or late, ignored",
         "old": "frames that were too long on their way, ignored",
-        "leaps": "leaps of the tracking",
+        "jumps": "jumps of the tracking",
         "others": "frames of a second page on the same topic, ignored: close one of the two",
     }
 
@@ -219,8 +219,8 @@ class HandheldCore(BusCore):
             if elsewhere(before.sample, reading.sample):
                 self._unalign("the device was lost and is found elsewhere")
             return ""
-        elif why := leap(before.sample, reading.sample):
-            self._counts["leaps"] += 1
+        elif why := jump(before.sample, reading.sample):
+            self._counts["jumps"] += 1
         else:
             return ""
         self._unalign(why)
@@ -291,8 +291,8 @@ class PhoneCore(HandheldCore):
 
     kind = "phone"
     no_sensor = (
-        "the phone tells no orientation: press Start on the page and allow its sensors (they need "
-        "https), and let go of the control once"
+        "the phone reports no orientation: press Start on the page and allow its sensors (they "
+        "need https), and let go of the control once"
     )
     to_align = "point the phone's top edge along the robot's x axis, and press Align on the page"
 

@@ -44,8 +44,8 @@ class KeyboardCore(EvdevCore):
     """The state of one keyboard. Times are monotonic, s."""
 
     _radio_words = (
-        "by Bluetooth: when the radio is lost with a key and the dead-man down, the system tells "
-        "only after seconds (keys have no stale_after_s); take a cable"
+        "by Bluetooth: when the radio is lost with a key and the dead-man down, the system reports "
+        "it only after seconds (keys have no stale_after_s); take a cable"
     )
 
     def __init__(self, options: KeyboardOptions) -> None:

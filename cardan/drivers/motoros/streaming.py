@@ -213,7 +213,7 @@ class PointStream(Trajectory):
         elif count and now_s - self._shorter_s > STANDS_STILL_S:
             self.ended = (
                 f"the controller plays nothing of its queue ({count} increments): a speed limit of "
-                "the safety unit, or a stop that its status does not tell"
+                "the safety unit, or a stop that its status does not show"
             )
             return
         took_s = self._timed(now_s)

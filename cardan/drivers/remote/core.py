@@ -102,7 +102,7 @@ class RemoteCore(BusCore):
         self._clock = RemoteClock(ROUNDS_KEPT)
         self._echoed_s = self._sent_s = self._newest_s = NEVER_S
         self._resets = 0
-        """Of the clock there, when edges were taken last: earlier stamps are another clock's."""
+        """Resets of the remote clock at the last edges: earlier stamps are another clock's."""
         self._edge = 0
         self._down: frozenset[str] = frozenset()
         self._shared: DeviceState | None = None

@@ -158,5 +158,5 @@ class Playout:
 
 
 def _quantile(ordered: list[float], share: float, count: int = 0) -> float:
-    """Of the first `count` of them, 0: of all; the smallest that `share` do not exceed."""
+    """Quantile of the first `count` of them, 0: of all; the smallest that `share` do not exceed."""
     return ordered[math.ceil(share * (count or len(ordered))) - 1]

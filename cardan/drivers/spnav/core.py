@@ -326,7 +326,7 @@ class SpnavCore(DeviceCore):
             )
         if self._open and self._version == 0:
             words.append(
-                "an old daemon (protocol version 0): it tells neither of unplugging nor of full "
+                "an old daemon (protocol version 0): it reports neither unplugging nor full "
                 "scale and buttons"
             )
         if self._options.stale_after_s > USUAL_STALE_AFTER_S:

@@ -63,7 +63,7 @@ class Package(NamedTuple):
 
 STATES: Final = Package._fields[:-3]
 INPUT_TYPES: Final = ("INT32",) * 3 + ("DOUBLE",) * (2 * JOINTS)
-"""Of `input_names`."""
+"""Types of `input_names`."""
 
 NOTHING: Final = Package(
     math.nan, (), (), (), (), RobotMode.NO_CONTROLLER, 0, RuntimeState.STOPPED, 0.0, 0.0, 0, 0, 0
@@ -116,7 +116,7 @@ class RtdeFeed:
         """Data packages that were taken."""
         self.heard_s = NEVER_S
         self.values = NOTHING
-        """Of the newest package."""
+        """Values of the newest package."""
         self.slider = 0.0
         """How fast the controller's time passes then: its speed slider, and its own scaling."""
         self.obeys = False
@@ -154,12 +154,12 @@ class RtdeFeed:
 
     @property
     def control_rate_hz(self) -> float:
-        """Of the controller's control loop; before it is known an e-Series' is taken."""
+        """Rate of the controller's control loop; before it is known an e-Series' is taken."""
         return control_rate_hz(self.version)
 
     def _take_rate(self) -> None:
         self.rate_hz = min(self.options.rate_hz, self.control_rate_hz)
-        """Of states and commands."""
+        """Rate of states and commands."""
         self.period_s = 1.0 / self.rate_hz
         """Between two of them."""
 

@@ -58,7 +58,7 @@ KINDS: Final = frozenset({CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT
 WAKE_S: Final = 0.9 * REPORT_S
 """Longest gap between states: what the contract says, with a margin for a late computer."""
 SLOWEST_SHARE: Final = 0.01
-"""Of the speed slider: below it commands do not act."""
+"""Lowest position of the speed slider: below it commands do not act."""
 ANSWER_S: Final = 0.3
 """A program that obeys no command for so long is not there any more."""
 FOLLOWING_S: Final = 0.25

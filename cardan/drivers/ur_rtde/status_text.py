@@ -20,7 +20,7 @@ SAFETY: Final[Mapping[int, str]] = {
     SafetyMode.ROBOT_EMERGENCY_STOP: (
         "emergency stop at the robot: release the button, then enable again"
     ),
-    SafetyMode.VIOLATION: "safety violation: look at the pendant, which tells how to go on",
+    SafetyMode.VIOLATION: "safety violation: look at the pendant, which shows how to go on",
     SafetyMode.FAULT: "safety fault: look at the pendant; the controller has to be restarted",
     SafetyMode.VALIDATE_JOINT_ID: "a joint's identity has to be confirmed at the pendant",
     SafetyMode.AUTOMATIC_MODE_SAFEGUARD_STOP: (

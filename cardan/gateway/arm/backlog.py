@@ -96,9 +96,9 @@ class _Quickest(NamedTuple):
     unproven_s: float
     """When its first command came, while nothing shows that its stamps are live; else infinite."""
     anchor: tuple[float, float]
-    """Of a command that the next ones are compared with: its stamp, and when it came."""
+    """Times of a command that the next ones are compared with: its stamp, and when it came."""
     waited_s: float = 0.0
-    """Of its newest command: how much longer than its quickest it was on its way."""
+    """Delay of its newest command: how much longer than its quickest it was on its way."""
 
 
 class Delays:

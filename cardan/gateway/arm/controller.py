@@ -199,7 +199,7 @@ class ArmController:
 
     @property
     def rejects(self) -> bool:
-        """True while the robot's readings are not believed."""
+        """True while the robot's readings are implausible."""
         return self.state.readings.rejected
 
     @property
@@ -227,7 +227,7 @@ class ArmController:
 
     @property
     def following_error(self) -> FollowingError:
-        """Of the last tick in which the robot was ready."""
+        """Following error of the last tick in which the robot was ready."""
         return self.supervision.error
 
     @property

@@ -39,7 +39,7 @@ class RecordedRequest(NamedTuple):
     """A request as the controller's recorder has it."""
 
     name: str
-    """Of the controller's method, or "verb"."""
+    """Name of the controller's method, or "verb"."""
     argument: str
 
 

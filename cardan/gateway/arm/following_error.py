@@ -11,7 +11,7 @@ class FollowingError(NamedTuple):
     linear_m: float
     angular_rad: float
     joint_error: float = 0.0
-    """Of the worst joint: rad, or m for a prismatic one; 0 without an arm's model."""
+    """Error of the worst joint: rad, or m for a prismatic one; 0 without an arm's model."""
     joint: str = ""
     """That joint's name."""
 

@@ -30,7 +30,7 @@ NS = 1_000_000_000
 
 CLOCKS_S = 0.01
 """The clocks of two computers may differ by so much: every state counts as older by that, and one
-from farther ahead is not believed. NTP keeps them nearer on one network."""
+from farther ahead is rejected. NTP keeps them nearer on one network."""
 
 OUTSIDE_RANGE = 0.1
 """A joint farther outside its range than this, rad or m, is another joint's, or in other units."""
@@ -99,7 +99,7 @@ class NeighborBodies:
         return fastest
 
     def speeds_m_s(self, joints: FloatArray, velocities: FloatArray) -> FloatArray:
-        """Of the fastest point of each of `shapes`."""
+        """Speed of the fastest point of each of `shapes`."""
         kinematics = self._kinematics
         pin.forwardKinematics(kinematics.model, kinematics._spare, joints, velocities)
         motions = np.array([motion.vector for motion in kinematics._spare.v])[self._point_bodies]
@@ -124,7 +124,7 @@ class NeighborBodies:
 
 
 class NeighborWatch:
-    """Judges the joint states of a neighbor: which are believed, how fast and how old they are."""
+    """Plausibility check of a neighbor's joint states, with their speeds and ages."""
 
     def __init__(self, bodies: NeighborBodies, topic: str, max_age_s: float) -> None:
         """`max_age_s`: of a state that is older this arm must not be moved."""
@@ -135,22 +135,22 @@ class NeighborWatch:
         self.joints: tuple[float, ...] = bodies.model.home
         """Those of the newest state; home before the first."""
         self.speeds_m_s = bodies.fastest_m_s
-        """Of its bodies; as fast as they can be where a single state is known."""
+        """Speeds of its bodies; as fast as they can be where a single state is known."""
         self.refused: Counter[str] = Counter()
-        """Messages that were not believed, by the reason."""
+        """Counts of rejected messages, by the reason."""
         self._problem = ""
-        """Of the newest message, where it was not believed."""
+        """Why the newest message was rejected; empty where it was not."""
         self._stamp_ns = 0
         self._state_s = self._second_s = NEVER_S
         self._sender = b""
-        """Of the newest state."""
+        """Sender of the newest state."""
 
     def age_s(self, now_s: float) -> float:
-        """Of what is known, at most; infinite before the first state."""
+        """Age of what is known, at most; infinite before the first state."""
         return now_s - self._state_s
 
     def refuse(self, reason: str, details: str = "") -> None:
-        """A message is not believed. `reason` is counted."""
+        """Reject a message; count its `reason`."""
         self.refused[reason] += 1
         self._problem = f"{reason}{details}"
 

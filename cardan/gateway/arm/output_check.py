@@ -53,7 +53,7 @@ class OutputLimits(NamedTuple):
 
     @classmethod
     def of_free_body(cls, limits: ReferenceLimits) -> OutputLimits:
-        """Of the commands of a robot without an arm's model."""
+        """Limits of the commands of a robot without an arm's model."""
         return cls(
             limits.linear_speed_m_s,
             limits.linear_acceleration_m_s2,

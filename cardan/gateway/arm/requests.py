@@ -66,7 +66,7 @@ class Request(NamedTuple):
     """Whether its client is still there, without which a motion without end ends; None: that is
     watched otherwise."""
     stamp_s: float | None = None
-    """Of a streamed command: when it was sent, by the sender's clock."""
+    """Stamp of a streamed command: when it was sent, by the sender's clock."""
     begins: Begins | None = None
     """Of a streamed command: whether it chooses its own where none is chosen; None: never."""
     wanted: Callable[[], bool] | None = None

@@ -187,7 +187,7 @@ def link_after(link: RobotReadiness, event: ArmEvent, facts: Facts) -> RobotRead
 
 
 def readings_after(readings: Readings, event: ArmEvent, states: States) -> Readings:
-    """Whether readings are believed, once `event` has happened in these `states`."""
+    """Whether readings are plausible, once `event` has happened in these `states`."""
     rejected = readings.rejected
     match event:
         case ArmEvent.PLACED | ArmEvent.PLAUSIBLE:

@@ -97,15 +97,15 @@ class Supervision:
         self._longest_step_s = LONGEST_STEP_PERIODS * period_s if period_s > 0.0 else math.inf
         self.limit = watchdogs.error_limit()
         self.error = FollowingError(0.0, 0.0)
-        """Of the last tick in which the robot was ready."""
+        """Following error of the last tick in which the robot was ready."""
         self.implausible = ""
-        """Why the readings are rejected; empty while they are accepted."""
+        """Why the measured position is implausible; empty while it is plausible."""
         self.newest: RobotState | None = None
         """The newest state whose reading was looked at."""
         self.previous: RobotState | None = None
         """The one before."""
         self.acted = True
-        """Whether commands acted without a pause from there to `newest`, as far as was reported."""
+        """True if the robot executed commands continuously from `previous` to `newest`."""
         self.gap_s = 0.0
         """Time between the last two ticks."""
         self.step_s = 0.0

@@ -76,7 +76,7 @@ from cardan.types import (
 )
 
 AT_REST_SHARE = 0.02
-"""Of each joint's speed: a robot that reports more is moved by something else."""
+"""Share of each joint's speed: a robot that reports more is moved by something else."""
 
 _TO_POLICY = {PolicyCode.PATH: Policy.PATH, PolicyCode.REACH: Policy.REACH}
 _TO_CODE = {policy: code for code, policy in _TO_POLICY.items()}

@@ -51,7 +51,7 @@ from cardan.types import CommandKind, Frame, Pose, RobotCapabilities, Twist, Vec
 ALREADY_THERE_RAD = 1e-6
 
 WAY_SAMPLES = 33
-"""Of a straight joint motion: between them the TCP is not far from the workspace's edge."""
+"""Samples of a straight joint motion: between them the TCP is not far from the workspace's edge."""
 
 SPEED_SAMPLES = 33
 """Samples of a joint motion at which the TCP's speed is checked: every 6 degrees of half a turn."""
@@ -78,7 +78,7 @@ class Plan(NamedTuple):
 
 
 def there_already() -> Plan:
-    """Of an arm that is at its goal."""
+    """Plan of an arm that is at its goal."""
     return Plan(None, 0.0, "the arm is there already")
 
 
@@ -370,7 +370,7 @@ class VerbPlans:
 
     @property
     def _arrival(self) -> Arrival:
-        """Of one motion."""
+        """Arrival of one motion."""
         return Arrival(self.options.arrival, self.capabilities.lag_s)
 
     @property

@@ -151,7 +151,7 @@ class Takes(NamedTuple):
     decode: Callable[[str, Any], Any]
     """From JSON; raises MotionRefusedError or ConfigurationError."""
     read: Callable[[str, Sequence[str]], Any] = _word_numbers
-    """Of the words of a command line, as JSON has it."""
+    """Reader of the words of a command line, as JSON has it."""
 
 
 NOTHING = Takes("nothing", (0,), lambda _verb, _value: None, lambda _verb, _value: None)

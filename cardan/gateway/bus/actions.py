@@ -215,7 +215,7 @@ class ArmAction:
         return self._type.get_result.name
 
     def next_id(self) -> int:
-        """Of the next request."""
+        """Id of the next request."""
         return self._server.next_id()
 
 

@@ -371,7 +371,7 @@ class ArmServer:
         return key_end(self._node.key_of("/", type_name))
 
     def next_id(self) -> int:
-        """Of the next request."""
+        """Id of the next request."""
         return next(self._ids)
 
     def tell(
@@ -488,7 +488,7 @@ class _TopicClient:
         self._server, self._command = server, command
         types = ((command.type_name, command.value), *command.also)
         self._delays = Delays()
-        """Of publishers of a stream, by when they say that they sent a message."""
+        """Delays of publishers of a stream, by when they say that they sent a message."""
         self._types = {server.key_end(name): (codec_of(name), value) for name, value in types}
         self._streamed = command.verb in SEQUENCED
         self._senders: dict[tuple[bytes, str], _Sender] = {}

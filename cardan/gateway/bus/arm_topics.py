@@ -21,7 +21,7 @@ from cardan.spatial import compose, inverse
 from cardan.types import IDENTITY_POSE, Pose, RobotState
 
 DIAGNOSTICS_PERIOD_S = 1.0
-"""Of /diagnostics: as rqt_robot_monitor expects, which takes a part for stale after 5 s."""
+"""Period of /diagnostics: as rqt_robot_monitor expects, which takes a part for stale after 5 s."""
 
 OK, WARN, ERROR, STALE = range(4)
 """Levels of diagnostics."""
@@ -52,7 +52,7 @@ class DiagnosticStatus:
     """A row of /diagnostics."""
 
     name: str
-    """Of the part of the session: "robot"."""
+    """Name of the part of the session: "robot"."""
     level: int
     message: str
     hardware_id: str = ""
@@ -155,9 +155,9 @@ class ArmTopics:
         self._status = node.publisher("~/state/status", _STATUS)
         self._status_texts: tuple[object, ...] = ()
         self._status_template: Template | None = None
-        """Of the newest status; None until its texts came a second time."""
+        """Template of the newest status; None until its texts came a second time."""
         self._shown: tuple[ArmStatus, Message] | None = None
-        """Of the newest instant."""
+        """Status and message of the newest instant."""
         self._diagnostics = Diagnostics(node)
         self._rosout = node.publisher("/rosout", "rcl_interfaces/msg/Log", ROSOUT_QOS)
         self._snapshots = node.publisher("~/state/snapshot", _STRING)

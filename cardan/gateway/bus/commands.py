@@ -72,7 +72,7 @@ class Instant(NamedTuple):
     """State of the arm for the feedback of goals in progress."""
 
     stamp_ns: int
-    """Of the measurement, since the epoch."""
+    """Stamp of the measurement, since the epoch."""
     frame: str
     pose: Pose | None
     """Measured, of the TCP."""
@@ -135,12 +135,12 @@ def _vector(message: Mapping[str, Any]) -> tuple[float, float, float]:
 
 
 def twist_of(message: Mapping[str, Any]) -> list[float]:
-    """Of a geometry_msgs/Twist: m/s, rad/s."""
+    """Twist of a geometry_msgs/Twist: m/s, rad/s."""
     return [*_vector(message["linear"]), *_vector(message["angular"])]
 
 
 def wrench_of(message: Mapping[str, Any]) -> list[float]:
-    """Of a geometry_msgs/Wrench: N, N·m."""
+    """Wrench of a geometry_msgs/Wrench: N, N·m."""
     return [*_vector(message["force"]), *_vector(message["torque"])]
 
 
@@ -207,7 +207,7 @@ class _OnRos(NamedTuple):
     """The verb's argument of a message, or of the `field` of a request or a goal."""
     field: str
     words: str
-    """Of cardan_msgs: the service is of srv/WORDS, the action of action/WORDS."""
+    """Name of the types of cardan_msgs: the service is of srv/WORDS, the action of action/WORDS."""
 
 
 _ON_ROS: Mapping[Takes, _OnRos] = {

@@ -50,7 +50,7 @@ class PublishedState(NamedTuple):
     """State of the arm as it is published under other names."""
 
     stamp_ns: int
-    """Of the robot's state, since the epoch."""
+    """Stamp of the robot's state, since the epoch."""
     robot: RobotState
     status: ArmStatus
     inhibited: str = ""
@@ -69,7 +69,7 @@ class PublishedState(NamedTuple):
         now_s: float,
         now_ns: int,
     ) -> PublishedState:
-        """Of one instant; `now_s` monotonic, `now_ns` since the epoch."""
+        """State of one instant; `now_s` monotonic, `now_ns` since the epoch."""
         stamp_ns = now_ns - int((now_s - robot.stamp_s) * 1e9)
         if verbs is None:
             return cls(stamp_ns, robot, status)
@@ -114,7 +114,7 @@ class TopicPublication(NamedTuple):
     topic: str
     type_name: str
     message: Callable[[PublishedState], Message | None]
-    """Of an instant; None where there is nothing to tell."""
+    """Message of an instant; None where there is nothing to tell."""
 
 
 class Names(NamedTuple):
@@ -151,7 +151,7 @@ class _Frames:
             self._frames[""] = unnamed
 
     def frame(self, message: Message) -> Frame:
-        """Of a message with a header. Raises MotionRefusedError."""
+        """Frame of a message with a header. Raises MotionRefusedError."""
         given = message["header"]["frame_id"]
         frame = self._frames.get(given)
         if frame is None:
@@ -173,7 +173,7 @@ class _Frames:
         return Wrench(Vector3(*numbers[:3]), Vector3(*numbers[3:]), self.frame(message))
 
     def rates(self, given: Sequence[str], values: Sequence[float], what: str) -> list[float]:
-        """Of all joints of the arm, rad/s: those that are not named rest. Raises
+        """Rates of all joints of the arm, rad/s: those that are not named rest. Raises
         MotionRefusedError."""
         joints = self.names.joints
         if len(given) != len(values):
@@ -251,7 +251,7 @@ def _stream(topic: str, type_name: str, verb: str, value: Callable[[Message], An
 # -- MoveIt Servo ---------------------------------------------------------------------------------
 
 _COMMAND_TYPES = (Stream.JOINT, Stream.TWIST, Stream.POSE)
-"""Of moveit_msgs/srv/ServoCommandType."""
+"""Values of moveit_msgs/srv/ServoCommandType."""
 
 INVALID, NO_WARNING, NEAR_SINGULARITY, AT_SINGULARITY = -1, 0, 1, 2
 NEAR_COLLISION, AT_COLLISION, JOINT_BOUND = 4, 5, 6
@@ -261,7 +261,7 @@ HALTED = 0.05
 
 
 def servo_names(servo: str, names: ArmNames, scales: ServoScales) -> Names:
-    """Of MoveIt Servo, below the name `servo` of its node."""
+    """Names of MoveIt Servo, below the name `servo` of its node."""
     frames, gate = _Frames(names), _Gate()
 
     def scaled(numbers: Sequence[float], scale: float) -> list[float]:
@@ -347,7 +347,7 @@ def servo_status(shown: PublishedState, paused: str = "") -> Message:
 
 
 def cmd_vel_names(names: ArmNames) -> Names:
-    """Of programs that drive by cmd_vel, stamped or not: teleop_twist_keyboard, Foxglove, rqt."""
+    """Names of programs that drive by cmd_vel, stamped or not: teleop_twist_keyboard, rqt."""
     frames = _Frames(names)
 
     def stamped(message: Message) -> Any:
@@ -369,7 +369,7 @@ def cmd_vel_names(names: ArmNames) -> Names:
 
 
 def fzi_names(names: ArmNames) -> Names:
-    """Of FZI's cartesian_motion_controller and cartesian_force_controller."""
+    """Names of FZI's cartesian_motion_controller and cartesian_force_controller."""
     frames = _Frames(names)
     return Names(
         (
@@ -407,7 +407,7 @@ class _Operating:
         made = _TRANSITIONS.get(word)
         if made is None:
             raise MotionRefusedError(
-                f"state_command: {word[:60]!r} is none; allowed: {', '.join(_TRANSITIONS)}"
+                f"state_command: unknown command {word[:60]!r}; allowed: {', '.join(_TRANSITIONS)}"
             )
         if state not in made:
             raise MotionRefusedError(
@@ -447,7 +447,7 @@ _TRANSITIONS = {
 
 
 def crtk_names(names: ArmNames) -> Names:
-    """Of the Collaborative Robotics Toolkit, in the namespace of the arm."""
+    """Names of the Collaborative Robotics Toolkit, in the namespace of the arm."""
     frames, operating = _Frames(names, unnamed=Frame.BASE), _Operating()
 
     def rates(message: Message) -> list[float]:
@@ -501,8 +501,8 @@ def crtk_names(names: ArmNames) -> Names:
 
 
 def yarp_names(names: ArmNames) -> Names:
-    """Of YARP's controlBoard_nws_ros2, below the arm's node: its topic `topic_name` is ~/state, and
-    `msgs_name` is the node."""
+    """Names of YARP's controlBoard_nws_ros2, below the arm's node: its topic `topic_name` is
+    ~/state, and `msgs_name` is the node."""
     frames = _Frames(names)
 
     def rates(message: Message) -> list[float]:

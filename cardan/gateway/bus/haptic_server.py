@@ -105,7 +105,7 @@ class _Taken(NamedTuple):
     topic: str
     type_name: str
     value: Callable[[Message], Any]
-    """Of a message; raises CommandError."""
+    """Value of a message; raises CommandError."""
 
 
 class HapticNames(NamedTuple):
@@ -189,7 +189,7 @@ PRESENT = HapticNames(
         _Service("set_transform", SET_TRANSFORM, _set_transform, changes=True),
     ),
 )
-"""Of the wrapper today; with the parameter mode_feedback."""
+"""Names of the wrapper today; with the parameter mode_feedback."""
 
 PAPER = HapticNames(
     ("state/pose", "state/buttons", "state/force_feedback", "state/transform", "state/force_mode"),
@@ -204,7 +204,7 @@ PAPER = HapticNames(
     ),
     (_Taken("set_transformation", TRANSFORM, _pose_of),),
 )
-"""Of the paper; force_mode and set_transformation as the topics that they were before, too."""
+"""Names of the paper; force_mode and set_transformation also as the topics they were before."""
 
 ALL = (PRESENT, PAPER)
 

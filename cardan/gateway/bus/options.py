@@ -13,7 +13,7 @@ from cardan.gateway.bus.compatibility import NamesOf, ServoScales
 from cardan.protocols.ros2.names import RosNameError, checked_name
 
 DEFAULT_NAME = "cartesian_control_server_ros2"
-"""Of the arm's node: that of the paper's server."""
+"""Name of the arm's node: that of the paper's server."""
 
 RATE_HZ = Range(0.1, 1000.0, "Hz", "slower is no state; no robot has faster cycles")
 
@@ -58,7 +58,7 @@ class NetworkOptions(BusOptions):
     servo: str = "servo_node"
     """Name of the node that MoveIt Servo's names are below."""
     servo_units: Literal["unitless", "speed"] = "unitless"
-    """Of MoveIt Servo's commands: shares, -1 to 1, of the three speeds below; or m/s and rad/s."""
+    """Units of MoveIt Servo's commands: shares, -1 to 1, of the speeds below; or m/s and rad/s."""
     servo_linear_m_s: Annotated[float, LINEAR_SPEED_M_S] = 0.4
     servo_angular_rad_s: Annotated[float, ANGULAR_SPEED_RAD_S] = 0.8
     servo_joint_rad_s: Annotated[float, ANGULAR_SPEED_RAD_S] = 0.5

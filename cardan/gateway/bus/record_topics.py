@@ -49,7 +49,7 @@ HIDDEN = "(not recorded)"
 _SECRET = re.compile(r"password|passphrase|token|secret|credential", re.IGNORECASE)
 
 _PACKAGES = ("daqp", "eclipse-zenoh", "numpy", "pin")
-"""Of which results may depend on the version."""
+"""Packages on the version of which results may depend."""
 
 
 class _Packet(NamedTuple):

@@ -25,7 +25,7 @@ MEET_TIMEOUT_S = 5.0
 """Longest wait for the arm to be found on the bus: a router needs a second to tell of it."""
 
 WAIT_TIMEOUT_S = 86_400.0
-"""Of `wait` without a limit: Zenoh's calls need one."""
+"""Time limit of `wait` without a limit: Zenoh's calls need one."""
 
 REST_TIMEOUT_S = 5.0
 """How long `close` waits for the arm to be braked to rest."""

@@ -54,7 +54,7 @@ class CommandServer(Protocol):
     """Messages and requests that were none."""
 
     def next_id(self) -> int:
-        """Of the next request."""
+        """Id of the next request."""
 
     def source(self, packet: ServiceRequest) -> str:
         """Name of the sender of `packet` in the arm's authority. In the thread that decodes."""

@@ -379,7 +379,7 @@ class DeviceEnd:
         self._device = device
         self._enabling = ForceEnabling(device)
         self._port: DevicePort | None = None
-        """Of this engagement; None: there is none."""
+        """Port of this engagement; None: there is none."""
         self._sequence = 0
         self._given: deque[tuple[int, int]] = deque(maxlen=GIVEN_KEPT)
         """Commands by the device's count, and by the session's."""
@@ -477,7 +477,7 @@ class News:
         self._obstacle = ""
 
     def of(self, state: DeviceState, lessee: str, counts: Mapping[str, int]) -> list[str]:
-        """Of the device, of its lessee, and of what `counts` has for the first time."""
+        """Metrics of the device, of its lessee, and of what `counts` has for the first time."""
         lines = []
         missing = state.reason or "lost" if state.link is DeviceLink.LOST else ""
         if missing != self._missing:

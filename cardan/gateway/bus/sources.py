@@ -41,7 +41,7 @@ _PER_PROCESS = re.compile(r"(/_ros2cli|/rqt_gui_(?:py|cpp)_node)_\d+$")
 given again is the same source."""
 
 TELLING_DIGITS = 8
-"""Of the mark that distinguishes sources of the same name."""
+"""Length of the mark that distinguishes sources of the same name."""
 
 LONGEST_WORDS = LONGEST_NAME - TELLING_DIGITS - 2
 """Characters of a source's name without its mark."""

@@ -31,7 +31,7 @@ class Change(NamedTuple):
     what: str
     """``added``, ``removed``, ``changed``, or ``taken back``: it waited, and waits no more."""
     old: Any = None
-    """Of a session's key; None also where there was none."""
+    """Old value of a session's key; None also where there was none."""
     new: Any = None
     waits: str = ""
     """For what; empty: for nothing."""

@@ -51,7 +51,7 @@ class Ask(NamedTuple):
     id: int
     do: str
     name: str = ""
-    """Of a session or a server; empty: of none, or of all."""
+    """Name of a session or a server; empty: of none, or of all."""
     value: Any = None
 
 

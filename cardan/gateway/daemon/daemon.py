@@ -96,7 +96,7 @@ class _Route(NamedTuple):
 
 
 ReloadOutcome = Sequence[Change] | CardanError
-"""Of a reload: its changes, or why nothing was changed."""
+"""Outcome of a reload: its changes, or why nothing was changed."""
 
 
 class Daemon:
@@ -112,7 +112,7 @@ class Daemon:
         self._events: Inbox[Callable[[], None]] = Inbox()
         self._lines: deque[LogLine] = deque()
         self._characters = 0
-        """Of all these lines."""
+        """Length of all these lines."""
         self._lines_dropped = 0
         self._server: ControlServer | None = None
         self._ending = False
@@ -258,7 +258,7 @@ class Daemon:
                 try:
                     call()
                 except Exception:  # Of one process; the others go on.
-                    _log.exception("what a process has told met with a fault of the daemon")
+                    _log.exception("a report of a process met with a fault of the daemon")
 
     def _summary(self) -> str:
         states = [kept.unit.state.value for kept in self._kept.values()]

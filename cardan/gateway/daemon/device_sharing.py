@@ -1,4 +1,4 @@
-"""Which session has a device that several share, without I/O.
+"""Sharing policy for one device used by several sessions (no I/O).
 
 The device passes through rest: the session that has it closes it, its arm brakes, and only when
 that rests does the next session open it.

@@ -78,7 +78,7 @@ SERVER_COUNTERS: Final = (
 
 
 def metrics_of(answer: Mapping[str, Any]) -> Iterator[Metric]:
-    """Of the daemon's answer to ``figures``."""
+    """Metrics of the daemon's answer to ``figures``."""
     rows: list[Row] = answer["units"]
     yield InfoMetricFamily(
         "cardan_build", "The daemon's version.", {"version": str(answer["version"])}

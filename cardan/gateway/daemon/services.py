@@ -34,7 +34,7 @@ class LogLine(NamedTuple):
     name: str
     text: str
     level: str
-    """Of the log: ``debug``, ``info``, ``warning``, ``error`` or ``critical``."""
+    """Level of the log: ``debug``, ``info``, ``warning``, ``error`` or ``critical``."""
 
     @classmethod
     def of(cls, name: str, text: str) -> LogLine:
@@ -107,7 +107,7 @@ class SessionService(Kept):
         """Configuration with which its process runs, or will."""
         self.watch = SessionWatch(name)
         self.last: Snapshot | None = None
-        """Of a process that has ended: its last one, of which no events were found yet."""
+        """Last snapshot of a process that has ended, while no events were found of it yet."""
         self.changes_wait: tuple[str, ...] = ()
         """Keys of its configuration that take effect as soon as its arm is free: it begins anew
         then, or ends if it was removed."""

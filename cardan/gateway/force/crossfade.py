@@ -49,15 +49,15 @@ class MapCrossfade:
                 step_m = CROSSFADE_M_S * min(max(now_s - self._seen_s, 0.0), LONGEST_STEP_S)
                 self.left = subtract(self.left, limit_norm(self.left, step_m))
             if world.linear == before.linear:
-                leap = subtract(before.offset, world.offset)
+                jump = subtract(before.offset, world.offset)
             else:
-                leap = subtract(world_point(before, hand), world_point(world, hand))
-            leap_m = norm(leap)
-            if leap_m > NOTHING_M:
+                jump = subtract(world_point(before, hand), world_point(world, hand))
+            jump_m = norm(jump)
+            if jump_m > NOTHING_M:
                 way = subtract(hand, self._hand)
                 way_m = max(norm(turned(world.linear, way)), norm(turned(before.linear, way)))
-                if leap_m > way_m + NOTHING_M:
-                    self.left = add(self.left, scale(leap, 1.0 - way_m / leap_m))
+                if jump_m > way_m + NOTHING_M:
+                    self.left = add(self.left, scale(jump, 1.0 - way_m / jump_m))
         self._map, self._hand, self._seen_s = world, hand, now_s
         if self.left == ZERO3:
             return world

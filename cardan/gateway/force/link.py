@@ -83,7 +83,7 @@ class ForceMessage(NamedTuple):
     sequence: int
     """Counts the node's messages; a session drops a message whose count does not increase."""
     stamp_s: float
-    """Of the robot's state, or of the sensor's reading, that it was made from."""
+    """Stamp of the robot's state, or of the sensor's reading, that it was made from."""
     force: Vector3
     """N, as rendered to the hand, along the axes of the robot's base."""
 

@@ -35,7 +35,7 @@ HARDEST_M_S2 = 60.0
 so much less in the next."""
 
 LONGEST_STEP_S = 0.02
-"""Of the hand's end: where it stood still for longer there is no force until the next step."""
+"""Longest step at the hand's end: after a longer one there is no force until the next step."""
 
 HOLD_S, FADE_S = 0.1, 0.1
 """Silence after which a force fades, and how long that takes, both ways."""
@@ -56,7 +56,7 @@ class FarPort:
 
     def __init__(self) -> None:
         self.absorbed_j = 0.0
-        """Net, at least 0: surroundings that would give more than they got are not believed."""
+        """Net, at least 0: surroundings cannot give more than they got."""
         self._place: Vector3 | None = None
         self._force = ZERO3
 

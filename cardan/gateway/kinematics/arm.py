@@ -91,7 +91,7 @@ class ArmKinematics:
         return pin.updateFramePlacement(self.model, self._spare, self._tcp).copy()
 
     def smallest_singular_value(self, q: FloatArray, weights: SixWeights) -> float:
-        """Of the motion of the TCP (1 rad counts as 0.3 m) by the joints at `q`, in the directions
+        """Smallest singular value of the Jacobian at `q` (1 rad counts as 0.3 m), in the directions
         along TCP axes whose weight is above 0: 0 where the arm is singular."""
         jacobian = pin.computeFrameJacobian(self.model, self._spare, q, self._tcp, self._local)
         return smallest_singular_value(jacobian, weights)

@@ -57,7 +57,7 @@ class Tendon(Options):
 
     name: str
     azimuth_deg: bounds.Angle
-    """Of its anchors on both circles, from x towards y."""
+    """Azimuths of its anchors on both circles, from x towards y."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,7 +157,7 @@ class SoftNeck:
     """Task that it can follow: the lean of the platform; the rest is a consequence."""
 
     def __init__(self, data: SoftNeckData | None = None) -> None:
-        """Of TEO's neck by default."""
+        """Make the model of TEO's neck by default."""
         data = load_soft_neck() if data is None else data
         self.data = data
         self.joints = 3
@@ -288,7 +288,7 @@ class SoftNeck:
         return np.array([straight - length for length, _, _ in lengths])
 
     def _lengths(self, x: float, y: float, arc: _Arc) -> list[tuple[float, float, float]]:
-        """Of each tendon, anchor to anchor, and its derivatives by the inclination x and y.
+        """Length of each tendon, anchor to anchor, and its derivatives by the inclination x and y.
 
         |p + R·b - a|: with m = (x, y)·b it is |(L - m)(c·x, c·y, s) + b - a|.
         """

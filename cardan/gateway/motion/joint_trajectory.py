@@ -32,7 +32,7 @@ class JointTrajectory:
     """Positions of all joints, in kinematic order, at times. Raises MotionRefusedError."""
 
     times_s: Sequence[float]
-    """Of the points since the start; growing. The first may be 0."""
+    """Times of the points since the start; growing. The first may be 0."""
     positions: Sequence[Sequence[float]]
     """A row for each point, rad or m."""
     velocities: Sequence[Sequence[float]] | None = None

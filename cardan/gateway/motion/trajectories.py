@@ -192,7 +192,7 @@ class PointToPointTrajectory:
 
 
 class HoldTrajectory:
-    """Of an arm that is commanded to stay."""
+    """Trajectory of an arm that is commanded to stay."""
 
     duration_s = 0.0
 

@@ -283,7 +283,7 @@ class OperatorInput:
             pose = device.pose
             if not is_pose(pose):
                 return "the device gives no pose to follow"
-            if position.leaps(pose, device.stamp_s):
+            if position.jumps(pose, device.stamp_s):
                 return "the device's pose jumped: another hand, or the sensor lost it"
             if old:
                 return f"the device is silent for {age_s:.2f} s while its pose is followed"

@@ -138,7 +138,7 @@ class MappingOptions(Options):
     """Device axes that drive a joint each, and the joint's name, beside the TCP: the mixture of
     Baklouti et al. 2021, equation 7. "-axis" turns it round."""
     joint_speed_rad_s: Annotated[float, bounds.JOINT_SPEED_RAD_S] = 0.4
-    """Of such a joint at full deflection; m/s for one that slides."""
+    """Speed of such a joint at full deflection; m/s for one that slides."""
     deadman: str | tuple[str, ...] = ""
     """Button, or buttons of which one is held while moving, the clutch in position mode; none, and
     no `clutch` either: deflection alone moves (not beside a person)."""

@@ -178,7 +178,7 @@ class DevicePoseMapping(ABC):
         """The clutch was released."""
         self._device = self._target = None
 
-    def leaps(self, device: Pose, stamp_s: float) -> bool:
+    def jumps(self, device: Pose, stamp_s: float) -> bool:
         """Whether `device`, measured at `stamp_s`, is implausibly far from the pose before."""
         if self._device is None:
             return False

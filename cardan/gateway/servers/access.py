@@ -20,7 +20,7 @@ from cardan.gateway.servers.rate_limit import BEGINNING_CHARACTERS, FailedTokens
 from cardan.gateway.servers.tokens import WITHOUT_TOKEN, Role, Tokens
 
 TOKEN_KEYS = ("t", "token")
-"""Of the token in an address's query."""
+"""Names of the token in an address's query."""
 
 
 class AccessDenied(NamedTuple):
@@ -42,9 +42,9 @@ class ClientInfo(NamedTuple):
     hosts: Sequence[str]
     """Values of the header Host."""
     origins: Sequence[str] = ()
-    """Of Origin."""
+    """Values of Origin."""
     authorizations: Sequence[str] = ()
-    """Of Authorization."""
+    """Values of Authorization."""
 
 
 class AccessControl:

@@ -45,8 +45,7 @@ class RouterOptions(Options):
 
 
 class Router(Server[RouterOptions]):
-    """Be the router by which sessions, servers and ROS 2 nodes over rmw_zenoh find each other, as
-    rmw_zenohd is."""
+    """Run a Zenoh router, like rmw_zenohd, by which sessions, servers and ROS 2 nodes meet."""
 
     Options = RouterOptions
     page = "ros2.md"

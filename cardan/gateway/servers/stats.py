@@ -19,7 +19,7 @@ ROUND_TRIP = "round_trip_us"
 """The figure that says in which time the slowest client answered its newest ping."""
 
 MOST_FIGURES = 64
-"""Of a server; others are left out."""
+"""Largest number of figures of a server; others are left out."""
 
 _WORD = "FIGURES "
 

@@ -17,7 +17,7 @@ MIN_TOKEN_CHARACTERS = 16
 """Shorter tokens could be guessed over a network."""
 
 TOKEN_BYTES = 16
-"""Of a token that is made here: 128 bits, which cannot be guessed."""
+"""Length of a token that is made here: 128 bits, which cannot be guessed."""
 
 FILE_BYTES = 4096
 """Longest file of tokens."""

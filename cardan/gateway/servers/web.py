@@ -85,7 +85,7 @@ MOST_HANDSHAKES = 64
 quick clients connect even while silent connections are opened."""
 
 SOCKET_PATH = "/ws"
-"""Of a server that has pages: where clients connect."""
+"""Path of a server that has pages: where clients connect."""
 
 MOST_DENIALS_SHOWN = 10
 """Later ones are logged for debugging only, so that no client can fill a disk."""
@@ -96,7 +96,7 @@ _SERVICE_S = Range(0.0, 86_400.0, "s", "a call that takes a day is an action", a
 
 _log = logging.getLogger(__name__)
 _library_log = logging.getLogger(f"{__name__}.websockets")
-"""Of the library, which would log request lines, tokens among them."""
+"""Logger of the library, which would log request lines, tokens among them."""
 _library_log.setLevel(logging.CRITICAL)
 
 
@@ -413,7 +413,7 @@ class WebSocketListener:
         self._watching: asyncio.Task[None] | None = None
         self._telling: asyncio.Task[None] | None = None
         self._roles: dict[ServerConnection, Role] = {}
-        """Of connections that were let in and have not begun."""
+        """Roles of connections that were let in and have not begun."""
         self._unknown: dict[ServerConnection, None] = {}
         """Connections that have not come in, the oldest first."""
 
@@ -484,7 +484,7 @@ class WebSocketListener:
             await asyncio.sleep(stats.PERIOD_S)
 
     def _round_trip_us(self) -> int:
-        """Of the slowest client; 0: none has answered a ping yet."""
+        """Round-trip time of the slowest client; 0: none has answered a ping yet."""
         return round(1e6 * max((each.latency for each in self._connections), default=0.0))
 
     async def close(self) -> None:

@@ -196,7 +196,7 @@ def _is_of(
 
 
 def _base_of(config: SessionConfig, index: int) -> Pose:
-    """Of the arm of ``[[neighbors]]`` number `index`, in the base of a session's arm."""
+    """Base of the arm of ``[[neighbors]]`` number `index`, in the base of a session's arm."""
     table = config.neighbors[index]
     given = table.base()
     if given is not None or not has_rigid_arm(config):
@@ -288,7 +288,7 @@ def make_neighbor_bodies(config: SessionConfig) -> list[NeighborBodies]:
 
 
 def own_model(config: SessionConfig) -> ArmModel:
-    """Of a session's rigid arm, without the links of the same robot that a neighbor moves."""
+    """Model of a session's rigid arm, without the links of the same robot that a neighbor moves."""
     assert config.arm is not None
     model = load_arm(config.arm.model)
     for each in config.neighbors:
@@ -300,7 +300,7 @@ def own_model(config: SessionConfig) -> ArmModel:
 def make_collision_model(
     config: SessionConfig, arm: ArmKinematics, neighbors: Sequence[NeighborBodies]
 ) -> CollisionModel:
-    """Of a session's arm, of the obstacles around it, and of its neighbors."""
+    """Make the collision model of a session's arm, its obstacles and its neighbors."""
     from cardan.gateway.kinematics.collision import CollisionModel
 
     ignored = set()

@@ -66,7 +66,7 @@ class ArmTable(ArrivalOptions):
     tool_xyz_m: Place = (0.0, 0.0, 0.0)
     tool_rpy_deg: Angles = (0.0, 0.0, 0.0)
     speed_share: Annotated[float, bounds.SHARE] = ServoOptions.speed_share
-    """Of the joints' speeds."""
+    """Share of the joints' speeds."""
     acceleration_share: Annotated[float, bounds.SHARE] = ServoOptions.acceleration_share
     collisions: bool = True
     """Whether the arm keeps away from itself and from the obstacles."""
@@ -105,13 +105,13 @@ class NeighborTable(Options):
     model: Annotated[str, bounds.ARM_FILE]
     """One of our arms, or the path of a .toml or .urdf file."""
     topic: str
-    """Of its joint states on the network: "/right/joint_states"."""
+    """Topic of its joint states on the network: "/right/joint_states"."""
     base_xyz_m: tuple[Coordinate, Coordinate, Coordinate] | None = None
     """Where its model's base is in this arm's; None: both are arms of one robot, whose description
     says it."""
     base_rpy_deg: Angles = (0.0, 0.0, 0.0)
     acceleration_share: Annotated[float, bounds.SHARE] = ServoOptions.acceleration_share
-    """Of its joints' accelerations, as its own session's [arm] has it: how late it stops."""
+    """Share of its joints' accelerations, as its own session's [arm] has it: how late it stops."""
     ignore: tuple[tuple[str, str], ...] = ()
     """Pairs that always touch and are not kept apart: a body of this arm and one of it."""
     max_age_s: Annotated[float, bounds.NEIGHBOR_AGE_S] = 0.15
@@ -131,7 +131,7 @@ class NeighborTable(Options):
         )
 
     def base(self) -> Pose | None:
-        """Of the neighbor in this arm's base; None: by the robot's description."""
+        """Pose of the neighbor in this arm's base; None: by the robot's description."""
         if self.base_xyz_m is None:
             return None
         return Pose(Vector3(*self.base_xyz_m), from_rpy_deg(self.base_rpy_deg))

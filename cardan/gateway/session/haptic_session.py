@@ -35,7 +35,7 @@ from cardan.types import NEVER_S, Vector3
 _log = logging.getLogger(__name__)
 
 PERIOD_S = 0.004
-"""Of the loop: a fifth of the 20 ms for which the device renders a command."""
+"""Period of the loop: a fifth of the 20 ms for which the device renders a command."""
 
 LARGEST_TORQUE_N_M = 1.0
 """Three times the torque of a desktop device's joint: a larger value is one in mN·m, which YARP's
@@ -59,7 +59,7 @@ class LoneFeedback:
         """Share of the feedback that is faded in."""
         self._cycle_s = NEVER_S
         self._faults = 0
-        """Of the device, when it was engaged."""
+        """Faults of the device, when it was engaged."""
         self._ended = ""
         """Why the stream ended; it is refused until it was stopped or silent."""
         self._heard_s = NEVER_S

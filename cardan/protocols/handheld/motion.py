@@ -18,13 +18,13 @@ from cardan.spatial import (
 )
 from cardan.types import Quaternion, Vector3
 
-LEAP_M: Final = 0.05
-LEAP_RAD: Final = math.radians(35.0)
-"""A step of one frame to the next that may be a leap of the tracking: as teleop 0.1.5 has it."""
+JUMP_M: Final = 0.05
+JUMP_RAD: Final = math.radians(35.0)
+"""A step of one frame to the next that may be a jump of the tracking: as teleop 0.1.5 has it."""
 
 HAND_M_S: Final = 3.0
 HAND_RAD_S: Final = 20.0
-"""No hand that drives an arm is faster. A step is a leap where it is above both: frames that were
+"""No hand that drives an arm is faster. A step is a jump where it is above both: frames that were
 lost on the way make steps long, and not fast."""
 
 
@@ -38,16 +38,16 @@ class PoseSample(NamedTuple):
     """m; None where it is not measured."""
 
 
-def leap(before: PoseSample, now: PoseSample) -> str:
+def jump(before: PoseSample, now: PoseSample) -> str:
     """Explain a position jump from `before` to `now`; empty: the step is possible."""
     dt_s = max(now.time_s - before.time_s, 0.0)
     angle = norm(rotation_between(before.orientation, now.orientation))
-    if angle > LEAP_RAD and angle > HAND_RAD_S * dt_s:
+    if angle > JUMP_RAD and angle > HAND_RAD_S * dt_s:
         return f"its orientation jumped by {math.degrees(angle):.0f}°"
     if before.position is None or now.position is None:
         return ""
     way = norm(subtract(now.position, before.position))
-    if way > LEAP_M and way > HAND_M_S * dt_s:
+    if way > JUMP_M and way > HAND_M_S * dt_s:
         return f"its position jumped by {1e2 * way:.0f} cm"
     return ""
 
@@ -55,11 +55,11 @@ def leap(before: PoseSample, now: PoseSample) -> str:
 def elsewhere(before: PoseSample, now: PoseSample) -> bool:
     """Whether `now` is another place than `before`, however long it took."""
     angle = norm(rotation_between(before.orientation, now.orientation))
-    if angle > LEAP_RAD:
+    if angle > JUMP_RAD:
         return True
     if before.position is None or now.position is None:
         return False
-    return norm(subtract(now.position, before.position)) > LEAP_M
+    return norm(subtract(now.position, before.position)) > JUMP_M
 
 
 class Held:

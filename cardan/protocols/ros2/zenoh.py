@@ -62,7 +62,7 @@ class Qos(NamedTuple):
 DEFAULT_QOS = Qos()
 LATCHED_QOS = Qos(transient_local=True, depth=1)
 NEWEST_QOS = Qos(reliable=False, depth=1)
-"""Of values that the next one replaces: one that is lost is not sent anew."""
+"""Quality of service of values that the next one replaces: one that is lost is not sent anew."""
 PARAMETERS_QOS = Qos(depth=1000)
 ROSOUT_QOS = Qos(transient_local=True, depth=1000)
 

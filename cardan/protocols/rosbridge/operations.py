@@ -26,7 +26,7 @@ COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
 """Forms of what a client receives, the one that wins among several last."""
 
 LEVELS = ("error", "warning", "info")
-"""Of status messages, the gravest first; a client that set one gets it and the graver ones."""
+"""Levels of status messages, the gravest first; a client gets the one it set and graver ones."""
 
 Id = str | int | None
 """Id of an operation, chosen by the client; answers repeat it."""
@@ -205,7 +205,7 @@ def parse_operation(text: str) -> Operation | RefusedOperation:
     try:
         identity = fields.id()
         if known is None:
-            raise _WrongError(f"op: {shown(op)} is none that this server knows")
+            raise _WrongError(f"op: unknown operation {shown(op)}")
         key, parse = known
         name = fields.name(key) if key else ""
         return parse(fields, identity, name)

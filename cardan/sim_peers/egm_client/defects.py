@@ -20,14 +20,14 @@ from cardan.protocols.egm.messages import (
 from cardan.sim_peers.base import strikes
 from cardan.types import Quaternion, Vector3
 
-LEAP_EVERY = 100
+JUMP_EVERY = 100
 SILENT_S = 0.05
 STALE_M = 0.01
 """How far an old target lies away in a new session."""
 
 
 class EgmClientDefects:
-    """Of one client. It is told times, s, that never go back."""
+    """Defects of one client. It is told times, s, that never go back."""
 
     def __init__(self, faults: Mapping[str, float]) -> None:
         """`faults`: values of `FAULTS`, by their names."""
@@ -123,8 +123,8 @@ class EgmClientDefects:
         faults = self._faults
         assert pose.pos is not None
         x, y, z = pose.pos
-        if "leap" in faults and self._answered % LEAP_EVERY == 0:
-            z += 1e-3 * faults["leap"]
+        if "jump" in faults and self._answered % JUMP_EVERY == 0:
+            z += 1e-3 * faults["jump"]
         if "obstinate" in faults and message.mci_state != MCIState.RUNNING:
             z += 1e-3 * faults["obstinate"]
         if faults.get("stale") and message.header and message.header.seqno == 0:

@@ -15,7 +15,7 @@ FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch("empty", "every VALUE-th message has no reference", 20.0, 1.0),
     FaultSwitch("quaternion", "quaternions have the length VALUE", 1.1, 0.0, 10.0),
     FaultSwitch.flag("stale", "goes on with its old target in a new session"),
-    FaultSwitch("leap", "the reference leaps by VALUE mm in every 100th message", 20.0),
+    FaultSwitch("jump", "the reference jumps by VALUE mm in every 100th message", 20.0),
     FaultSwitch(
         "obstinate",
         "while commands do not act, keeps a reference VALUE mm away, as abb_libegm",

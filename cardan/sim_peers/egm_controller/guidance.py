@@ -39,8 +39,8 @@ _UNIT_TOLERANCE = 1e-5
 """Deviation of a quaternion's length beyond which its sender did not normalize it."""
 
 LARGEST_NUMBER = 1e9
-"""Of references and speeds in m, rad and seconds: far beyond any robot's, and its powers that the
-kinematics need are far from a float's end."""
+"""Bound of references and speeds in m, rad and seconds: far beyond any robot's, and its powers that
+the kinematics need are far from a float's end."""
 
 _R = TypeVar("_R")
 

@@ -166,7 +166,7 @@ class EgmControllerOptions(Options):
     )
     """Surface that the TCP can touch; its force is in measuredForce."""
     force_frame: Literal["tool", "base"] = option("tool", "Whose axes the measured force is along.")
-    """Of contact forces; ABB's manual does not say."""
+    """Frame of contact forces; ABB's manual does not say."""
     force_sense: Literal["exerted", "reaction"] = option(
         "exerted", "Force of the tool on the world, or its reaction."
     )

@@ -23,7 +23,7 @@ LOOK_S = 0.005
 TOKEN_VARIABLE = "CARDAN_SERVER_TOKEN"
 
 _CHANNEL_AT, _TIME_AT = 3, 8
-"""Of a frame's header."""
+"""Places in the header of a frame."""
 
 
 class ConsolePage:

@@ -28,10 +28,10 @@ HandheldKind = Literal["phone", "xr"]
 
 FAULTS: Final = (
     *PERIODIC_FAULTS,
-    FaultSwitch("null", "the sensors tell nothing from VALUE s on", 3.0),
+    FaultSwitch("null", "the sensors report nothing from VALUE s on", 3.0),
     FaultSwitch("lost", "the tracking is lost from VALUE s on", 3.0),
     FaultSwitch("hidden", "the page is hidden from VALUE s on", 3.0),
-    FaultSwitch("leap", "the device leaps by half a meter and a right angle at VALUE s", 3.0),
+    FaultSwitch("jump", "the device jumps by half a meter and a right angle at VALUE s", 3.0),
     FaultSwitch(
         "recenter", "the reference is another one from VALUE s on, turned by a right angle", 3.0
     ),
@@ -49,7 +49,7 @@ FULL_TURN_RAD: Final = math.radians(30.0)
 FULL_WAY_M: Final = 0.1
 
 NORTH_RAD: Final = 1.0
-"""Of the robot's x axis in the device's first reference, which knows nothing of the robot."""
+"""Heading of the robot's x axis in the device's first reference, which is arbitrary."""
 
 ALIGNS_S: Final = 0.1
 """How long Align is pressed at the beginning."""
@@ -75,7 +75,7 @@ class SimulatedHandheld(HeldPeriodicDevice[bytes]):
         names = [HOLD, *(each for each in BUTTONS[kind] if each != "align")]
         self.model = HeldModel(kind, dict(enumerate(names)))
         self.tracking = self.visible = self.senses = True
-        self.stuck = self.leapt = False
+        self.stuck = self.jumped = False
         self.aligns_until_s = ALIGNS_S
         self.age_s = faults.get("late", 0.0)
         """How long each frame is on its way."""
@@ -85,14 +85,14 @@ class SimulatedHandheld(HeldPeriodicDevice[bytes]):
         self._reference = 0
         """Counts the references, as the page does."""
         self._north_rad = NORTH_RAD
-        """Of the robot's x axis in the device's reference."""
+        """Heading of the robot's x axis in the device's reference."""
         self._acts = TimedActs(
             faults,
             {
                 "null": self.lose_sensors,
                 "lost": self.lose_tracking,
                 "hidden": self.hide,
-                "leap": self.leap,
+                "jump": self.jump,
                 "recenter": self.recenter,
                 "stuck": self.stick,
             },
@@ -121,9 +121,9 @@ class SimulatedHandheld(HeldPeriodicDevice[bytes]):
         """Hide the page."""
         self.visible = False
 
-    def leap(self) -> None:
+    def jump(self) -> None:
         """Make the tracked pose jump: it is elsewhere from now on."""
-        self.leapt = True
+        self.jumped = True
 
     def recenter(self, turn_rad: float = 0.5 * math.pi, *, told: bool = True) -> None:
         """Give all poses in another reference from now on, as after a headset's recentering.
@@ -180,7 +180,7 @@ class SimulatedHandheld(HeldPeriodicDevice[bytes]):
         """Along the reference's axes."""
         turn = scale(Vector3(*self.axes[3:]), FULL_TURN_RAD)
         q = from_rotation_vector(rotate(self._north, turn))
-        if self.leapt:
+        if self.jumped:
             q = multiply(q, from_rotation_vector(Vector3(0.5 * math.pi, 0.0, 0.0)))
         return q
 
@@ -203,7 +203,7 @@ class SimulatedHandheld(HeldPeriodicDevice[bytes]):
 
     def _xr(self) -> XrFrame:
         way = rotate(self._north, scale(Vector3(*self.axes[:3]), FULL_WAY_M))
-        if self.leapt:
+        if self.jumped:
             way = add(way, Vector3(0.5, 0.0, 0.0))
         q = orientation_to_xr(multiply(self._turn, self._north))
         position = position_to_xr(add(STANDS, way))

@@ -38,10 +38,10 @@ from cardan.sim_peers.base import strikes
 
 PIECE_S = 1e-3
 OWN_SEQUENCE = 987_654
-"""Of requests that the client knows nothing of."""
+"""Sequence number of requests that the client knows nothing of."""
 DOZES_EVERY_S = 0.5
 STATE_S = 0.025
-LEAP_EVERY, STARVES_EVERY = 50, 25
+JUMP_EVERY, STARVES_EVERY = 50, 25
 STARTS = (MotionCommand.START_TRAJ_MODE, MotionCommand.START_VEL_MODE)
 STOPS = (MotionCommand.STOP_TRAJ_MODE, MotionCommand.STOP_VEL_MODE)
 TRUSTING = ("blind", "no-start", "takes-no-for-yes")
@@ -59,7 +59,7 @@ class Sent(NamedTuple):
 
 
 class MotorosClientDefects:
-    """Of one client. It is told times, s, that never go back."""
+    """Defects of one client. It is told times, s, that never go back."""
 
     def __init__(self, faults: Mapping[str, float], arm: ArmModel) -> None:
         """`faults`: values of `FAULTS`, by their names. `arm` is the one that is moved."""
@@ -217,9 +217,9 @@ class MotorosClientDefects:
             pos = _shifted(pos, faults["starts-off"])
         if first and "starts-moving" in faults:
             vel = _shifted(vel, faults["starts-moving"])
-        leap = self._commands % LEAP_EVERY == 0 and not first
-        if leap:
-            pos = _shifted(pos, faults.get("leap", 0.0) + faults.get("out-of-range", 0.0))
+        jump = self._commands % JUMP_EVERY == 0 and not first
+        if jump:
+            pos = _shifted(pos, faults.get("jump", 0.0) + faults.get("out-of-range", 0.0))
         if strikes(faults, "nan", self._commands):
             vel = _shifted(vel, math.nan)
         point = point._replace(pos=pos, vel=vel)
@@ -237,8 +237,8 @@ class MotorosClientDefects:
         self._commands += 1
         if not sequence and "starts-moving" in faults:
             vel = _shifted(vel, faults["starts-moving"])
-        if sequence and self._commands % LEAP_EVERY == 0:
-            vel = _shifted(vel, faults.get("leap", 0.0))
+        if sequence and self._commands % JUMP_EVERY == 0:
+            vel = _shifted(vel, faults.get("jump", 0.0))
         if strikes(faults, "nan", self._commands):
             vel = _shifted(vel, math.nan)
         if sequence > 1 and strikes(faults, "sequence", self._commands):

@@ -24,7 +24,7 @@ FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch.flag("hasty", "begins a trajectory while the arm still moves"),
     FaultSwitch("sequence", "every VALUE-th point or speed has the sequence before", 20.0, 1.0),
     FaultSwitch("time-stands", "every VALUE-th point has the time before", 20.0, 1.0),
-    FaultSwitch("leap", "every 50th point or speed leaps by VALUE rad or rad/s", 20.0),
+    FaultSwitch("jump", "every 50th point or speed jumps by VALUE rad or rad/s", 20.0),
     FaultSwitch("out-of-range", "every 50th point is VALUE rad out of its way and back", 7.0),
     FaultSwitch.flag("skips-busy", "takes BUSY for SUCCESS, and goes on with the next point"),
     FaultSwitch.flag("skips-first", "takes a refused first point for one that was taken"),

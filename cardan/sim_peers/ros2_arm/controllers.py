@@ -91,7 +91,7 @@ class RosArm:
         self._clock_step_s = 0.0
         self._up_again_s = 0.0
         self._points: list[tuple[float, list[float]]] = []
-        """Of the trajectory: times of the simulation, and where the joints are to be then."""
+        """Points of the trajectory: simulated time and joint positions."""
         self._from: tuple[float, list[float]] = (0.0, [])
         faults = options.faults
         self._renamed = self._lacking = False

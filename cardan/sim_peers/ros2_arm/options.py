@@ -110,5 +110,5 @@ class RosArmOptions(Options):
 
     @property
     def period_s(self) -> float:
-        """Of the joint states."""
+        """Period of the joint states."""
         return 1.0 / self.rate_hz

@@ -13,9 +13,9 @@ class MoveJ(NamedTuple):
 
     q: tuple[float, ...]
     a: float
-    """Of the joint that goes farthest, rad/s²."""
+    """Acceleration of the joint that goes farthest, rad/s²."""
     v: float
-    """Of the joint that goes farthest, rad/s."""
+    """Speed of the joint that goes farthest, rad/s."""
     t: float
     """How long it takes, whatever `a` and `v`; 0: as they have it."""
     r: float

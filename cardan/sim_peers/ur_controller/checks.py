@@ -13,9 +13,9 @@ from cardan.sim_peers.ur_controller.values import UrPose, is_number
 from cardan.types import Pose as Frame
 
 LARGEST: Final = 1e6
-"""Of a number of a motion: no arm's is larger, and results of computations stay finite."""
+"""Largest number in a motion: no arm's is larger, and results of computations stay finite."""
 SMALLEST: Final = 1e-6
-"""Of a speed, an acceleration or a time that is not 0."""
+"""Smallest value of a speed, an acceleration or a time that is not 0."""
 
 
 def number(name: str, value: Any) -> float:

@@ -41,7 +41,7 @@ _RESULT: Final = 0
 """Index of a function's result among its variables."""
 _QUICK: Final = frozenset("+-*/")
 _PLAIN: Final = (float, int)
-"""Of numbers; a truth is of another class."""
+"""Classes of numbers; a truth is of another class."""
 _LEAVES: Final = (tree.Literal, tree.Name)
 _PORTION: Final = 60
 """Parts of a program between two pauses."""
@@ -90,7 +90,7 @@ class _Scope:
         return None
 
     def place(self, name: str) -> int:
-        """Of one of its variables."""
+        """Place of one of its variables."""
         return self.own.setdefault(name, len(self.own) + 1)
 
     def fresh(self) -> _Locals:
@@ -101,7 +101,7 @@ class _Scope:
 
 
 class Compiler:
-    """Of one program, for one machine; in portions."""
+    """Compiler of one program, for one machine; in portions."""
 
     def __init__(
         self, program: tree.Program, functions: Mapping[str, Function], machine: Runtime
@@ -116,7 +116,7 @@ class Compiler:
         """Steps of the block that is being compiled."""
         self._nodes = 0
         self._constants: dict[tuple[type, object], _Code] = {}
-        """Of numbers and texts; one for all that are the same."""
+        """Constants: numbers and texts; one for all that are the same."""
         self._program = _Scope(None, None, program.block)
 
     async def compiled(self) -> tuple[Mapping[str, int], _Locals, _Do]:

@@ -52,7 +52,7 @@ from cardan.sim_peers.ur_controller.watchdogs import RtdeWatchdogs
 LONGEST_STALL_S: Final = 0.5
 """Frames that a slow computer owes beyond that are left out."""
 JOINT_RANGE: Final = math.radians(363.0)
-"""Of every joint, by the safety system; the arm's file keeps the elbow to half of that."""
+"""Range of every joint, by the safety system; the arm's file keeps the elbow to half of that."""
 STOP_CODE: Final = 204
 """The error of every protective stop: of UR's, that a path failed its check."""
 _KEPT_EVENTS = 10_000
@@ -60,7 +60,7 @@ _MOST_MESSAGES = 1_000
 """Messages that wait to be sent; further messages of a program are lost."""
 _ITS_END = "its end"
 _PORTIONS = 2
-"""Of parsing and compiling in a frame: about a millisecond."""
+"""Portions of parsing and compiling in a frame: about a millisecond."""
 _MOST_PORTIONS = 32
 """In a frame, where those before it have left theirs: a program of a few pages begins at once."""
 MOST_WAITING: Final = 16
@@ -348,7 +348,7 @@ class UrController:
 
     @property
     def script_line(self) -> int:
-        """Of the program's statement that has the arm now; 0: none has."""
+        """Line of the program's statement that has the arm now; 0: none has."""
         return 0 if self._program is None else self._program.mover_line
 
     def _end_all(self, why: str) -> None:

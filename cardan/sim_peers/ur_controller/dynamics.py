@@ -36,7 +36,7 @@ class Effort(NamedTuple):
     """Inverse dynamics of a motion."""
 
     torques: tuple[float, ...]
-    """Of the joints, N·m."""
+    """Torques of the joints, N·m."""
     momentum: float
     """Norm of the linear momentum, kg·m/s."""
     load_wrench: tuple[float, ...]
@@ -72,7 +72,7 @@ class _Body(NamedTuple):
 
 
 class Dynamics:
-    """Of one arm."""
+    """Dynamics of one arm."""
 
     def __init__(self, arm: ArmModel) -> None:
         """ValueError for an arm with another joint than those that turn about z."""

@@ -32,7 +32,7 @@ FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch.flag("fewer-outputs", "output variables that a later version added are not found"),
     FaultSwitch.flag("no-script", "programs are taken and never begun: the controller is busy"),
     FaultSwitch.flag("lines-wait", "a line without a program waits for the next program"),
-    FaultSwitch.flag("no-exceptions", "nobody is told what is wrong with a program"),
+    FaultSwitch.flag("no-exceptions", "errors of a program are not reported"),
     FaultSwitch.flag("no-sockets", "the sockets of programs are not opened: a firewall"),
     FaultSwitch.flag("bare-answers", "the dashboard answers by values without the words before"),
     FaultSwitch.share("skip", "share of data packages left out: the controller is busy"),

@@ -73,7 +73,7 @@ def io_functions(io: RobotIo) -> Mapping[str, Function]:
         found[f"set_{place}_digital_out"] = _set_digital_out(io, first, count)
 
     def bit(n: Any) -> int:
-        """Of one of the functions without a place."""
+        """Bit of one of the functions without a place."""
         at = whole("n", n, 0, _DIGITAL - 1)
         return at if at < PLACES["standard"][1] else at - PLACES["standard"][1] + PLACES["tool"][0]
 

@@ -26,7 +26,7 @@ TOO_MUCH_TIME: Final = (
 )
 """The controller's words, as its users report them."""
 TOO_MUCH_BEHIND: Final = "Runtime is too much behind"
-"""Of a secondary program that takes time."""
+"""Error of a secondary program that takes time."""
 TWO_THREADS: Final = "Another thread is already controlling the robot"
 
 
@@ -83,7 +83,7 @@ class Function(NamedTuple):
     takes_time: bool = False
     """`do` may give an `Action`: the program goes on when that is done."""
     steps: int = CALL_STEPS
-    """Of computing that a call counts as."""
+    """Steps of computing that a call counts as."""
 
 
 def costing(steps: int, functions: Mapping[str, Function]) -> Mapping[str, Function]:
@@ -108,7 +108,7 @@ class Runtime(Protocol):
     stack: list[list[Any]]
     """The variables of the functions that the thread which runs is in."""
     line: int
-    """Of the call that takes time."""
+    """Line of the call that takes time."""
     globals: list[Any]
 
     def start(self, name: str, frame: list[Any], body: Callable[[list[Any]], Any]) -> int:

@@ -74,9 +74,9 @@ class Machine:
         self.steps = [0]
         """Left in this frame."""
         self.stack: list[list[Any]] = []
-        """Of the thread that runs."""
+        """Stack of the thread that runs."""
         self.line = 1
-        """Of the call that runs."""
+        """Line of the call that runs."""
         self._period_s = period_s
         self._threads: list[Thread] = []
         self._started = 0
@@ -95,12 +95,12 @@ class Machine:
 
     @property
     def main_line(self) -> int:
-        """Of the main program."""
+        """Line of the main program."""
         return self._threads[0].line if self._threads else 0
 
     @property
     def mover_line(self) -> int:
-        """Of the thread that moves the arm in this frame; 0: none does."""
+        """Line of the thread that moves the arm in this frame; 0: none does."""
         return 0 if self._mover is None else self._mover.line
 
     @property

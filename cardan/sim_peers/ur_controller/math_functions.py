@@ -109,7 +109,7 @@ def _transpose(value: Any) -> list[list[Any]]:
 
 
 def inverse_matrix(value: Any) -> list[list[float]]:
-    """Of a square matrix, by Gauss and Jordan."""
+    """Inverse of a square matrix, by Gauss and Jordan."""
     rows = _matrix(value)
     count = len(rows)
     if count != len(rows[0]) or count > _LARGEST_INVERTED:

@@ -76,12 +76,12 @@ GRAVITY: Final = (0.0, 0.0, 9.82)
 
 _ARM_LAG_S: Final = 0.008
 _STOP_RAD_S2: Final = 15.0
-"""Of a stop that is not the program's."""
+"""Deceleration of a stop that is not the program's."""
 _SLIDER_PER_S: Final = 4.0
 """How fast the speed follows the slider, and comes back after a pause."""
 _AT_REST: Final = 1e-9
 _TOO_FAST: Final = 1.05
-"""Of a joint's highest speed: here the safety system stops the arm."""
+"""Multiple of a joint's highest speed: here the safety system stops the arm."""
 _ROUNDING: Final = 1e-9
 
 
@@ -210,7 +210,7 @@ class ArmMotion:
         self._apart = False
         """Whether force mode has moved the arm off the program's motion."""
         self._rate = 1.0
-        """Of a move's time while it is held."""
+        """Rate of a move's time while it is held."""
         self._twist: list[float] | None = None
         """The TCP's speed of a program that sets it."""
         self._line: Frame | None = None
@@ -253,19 +253,19 @@ class ArmMotion:
         return pose_of(self.tcp)
 
     def target_tcp_pose(self) -> UrPose:
-        """Of the commanded joints."""
+        """Forward kinematics of the commanded joints."""
         return pose_of(self.kinematics.forward(self.target_q, self.tcp))
 
     def actual_tcp_pose(self) -> UrPose:
-        """Of the measured joints."""
+        """Forward kinematics of the measured joints."""
         return pose_of(self.kinematics.forward(self.actual_q, self.tcp))
 
     def target_tcp_speed(self) -> UrPose:
-        """Of the commanded joints, base frame, m/s over rad/s."""
+        """TCP speed of the commanded joints, base frame, m/s over rad/s."""
         return UrPose(self.kinematics.speed(self.target_q, self.target_qd, self.tcp))
 
     def actual_tcp_speed(self) -> UrPose:
-        """Of the measured joints, base frame, m/s over rad/s."""
+        """TCP speed of the measured joints, base frame, m/s over rad/s."""
         return UrPose(self.kinematics.speed(self.actual_q, self.actual_qd, self.tcp))
 
     def waypoint(self) -> UrPose:

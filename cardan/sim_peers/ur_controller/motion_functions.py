@@ -95,7 +95,7 @@ def _moves(motion: ArmMotion) -> Mapping[str, Function]:
         _ready(motion)
 
     def tool(name: str, value: Any) -> Frame:
-        """Of a pose, or of joints."""
+        """Tool of a pose, or of joints."""
         if isinstance(value, list):
             return motion.kinematics.forward(checks.joints(name, value), motion.tcp)
         return checks.frame(name, value)

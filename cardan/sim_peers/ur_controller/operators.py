@@ -152,7 +152,7 @@ def _is_matrix(value: Any) -> bool:
 
 
 def elements(found: list[Any]) -> int:
-    """Of a list or a matrix."""
+    """Elements of a list or a matrix."""
     if _is_matrix(found):
         return sum(len(each) if isinstance(each, list) else 1 for each in found)
     return len(found)

@@ -146,12 +146,12 @@ class UrControllerOptions(Options):
 
     @property
     def rate_hz(self) -> float:
-        """Of the control loop."""
+        """Rate of the control loop."""
         return 500.0 if self.e_series else 125.0
 
     @property
     def version(self) -> ControllerVersion:
-        """Of the software it has."""
+        """Version of the software it has."""
         words = self.software or ("5.12" if self.e_series else "3.15")
         numbers = [int(word) for word in words.split(".")]
         return ControllerVersion(*numbers, *[0] * (4 - len(numbers)))

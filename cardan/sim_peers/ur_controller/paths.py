@@ -48,7 +48,7 @@ class MovejPath:
 
 
 class MovelPath:
-    """Of the TCP, on a line; the tool turns about one axis meanwhile."""
+    """Path of the TCP, on a line; the tool turns about one axis meanwhile."""
 
     radius = math.inf
 
@@ -70,7 +70,7 @@ class MovelPath:
 
 
 class ArcPath:
-    """Of the TCP, on the circle through three points."""
+    """Path of the TCP, on the circle through three points."""
 
     def __init__(self, start: Frame, via: Frame, goal: Frame, fixed: bool) -> None:
         to_via = subtract(via.position, start.position)

@@ -81,7 +81,7 @@ class RtdeClient:
         if faults.get("fewer-outputs", 0.0):
             self._known = {n: kind for n, kind in telemetry.outputs.items() if n not in LATER}
         self._version = 0
-        """Of the protocol; 0: none is agreed on."""
+        """Version of the protocol; 0: none is agreed on."""
         self._met = False
         """A packet has come."""
         self._started = False

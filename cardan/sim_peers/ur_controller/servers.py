@@ -49,7 +49,7 @@ _REALTIME: Final = frozenset(("realtime", "realtime-read"))
 CLIENTS: Final = 16
 """Each port serves at once."""
 STATE_PERIOD_S: Final = 0.1
-"""Of the primary and the secondary interface."""
+"""Period of the primary and the secondary interface."""
 _UNKNOWN_TYPE = 0x58
 _HEAD = 5
 """Bytes of size and type."""

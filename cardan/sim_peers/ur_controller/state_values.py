@@ -17,12 +17,12 @@ from cardan.sim_peers.ur_controller.telemetry import Telemetry
 _SINGULAR: Final = 0.01
 """Below this manipulability the arm is near a singularity."""
 _UNKNOWN_CHECKSUM: Final = 0xFFFFFFFF
-"""Of a robot that was never calibrated, as a simulated one."""
+"""Checksum of a robot that was never calibrated, as a simulated one."""
 _HARDWARE: Final[Mapping[bool, tuple[int, int, int, int]]] = {
     True: (6, 4, 1, 3),
     False: (4, 3, 1, 2),
 }
-"""Of an e-Series, or of a CB3: board, control box, robot and its sub-type, as numbers."""
+"""Hardware of an e-Series, or of a CB3: board, control box, robot and its sub-type, as numbers."""
 
 
 class StateValues:

@@ -44,10 +44,10 @@ _NOTHING: Final[Mapping[str, Any]] = {
 _RUNNING: Final = 253
 _IDLE: Final = 255
 _OFF: Final = 239
-"""Of joints, and of the tool."""
+"""Mode of a joint, and of the tool."""
 
 _NEWTON_METERS_PER_A: Final = (10.5, 10.5, 10.5, 8.4, 8.4, 8.4)
-"""Of each joint, behind its gear."""
+"""Torque constant of each joint, behind its gear."""
 _WINDING_OHM: Final = 0.5
 _IDLE_A: Final = 0.4
 _BUS_V: Final = 48.0
@@ -320,7 +320,7 @@ class Telemetry:
     # -- the controller ---------------------------------------------------------------------------
 
     def _runtime(self) -> RuntimeState:
-        """Of the program; while the arm still brakes, or speeds up again, it is on its way."""
+        """Runtime state of the program; in transition while the arm brakes or speeds up again."""
         runtime, motion = self._controller.runtime, self._motion
         if runtime is RuntimeState.STOPPED and motion.moving:
             return RuntimeState.STOPPING
@@ -430,7 +430,7 @@ _NUMBERS: Final[Mapping[str, range]] = {
     "int": range(REGISTERS),
     "double": range(REGISTERS),
 }
-"""Of the registers that have names of their own."""
+"""Numbers of the registers that have names of their own."""
 
 
 def _groups(way: str) -> list[tuple[str, int]]:
@@ -442,7 +442,7 @@ def _groups(way: str) -> list[tuple[str, int]]:
 
 
 def _speed(place: _Place, qd: Sequence[float]) -> tuple[float, ...]:
-    """Of the TCP, m/s over rad/s."""
+    """Speed of the TCP, m/s over rad/s."""
     columns = jacobian(place.frames._replace(pose=place.tcp))
     return tuple(
         sum(part * v for part, v in zip(row, qd, strict=True)) for row in zip(*columns, strict=True)

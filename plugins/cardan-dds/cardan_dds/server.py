@@ -39,9 +39,8 @@ class DdsServerOptions(Options):
 
 
 class Dds(Server[DdsServerOptions]):
-    """Have the bus on DDS, for ROS 2 nodes with rmw_cyclonedds or rmw_fastrtps: the topics and
-    services that are on the bus, under their names; services for rmw_cyclonedds alone, where they
-    are asked for."""
+    """Bridge the network to DDS, for ROS 2 nodes with rmw_cyclonedds or rmw_fastrtps: its topics
+    and services, under their names; services for rmw_cyclonedds alone, where they are asked for."""
 
     Options = DdsServerOptions
     page = "../plugins/cardan-dds/README.md"

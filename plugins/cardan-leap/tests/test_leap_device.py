@@ -259,7 +259,7 @@ def test_a_service_that_vanishes_has_closed_the_connection(script):
 
 
 def test_find_lists_the_trackers_of_a_service(script, monkeypatch):
-    for faults, obstacle in (({}, ""), ({"no-device": 1.0}, "it tells of no tracker")):
+    for faults, obstacle in (({}, ""), ({"no-device": 1.0}, "it reports no tracker")):
         with in_a_thread(peer_with(script("0 leave right"), faults)) as peer:
             monkeypatch.setattr(
                 "cardan_leap.driver.device.LeapOptions",

@@ -1,4 +1,4 @@
-"""An arm that is driven by actions, in virtual time: no leap whatever is asked for, what is given
+"""An arm that is driven by actions, in virtual time: no jump whatever is asked for, what is given
 back is what was sent, and silence brakes it."""
 
 import math

@@ -163,7 +163,7 @@ steps = st.lists(st.lists(st.floats(-STEP, STEP), min_size=6, max_size=6), min_s
 
 
 def path_of(hand):
-    """Deflections of a hand that starts at rest and never leaps."""
+    """Deflections of a hand that starts at rest and never jumps."""
     path = [NEUTRAL]
     for step in hand:
         path.append(tuple(max(-1.0, min(1.0, a + b)) for a, b in zip(path[-1], step, strict=True)))

@@ -521,7 +521,7 @@ def test_move_cp_plans_a_line(crtk):
         ("servo_cf", {"wrench": {"force": {"z": 1.0}}}, "torque"),
         ("move_cp", {"header": header("map")}, "the frame 'map' is not known"),
         ("move_cp", {"pose": {"position": {"x": None}}}, "not numbers"),
-        ("state_command", {"string": "jump"}, "'jump' is none; allowed: enable, disable"),
+        ("state_command", {"string": "jump"}, "unknown command 'jump'; allowed: enable, disable"),
         ("state_command", {"string": "resume"}, "not possible in ENABLED, only in PAUSED"),
         ("state_command", {"string": "unhome"}, "it has no homing"),
     ],

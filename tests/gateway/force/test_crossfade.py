@@ -1,4 +1,4 @@
-"""The map that is rendered makes no leaps under a hand."""
+"""The map that is rendered makes no jumps under a hand."""
 
 import itertools
 import math
@@ -32,7 +32,7 @@ def test_an_engagement_begins_with_its_own_map_at_once():
     assert glide.follow(elsewhere, HERE, 1.008) is elsewhere
 
 
-def test_a_leap_is_glided():
+def test_a_jump_is_glided():
     glide = MapCrossfade()
     glide.follow(shifted(0.5), HERE, 1.0)
     places = [glide.follow(shifted(0.52), HERE, 1.0 + k * DT_S).offset.x for k in range(1, 600)]
@@ -42,7 +42,7 @@ def test_a_leap_is_glided():
     assert places[-1] == 0.52
 
 
-def test_a_stall_makes_no_leap_of_the_glide():
+def test_a_stall_makes_no_jump_of_the_glide():
     glide = MapCrossfade()
     glide.follow(shifted(0.5), HERE, 1.0)
     glide.follow(shifted(0.6), HERE, 1.004)
@@ -50,7 +50,7 @@ def test_a_stall_makes_no_leap_of_the_glide():
     assert after == pytest.approx(0.5 + CROSSFADE_M_S * LONGEST_STEP_S)
 
 
-def test_what_the_hand_does_itself_is_no_leap():
+def test_what_the_hand_does_itself_is_no_jump():
     """A slip and an edge of the workspace move the map by no more than the hand moves."""
     glide = MapCrossfade()
     glide.follow(shifted(0.5), HERE, 1.0)
@@ -75,7 +75,7 @@ WORKSPACE = ReferenceLimits(
 
 @settings(max_examples=examples(60))
 @given(plans, rpys, st.floats(0.3, 3.0))
-def test_nothing_makes_the_rendered_place_leap(plan, rpy, factor):
+def test_nothing_makes_the_rendered_place_jump(plan, rpy, factor):
     """Recaptures, slips and edges: it moves by what the hand moves, twice at most, and glides."""
     rig = DevicePoseRig(
         limits=WORKSPACE,
@@ -87,7 +87,7 @@ def test_nothing_makes_the_rendered_place_leap(plan, rpy, factor):
     rig.run().tap("button_2")
     glide, before = MapCrossfade(), None
     for (kind, value), ticks, _ in plan:
-        if kind in ("send", "leap"):
+        if kind in ("send", "jump"):
             rig.send_pose(displaced(*value[:3]))
         elif kind != "tap":
             continue
@@ -123,8 +123,8 @@ def test_after_a_recapture_the_glide_ends_at_the_true_map():
         rig.run()
         rendered = glide.follow(rig.core.device_map(), rig.device.pose.position, rig.now_s)
         if k == 30:
-            leap = subtract(rendered.offset, rig.core.device_map().offset)
-            assert norm(leap) > 0.02
+            jump = subtract(rendered.offset, rig.core.device_map().offset)
+            assert norm(jump) > 0.02
     # what the hand moved on since, the TCP has slipped
     assert rig.core.following
     while glide.left != ZERO3:

@@ -136,14 +136,14 @@ def test_a_command_that_was_not_taken_is_told_until_one_is(monkeypatch):
     assert rig.renderer.diagnosis() == ()
 
 
-def test_a_map_that_leaps_is_rendered_without_the_leap():
+def test_a_map_that_jumps_is_rendered_without_the_jump():
     rig = Rig([SPHERE])
     rig.cycle(count=10)
-    leapt = SHIFTED._replace(offset=Vector3(0.48, 0.0, 0.3))
-    assert rig.cycle(world=leapt).world.offset == pytest.approx(SHIFTED.offset)
-    assert rig.cycle(world=leapt, count=25).world.offset.x == pytest.approx(0.499)
+    jumped = SHIFTED._replace(offset=Vector3(0.48, 0.0, 0.3))
+    assert rig.cycle(world=jumped).world.offset == pytest.approx(SHIFTED.offset)
+    assert rig.cycle(world=jumped, count=25).world.offset.x == pytest.approx(0.499)
     rig.cycle(world=None)
-    assert rig.cycle(world=leapt).world is leapt
+    assert rig.cycle(world=jumped).world is jumped
 
 
 def test_one_stamp_of_the_future_does_not_keep_a_force_for_ever():

@@ -139,9 +139,9 @@ def test_a_contact_source_takes_its_velocity_from_the_tcp():
         reading = source.read(state, state.pose)
     assert reading.force == pytest.approx((-2.0, 0.0, 10.0), rel=1e-3)
     assert reading.frame is Frame.BASE
-    # a leap of the robot is no velocity
-    leapt = robot_state(1.5, (5.0, 0.0, 0.39))
-    assert source.read(leapt, leapt.pose).force == pytest.approx((0.0, 0.0, 10.0))
+    # a jump of the robot is no velocity
+    jumped = robot_state(1.5, (5.0, 0.0, 0.39))
+    assert source.read(jumped, jumped.pose).force == pytest.approx((0.0, 0.0, 10.0))
 
 
 def feed(conditioner, force, start_s=1.0, seconds=1.0, at_rest=True, frame=Frame.BASE, tcp=HERE):

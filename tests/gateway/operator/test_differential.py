@@ -466,7 +466,7 @@ actions = st.one_of(
     st.tuples(st.just("both"), st.permutations(["button_1", "button_2", "grip"])),
     st.tuples(st.just("send"), st.tuples(*[st.floats(-0.4, 0.4)] * 3, *[numbers] * 3)),
     st.tuples(st.just("send"), st.tuples(*[st.floats(-0.4, 0.4)] * 3, *[numbers] * 3)),
-    st.tuples(st.just("leap"), st.tuples(*[st.floats(-0.4, 0.4)] * 3, *[numbers] * 3)),
+    st.tuples(st.just("jump"), st.tuples(*[st.floats(-0.4, 0.4)] * 3, *[numbers] * 3)),
     st.tuples(st.just("link"), st.sampled_from([DeviceLink.LOST, DeviceLink.LIVE])),
     st.tuples(st.just("fresh"), st.booleans()),
     st.tuples(st.just("stuck"), st.booleans()),
@@ -492,7 +492,7 @@ def play(rig, plan):
             rig.press(*value).release(*value).press(value[0])
         elif kind == "send":
             rig.send_pose(displaced(*value))
-        elif kind == "leap":
+        elif kind == "jump":
             rig.put_device(displaced(*value))
         elif kind == "link":
             rig.device = rig.device._replace(link=value)

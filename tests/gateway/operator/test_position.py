@@ -72,10 +72,10 @@ def test_axes_of_the_tool_and_of_a_turned_device():
     """The 2023 paper's: H_start · R_L · δ · R_Lᵀ with R_L from leapFrameRPY."""
     rig = Rig(frame=Frame.TOOL, device_rpy_deg=(180.0, 0.0, -90.0)).engage()
     rig.hand(displaced(0.03, 0.01, 0.02, rx=0.1)).run(2.0)
-    leap = from_euler_zyx(math.pi, 0.0, -math.pi / 2)
-    expected = rotate(START.orientation, rotate(leap, Vector3(0.03, 0.01, 0.02)))
+    jump = from_euler_zyx(math.pi, 0.0, -math.pi / 2)
+    expected = rotate(START.orientation, rotate(jump, Vector3(0.03, 0.01, 0.02)))
     assert close(rig.moved, expected)
-    assert close(rig.turned, rotate(START.orientation, rotate(leap, Vector3(0.1, 0, 0))))
+    assert close(rig.turned, rotate(START.orientation, rotate(jump, Vector3(0.1, 0, 0))))
 
 
 def test_a_new_grip_starts_from_where_the_tcp_is():

@@ -16,7 +16,7 @@ from cardan.common.extras import missing_extra
 from cardan.common.sockets import address_towards
 
 _SIOCGIFADDR: Final = 0x8915
-"""Of Linux (netdevice(7)): the address of an interface."""
+"""Request of Linux (netdevice(7)): the address of an interface."""
 
 _ELSEWHERE: Final = ("192.0.2.1", 9)
 """For asking by which address others are reached (RFC 5737): nothing is sent."""

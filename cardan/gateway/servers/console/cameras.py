@@ -80,7 +80,7 @@ class Camera:
         self.newest_s = 0.0
         """When the server had it, monotonic: a camera's own time is not read."""
         self.number = 0
-        """Of the newest picture that there was; 0: none yet."""
+        """Number of the newest picture that there was; 0: none yet."""
         self.why = ""
         """Why there is none now."""
         self._watchers: set[asyncio.Event] = set()

@@ -202,7 +202,7 @@ def imu_message(stamp: Stamp, phone: PhoneFrame) -> dict[str, Any]:
 
 
 def _covariance(measured: object) -> list[float]:
-    """Of measured quantities, unknown: all zeros, as the message's definition says."""
+    """Covariance of measured quantities, unknown: all zeros, as the message's definition says."""
     return [0.0 if measured is not None else -1.0, *[0.0] * 8]
 
 

@@ -67,7 +67,7 @@ PERIOD_S: Final = 0.5
 """Period of reading a page's clock, and of sending it its figures."""
 
 MOST_FRAMES_PER_S: Final = 500
-"""Of a page; two hands at 120 Hz are half of it."""
+"""Highest rate of a page; two hands at 120 Hz are half of it."""
 
 MOST_CHANNELS: Final = 16
 
@@ -107,7 +107,7 @@ class FrameStatistics:
         """"malformed", "too many": frames that were not read."""
         self._times_s: deque[float] = deque(maxlen=MOST_FRAMES_PER_S)
         self.age_s: float | None = None
-        """Of the newest frame."""
+        """Age of the newest frame."""
 
     def note(self, now_s: float, age_s: float | None) -> None:
         """A frame came."""

@@ -410,7 +410,7 @@ def an_emergency_stop_is_told(decoded: JointStreamTraffic) -> Verdict:
     """In an emergency stop states say why commands do not act, and the mode is hold."""
     found = [each for each in decoded.during("estop") if each.value.reason]
     if not found:
-        return not_seen("no state told of one")
+        return not_seen("no state reported one")
     wrong = [e.number for e in found[3:] if e.value.mode is not ControlMode.HOLD]
     said = found[0].value.reason
     return failed("the mode is not hold", wrong) if wrong else passed(said)

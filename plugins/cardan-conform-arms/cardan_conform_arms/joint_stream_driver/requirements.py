@@ -331,7 +331,7 @@ STEPS: Over[JointStreamTraffic, tuple[Said, Said, float]] = Over(
 
 
 @requires.each(112, f"{RULES} 4: what comes is followed at once", STEPS)
-def positions_do_not_leap(each: tuple[Said, Said, float]) -> str:
+def positions_do_not_jump(each: tuple[Said, Said, float]) -> str:
     """From command to command no joint goes further than its highest speed takes it, and a tenth
     more."""
     a, b, passed_s = each

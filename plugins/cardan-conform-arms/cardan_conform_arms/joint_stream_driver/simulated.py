@@ -154,7 +154,7 @@ class JointStreamDriverRig(DriverRig):
         if "stale" in faults and state is not None and state.session != self._first:
             values = tuple(q + 2.0 * WAY_RAD for q in values)
         if self._told % EVERY == 0:
-            by = faults.get("beyond", 0.0) + faults.get("leap", 0.0)
+            by = faults.get("beyond", 0.0) + faults.get("jump", 0.0)
             values = (values[0] + by, *values[1:])
         if "degrees" in faults:
             forward = tuple(faults["degrees"] * v for v in forward)

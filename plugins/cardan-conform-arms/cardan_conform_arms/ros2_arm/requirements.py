@@ -31,7 +31,7 @@ RATE_HZ = (10.0, 1100.0)
 SILENT_PERIODS = 10
 JITTER = 0.4
 FAR_RAD = 100.0
-STAMP_LEAP_S = 1.0
+STAMP_JUMP_S = 1.0
 HELD_RAD = math.radians(0.6)
 REACHED = 0.3
 ACTS_PERIODS = 3.0
@@ -221,11 +221,11 @@ def stamps_go_up(each: tuple[State, State]) -> str:
 
 
 @requires.each(14, f"{JOINT_STATE}, header.stamp; REP 103: ROS time", STAMPED)
-def stamps_do_not_leap(each: tuple[State, State]) -> str:
+def stamps_do_not_jump(each: tuple[State, State]) -> str:
     """Stamps advance as time does, to a second from message to message."""
     a, b = each
-    leap_s = (b.stamp_s - a.stamp_s) - (b.time_s - a.time_s)
-    return f"by {leap_s:.0f} s" if abs(leap_s) > STAMP_LEAP_S else ""
+    jump_s = (b.stamp_s - a.stamp_s) - (b.time_s - a.time_s)
+    return f"by {jump_s:.0f} s" if abs(jump_s) > STAMP_JUMP_S else ""
 
 
 @requires(15, f"{JOINT_STATE}: the state of a joint, which is in one place")

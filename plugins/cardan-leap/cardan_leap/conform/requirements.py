@@ -306,6 +306,6 @@ def unplugging_is_told(decoded: LeapTraffic) -> Verdict:
     found = [e for e in decoded.during("unplug") if isinstance(e.value, DeviceEvent)]
     gone = [e for e in found if isinstance(e.value, DeviceEvent) and not e.value.streaming]
     if not gone:
-        return not_seen("no event told of it")
+        return not_seen("no event reported it")
     after = [each.number for each in decoded.frames("unplug") if each.number > gone[-1].number]
-    return failed(f"{len(after)} frames after it", after) if after else passed("told")
+    return failed(f"{len(after)} frames after it", after) if after else passed("reported")

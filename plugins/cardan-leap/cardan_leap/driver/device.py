@@ -102,7 +102,7 @@ class Leap(ReadDevice[LeapCore]):
                 if usb.vendor_id in USB_VENDORS
             ]
         if not trackers:
-            return [FoundDevice(service, "", "websocket", path, "it tells of no tracker")]
+            return [FoundDevice(service, "", "websocket", path, "it reports no tracker")]
         return [
             FoundDevice(f"{service}, tracker", event.id, "websocket", path, _obstacle(event))
             for event in trackers

@@ -219,7 +219,7 @@ def the_newest_error_comes_first(decoded: HdapiTraffic) -> Verdict:
 
 @requires(114, f"{GUIDE}, hdEnable, hdDisable and hdIsEnabled")
 def force_output_can_be_switched(decoded: HdapiTraffic) -> Verdict:
-    """HD_FORCE_OUTPUT enabled is told to be so, and likewise disabled."""
+    """HD_FORCE_OUTPUT is reported as enabled and as disabled."""
     found = [
         each.returns
         for each in decoded.answers
@@ -449,7 +449,7 @@ def the_inkwell_is_told(decoded: HdapiTraffic) -> Verdict:
         return not_seen("it was not put there")
     docked = [tick.inkwell for tick in ticks]
     if not any(docked):
-        return failed("it was not told", [ticks[-1].number])
+        return failed("it was not reported", [ticks[-1].number])
     return failed("it stays in", [ticks[-1].number]) if docked[-1] else passed("in and out")
 
 

@@ -197,7 +197,7 @@ def counts_are_in_range(decoded: SpnavTraffic) -> Verdict:
 
 @requires(11, f"{PROTOCOL}: ms since the motion before")
 def periods_are_those_of_motion(decoded: SpnavTraffic) -> Verdict:
-    """The periods that motions tell add up to the time between them, to 10 %, and none is off by
+    """The periods that motions report add up to the time between them, to 10 %, and none is off by
     more than 0.1 s."""
     told_s, took_s, wrong = 0.0, 0.0, []
     for name in HELD:
@@ -224,8 +224,8 @@ def buttons_are_told(decoded: SpnavTraffic) -> Verdict:
     down = {edge.number for _, edge in decoded.buttons(OLD, "press") if edge.pressed}
     up = {edge.number for _, edge in decoded.buttons(OLD, "release") if not edge.pressed}
     if not down:
-        return failed("pressing was not told")
-    return passed("pressed and let go") if down <= up else failed("letting go was not told")
+        return failed("pressing was not reported")
+    return passed("pressed and let go") if down <= up else failed("letting go was not reported")
 
 
 @requires(13, f"{PROTOCOL}: events 1 and 2")
@@ -346,7 +346,7 @@ def _value(decoded: SpnavTraffic, code: int) -> int | None:
 
 @requires(107, f"{PROTOCOL}, DEV_NAXES and DEV_NBUTTONS")
 def axes_and_buttons_are_counted(decoded: SpnavTraffic) -> Verdict:
-    """The device has six axes, and every button that was told is below the number of its
+    """The device has six axes, and every button that was reported is below the number of its
     buttons."""
     if decoded.told(Code.DEV_NAXES, "ask") is None:
         return not_seen(_NOT_ASKED)
@@ -413,7 +413,7 @@ def _implausible(code: int, data: tuple[int, ...]) -> str:
 
 @requires(110, f"{PROTOCOL}, GCFG_...")
 def settings_are_plausible(decoded: SpnavTraffic) -> Verdict:
-    """Settings of the daemon that it tells have values that they can have."""
+    """Settings that the daemon reports have values that they can have."""
     asked = [each for code in SETTINGS if (each := decoded.told(code, "ask")) is not None]
     told = [(each, each.reply) for each in asked if each.reply is not None and each.reply.ok]
     wrong = []
@@ -426,12 +426,12 @@ def settings_are_plausible(decoded: SpnavTraffic) -> Verdict:
 
 @requires(111, "FreeSpacenav spacenavd, repeat-interval: repeated motion looks like a hand's")
 def nothing_is_repeated(decoded: SpnavTraffic) -> Verdict:
-    """The daemon does not repeat motion by itself, where it tells of it."""
+    """The daemon does not repeat motion by itself, where it reports that."""
     if decoded.told(Code.GCFG_REPEAT, "ask") is None:
         return not_seen(_NOT_ASKED)
     interval = _value(decoded, Code.GCFG_REPEAT)
     if interval is None:
-        return not_applicable("it does not tell")
+        return not_applicable("it does not report it")
     return passed("off") if interval < 0 else failed(f"every {interval} ms")
 
 
@@ -441,14 +441,14 @@ def settings_are_told_to_others(decoded: SpnavTraffic) -> Verdict:
     for such events get an event, and no others do."""
     asked = decoded.told(Code.SCFG_LED)
     if asked is None:
-        return not_seen("it has no LED, or does not tell of it")
+        return not_seen("it has no LED, or does not report it")
     if asked.reply is not None and not asked.reply.ok:
         return not_applicable("it is not for programs to set")
     events = [e for e in decoded.during(OTHER, "led") if isinstance(e.value, ConfigChange)]
     beside = [e.number for e in decoded.during(OLD) if isinstance(e.value, ConfigChange)]
     if beside:
-        return failed("a program was told that had not asked for it", beside)
-    return passed("told") if events else failed("no event came", [asked.number])
+        return failed("a program was informed that had not asked for it", beside)
+    return passed("reported") if events else failed("no event came", [asked.number])
 
 
 def _pushed(decoded: SpnavTraffic, name: str) -> list[str]:
@@ -494,7 +494,7 @@ def sensitivity_acts(decoded: SpnavTraffic) -> Verdict:
         return not_seen(_NOT_ASKED)
     reply = asked.reply
     if reply is None or not reply.ok or float_of(reply.data[0]) != NEW_FACTOR:
-        return failed("another one is told", [asked.number])
+        return failed("another one is reported", [asked.number])
     return _factor(decoded, NEW, NEW_FACTOR)
 
 
@@ -546,8 +546,8 @@ def _change(decoded: SpnavTraffic, phase: str, added: bool) -> Verdict:
         return not_seen("nobody did it")
     found = [e.value for e in decoded.during(NEW, phase) if isinstance(e.value, DeviceChange)]
     if not [each for each in found if each.added is added]:
-        return failed("no event told of it")
-    return passed("told")
+        return failed("no event reported it")
+    return passed("reported")
 
 
 @requires(301, f"{PROTOCOL}, event 3")
@@ -564,7 +564,7 @@ def nothing_is_said_of_a_device_that_is_gone(decoded: SpnavTraffic) -> Verdict:
         return not_seen(_NOT_ASKED)
     if asked.reply is None:
         return failed("no answer", [asked.number])
-    return failed("it was told", [asked.number]) if asked.reply.ok else passed("refused")
+    return failed("it was reported", [asked.number]) if asked.reply.ok else passed("refused")
 
 
 @requires(303, f"{PROTOCOL}, event 3")

@@ -105,8 +105,10 @@ def buttons_are_told(decoded: WiimoteTraffic) -> Verdict:
         return not_seen("none was pressed")
     down, up = _buttons(decoded.during("press")), _buttons(decoded.during("release"))
     if not any(down):
-        return failed("pressing was not told")
-    return passed("pressed and let go") if up and not up[-1] else failed("letting go was not told")
+        return failed("pressing was not reported")
+    return (
+        passed("pressed and let go") if up and not up[-1] else failed("letting go was not reported")
+    )
 
 
 @requires(5, "the system's HID driver")
@@ -361,4 +363,4 @@ def switching_off_is_told(decoded: WiimoteTraffic) -> Verdict:
     if not gone:
         return not_seen("it was not switched off")
     after = [each.number for each in decoded.reports if each.number > gone[0]]
-    return failed("reports come from what is off", after) if after else passed("told")
+    return failed("reports come from what is off", after) if after else passed("reported")

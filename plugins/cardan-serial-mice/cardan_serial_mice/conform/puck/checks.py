@@ -134,11 +134,11 @@ def buttons(decoded: Traffic) -> Verdict:
         return not_seen("none was pressed")
     down, up = decoded.keys("press"), decoded.keys("release")
     if not down or not down[-1]:
-        return failed("pressing was not told")
+        return failed("pressing was not reported")
     if down[-1] & (down[-1] - 1):
-        return failed("two are told")
+        return failed("two are reported")
     if not up:
-        return failed("letting go was not told")
+        return failed("letting go was not reported")
     return passed("pressed and let go") if not up[-1] else failed("it stays down")
 
 
@@ -158,7 +158,7 @@ def unplugged(decoded: Traffic) -> Verdict:
     if not gone:
         return not_seen("it was not unplugged, or its port stays without it")
     after = [each.number for each in decoded.packets if each.number > gone[0]]
-    return failed("packets come from what is gone", after) if after else passed("told")
+    return failed("packets come from what is gone", after) if after else passed("reported")
 
 
 def answered(asked: Asked[Any] | None, within_s: float) -> Verdict:

@@ -139,7 +139,7 @@ def bytes_of_keys_are_marked(decoded: BallTraffic) -> Verdict:
     ]
     wrong = [number for number, keys in found if not keys.high & keys.low & 0x40]
     if not found:
-        return not_seen("no keys were told")
+        return not_seen("no keys were reported")
     return failed(f"{len(wrong)} of {len(found)}", wrong) if wrong else passed(f"{len(found)}")
 
 
@@ -232,7 +232,7 @@ def axes_have_their_signs(decoded: BallTraffic) -> Verdict:
 
 @requires(112, f"{HOSTS}: the period in sixteenths of a millisecond")
 def periods_are_those_of_motion(decoded: BallTraffic) -> Verdict:
-    """The periods that motions tell add up to the time between them, to 10 %, and none is off by
+    """The periods that motions report add up to the time between them, to 10 %, and none is off by
     more than 0.1 s."""
     told_s, took_s, wrong = 0.0, 0.0, []
     for name in checks.HELD:
@@ -250,9 +250,9 @@ def periods_are_those_of_motion(decoded: BallTraffic) -> Verdict:
     return passed(said) if abs(told_s / took_s - 1.0) < PERIOD_SHARE else failed(said)
 
 
-@requires(113, "packets have no checksum: what is mangled shows as a leap")
+@requires(113, "packets have no checksum: what is mangled shows as a jump")
 def a_steady_hand_is_steady(decoded: BallTraffic) -> Verdict:
-    """Held steadily, no axis leaps by a quarter of its size, or 400 counts where that is more."""
+    """Held steadily, no axis jumps by a quarter of its size, or 400 counts where that is more."""
     wrong, count = [], 0
     for name in checks.HELD:
         found = decoded.motions(name)
@@ -265,7 +265,7 @@ def a_steady_hand_is_steady(decoded: BallTraffic) -> Verdict:
             if any(abs(c - m) > max(STEADY_COUNTS, STEADY_SHARE * abs(m)) for c, m in off):
                 wrong.append(each.number)
     if wrong:
-        return failed(f"{len(wrong)} of {count} leap", wrong)
+        return failed(f"{len(wrong)} of {count} jump", wrong)
     return passed(f"{count} packets") if count else not_seen(checks.NOTHING)
 
 

@@ -67,7 +67,7 @@ def packets_are_whole(decoded: OrbTraffic) -> Verdict:
 
 @requires(5, f"{CAPTURES}: K once a second and more")
 def it_says_that_it_is_there(decoded: OrbTraffic) -> Verdict:
-    """At rest it tells its buttons every 1.3 s and more often."""
+    """At rest it reports its buttons every 1.3 s and more often."""
     phase = decoded.phase("beats")
     if phase is None or decoded.refused:
         return not_seen("it was never opened")
