@@ -183,7 +183,7 @@ class MappingOptions(Options):
 
     @cached_property
     def sources(self) -> tuple[Source, ...]:
-        """What drives each of x y z rx ry rz, by `axes` and `scale`."""
+        """Of each of x y z rx ry rz the source, by `axes` and `scale`."""
         return tuple(map(_source, self.axes, self.scale))
 
     def _rules(self) -> tuple[tuple[str, object, str], ...]:
