@@ -234,7 +234,7 @@ def test_frames_that_come_together_have_times_of_their_own(network, client):
         ({"op": "advertise_service", "service": "/rosapi/topics", "type": TRIGGER}, "not among"),
         ({"op": "service_response", "id": "x", "service": "/s", "values": {}}, "no request with"),
         ({"op": "cancel_action_goal", "id": "x", "action": "/a"}, "no goal 'x' is under way"),
-        ({"op": "unknown"}, "none that this server knows"),
+        ({"op": "unknown"}, "unknown operation"),
     ],
 )
 def test_bad_input_is_refused_at_the_sender_and_counted(network, running, client, fields, reason):
