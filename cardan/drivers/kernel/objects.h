@@ -1,5 +1,5 @@
 /*
- * Tuples of numbers to and from Python, for the calls of drivers' compiled parts. Each call has a
+ * Tuples of numbers to and from Python, for the calls of compiled parts. Each call has a
  * tuple as `self`: the memory of its structures and the types and constants of which it makes
  * results.
  */

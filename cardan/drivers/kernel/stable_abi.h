@@ -1,5 +1,5 @@
 /*
- * The functions of Python that the compiled parts of drivers call. All are of its stable ABI, which no version from
+ * The functions of Python that the compiled parts call. All are of its stable ABI, which no version from
  * 3.10 on changes (docs.python.org, C API Stability): declared here, so that one library, compiled
  * without any Python, serves all of them. No object is looked into but by these functions.
  */
