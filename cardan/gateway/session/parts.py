@@ -9,7 +9,7 @@ import contextlib
 import math
 import socket
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -111,15 +111,6 @@ class Whole:
         return commanded.reported(state) if state.link is RobotLink.LIVE else None
 
 
-@contextlib.contextmanager
-def _noting(snapshot: Snapshot, what: str) -> Iterator[None]:
-    """Diagnose in `snapshot` that foreign code, by its name in words, failed."""
-    try:
-        yield
-    except Exception as error:
-        snapshot.diagnosis.append(f"{what} failed: {reason(error)}")
-
-
 class Part:
     """Base of a part of a session; a part overrides only the hooks that it needs."""
 
@@ -188,10 +179,12 @@ class Figures(Part):
         snapshot.arm = self._arm(status, state.stamp_s, snapshot.arm.reference)
         snapshot.tracking, snapshot.loop = self._tracking(status.phase), self._loop()
         metrics, errors = before.metrics, before.errors
-        with _noting(snapshot, "the robot's driver"):
+        try:
             robot = self.whole.robot
             snapshot.diagnosis += told(robot.diagnosis())
             metrics, errors = counted(robot.metrics()), dict(robot.protocol_errors())
+        except Exception as error:
+            snapshot.diagnosis.append(f"the robot's driver failed: {reason(error)}")
         pose = self.whole.tcp(state) if state.pose is None else state.pose
         snapshot.robot = RobotSnapshot(
             state.link.value,
@@ -349,11 +342,13 @@ class Operator(Part):
         metrics: dict[str, float] = {}
         errors = s.device.errors
         if held:
-            with _noting(s, "the device's driver"):
+            try:
                 self._look_at_buttons()
                 s.diagnosis += told(device.diagnosis())
                 errors = dict(device.protocol_errors())
                 metrics = counted(device.metrics())
+            except Exception as error:
+                s.diagnosis.append(f"the device's driver failed: {reason(error)}")
         s.device = replace(s.device, held=held, passes=self._passes, metrics=metrics, errors=errors)
         if state is not None:
             s.device = replace(
@@ -372,8 +367,10 @@ class Operator(Part):
                 0, f"{enable!r} enables nothing while {self._refused}: let go, then press it again"
             )
         for each in self._opened:
-            with _noting(s, f"the filter {each.name}"):
+            try:
                 s.diagnosis += told(each.diagnosis())
+            except Exception as error:
+                s.diagnosis.append(f"the filter {each.name} failed: {reason(error)}")
 
     def _look_at_buttons(self) -> None:
         """Report configured buttons that the device, open by now, does not have."""
