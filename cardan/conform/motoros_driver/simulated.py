@@ -74,10 +74,10 @@ class MotorosDriverRig(DriverRig):
     def _connect(self) -> None:
         faults = self._faults
         for kind in CHANNELS:
-            barred = "absent" in faults or ("no-motion" in faults and kind == "motion")
+            refused = "absent" in faults or ("no-motion" in faults and kind == "motion")
             tired = "gives-up" in faults and self._joined >= len(CHANNELS)
             wanted = kind not in self._links and self._session.wants(kind, self._now_s)
-            if barred or tired or kind not in self._listens or not wanted:
+            if refused or tired or kind not in self._listens or not wanted:
                 continue
             self._joined += 1
             name = self._links[kind] = f"{kind} {self._joined}"

@@ -462,8 +462,8 @@ class ArmController:
                 if finding is not None:
                     self._act_on(finding, robot)
             ignored = bool(self._inhibits) and self._heed_inhibits()
-            barred = self._inhibits or robot.alarm
-            if barred and self.recovering and (why := self._why_no_recovery):
+            inhibited = self._inhibits or robot.alarm
+            if inhibited and self.recovering and (why := self._why_no_recovery):
                 self._cancel_recovery(why)
             if self.operator is not None and device is not None:
                 self._read_operator(self.operator, robot, device, events, dt_s, ignored)

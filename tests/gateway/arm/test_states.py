@@ -289,7 +289,7 @@ def test_the_act_by_a_dead_man_is_its_release_with_the_device_at_rest_and_its_pr
 
 
 @pytest.mark.parametrize("before", Arming)
-def test_the_act_without_a_button_is_rest_and_where_it_is_barred_to_let_go(before):
+def test_rearming_without_a_button_is_rest_and_where_it_is_inhibited_to_let_go(before):
     assert armed_by_rest(before, True, False) == (Arming.ARMED, True)
     assert armed_by_rest(before, False, False) == (Arming.DISARMED, False)
     assert armed_by_rest(before, False, True) == (Arming.DEFLECTED, False)
