@@ -1,7 +1,7 @@
 """The servers of a simulated controller, sans I/O: connections, schedules, faults of the network.
 
-Bytes come in with the time, pieces to write go out; a shell (`cardan.sim_peers.tcp_peer`, or a rig
-in virtual time) has the sockets.
+Bytes come in with the time, pieces to write go out; a shell (`cardan.sim_peers.tcp_peer`, or a
+simulation in virtual time) has the sockets.
 """
 
 from __future__ import annotations
