@@ -11,8 +11,8 @@ from cardan.conform.requirements import (
     Verdict,
     VerdictOutcome,
     Words,
-    apart,
     at_most,
+    distance,
     failed,
     met,
     must,
@@ -323,7 +323,7 @@ def commands_are_obeyed(decoded: UrTraffic) -> Verdict:
 def _farthest(states: Sequence[DataPackage], joints: slice = slice(None)) -> float:
     """Return the largest distance of any joint from its first position, rad."""
     first = states[0].values["actual_q"][joints]
-    return max(apart(each.values["actual_q"][joints], first) for each in states)
+    return max(distance(each.values["actual_q"][joints], first) for each in states)
 
 
 @requires(116, f"{SCRIPT}: servoj")

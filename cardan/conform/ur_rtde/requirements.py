@@ -17,8 +17,8 @@ from cardan.conform.requirements import (
     Verdict,
     Words,
     Wrongs,
-    apart,
     at_most,
+    distance,
     failed,
     met,
     must,
@@ -571,7 +571,7 @@ def the_real_time_interface_tells_the_same_joints(decoded: UrTraffic) -> Finding
         values, around = form.read(each.packet), near(decoded, each.time_s)
         if values is not None and around:
             told = values["actual_q"]
-            far = min(apart(told, state.values["actual_q"]) for state in around)
+            far = min(distance(told, state.values["actual_q"]) for state in around)
             words = f"joints at {', '.join(f'{angle:g}' for angle in told)} rad"
             yield each.number, words if far > SAME_RAD else ""
     return Words("{} packets", "none could be compared")

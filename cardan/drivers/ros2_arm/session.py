@@ -276,9 +276,9 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         name, least = self.names[0], -1.0
         for each in there.values():
             for joint, at in ours.items():
-                apart = abs(at - each.positions.get(joint, at))
-                if joint in each.positions and apart > least:
-                    name, least = joint, apart
+                distance = abs(at - each.positions.get(joint, at))
+                if joint in each.positions and distance > least:
+                    name, least = joint, distance
         found = {self._sender.gid: ours} | {gid: each.positions for gid, each in there.items()}
         said = " and ".join(
             f"{self.named(gid) or f'publisher {gid.hex()}'} "

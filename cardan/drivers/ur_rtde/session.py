@@ -394,15 +394,15 @@ class UrSession(TcpSession[Channel, Task]):
         if math.dist(values.actual_q, values.target_q) <= most:
             self._followed_s = now_s
             return ""
-        apart = [*map(abs, map(sub, values.actual_q, values.target_q))]
-        farthest = max(apart)
+        errors = [*map(abs, map(sub, values.actual_q, values.target_q))]
+        farthest = max(errors)
         if farthest <= most:
             self._followed_s = now_s
             return ""
         if now_s - self._followed_s <= FOLLOWING_S:
             return ""
         return (
-            f"joint {apart.index(farthest) + 1} is {farthest:.2f} rad from its target: something "
+            f"joint {errors.index(farthest) + 1} is {farthest:.2f} rad from its target: something "
             "holds it, or it is measured wrongly"
         )
 

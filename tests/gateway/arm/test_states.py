@@ -194,19 +194,19 @@ def test_what_changes_whether_command_and_robot_are_apart():
     resynchronizes, stay = facts_where(resynchronizes=True), facts_where(resynchronizes=False)
     again = facts_where(resynchronizes=True, near=False)
     done = [facts for facts in FACTS if facts not in again]
-    waits, apart = Separation.TO_RESYNCHRONIZE, Separation.UNTIL_REARMED
+    waits, separated = Separation.TO_RESYNCHRONIZE, Separation.UNTIL_REARMED
     assert changes_of(separation_after, Separation) == changes(
         (others(Separation, Separation.LEFT), ArmEvent.UNREADY, FACTS, Separation.NONE),
         (others(Separation, Separation.LEFT), ArmEvent.PLACED, FACTS, Separation.NONE),
         ([waits], ArmEvent.JUMPED, FACTS, Separation.NONE),
         ([waits], ArmEvent.RESYNCHRONIZES, FACTS, Separation.NONE),
         (Separation, ArmEvent.HELD, resynchronizes, waits),
-        (Separation, ArmEvent.HELD, stay, apart),
-        (Separation, ArmEvent.NOT_BACK, FACTS, apart),
+        (Separation, ArmEvent.HELD, stay, separated),
+        (Separation, ArmEvent.NOT_BACK, FACTS, separated),
         (Separation, ArmEvent.LEFT, FACTS, Separation.LEFT),
         ([Separation.LEFT], ArmEvent.ASKED, FACTS, Separation.NONE),
-        ([apart], ArmEvent.ACKNOWLEDGED, again, waits),
-        ([apart], ArmEvent.ACKNOWLEDGED, done, Separation.NONE),
+        ([separated], ArmEvent.ACKNOWLEDGED, again, waits),
+        ([separated], ArmEvent.ACKNOWLEDGED, done, Separation.NONE),
     )
 
 
