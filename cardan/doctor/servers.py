@@ -36,7 +36,7 @@ _MAKE_ONE: Final = (
 )
 
 
-def judge_certificate(
+def check_certificate(
     who: str, found: Certificate, names: Sequence[str], now: datetime.datetime
 ) -> Iterator[Finding]:
     """Whether a server's certificate is valid, for long enough, and for a name that the computer
@@ -93,7 +93,7 @@ def web_options(entry: ServerEntry) -> WebOptions:
     )
 
 
-def judge_door(
+def check_access(
     name: str, entry: ServerEntry, own: str, now: datetime.datetime
 ) -> Iterator[Finding]:
     """Findings on whether a server can start and its clients can reach it. `own`: this computer's
@@ -135,10 +135,10 @@ def judge_door(
                 _MAKE_ONE.format(name=own),
             )
             return
-        yield from judge_certificate(who, found, names, now)
+        yield from check_certificate(who, found, names, now)
 
 
-class Doors(Check):
+class ServerAccess(Check):
     """Servers with clients: who may reach them, by which token and certificate."""
 
     group, tells = GROUP, ("server", "clear", "certificate", "certificate-name")
@@ -148,4 +148,4 @@ class Doors(Check):
         now = datetime.datetime.now(datetime.timezone.utc)
         for name, entry in subject.servers.items():
             if "token_file" in server_defaults(entry):
-                yield from judge_door(name, entry, socket.gethostname().lower(), now)
+                yield from check_access(name, entry, socket.gethostname().lower(), now)

@@ -39,9 +39,9 @@ class RobotCalls:
         traceback: TracebackType | None,
     ) -> None:
         if isinstance(error, FAILURES):
-            self.judge(error)
+            self.check(error)
 
-    def judge(self, error: BaseException) -> None:
+    def check(self, error: BaseException) -> None:
         """Raise a DriverError for an error of a driver's call, unless it is one of Cardan's."""
         if not isinstance(error, CardanError) and not shortage(error):
             _log.debug("it failed here", exc_info=error)
