@@ -162,7 +162,7 @@ class VelocityStream(MotorosMotion):
             self._missed_s = 0.0
         guide.step(self._going_on(command), self.nominal_s)
         self._zeros = self._zeros + 1 if self.at_rest else 0
-        self._watch.note(guide.reference, now_s)
+        self._watch.record(guide.reference, now_s)
         body = JointVelocity(
             self.options.group,
             self._sequence,

@@ -126,7 +126,7 @@ class ArmController:
         """Records inputs of the ticks beside their arguments."""
         self.ticks = 0
         """Counts the ticks that have begun."""
-        self._noting = 0
+        self._recording_thread = 0
         """The thread whose present request is recorded as a whole; 0: none."""
         self.not_ready = "no state of the robot was received yet"
         """Why the robot cannot be commanded now; empty when it can."""
@@ -313,28 +313,28 @@ class ArmController:
 
     # -- requests --------------------------------------------------------------------------------
 
-    def note(self, what: str, argument: str = "") -> None:
-        """Tell the recorder, if there is one, of a request that changes the next ticks."""
-        if self.recorder is not None and self._noting != threading.get_ident():
+    def record_request(self, what: str, argument: str = "") -> None:
+        """Record a request that changes the next ticks, for replay, if there is a recorder."""
+        if self.recorder is not None and self._recording_thread != threading.get_ident():
             self.recorder(self.ticks, what, argument)
 
     @contextlib.contextmanager
     def recorded_request(self, what: str, argument: str) -> Iterator[None]:
         """Record a request made inside as a whole: no other that it consists of.
         The caller holds the lock."""
-        self.note(what, argument)
-        outer, self._noting = self._noting, threading.get_ident()
+        self.record_request(what, argument)
+        outer, self._recording_thread = self._recording_thread, threading.get_ident()
         try:
             yield
         finally:
-            self._noting = outer
+            self._recording_thread = outer
 
     def inhibit(self, reason: str, kind: Inhibit) -> None:
         """Interrupt the arm's motion, or keep sources from moving it, as `kind` says."""
         with self.lock:
             before, self._inhibits = self._inhibits, inhibits_after(self._inhibits, reason, kind)
             if kind is not Inhibit.WHILE_SAID or self._inhibits != before:
-                self.note(kind.value, reason)
+                self.record_request(kind.value, reason)
             if kind is Inhibit.FOR_GOOD:
                 self._stop(reason)
 
@@ -342,7 +342,7 @@ class ArmController:
         """Brake along the path, then hold; a recovery ends as well. Needs no authority. A stop that
         `source` asks for is counted."""
         with self.lock:
-            self.note("stop", reason)
+            self.record_request("stop", reason)
             if source:
                 self.stops, self.stopped_by = self.stops + 1, source
             self._stop(reason)
@@ -360,14 +360,14 @@ class ArmController:
         :class:`cardan.gateway.arm.joint_space_arm.JointSpaceArm` does."""
         with self.lock:
             if self.recorder is not None:
-                self.note("place_neighbor", json.dumps((index, joints, ways_m)))
+                self.record_request("place_neighbor", json.dumps((index, joints, ways_m)))
             self.commanded.place_neighbor(index, joints, ways_m)
 
     def acknowledge(self) -> str:
         """Re-arm after implausible readings, or after a recovery that was given up;
         returns why it is too early, or ""."""
         with self.lock:
-            self.note("acknowledge")
+            self.record_request("acknowledge")
             return self._acknowledge()
 
     def _acknowledge(self) -> str:
@@ -407,7 +407,7 @@ class ArmController:
     def begin(self, motion: CommandedMotion) -> None:
         """Start a motion on an arm at rest."""
         with self.lock:
-            self.note("begin", type(motion).__name__)
+            self.record_request("begin", type(motion).__name__)
             self._on(ArmEvent.EXECUTES, motion)
             self._trip_reason, self._recovered_way = "", NO_WAY
 

@@ -353,7 +353,7 @@ class Streams:
         """Tell the controller's recorder of a command that is taken."""
         controller = self._controller
         if controller.recorder is not None:
-            controller.note(name, argument_text(*values, sender))
+            controller.record_request(name, argument_text(*values, sender))
 
     def _note_command(self, motion: CommandedMotion, sender: CommandHeader) -> None:
         owner, sequence, stamp_s, _ = sender

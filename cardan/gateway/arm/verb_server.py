@@ -58,7 +58,7 @@ class VerbServer:
         if not known.without_loop:
             self.link.require()
         if known.changes and not known.recorded:
-            self.verbs.controller.note("verb", f"{verb} of {source!r}")
+            self.verbs.controller.record_request("verb", f"{verb} of {source!r}")
         if known.preset is not None:
             owner = "" if source == VERBS else source
             return self.verbs.stream(

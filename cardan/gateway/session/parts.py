@@ -112,7 +112,7 @@ class Whole:
 
 
 @contextlib.contextmanager
-def _noting(snapshot: Snapshot, what: str) -> Iterator[None]:
+def _failure_in_diagnosis(snapshot: Snapshot, what: str) -> Iterator[None]:
     """Diagnose in `snapshot` that foreign code, by its name in words, failed."""
     try:
         yield
@@ -188,7 +188,7 @@ class Figures(Part):
         snapshot.arm = self._arm(status, state.stamp_s, snapshot.arm.reference)
         snapshot.tracking, snapshot.loop = self._tracking(status.phase), self._loop()
         metrics, errors = before.metrics, before.errors
-        with _noting(snapshot, "the robot's driver"):
+        with _failure_in_diagnosis(snapshot, "the robot's driver"):
             robot = self.whole.robot
             snapshot.diagnosis += told(robot.diagnosis())
             metrics, errors = counted(robot.metrics()), dict(robot.protocol_errors())
@@ -349,7 +349,7 @@ class Operator(Part):
         metrics: dict[str, float] = {}
         errors = s.device.errors
         if held:
-            with _noting(s, "the device's driver"):
+            with _failure_in_diagnosis(s, "the device's driver"):
                 self._look_at_buttons()
                 s.diagnosis += told(device.diagnosis())
                 errors = dict(device.protocol_errors())
@@ -372,7 +372,7 @@ class Operator(Part):
                 0, f"{enable!r} enables nothing while {self._refused}: let go, then press it again"
             )
         for each in self._opened:
-            with _noting(s, f"the filter {each.name}"):
+            with _failure_in_diagnosis(s, f"the filter {each.name}"):
                 s.diagnosis += told(each.diagnosis())
 
     def _look_at_buttons(self) -> None:
