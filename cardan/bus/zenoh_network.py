@@ -223,8 +223,8 @@ class BusNetwork:
 
         def hear(sample: Any) -> None:
             attachment = sample.attachment
-            told = None if attachment is None else Attachment.decode(attachment.to_bytes())
-            heard(sample.payload.to_bytes(), time.time_ns() if told is None else told.source_ns)
+            meta = None if attachment is None else Attachment.decode(attachment.to_bytes())
+            heard(sample.payload.to_bytes(), time.time_ns() if meta is None else meta.source_ns)
 
         declared = []
         for key, found in entities.items():

@@ -231,10 +231,10 @@ def _checked(
         _consent(suite.harmless, wanted, yes, at_switch)
         ask_for_real_time()
 
-        def told(instruction: str) -> None:
+        def instruct(instruction: str) -> None:
             print(f">>> {instruction}", file=sys.stderr, flush=True)
 
-        report, timeline = run.at(suite, target, wanted, told, seconds or run.LIVE_S)
+        report, timeline = run.at(suite, target, wanted, instruct, seconds or run.LIVE_S)
     else:
         wanted = suite.levels if level is None else Level(level)
         faults = suite.faults(fault)

@@ -67,8 +67,8 @@ def check_memory_lock(limit: int, capable: bool, haptic: bool) -> Finding:
     """Whether libraries may lock memory. `limit`: RLIMIT_MEMLOCK, bytes."""
     enough = 64 << 20
     if capable or limit == UNLIMITED or limit >= enough or not haptic:
-        told = "unlimited" if capable or limit == UNLIMITED else f"{limit / 2**20:.0f} MiB"
-        return good("memory-lock", f"memory that may be locked: {told}")
+        amount = "unlimited" if capable or limit == UNLIMITED else f"{limit / 2**20:.0f} MiB"
+        return good("memory-lock", f"memory that may be locked: {amount}")
     return caution(
         "memory-lock",
         f"memory that may be locked: {limit / 2**20:.0f} MiB",

@@ -108,7 +108,7 @@ def robot_problem(state: Any) -> str:
     return ""
 
 
-def told(lines: Any) -> list[str]:
+def checked_lines(lines: Any) -> list[str]:
     """Return the lines of a `diagnosis()`. Raises TypeError for any other value."""
     wrong = [lines] if isinstance(lines, str) else [each for each in lines if type(each) is not str]
     if wrong:

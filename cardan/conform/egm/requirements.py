@@ -215,20 +215,20 @@ def the_ms_clock_runs(decoded: EgmTraffic) -> Verdict:
 @requires(12, f"{SCHEMA}, EgmFeedBack.time (since RobotWare 6.07)")
 def the_wall_clock_runs(decoded: EgmTraffic) -> Verdict:
     """The wall clock in feedBack.time advances as tm does; it never jumps."""
-    told = [
+    times = [
         (header.tm_ms, back.time_us, each.number)
         for each in decoded.robots
         if (header := each.message.header) and (back := each.message.feed_back)
         if header.tm_ms is not None and back.time_us is not None
     ]
     wrong = []
-    for (tm_ms, time_us, _), (later_ms, later_us, number) in pairwise(told):
+    for (tm_ms, time_us, _), (later_ms, later_us, number) in pairwise(times):
         passed_ms = step(tm_ms, later_ms)
         jump_s = (later_us - time_us) * 1e-6 - passed_ms * 1e-3
         if 0 <= passed_ms < 60_000 and abs(jump_s) > CLOCK_STEP_S:
             wrong.append((number, f"by {jump_s:.3f} s"))
-    said, nothing = f"{len(told)} times", "no datagram has feedBack.time"
-    return none_wrong(wrong, len(told), said, nothing, "clocks jump")
+    said, nothing = f"{len(times)} times", "no datagram has feedBack.time"
+    return none_wrong(wrong, len(times), said, nothing, "clocks jump")
 
 
 def _complete(motion: EgmMotion | None, name: str) -> str:

@@ -259,8 +259,8 @@ class Ros2ArmSession(DatagramSession[JointStates]):
                 if rival is None and len(rivals) >= RIVALS_KEPT:
                     rivals.pop(next(iter(rivals)))
                 # Where there are fewer positions than names, some are not told.
-                told = dict(zip(message["name"], message["position"], strict=False))
-                rivals[gid] = _Rival(since_s, now_s, told)
+                reported = dict(zip(message["name"], message["position"], strict=False))
+                rivals[gid] = _Rival(since_s, now_s, reported)
                 return None
             rivals.pop(gid, None)
         self._sender = sender = _Sender(gid, now_s)

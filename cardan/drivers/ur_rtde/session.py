@@ -333,15 +333,15 @@ class UrSession(TcpSession[Channel, Task]):
         while (package := self._packages.take()) is not None:
             message = read_message(package)
             if message is not None:
-                self._told(message)
+                self._take_message(message)
         if self._packages.failure:
             self._drop("primary", self._packages.failure, now_s)
         self._go_on(now_s)
 
-    def _told(self, message: RobotMessage) -> None:
+    def _take_message(self, message: RobotMessage) -> None:
         # Text is what any program or URCap says by `textmsg`: no sign that ours was not started.
         if message.kind == MessageKind.RUNTIME_EXCEPTION and self._starting is not None:
-            self._starting.told(f"line {message.line}: {message.text}")
+            self._starting.report_failure(f"line {message.line}: {message.text}")
 
     # -- what the states mean ---------------------------------------------------------------------
 

@@ -124,7 +124,7 @@ class Names(NamedTuple):
     services: tuple[ServiceCommand, ...] = ()
     same: Mapping[str, tuple[str, ...]] = {}
     """Topics with the very messages of the arm's own, by the names of these."""
-    told: tuple[TopicPublication, ...] = ()
+    published: tuple[TopicPublication, ...] = ()
 
 
 class ServoScales(NamedTuple):
@@ -312,7 +312,7 @@ def servo_names(servo: str, names: ArmNames, scales: ServoScales) -> Names:
             ),
             ServiceCommand(f"{servo}/pause_servo", "std_srvs/srv/SetBool", "stop", pause),
         ),
-        told=(
+        published=(
             TopicPublication(
                 f"{servo}/status", "moveit_msgs/msg/ServoStatus",
                 lambda shown: servo_status(shown, commands.refusal),
@@ -377,7 +377,7 @@ def fzi_names(names: ArmNames) -> Names:
             _stream("target_wrench", WRENCH, "wrench", frames.wrench),
         ),
         same={"state/pose": ("current_pose",)},
-        told=(TopicPublication("current_twist", TWIST, _measured_twist(names)),),
+        published=(TopicPublication("current_twist", TWIST, _measured_twist(names)),),
     )
 
 
@@ -489,7 +489,7 @@ def crtk_names(names: ArmNames) -> Names:
             "state/target": ("setpoint_cp",),
             "state/twist": ("setpoint_cv",),
         },
-        told=(
+        published=(
             TopicPublication("measured_cv", TWIST, _measured_twist(names)),
             TopicPublication("setpoint_js", JOINTS, setpoint),
             TopicPublication("operating_state", "crtk_msgs/msg/OperatingState", operating.tell),
@@ -532,12 +532,12 @@ def yarp_names(names: ArmNames) -> Names:
     )  # fmt: skip
 
 
-class _Telling:
+class _PublishedTopic:
     """A topic with a message of its own, which is encoded anew only when it changes."""
 
-    def __init__(self, node: BusNode, told: TopicPublication) -> None:
-        self._publisher = node.publisher(told.topic, told.type_name)
-        self._codec, self._message_of = codec_of(told.type_name), told.message
+    def __init__(self, node: BusNode, published: TopicPublication) -> None:
+        self._publisher = node.publisher(published.topic, published.type_name)
+        self._codec, self._message_of = codec_of(published.type_name), published.message
         self._message: Message | None = None
         self._data = b""
 
@@ -556,11 +556,13 @@ class NamesTopics:
 
     def __init__(self, node: BusNode, sets: Sequence[Names]) -> None:
         """`node` is open."""
-        self._telling = [_Telling(node, told) for names in sets for told in names.told]
+        self._topics = [
+            _PublishedTopic(node, published) for names in sets for published in names.published
+        ]
 
     def publish(self, shown: PublishedState, now_ns: int) -> None:
         """Publish one instant."""
-        for each in self._telling:
+        for each in self._topics:
             each.publish(shown, now_ns)
 
 

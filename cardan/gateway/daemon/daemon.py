@@ -191,7 +191,7 @@ class Daemon:
         if self._server is not None:
             self._server.wake()
 
-    def _told(self, call: Callable[[], None]) -> None:
+    def _post(self, call: Callable[[], None]) -> None:
         self._events.put(call)
         if self._server is not None:
             self._server.wake()
@@ -200,7 +200,7 @@ class Daemon:
         if len(self._events) >= LINES_WAITING:
             self._lines_dropped += 1
             return
-        self._told(lambda: self._keep_line(line))
+        self._post(lambda: self._keep_line(line))
 
     # -- the loop --------------------------------------------------------------------------------
 
@@ -329,7 +329,7 @@ class Daemon:
         if isinstance(kept, KeptServer) and self._server is not None:
             kept.socket = os.path.abspath(self._server.path)
         try:
-            kept.begin(self._told, self._say)
+            kept.begin(self._post, self._say)
         except OSError as error:
             words = shortage(error) or f"cannot be started: {error}"
             kept.unit.ended(Ended.DIED, words, now_s)
@@ -573,8 +573,8 @@ class Daemon:
             )
         number = next(self._ids)
         try:
-            told = request | {"id": number, "since": connection.since_s}
-            packet = json.dumps(told, separators=(",", ":")).encode()
+            filled = request | {"id": number, "since": connection.since_s}
+            packet = json.dumps(filled, separators=(",", ":")).encode()
             endless = decode_request(packet).verb in ENDLESS
         except RecursionError:
             raise ControlError("ask: its value is too deep", ask.id) from None
@@ -663,7 +663,7 @@ class Daemon:
                 config = error
             except Exception as error:  # The client waits for an answer.
                 config = ConfigurationError("", shortage(error) or repr(error))
-            self._told(lambda: over(self._take_config(config, check_only)))
+            self._post(lambda: over(self._take_config(config, check_only)))
 
         threading.Thread(target=read, name="cardan-reading", daemon=True).start()
 

@@ -43,7 +43,7 @@ class LogLine(NamedTuple):
         return cls(time.time(), name, printable(text), logging.getLevelName(level).lower())
 
 
-Tell = Callable[[Callable[[], None]], None]
+Post = Callable[[Callable[[], None]], None]
 """Has something done in the daemon's thread."""
 
 Say = Callable[[LogLine], None]
@@ -66,7 +66,7 @@ class Kept(ABC):
         return self.unit.name
 
     @abstractmethod
-    def begin(self, told: Tell, say: Say) -> None:
+    def begin(self, post: Post, say: Say) -> None:
         """Start its process. Raises OSError."""
 
     @abstractmethod
@@ -131,15 +131,15 @@ class SessionService(Kept):
         moves = s.arm.phase in ENGAGED and s.arm.phase != "holding"
         return self.process is not None and (moves or s.arm.authority != "")
 
-    def begin(self, told: Tell, say: Say) -> None:
+    def begin(self, post: Post, say: Say) -> None:
         def over(how: Ended, reason: str) -> None:
-            told(lambda: _ended(self, how, reason))
+            post(lambda: _ended(self, how, reason))
 
         self.process = RunningSession(
             self.entry.config,
             lambda text: say(LogLine.of(self.name, text)),
             over,
-            lambda packet: told(lambda: self.answered(packet)),
+            lambda packet: post(lambda: self.answered(packet)),
             self.has_device(),
         )
 
@@ -182,9 +182,9 @@ class KeptServer(Kept):
         self.socket = ""
         """The daemon's, for servers that ask it."""
 
-    def begin(self, told: Tell, say: Say) -> None:
+    def begin(self, post: Post, say: Say) -> None:
         def over(how: Ended, reason: str) -> None:
-            told(lambda: _ended(self, how, reason))
+            post(lambda: _ended(self, how, reason))
 
         self.process = RunningServer(
             (self.entry.server, *self.entry.words),

@@ -644,8 +644,8 @@ class Servo:
         first = self.joints + MAX_PARTS - unknowns
         sense = self._sense[first : first + len(highest)]
         x: FloatArray
-        x, _, flag, told = daqp.solve(normal, linear, rows, highest, lowest, sense)
-        self._iterations = max(self._iterations, told["iterations"])
+        x, _, flag, info = daqp.solve(normal, linear, rows, highest, lowest, sense)
+        self._iterations = max(self._iterations, info["iterations"])
         if flag < 1 or not math.isfinite(x.dot(x)):
             self._failures += 1
             x = np.zeros(unknowns)

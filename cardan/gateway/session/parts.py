@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from cardan.common.histogram import LatencyHistogram
 from cardan.common.plugins import reason
 from cardan.drivers.base import OperatorDevice, RobotDriver
-from cardan.drivers.foreign import RobotCalls, close_in_order, counted, told
+from cardan.drivers.foreign import RobotCalls, checked_lines, close_in_order, counted
 from cardan.errors import CommandError, ConfigurationError
 from cardan.gateway.arm.commanded_arm import TaskSpaceArm
 from cardan.gateway.arm.controller import ArmController
@@ -190,7 +190,7 @@ class Figures(Part):
         metrics, errors = before.metrics, before.errors
         with _failure_in_diagnosis(snapshot, "the robot's driver"):
             robot = self.whole.robot
-            snapshot.diagnosis += told(robot.diagnosis())
+            snapshot.diagnosis += checked_lines(robot.diagnosis())
             metrics, errors = counted(robot.metrics()), dict(robot.protocol_errors())
         pose = self.whole.tcp(state) if state.pose is None else state.pose
         snapshot.robot = RobotSnapshot(
@@ -351,7 +351,7 @@ class Operator(Part):
         if held:
             with _failure_in_diagnosis(s, "the device's driver"):
                 self._look_at_buttons()
-                s.diagnosis += told(device.diagnosis())
+                s.diagnosis += checked_lines(device.diagnosis())
                 errors = dict(device.protocol_errors())
                 metrics = counted(device.metrics())
         s.device = replace(s.device, held=held, passes=self._passes, metrics=metrics, errors=errors)
@@ -373,7 +373,7 @@ class Operator(Part):
             )
         for each in self._opened:
             with _failure_in_diagnosis(s, f"the filter {each.name}"):
-                s.diagnosis += told(each.diagnosis())
+                s.diagnosis += checked_lines(each.diagnosis())
 
     def _look_at_buttons(self) -> None:
         """Report configured buttons that the device, open by now, does not have."""

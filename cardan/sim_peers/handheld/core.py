@@ -125,13 +125,13 @@ class SimulatedHandheld(HeldPeriodicDevice[bytes]):
         """Make the tracked pose jump: it is elsewhere from now on."""
         self.jumped = True
 
-    def recenter(self, turn_rad: float = 0.5 * math.pi, *, told: bool = True) -> None:
+    def recenter(self, turn_rad: float = 0.5 * math.pi, *, reported: bool = True) -> None:
         """Give all poses in another reference from now on, as after a headset's recentering.
 
-        `told`: the browser says so.
+        `reported`: the browser says so.
         """
         self._north_rad += turn_rad
-        self._reference += told
+        self._reference += reported
 
     def stick(self) -> None:
         """The control counts as held for ever."""

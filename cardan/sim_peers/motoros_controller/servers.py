@@ -129,7 +129,7 @@ class _Connection(ServerConnection[PortKind]):
     owed: int = 0
     """Requests that came and are not answered yet."""
     last_reply: bytes = b""
-    told: set[str] = field(default_factory=set)
+    logged: set[str] = field(default_factory=set)
     """Events already logged about this client."""
     finished: bool = False
     """Its FIN has come; data before it is still handled."""
@@ -317,8 +317,8 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
                 self.controller.disconnected(self._now_s)
 
     def _note_once(self, connection: _Connection, key: str, text: str) -> None:
-        if key not in connection.told:
-            connection.told.add(key)
+        if key not in connection.logged:
+            connection.logged.add(key)
             self._note(f"{connection.kind}: connection {connection.number}: {text}")
 
     # -- received messages ------------------------------------------------------------------------

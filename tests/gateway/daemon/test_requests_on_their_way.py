@@ -15,7 +15,7 @@ from cardan.gateway.arm.requests import LATE_S
 from cardan.gateway.daemon import server as serving
 from cardan.gateway.daemon.client import ControlClient
 from cardan.gateway.daemon.config import read_daemon_config
-from cardan.gateway.daemon.control import Ask, LineReader, decode_told
+from cardan.gateway.daemon.control import Ask, LineReader, decode_response
 from cardan.gateway.daemon.daemon import Daemon
 from cardan.gateway.daemon.processes import RunningSession
 from cardan.gateway.daemon.restart_policy import Ended
@@ -89,7 +89,7 @@ class Bench:
     def heard(self):
         while not self._lines:
             self._lines = self._reader.take(self.theirs.recv(65536))
-        return decode_told(self._lines.pop(0))
+        return decode_response(self._lines.pop(0))
 
     @property
     def asked(self):
@@ -228,7 +228,7 @@ def test_who_sends_more_than_can_be_handled_is_let_go_with_the_reason(flooded):
     most_s = STALE_S + BACKLOGGED_S
     assert floods(flooded, 2 * most_s) == pytest.approx(most_s, abs=0.05)
     assert not connection.open
-    assert decode_told(bytes(flood.told).splitlines()[-1]).value == BACKLOGGED
+    assert decode_response(bytes(flood.told).splitlines()[-1]).value == BACKLOGGED
 
 
 def test_a_backlog_that_was_worked_off_is_forgotten(flooded):

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from cardan.gateway.daemon.control import Ask, decode_told
+from cardan.gateway.daemon.control import Ask, decode_response
 from fuzz.targets.texts import idle_daemon
 
 
@@ -21,7 +21,7 @@ from fuzz.targets.texts import idle_daemon
 def test_values_of_another_kind_are_refused(ask, words):
     daemon, program = idle_daemon()
     daemon._handle(ask, program)
-    told = decode_told(program.told[-1])
+    told = decode_response(program.told[-1])
     assert (told.id, told.kind) == (3, "error")
     assert words in told.value
 

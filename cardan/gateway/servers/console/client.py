@@ -650,16 +650,16 @@ class PageOperator:
         self._send(object_text(op="cardan.camera", id=identity, cameras=names))
 
     async def _watch_camera(self, camera: Camera, unshown: Unshown) -> None:
-        news, told, number = asyncio.Event(), "", 0
+        news, reported, number = asyncio.Event(), "", 0
         try:
             while True:
                 camera.watch(news)
                 await news.wait()
                 await self._calm()
                 news.clear()
-                if camera.why != told:
-                    told = camera.why
-                    self._send(object_text(op="cardan.camera", why=told))
+                if camera.why != reported:
+                    reported = camera.why
+                    self._send(object_text(op="cardan.camera", why=reported))
                 if camera.newest and camera.number != number:
                     number = camera.number
                     self._send_picture(camera, unshown)
@@ -707,9 +707,9 @@ class PageOperator:
     ) -> None:
         hold, figures = channel.hold, self.figures
         news = hold.grip, hold.why
-        if only_news and news == channel.told:
+        if only_news and news == channel.reported:
             return
-        channel.told = news
+        channel.reported = news
         self._send(
             object_text(
                 op="cardan.input",
