@@ -87,7 +87,7 @@ def _server_lines(data: bytes) -> object:
     for at in range(0, len(data), 700):
         lines.take(data[at : at + 700])
     lines.take(b"\n")
-    figures = [stats.told(line) for line in said]
+    figures = [stats.figures_of(line) for line in said]
     for each in figures:
         assert each is None or all(type(value) is int for value in each.values())
     return len(said) > 1, any(each is not None for each in figures)
@@ -141,7 +141,7 @@ def idle_daemon() -> tuple[Daemon, Any]:
     config = _config_of_two()
     daemon = Daemon(config, lambda: config)
     daemon._look_after = lambda _now_s: None  # type: ignore[method-assign]
-    for kept in daemon._kept.values():
+    for kept in daemon._services.values():
         kept.unit.stop(0.0, "")
         kept.process = _Running()
     return daemon, _Program()

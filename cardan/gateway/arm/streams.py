@@ -178,8 +178,8 @@ class Streams:
         if isinstance(owner, str) and len(owner) <= LONGEST_NAME and _is_time(stamp_s):
             assert stamp_s is not None
             with self._controller.lock:
-                kept = self._controller.authority.owner
-                self._delays.hear(owner, stamp_s, heard_s, kept)
+                retained = self._controller.authority.owner
+                self._delays.hear(owner, stamp_s, heard_s, retained)
 
     def pose(self, x: Target | FramedPose, sender: CommandHeader) -> None:
         """Go to the pose `x` now. Raises MotionRefusedError, as all of these do."""

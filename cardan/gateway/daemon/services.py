@@ -49,7 +49,7 @@ Post = Callable[[Callable[[], None]], None]
 Say = Callable[[LogLine], None]
 
 
-class Kept(ABC):
+class DaemonService(ABC):
     """A session or a server: its known state, and its process while it runs."""
 
     kind = ""
@@ -96,7 +96,7 @@ def why_nothing_moves(s: Snapshot, lent: str) -> str:
     return s.robot.hold_reason or lent
 
 
-class SessionService(Kept):
+class SessionService(DaemonService):
     """A session."""
 
     kind = "session"
@@ -171,7 +171,7 @@ class SessionService(Kept):
         }
 
 
-class KeptServer(Kept):
+class ServerService(DaemonService):
     """A server."""
 
     kind = "server"
@@ -205,11 +205,11 @@ class KeptServer(Kept):
         return super().shown(now_s) | {"server": self.entry.server, "endpoint": endpoint}
 
 
-def _ended(kept: Kept, how: Ended, reason: str) -> None:
-    if isinstance(kept, SessionService):
-        kept.last = kept.snapshot
-    kept.process = None
+def _ended(service: DaemonService, how: Ended, reason: str) -> None:
+    if isinstance(service, SessionService):
+        service.last = service.snapshot
+    service.process = None
     reason = printable(reason)
-    kept.unit.ended(how, reason, time.monotonic())
-    if isinstance(kept, SessionService):
-        kept.gone(reason)
+    service.unit.ended(how, reason, time.monotonic())
+    if isinstance(service, SessionService):
+        service.gone(reason)

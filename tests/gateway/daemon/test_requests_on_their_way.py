@@ -55,9 +55,9 @@ class Bench:
         file = folder / "lab.toml"
         file.write_text(SESSION)
         self.daemon = Daemon(read_daemon_config([file]), lambda: None)
-        self.kept = self.daemon._kept["one"]
-        self.session = self.kept.process = Session()
-        self.kept.unit.begun(0.0)
+        self.service = self.daemon._services["one"]
+        self.session = self.service.process = Session()
+        self.service.unit.begun(0.0)
         self.theirs, ours = socket.socketpair()
         self.theirs.settimeout(5.0)
         ours.setblocking(False)
@@ -73,7 +73,7 @@ class Bench:
     def answers(self, **result):
         """The session answers the newest request."""
         table = {"reply": self.session.sent[-1]["id"], "result": result}
-        self.kept.answered(json.dumps(table).encode())
+        self.service.answered(json.dumps(table).encode())
 
     def begins(self, verb):
         """The session begins the motion that was asked for last."""
@@ -132,9 +132,9 @@ def test_what_a_session_owes_when_it_ends_is_told(bench):
     bench.begins("movl")
     bench.heard()
     bench.ask("stat", 8)
-    bench.kept.process = None
-    bench.kept.unit.ended(Ended.DIED, "it was killed", 1.0)
-    bench.kept.gone("it was killed")
+    bench.service.process = None
+    bench.service.unit.ended(Ended.DIED, "it was killed", 1.0)
+    bench.service.gone("it was killed")
     refused, ended = bench.heard(), bench.heard()
     assert (refused.id, refused.kind) == (8, "error")
     assert "one has ended: it was killed" in refused.value
@@ -267,8 +267,10 @@ def test_what_a_session_did_last_is_told_though_its_process_has_ended(bench, mon
     """And that it has ended, by a daemon that comes to look only when the next one is due."""
     bench.daemon._find_events()
     bench.session.snapshot = Snapshot.of({"arm": {"phase": "moving", "authority": "a"}})
-    _ended(bench.kept, Ended.DIED, "killed")
-    monkeypatch.setattr(bench.kept, "begin", lambda *_: setattr(bench.kept, "process", Session()))
+    _ended(bench.service, Ended.DIED, "killed")
+    monkeypatch.setattr(
+        bench.service, "begin", lambda *_: setattr(bench.service, "process", Session())
+    )
     bench.daemon._look_after(time.monotonic() + 10.0)
     bench.daemon._find_events()
     assert [(each.event, each.what) for each in bench.daemon._recent] == [
