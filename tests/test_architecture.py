@@ -156,11 +156,11 @@ GONE_WORDS = (
     "KeyboardHand", "MapGlide", "MotomanGp8", "MotorosDriverRig", "MotorosPilot", "MotorosRig",
     "MotorosSeen", "Outbox", "PlainBook", "PoseGuidance", "RemoteCartesianDevice",
     "RemotePacketArm", "RosbridgeFeed", "ScriptHand", "ScriptedHand", "SessionTaps",
-    "SharedFeeds", "Surroundings", "Tongue", "UrPilot", "UrSeen", "VerbDesk", "decode_told",
-    "encode_told", "felt_depth_m", "felt_stiffness_n_m", "follows_hand", "hand_map",
-    "hand_peer", "judge_bus", "judge_devices", "judge_ports", "kept_bytes", "kept_text",
-    "leash_used", "leashed", "make_hand", "no_farewell_after_s", "off_the_wire", "owes_answer",
-    "replay_engine", "tongue", "tried_with",
+    "SharedFeeds", "Surroundings", "TimedActs", "Tongue", "UrPilot", "UrSeen", "VerbDesk",
+    "decode_told", "encode_told", "felt_depth_m", "felt_stiffness_n_m", "follows_hand",
+    "hand_map", "hand_peer", "judge_bus", "judge_devices", "judge_ports", "kept_bytes",
+    "kept_text", "leash_used", "leashed", "make_hand", "no_farewell_after_s", "off_the_wire",
+    "owes_answer", "replay_engine", "tongue", "tried_with",
 )  # fmt: skip
 """Words of identifiers, likewise."""
 GONE_ARGUMENTS = {"seen", "judge", "act", "acts", "rig"}

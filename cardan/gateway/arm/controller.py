@@ -30,8 +30,8 @@ from cardan.gateway.arm.motions.recover import NO_WAY, Recover
 from cardan.gateway.arm.output_check import OutputCheck, OutputLimits
 from cardan.gateway.arm.states import (
     RESTING,
-    Act,
     ArmEvent,
+    ArmingAction,
     Facts,
     Inhibit,
     States,
@@ -709,11 +709,11 @@ class ArmController:
         acknowledges = bool(inhibited) and not recovering
         owns = authority.owner == OPERATOR
         refused = not owns and bool(authority.refuses(OPERATOR))
-        arming, act = arming_after(state.arming, request, acknowledges, owns, refused)
-        if arming is not state.arming and act is not Act.TRIP:
+        arming, action = arming_after(state.arming, request, acknowledges, owns, refused)
+        if arming is not state.arming and action is not ArmingAction.TRIP:
             self._enter(state._replace(arming=arming))
-        if act is not None:
-            self._do(act, request.fault or request.filter_fault, robot.stamp_s)
+        if action is not None:
+            self._do(action, request.fault or request.filter_fault, robot.stamp_s)
         self._filter_fault = request.filter_fault
         if recovering and request.pressed and self.state.arming.armed and not request.asks:
             # A regrip goes on from the command's place; the rest of the way is dropped.
@@ -722,19 +722,19 @@ class ArmController:
         elif recovering and request.pressed and not self.state.arming.armed:
             self._cancel_recovery("it was ended by a button")
 
-    def _do(self, act: Act, fault: str, now_s: float) -> None:
+    def _do(self, action: ArmingAction, fault: str, now_s: float) -> None:
         """Carry out the consequence of the operator's request, which may have a `fault`."""
-        match act:
-            case Act.TRIP:
+        match action:
+            case ArmingAction.TRIP:
                 self._trip(fault or self.authority.take(OPERATOR, now_s))
-            case Act.LET_GO:
+            case ArmingAction.LET_GO:
                 self.authority.release(OPERATOR)
                 self._end_motion("the clutch was released")
-            case Act.ARM:
+            case ArmingAction.ARM:
                 self._trip_reason, self._recovered_way = "", NO_WAY
-            case Act.TAKE:
+            case ArmingAction.TAKE:
                 self._take_over(now_s)
-            case Act.ACKNOWLEDGE:
+            case ArmingAction.ACKNOWLEDGE:
                 if self.authority.refuses(OPERATOR):
                     self.authority.take(OPERATOR, now_s)  # Notes the refusal.
                 self._acknowledge()
@@ -904,14 +904,14 @@ class ArmController:
             return robot.alarm or self._filter_fault
         if self.recovering:
             return f"{why}resynchronizing with the robot; any button ends it"
-        act = "" if self.operator is None else f": {self.operator.rearming_instruction()} to go on"
+        step = "" if self.operator is None else f": {self.operator.rearming_instruction()} to go on"
         if self.rejects:
             why = self.supervision.implausible
-            return f"{why}; the measured position is implausible, the arm holds{act}"
+            return f"{why}; the measured position is implausible, the arm holds{step}"
         if self.waits_for_rearming:
             return (
                 f"{why}{self._separation_reason}: check what holds the arm and whether it is "
-                f"measured right, then {act.removeprefix(': ') or 'acknowledge it'}"
+                f"measured right, then {step.removeprefix(': ') or 'acknowledge it'}"
             )
         if self.operator is None:
             return why.removesuffix("; ")

@@ -272,12 +272,12 @@ class Gripper(Part):
             raise CommandError("a gripper on an output of the robot cannot stop half way")
         closed = action is Action.CLOSE
 
-        def act() -> None:
+        def move() -> None:
             self._move(closed)
             if (operator := self.whole.controller.operator) is not None:
                 operator.mapping.gripper_closed = closed
 
-        self.whole.link.do(act)
+        self.whole.link.do(move)
 
     def _move(self, closed: bool) -> None:
         options, robot = self.whole.config.gripper, self.whole.robot

@@ -28,7 +28,7 @@ from cardan.protocols.egm.messages import (
     MotorState,
     RapidState,
 )
-from cardan.sim_peers.base import TimedActs, load_script
+from cardan.sim_peers.base import TimedActions, load_script
 from cardan.sim_peers.egm_controller.arguments import EgmAct, EgmRun, EgmSetup, PathMove, StopMode
 from cardan.sim_peers.egm_controller.contact import ContactSurface, tcp_velocity, touch
 from cardan.sim_peers.egm_controller.events import ControllerEventLog, EventMessage
@@ -150,7 +150,7 @@ class EgmController:
         self._session_cycle = 0
         self._pc_seqno: int | None = None
         self._send_failing = False
-        self._timed: TimedActs[Callable[[], None]] = TimedActs(
+        self._timed: TimedActions[Callable[[], None]] = TimedActions(
             options.faults,
             {
                 "restart": self._restart,
@@ -282,8 +282,8 @@ class EgmController:
             self._port_periods = int(now_s / every_s)
             self.port_changes += 1
             self._queue.clear()
-        for _, act in self._timed.due(now_s):
-            act()
+        for _, call in self._timed.due(now_s):
+            call()
         while self._actions and self._actions[0].time_s <= now_s:
             action = self._actions.popleft()
             self._verbs[action.verb](**action.arguments)

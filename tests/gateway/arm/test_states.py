@@ -9,8 +9,8 @@ import pytest
 from cardan.gateway.arm import controller
 from cardan.gateway.arm.states import (
     RESTING,
-    Act,
     ArmEvent,
+    ArmingAction,
     Facts,
     Inhibit,
     MotionState,
@@ -254,10 +254,10 @@ def all_requests():
 def test_a_fault_of_the_device_trips_and_one_of_a_filter_only_a_device_that_is_or_gets_armed():
     for before, request, *rest in all_requests():
         fault = request._replace(fault="lost")
-        assert arming_after(before, fault, *rest) == (Arming.DISARMED, Act.TRIP)
+        assert arming_after(before, fault, *rest) == (Arming.DISARMED, ArmingAction.TRIP)
         fault = request._replace(filter_fault="broken")
         trips = before.armed or request.armed
-        after = (Arming.DISARMED, Act.TRIP) if trips else (request.arming, None)
+        after = (Arming.DISARMED, ArmingAction.TRIP) if trips else (request.arming, None)
         assert arming_after(before, fault, *rest) == after
 
 
@@ -266,17 +266,17 @@ def test_what_follows_from_a_request_without_a_fault():
         asked = request.arming
         wants = before.armed and asked.claims and not owns
         if before.armed and not asked.armed:
-            act = Act.LET_GO
+            action = ArmingAction.LET_GO
         elif asked.armed and not before.armed:
-            act = Act.TAKE if asked.claims else Act.ARM
+            action = ArmingAction.TAKE if asked.claims else ArmingAction.ARM
         elif request.arming_requested and acknowledges:
-            act = Act.ACKNOWLEDGE
+            action = ArmingAction.ACKNOWLEDGE
         elif wants:
-            act = Act.TRIP if refused else Act.TAKE
+            action = ArmingAction.TRIP if refused else ArmingAction.TAKE
         else:
-            act = None
-        after = Arming.DISARMED if act is Act.TRIP else asked
-        assert arming_after(before, request, acknowledges, owns, refused) == (after, act)
+            action = None
+        after = Arming.DISARMED if action is ArmingAction.TRIP else asked
+        assert arming_after(before, request, acknowledges, owns, refused) == (after, action)
 
 
 def test_the_act_by_a_dead_man_is_its_release_with_the_device_at_rest_and_its_press():
