@@ -110,9 +110,9 @@ class Bench:
             q = peer.q
             goal = _goal(self.start, SLOWLY * tick * DT_S)
             peer.step(goal, DT_S)
-            apart = np.abs(peer.distances - self.collision.at(q)).max(initial=0.0)
-            if not apart < SAME_M:
-                raise RuntimeError(f"{self.name}: distances differ by {apart:.2g} m")
+            difference = np.abs(peer.distances - self.collision.at(q)).max(initial=0.0)
+            if not difference < SAME_M:
+                raise RuntimeError(f"{self.name}: distances differ by {difference:.2g} m")
         q, off = peer.q, self._off(peer.q, goal)
         room = np.minimum(q - self.arm.lower, self.arm.upper - q)
         # A pair or the end of a joint's range may keep it from there.

@@ -447,7 +447,7 @@ def measure_speed(acts: int) -> Figures:
     return figures
 
 
-class Apart(NamedTuple):
+class RemoteLab(NamedTuple):
     """A device at one computer, and the arm that it moves at the other."""
 
     cell: Cell
@@ -500,7 +500,7 @@ def paired(folder: Path, both: TwoComputers, *options: str) -> tuple[str, str]:
 
 
 @contextlib.contextmanager
-def apart(network: Network, way: str = TCP) -> Iterator[Apart]:
+def remote_lab(network: Network, way: str = TCP) -> Iterator[RemoteLab]:
     """Both, with that network between them; `way`: TCP, TLS or QUIC."""
     with tempfile.TemporaryDirectory(prefix="cardan-remote-") as name, _stack() as stack:
         folder = Path(name)
@@ -515,7 +515,7 @@ def apart(network: Network, way: str = TCP) -> Iterator[Apart]:
         else:
             ours = ("--endpoint", f"tcp/0.0.0.0:{ROUTER_PORT}")
             theirs = ("--router", f"tcp/{ADDRESSES[ROBOT]}:{ROUTER_PORT}")
-        found = Apart(Cell({REMOTE: robot}), robot, both, [], ours)
+        found = RemoteLab(Cell({REMOTE: robot}), robot, both, [], ours)
         stack.callback(found.end_routers)
         found.start_router()
         stack.enter_context(shared(folder, f"{name}/mouse", theirs, both.at(OPERATOR)))
@@ -542,7 +542,7 @@ def transit_s(both: TwoComputers, stroke: Stroke, delay_s: float) -> float:
 def measure_network(network: Network, way: str, acts: int) -> tuple[Figures, Figures]:
     """Until motion, and until rest, over it, that `way`."""
     moves, rests = Figures(network.name), Figures(network.name)
-    with apart(network, way) as (cell, robot, both, *_):
+    with remote_lab(network, way) as (cell, robot, both, *_):
         rest_s = network.longest_s
         cell.make_ready(robot, rest_s)
         for _ in range(acts):

@@ -3,7 +3,7 @@ have no Pinocchio. test_arm_tables holds them current."""
 
 from __future__ import annotations
 
-from cardan.common.kept import content_key
+from cardan.common.cache import content_key
 from cardan.robots.arm_loader import FOLDER, arm_names, our_texts
 from cardan.robots.arm_table import to_table
 

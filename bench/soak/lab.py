@@ -174,7 +174,7 @@ def free_ports(count: int) -> list[int]:
         return list(range(first, first + count))
 
 
-class Kept:
+class LabProcess:
     """A process of the soak. Its output goes to a file of bounded size and to `line`."""
 
     def __init__(
@@ -322,7 +322,7 @@ class Lab:
             name: self._peer(f"device-{name}", *each, lambda _line: None)
             for name, each in devices.items()
         }
-        self.daemon = Kept(
+        self.daemon = LabProcess(
             [sys.executable, "-m", "cardan", "daemon", "run", str(self.file),
              "--log-level", "warning", "--log-format", "text"],
             folder / "logs" / "daemon.log",
@@ -331,9 +331,9 @@ class Lab:
 
     def _peer(
         self, name: str, kind: str, options: dict[str, Any], line: Callable[[str], None]
-    ) -> Kept:
+    ) -> LabProcess:
         words = [sys.executable, "-m", "bench.soak.peers", kind, json.dumps(options)]
-        return Kept(words, self.folder / "logs" / f"{name}.log", self.environment, line)
+        return LabProcess(words, self.folder / "logs" / f"{name}.log", self.environment, line)
 
     def write(self) -> None:
         """Write the daemon's file."""
@@ -346,7 +346,7 @@ class Lab:
         self.file.write_text(text)
 
     @property
-    def peers(self) -> dict[str, Kept]:
+    def peers(self) -> dict[str, LabProcess]:
         """Robots and devices by their names in the report."""
         return {
             **{f"robot {name}": each for name, each in self.robots.items()},

@@ -46,7 +46,7 @@ class Reconnector:
         self._zenoh, self._session, self._config = zenoh, session, config
         self._lost: dict[str, float] = {}
         """Since when each peer is lost, by id."""
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         self._pause_s = LOOK_S[0]
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
@@ -85,7 +85,7 @@ class Reconnector:
 
     def _found(self, zid: str) -> None:
         since_s = self._lost.pop(zid, None)
-        self._told.discard(zid)
+        self._reported.discard(zid)
         if since_s is not None:
             # Also where the other one was quicker to mend it than this one to tell the loss: no
             # session comes back by the same id that has not been there all the time.
@@ -117,7 +117,7 @@ class Reconnector:
     def _forget(self, gone: set[str]) -> None:
         for zid in gone:
             self._lost.pop(zid, None)
-            self._told.discard(zid)
+            self._reported.discard(zid)
 
     def _look(self) -> None:
         """Ask the router which lost peers are still there, and introduce this session to them."""
@@ -129,8 +129,8 @@ class Reconnector:
             return  # It is not known which have ended.
         with self._changed:
             self._forget(lost - nodes.keys())
-            for zid in self._lost.keys() & lost - self._told:
-                self._told.add(zid)
+            for zid in self._lost.keys() & lost - self._reported:
+                self._reported.add(zid)
                 _log.warning(
                     "the connection to Zenoh session %s (%s) is lost: no message passes between it "
                     "and this one; connects again",

@@ -131,7 +131,7 @@ class BusNetwork:
             there = bool(self._graph.servers(service))
             watch = _Watch(self._watches, self._lock, service, gone, there)
             self._watches.add(watch)
-        return self._kept(_Declared(watch))
+        return self._registered(_Declared(watch))
 
     def wait_for_publisher(self, topic: str, timeout_s: float) -> bool:
         """Wait until a node publishes `topic`; False if none does in time."""
@@ -223,8 +223,8 @@ class BusNetwork:
 
         def hear(sample: Any) -> None:
             attachment = sample.attachment
-            told = None if attachment is None else Attachment.decode(attachment.to_bytes())
-            heard(sample.payload.to_bytes(), time.time_ns() if told is None else told.source_ns)
+            meta = None if attachment is None else Attachment.decode(attachment.to_bytes())
+            heard(sample.payload.to_bytes(), time.time_ns() if meta is None else meta.source_ns)
 
         declared = []
         for key, found in entities.items():
@@ -232,7 +232,7 @@ class BusNetwork:
             declared.append(self._do(declare))
             if found is not None:
                 declared.append(self._do(partial(self.node.declare_token, found)))
-        return self._kept(_Declared(*declared))
+        return self._registered(_Declared(*declared))
 
     def advertise(
         self, topic: str, type_name: str, latched: bool, mark: str = ""
@@ -245,7 +245,7 @@ class BusNetwork:
         urgency = Urgency.PICTURE if type_name in PICTURES else Urgency.COMMAND
         declared = self._do(lambda: self.node.declare_publisher(key, entity.qos, urgency=urgency))
         token = self._do(lambda: self.node.declare_token(entity))
-        return self._kept(_Sender(declared, token, gid_of(entity, self.node.options.domain)))
+        return self._registered(_Sender(declared, token, gid_of(entity, self.node.options.domain)))
 
     def call(
         self,
@@ -295,9 +295,9 @@ class BusNetwork:
 
         declared = self._do(lambda: self.node.declare_queryable(key, take))
         token = self._do(lambda: self.node.declare_token(entity))
-        return self._kept(_Declared(declared, token))
+        return self._registered(_Declared(declared, token))
 
-    def _kept(self, given: _DeclaredT) -> _DeclaredT:
+    def _registered(self, given: _DeclaredT) -> _DeclaredT:
         self._given.add(given)
         return given
 

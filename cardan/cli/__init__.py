@@ -84,16 +84,16 @@ def main() -> None:
         with output.in_background(), raised_on_ending():
             try:
                 code = _run()
-            except SystemExit as told:
+            except SystemExit as ending:
                 output.keep_up()
-                code = _code(told)
+                code = _code(ending)
             if (error := output.finish("stdout")) is not None:
                 code = code or EXIT_FAILED
                 if why := output.why_unwritten(error):
                     print(f"cardan: {why}", file=sys.stderr)
             output.finish("stderr")
-    except SystemExit as told:  # Told to end while it waited for a reader.
-        code = _code(told)
+    except SystemExit as ending:  # Told to end while it waited for a reader.
+        code = _code(ending)
     sys.exit(code)
 
 
@@ -134,8 +134,8 @@ def _fail(error: CardanError, code: int) -> int:
     return code
 
 
-def _code(told: SystemExit) -> int:
-    return told.code if isinstance(told.code, int) else EXIT_FAILED
+def _code(ending: SystemExit) -> int:
+    return ending.code if isinstance(ending.code, int) else EXIT_FAILED
 
 
 def _print_version(wanted: bool) -> None:

@@ -90,11 +90,11 @@ def begin_serving(
     """
     if verbose and level not in (None, LogLevel.DEBUG):
         raise ConfigurationError("--verbose, --log-level", "give one of them")
-    told = os.environ.get(LEVEL_VARIABLE, "")
-    default = LogLevel(told) if told in {each.value for each in LogLevel} else default
+    given = os.environ.get(LEVEL_VARIABLE, "")
+    default = LogLevel(given) if given in {each.value for each in LogLevel} else default
     level = LogLevel.DEBUG if verbose else level or default
-    told = os.environ.get(FORMAT_VARIABLE, "")
-    form = form or (LogFormat(told) if told in {each.value for each in LogFormat} else None)
+    given = os.environ.get(FORMAT_VARIABLE, "")
+    form = form or (LogFormat(given) if given in {each.value for each in LogFormat} else None)
     log_to_stderr(getattr(logging, level.name), form or LogFormat.TEXT)
     output.keep_up()
 

@@ -160,7 +160,7 @@ def conform(
             print(f"cardan: {line}", file=sys.stderr)
         report, missing = (report, []) if save is None else run.save(save, suite, report, timeline)
     else:
-        report, missing = _judged(
+        report, missing = _checked(
             suite, target, level, seconds, fault or [], seed or 0, yes, at_switch, save
         )
     forms = {
@@ -211,7 +211,7 @@ def _look_whether_written(folder: Path) -> None:
     raise ConfigurationError("--save", f"{folder} cannot be written: {why}")
 
 
-def _judged(
+def _checked(
     suite: Suite[Any],
     target: str,
     level: int | None,
@@ -231,10 +231,10 @@ def _judged(
         _consent(suite.harmless, wanted, yes, at_switch)
         ask_for_real_time()
 
-        def told(instruction: str) -> None:
+        def instruct(instruction: str) -> None:
             print(f">>> {instruction}", file=sys.stderr, flush=True)
 
-        report, timeline = run.at(suite, target, wanted, told, seconds or run.LIVE_S)
+        report, timeline = run.at(suite, target, wanted, instruct, seconds or run.LIVE_S)
     else:
         wanted = suite.levels if level is None else Level(level)
         faults = suite.faults(fault)

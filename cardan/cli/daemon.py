@@ -103,13 +103,13 @@ def serve(
         checked(read_daemon_config(files)), lambda: checked(read_daemon_config_in_subprocess(files))
     )
 
-    def told(number: int) -> None:
+    def on_signal(number: int) -> None:
         if number == signal.SIGHUP:
             daemon.ask_reload()
         else:
             daemon.end()
 
-    with on_ending(told):
+    with on_ending(on_signal):
         daemon.run(lambda path: print(f"READY {path}", flush=True), seconds)
 
 
@@ -222,11 +222,11 @@ def switch(
     from cardan.gateway.daemon.client import ControlClient
 
     with ControlClient(socket) as client:
-        told = client.ask("switch", device, session or None)
+        on_signal = client.ask("switch", device, session or None)
     if as_json:
-        print_json(told)
+        print_json(on_signal)
         return
-    print(f"{told['name']} goes from {told['from']} to {told['to']}")
+    print(f"{on_signal['name']} goes from {on_signal['from']} to {on_signal['to']}")
 
 
 def reload(

@@ -115,8 +115,8 @@ class Given(NamedTuple):
             metavar = ""
         shown: dict[str, Any] = {"metavar": metavar or None, "help": option.help}
         shown["show_default"] = kind is not bool and default not in (None, "")
-        told = typer.Argument(**shown) if option.positional else typer.Option(self.flag, **shown)
-        return parameter_of(self.field.name, Annotated[kind, told], default)
+        spec = typer.Argument(**shown) if option.positional else typer.Option(self.flag, **shown)
+        return parameter_of(self.field.name, Annotated[kind, spec], default)
 
     def values(self, given: Any) -> dict[str, Any]:
         """Values of the fields that `given` sets; empty where it keeps the defaults."""
@@ -207,8 +207,8 @@ def _texts_of(source: str) -> dict[str, str]:
 
 
 def _text(node: ast.expr) -> str:
-    told = node.value if isinstance(node, ast.Constant) else ""
-    return " ".join(told.split()) if isinstance(told, str) else ""
+    text = node.value if isinstance(node, ast.Constant) else ""
+    return " ".join(text.split()) if isinstance(text, str) else ""
 
 
 def made(options: type, values: Mapping[type, Mapping[str, Any]]) -> Any:

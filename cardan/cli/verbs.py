@@ -41,9 +41,9 @@ def carry_out(arm: CartesianArm, verb: str, words: Sequence[str], wait: bool) ->
     if len(words) not in takes.counts:
         given = "1 value" if len(words) == 1 else f"{len(words)} values"
         raise ConfigurationError(verb, f"takes {takes.words}, not {given}: {' '.join(words)}")
-    act = getattr(arm, "set_parameters" if verb == SET_ONE else verb)
+    call = getattr(arm, "set_parameters" if verb == SET_ONE else verb)
     given_one = takes is not NOTHING
-    result = act(takes.decode(verb, takes.read(verb, words))) if given_one else act()
+    result = call(takes.decode(verb, takes.read(verb, words))) if given_one else call()
     motion = result if hasattr(result, "outcome") else None
     if motion is None:
         return result, result is not False

@@ -11,7 +11,7 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-KEPT = 60
+MOST_ROUNDS = 60
 """Round trips that are remembered: of half a minute, in which clocks drift by less than 2 ms, where
 the other is asked twice a second."""
 
@@ -32,11 +32,11 @@ class _Round(NamedTuple):
 class RemoteClock:
     """The clock of a page, or of another computer."""
 
-    def __init__(self, kept: int = KEPT) -> None:
-        """`kept`: round trips that are remembered."""
-        self._rounds: deque[_Round] = deque(maxlen=kept)
+    def __init__(self, most: int = MOST_ROUNDS) -> None:
+        """`most`: round trips that are remembered."""
+        self._rounds: deque[_Round] = deque(maxlen=most)
         self._best: _Round | None = None
-        self._took: deque[float] = deque(maxlen=kept)
+        self._took: deque[float] = deque(maxlen=most)
         self.quickest_s = math.inf
         """As `round_s`, also across resets of the other clock: our clock alone measures it."""
         self.resets = 0

@@ -179,8 +179,8 @@ def resolved(kind: Any, table: Any, file: Path, key: str = "") -> Any:
         for name, each in named.items()
     }
     others = {name: each for name, each in table.items() if name not in known}
-    told = getattr(kind, "kind_of_others", None)
-    if others and told is not None and (other := told(table)) is not None:
+    words_of_others = getattr(kind, "kind_of_others", None)
+    if others and words_of_others is not None and (other := words_of_others(table)) is not None:
         others = resolved(other, others, file, key)
     return {name: {**found, **others}[name] for name in table}
 
@@ -291,8 +291,8 @@ class _Reader:
                 del unknown[name]
             for number, name in enumerate(unknown):
                 near = suggestion(name, keys)
-                told = f"{near} Allowed: {listed}" if near else f"; allowed: {listed}"
-                self._wrong(_below(key, name), words + (near if number else told))
+                words_of_others = f"{near} Allowed: {listed}" if near else f"; allowed: {listed}"
+                self._wrong(_below(key, name), words + (near if number else words_of_others))
         for name, each in keys.items():
             if name in table and (former := f"{name} = {shown(table[name])}") in renamed:
                 self._wrong(_below(key, name), f"is now: {renamed[former]}; rename it")

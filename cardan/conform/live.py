@@ -13,10 +13,10 @@ from cardan.errors import DriverError
 
 
 class Live:
-    """A scenario and the wires of its target. `told` gets the instructions to the operator."""
+    """A scenario and the wires of its target. `instruct` gets the instructions to the operator."""
 
-    def __init__(self, exchange: Exchange, wires: Wires, told: Callable[[str], None]) -> None:
-        self._exchange, self._wires, self._told = exchange, wires, told
+    def __init__(self, exchange: Exchange, wires: Wires, instruct: Callable[[str], None]) -> None:
+        self._exchange, self._wires, self._instruct = exchange, wires, instruct
         self._open: dict[str, TargetWire] = {}
         self._any = False
         self._start_s = time.monotonic()
@@ -76,7 +76,7 @@ class Live:
                 if found is not None:
                     found.close()
             elif step.kind is Kind.ASKED:
-                self._told(step.note)
+                self._instruct(step.note)
 
     def _opened(self, channel: str) -> list[Step]:
         try:

@@ -176,7 +176,7 @@ def must(found: T | None, said: str, evidence: Iterable[int] = ()) -> T:
     return found
 
 
-def apart(one: Iterable[float], other: Iterable[float]) -> float:
+def distance(one: Iterable[float], other: Iterable[float]) -> float:
     """Return the largest difference between two postures or positions in one component."""
     return max((abs(a - b) for a, b in zip(one, other, strict=False)), default=0.0)
 

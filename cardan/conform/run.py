@@ -47,10 +47,10 @@ def at(
     suite: Suite[Any],
     target: str,
     level: Level,
-    told: Callable[[str], None],
+    instruct: Callable[[str], None],
     seconds: float = LIVE_S,
 ) -> tuple[SuiteReport, WireTimeline]:
-    """Check the device or program at `target`. `told` gets the instructions to the operator.
+    """Check the device or program at `target`. `instruct` gets the instructions to the operator.
 
     Raises ConfigurationError for a wrong target, AddressError or DeviceAccessError if it cannot be
     opened.
@@ -60,7 +60,7 @@ def at(
     if "/" not in target:
         redaction.hide(host_and_port(target, "--target", 0)[0])
     exchange = Exchange(suite.scenario(level, seconds))
-    Live(exchange, wires, told).run()
+    Live(exchange, wires, instruct).run()
     report = check_timeline(suite, exchange.timeline, level, target=target, redaction=redaction)
     return report, exchange.timeline
 

@@ -61,7 +61,7 @@ class Suite(Generic[V]):
     """Makes a timeline's decoded traffic, which the requirements are checked on."""
     scenario: Callable[[Level, float], Scenario]
     """Makes the scenario of every level up to the given one, each for about so many seconds."""
-    rig: ClassVar[str]
+    simulation: ClassVar[str]
     """``package.module:Class`` of the connection between a scenario and the simulated peer, made
     from an exchange, faults and a seed, with `run`. A target is tested without it."""
     seconds: ClassVar[float]
@@ -71,7 +71,7 @@ class Suite(Generic[V]):
 
     def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
         """Run `exchange` against the simulated peer with these faults, in virtual time."""
-        module, _, name = self.rig.partition(":")
+        module, _, name = self.simulation.partition(":")
         getattr(importlib.import_module(module), name)(exchange, faults, seed).run()
 
     def wires(self, target: str) -> Wires:

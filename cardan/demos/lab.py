@@ -138,18 +138,18 @@ class ObservedArms:
 
 def run_lab(demo: Demo, seconds: float) -> int:
     """Run the demo for `seconds` from when all arms are there; the exit code of the command."""
-    told: list[int] = []
+    signals: list[int] = []
     console = Console()
     console.print(demo.description, markup=False)
     with (
-        on_ending(told.append),
+        on_ending(signals.append),
         simulated_lab(demo, seconds) as (_, config, daemon),
         LivePanel(console, transient=False) as panel,
         ControlClient(daemon.endpoint) as client,
     ):
         seen = ObservedArms(config.sessions)
         end_s, show_s, waiting = time.monotonic() + READY_S, 0.0, True
-        while not told and time.monotonic() < end_s:
+        while not signals and time.monotonic() < end_s:
             time.sleep(POLL_S)
             rows = client.ask("figures")["units"]
             seen.take(rows)
@@ -158,7 +158,7 @@ def run_lab(demo: Demo, seconds: float) -> int:
             if time.monotonic() >= show_s:
                 show_s = time.monotonic() + (SHOWN_S if panel.drawn else PRINTED_S)
                 view.show(rows, console, panel)
-    if told:
+    if signals:
         console.print("ended early: not judged")
         return EXIT_OK
     problems = seen.problems()

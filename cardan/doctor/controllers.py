@@ -112,16 +112,16 @@ def _first_words(sock: socket.socket, endpoint: Endpoint, seconds: float) -> byt
     return said
 
 
-def judge_controllers(
+def check_controllers(
     endpoints: Mapping[Endpoint, str], heard: Mapping[Endpoint, Heard]
 ) -> Iterator[Finding]:
     """Findings about each endpoint. `endpoints`: the drivers that use it, in words."""
     for each, who in endpoints.items():
-        make = _judge_listening if each.listens else _judge_server
+        make = _check_listening if each.listens else _check_server
         yield make(each, who, heard[each])
 
 
-def _judge_listening(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
+def _check_listening(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
     where = f"UDP port {endpoint.port}"
     if heard.error == errno.EADDRINUSE:
         return good("heard", f"{where} of {who} is in use: it is not listened at")
@@ -167,7 +167,7 @@ def _judge_listening(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
     return good("heard", f"{where} of {who} hears {', '.join(heard.sources)}")
 
 
-def _judge_server(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
+def _check_server(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
     where = f"{endpoint.host}, TCP port {endpoint.port},"
     if not heard.error:
         if endpoint.speaks is None or endpoint.speaks(heard.said):
@@ -225,4 +225,4 @@ class Controllers(Check):
                     found.setdefault(each, f"{used.key} of {used.session}")
         heard = listen(each for each in found if each.listens)
         heard.update({each: connect(each) for each in found if not each.listens})
-        return judge_controllers(found, heard)
+        return check_controllers(found, heard)

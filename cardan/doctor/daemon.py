@@ -14,7 +14,7 @@ from cardan.gateway.daemon.service import SystemdUnit, installed, is_outdated
 GROUP = "daemon"
 
 
-def judge_units(rows: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
+def check_units(rows: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
     """Findings about the daemon's sessions and servers. `rows`: as `cardan daemon ps` has them."""
     for row in rows:
         who = f"{row['kind']} {row['name']}"
@@ -37,7 +37,7 @@ def judge_units(rows: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
             yield good("unit", f"{who} is {row['state']}{reason}")
 
 
-def judge_absent(why: str, services: Sequence[SystemdUnit]) -> Finding:
+def check_absent(why: str, services: Sequence[SystemdUnit]) -> Finding:
     """Findings of a daemon that does not answer. `services`: units of it that are installed."""
     if services:
         systemctl = " ".join(services[0].systemctl)
@@ -52,7 +52,7 @@ def judge_absent(why: str, services: Sequence[SystemdUnit]) -> Finding:
     return failure("daemon", why, "it cannot be asked", "ls -l its socket; the group of [daemon]")
 
 
-def judge_unit(service: SystemdUnit) -> Finding:
+def check_unit(service: SystemdUnit) -> Finding:
     """Finding of a unit that starts the daemon by its old name."""
     install = (
         "cardan daemon service install"
@@ -78,12 +78,12 @@ class Running(Check):
     @classmethod
     def look(cls, subject: Subject) -> Iterable[Finding]:
         there = [each for each in map(installed, (False, True)) if each.path.exists()]
-        yield from map(judge_unit, filter(is_outdated, there))
+        yield from map(check_unit, filter(is_outdated, there))
         try:
             with ControlClient(subject.socket) as client:
                 rows = client.ask("units")
         except CardanError as error:
-            yield judge_absent(str(error), there)
+            yield check_absent(str(error), there)
             return
         yield good("daemon", f"the daemon at {client.path} runs")
-        yield from judge_units(rows)
+        yield from check_units(rows)

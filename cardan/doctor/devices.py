@@ -31,7 +31,7 @@ THREE_D_DRIVERS: Final = frozenset({"spacemouse", "spacemouse_serial"})
 """Drivers whose devices spacenavd takes for itself; the second is a plug-in's."""
 
 
-def judge_devices(found: Sequence[FoundDevice], wanted: Iterable[Used]) -> Iterator[Finding]:
+def check_devices(found: Sequence[FoundDevice], wanted: Iterable[Used]) -> Iterator[Finding]:
     """Whether plugged-in devices can be opened. `wanted`: the devices of the files."""
     use = {each.name: each for each in wanted if each.key == "device"}
     for device in found:
@@ -63,7 +63,7 @@ def _mend(obstacle: str) -> str:
     return "unplug it and plug it in again, then: cardan devices"
 
 
-def judge_paths(
+def check_paths(
     wanted: Iterable[tuple[str, str]], exists: Mapping[str, bool], writable: Mapping[str, bool]
 ) -> Iterator[Finding]:
     """Whether device nodes that files name are there. `wanted`: session and path of each."""
@@ -86,7 +86,7 @@ def judge_paths(
             yield good("node", f"{path} of {session} can be opened")
 
 
-def judge_rules(installed: Mapping[str, str], wanted: str) -> Finding:
+def check_rules(installed: Mapping[str, str], wanted: str) -> Finding:
     """Whether the udev rules are there. `installed`: contents of rule files by path."""
     lines = [each for each in wanted.splitlines() if each and not each.startswith("#")]
     if not lines:
@@ -106,7 +106,7 @@ def judge_rules(installed: Mapping[str, str], wanted: str) -> Finding:
     return good("udev", "the udev rules are installed")
 
 
-def judge_spacenavd(pids: Sequence[int], found: Iterable[str], wanted: Iterable[str]) -> Finding:
+def check_spacenavd(pids: Sequence[int], found: Iterable[str], wanted: Iterable[str]) -> Finding:
     """Whether spacenavd takes a SpaceMouse away. `found` and `wanted`: the drivers of plugged-in
     devices, and of the files."""
     if not pids:
@@ -121,7 +121,7 @@ def judge_spacenavd(pids: Sequence[int], found: Iterable[str], wanted: Iterable[
     return good("spacenavd", what)
 
 
-def judge_holders(held: Mapping[str, Holder]) -> Iterator[Finding]:
+def check_holders(held: Mapping[str, Holder]) -> Iterator[Finding]:
     """Which programs have device nodes open, by the nodes' paths."""
     for path, holder in held.items():
         if holder.is_ours:
@@ -143,11 +143,11 @@ class PluggedIn(Check):
     @classmethod
     def look(cls, subject: Subject) -> Iterable[Finding]:
         used = list(subject.used())
-        yield from judge_devices(subject.devices(), used)
+        yield from check_devices(subject.devices(), used)
         wanted = [(each.session, path) for each in used for path in _nodes(each)]
         exists = {path: os.path.exists(path) for _, path in wanted}
         writable = {path: os.access(path, os.R_OK | os.W_OK) for _, path in wanted}
-        yield from judge_paths(wanted, exists, writable)
+        yield from check_paths(wanted, exists, writable)
 
 
 def _nodes(used: Used) -> list[str]:
@@ -167,7 +167,7 @@ class UdevRules(Check):
             path for each in RULES_FOLDERS for path in sorted((subject.root / each).glob("*.rules"))
         ]
         texts = {str(path): subject.read_path(path) for path in paths}
-        return [judge_rules(texts, udev_rules())]
+        return [check_rules(texts, udev_rules())]
 
 
 class Holders(Check):
@@ -178,11 +178,11 @@ class Holders(Check):
     @classmethod
     def look(cls, subject: Subject) -> Iterable[Finding]:
         used, found = list(subject.used()), subject.devices()
-        yield judge_spacenavd(
+        yield check_spacenavd(
             named("spacenavd", subject.root),
             [each.driver for each in found],
             [each.name for each in used if each.key == "device"],
         )
         nodes = [each.path for each in found if each.path.startswith("/dev/")]
         nodes += [str(Path(path).resolve()) for each in used for path in _nodes(each)]
-        yield from judge_holders(holders(nodes, subject.root))
+        yield from check_holders(holders(nodes, subject.root))

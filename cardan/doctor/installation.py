@@ -113,7 +113,7 @@ def needed_extras(subject: Subject) -> dict[str, str]:
     return needed
 
 
-def judge_packages(
+def check_packages(
     requirements: Iterable[PackageRequirement],
     needed: Mapping[str, str],
     version: Callable[[str], str | None],
@@ -152,7 +152,7 @@ class Packages(Check):
 
     @classmethod
     def look(cls, subject: Subject) -> Iterable[Finding]:
-        yield from judge_packages(own_requirements(), needed_extras(subject), installed_version)
+        yield from check_packages(own_requirements(), needed_extras(subject), installed_version)
         try:
             load_hid("hid")
         except DriverError as error:
@@ -170,7 +170,7 @@ class PlugIns(Check):
         from cardan.doctor import registry as checks
 
         return list(
-            judge_plug_ins(
+            check_plug_ins(
                 [
                     ("driver", drivers.load_all()),
                     ("filter", filters.load_all()),
@@ -182,7 +182,7 @@ class PlugIns(Check):
         )
 
 
-def judge_plug_ins(found: Iterable[tuple[str, Loaded[Any]]]) -> Iterator[Finding]:
+def check_plug_ins(found: Iterable[tuple[str, Loaded[Any]]]) -> Iterator[Finding]:
     """Plug-ins that cannot be used. `found`: loaded classes, by the word for their kind."""
     bad = False
     lacking: dict[str, list[str]] = {}

@@ -15,7 +15,7 @@ GROUP = "network"
 ZENOH = "rmw_zenoh_cpp"
 
 
-def judge_bus(
+def check_bus(
     options: BusOptions,
     who: str,
     look: Callable[[BusOptions], Discovery] = discover,
@@ -45,7 +45,7 @@ def judge_bus(
     return good("bus", f"{who}: {len(found.nodes)} nodes are met at {where}")
 
 
-def judge_environment(
+def check_environment(
     environment: Mapping[str, str], buses: Mapping[BusOptions, str]
 ) -> Iterator[Finding]:
     """Whether ROS 2 programs that are started in this shell meet the sessions of the files."""
@@ -86,7 +86,7 @@ class Bus(Check):
         for options, who in subject.buses().items():
             if (key := reachable(options)) not in looked:
                 looked.add(key)
-                yield judge_bus(options, who)
+                yield check_bus(options, who)
 
 
 class RosEnvironment(Check):
@@ -98,4 +98,4 @@ class RosEnvironment(Check):
     def look(cls, subject: Subject) -> Iterable[Finding]:
         if not (buses := subject.buses()):
             return []
-        return judge_environment(subject.environment, buses)
+        return check_environment(subject.environment, buses)

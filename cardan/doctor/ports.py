@@ -83,7 +83,7 @@ def collide(one: str, other: str) -> bool:
     return a == b
 
 
-def judge_ports(
+def check_ports(
     wanted: Iterable[Wanted], bound: Iterable[Bound], held: Mapping[int, Holder]
 ) -> Iterator[Finding]:
     """Whether each port is free. `held`: owners of the sockets, by their inodes; those of other
@@ -176,4 +176,4 @@ class Ports(Check):
         by_inode = {
             each.inode: held[name] for each in bound if (name := f"socket:[{each.inode}]") in held
         }
-        return judge_ports(wanted, bound, by_inode)
+        return check_ports(wanted, bound, by_inode)

@@ -23,7 +23,7 @@ BUILT_IN = {
     "ports": f"{_HERE}.ports:Ports",
     "bus": f"{_HERE}.network:Bus",
     "ros": f"{_HERE}.network:RosEnvironment",
-    "servers": f"{_HERE}.servers:Doors",
+    "servers": f"{_HERE}.servers:ServerAccess",
     "controllers": f"{_HERE}.controllers:Controllers",
     "daemon": f"{_HERE}.daemon:Running",
 }

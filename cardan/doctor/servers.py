@@ -36,35 +36,35 @@ _MAKE_ONE: Final = (
 )
 
 
-def judge_certificate(
+def check_certificate(
     who: str, found: Certificate, names: Sequence[str], now: datetime.datetime
 ) -> Iterator[Finding]:
     """Whether a server's certificate is valid, for long enough, and for a name that the computer
     has."""
     make = _MAKE_ONE.format(name=names[0])
-    told = f"{who}: its certificate"
+    subject_words = f"{who}: its certificate"
     why = "browsers refuse the connection"
     if now > found.ends:
         days = (now - found.ends).days
-        yield failure("certificate", f"{told} ended {days} days ago", why, make)
+        yield failure("certificate", f"{subject_words} ended {days} days ago", why, make)
     elif now < found.begins:
         yield failure(
             "certificate",
-            f"{told} begins only on {found.begins:%Y-%m-%d}",
+            f"{subject_words} begins only on {found.begins:%Y-%m-%d}",
             why,
             "timedatectl says whether this computer's clock is right",
         )
     elif found.ends - now < EXPIRES_SOON:
         days = (found.ends - now).days
-        yield caution("certificate", f"{told} ends in {days} days", f"then {why}", make)
+        yield caution("certificate", f"{subject_words} ends in {days} days", f"then {why}", make)
     else:
-        yield good("certificate", f"{told} is valid until {found.ends:%Y-%m-%d}")
+        yield good("certificate", f"{subject_words} is valid until {found.ends:%Y-%m-%d}")
     if any(_is_for(each, name) for each in found.names for name in names):
-        yield good("certificate-name", f"{told} is for {', '.join(found.names)}")
+        yield good("certificate-name", f"{subject_words} is for {', '.join(found.names)}")
     else:
         yield caution(
             "certificate-name",
-            f"{told} is for {', '.join(found.names) or 'no name'}; this computer is "
+            f"{subject_words} is for {', '.join(found.names) or 'no name'}; this computer is "
             f"{', '.join(names)}",
             f"{why}, unless the name that a person types is in it",
             make,
@@ -93,7 +93,7 @@ def web_options(entry: ServerEntry) -> WebOptions:
     )
 
 
-def judge_door(
+def check_access(
     name: str, entry: ServerEntry, own: str, now: datetime.datetime
 ) -> Iterator[Finding]:
     """Findings on whether a server can start and its clients can reach it. `own`: this computer's
@@ -135,10 +135,10 @@ def judge_door(
                 _MAKE_ONE.format(name=own),
             )
             return
-        yield from judge_certificate(who, found, names, now)
+        yield from check_certificate(who, found, names, now)
 
 
-class Doors(Check):
+class ServerAccess(Check):
     """Servers with clients: who may reach them, by which token and certificate."""
 
     group, tells = GROUP, ("server", "clear", "certificate", "certificate-name")
@@ -148,4 +148,4 @@ class Doors(Check):
         now = datetime.datetime.now(datetime.timezone.utc)
         for name, entry in subject.servers.items():
             if "token_file" in server_defaults(entry):
-                yield from judge_door(name, entry, socket.gethostname().lower(), now)
+                yield from check_access(name, entry, socket.gethostname().lower(), now)

@@ -47,7 +47,7 @@ def has_capability(status: str, number: int) -> bool:
     return found is not None and bool(int(found[1], 16) >> number & 1)
 
 
-def judge_scheduling(limit: int, capable: bool, haptic: bool) -> Finding:
+def check_scheduling(limit: int, capable: bool, haptic: bool) -> Finding:
     """Whether sessions may have real-time scheduling. `limit`: RLIMIT_RTPRIO."""
     need = HAPTIC_PRIORITY if haptic else FIFO_PRIORITY
     if capable or limit == UNLIMITED or limit >= need:
@@ -63,12 +63,12 @@ def judge_scheduling(limit: int, capable: bool, haptic: bool) -> Finding:
     )
 
 
-def judge_memory_lock(limit: int, capable: bool, haptic: bool) -> Finding:
+def check_memory_lock(limit: int, capable: bool, haptic: bool) -> Finding:
     """Whether libraries may lock memory. `limit`: RLIMIT_MEMLOCK, bytes."""
     enough = 64 << 20
     if capable or limit == UNLIMITED or limit >= enough or not haptic:
-        told = "unlimited" if capable or limit == UNLIMITED else f"{limit / 2**20:.0f} MiB"
-        return good("memory-lock", f"memory that may be locked: {told}")
+        amount = "unlimited" if capable or limit == UNLIMITED else f"{limit / 2**20:.0f} MiB"
+        return good("memory-lock", f"memory that may be locked: {amount}")
     return caution(
         "memory-lock",
         f"memory that may be locked: {limit / 2**20:.0f} MiB",
@@ -78,7 +78,7 @@ def judge_memory_lock(limit: int, capable: bool, haptic: bool) -> Finding:
     )
 
 
-def judge_governors(governors: Mapping[str, str]) -> Finding:
+def check_governors(governors: Mapping[str, str]) -> Finding:
     """Whether processors keep their speed. `governors`: by processor; empty: there are none."""
     kinds = sorted(set(governors.values()))
     if not kinds:
@@ -94,7 +94,7 @@ def judge_governors(governors: Mapping[str, str]) -> Finding:
     return good("governor", f"the processors' frequency is governed by {' and '.join(kinds)}")
 
 
-def judge_clock(name: str, available: str) -> Finding:
+def check_clock(name: str, available: str) -> Finding:
     """Whether reading the clock is quick. `available`: the names of all, with spaces between."""
     if not name or name in GOOD_CLOCKS:
         return good("clock", f"clock source {name or 'unknown'}")
@@ -110,7 +110,7 @@ def judge_clock(name: str, available: str) -> Finding:
     )
 
 
-def judge_load(load: float, processors: int) -> Finding:
+def check_load(load: float, processors: int) -> Finding:
     """Whether the computer has time. `load`: the mean of the last minute."""
     what = f"load {load:.1f} on {processors} processor{'s' * (processors != 1)}"
     if load <= MOST_LOAD * processors:
@@ -147,7 +147,7 @@ class Scheduling(Check):
     @classmethod
     def look(cls, subject: Subject) -> Iterable[Finding]:
         capable = has_capability(subject.read("proc/self/status"), CAP_SYS_NICE)
-        return [judge_scheduling(_limit("RLIMIT_RTPRIO"), capable, _is_haptic(subject))]
+        return [check_scheduling(_limit("RLIMIT_RTPRIO"), capable, _is_haptic(subject))]
 
 
 class MemoryLock(Check):
@@ -158,7 +158,7 @@ class MemoryLock(Check):
     @classmethod
     def look(cls, subject: Subject) -> Iterable[Finding]:
         capable = has_capability(subject.read("proc/self/status"), CAP_IPC_LOCK)
-        return [judge_memory_lock(_limit("RLIMIT_MEMLOCK"), capable, _is_haptic(subject))]
+        return [check_memory_lock(_limit("RLIMIT_MEMLOCK"), capable, _is_haptic(subject))]
 
 
 class Governor(Check):
@@ -171,7 +171,7 @@ class Governor(Check):
         folder = subject.root / "sys/devices/system/cpu"
         paths = sorted(folder.glob("cpu[0-9]*/cpufreq/scaling_governor"))
         found = {path.parts[-3]: subject.read_path(path) for path in paths}
-        return [judge_governors({name: each for name, each in found.items() if each})]
+        return [check_governors({name: each for name, each in found.items() if each})]
 
 
 class Clock(Check):
@@ -183,7 +183,7 @@ class Clock(Check):
     def look(cls, subject: Subject) -> Iterable[Finding]:
         folder = "sys/devices/system/clocksource/clocksource0"
         names = (subject.read(f"{folder}/{each}_clocksource") for each in ("current", "available"))
-        return [judge_clock(*names)]
+        return [check_clock(*names)]
 
 
 class Load(Check):
@@ -196,4 +196,4 @@ class Load(Check):
         words = subject.read("proc/loadavg").split()
         if not words:
             return []
-        return [judge_load(float(words[0]), os.cpu_count() or 1)]
+        return [check_load(float(words[0]), os.cpu_count() or 1)]

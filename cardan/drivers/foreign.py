@@ -39,9 +39,9 @@ class RobotCalls:
         traceback: TracebackType | None,
     ) -> None:
         if isinstance(error, FAILURES):
-            self.judge(error)
+            self.check(error)
 
-    def judge(self, error: BaseException) -> None:
+    def check(self, error: BaseException) -> None:
         """Raise a DriverError for an error of a driver's call, unless it is one of Cardan's."""
         if not isinstance(error, CardanError) and not shortage(error):
             _log.debug("it failed here", exc_info=error)
@@ -108,7 +108,7 @@ def robot_problem(state: Any) -> str:
     return ""
 
 
-def told(lines: Any) -> list[str]:
+def checked_lines(lines: Any) -> list[str]:
     """Return the lines of a `diagnosis()`. Raises TypeError for any other value."""
     wrong = [lines] if isinstance(lines, str) else [each for each in lines if type(each) is not str]
     if wrong:

@@ -50,7 +50,7 @@ class HotplugMonitor:
             self._socket = listening
 
     @property
-    def told(self) -> bool:
+    def reports_devices(self) -> bool:
         """Whether the system reports devices."""
         return self._socket is not None
 

@@ -307,18 +307,18 @@ class SlipCompensation:
         if self.working:
             self._clear(len(self.offset))
 
-    def passed(self, gap_s: float, apart: Sequence[float] = (), slip: Sequence[float] = ()) -> None:
+    def passed(self, gap_s: float, error: Sequence[float] = (), slip: Sequence[float] = ()) -> None:
         """`gap_s` have passed without a command, beyond the period that a command is for.
 
-        The robot went on at the speed it had. By now it is `apart` from where that would have
-        brought it, and by `slip` faster. Empty: neither.
+        The robot went on at the speed it had. By now it is off by `error` from where that would
+        have brought it, and by `slip` faster. Empty: neither.
         """
         self.working = self._interrupted = True
         self._gap_s += gap_s
         went, slipped = self._went, self._slip
         for i, each in enumerate(slipped):
             went[i] += each * gap_s
-        for i, each in enumerate(apart):
+        for i, each in enumerate(error):
             went[i] += each
         for i, each in enumerate(slip):
             slipped[i] += each

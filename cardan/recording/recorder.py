@@ -242,14 +242,14 @@ class Recorder:
     def _hear(self, sample: Any) -> None:
         data = sample.payload.to_bytes()
         attachment = sample.attachment
-        told = b"" if attachment is None else attachment.to_bytes()
+        encoded = b"" if attachment is None else attachment.to_bytes()
         key = str(sample.key_expr)
         with self._there:
             if len(self._queue) >= QUEUE_MESSAGES or self._queued_bytes > QUEUE_BYTES:
                 self._dropped += 1
                 return
             self._queued_bytes += len(data)
-            self._queue.append(_Heard(key, data, told, time.time_ns()))
+            self._queue.append(_Heard(key, data, encoded, time.time_ns()))
             if len(self._queue) == 1:
                 self._there.notify()
 
@@ -296,16 +296,16 @@ class Recorder:
             topic = self._topics[heard.key] = self._topic_of(heard.key, heard.log_ns)
         if topic is None:
             return
-        told = Attachment.decode(heard.attachment)
+        attachment = Attachment.decode(heard.attachment)
         sequence = publish_ns = 0
-        if told is not None:
+        if attachment is not None:
             if topic.latched:
-                topic = self._of_publisher(topic, heard, told.gid)
-            sequence, publish_ns = told.sequence, told.source_ns
+                topic = self._of_publisher(topic, heard, attachment.gid)
+            sequence, publish_ns = attachment.sequence, attachment.source_ns
             if not 0 <= publish_ns < _END_NS:
                 publish_ns = 0
-            before = self._counted.get(told.gid)
-            self._counted[told.gid] = max(sequence, before or 0)
+            before = self._counted.get(attachment.gid)
+            self._counted[attachment.gid] = max(sequence, before or 0)
             if before is not None and sequence > before + 1:
                 self._lost += sequence - before - 1
             elif topic.latched and before is not None and sequence <= before:

@@ -107,14 +107,14 @@ class Schedule:
 
     def __init__(self, longest_pause_s: float = LONGEST_PAUSE_S) -> None:
         self._longest_ns = longest_pause_s * 1e9
-        self._told: list[str] = []
+        self._words: list[str] = []
         self._steps = 0
 
     @property
     def steps(self) -> list[str]:
         """Steps that were not waited for, in words."""
-        more = self._steps - len(self._told)
-        return [*self._told, f"and {more} more steps of its time"] if more else self._told
+        more = self._steps - len(self._words)
+        return [*self._words, f"and {more} more steps of its time"] if more else self._words
 
     def of(self, messages: Iterable[RecordedMessage]) -> Iterator[tuple[float, RecordedMessage]]:
         """Messages, each with the time at which it is due, s after the first one."""
@@ -142,8 +142,8 @@ class Schedule:
 
     def _tell(self, at_s: float, step_s: float, why: str) -> None:
         self._steps += 1
-        if len(self._told) < MOST_STEPS:
-            self._told.append(
+        if len(self._words) < MOST_STEPS:
+            self._words.append(
                 f"its time makes a step of {step_s:+.1f} s after {at_s:.1f} s, which was not "
                 f"waited for: {why}"
             )

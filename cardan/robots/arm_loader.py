@@ -14,8 +14,8 @@ from importlib import resources
 from importlib.util import find_spec
 from pathlib import Path
 
+from cardan.common.cache import content_key
 from cardan.common.files import MODEL_BYTES, expanded
-from cardan.common.kept import content_key
 from cardan.common.options import suggestion
 from cardan.common.places import in_file, place_of
 from cardan.common.tables import parse_toml, read_table, read_text

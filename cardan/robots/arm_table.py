@@ -13,7 +13,7 @@ from types import UnionType
 from typing import Any, TypeVar, get_args, get_origin
 
 from cardan.common import tables
-from cardan.common.kept import content_key, keep_text, kept_text
+from cardan.common.cache import cache_text, cached_text, content_key
 from cardan.common.options import hints
 from cardan.robots.arm_model import ArmModel
 
@@ -71,14 +71,14 @@ def made_from(kind: type[_T], text: str) -> _T | None:
 def kept_arm(parts: Sequence[str | bytes], urdf: str) -> ArmModel | None:
     """Return the model that `keep_arm` has kept of these files; None: nothing."""
     key = content_key((*parts, *_sources()))
-    text = kept_text(KIND, key)
+    text = cached_text(KIND, key)
     return None if text is None else from_table(text, key, urdf)
 
 
 def keep_arm(parts: Sequence[str | bytes], urdf: str, arm: ArmModel) -> None:
     """Keep the model for `kept_arm`, if the user has a writable folder for it."""
     key = content_key((*parts, *_sources()))
-    keep_text(KIND, key, to_table(arm, key, urdf))
+    cache_text(KIND, key, to_table(arm, key, urdf))
 
 
 @cache

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cardan.common.kept import content_key, keep_text, kept_text
+from cardan.common.cache import cache_text, cached_text, content_key
 from cardan.errors import about
 from cardan.robots.arm_table import made_from, plain_text
 from cardan.robots.fitting import METHOD, Fit, How, fit
@@ -20,11 +20,11 @@ def fit_mesh(path: Path, how: How, scale: Vector3 = UNSCALED) -> Fit:
     take them from the cache where these bytes were fitted before. Raises ConfigurationError."""
     data = read_mesh(path)
     key = content_key((data, plain_text((METHOD, how, *scale, path.suffix.lower()))))
-    text = kept_text(KIND, key)
+    text = cached_text(KIND, key)
     if text is not None and (kept := made_from(Fit, text)) is not None:
         return kept
     points = points_in(data, path, scale)
     with about(f"mesh {path}"):
         found = fit(points, how)
-    keep_text(KIND, key, plain_text(found))
+    cache_text(KIND, key, plain_text(found))
     return found

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from cardan.common.kept import content_key, keep_bytes, kept_bytes
+from cardan.common.cache import cache_bytes, cached_bytes, content_key
 from cardan.errors import ConfigurationError, about, shown
 from cardan.robots.arm_loader import ArmTexts, arm_names, located
 from cardan.robots.mesh_files import find_mesh, package_folders, read_mesh
@@ -75,7 +75,7 @@ def keep_visuals(name_or_file: str) -> Visuals:
 
 def kept_visual(key: str) -> bytes | None:
     """Return the mesh that is kept by a key; None: there is none."""
-    return kept_bytes(KIND, key) or None
+    return cached_bytes(KIND, key) or None
 
 
 def _visual_meshes(tree: Tree) -> list[str]:
@@ -94,7 +94,7 @@ def _keep(uri: str, urdf: Path, folders: Sequence[Path]) -> tuple[str, int]:
         raise ConfigurationError("", missing)
     data = read_mesh(path)
     key = content_key((METHOD, path.suffix.lower(), data))
-    drawn = kept_bytes(KIND, key)
+    drawn = cached_bytes(KIND, key)
     if drawn is None:
         # An extra that programs which only show kept meshes do not need.
         from cardan.robots.meshes import surface_in
@@ -104,7 +104,7 @@ def _keep(uri: str, urdf: Path, folders: Sequence[Path]) -> tuple[str, int]:
             drawn = surface.packed()
         if len(drawn) > MOST_BYTES:
             drawn = b""  # Kept, too: it is not read again.
-        if not keep_bytes(KIND, key, drawn):
+        if not cache_bytes(KIND, key, drawn):
             raise ConfigurationError("", f"mesh {path}: no cache folder can be written to")
     if not drawn:
         raise ConfigurationError(

@@ -96,31 +96,31 @@ def strikes(faults: Mapping[str, float], name: str, count: int) -> bool:
     return name in faults and count % int(faults[name]) == 0
 
 
-ActT = TypeVar("ActT", bound=Callable[..., object])
+ActionT = TypeVar("ActionT", bound=Callable[..., object])
 
 
-class TimedActs(Generic[ActT]):
-    """Acts, each done once at its time: faults whose values are times, and others."""
+class TimedActions(Generic[ActionT]):
+    """Actions, each done once at its time: faults whose values are times, and others."""
 
     def __init__(
         self,
         faults: Mapping[str, float],
-        acts: Mapping[str, ActT],
-        *others: tuple[float, ActT],
+        actions: Mapping[str, ActionT],
+        *others: tuple[float, ActionT],
         start_s: float = 0.0,
     ) -> None:
-        """`acts` by the names of faults; `others` with their times. Times count from `start_s`."""
-        timed = [*((faults[name], act) for name, act in acts.items() if name in faults), *others]
+        """`actions` by the names of faults; `others` with times. Times count from `start_s`."""
+        timed = [*((faults[name], do) for name, do in actions.items() if name in faults), *others]
         timed.sort(key=operator.itemgetter(0))
-        self._left = deque((start_s + time_s, act) for time_s, act in timed)
+        self._left = deque((start_s + time_s, action) for time_s, action in timed)
 
     @property
     def next_s(self) -> float:
-        """When the next act is due; infinite when nothing is left."""
+        """When the next action is due; infinite when nothing is left."""
         return self._left[0][0] if self._left else math.inf
 
-    def due(self, until_s: float) -> Iterator[tuple[float, ActT]]:
-        """Acts due by `until_s`, each once with its time, in order."""
+    def due(self, until_s: float) -> Iterator[tuple[float, ActionT]]:
+        """Actions due by `until_s`, each once with its time, in order."""
         while self._left and self._left[0][0] <= until_s:
             yield self._left.popleft()
 

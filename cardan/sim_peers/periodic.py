@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Generic, NamedTuple
 
 from cardan.sim_peers.backends.base import M
-from cardan.sim_peers.base import FaultSwitch, TimedActs, check_faults
+from cardan.sim_peers.base import FaultSwitch, TimedActions, check_faults
 
 PERIODIC_FAULTS = (
     FaultSwitch("unplug", "the device vanishes at VALUE s", 3.0),
@@ -39,7 +39,7 @@ class PeriodicDevice(ABC, Generic[M]):
         self.next_due_s = 0.0
         """Time of the next report."""
         self._period_s = period_s
-        self._timed = TimedActs(
+        self._timed = TimedActions(
             faults, {"unplug": self.unplug, "replug": self.replug, "silence": self.fall_silent}
         )
 
@@ -63,8 +63,8 @@ class PeriodicDevice(ABC, Generic[M]):
         """Reports from the last call until `now_s`."""
         reports = []
         while self.next_due_s <= now_s:
-            for _, act in self._timed.due(self.next_due_s):
-                act()
+            for _, action in self._timed.due(self.next_due_s):
+                action()
             if self.plugged and not self.silent:
                 reports.append(self.report())
             self.next_due_s += self._period_s

@@ -13,7 +13,7 @@ from cardan.sim_peers.motion_profile import SinePeriods, V, VectorMotion, Vector
 
 A = TypeVar("A")
 D = TypeVar("D")
-Act = Callable[[D, float], None]
+Action = Callable[[D, float], None]
 """Action of a script's step on a device at its time, s."""
 D_contra = TypeVar("D_contra", contravariant=True)
 
@@ -70,17 +70,17 @@ def play(device: H, motion: DeviceMotion[H], until_s: float) -> list[Any]:
     return [each for piece in pieces(device, motion, until_s) for each in piece]
 
 
-def calling(method: str, *arguments: Any) -> Act[Any]:
+def calling(method: str, *arguments: Any) -> Action[Any]:
     """A step that calls a method of the device."""
     return lambda device, _: getattr(device, method)(*arguments)
 
 
-def setting(attribute: str, value: Any) -> Act[Any]:
+def setting(attribute: str, value: Any) -> Action[Any]:
     """A step that sets an attribute of the device."""
     return lambda device, _: setattr(device, attribute, value)
 
 
-def moving(motion: VectorMotion[V], stroke: VectorRamp | SinePeriods) -> Act[Any]:
+def moving(motion: VectorMotion[V], stroke: VectorRamp | SinePeriods) -> Action[Any]:
     """A step that begins a stroke."""
     return lambda _, at_s: motion.start(at_s, stroke)
 
@@ -232,14 +232,14 @@ class MotionScript(ABC, Generic[D]):
         self._timeline = ScriptTimeline(steps, verbs, self._timed, start_s)
 
     @abstractmethod
-    def _read(self, words: StepWords) -> Act[D]:
+    def _read(self, words: StepWords) -> Action[D]:
         """Turn the words of a step into its action."""
 
-    def _timed(self, words: StepWords) -> list[tuple[float, Act[D]]]:
+    def _timed(self, words: StepWords) -> list[tuple[float, Action[D]]]:
         """Actions of one step, each with its time, s."""
-        acts = [(words.time_s, self._read(words))]
+        actions = [(words.time_s, self._read(words))]
         words.end()
-        return acts
+        return actions
 
     @abstractmethod
     def _hold(self, device: D, now_s: float) -> None:
@@ -258,6 +258,6 @@ class MotionScript(ABC, Generic[D]):
 
     def advance(self, now_s: float, device: D) -> None:
         """Do every step that is due until `now_s`, then hold `device` as it is at `now_s`."""
-        for due_s, act in self._timeline.due(now_s):
-            act(device, due_s)
+        for due_s, action in self._timeline.due(now_s):
+            action(device, due_s)
         self._hold(device, now_s)

@@ -1,7 +1,7 @@
 """The servers of a simulated controller, sans I/O: connections, schedules, faults of the network.
 
-Bytes come in with the time, pieces to write go out; a shell (`cardan.sim_peers.tcp_peer`, or a rig
-in virtual time) has the sockets.
+Bytes come in with the time, pieces to write go out; a shell (`cardan.sim_peers.tcp_peer`, or a
+simulation in virtual time) has the sockets.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final, Generic, TypeVar
 
-from cardan.sim_peers.base import FaultSwitch, TimedActs
+from cardan.sim_peers.base import FaultSwitch, TimedActions
 
 SILENT: Final = FaultSwitch(
     "silent", "from this time on nothing is sent or read, the sockets stay open, s", 5.0
@@ -27,7 +27,7 @@ KEPT_EVENTS: Final = 10_000
 
 KindT = TypeVar("KindT", bound=str)
 
-Act = Callable[[], object]
+TimedAction = Callable[[], object]
 Events = deque[tuple[float, str]]
 
 
@@ -79,7 +79,7 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
         self._now_s = 0.0
         self._next_state_s = math.inf
         self._random = random.Random(seed)
-        self._timed: TimedActs[Act] = TimedActs({}, {})
+        self._timed: TimedActions[TimedAction] = TimedActions({}, {})
         self.behave(faults)
 
     def behave(self, faults: Mapping[str, float]) -> None:
@@ -92,7 +92,7 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
     # -- made by the controller -----------------------------------------------------------------
 
     @abstractmethod
-    def _plan(self) -> TimedActs[Act]:
+    def _plan(self) -> TimedActions[TimedAction]:
         """Actions at a time, counted from now: those of the network, and others."""
 
     @abstractmethod
@@ -226,7 +226,7 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
 
     # -- faults of the network ------------------------------------------------------------------
 
-    def _network_acts(self) -> dict[str, Act]:
+    def _network_actions(self) -> dict[str, TimedAction]:
         return {"silent": self._fall_silent, "cut": self._cut, "reset": self._reset}
 
     def _fall_silent(self) -> None:

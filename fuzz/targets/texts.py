@@ -58,12 +58,12 @@ def _asks() -> Iterator[bytes]:
     for ask in _ASKS:
         yield control.encode_ask(ask)
     for kind in ("result", "error", "event"):
-        yield control.encode_told(control.Response(1, kind, [{"name": "gofa"}, "text"]))
+        yield control.encode_response(control.Response(1, kind, [{"name": "gofa"}, "text"]))
 
 
 def _control(data: bytes) -> object:
     results: list[object] = []
-    for decode in (control.decode_ask, control.decode_told):
+    for decode in (control.decode_ask, control.decode_response):
         try:
             found = decode(data)
             results.append(type(found).__name__)
@@ -87,7 +87,7 @@ def _server_lines(data: bytes) -> object:
     for at in range(0, len(data), 700):
         lines.take(data[at : at + 700])
     lines.take(b"\n")
-    figures = [stats.told(line) for line in said]
+    figures = [stats.figures_of(line) for line in said]
     for each in figures:
         assert each is None or all(type(value) is int for value in each.values())
     return len(said) > 1, any(each is not None for each in figures)
@@ -105,7 +105,7 @@ class _Program:
         """As the server's own: what cannot be encoded would end the daemon."""
         for each in told:
             assert each.kind != "error" or "a fault" not in each.value, each.value
-            self.told.append(control.encode_told(each))
+            self.told.append(control.encode_response(each))
 
 
 class _Running(RunningSession):
@@ -141,7 +141,7 @@ def idle_daemon() -> tuple[Daemon, Any]:
     config = _config_of_two()
     daemon = Daemon(config, lambda: config)
     daemon._look_after = lambda _now_s: None  # type: ignore[method-assign]
-    for kept in daemon._kept.values():
+    for kept in daemon._services.values():
         kept.unit.stop(0.0, "")
         kept.process = _Running()
     return daemon, _Program()
@@ -160,11 +160,11 @@ def _daemon(packets: Packets) -> object:
     daemon._tell_watchers(1e9)
     asked = len(program.told)
     daemon._handle(control.Ask(1, "units"), program)
-    assert control.decode_told(program.told[-1]).kind == "result"
+    assert control.decode_response(program.told[-1]).kind == "result"
     for call in program.gone:
         call()
     assert not daemon._watchers
-    return tuple(sorted({control.decode_told(each).kind for each in program.told})), asked > 4
+    return tuple(sorted({control.decode_response(each).kind for each in program.told})), asked > 4
 
 
 def _daemon_asks() -> Iterator[Packets]:

@@ -190,7 +190,7 @@ def _judged(
     )
     least_s = delay_by_least_error(DT_S, true, output, LONGEST_S)
     shift = round(least_s / DT_S)
-    apart = np.linalg.norm(true[: len(true) - shift] - output[shift:], axis=1)
+    errors = np.linalg.norm(true[: len(true) - shift] - output[shift:], axis=1)
     stops = stop_phases(trace.times_s, true, output)
     return Course(
         name,
@@ -200,7 +200,7 @@ def _judged(
         delays,
         delay_by_correlation(DT_S, true, output, LONGEST_S),
         least_s,
-        float(np.sqrt((apart**2).mean())),
+        float(np.sqrt((errors**2).mean())),
         stops.count,
         stops.total_s,
         refusals,

@@ -9,7 +9,7 @@ import pytest
 
 from cardan.conform import Level, VerdictOutcome, registry, run
 from cardan.conform.motoros_driver import scenario
-from cardan.conform.motoros_driver.simulated import MotorosDriverRig
+from cardan.conform.motoros_driver.simulated import MotorosDriverSimulation
 from cardan.conform.report import check_timeline
 from cardan.conform.runner import Exchange
 from cardan.conform.transports import TcpPorts
@@ -22,7 +22,7 @@ from cardan.types import HoldCommand
 def outcomes():
     suite = registry.load("motoros-driver")
     exchange = Exchange(suite.scenario(Level.BY_HAND, suite.seconds))
-    MotorosDriverRig(exchange, {}, options=MotorosOptions(mode="stream")).run()
+    MotorosDriverSimulation(exchange, {}, options=MotorosOptions(mode="stream")).run()
     report = check_timeline(suite, exchange.timeline, Level.BY_HAND, version="")
     assert report.failed == (), report.as_text()
     return {each.id: each.outcome for each in report.results}

@@ -11,7 +11,7 @@ from cardan.conform import Kind, Level, VerdictOutcome, WireEvent, check_timelin
 from cardan.conform.runner import Exchange
 from cardan.conform.transports import TcpPorts
 from cardan.conform.ur_rtde import scenario
-from cardan.conform.ur_rtde.simulated import UrRig
+from cardan.conform.ur_rtde.simulated import UrSimulation
 from cardan.drivers.ur_rtde import feed
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.errors import ConfigurationError
@@ -31,9 +31,9 @@ def test_it_asks_for_what_our_driver_asks_for():
     assert options.state_timeout_s == scenario.STATE_TIMEOUT_S
 
 
-def ran(level, rig=UrRig, seconds=1.0, **options):
+def ran(level, simulation=UrSimulation, seconds=1.0, **options):
     exchange = Exchange(SUITE.scenario(level, seconds))
-    made = rig(exchange, {}, options=UrControllerOptions(**options))
+    made = simulation(exchange, {}, options=UrControllerOptions(**options))
     made.run()
     report = check_timeline(SUITE, exchange.timeline, level)
     return report, exchange.timeline, made
@@ -98,8 +98,8 @@ def test_in_local_control_no_program_is_sent():
     assert uploads(timeline) == []
 
 
-class _Busy(UrRig):
-    """Rig on which another client's program runs from the beginning."""
+class _Busy(UrSimulation):
+    """Simulation on which another client's program runs from the beginning."""
 
     def run(self):
         self._servers.advance(0.0)

@@ -10,8 +10,8 @@ from cardan.doctor.base import Subject
 from cardan.doctor.controllers import (
     Controllers,
     Heard,
+    check_controllers,
     connect,
-    judge_controllers,
     listen,
 )
 from cardan.doctor.files import read_files
@@ -69,12 +69,12 @@ def test_what_drivers_use():
     ],
 )
 def test_findings(endpoint, heard, level, code):
-    found = list(judge_controllers({endpoint: "robot of a"}, {endpoint: heard}))
+    found = list(check_controllers({endpoint: "robot of a"}, {endpoint: heard}))
     assert told(Controllers, found) == [(level, code)]
 
 
 def test_what_did_not_arrive_and_how_a_firewall_s_rules_are_seen():
-    (found,) = judge_controllers({EGM: "robot of a"}, {EGM: Heard()})
+    (found,) = check_controllers({EGM: "robot of a"}, {EGM: Heard()})
     assert found.what == "no datagram came to UDP port 6510 of robot of a within 2 s"
     for command in ("sudo nft list ruleset", "sudo iptables -L -n", "udp port 6510"):
         assert command in found.mend

@@ -6,7 +6,7 @@ import pytest
 
 from cardan.doctor import daemon
 from cardan.doctor.base import Subject
-from cardan.doctor.daemon import Running, judge_absent, judge_units
+from cardan.doctor.daemon import Running, check_absent, check_units
 from cardan.gateway.daemon.service import SystemdUnit, make_service
 from tests.doctor.told import told
 
@@ -22,7 +22,7 @@ def test_units():
         row("ur5", "waiting", "the port is taken"),
         row("web", "stopped", "stopped by hand", "server"),
     ]
-    found = list(judge_units(rows))
+    found = list(check_units(rows))
     assert told(Running, found) == [
         ("good", "unit"),
         ("failure", "unit-failed"),
@@ -35,10 +35,10 @@ def test_units():
 
 def test_no_daemon():
     service = SystemdUnit(Path("/etc/systemd/system/cardan.service"), "", False)
-    assert told(Running, judge_absent("no daemon runs here (x)", [])) == [("good", "daemon")]
-    silent = judge_absent("the daemon at x does not answer: Permission denied", [])
+    assert told(Running, check_absent("no daemon runs here (x)", [])) == [("good", "daemon")]
+    silent = check_absent("the daemon at x does not answer: Permission denied", [])
     assert told(Running, silent) == [("failure", "daemon")]
-    installed = judge_absent("no daemon runs here (x)", [service])
+    installed = check_absent("no daemon runs here (x)", [service])
     assert told(Running, installed) == [("failure", "service")]
     assert installed.mend == "systemctl status cardan, then: systemctl restart cardan"
 

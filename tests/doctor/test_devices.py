@@ -5,11 +5,11 @@ from cardan.doctor.devices import (
     Holders,
     PluggedIn,
     UdevRules,
-    judge_devices,
-    judge_holders,
-    judge_paths,
-    judge_rules,
-    judge_spacenavd,
+    check_devices,
+    check_holders,
+    check_paths,
+    check_rules,
+    check_spacenavd,
 )
 from cardan.doctor.files import read_files
 from cardan.doctor.processes import Holder
@@ -26,13 +26,13 @@ WANTED = [Used("gofa", "device", "spacemouse", SpaceMouse())]
 
 
 def test_devices():
-    assert told(PluggedIn, judge_devices([], WANTED)) == [("good", "device")]
-    assert told(PluggedIn, judge_devices([MOUSE], WANTED)) == [("good", "device")]
+    assert told(PluggedIn, check_devices([], WANTED)) == [("good", "device")]
+    assert told(PluggedIn, check_devices([MOUSE], WANTED)) == [("good", "device")]
 
 
 def test_an_obstacle_is_grave_where_a_file_wants_the_device():
-    wanted = list(judge_devices([DENIED], WANTED))
-    other = list(judge_devices([DENIED], [Used("x", "device", "keyboard", Keyboard())]))
+    wanted = list(check_devices([DENIED], WANTED))
+    other = list(check_devices([DENIED], [Used("x", "device", "keyboard", Keyboard())]))
     assert told(PluggedIn, wanted) == [("failure", "device")]
     assert told(PluggedIn, other) == [("caution", "device")]
     assert wanted[0].mend.startswith(
@@ -48,7 +48,7 @@ def test_what_mends_an_obstacle():
         ("/dev/hidraw0 is gone: plug it in again", "cardan devices"),
         ("a pad in its mode D: set the switch to X", "set the switch to X"),
     ):
-        found = list(judge_devices([MOUSE._replace(obstacle=obstacle)], []))
+        found = list(check_devices([MOUSE._replace(obstacle=obstacle)], []))
         assert found[0].mend.endswith(mend)
 
 
@@ -56,7 +56,7 @@ def test_nodes_that_files_name():
     paths = [("a", "/dev/ttyUSB0"), ("b", "/dev/ttyUSB1"), ("c", "/dev/hidraw0"), ("d", "/dev/x")]
     there = {"/dev/ttyUSB0": False, "/dev/ttyUSB1": True, "/dev/hidraw0": True, "/dev/x": True}
     allowed = {**dict.fromkeys(there, False), "/dev/x": True}
-    found = list(judge_paths(paths, there, allowed))
+    found = list(check_paths(paths, there, allowed))
     assert told(PluggedIn, found) == [
         *[("failure", "node")] * 3,
         ("good", "node"),
@@ -89,23 +89,23 @@ def test_udev_rules(tmp_path):
 
 
 def test_udev_rules_of_an_older_release():
-    found = judge_rules({"a": "# x\nONE, MODE\n"}, "# y\n\nONE, MODE\nTWO, MODE\n")
+    found = check_rules({"a": "# x\nONE, MODE\n"}, "# y\n\nONE, MODE\nTWO, MODE\n")
     assert told(UdevRules, found) == [("caution", "udev")]
     assert found.what == "1 of 2 udev rules are not installed"
-    assert told(UdevRules, judge_rules({}, "# none\n")) == [("good", "udev")]
+    assert told(UdevRules, check_rules({}, "# none\n")) == [("good", "udev")]
 
 
 def test_spacenavd():
-    assert told(Holders, judge_spacenavd([], ["spacemouse"], [])) == [("good", "spacenavd")]
-    assert told(Holders, judge_spacenavd([7], ["spacemouse"], ["spnav"])) == [("good", "spacenavd")]
-    assert told(Holders, judge_spacenavd([7], [], [])) == [("good", "spacenavd")]
-    taken = judge_spacenavd([7], ["spacemouse"], ["spacemouse"])
+    assert told(Holders, check_spacenavd([], ["spacemouse"], [])) == [("good", "spacenavd")]
+    assert told(Holders, check_spacenavd([7], ["spacemouse"], ["spnav"])) == [("good", "spacenavd")]
+    assert told(Holders, check_spacenavd([7], [], [])) == [("good", "spacenavd")]
+    taken = check_spacenavd([7], ["spacemouse"], ["spacemouse"])
     assert told(Holders, taken) == [("caution", "spacenavd")]
 
 
 def test_holders():
     held = {"/dev/hidraw0": Holder(7, "blender", False), "/dev/hidraw1": Holder(8, "cardan", True)}
-    found = list(judge_holders(held))
+    found = list(check_holders(held))
     assert told(Holders, found) == [("caution", "holder"), ("good", "holder")]
     assert found[0].mend == "kill 7"
 

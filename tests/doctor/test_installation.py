@@ -9,8 +9,8 @@ from cardan.doctor.installation import (
     PackageRequirement,
     Packages,
     PlugIns,
-    judge_packages,
-    judge_plug_ins,
+    check_packages,
+    check_plug_ins,
     lacking,
     needed_extras,
     own_requirements,
@@ -78,13 +78,13 @@ def test_what_an_extra_lacks(extra, versions, missing):
 
 
 def test_all_that_is_needed_is_there():
-    found = list(judge_packages(requirements(), {"arm": "[arm] of x"}, VERSIONS.get))
+    found = list(check_packages(requirements(), {"arm": "[arm] of x"}, VERSIONS.get))
     assert told(Packages, found) == [("good", "package"), ("good", "extra")]
     assert found[1].what.endswith("; without can, which nothing here needs")
 
 
 def test_an_extra_that_a_file_needs():
-    found = list(judge_packages(requirements(), {"can": "device 'jr3_can' of x"}, {}.get))
+    found = list(check_packages(requirements(), {"can": "device 'jr3_can' of x"}, {}.get))
     assert told(Packages, found) == [
         ("failure", "package"),
         ("failure", "extra"),
@@ -119,15 +119,15 @@ robot = { driver = "abb_egm" }
 
 def test_plug_ins():
     loaded = Loaded({}, {"lever": "cannot be loaded: no lever"}, ["driver 'a' is b; c is not used"])
-    found = list(judge_plug_ins([("driver", loaded)]))
+    found = list(check_plug_ins([("driver", loaded)]))
     assert told(PlugIns, found) == [("failure", "plug-in"), ("caution", "plug-in")]
     assert found[0].what == "driver 'lever' cannot be loaded: no lever"
-    assert told(PlugIns, judge_plug_ins([("server", Loaded({}, {}, []))])) == [("good", "plug-in")]
+    assert told(PlugIns, check_plug_ins([("server", Loaded({}, {}, []))])) == [("good", "plug-in")]
 
 
 def test_what_an_extra_brings_is_no_failure_without_it():
     loaded = Loaded({}, {"rosbridge": "cannot be loaded: ..."}, [], {"rosbridge": "network"})
-    found = list(judge_plug_ins([("server", loaded)]))
+    found = list(check_plug_ins([("server", loaded)]))
     assert told(PlugIns, found) == [("good", "plug-in"), ("good", "plug-in")]
     assert found[0].what == "not installed: pip install \"cardan[network]\" for server 'rosbridge'"
 

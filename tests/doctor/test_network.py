@@ -7,7 +7,7 @@ from cardan.bus.options import BusOptions
 from cardan.doctor import network
 from cardan.doctor.base import Subject
 from cardan.doctor.files import read_files
-from cardan.doctor.network import Bus, RosEnvironment, judge_bus, judge_environment
+from cardan.doctor.network import Bus, RosEnvironment, check_bus, check_environment
 from cardan.errors import DriverError
 from tests.doctor.told import told
 
@@ -35,14 +35,14 @@ def no(_address):
     ],
 )
 def test_who_is_met(options, served, found, level):
-    assert told(Bus, judge_bus(options, "session a", lambda _: found, served)) == [(level, "bus")]
+    assert told(Bus, check_bus(options, "session a", lambda _: found, served)) == [(level, "bus")]
 
 
 def test_a_bus_without_a_router_is_not_joined():
     def never(_options):
         raise AssertionError("it was joined")
 
-    found = judge_bus(HERE, "session a", never, no)
+    found = check_bus(HERE, "session a", never, no)
     assert told(Bus, found) == [("good", "bus")]
     assert "a session with [network] starts it" in found.what
 
@@ -51,7 +51,7 @@ def test_a_bus_that_cannot_be_joined():
     def fails(_options):
         raise DriverError("no zenoh")
 
-    assert told(Bus, judge_bus(HERE, "session a", fails, yes)) == [("failure", "bus")]
+    assert told(Bus, check_bus(HERE, "session a", fails, yes)) == [("failure", "bus")]
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_a_bus_that_cannot_be_joined():
     ],
 )
 def test_the_environment(environment, levels):
-    found = list(judge_environment(environment, {HERE: "session a"}))
+    found = list(check_environment(environment, {HERE: "session a"}))
     assert told(RosEnvironment, found) == list(zip(levels, ("rmw", "domain"), strict=True))
 
 
@@ -82,11 +82,11 @@ def test_each_bus_is_looked_at_once(tmp_path, monkeypatch):
     assert not wrong
     looked = []
 
-    def judge(options, who):
+    def check(options, who):
         looked.append((options.domain, who))
-        return judge_bus(options, who, lambda _: ALONE, no)
+        return check_bus(options, who, lambda _: ALONE, no)
 
-    monkeypatch.setattr(network, "judge_bus", judge)
+    monkeypatch.setattr(network, "check_bus", check)
     subject = Subject((file,), config, environment={"ROS_DOMAIN_ID": "3"})
     assert told(Bus, Bus.look(subject)) == [("good", "bus")] * 2
     assert looked == [(0, "session a"), (3, "session c")]

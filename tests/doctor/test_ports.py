@@ -13,8 +13,8 @@ from cardan.doctor.ports import (
     Ports,
     Wanted,
     bound_sockets,
+    check_ports,
     collide,
-    judge_ports,
     numeric,
     read_bound,
     wanted_ports,
@@ -80,14 +80,14 @@ TAKEN = Bound("udp", "0.0.0.0", 6510, 4711)
     ],
 )
 def test_a_port(bound, held, level, mend):
-    found = list(judge_ports([EGM], bound, held))
+    found = list(check_ports([EGM], bound, held))
     assert told(Ports, found) == [(level, "port")]
     assert found[0].mend == mend
 
 
 def test_one_port_for_two():
     other = EGM._replace(who="robot of other")
-    found = list(judge_ports([EGM, other, EGM._replace(port=0)], [], {}))
+    found = list(check_ports([EGM, other, EGM._replace(port=0)], [], {}))
     assert told(Ports, found) == [("good", "port"), ("failure", "port-twice")]
 
 

@@ -7,7 +7,7 @@ import pytest
 from cardan.common.certificates import Certificate
 from cardan.doctor.base import Subject
 from cardan.doctor.files import read_files
-from cardan.doctor.servers import Doors, judge_certificate, judge_door
+from cardan.doctor.servers import ServerAccess, check_access, check_certificate
 from tests import certificates
 from tests.doctor.told import told
 
@@ -26,8 +26,8 @@ TOKEN = "0123456789abcdef0123456789"
     ],
 )
 def test_how_long_a_certificate_is_valid(begins, ends, level, what):
-    found = list(judge_certificate("server a", Certificate(begins, ends, ("lab",)), ["lab"], NOW))
-    assert told(Doors, found) == [(level, "certificate"), ("good", "certificate-name")]
+    found = list(check_certificate("server a", Certificate(begins, ends, ("lab",)), ["lab"], NOW))
+    assert told(ServerAccess, found) == [(level, "certificate"), ("good", "certificate-name")]
     assert what in found[0].what
 
 
@@ -44,8 +44,8 @@ def test_how_long_a_certificate_is_valid(begins, ends, level, what):
 )
 def test_the_names_of_a_certificate(names, own, level):
     certificate = Certificate(NOW - DAY, NOW + 90 * DAY, names)
-    found = list(judge_certificate("server a", certificate, own, NOW))
-    assert told(Doors, found) == [("good", "certificate"), (level, "certificate-name")]
+    found = list(check_certificate("server a", certificate, own, NOW))
+    assert told(ServerAccess, found) == [("good", "certificate"), (level, "certificate-name")]
 
 
 def look(tmp_path, text, now=None):
@@ -54,10 +54,10 @@ def look(tmp_path, text, now=None):
     config, wrong = read_files([file])
     assert not wrong
     if now is None:
-        found = list(Doors.look(Subject((file,), config)))
+        found = list(ServerAccess.look(Subject((file,), config)))
     else:
-        found = list(judge_door("rosbridge", config.servers["rosbridge"], "lab", now))
-    return told(Doors, found), found
+        found = list(check_access("rosbridge", config.servers["rosbridge"], "lab", now))
+    return told(ServerAccess, found), found
 
 
 @pytest.fixture
@@ -86,8 +86,8 @@ def test_a_console_in_others_reach_makes_its_certificate(tmp_path):
     file.write_text('[servers.console]\nhost = "0.0.0.0"\n')
     config, wrong = read_files([file])
     assert not wrong
-    found = list(Doors.look(Subject((file,), config)))
-    assert told(Doors, found) == [("good", "server")]
+    found = list(ServerAccess.look(Subject((file,), config)))
+    assert told(ServerAccess, found) == [("good", "server")]
     assert "tokens that it makes" in found[0].what
 
 

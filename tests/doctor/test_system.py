@@ -11,12 +11,12 @@ from cardan.doctor.system import (
     Load,
     MemoryLock,
     Scheduling,
+    check_clock,
+    check_governors,
+    check_load,
+    check_memory_lock,
+    check_scheduling,
     has_capability,
-    judge_clock,
-    judge_governors,
-    judge_load,
-    judge_memory_lock,
-    judge_scheduling,
 )
 from tests.doctor.told import told
 
@@ -34,7 +34,7 @@ from tests.doctor.told import told
     ],
 )
 def test_real_time_scheduling(limit, capable, haptic, level):
-    found = judge_scheduling(limit, capable, haptic)
+    found = check_scheduling(limit, capable, haptic)
     assert told(Scheduling, found) == [(level, "real-time")]
     if level == "caution":
         assert f"rtprio {99 if haptic else 10}" in found.mend
@@ -49,7 +49,7 @@ def test_real_time_scheduling(limit, capable, haptic, level):
     ],
 )
 def test_memory_that_may_be_locked(limit, capable, haptic, level):
-    assert told(MemoryLock, judge_memory_lock(limit, capable, haptic)) == [(level, "memory-lock")]
+    assert told(MemoryLock, check_memory_lock(limit, capable, haptic)) == [(level, "memory-lock")]
 
 
 def test_capabilities():
@@ -59,24 +59,24 @@ def test_capabilities():
 
 
 def test_governors():
-    assert told(Governor, judge_governors({})) == [("good", "governor")]
-    assert told(Governor, judge_governors({"cpu0": "performance"})) == [("good", "governor")]
-    found = judge_governors({"cpu0": "performance", "cpu1": "powersave"})
+    assert told(Governor, check_governors({})) == [("good", "governor")]
+    assert told(Governor, check_governors({"cpu0": "performance"})) == [("good", "governor")]
+    found = check_governors({"cpu0": "performance", "cpu1": "powersave"})
     assert told(Governor, found) == [("caution", "governor")]
     assert found.mend == "sudo cpupower frequency-set -g performance"
 
 
 def test_clocks():
-    assert told(Clock, judge_clock("tsc", "tsc hpet")) == [("good", "clock")]
-    better = judge_clock("hpet", "hpet tsc acpi_pm")
+    assert told(Clock, check_clock("tsc", "tsc hpet")) == [("good", "clock")]
+    better = check_clock("hpet", "hpet tsc acpi_pm")
     assert told(Clock, better) == [("caution", "clock")]
     assert better.mend.startswith("echo tsc | sudo tee /sys/")
-    assert "dmesg" in judge_clock("hpet", "hpet acpi_pm").mend
+    assert "dmesg" in check_clock("hpet", "hpet acpi_pm").mend
 
 
 def test_load():
-    assert told(Load, judge_load(1.9, 2)) == [("good", "load")]
-    assert told(Load, judge_load(2.1, 2)) == [("caution", "load")]
+    assert told(Load, check_load(1.9, 2)) == [("good", "load")]
+    assert told(Load, check_load(2.1, 2)) == [("caution", "load")]
 
 
 def write(root, path, text):

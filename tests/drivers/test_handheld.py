@@ -293,8 +293,8 @@ def test_every_fault_is_one_that_disarms_or_is_counted():
     assert {each.name for each in FAULTS} == disarming | {"late", "nan"}
 
 
-def recentered(bench, turn_rad=math.pi / 2, told=False):
-    bench.device.recenter(turn_rad, told=told)
+def recentered(bench, turn_rad=math.pi / 2, reported=False):
+    bench.device.recenter(turn_rad, reported=reported)
 
 
 def lost_and_found(bench):
@@ -319,7 +319,7 @@ def hidden_and_turned(bench):
 
 
 def told_of_a_small_turn(bench):
-    recentered(bench, math.radians(20), told=True)
+    recentered(bench, math.radians(20), reported=True)
 
 
 def told_while_lost(bench):

@@ -13,7 +13,7 @@ NEVER = threading.Event()
 
 
 @pytest.fixture
-def told():
+def reports_devices():
     """Monitor whose socket has been told some datagrams."""
     with contextlib.ExitStack() as stack:
 
@@ -33,16 +33,16 @@ def told():
 
 
 @pytest.mark.parametrize("data", [KERNEL, udev(), KERNEL.replace(b"=add", b"=bind")])
-def test_a_device_that_arrives_ends_the_wait(told, data):
-    assert told(b"junk", data, b"").wait(60.0, NEVER)
+def test_a_device_that_arrives_ends_the_wait(reports_devices, data):
+    assert reports_devices(b"junk", data, b"").wait(60.0, NEVER)
 
 
 @pytest.mark.parametrize(
     "data",
     [KERNEL.replace(b"=add", b"=remove"), KERNEL.replace(b"=hidraw\0", b"=block\0"), b"", b"@"],
 )
-def test_other_events_do_not(told, data):
-    assert not told(data).wait(0.01, NEVER)
+def test_other_events_do_not(reports_devices, data):
+    assert not reports_devices(data).wait(0.01, NEVER)
 
 
 def test_it_ends_when_it_is_told_to():
@@ -59,7 +59,7 @@ def test_without_the_kernels_word_it_waits_as_long(monkeypatch):
 
     monkeypatch.setattr("cardan.drivers.hotplug.socket.socket", refuse)
     arrivals = HotplugMonitor()
-    assert not arrivals.told
+    assert not arrivals.reports_devices
     assert not arrivals.wait(0.01, NEVER)
     arrivals.close()
     arrivals.close()

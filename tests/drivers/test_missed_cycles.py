@@ -22,9 +22,9 @@ def play(lost, velocity, seconds, before=None):
     return rates
 
 
-def after(gap_s, velocity=(0.1, 0.0), apart=(), slip=()):
+def after(gap_s, velocity=(0.1, 0.0), error=(), slip=()):
     lost = SlipCompensation(2)
-    lost.passed(gap_s, apart, slip)
+    lost.passed(gap_s, error, slip)
     lost.step([v * PERIOD_S for v in velocity], velocity, velocity, PERIOD_S)
     return lost
 
@@ -60,7 +60,7 @@ def test_a_slow_robot_is_not_turned_back():
 
 
 def test_a_robot_that_is_behind_stays_behind_until_it_rests():
-    lost = after(0.06, apart=(-0.012, 0.0))
+    lost = after(0.06, error=(-0.012, 0.0))
     assert lost.offset[0] == pytest.approx(-0.006, rel=0.01)
     assert max(map(abs, play(lost, (0.1, 0.0), 1.0))) < 1e-9
     assert lost.offset[0] == pytest.approx(-0.006, rel=0.01)
@@ -93,7 +93,7 @@ def ramp(first, last, acceleration=1.0):
 
 def test_a_robot_that_has_stopped_is_not_moved_back_while_its_command_brakes():
     lost = SlipCompensation(2)
-    lost.passed(5.0, apart=(-0.5, 0.0), slip=(-0.1, 0.0))
+    lost.passed(5.0, error=(-0.5, 0.0), slip=(-0.1, 0.0))
     found = speeds_of(lost, [*ramp(0.1, 0.0), *[0.0] * 250], 0.1)
     assert min(found) >= 0.0
     assert max(found) < 0.5 * 0.1  # Needed to reach the place where the command rests.
@@ -103,7 +103,7 @@ def test_a_robot_that_has_stopped_is_not_moved_back_while_its_command_brakes():
 
 def test_nor_is_it_faster_than_a_command_that_turns_back():
     lost = SlipCompensation(2)
-    lost.passed(5.0, apart=(-0.5, 0.0), slip=(-0.1, 0.0))
+    lost.passed(5.0, error=(-0.5, 0.0), slip=(-0.1, 0.0))
     commanded = [*ramp(0.1, -0.1), *[-0.1] * 250]
     found = speeds_of(lost, commanded, 0.1)
     assert all(
@@ -142,7 +142,7 @@ RESTING_LONG = [0.0] * round(LONGEST_REST_S / PERIOD_S)
 @pytest.mark.parametrize("speed", [0.02, 0.1, 1.0])
 def test_nothing_moves_for_long_after_its_command_has_come_to_rest(speed, ahead, gap_s, rests):
     lost = SlipCompensation(2)
-    lost.passed(0.0, apart=(ahead * speed * gap_s, 0.0))
+    lost.passed(0.0, error=(ahead * speed * gap_s, 0.0))
     found = speeds_of(lost, [*ramp(speed, 0.0, 10.0 * speed), *rests, *[0.0] * 250], speed)
     assert not any(found[-250:])
     assert (lost.offset[0] == 0.0) == (gap_s < 1.0)
@@ -170,7 +170,7 @@ def test_what_is_not_worked_off_by_then_stays_and_is_no_step_later():
 
 def test_a_robot_that_was_not_commanded_to_move_does_not():
     lost = SlipCompensation(2)
-    lost.passed(0.06, apart=(0.01, -0.01))
+    lost.passed(0.06, error=(0.01, -0.01))
     assert not any(speeds_of(lost, [0.0] * 1000, 0.0))
 
 
@@ -206,7 +206,7 @@ def test_motion_goes_on_from_a_robot_that_comes_to_rest():
 
 def test_a_speed_is_forgotten_that_was_commanded_long_ago():
     lost = SlipCompensation(2)
-    lost.passed(0.0, apart=(-0.006, 0.0))
+    lost.passed(0.0, error=(-0.006, 0.0))
     found = speeds_of(
         lost, [*ramp(0.1, 0.01), *[0.01] * 5000, *ramp(0.01, 0.0), *RESTING_LONG], 0.1
     )

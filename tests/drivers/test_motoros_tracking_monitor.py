@@ -16,7 +16,7 @@ def followed(way, until_s, watch=None):
     """A watch that saw `way`, positions by time, up to `until_s`."""
     watch = watch or TrackingMonitor(LAG_S, way(0.0), 0.0)
     for k in range(1, round(until_s / DT_S) + 1):
-        watch.note(way(k * DT_S), k * DT_S)
+        watch.record(way(k * DT_S), k * DT_S)
     return watch
 
 

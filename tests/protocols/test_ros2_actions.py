@@ -11,7 +11,7 @@ RESULT = {"success": True, "message": ""}
 
 @pytest.fixture
 def goals():
-    return Goals(kept=3, kept_s=100.0)
+    return Goals(retained=3, retained_s=100.0)
 
 
 def request(goal_id=bytes(16), stamp_ns=0):

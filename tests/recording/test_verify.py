@@ -189,7 +189,7 @@ def test_a_stream_that_began_by_itself_is_replayed(tmp_path):
 def test_a_verb_ends_the_replay_and_is_named(tmp_path):
     def ask(number, controller):
         if number == 250:
-            controller.note("verb", "movl of 'ros2'")
+            controller.record_request("verb", "movl of 'ros2'")
 
     session = Recorded(seconds=1.4, during=ask)
     (report,) = verify(session.write(tmp_path / "verb.mcap"))

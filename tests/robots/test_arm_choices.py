@@ -99,9 +99,9 @@ def test_bodies_that_touch_in_every_posture_are_left_out():
     assert arm.touching_names() == [("a", "c")]
     assert watched(arm) == {("a", "d"), ("a", "e"), ("b", "d"), ("b", "e"), ("c", "e")}
     assert nearest(arm, arm.home) > 0.0
-    apart = parse_urdf(fist("0 0 0.25"))
-    assert apart.touching_names() == []
-    assert ("a", "c") in watched(apart)
+    separated = parse_urdf(fist("0 0 0.25"))
+    assert separated.touching_names() == []
+    assert ("a", "c") in watched(separated)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from cardan.common.kept import content_key
+from cardan.common.cache import content_key
 from cardan.errors import ConfigurationError
 from cardan.robots import arm_names, load_arm
 from cardan.robots.arm_loader import FOLDER, our_texts

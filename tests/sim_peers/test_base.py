@@ -12,7 +12,7 @@ from cardan.sim_peers.base import (
     FaultSwitch,
     ScriptStep,
     SimulatedPeer,
-    TimedActs,
+    TimedActions,
     check_faults,
     load_script,
     parse_faults,
@@ -100,8 +100,8 @@ def test_values_that_did_not_come_from_words_are_checked_too():
 
 def test_what_is_done_at_a_time_is_done_once_and_in_order():
     done = []
-    acts = {name: lambda name=name: done.append(name) for name in ("estop", "restart", "cut")}
-    timed = TimedActs({"estop": 3.0, "restart": 1.0, "drop": 0.5}, acts, (2.0, done.clear))
+    actions = {name: lambda name=name: done.append(name) for name in ("estop", "restart", "cut")}
+    timed = TimedActions({"estop": 3.0, "restart": 1.0, "drop": 0.5}, actions, (2.0, done.clear))
     assert timed.next_s == 1.0
     assert list(timed.due(0.9)) == []
     times = []
@@ -115,7 +115,7 @@ def test_what_is_done_at_a_time_is_done_once_and_in_order():
 
 
 def test_times_count_from_the_start():
-    assert TimedActs({"cut": 0.5}, {"cut": print}, start_s=100.0).next_s == 100.5
+    assert TimedActions({"cut": 0.5}, {"cut": print}, start_s=100.0).next_s == 100.5
 
 
 def test_switches_of_a_kind_have_its_words_and_range():

@@ -270,7 +270,7 @@ def test_euler_wins_over_the_quaternion():
     pc.run(3.0, pc.pose(start.position, Quaternion(1.0, 0.0, 0.0, 0.0), euler))
     turned = rotation_between(start.orientation, pc.core.tcp.orientation)
     assert turned == pytest.approx((0.0, 0.0, -0.1), abs=1e-4)
-    assert pc.core.counters.noted["Euler over quaternion"] > 700
+    assert pc.core.counters.flaws["Euler over quaternion"] > 700
 
 
 def test_a_quaternion_that_is_not_normalized_is_and_is_noted():
@@ -279,7 +279,7 @@ def test_a_quaternion_that_is_not_normalized_is_and_is_noted():
     turned = multiply(from_rotation_vector(Vector3(0.0, 0.0, 0.1)), start.orientation)
     pc.run(3.0, pc.pose(start.position, Quaternion(*(3.0 * c for c in turned))))
     assert norm(rotation_between(pc.core.tcp.orientation, turned)) < 1e-4
-    assert pc.core.counters.noted["quaternion not normalized"] > 700
+    assert pc.core.counters.flaws["quaternion not normalized"] > 700
     ignored = pc.core.counters.accepted
     pc.run(3 * TS, pc.pose(start.position, Quaternion(0.0, 0.0, 0.0, 0.0)))
     assert pc.core.counters.ignored["quaternion without direction"] >= 2
@@ -742,13 +742,13 @@ def test_mtype_and_seqno_are_noted_or_enforced(strict, moved):
     pc = Pc(mode="joint", strict_mtype=strict)
     reply = pc.joints(5, 0, 0, 0, 30, 0)
     pc.run(0.5, lambda m: reply(m)._replace(header=EgmHeader(pc.cycles, 0, 0)))
-    where = pc.core.counters.ignored if strict else pc.core.counters.noted
+    where = pc.core.counters.ignored if strict else pc.core.counters.flaws
     assert where["unexpected mtype"] > 100
     assert (pc.joints_deg[0] > 0.5) is moved
     pc = Pc(mode="joint", strict_seqno=strict)
     reply = pc.joints(5, 0, 0, 0, 30, 0)
     pc.run(0.5, lambda m: reply(m)._replace(header=EgmHeader(7, 0, 3)))
-    where = pc.core.counters.ignored if strict else pc.core.counters.noted
+    where = pc.core.counters.ignored if strict else pc.core.counters.flaws
     assert where["seqno did not advance"] > 100
 
 

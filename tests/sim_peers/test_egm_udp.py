@@ -128,7 +128,7 @@ def test_a_bad_network_both_ways():
     assert any(b < a for a, b in pairwise(seqnos))
     assert set(range(min(seqnos), max(seqnos))) - set(seqnos)
     assert 50 < peer.core.counters.accepted < 150
-    assert peer.core.counters.noted["seqno did not advance"] > 5
+    assert peer.core.counters.flaws["seqno did not advance"] > 5
 
 
 def test_an_address_that_cannot_be():

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cardan.conform.rigs import Rig
 from cardan.conform.runner import Exchange
+from cardan.conform.simulation import Simulation
 from cardan.conform.timeline import Kind
 from cardan.protocols.connexion.devices import model_by_key
 from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
@@ -17,7 +17,7 @@ _AXES = {"push": _RIGHT, "twist": _CLOCKWISE, "let-go": (0.0,) * 6, "unplug": _R
 """Deflection by what the operator is asked to do."""
 
 
-class ConnexionRig(Rig):
+class ConnexionSimulation(Simulation):
     """Moves the simulated device as an operator who follows the instructions."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:

@@ -25,7 +25,7 @@ class ConnexionSuite(Suite[ConnexionTraffic]):
     dissector = "connexion"
     decode = ConnexionTraffic
     scenario = ConnexionScenario
-    rig = "cardan.conform.connexion.simulated:ConnexionRig"
+    simulation = "cardan.conform.connexion.simulated:ConnexionSimulation"
     seconds = 1.2
     # Times, s, before the first release of the cap; the silence does not end.
     fault_test_values: ClassVar[Mapping[str, float]] = {

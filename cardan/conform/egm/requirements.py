@@ -16,8 +16,8 @@ from cardan.conform.requirements import (
     Requirements,
     Verdict,
     Words,
-    apart,
     at_most,
+    distance,
     failed,
     met,
     must,
@@ -215,20 +215,20 @@ def the_ms_clock_runs(decoded: EgmTraffic) -> Verdict:
 @requires(12, f"{SCHEMA}, EgmFeedBack.time (since RobotWare 6.07)")
 def the_wall_clock_runs(decoded: EgmTraffic) -> Verdict:
     """The wall clock in feedBack.time advances as tm does; it never jumps."""
-    told = [
+    times = [
         (header.tm_ms, back.time_us, each.number)
         for each in decoded.robots
         if (header := each.message.header) and (back := each.message.feed_back)
         if header.tm_ms is not None and back.time_us is not None
     ]
     wrong = []
-    for (tm_ms, time_us, _), (later_ms, later_us, number) in pairwise(told):
+    for (tm_ms, time_us, _), (later_ms, later_us, number) in pairwise(times):
         passed_ms = step(tm_ms, later_ms)
         jump_s = (later_us - time_us) * 1e-6 - passed_ms * 1e-3
         if 0 <= passed_ms < 60_000 and abs(jump_s) > CLOCK_STEP_S:
             wrong.append((number, f"by {jump_s:.3f} s"))
-    said, nothing = f"{len(told)} times", "no datagram has feedBack.time"
-    return none_wrong(wrong, len(told), said, nothing, "clocks jump")
+    said, nothing = f"{len(times)} times", "no datagram has feedBack.time"
+    return none_wrong(wrong, len(times), said, nothing, "clocks jump")
 
 
 def _complete(motion: EgmMotion | None, name: str) -> str:
@@ -397,9 +397,9 @@ def an_arm_that_is_held_stands(decoded: EgmTraffic) -> Verdict:
     found = [each for each in _hold(decoded) if each.running]
     some(len(found) >= ENOUGH, "the MCI ran too shortly")
     first = found[0]
-    far_m = max(apart(first.position, each.position) for each in found)
-    far_rad = max(apart(first.joints, each.joints) for each in found)
-    worst = max(found, key=lambda each: apart(first.position, each.position))
+    far_m = max(distance(first.position, each.position) for each in found)
+    far_rad = max(distance(first.joints, each.joints) for each in found)
+    worst = max(found, key=lambda each: distance(first.position, each.position))
     held = not (far_m > HELD_WITHIN_M or far_rad > HELD_WITHIN_RAD)
     said = f"{far_m * 1e3:.3f} mm, {math.degrees(far_rad):.3f} degrees"
     return met(held, said, [worst.number], far_m * 1e3, "mm")
@@ -448,7 +448,7 @@ def junk_changes_nothing(decoded: EgmTraffic) -> Verdict:
     before = some([each for each in decoded.during("hold") if each.running], _NEVER_RAN)
     stopped = [each.number for each in found if not each.running]
     must(not stopped, "the run ended", stopped)
-    far_m = max(apart(before[-1].position, each.position) for each in found)
+    far_m = max(distance(before[-1].position, each.position) for each in found)
     said = f"{len(decoded.junk)} datagrams, moved {far_m * 1e3:.3f} mm"
     return met(far_m <= HELD_WITHIN_M, said, [found[-1].number])
 
@@ -456,8 +456,8 @@ def junk_changes_nothing(decoded: EgmTraffic) -> Verdict:
 def _progress(found: list[Robot], still: Robot) -> Iterator[tuple[Robot, float]]:
     """Yield each with its distance from `still`, of the TCP or the last joint, in steps."""
     for each in found:
-        by_position = apart(still.position, each.position) / STEP_M
-        by_joints = apart(still.joints[5:6], each.joints[5:6]) / STEP_RAD
+        by_position = distance(still.position, each.position) / STEP_M
+        by_joints = distance(still.joints[5:6], each.joints[5:6]) / STEP_RAD
         yield each, max(by_position, by_joints)
 
 
@@ -474,8 +474,8 @@ _NO_STEP = "no step was made"
 def _moved(one: Robot, other: Robot) -> bool:
     """True if the measured or planned position of TCP or joints differs."""
     m, n = one.message.planned, other.message.planned
-    far_m = max(apart(one.position, other.position), apart(place_of(m), place_of(n)))
-    far_rad = max(apart(one.joints, other.joints), apart(joints_of(m), joints_of(n)))
+    far_m = max(distance(one.position, other.position), distance(place_of(m), place_of(n)))
+    far_rad = max(distance(one.joints, other.joints), distance(joints_of(m), joints_of(n)))
     return far_m > MOVED_M or far_rad > MOVED_RAD
 
 
@@ -532,5 +532,5 @@ def it_goes_on_where_it_stood(decoded: EgmTraffic) -> Verdict:
     before = decoded.during("estop")
     after = [each for each in decoded.during("released") if each.running]
     some(before and after, "it was not started again")
-    far_m = max(apart(before[-1].position, each.position) for each in after)
+    far_m = max(distance(before[-1].position, each.position) for each in after)
     return met(far_m < 1e-3, f"{far_m * 1e3:.3f} mm away", [after[-1].number])

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from cardan.conform.rigs import CyclicRig
 from cardan.conform.runner import Exchange
+from cardan.conform.simulation import CyclicSimulation
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions
 
 _FIRST_PORT = 49_152
 
 
-class EgmRig(CyclicRig[bytes]):
+class EgmSimulation(CyclicSimulation[bytes]):
     """A controller whose program restarts EGM by itself, as many do, without an operator."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:

@@ -25,7 +25,7 @@ class EgmSuite(Suite[EgmTraffic]):
     transport = SuiteTransport("udp", {"": PORT}, frozenset(("",)))
     decode = EgmTraffic
     scenario = EgmScenario
-    rig = "cardan.conform.egm.simulated:EgmRig"
+    simulation = "cardan.conform.egm.simulated:EgmSimulation"
     seconds = 3.0
     # Times, s, in the hold.
     fault_test_values: ClassVar[Mapping[str, float]] = {

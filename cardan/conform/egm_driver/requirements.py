@@ -27,7 +27,7 @@ from cardan.conform.requirements import (
     Requirements,
     Verdict,
     Words,
-    apart,
+    distance,
     failed,
     met,
     must,
@@ -211,8 +211,8 @@ def _beyond(far_m: float, far_rad: float, most_m: float, most_rad: float) -> str
 def _strays(robot: Robot, answer: SensorDatagram) -> str:
     """Return the difference of an answer from the measured position at rest; empty: none."""
     motion = _planned(answer)
-    far_m = apart(place_of(motion), robot.position)
-    far_rad = apart(joints_of(motion)[:6], robot.joints)
+    far_m = distance(place_of(motion), robot.position)
+    far_rad = distance(joints_of(motion)[:6], robot.joints)
     if far := _beyond(far_m, far_rad, NEAR_M, NEAR_RAD):
         return f"away by {far}"
     speed = _speed(answer)
@@ -246,7 +246,7 @@ def references_do_not_jump(each: tuple[SensorDatagram, SensorDatagram]) -> str |
     a, b = map(_planned, each)
     if a is None or b is None:
         return None
-    far_m, far_rad = apart(place_of(a), place_of(b)), apart(joints_of(a), joints_of(b))
+    far_m, far_rad = distance(place_of(a), place_of(b)), distance(joints_of(a), joints_of(b))
     return _beyond(far_m, far_rad, JUMP_M, JUMP_RAD)
 
 

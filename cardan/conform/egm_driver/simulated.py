@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from functools import partial
 
 from cardan.conform.egm_driver.scenario import FIRST, SECOND
-from cardan.conform.rigs import DriverRig
 from cardan.conform.runner import Exchange
+from cardan.conform.simulation import DriverSimulation
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.session import EgmSession
 from cardan.protocols.egm.decode import decode_robot
@@ -18,7 +18,7 @@ _PORTS = {FIRST: 49_152, SECOND: 49_153}
 _CHANNELS = {port: channel for channel, port in _PORTS.items()}
 
 
-class EgmDriverRig(DriverRig):
+class EgmDriverSimulation(DriverSimulation):
     """Connects the driver's core to the scenario, with the defects between them."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:

@@ -28,7 +28,7 @@ class EgmDriverSuite(Suite[EgmTraffic]):
     transport = SuiteTransport("udp", {FIRST: PORT, SECOND: PORT})
     decode = staticmethod(partial(EgmTraffic, robot_sends=True))
     scenario = EgmControllerScenario
-    rig = "cardan.conform.egm_driver.simulated:EgmDriverRig"
+    simulation = "cardan.conform.egm_driver.simulated:EgmDriverSimulation"
     own_faults = FAULTS
     seconds = 0.6
     # These faults show when the driver is ended, which only level 3 does.

@@ -107,14 +107,14 @@ class MotorosTraffic(Traffic):
             and all(getattr(each.body, name) == value for name, value in fields.items())
         ]
 
-    def _told(self, kind: type[B], phase: str) -> list[tuple[ReceivedMessage, B]]:
+    def _bodies(self, kind: type[B], phase: str) -> list[tuple[ReceivedMessage, B]]:
         found = self.within(self.heard, phase) if phase else self.heard
         return [(e, e.message.body) for e in found if isinstance(e.message.body, kind)]
 
     def statuses(self, phase: str = "") -> list[tuple[ReceivedMessage, m.RobotStatus]]:
         """Return the messages of a phase with a robot status, and it; empty: all."""
-        return self._told(m.RobotStatus, phase)
+        return self._bodies(m.RobotStatus, phase)
 
     def feedback(self, phase: str = "") -> list[tuple[ReceivedMessage, m.JointFeedback]]:
         """Return the messages of a phase with joint feedback of group 0, and it; empty: all."""
-        return [each for each in self._told(m.JointFeedback, phase) if each[1].group == 0]
+        return [each for each in self._bodies(m.JointFeedback, phase) if each[1].group == 0]

@@ -14,8 +14,8 @@ from cardan.conform.requirements import (
     Requirements,
     Verdict,
     Words,
-    apart,
     at_most,
+    distance,
     failed,
     met,
     must,
@@ -372,7 +372,7 @@ def the_first_point_is_taken(decoded: MotorosTraffic) -> Verdict:
     some(reply.command == T.JOINT_TRAJ_PT_FULL, "no point was answered")
     must(reply.result == R.SUCCESS, _words(reply), [found[0].number])
     feedback = [body.pos for _, body in decoded.feedback("hold")]
-    far = max(apart(pos, feedback[0]) for pos in feedback)
+    far = max(distance(pos, feedback[0]) for pos in feedback)
     return met(far < STILL_RAD, f"{math.degrees(far):.4f} degrees at most", [found[0].number])
 
 
@@ -516,7 +516,7 @@ def _reached(decoded: MotorosTraffic, phase: str, nothing: str) -> Verdict:
     asked, found = _point(decoded, phase, 1), [body.pos for _, body in decoded.feedback(phase)]
     _motion(asked, nothing)
     some(len(found) >= 2, nothing)
-    far = apart(found[0], found[-1])
+    far = distance(found[0], found[-1])
     said = f"{math.degrees(far):.3f} degrees"
     return met(abs(far / STEP_RAD - 1.0) < REACHED_SHARE, said, [asked[0].number])
 
@@ -559,7 +559,7 @@ def velocities_move_it(decoded: MotorosTraffic) -> Verdict:
     """0.1 s of velocities turn the axis, and by no more than 0.2 degrees."""
     before, after = decoded.feedback("stream"), decoded.feedback("deserted")
     some(before and after, _NO_FEEDBACK)
-    far = apart(before[0][1].pos, after[-1][1].pos)
+    far = distance(before[0][1].pos, after[-1][1].pos)
     return met(0.2 * STEP_RAD < far < 1.2 * STEP_RAD, f"{math.degrees(far):.3f} degrees")
 
 
@@ -571,7 +571,7 @@ def silence_stops_it(decoded: MotorosTraffic) -> Verdict:
     some(found and asked, "it was not tried")
     late = [body.pos for each, body in found if each.time_s > phase.start_s + 0.3]
     some(late, _NO_FEEDBACK)
-    far, reply = max(apart(late[0], pos) for pos in late), asked[0].motion
+    far, reply = max(distance(late[0], pos) for pos in late), asked[0].motion
     latched = reply is not None and reply.subcode == N.VEL_WATCHDOG
     said = f"{math.degrees(far):.4f} degrees more, {'' if latched else 'not '}latched"
     return met(far < STEP_RAD / 50 and latched, said, [asked[0].number])

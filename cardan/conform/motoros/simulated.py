@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cardan.conform.rigs import TcpRig
 from cardan.conform.runner import Exchange
+from cardan.conform.simulation import TcpSimulation
 from cardan.sim_peers.motoros_controller import (
     MotorosController,
     MotorosControllerOptions,
@@ -14,7 +14,7 @@ from cardan.sim_peers.motoros_controller import (
 from cardan.sim_peers.motoros_controller.servers import PortKind
 
 
-class MotorosRig(TcpRig[PortKind]):
+class MotorosSimulation(TcpSimulation[PortKind]):
     """The three ports of a controller with MotoROS."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:

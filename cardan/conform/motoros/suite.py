@@ -24,7 +24,7 @@ class MotorosSuite(Suite[MotorosTraffic]):
     transport = SuiteTransport("tcp", {"motion": MOTION_PORT, "state": STATE_PORT, "io": IO_PORT})
     decode = MotorosTraffic
     scenario = MotorosScenario
-    rig = "cardan.conform.motoros.simulated:MotorosRig"
+    simulation = "cardan.conform.motoros.simulated:MotorosSimulation"
     seconds = 3.2
     # The functional safety unit's limit must lie below the speed of a micro-motion.
     fault_test_values: ClassVar[Mapping[str, float]] = {"fsu": 0.001}

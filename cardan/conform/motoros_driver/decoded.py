@@ -152,7 +152,7 @@ class DriverTraffic(Traffic):
                 self.links.append(link._replace(closed_s=event.time_s, ended=number, by_us=by_us))
             elif event.kind is Kind.DATA:
                 if event.sent:
-                    self._told(number, event)
+                    self._sent(number, event)
                 else:
                     self._heard(number, event)
         self.links += open_links.values()
@@ -199,7 +199,7 @@ class DriverTraffic(Traffic):
             self.unread.append((number, reader.failure))
             del self._readers[channel]
 
-    def _told(self, number: int, event: WireEvent) -> None:
+    def _sent(self, number: int, event: WireEvent) -> None:
         channel = event.channel
         for _, frame in self._ours.whole(number, event):
             order = self._ours.reader(channel).byte_order or framing.ByteOrder.LITTLE

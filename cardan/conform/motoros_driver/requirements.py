@@ -30,7 +30,7 @@ from cardan.conform.requirements import (
     Requirements,
     Verdict,
     Words,
-    apart,
+    distance,
     failed,
     met,
     must,
@@ -275,7 +275,7 @@ def a_trajectory_begins_where_the_arm_is(decoded: DriverTraffic) -> Findings:
     for said, point in decoded.points:
         measured = newest(decoded.feedback, said.number)
         if not point.sequence and measured is not None:
-            far, speed = apart(point.pos, measured.pos), max(map(abs, point.vel))
+            far, speed = distance(point.pos, measured.pos), max(map(abs, point.vel))
             words = f"at {speed:.3g} rad/s" if speed > STILL_RAD_S else ""
             yield said.number, f"{far:.4f} rad away" if far > NEAR_RAD else words
     return Words("{} trajectories", _NO_POINTS)

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 
-from cardan.conform.rigs import LOOK_S, NETWORK_S, DriverRig
 from cardan.conform.runner import Exchange
+from cardan.conform.simulation import LOOK_S, NETWORK_S, DriverSimulation
 from cardan.conform.timeline import Kind
 from cardan.drivers.motoros.connections import CHANNELS, Channel
 from cardan.drivers.motoros.motion_control import MotionPhase
@@ -24,7 +24,7 @@ SPEED_RAD_S = 0.1
 SWING_S = 1.0
 
 
-class MotorosDriverRig(DriverRig):
+class MotorosDriverSimulation(DriverSimulation):
     """Connects the driver's core to the scenario, with the defects between them."""
 
     def __init__(
@@ -74,10 +74,10 @@ class MotorosDriverRig(DriverRig):
     def _connect(self) -> None:
         faults = self._faults
         for kind in CHANNELS:
-            barred = "absent" in faults or ("no-motion" in faults and kind == "motion")
+            refused = "absent" in faults or ("no-motion" in faults and kind == "motion")
             tired = "gives-up" in faults and self._joined >= len(CHANNELS)
             wanted = kind not in self._links and self._session.wants(kind, self._now_s)
-            if barred or tired or kind not in self._listens or not wanted:
+            if refused or tired or kind not in self._listens or not wanted:
                 continue
             self._joined += 1
             name = self._links[kind] = f"{kind} {self._joined}"

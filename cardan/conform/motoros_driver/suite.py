@@ -32,7 +32,7 @@ class MotorosDriverSuite(Suite[DriverTraffic]):
     )
     decode = DriverTraffic
     scenario = MotorosControllerScenario
-    rig = "cardan.conform.motoros_driver.simulated:MotorosDriverRig"
+    simulation = "cardan.conform.motoros_driver.simulated:MotorosDriverSimulation"
     own_faults = FAULTS
     seconds = 0.6
     # These faults show when the driver is ended, which only level 3 does.

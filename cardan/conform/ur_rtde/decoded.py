@@ -157,7 +157,7 @@ class UrTraffic(Traffic):
         """Recipe of each data package of the tested connection, by its event's number."""
         self.commands: list[DataPackage] = []
         """Inputs that we wrote, by the names of their recipe."""
-        self.told: list[ReceivedPackage] = []
+        self.primary: list[ReceivedPackage] = []
         """Packages of the primary interface."""
         self.secondary: list[ReceivedPackage] = []
         self.samples: list[RealtimePacket] = []
@@ -206,7 +206,7 @@ class UrTraffic(Traffic):
             elif event.sent and channel not in self._connections:
                 self._uploaded(number, event)
             elif channel in (PRIMARY, SECONDARY):
-                into = self.told if channel == PRIMARY else self.secondary
+                into = self.primary if channel == PRIMARY else self.secondary
                 for _, found in self._streams.whole(number, event):
                     into.append(ReceivedPackage(number, event.time_s, found, read_message(found)))
             elif channel == REALTIME:
@@ -354,7 +354,7 @@ class UrTraffic(Traffic):
 
     def messages(self, *kinds: MessageKind, during: Sequence[str] = ()) -> list[RobotMessage]:
         """Return the primary interface's messages of these kinds; in these phases, or in all."""
-        found = self.within(self.told, *during) if during else self.told
+        found = self.within(self.primary, *during) if during else self.primary
         return [each.message for each in found if each.message and each.message.kind in kinds]
 
     def exchanges(self, kind: rtde.PacketType, *names: str) -> list[RtdeExchange]:

@@ -11,8 +11,8 @@ from cardan.conform.requirements import (
     Verdict,
     VerdictOutcome,
     Words,
-    apart,
     at_most,
+    distance,
     failed,
     met,
     must,
@@ -229,8 +229,8 @@ def what_a_program_says_is_told(decoded: UrTraffic) -> Findings:
     texts = [each.text for each in decoded.messages(MessageKind.TEXT)]
     for each in _programs(decoded, "say", "replaced"):
         if each.name == "cardan_says":
-            told = any(SAYS in text and str(each.token) in text for text in texts)
-            yield each.number, "" if told else repr(texts[-1]) if texts else "no text came"
+            said = any(SAYS in text and str(each.token) in text for text in texts)
+            yield each.number, "" if said else repr(texts[-1]) if texts else "no text came"
     return Words("{} texts", NO_PROGRAM)
 
 
@@ -323,7 +323,7 @@ def commands_are_obeyed(decoded: UrTraffic) -> Verdict:
 def _farthest(states: Sequence[DataPackage], joints: slice = slice(None)) -> float:
     """Return the largest distance of any joint from its first position, rad."""
     first = states[0].values["actual_q"][joints]
-    return max(apart(each.values["actual_q"][joints], first) for each in states)
+    return max(distance(each.values["actual_q"][joints], first) for each in states)
 
 
 @requires(116, f"{SCRIPT}: servoj")
@@ -414,12 +414,12 @@ def commands_move_it(decoded: UrTraffic) -> Verdict:
     """The last joint moves within 0.1 s of the first command that says so."""
     found, sent = decoded.during("out"), decoded.sent_during("out")
     begins = sent[0].values[LAST_JOINT]
-    told = next((c for c in sent if abs(c.values[LAST_JOINT] - begins) > 0.02 * STEP_RAD), None)
-    told = some(told, "it was not told to")
+    ordered = next((c for c in sent if abs(c.values[LAST_JOINT] - begins) > 0.02 * STEP_RAD), None)
+    ordered = some(ordered, "it was not told to")
     far = zip(found, _last_joint(found), strict=True)
     moved = next((state for state, each in far if each > 0.02 * STEP_RAD), None)
-    moved = must(moved, "it never did", [told.number])
-    took_ms = 1e3 * (moved.time_s - told.time_s)
+    moved = must(moved, "it never did", [ordered.number])
+    took_ms = 1e3 * (moved.time_s - ordered.time_s)
     return at_most(1e3 * MOVES_WITHIN_S, took_ms, "ms", f"after {took_ms:.0f} ms", [moved.number])
 
 
@@ -595,9 +595,9 @@ def runtime_exceptions_are_told(decoded: UrTraffic) -> Verdict:
     says in which line."""
     found, last = _begun(decoded, "raise"), decoded.during("raise")[-1]
     must(last.values[RUNTIME] == RuntimeState.STOPPED, "it still runs", [last.number])
-    told = decoded.messages(MessageKind.RUNTIME_EXCEPTION, during=("raise",))
-    must(told, f"nothing was said of {RAISES}", [found.number])
-    return met(told[0].line == RAISES_AT, f"line {told[0].line}: {told[0].text!r}")
+    raised = decoded.messages(MessageKind.RUNTIME_EXCEPTION, during=("raise",))
+    must(raised, f"nothing was said of {RAISES}", [found.number])
+    return met(raised[0].line == RAISES_AT, f"line {raised[0].line}: {raised[0].text!r}")
 
 
 @requires(123, f"{SCRIPT}: socket_open, socket_send_line, socket_read_line")

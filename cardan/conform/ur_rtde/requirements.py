@@ -17,8 +17,8 @@ from cardan.conform.requirements import (
     Verdict,
     Words,
     Wrongs,
-    apart,
     at_most,
+    distance,
     failed,
     met,
     must,
@@ -117,8 +117,10 @@ def version_2_is_spoken(decoded: UrTraffic) -> Verdict:
 @requires(2, f"{GUIDE}: header, and a payload for each type")
 def bytes_are_packets(decoded: UrTraffic) -> Verdict:
     """All that comes is whole: packets of a known type and form, packages, and lines of text."""
-    count = len(decoded.heard) + len(decoded.told) + len(decoded.lines)
-    said = f"{len(decoded.heard)} packets, {len(decoded.told)} packages, {len(decoded.lines)} lines"
+    count = len(decoded.heard) + len(decoded.primary) + len(decoded.lines)
+    said = (
+        f"{len(decoded.heard)} packets, {len(decoded.primary)} packages, {len(decoded.lines)} lines"
+    )
     return none_wrong(decoded.unread, count + len(decoded.unread), said, "nothing came")
 
 
@@ -374,15 +376,15 @@ def _ten_times_a_second(times: Sequence[float]) -> Verdict:
 def the_primary_interface_begins_with_a_version(decoded: UrTraffic) -> Verdict:
     """The primary interface sends its version first, and then robot states."""
     some(decoded.phase(PRIMARY), _NOT_OPENED)
-    version = _version_first(decoded.told)
-    count = sum(each.package.kind == ROBOT_STATE for each in decoded.told)
+    version = _version_first(decoded.primary)
+    count = sum(each.package.kind == ROBOT_STATE for each in decoded.primary)
     return met(count > 0, f"{version.text}, {count} states")
 
 
 @requires(22, f"{CLIENT}: 10 Hz")
 def robot_states_come_ten_times_a_second(decoded: UrTraffic) -> Verdict:
     """Robot states of the primary interface come ten times a second, to a tenth."""
-    times = [each.time_s for each in decoded.told if each.package.kind == ROBOT_STATE]
+    times = [each.time_s for each in decoded.primary if each.package.kind == ROBOT_STATE]
     some(len(times) >= 4, "too few robot states")
     return _ten_times_a_second(times)
 
@@ -397,7 +399,7 @@ def near(decoded: UrTraffic, time_s: float) -> list[DataPackage]:
 @requires(23, f"{CLIENT}: robot mode data; {GUIDE}: robot_mode")
 def both_interfaces_tell_one_mode(decoded: UrTraffic) -> Findings:
     """The robot mode of the primary interface is one that RTDE reports within 0.3 s of it."""
-    for each in decoded.told:
+    for each in decoded.primary:
         mode = read_mode(each.package)
         around = {s.values["robot_mode"] for s in near(decoded, each.time_s)} if mode else set()
         if mode and around:
@@ -529,18 +531,18 @@ def robot_states_are_whole(decoded: UrTraffic) -> Verdict:
     version = version_of(decoded)
     wanted = [each for each in PARTS if not each.e_series or (version and version.major > 3)]
     wrong, count = [], 0
-    for told in (*decoded.told, *decoded.secondary):
-        if told.package.kind != ROBOT_STATE:
+    for received in (*decoded.primary, *decoded.secondary):
+        if received.package.kind != ROBOT_STATE:
             continue
         count += 1
-        found = sub_packages(told.package)
+        found = sub_packages(received.package)
         if found is None:
-            wrong.append((told.number, "sub-packages do not fill it"))
+            wrong.append((received.number, "sub-packages do not fill it"))
             continue
         for part in wanted:
             if len(found.get(part.kind, b"")) < part.size:
                 had = f"{len(found[part.kind])} bytes" if part.kind in found else "missing"
-                wrong.append((told.number, f"sub-package {part.kind}: {had}, not {part.size}"))
+                wrong.append((received.number, f"sub-package {part.kind}: {had}, not {part.size}"))
                 break
     return none_wrong(wrong, count, f"{count} robot states", "none came")
 
@@ -570,9 +572,9 @@ def the_real_time_interface_tells_the_same_joints(decoded: UrTraffic) -> Finding
     for each in decoded.samples:
         values, around = form.read(each.packet), near(decoded, each.time_s)
         if values is not None and around:
-            told = values["actual_q"]
-            far = min(apart(told, state.values["actual_q"]) for state in around)
-            words = f"joints at {', '.join(f'{angle:g}' for angle in told)} rad"
+            joints = values["actual_q"]
+            far = min(distance(joints, state.values["actual_q"]) for state in around)
+            words = f"joints at {', '.join(f'{angle:g}' for angle in joints)} rad"
             yield each.number, words if far > SAME_RAD else ""
     return Words("{} packets", "none could be compared")
 

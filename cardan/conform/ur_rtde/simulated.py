@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from cardan.conform.rigs import TcpRig
 from cardan.conform.runner import Exchange
+from cardan.conform.simulation import TcpSimulation
 from cardan.conform.timeline import Kind
 from cardan.conform.ur_rtde.decoded import REVERSE
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
@@ -15,7 +15,7 @@ from cardan.sim_peers.ur_controller.servers import PortKind
 OPTIONS = UrControllerOptions()
 
 
-class UrRig(TcpRig[PortKind]):
+class UrSimulation(TcpSimulation[PortKind]):
     """The ports of a controller by its `options`, e-Series by default, and ours for programs."""
 
     def __init__(

@@ -66,7 +66,7 @@ class UrRtdeSuite(Suite[decoded.UrTraffic]):
         frozenset((decoded.SECOND, decoded.OLD)),
     )
     decode = decoded.UrTraffic
-    rig = "cardan.conform.ur_rtde.simulated:UrRig"
+    simulation = "cardan.conform.ur_rtde.simulated:UrSimulation"
     seconds = 3.0
     # Times, s, in the hold; before it most faults would only keep the program from starting.
     fault_test_values: ClassVar[Mapping[str, float]] = dict.fromkeys(

@@ -250,7 +250,7 @@ class _Followed(SlipCompensation):
         The reference is as far ahead of the controller as it was at its last answer, a period
         before this one: controllers act on what they are sent some periods later.
         """
-        told = speeds = tuple(self.limiter.velocity)
+        commanded = speeds = tuple(self.limiter.velocity)
         if dt_s > 0.0:
             speeds = tuple([way / dt_s for way in self._displacement(before, heading)])
         went = [
@@ -261,8 +261,8 @@ class _Followed(SlipCompensation):
         # Differences from the position and speed that its commanded speeds would have given.
         self.passed(
             gap_s,
-            [way - v * gap_s for way, v in zip(went, told, strict=True)],
-            [now - v for now, v in zip(speeds, told, strict=True)],
+            [way - v * gap_s for way, v in zip(went, commanded, strict=True)],
+            [now - v for now, v in zip(speeds, commanded, strict=True)],
         )
 
     def brake(self, dt_s: float) -> None:
@@ -573,9 +573,9 @@ class PoseReferenceGenerator(_PositionGenerator[PoseCommand, TwistCommand]):
         if self._positions.working or self._orientations.working:
             before = before_turn = None
             if asked is not None:
-                told = asked.twist
-                before = (asked.pose.position, None if told is None else told.linear)
-                before_turn = (asked.pose.orientation, None if told is None else told.angular)
+                old = asked.twist
+                before = (asked.pose.position, None if old is None else old.linear)
+                before_turn = (asked.pose.orientation, None if old is None else old.angular)
             position, linear = self._positions.follow(before, position, linear, dt_s, seen_s)
             orientation, angular = self._orientations.follow(
                 before_turn, orientation, angular, dt_s, seen_s

@@ -24,7 +24,7 @@ class SpeedCapDetector:
     \\MaxSpeedDeviation does that: its default of 1 deg/s all but stops a robot.
     """
 
-    __slots__ = ("_countdown", "_looks", "_made", "_s", "_told", "commanded", "done")
+    __slots__ = ("_countdown", "_looks", "_made", "_s", "_sent", "commanded", "done")
 
     def __init__(self) -> None:
         self.reset()
@@ -33,7 +33,7 @@ class SpeedCapDetector:
         """Restart, with a session or a state of the controller."""
         self._countdown = _LOOK_EVERY
         self._looks = 0
-        self._told: tuple[float, ...] | None = None
+        self._sent: tuple[float, ...] | None = None
         self._made: tuple[float, ...] = ()
         self._s = NEVER_S
         self.commanded = 0.0
@@ -56,12 +56,12 @@ class SpeedCapDetector:
         self._countdown = _LOOK_EVERY
         if progress is None:
             return
-        told, made = tuple(progress[0]), tuple(progress[1])
-        if self._told is not None and now_s > self._s:
-            asked = max(math.dist(told, self._told), _ERROR_SHARE * math.dist(told, made))
+        sent, made = tuple(progress[0]), tuple(progress[1])
+        if self._sent is not None and now_s > self._s:
+            asked = max(math.dist(sent, self._sent), _ERROR_SHARE * math.dist(sent, made))
             went = math.dist(made, self._made)
             slow = asked > _NOTICEABLE and went < _CLEARLY_LESS * asked
             self._looks = self._looks + 1 if slow else 0
             self.commanded = asked / (now_s - self._s)
             self.done = went / (now_s - self._s)
-        self._told, self._made, self._s = told, made, now_s
+        self._sent, self._made, self._s = sent, made, now_s

@@ -271,8 +271,8 @@ def reply_in_words(command: int, result: int, subcode: int) -> str:
     `command` is a MotionCommand, or the type of the message that is answered; `result` and
     `subcode` as they came. Unknown numbers are named as such.
     """
-    told = _RESULTS.get(result, f"got the unknown result {result}")
-    what = f"{_task(command)} {told}"
+    outcome = _RESULTS.get(result, f"got the unknown result {result}")
+    what = f"{_task(command)} {outcome}"
     if result == MotionResult.SUCCESS:
         return what
     if result == MotionResult.BUSY:

@@ -169,8 +169,8 @@ class StateFeed:
                 self.feedback_s = now_s
                 self.feedbacks += 1
                 speeds = body.vel[:n]
-                told = self._trust_velocity and body.valid_fields & ValidFields.VELOCITY
-                plausible = told and not outside("velocities", speeds, JOINT_VELOCITY)
+                reported = self._trust_velocity and body.valid_fields & ValidFields.VELOCITY
+                plausible = reported and not outside("velocities", speeds, JOINT_VELOCITY)
                 self.velocities = speeds if plausible else ()
         elif message.msg_type != MessageType.MOTO_JOINT_FEEDBACK_EX:
             self._ignore(f"{name_of(MessageType, message.msg_type)} on the state port")

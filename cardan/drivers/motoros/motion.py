@@ -116,8 +116,8 @@ class MotionRecord:
                 rows = csv.writer(file)
                 rows.writerow(header)
                 for time_s, kind, commanded, measured, count in self.rows:
-                    told, seen = commanded or empty, measured or empty
-                    rows.writerow([f"{time_s:.6f}", kind, *told, *seen, count])
+                    sent, seen = commanded or empty, measured or empty
+                    rows.writerow([f"{time_s:.6f}", kind, *sent, *seen, count])
         except OSError as error:
             raise CardanError(f"record: {self.path}: {error.strerror or error}") from None
 

@@ -419,10 +419,10 @@ class MotionControl:
         return (trajectory,)
 
     def _control(self, command: MotionCommand, now_s: float) -> None:
-        def told(answer: Answer, now_s: float) -> None:
+        def answered(answer: Answer, now_s: float) -> None:
             self.answer = self._failure(answer)
 
-        self.requests.control(command, told)
+        self.requests.control(command, answered)
 
     # -- the end of motion ------------------------------------------------------------------------
 

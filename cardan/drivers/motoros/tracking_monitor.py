@@ -31,7 +31,7 @@ class TrackingMonitor:
         self._path.clear()
         self._path.append((now_s - self._lag_s, list(positions)))
 
-    def note(self, positions: Sequence[float], now_s: float) -> None:
+    def record(self, positions: Sequence[float], now_s: float) -> None:
         """Note the commanded positions at `now_s`, rad."""
         path = self._path
         if now_s - path[-1][0] >= self._spacing_s:

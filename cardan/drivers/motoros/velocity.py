@@ -162,7 +162,7 @@ class VelocityStream(MotorosMotion):
             self._missed_s = 0.0
         guide.step(self._going_on(command), self.nominal_s)
         self._zeros = self._zeros + 1 if self.at_rest else 0
-        self._watch.note(guide.reference, now_s)
+        self._watch.record(guide.reference, now_s)
         body = JointVelocity(
             self.options.group,
             self._sequence,
@@ -180,7 +180,7 @@ class VelocityStream(MotorosMotion):
         wanted = body.sequence == 0 or self._since_asked >= self.options.reply_every
         if wanted and self._requests.idle:
             self._since_asked = 0
-            self._requests.ask(body, self._told)
+            self._requests.ask(body, self._answered)
             return
         self.topics.append(topic(body))
 
@@ -200,7 +200,7 @@ class VelocityStream(MotorosMotion):
     def settled(self, now_s: float) -> bool:
         return self._zeros >= ZEROS_BEFORE_END
 
-    def _told(self, answer: Answer, now_s: float) -> None:
+    def _answered(self, answer: Answer, now_s: float) -> None:
         reply = self._result(answer)
         if reply is None:
             return

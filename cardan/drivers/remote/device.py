@@ -176,9 +176,9 @@ class RemoteForce(Remote, HapticDevice):
         force."""
         with self._lock:
             now_s, haptic_feedback = time.monotonic(), self._core.haptic_feedback
-            told = self._core.state(now_s)
-        if haptic_feedback is None or told.link not in (DeviceLink.LIVE, DeviceLink.NEEDS_NEUTRAL):
-            reason = told.reason or f"{self.options.device} gives no force"
+            state = self._core.state(now_s)
+        if haptic_feedback is None or state.link not in (DeviceLink.LIVE, DeviceLink.NEEDS_NEUTRAL):
+            reason = state.reason or f"{self.options.device} gives no force"
             return self._last._replace(stamp_s=now_s, rendering=False, reason=reason)
         self._last = haptic_feedback.state._replace(stamp_s=now_s)
         if not self._enabled:

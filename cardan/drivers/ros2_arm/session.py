@@ -259,8 +259,8 @@ class Ros2ArmSession(DatagramSession[JointStates]):
                 if rival is None and len(rivals) >= RIVALS_KEPT:
                     rivals.pop(next(iter(rivals)))
                 # Where there are fewer positions than names, some are not told.
-                told = dict(zip(message["name"], message["position"], strict=False))
-                rivals[gid] = _Rival(since_s, now_s, told)
+                reported = dict(zip(message["name"], message["position"], strict=False))
+                rivals[gid] = _Rival(since_s, now_s, reported)
                 return None
             rivals.pop(gid, None)
         self._sender = sender = _Sender(gid, now_s)
@@ -276,9 +276,9 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         name, least = self.names[0], -1.0
         for each in there.values():
             for joint, at in ours.items():
-                apart = abs(at - each.positions.get(joint, at))
-                if joint in each.positions and apart > least:
-                    name, least = joint, apart
+                distance = abs(at - each.positions.get(joint, at))
+                if joint in each.positions and distance > least:
+                    name, least = joint, distance
         found = {self._sender.gid: ours} | {gid: each.positions for gid, each in there.items()}
         said = " and ".join(
             f"{self.named(gid) or f'publisher {gid.hex()}'} "

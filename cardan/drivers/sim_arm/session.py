@@ -162,8 +162,8 @@ class SimArmSession(DatagramSession[ArmState]):
         lower, upper, most, _ = self._limits
         return (
             tuple(
-                min(max(q, min(told, low)), max(told, high))
-                for q, told, low, high in zip(
+                min(max(q, min(sent_speeds, low)), max(sent_speeds, high))
+                for q, sent_speeds, low, high in zip(
                     positions, command.positions, lower, upper, strict=True
                 )
             ),
@@ -175,13 +175,13 @@ class SimArmSession(DatagramSession[ArmState]):
         if state.mode is not ControlMode.HOLD:
             self._lost.passed(gap_s)
             return
-        told = [v + more for v, more in zip(before, self._lost.rate, strict=True)]
+        sent_speeds = [v + more for v, more in zip(before, self._lost.rate, strict=True)]
         late_s = self.options.command_timeout_s - gap_s
         braking = self._limits.acceleration
         self._lost.passed(
             gap_s,
-            [v * (late_s + 0.5 * abs(v) / a) for v, a in zip(told, braking, strict=True)],
-            [-v for v in told],
+            [v * (late_s + 0.5 * abs(v) / a) for v, a in zip(sent_speeds, braking, strict=True)],
+            [-v for v in sent_speeds],
         )
 
     def _encode(

@@ -55,22 +55,22 @@ class Buttons(ButtonEdges):
         """
         if isinstance(value, ButtonBits):
             labels = self._labels_of(size)
-            told = self._bits = [labels.get(bit) or f"button-{bit}" for bit in _bits_of(value.mask)]
+            down = self._bits = [labels.get(bit) or f"button-{bit}" for bit in _bits_of(value.mask)]
             if not value.mask:
                 self._long_bits = []
         elif isinstance(value, KeysDown):
-            told = self._keys = [self._label(code) for code in value.codes]
+            down = self._keys = [self._label(code) for code in value.codes]
             if not value.codes:
                 self._long_keys = []
         elif isinstance(value, LongPress):
-            told = self._long_keys = self._long_labels(value.codes)
+            down = self._long_keys = self._long_labels(value.codes)
         else:
-            told = self._long_bits = self._long_labels([bit + 1 for bit in _bits_of(value.mask)])
+            down = self._long_bits = self._long_labels([bit + 1 for bit in _bits_of(value.mask)])
         kind = type(value)
         if kind not in self._heard:
             # It is unknown which of several was pressed now. A long press is no new one.
-            if len(told) > 1 and (kind in _WHOLE or not self._heard):
-                self.mask(told)
+            if len(down) > 1 and (kind in _WHOLE or not self._heard):
+                self.mask(down)
             self._heard.add(kind)
         self.set((*self._bits, *self._keys, *self._long_bits, *self._long_keys), now_s)
 

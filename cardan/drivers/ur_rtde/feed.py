@@ -258,7 +258,7 @@ class RtdeFeed:
             self.clock.period_s = self.period_s
             self._compiled = self._states_compiled()
             if not reply.accepted:
-                self.failure = f"it does not begin to send states{self._told}"
+                self.failure = f"it does not begin to send states{self._remark}"
 
     def _take_setup(self, reply: SetupReply, now_s: float) -> None:
         outputs = reply.kind is PacketType.OUTPUTS
@@ -309,10 +309,10 @@ class RtdeFeed:
                 f"it does not know {', '.join(unknown)}: its software is too old, or set "
                 'registers = "lower"'
             )
-        return f"it refuses the states that are asked for{self._told}"
+        return f"it refuses the states that are asked for{self._remark}"
 
     @property
-    def _told(self) -> str:
+    def _remark(self) -> str:
         return f" ({self.said})" if self.said else ""
 
     # -- states -----------------------------------------------------------------------------------

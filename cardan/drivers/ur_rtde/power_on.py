@@ -94,7 +94,7 @@ class Starting:
         elif refused := dashboard.refusal(request, line):
             self.failure = f"`{request}` was refused: {refused}"
 
-    def told(self, text: str) -> None:
+    def report_failure(self, text: str) -> None:
         """The controller has said over the primary interface why a program does not run."""
         if self.uploaded and not self.failure:
             self.failure = f"the program was not started: {text}"

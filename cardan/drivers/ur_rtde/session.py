@@ -123,7 +123,7 @@ class UrSession(TcpSession[Channel, Task]):
         """The agreed time of the state given last."""
         self._answered = (0, 0.0)
         """The beat that the program obeyed last, and when, by the agreed time."""
-        self._acts = False
+        self._effective = False
         """Commands acted in the state given last."""
         self._braked_by_s = math.inf
         self._followed_s = NEVER_S
@@ -333,15 +333,15 @@ class UrSession(TcpSession[Channel, Task]):
         while (package := self._packages.take()) is not None:
             message = read_message(package)
             if message is not None:
-                self._told(message)
+                self._take_message(message)
         if self._packages.failure:
             self._drop("primary", self._packages.failure, now_s)
         self._go_on(now_s)
 
-    def _told(self, message: RobotMessage) -> None:
+    def _take_message(self, message: RobotMessage) -> None:
         # Text is what any program or URCap says by `textmsg`: no sign that ours was not started.
         if message.kind == MessageKind.RUNTIME_EXCEPTION and self._starting is not None:
-            self._starting.told(f"line {message.line}: {message.text}")
+            self._starting.report_failure(f"line {message.line}: {message.text}")
 
     # -- what the states mean ---------------------------------------------------------------------
 
@@ -394,15 +394,15 @@ class UrSession(TcpSession[Channel, Task]):
         if math.dist(values.actual_q, values.target_q) <= most:
             self._followed_s = now_s
             return ""
-        apart = [*map(abs, map(sub, values.actual_q, values.target_q))]
-        farthest = max(apart)
+        errors = [*map(abs, map(sub, values.actual_q, values.target_q))]
+        farthest = max(errors)
         if farthest <= most:
             self._followed_s = now_s
             return ""
         if now_s - self._followed_s <= FOLLOWING_S:
             return ""
         return (
-            f"joint {apart.index(farthest) + 1} is {farthest:.2f} rad from its target: something "
+            f"joint {errors.index(farthest) + 1} is {farthest:.2f} rad from its target: something "
             "holds it, or it is measured wrongly"
         )
 
@@ -513,7 +513,7 @@ class UrSession(TcpSession[Channel, Task]):
         self._starting = None
         self._followed_s = now_s
         self.phase = "moving"
-        self._acts = True
+        self._effective = True
         self._ended = False
         self._drop("dashboard", "not needed", now_s)
         self._drop("primary", "not needed", now_s)
@@ -589,13 +589,13 @@ class UrSession(TcpSession[Channel, Task]):
         state = self._state(now_s, _LIVE, period_s, hold_reason)
         if self.phase == "moving" and self._motion is not None:
             self.reply_pending = True
-            if not self._acts or hold_reason:
+            if not self._effective or hold_reason:
                 # Targets given while nothing could move are void.
                 self._motion.begin(feed.values.target_q)
-            if not self._acts and not hold_reason:
+            if not self._effective and not hold_reason:
                 self.sessions += 1
                 state = state._replace(session=self.sessions)
-            self._acts = not hold_reason
+            self._effective = not hold_reason
         return state
 
     def _state(
@@ -632,7 +632,7 @@ class UrSession(TcpSession[Channel, Task]):
         if (
             motion is not None
             and self.reply_pending
-            and self._acts
+            and self._effective
             and feed.slider == 1.0
             and feed.streaming
             and self.phase == "moving"
@@ -649,7 +649,7 @@ class UrSession(TcpSession[Channel, Task]):
         if not self.reply_pending or motion is None or self.phase != "moving":
             return
         self.reply_pending = False
-        if not self._acts:
+        if not self._effective:
             command = HoldCommand()
         # Packages received since the state was given count as answered and heard.
         self._told_packages, self._said_s = self.feed.packages, now_s

@@ -42,7 +42,7 @@ class Arrival:
         self.options, self.lag_s = options, lag_s
         self._seen: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=_KEPT)
 
-    def note(self, robot: RobotState) -> None:
+    def observe(self, robot: RobotState) -> None:
         """Where the joints are now; to be told in every tick of the motion."""
         if not self._seen or robot.stamp_s - self._seen[-1][0] >= _SPACING_S:
             self._seen.append((robot.stamp_s, robot.joints))

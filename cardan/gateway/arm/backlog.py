@@ -105,12 +105,12 @@ class Delays:
     """The smallest difference seen lately between reception here and each sender's own stamps."""
 
     def __init__(self) -> None:
-        self._kept: dict[Hashable, _Quickest] = {}
+        self._quickest: dict[Hashable, _Quickest] = {}
 
-    def hear(self, owner: Hashable, stamp_s: float, now_s: float, kept: str = "") -> float:
+    def hear(self, owner: Hashable, stamp_s: float, now_s: float, retained: str = "") -> float:
         """Learn from a command, taken or not; how much longer than its sender's quickest it was on
-        its way, s; 0 for a first. `kept`: a sender that is not forgotten for others."""
-        known = self._kept.pop(owner, None)
+        its way, s; 0 for a first. `retained`: a sender that is not forgotten for others."""
+        known = self._quickest.pop(owner, None)
         if known is None or now_s - known.heard_s > FORGOTTEN_S:
             # Between a program without a name, which is this one, and the arm there is no queue.
             unproven_s = now_s if owner else math.inf
@@ -131,16 +131,16 @@ class Delays:
                 unproven_s = math.inf
             elif abs(step_s) >= AGREE_S:
                 anchor = stamp_s, now_s
-        if len(self._kept) >= SENDERS:
-            del self._kept[next(each for each in self._kept if each != kept)]
-        self._kept[owner] = _Quickest(
+        if len(self._quickest) >= SENDERS:
+            del self._quickest[next(each for each in self._quickest if each != retained)]
+        self._quickest[owner] = _Quickest(
             began_s, min(quickest_s, delay_s), before_s, now_s, unproven_s, anchor, waited_s
         )
         return waited_s
 
     def late(self, owner: Hashable) -> str:
         """Why the newest command of a sender is too late to act on; empty: it is not."""
-        known = self._kept.get(owner)
+        known = self._quickest.get(owner)
         if known is None:
             return ""
         if known.waited_s > STREAMED_S:

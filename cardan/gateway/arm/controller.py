@@ -30,8 +30,8 @@ from cardan.gateway.arm.motions.recover import NO_WAY, Recover
 from cardan.gateway.arm.output_check import OutputCheck, OutputLimits
 from cardan.gateway.arm.states import (
     RESTING,
-    Act,
     ArmEvent,
+    ArmingAction,
     Facts,
     Inhibit,
     States,
@@ -126,7 +126,7 @@ class ArmController:
         """Records inputs of the ticks beside their arguments."""
         self.ticks = 0
         """Counts the ticks that have begun."""
-        self._noting = 0
+        self._recording_thread = 0
         """The thread whose present request is recorded as a whole; 0: none."""
         self.not_ready = "no state of the robot was received yet"
         """Why the robot cannot be commanded now; empty when it can."""
@@ -313,28 +313,28 @@ class ArmController:
 
     # -- requests --------------------------------------------------------------------------------
 
-    def note(self, what: str, argument: str = "") -> None:
-        """Tell the recorder, if there is one, of a request that changes the next ticks."""
-        if self.recorder is not None and self._noting != threading.get_ident():
+    def record_request(self, what: str, argument: str = "") -> None:
+        """Record a request that changes the next ticks, for replay, if there is a recorder."""
+        if self.recorder is not None and self._recording_thread != threading.get_ident():
             self.recorder(self.ticks, what, argument)
 
     @contextlib.contextmanager
     def recorded_request(self, what: str, argument: str) -> Iterator[None]:
         """Record a request made inside as a whole: no other that it consists of.
         The caller holds the lock."""
-        self.note(what, argument)
-        outer, self._noting = self._noting, threading.get_ident()
+        self.record_request(what, argument)
+        outer, self._recording_thread = self._recording_thread, threading.get_ident()
         try:
             yield
         finally:
-            self._noting = outer
+            self._recording_thread = outer
 
     def inhibit(self, reason: str, kind: Inhibit) -> None:
         """Interrupt the arm's motion, or keep sources from moving it, as `kind` says."""
         with self.lock:
             before, self._inhibits = self._inhibits, inhibits_after(self._inhibits, reason, kind)
             if kind is not Inhibit.WHILE_SAID or self._inhibits != before:
-                self.note(kind.value, reason)
+                self.record_request(kind.value, reason)
             if kind is Inhibit.FOR_GOOD:
                 self._stop(reason)
 
@@ -342,7 +342,7 @@ class ArmController:
         """Brake along the path, then hold; a recovery ends as well. Needs no authority. A stop that
         `source` asks for is counted."""
         with self.lock:
-            self.note("stop", reason)
+            self.record_request("stop", reason)
             if source:
                 self.stops, self.stopped_by = self.stops + 1, source
             self._stop(reason)
@@ -360,14 +360,14 @@ class ArmController:
         :class:`cardan.gateway.arm.joint_space_arm.JointSpaceArm` does."""
         with self.lock:
             if self.recorder is not None:
-                self.note("place_neighbor", json.dumps((index, joints, ways_m)))
+                self.record_request("place_neighbor", json.dumps((index, joints, ways_m)))
             self.commanded.place_neighbor(index, joints, ways_m)
 
     def acknowledge(self) -> str:
         """Re-arm after implausible readings, or after a recovery that was given up;
         returns why it is too early, or ""."""
         with self.lock:
-            self.note("acknowledge")
+            self.record_request("acknowledge")
             return self._acknowledge()
 
     def _acknowledge(self) -> str:
@@ -407,7 +407,7 @@ class ArmController:
     def begin(self, motion: CommandedMotion) -> None:
         """Start a motion on an arm at rest."""
         with self.lock:
-            self.note("begin", type(motion).__name__)
+            self.record_request("begin", type(motion).__name__)
             self._on(ArmEvent.EXECUTES, motion)
             self._trip_reason, self._recovered_way = "", NO_WAY
 
@@ -462,8 +462,8 @@ class ArmController:
                 if finding is not None:
                     self._act_on(finding, robot)
             ignored = bool(self._inhibits) and self._heed_inhibits()
-            barred = self._inhibits or robot.alarm
-            if barred and self.recovering and (why := self._why_no_recovery):
+            inhibited = self._inhibits or robot.alarm
+            if inhibited and self.recovering and (why := self._why_no_recovery):
                 self._cancel_recovery(why)
             if self.operator is not None and device is not None:
                 self._read_operator(self.operator, robot, device, events, dt_s, ignored)
@@ -709,11 +709,11 @@ class ArmController:
         acknowledges = bool(inhibited) and not recovering
         owns = authority.owner == OPERATOR
         refused = not owns and bool(authority.refuses(OPERATOR))
-        arming, act = arming_after(state.arming, request, acknowledges, owns, refused)
-        if arming is not state.arming and act is not Act.TRIP:
+        arming, action = arming_after(state.arming, request, acknowledges, owns, refused)
+        if arming is not state.arming and action is not ArmingAction.TRIP:
             self._enter(state._replace(arming=arming))
-        if act is not None:
-            self._do(act, request.fault or request.filter_fault, robot.stamp_s)
+        if action is not None:
+            self._do(action, request.fault or request.filter_fault, robot.stamp_s)
         self._filter_fault = request.filter_fault
         if recovering and request.pressed and self.state.arming.armed and not request.asks:
             # A regrip goes on from the command's place; the rest of the way is dropped.
@@ -722,19 +722,19 @@ class ArmController:
         elif recovering and request.pressed and not self.state.arming.armed:
             self._cancel_recovery("it was ended by a button")
 
-    def _do(self, act: Act, fault: str, now_s: float) -> None:
+    def _do(self, action: ArmingAction, fault: str, now_s: float) -> None:
         """Carry out the consequence of the operator's request, which may have a `fault`."""
-        match act:
-            case Act.TRIP:
+        match action:
+            case ArmingAction.TRIP:
                 self._trip(fault or self.authority.take(OPERATOR, now_s))
-            case Act.LET_GO:
+            case ArmingAction.LET_GO:
                 self.authority.release(OPERATOR)
                 self._end_motion("the clutch was released")
-            case Act.ARM:
+            case ArmingAction.ARM:
                 self._trip_reason, self._recovered_way = "", NO_WAY
-            case Act.TAKE:
+            case ArmingAction.TAKE:
                 self._take_over(now_s)
-            case Act.ACKNOWLEDGE:
+            case ArmingAction.ACKNOWLEDGE:
                 if self.authority.refuses(OPERATOR):
                     self.authority.take(OPERATOR, now_s)  # Notes the refusal.
                 self._acknowledge()
@@ -904,14 +904,14 @@ class ArmController:
             return robot.alarm or self._filter_fault
         if self.recovering:
             return f"{why}resynchronizing with the robot; any button ends it"
-        act = "" if self.operator is None else f": {self.operator.rearming_instruction()} to go on"
+        step = "" if self.operator is None else f": {self.operator.rearming_instruction()} to go on"
         if self.rejects:
             why = self.supervision.implausible
-            return f"{why}; the measured position is implausible, the arm holds{act}"
+            return f"{why}; the measured position is implausible, the arm holds{step}"
         if self.waits_for_rearming:
             return (
                 f"{why}{self._separation_reason}: check what holds the arm and whether it is "
-                f"measured right, then {act.removeprefix(': ') or 'acknowledge it'}"
+                f"measured right, then {step.removeprefix(': ') or 'acknowledge it'}"
             )
         if self.operator is None:
             return why.removesuffix("; ")

@@ -33,13 +33,13 @@ def digital_output_gripper(robot: RobotDriver) -> Callable[[Action], None]:
     Raises CommandError, when used, for a stop and for a robot without such an output.
     """
 
-    def act(action: Action) -> None:
+    def carry_out(action: Action) -> None:
         if action is Action.STOP:
             raise CommandError("a gripper on a digital output cannot stop half way")
         with RobotCalls(robot):
             robot.set_outputs(digital=action is Action.CLOSE)
 
-    return act
+    return carry_out
 
 
 class CartesianDevice(CartesianArm):

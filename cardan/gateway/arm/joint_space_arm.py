@@ -328,7 +328,7 @@ class JointSpaceArm(CommandedArm):
     ) -> RobotCommand:
         servo = self.servo
         if self._lag_s > 0.0:
-            servo.note(state.stamp_s)
+            servo.record_command(state.stamp_s)
         # A velocity-controlled one would keep its error for ever.
         v = self._still if approaching else servo.v
         if self.kind is CommandKind.JOINT:

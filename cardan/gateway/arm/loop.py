@@ -69,7 +69,7 @@ class ArmLoop:
             try:
                 send(command)
             except FAILURES as error:
-                calls.judge(error)
+                calls.check(error)
                 raise
             yield Cycle(state, newest, events, command)
 

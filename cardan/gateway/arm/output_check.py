@@ -141,12 +141,12 @@ class OutputCheck:
                         return f"a step of joint {index + 1} by {step}"
         between_s = UNEVEN * max(dt_s, self._dt_s)
         speeds: list[float] = []
-        for (fastest, hardest, low, high), now, was_at, was, told in zip(
+        for (fastest, hardest, low, high), now, was_at, was, rate_sent in zip(
             known, q, then, before, v or before, strict=True
         ):
             rate = (now - was_at) * gain
-            if abs(told) > fastest:
-                return f"joint {len(speeds) + 1} at {told:.3g} rad/s"
+            if abs(rate_sent) > fastest:
+                return f"joint {len(speeds) + 1} at {rate_sent:.3g} rad/s"
             if abs(rate) > fastest:
                 return f"a step of joint {len(speeds) + 1} by {now - was_at:.3g} rad"
             if abs(rate - was) > hardest * between_s + NOISE_RAD_S:

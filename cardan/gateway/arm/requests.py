@@ -244,9 +244,9 @@ def encode_reply(number: int | None, result: Any, ended: Sequence[MotionNote] = 
 def encode_error(number: int | None, error: CardanError, ended: Sequence[MotionNote] = ()) -> bytes:
     """That a request was refused, and why."""
     kind = next(each for each in type(error).__mro__ if each in _FIELDS)
-    told = {"kind": kind.__name__, "message": str(error)}
-    told |= {name: to_json(getattr(error, name)) for name in _FIELDS[kind]}
-    return _packed({"reply": number, "error": told, **_ended(ended)})
+    table = {"kind": kind.__name__, "message": str(error)}
+    table |= {name: to_json(getattr(error, name)) for name in _FIELDS[kind]}
+    return _packed({"reply": number, "error": table, **_ended(ended)})
 
 
 def _ended(notes: Sequence[MotionNote]) -> dict[str, Any]:

@@ -105,7 +105,7 @@ class Inhibit(enum.Enum):
     """The operator's motion is ignored in the next tick; after it, teleoperation goes on."""
 
 
-class Act(enum.Enum):
+class ArmingAction(enum.Enum):
     """Consequences of the operator's request, beside the requested motion."""
 
     TRIP = "the device must not drive any longer"
@@ -268,7 +268,7 @@ def inhibits_after(
 
 def arming_after(
     arming: Arming, request: MotionRequest, acknowledges: bool, owns: bool, refused: bool
-) -> tuple[Arming, Act | None]:
+) -> tuple[Arming, ArmingAction | None]:
     """Return the arming after the operator's request, and its consequence, if any.
 
     `acknowledges`: whether there is something to acknowledge where nothing is armed; `owns`:
@@ -277,17 +277,17 @@ def arming_after(
     asked = request.arming
     match arming.armed, asked.armed:
         case _ if request.fault:
-            return Arming.DISARMED, Act.TRIP
+            return Arming.DISARMED, ArmingAction.TRIP
         case before, after if request.filter_fault:
-            return (Arming.DISARMED, Act.TRIP) if before or after else (asked, None)
+            return (Arming.DISARMED, ArmingAction.TRIP) if before or after else (asked, None)
         case True, False:
-            return asked, Act.LET_GO
+            return asked, ArmingAction.LET_GO
         case False, True:
-            return asked, Act.TAKE if asked.claims else Act.ARM
+            return asked, ArmingAction.TAKE if asked.claims else ArmingAction.ARM
         case _ if request.arming_requested and acknowledges:
-            return asked, Act.ACKNOWLEDGE
+            return asked, ArmingAction.ACKNOWLEDGE
         case True, True if asked.claims and not owns:
-            return (Arming.DISARMED, Act.TRIP) if refused else (asked, Act.TAKE)
+            return (Arming.DISARMED, ArmingAction.TRIP) if refused else (asked, ArmingAction.TAKE)
     return asked, None
 
 

@@ -178,8 +178,8 @@ class Streams:
         if isinstance(owner, str) and len(owner) <= LONGEST_NAME and _is_time(stamp_s):
             assert stamp_s is not None
             with self._controller.lock:
-                kept = self._controller.authority.owner
-                self._delays.hear(owner, stamp_s, heard_s, kept)
+                retained = self._controller.authority.owner
+                self._delays.hear(owner, stamp_s, heard_s, retained)
 
     def pose(self, x: Target | FramedPose, sender: CommandHeader) -> None:
         """Go to the pose `x` now. Raises MotionRefusedError, as all of these do."""
@@ -353,7 +353,7 @@ class Streams:
         """Tell the controller's recorder of a command that is taken."""
         controller = self._controller
         if controller.recorder is not None:
-            controller.note(name, argument_text(*values, sender))
+            controller.record_request(name, argument_text(*values, sender))
 
     def _note_command(self, motion: CommandedMotion, sender: CommandHeader) -> None:
         owner, sequence, stamp_s, _ = sender

@@ -58,7 +58,7 @@ class VerbServer:
         if not known.without_loop:
             self.link.require()
         if known.changes and not known.recorded:
-            self.verbs.controller.note("verb", f"{verb} of {source!r}")
+            self.verbs.controller.record_request("verb", f"{verb} of {source!r}")
         if known.preset is not None:
             owner = "" if source == VERBS else source
             return self.verbs.stream(
@@ -66,16 +66,16 @@ class VerbServer:
             )
         if verb == "wait":
             return self.wait(checked_timeout(verb, value))
-        act = getattr(self.verbs, verb)
+        call = getattr(self.verbs, verb)
         if known.takes is not NOTHING:
-            act = partial(act, value)
+            call = partial(call, value)
         if known.changes or verb == "stop":
-            act = partial(act, source=source)
+            call = partial(call, source=source)
         if known.begins_motion:
-            return self.start(act)
+            return self.start(call)
         if known.at_rest:
-            return self.settled(act)
-        return self.rehearsed(act) if known.answers is Rehearsal else act()
+            return self.settled(call)
+        return self.rehearsed(call) if known.answers is Rehearsal else call()
 
     def start(self, verb: Callable[[], Motion]) -> Motion:
         """Start a motion, after the one before has come to rest."""

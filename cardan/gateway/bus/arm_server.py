@@ -230,10 +230,10 @@ class ArmServer:
 
     def _take_tokens(self) -> None:
         for _ in range(TOKENS_AT_ONCE):
-            told = self._tokens.poll()
-            if told is None:
+            change = self._tokens.poll()
+            if change is None:
                 break
-            self._liveliness.take(*told, self.now_s)
+            self._liveliness.take(*change, self.now_s)
 
     def _collect_cancels(self, action: ArmAction) -> None:
         """Collect the cancellations of an action's goals. Goals that are there by then came before
@@ -463,7 +463,7 @@ class _Sender:
         """Whether the stamps of its messages were seen to change."""
         self.heard_s = NEVER_S
         """When its newest message came."""
-        self.told = ""
+        self.reported = ""
         """Last reason or outcome of its stream on the result topic."""
         self.note = ""
         """Published with the next accepted command."""
@@ -613,7 +613,7 @@ class _TopicClient:
         """Return the source whose publisher `sender` is; that stays until it was silent."""
         server = self._server
         if server.now_s - sender.heard_s > STREAM_KEPT_S:
-            sender.told, sender.source = "", None
+            sender.reported, sender.source = "", None
         sender.heard_s = server.now_s
         if sender.source is None or sender.source.identity.presence is None:
             # The token of a node may come after its first message.
@@ -670,12 +670,12 @@ class _TopicClient:
         return self._asked.pop(number, (0, self._nobody))
 
     def _tell_change(self, sender: _Sender, sequence: int, reason: str) -> None:
-        told = reason or "accepted"
-        if told != sender.told:
-            sender.told = told
+        reported = reason or "accepted"
+        if reported != sender.reported:
+            sender.reported = reported
             outcome = "refused" if reason else "accepted"
-            told = reason or sender.note
-            self._server.tell(self._command.verb, sequence, outcome, told, _name(sender))
+            reported = reason or sender.note
+            self._server.tell(self._command.verb, sequence, outcome, reported, _name(sender))
 
 
 class _ServiceClient:

@@ -124,7 +124,7 @@ class Names(NamedTuple):
     services: tuple[ServiceCommand, ...] = ()
     same: Mapping[str, tuple[str, ...]] = {}
     """Topics with the very messages of the arm's own, by the names of these."""
-    told: tuple[TopicPublication, ...] = ()
+    published: tuple[TopicPublication, ...] = ()
 
 
 class ServoScales(NamedTuple):
@@ -195,19 +195,19 @@ class _Frames:
         return self.rates(given, values, what)
 
 
-class _Gate:
-    """Whether commands are taken under a set of names; those under others are."""
+class _CommandSwitch:
+    """Accepts or refuses the commands under one set of names, whatever the others do."""
 
     def __init__(self) -> None:
-        self.closed = ""
-        """Why not."""
+        self.refusal = ""
+        """Reason for refusing commands; empty while they are accepted."""
 
-    def open_for(self, value: Callable[[Message], Any]) -> Callable[[Message], Any]:
-        """`value`, refused while the gate is closed."""
+    def when_on(self, value: Callable[[Message], Any]) -> Callable[[Message], Any]:
+        """`value`, refused while there is a reason to."""
 
         def checked(message: Message) -> Any:
-            if self.closed:
-                raise MotionRefusedError(self.closed)
+            if self.refusal:
+                raise MotionRefusedError(self.refusal)
             return value(message)
 
         return checked
@@ -262,7 +262,7 @@ HALTED = 0.05
 
 def servo_names(servo: str, names: ArmNames, scales: ServoScales) -> Names:
     """Names of MoveIt Servo, below the name `servo` of its node."""
-    frames, gate = _Frames(names), _Gate()
+    frames, commands = _Frames(names), _CommandSwitch()
 
     def scaled(numbers: Sequence[float], scale: float) -> list[float]:
         if not scales.unitless:
@@ -293,17 +293,17 @@ def servo_names(servo: str, names: ArmNames, scales: ServoScales) -> Names:
         return {Parameter.STREAM: float(_COMMAND_TYPES[code])}
 
     def pause(request: Message) -> Asks:
-        gate.closed = f"paused; call {servo}/pause_servo with false" if request["data"] else ""
+        commands.refusal = f"paused; call {servo}/pause_servo with false" if request["data"] else ""
         return Asks("stop" if request["data"] else "")
 
     return Names(
         (
-            _stream(f"{servo}/delta_twist_cmds", TWIST, "twist", gate.open_for(twist)),
+            _stream(f"{servo}/delta_twist_cmds", TWIST, "twist", commands.when_on(twist)),
             _stream(
                 f"{servo}/delta_joint_cmds", "control_msgs/msg/JointJog", "joints",
-                gate.open_for(jog),
+                commands.when_on(jog),
             ),
-            _stream(f"{servo}/pose_target_cmds", POSE, "pose", gate.open_for(frames.pose)),
+            _stream(f"{servo}/pose_target_cmds", POSE, "pose", commands.when_on(frames.pose)),
         ),
         (
             ServiceCommand(
@@ -312,10 +312,10 @@ def servo_names(servo: str, names: ArmNames, scales: ServoScales) -> Names:
             ),
             ServiceCommand(f"{servo}/pause_servo", "std_srvs/srv/SetBool", "stop", pause),
         ),
-        told=(
+        published=(
             TopicPublication(
                 f"{servo}/status", "moveit_msgs/msg/ServoStatus",
-                lambda shown: servo_status(shown, gate.closed),
+                lambda shown: servo_status(shown, commands.refusal),
             ),
         ),
     )  # fmt: skip
@@ -377,7 +377,7 @@ def fzi_names(names: ArmNames) -> Names:
             _stream("target_wrench", WRENCH, "wrench", frames.wrench),
         ),
         same={"state/pose": ("current_pose",)},
-        told=(TopicPublication("current_twist", TWIST, _measured_twist(names)),),
+        published=(TopicPublication("current_twist", TWIST, _measured_twist(names)),),
     )
 
 
@@ -388,7 +388,7 @@ class _Operating:
     """The operating state of CRTK, which is about its own commands only."""
 
     def __init__(self) -> None:
-        self.gate = _Gate()
+        self.switch = _CommandSwitch()
         self._disabled = False
         self._faulty = False
 
@@ -399,7 +399,7 @@ class _Operating:
             return "DISABLED"
         if self._faulty:
             return "FAULT"
-        return "PAUSED" if self.gate.closed else "ENABLED"
+        return "PAUSED" if self.switch.refusal else "ENABLED"
 
     def command(self, message: Message) -> Asks:
         """Carry out a crtk_msgs/StringStamped. Raises MotionRefusedError."""
@@ -418,10 +418,10 @@ class _Operating:
         if word in ("disable", "pause"):
             self._disabled = word == "disable"
             remedy = "enable" if self._disabled else "resume"
-            self.gate.closed = f"{word}d; send {remedy} on state_command"
+            self.switch.refusal = f"{word}d; send {remedy} on state_command"
             return Asks("stop")
         if word in ("enable", "resume"):
-            self._disabled, self.gate.closed = False, ""
+            self._disabled, self.switch.refusal = False, ""
         return Asks("acknowledge" if word == "enable" and state == "FAULT" else "")
 
     def tell(self, shown: PublishedState) -> Message:
@@ -465,7 +465,7 @@ def crtk_names(names: ArmNames) -> Names:
             "effort": [],
         }
 
-    opened = operating.gate.open_for
+    opened = operating.switch.when_on
     no_positions = _no_positions("servo_jv", "move_cp")
     return Names(
         (
@@ -489,7 +489,7 @@ def crtk_names(names: ArmNames) -> Names:
             "state/target": ("setpoint_cp",),
             "state/twist": ("setpoint_cv",),
         },
-        told=(
+        published=(
             TopicPublication("measured_cv", TWIST, _measured_twist(names)),
             TopicPublication("setpoint_js", JOINTS, setpoint),
             TopicPublication("operating_state", "crtk_msgs/msg/OperatingState", operating.tell),
@@ -532,12 +532,12 @@ def yarp_names(names: ArmNames) -> Names:
     )  # fmt: skip
 
 
-class _Telling:
+class _PublishedTopic:
     """A topic with a message of its own, which is encoded anew only when it changes."""
 
-    def __init__(self, node: BusNode, told: TopicPublication) -> None:
-        self._publisher = node.publisher(told.topic, told.type_name)
-        self._codec, self._message_of = codec_of(told.type_name), told.message
+    def __init__(self, node: BusNode, published: TopicPublication) -> None:
+        self._publisher = node.publisher(published.topic, published.type_name)
+        self._codec, self._message_of = codec_of(published.type_name), published.message
         self._message: Message | None = None
         self._data = b""
 
@@ -556,11 +556,13 @@ class NamesTopics:
 
     def __init__(self, node: BusNode, sets: Sequence[Names]) -> None:
         """`node` is open."""
-        self._telling = [_Telling(node, told) for names in sets for told in names.told]
+        self._topics = [
+            _PublishedTopic(node, published) for names in sets for published in names.published
+        ]
 
     def publish(self, shown: PublishedState, now_ns: int) -> None:
         """Publish one instant."""
-        for each in self._telling:
+        for each in self._topics:
             each.publish(shown, now_ns)
 
 

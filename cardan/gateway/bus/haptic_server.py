@@ -240,7 +240,7 @@ class HapticServer:
         self._next = 0
         """The service that is looked at first the next time."""
         self._unnumbered = itertools.count(1)
-        self._told: dict[bytes, str] = {}
+        self._results_sent: dict[bytes, str] = {}
         """Last reason published to each sender of feedback; empty if accepted."""
         if feedback is not None:
             self._serve()
@@ -318,16 +318,16 @@ class HapticServer:
 
     def part(self) -> DiagnosticStatus:
         """Return the diagnostics of the device and of its commands."""
-        told = self._device.haptics()
+        haptic = self._device.haptics()
         values = {
-            "state": told.state.value,
+            "state": haptic.state.value,
             "mode_feedback": mode_of(self.haptic),
-            "force_n": math.hypot(*told.force),
+            "force_n": math.hypot(*haptic.force),
             "refused": self.refused,
         }
-        level = WARN if told.reason or self.refused else OK
+        level = WARN if haptic.reason or self.refused else OK
         words = f"{self.refused} messages or requests refused" if self.refused else "all read"
-        return DiagnosticStatus("haptic", level, told.reason or words, values=values)
+        return DiagnosticStatus("haptic", level, haptic.reason or words, values=values)
 
     # -- what the tables set ---------------------------------------------------------------------
 
@@ -383,11 +383,11 @@ class HapticServer:
 
     def _tell(self, gid: bytes, command: str, sequence: int, reason: str) -> None:
         """Publish when the outcome of a publisher's messages changes."""
-        if self._told.get(gid) == reason or self._results is None:
+        if self._results_sent.get(gid) == reason or self._results is None:
             return
-        if gid not in self._told and len(self._told) >= SENDERS_KEPT:
-            self._told.pop(next(iter(self._told)))
-        self._told[gid] = reason
+        if gid not in self._results_sent and len(self._results_sent) >= SENDERS_KEPT:
+            self._results_sent.pop(next(iter(self._results_sent)))
+        self._results_sent[gid] = reason
         outcome = "refused" if reason else "accepted"
         self._results.put(command, sequence, outcome, reason, "haptic")
 

@@ -110,7 +110,7 @@ class _ControllerLog:
         self._publisher: Publisher = node.publisher(CONTROLLER_LOG_TOPIC, STRING_TYPE)
         self._codec = codec_of(STRING_TYPE)
         self._requests: deque[tuple[int, RecordedRequest]] = deque()
-        self._kept: deque[str] = deque()
+        self._cycles: deque[str] = deque()
         self._keeps_until_s = math.inf
         self._heard = False
         controller.recorder = self._recorder
@@ -133,7 +133,7 @@ class _ControllerLog:
         """Take nothing any more."""
         self._controller.recorder = None
         self._requests.clear()
-        self._kept.clear()
+        self._cycles.clear()
 
     def _recorder(self, ticks: int, name: str, argument: str) -> None:
         self._requests.append((ticks, RecordedRequest(name, argument)))
@@ -145,19 +145,19 @@ class _ControllerLog:
         # Requests since this tick belong to the next one.
         while requests and requests[0][0] < number:
             before.append(requests.popleft()[1])
-        self._kept.append(encode_cycle(number, before, cycle))
+        self._cycles.append(encode_cycle(number, before, cycle))
         if self._heard:
-            self._publish_kept(AT_ONCE, now_ns)
+            self._publish_cycles(AT_ONCE, now_ns)
 
     def finish(self, now_ns: int) -> None:
         """Publish all kept cycles if there is a subscriber, and end."""
         if self._publisher.heard:
-            self._publish_kept(len(self._kept), now_ns)
+            self._publish_cycles(len(self._cycles), now_ns)
         self.end()
 
-    def _publish_kept(self, most: int, now_ns: int) -> None:
-        for _ in range(min(len(self._kept), most)):
-            text = self._kept.popleft()
+    def _publish_cycles(self, most: int, now_ns: int) -> None:
+        for _ in range(min(len(self._cycles), most)):
+            text = self._cycles.popleft()
             self._publisher.put(self._codec.encode({"data": text}), now_ns)
 
 

@@ -344,7 +344,7 @@ class ShareCore:
 
     def _keep(self, edges: Iterable[ButtonEvent]) -> bool:
         """Keep edges for the lessee: whether there are new ones."""
-        told = False
+        is_new = False
         for stamp_s, button, pressed in edges:
             self._number += 1
             self._pressed = self._pressed | {button} if pressed else self._pressed - {button}
@@ -354,8 +354,8 @@ class ShareCore:
                 self._edges.popleft()
                 self.counts["edges that were not acknowledged in time"] += 1
             self._edges.append(Edge(self._number, stamp_s, button, pressed))
-            told = True
-        return told
+            is_new = True
+        return is_new
 
     def feedback(self, now_s: float) -> DeviceFeedback:
         """Return the operator's feedback: none once no session has the device."""
@@ -403,7 +403,7 @@ class DeviceEnd:
         if now_s < self._cycled_s + FORCE_S:
             return
         self._cycled_s = now_s
-        told = self._device.haptics()
+        haptic = self._device.haptics()
         # An order that answers a future state of the device is none.
         if order is None or not order.command.engaged or order.answers_s > now_s:
             self.end(now_s)
@@ -417,22 +417,22 @@ class DeviceEnd:
         force, measured = command.force, command.measured
         if measured is not None:
             force = add(force, measured.force)
-        if told.pose is None:
+        if haptic.pose is None:
             return
-        if not told.rendering:
+        if not haptic.rendering:
             self._port.rest()
         left = share_left(now_s - heard_s, now_s - order.answers_s)
         absorbed_j = 0.0 if measured is None else measured.absorbed_j
-        force = self._port.step(told.pose.position, force, absorbed_j, left, now_s)
+        force = self._port.step(haptic.pose.position, force, absorbed_j, left, now_s)
         self._give(
             command._replace(
                 stamp_s=now_s,
-                measured=MeasuredForce(force, now_s, position=told.pose.position),
+                measured=MeasuredForce(force, now_s, position=haptic.pose.position),
                 force=ZERO3,
                 force_scale=command.force_scale * self._port.share,
             ),
             command.sequence,
-            told,
+            haptic,
         )
 
     def end(self, now_s: float) -> None:
@@ -442,8 +442,8 @@ class DeviceEnd:
             self._enabling.release()
             self._give(HapticCommand(0, now_s), 0, self._device.haptics())
 
-    def _give(self, command: HapticCommand, number: int, told: HapticState) -> None:
-        self._sequence = max(self._sequence, told.command_sequence) + 1
+    def _give(self, command: HapticCommand, number: int, haptic: HapticState) -> None:
+        self._sequence = max(self._sequence, haptic.command_sequence) + 1
         try:
             self._device.render(command._replace(sequence=self._sequence))
         except DriverError as error:
@@ -455,13 +455,13 @@ class DeviceEnd:
     @property
     def haptic_feedback(self) -> HapticFeedback:
         """Haptic feedback of the device."""
-        told = self._device.haptics()
+        haptic = self._device.haptics()
         number = 0
         for own, theirs in self._given:
-            if own <= told.command_sequence:
+            if own <= haptic.command_sequence:
                 number = theirs
-        reason = self._enabling.refusal or self._refusal or told.reason
-        state = told._replace(command_sequence=number, reason=reason)
+        reason = self._enabling.refusal or self._refusal or haptic.reason
+        state = haptic._replace(command_sequence=number, reason=reason)
         return HapticFeedback(state, self._device.feedback_limits.force_n)
 
 
@@ -472,7 +472,7 @@ class News:
         """`router`: its endpoint; `routed`: whether it is connected to one."""
         self._router, self._routed, self._has_router = router, routed, routed
         self._lessee = self._missing = ""
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         self._others: set[str] = set()
         self._obstacle = ""
 
@@ -486,8 +486,8 @@ class News:
         if lessee != self._lessee:
             self._lessee = lessee
             lines.append(f"used by {lessee}" if lessee else "not in use")
-        new = [what for what in counts if what not in self._told]
-        self._told.update(new)
+        new = [what for what in counts if what not in self._reported]
+        self._reported.update(new)
         lines += [f"refused: {what}" if what.startswith("claims") else what for what in new]
         return lines
 

@@ -123,7 +123,7 @@ class Sources:
         """`network`: the name of all of them, to which each one's own is added; `owner`: the source
         that has the authority now, which keeps its name."""
         self._network, self._liveliness, self._owner = network, liveliness, owner
-        self._kept: dict[Hashable, Source] = {}
+        self._sources: dict[Hashable, Source] = {}
         self._names: dict[str, Source] = {}
 
     def of(self, packet: Received | ServiceRequest, now_s: float) -> Source:
@@ -139,10 +139,10 @@ class Sources:
     def _identified(
         self, identity: Identity, packet: Received | ServiceRequest, now_s: float
     ) -> Source:
-        source = self._kept.get(identity.key)
+        source = self._sources.get(identity.key)
         if source is None and packet.attachment is not None:
             # Its token came after its first packet.
-            source = self._kept.pop(packet.attachment.gid, None)
+            source = self._sources.pop(packet.attachment.gid, None)
             if source is not None:
                 source.identity = identity
                 self._rename(source, now_s)
@@ -152,9 +152,9 @@ class Sources:
         """Note that a packet of `source` has come; it gets its name when it begins, and after a
         silence."""
         key = source.identity.key
-        if self._kept.pop(key, None) is None and len(self._kept) >= SOURCES_KEPT:
-            self._forget(next(iter(self._kept)))
-        self._kept[key] = source
+        if self._sources.pop(key, None) is None and len(self._sources) >= SOURCES_KEPT:
+            self._forget(next(iter(self._sources)))
+        self._sources[key] = source
         if now_s - source.heard_s > STREAM_KEPT_S:
             self._rename(source, now_s)
         source.heard_s = now_s
@@ -185,7 +185,7 @@ class Sources:
         return True
 
     def _forget(self, key: Hashable) -> None:
-        gone = self._kept.pop(key)
+        gone = self._sources.pop(key)
         for name in [name for name, holder in self._names.items() if holder is gone]:
             del self._names[name]
 
@@ -201,5 +201,5 @@ class Sources:
 
     def spend(self) -> None:
         """The arm was stopped: no stream that has begun begins again by itself."""
-        for source in tuple(self._kept.values()):
+        for source in tuple(self._sources.values()):
             source.spend()

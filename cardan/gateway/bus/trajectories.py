@@ -180,9 +180,9 @@ def _feedback(type_name: str, joints: Sequence[str], now: Instant) -> Message:
         if "index" in message:
             message["index"] = point
         message["desired"] = _point(positions, velocities)
-        apart = [a - b for a, b in zip(positions, actual.joints, strict=True)]
+        following_error = [a - b for a, b in zip(positions, actual.joints, strict=True)]
         slower = [a - b for a, b in zip(velocities, moving, strict=True)] if moving else []
-        message["error"] = _point(apart, slower)
+        message["error"] = _point(following_error, slower)
     return message
 
 

@@ -22,7 +22,7 @@ from cardan.gateway.daemon.control import (
     ControlError,
     LineReader,
     Response,
-    decode_told,
+    decode_response,
     encode_ask,
 )
 
@@ -82,17 +82,17 @@ class ControlClient:
         the daemon is gone."""
         number = next(self._ids)
         self.send(Ask(number, do, name, value))
-        for told in self._answers(number):
-            if told.kind == "result":
-                return told.value
+        for response in self._answers(number):
+            if response.kind == "result":
+                return response.value
         raise AddressError("the daemon has ended")
 
     def events(self, do: str, name: str = "", value: Any = None) -> Iterator[Any]:
         """Yield values of a request that goes on, until the daemon ends. Raises as `ask` does."""
         number = next(self._ids)
         self.send(Ask(number, do, name, value))
-        for told in self._answers(number):
-            yield told.value
+        for response in self._answers(number):
+            yield response.value
 
     def send(self, ask: Ask) -> None:
         """Send a request. Raises AddressError."""
@@ -115,15 +115,15 @@ class ControlClient:
             if not data:
                 return None
             self._lines = self._reader.take(data)
-        return decode_told(self._lines.pop(0))
+        return decode_response(self._lines.pop(0))
 
     def _answers(self, number: int) -> Iterator[Response]:
-        while (told := self.receive()) is not None:
-            if told.id not in (number, None):
+        while (response := self.receive()) is not None:
+            if response.id not in (number, None):
                 continue
-            if told.kind == "error":
-                raise ControlError(told.value, told.id)
-            yield told
+            if response.kind == "error":
+                raise ControlError(response.value, response.id)
+            yield response
 
 
 def daemon_arm(name: str, *, path: str = "", source: str = VERBS) -> RemoteArm:
@@ -160,11 +160,11 @@ def _connect(name: str, path: str, arm: RemoteArm) -> Callable[[], None]:
     def read() -> None:
         why = "the daemon has ended"
         try:
-            while (told := client.receive()) is not None:
-                if told.kind == "error":
-                    arm.fail(told.id, told.value)
+            while (response := client.receive()) is not None:
+                if response.kind == "error":
+                    arm.fail(response.id, response.value)
                 else:
-                    arm.take(json.dumps(told.value, separators=(",", ":")).encode())
+                    arm.take(json.dumps(response.value, separators=(",", ":")).encode())
         except CardanError as error:
             why = str(error)
         finally:

@@ -104,12 +104,12 @@ def decode_ask(line: bytes) -> Ask:
     return Ask(number, do, name, value)
 
 
-def encode_told(told: Response) -> bytes:
+def encode_response(response: Response) -> bytes:
     """As a line."""
-    return _line({"id": told.id, told.kind: told.value})
+    return _line({"id": response.id, response.kind: response.value})
 
 
-def decode_told(line: bytes) -> Response:
+def decode_response(line: bytes) -> Response:
     """From a line. Raises ControlError."""
     table = _table(line)
     for kind in ("result", "error", "event"):

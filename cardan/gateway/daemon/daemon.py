@@ -47,7 +47,7 @@ from cardan.gateway.daemon.processes import (
 )
 from cardan.gateway.daemon.restart_policy import Ended, Unit, UnitState
 from cardan.gateway.daemon.server import ControlConnection, ControlServer
-from cardan.gateway.daemon.services import Kept, KeptServer, LogLine, SessionService
+from cardan.gateway.daemon.services import DaemonService, LogLine, ServerService, SessionService
 from cardan.gateway.daemon.systemd_watchdog import Notifier
 from cardan.gateway.servers.tokens import Role
 from cardan.gateway.session.device_sharing import GIVE, TAKE
@@ -108,7 +108,7 @@ class Daemon:
         ConfigurationError."""
         self.config = config
         self._read = read
-        self._kept: dict[str, Kept] = {}
+        self._services: dict[str, DaemonService] = {}
         self._events: Inbox[Callable[[], None]] = Inbox()
         self._lines: deque[LogLine] = deque()
         self._characters = 0
@@ -132,31 +132,32 @@ class Daemon:
         self._shared: dict[str, SharedDevice] = {}
         """The devices that several sessions share, by name."""
         for name, session in config.sessions.items():
-            self._keep(SessionService(name, session, config.daemon.start_limit), session.start)
+            self._add(SessionService(name, session, config.daemon.start_limit), session.start)
         for name, server in config.servers.items():
-            self._keep(KeptServer(name, server, config.daemon.start_limit), server.start)
+            self._add(ServerService(name, server, config.daemon.start_limit), server.start)
         self._share()
 
-    def _keep(self, kept: Kept, start: bool) -> None:
-        self._kept[kept.name] = kept
-        if isinstance(kept, SessionService):
-            name = kept.name
-            kept.answered = lambda packet: self._answered(name, packet)
-            kept.gone = lambda reason: self._session_gone(name, reason)
-            kept.has_device = lambda: self._holder(name) in ("", name)
-            kept.lent = lambda: self._lent(name)
+    def _add(self, service: DaemonService, start: bool) -> None:
+        self._services[service.name] = service
+        if isinstance(service, SessionService):
+            name = service.name
+            service.answered = lambda packet: self._answered(name, packet)
+            service.gone = lambda reason: self._session_gone(name, reason)
+            service.has_device = lambda: self._holder(name) in ("", name)
+            service.lent = lambda: self._lent(name)
         if start:
-            kept.unit.start(time.monotonic())
+            service.unit.start(time.monotonic())
 
     def _share(self) -> None:
         """Find which sessions share devices, by present configurations; a holder keeps its
         device."""
         before, self._shared = self._shared, {}
         entries = {}
-        for name in (*self.config.sessions, *self._kept):
-            kept = self._kept[name]
-            if isinstance(kept, SessionService) and (kept.process or name in self.config.sessions):
-                entries[name] = kept.entry
+        for name in (*self.config.sessions, *self._services):
+            service = self._services[name]
+            wanted = service.process or name in self.config.sessions
+            if isinstance(service, SessionService) and wanted:
+                entries[name] = service.entry
         for device, names in sharers(entries).items():
             shared = before.get(device)
             if shared is None:
@@ -191,7 +192,7 @@ class Daemon:
         if self._server is not None:
             self._server.wake()
 
-    def _told(self, call: Callable[[], None]) -> None:
+    def _post(self, call: Callable[[], None]) -> None:
         self._events.put(call)
         if self._server is not None:
             self._server.wake()
@@ -200,7 +201,7 @@ class Daemon:
         if len(self._events) >= LINES_WAITING:
             self._lines_dropped += 1
             return
-        self._told(lambda: self._keep_line(line))
+        self._post(lambda: self._keep_line(line))
 
     # -- the loop --------------------------------------------------------------------------------
 
@@ -227,11 +228,11 @@ class Daemon:
                 self._turn(server)
             self._leave(server)
         finally:
-            for kept in self._kept.values():
-                if kept.process is not None:
-                    kept.process.stop()
-            for kept in self._kept.values():
-                if (process := kept.process) is not None:
+            for service in self._services.values():
+                if service.process is not None:
+                    service.process.stop()
+            for service in self._services.values():
+                if (process := service.process) is not None:
                     process.join(ENDS_WITHIN_S)
             server.close()
             if self._event_log is not None:
@@ -261,32 +262,32 @@ class Daemon:
                     _log.exception("a report of a process met with a fault of the daemon")
 
     def _summary(self) -> str:
-        states = [kept.unit.state.value for kept in self._kept.values()]
+        states = [service.unit.state.value for service in self._services.values()]
         return ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
 
     def _all_answer(self, now_s: float) -> bool:
         """Whether every session that has begun has reported lately."""
-        running = (kept.process for kept in self._kept.values())
+        running = (service.process for service in self._services.values())
         return all(
             now_s <= process.due_s for process in running if isinstance(process, RunningSession)
         )
 
     def _find_events(self) -> None:
-        for kept in self._kept.values():
-            self._find_events_of(kept, time.time())
+        for service in self._services.values():
+            self._find_events_of(service, time.time())
 
-    def _find_events_of(self, kept: Kept, time_s: float) -> None:
-        unit = kept.unit
-        if isinstance(kept, SessionService) and kept.last is not None:
-            for event in kept.watch.take(kept.last, time_s):
+    def _find_events_of(self, service: DaemonService, time_s: float) -> None:
+        unit = service.unit
+        if isinstance(service, SessionService) and service.last is not None:
+            for event in service.watch.take(service.last, time_s):
                 self._happened(event)
-            kept.watch.forget()
-            kept.last = None
-        if unit.state is not kept.shown_state:
-            kept.shown_state = unit.state
-            self._happened(Event(time_s, kept.name, unit.state.value, kept.kind, unit.reason))
-        if isinstance(kept, SessionService) and kept.process is not None:
-            for event in kept.watch.take(kept.snapshot, time_s):
+            service.watch.forget()
+            service.last = None
+        if unit.state is not service.shown_state:
+            service.shown_state = unit.state
+            self._happened(Event(time_s, service.name, unit.state.value, service.kind, unit.reason))
+        if isinstance(service, SessionService) and service.process is not None:
+            for event in service.watch.take(service.snapshot, time_s):
                 self._happened(event)
 
     def _happened(self, event: Event) -> None:
@@ -304,51 +305,51 @@ class Daemon:
                 connection.tell(Response(ask.id, "event", event._asdict()))
 
     def _look_after(self, now_s: float) -> None:
-        for kept in list(self._kept.values()):
-            unit = kept.unit
-            if isinstance(kept, SessionService) and kept.changes_wait and not kept.engaged:
-                self._renew(kept, now_s)
-            if unit.is_ending and kept.process is not None:
-                kept.process.stop()
+        for service in list(self._services.values()):
+            unit = service.unit
+            if isinstance(service, SessionService) and service.changes_wait and not service.engaged:
+                self._renew(service, now_s)
+            if unit.is_ending and service.process is not None:
+                service.process.stop()
             elif unit.due(now_s):
-                if kept.shown_state is UnitState.RUNNING:
+                if service.shown_state is UnitState.RUNNING:
                     # It has ended by itself, and this daemon was too late to tell of that before.
-                    self._find_events_of(kept, time.time())
-                self._begin(kept, now_s)
+                    self._find_events_of(service, time.time())
+                self._begin(service, now_s)
 
-    def _renew(self, kept: SessionService, now_s: float) -> None:
+    def _renew(self, service: SessionService, now_s: float) -> None:
         """Its arm is free: changes take effect."""
-        if kept.unit.state is UnitState.RUNNING:
-            if REMOVED in kept.changes_wait:
-                _remove(kept)
+        if service.unit.state is UnitState.RUNNING:
+            if REMOVED in service.changes_wait:
+                _remove(service)
             else:
-                kept.unit.restart(now_s, "its configuration has changed")
+                service.unit.restart(now_s, "its configuration has changed")
 
-    def _begin(self, kept: Kept, now_s: float) -> None:
-        kept.unit.begun(now_s)
-        if isinstance(kept, KeptServer) and self._server is not None:
-            kept.socket = os.path.abspath(self._server.path)
+    def _begin(self, service: DaemonService, now_s: float) -> None:
+        service.unit.begun(now_s)
+        if isinstance(service, ServerService) and self._server is not None:
+            service.socket = os.path.abspath(self._server.path)
         try:
-            kept.begin(self._told, self._say)
+            service.begin(self._post, self._say)
         except OSError as error:
             words = shortage(error) or f"cannot be started: {error}"
-            kept.unit.ended(Ended.DIED, words, now_s)
+            service.unit.ended(Ended.DIED, words, now_s)
 
     def _pass_devices(self) -> None:
         for shared in self._shared.values():
             for name, order in shared.poll(self._seen):
-                kept = self._kept[name]
-                if isinstance(kept.process, RunningSession):
+                service = self._services[name]
+                if isinstance(service.process, RunningSession):
                     with contextlib.suppress(OSError):
-                        kept.process.send(TAKE if order is Order.TAKE else GIVE)
+                        service.process.send(TAKE if order is Order.TAKE else GIVE)
 
     def _seen(self, name: str) -> SessionState:
-        kept = self._kept[name]
-        assert isinstance(kept, SessionService)
-        s = kept.snapshot
+        service = self._services[name]
+        assert isinstance(service, SessionService)
+        s = service.snapshot
         return SessionState(
-            kept.unit.wanted,
-            kept.process is not None,
+            service.unit.wanted,
+            service.process is not None,
             s.device.held,
             s.arm.phase,
             s.device.passes,
@@ -359,9 +360,11 @@ class Daemon:
         self._notifier.stopping()
         now_s = time.monotonic()
         give_up_s = now_s + ENDS_WITHIN_S
-        for kept in self._kept.values():
-            kept.unit.stop(now_s, "the daemon ends")
-        while any(kept.process for kept in self._kept.values()) and time.monotonic() < give_up_s:
+        for service in self._services.values():
+            service.unit.stop(now_s, "the daemon ends")
+        while (
+            any(each.process for each in self._services.values()) and time.monotonic() < give_up_s
+        ):
             self._turn(server)
 
     # -- requests --------------------------------------------------------------------------------
@@ -380,25 +383,25 @@ class Daemon:
         if found is not None:
             connection.tell(Response(ask.id, "result", found))
 
-    def _named(self, ask: Ask) -> list[Kept]:
+    def _named(self, ask: Ask) -> list[DaemonService]:
         if not ask.name:
             raise ControlError(f"{ask.do}: of which? {self._names()}", ask.id)
-        if ask.name not in self._kept:
+        if ask.name not in self._services:
             raise ControlError(f"there is no {ask.name!r:.70}; {self._names()}", ask.id)
-        return [self._kept[ask.name]]
+        return [self._services[ask.name]]
 
     def _names(self) -> str:
-        return f"there are: {', '.join(self._kept)}"
+        return f"there are: {', '.join(self._services)}"
 
     def _session(self, ask: Ask) -> SessionService:
-        kept = self._named(ask)[0]
-        if not isinstance(kept, SessionService):
+        service = self._named(ask)[0]
+        if not isinstance(service, SessionService):
             raise ControlError(f"{ask.name} is a server, which has no arm", ask.id)
-        return kept
+        return service
 
     def _rows(self, name: str = "") -> list[dict[str, Any]]:
         now_s = time.monotonic()
-        return [kept.shown(now_s) for kept in self._kept.values() if name in ("", kept.name)]
+        return [each.shown(now_s) for each in self._services.values() if name in ("", each.name)]
 
     def _do_version(self, _ask: Ask, _connection: ControlConnection) -> Any:
         return __version__
@@ -413,7 +416,7 @@ class Daemon:
 
     def _do_figures(self, _ask: Ask, _connection: ControlConnection) -> Any:
         now_s = time.monotonic()
-        units = [kept.figures(now_s) for kept in self._kept.values()]
+        units = [service.figures(now_s) for service in self._services.values()]
         return {"version": __version__, "units": units}
 
     def _do_start(self, ask: Ask, _connection: ControlConnection) -> Any:
@@ -426,8 +429,8 @@ class Daemon:
         return self._order(ask, Unit.restart)
 
     def _order(self, ask: Ask, order: Callable[[Unit, float], None]) -> Any:
-        for kept in self._named(ask):
-            order(kept.unit, time.monotonic())
+        for service in self._named(ask):
+            order(service.unit, time.monotonic())
         self._look_after(time.monotonic())
         return self._rows(ask.name)
 
@@ -455,7 +458,7 @@ class Daemon:
                 f"{ask.name} goes to {', '.join(shared.sessions)}, not to {to!r:.70}", ask.id
             )
         if not self._seen(to).wanted:
-            state = self._kept[to].unit.state.value
+            state = self._services[to].unit.state.value
             raise ControlError(f"{to} is {state}: `cardan daemon start {to}` first", ask.id)
         shared.pass_to(to)
         return {"name": shared.name, "from": shared.holder, "to": to}
@@ -513,24 +516,24 @@ class Daemon:
     def _do_log(self, ask: Ask, connection: ControlConnection) -> Any:
         if ask.name:
             self._named(ask)
-        kept = [list(line) for line in self._lines if ask.name in ("", line.name)]
-        return self._followed(ask, connection, kept)
+        retained = [list(line) for line in self._lines if ask.name in ("", line.name)]
+        return self._followed(ask, connection, retained)
 
     def _do_events(self, ask: Ask, connection: ControlConnection) -> Any:
         if ask.name and ask.name != "daemon":
             self._named(ask)
-        kept = [each._asdict() for each in self._recent if ask.name in ("", each.name)]
-        return self._followed(ask, connection, kept)
+        retained = [each._asdict() for each in self._recent if ask.name in ("", each.name)]
+        return self._followed(ask, connection, retained)
 
-    def _followed(self, ask: Ask, connection: ControlConnection, kept: Sequence[Any]) -> Any:
-        """Return the kept items as the answer; or send them one by one, and then new ones."""
+    def _followed(self, ask: Ask, connection: ControlConnection, retained: Sequence[Any]) -> Any:
+        """Return the retained items as the answer; or send them one by one, and then new ones."""
         if ask.value not in (None, True, False):
             why = "its value says whether it goes on: true or false"
             raise ControlError(f"{ask.do}: {why}", ask.id)
         if not ask.value:
-            return kept
+            return retained
         self._goes_on(ask, connection)
-        connection.tell(*(Response(ask.id, "event", each) for each in kept))
+        connection.tell(*(Response(ask.id, "event", each) for each in retained))
         self._followers[id(connection), ask.id] = connection, ask
         return None
 
@@ -551,15 +554,15 @@ class Daemon:
     # -- verbs -----------------------------------------------------------------------------------
 
     def _do_ask(self, ask: Ask, connection: ControlConnection) -> Any:
-        kept = self._session(ask)
-        request, process = ask.value, kept.process
+        service = self._session(ask)
+        request, process = ask.value, service.process
         if not isinstance(request, dict):
             raise ControlError("ask: its value is a request of a verb, an object", ask.id)
         if not isinstance(process, RunningSession):
-            why = f": {kept.unit.reason}" if kept.unit.reason else ""
-            raise ControlError(f"{kept.name} is {kept.unit.state.value}{why}", ask.id)
+            why = f": {service.unit.reason}" if service.unit.reason else ""
+            raise ControlError(f"{service.name} is {service.unit.state.value}{why}", ask.id)
         if not process.snapshot.arm.phase:
-            raise ControlError(f"{kept.name} is starting", ask.id)
+            raise ControlError(f"{service.name} is starting", ask.id)
         late_s, verb = time.monotonic() - connection.since_s, request.get("verb")
         if late_s > LATE_S and verb in NEW_MOTION | SEQUENCED:
             raise ControlError(
@@ -573,8 +576,8 @@ class Daemon:
             )
         number = next(self._ids)
         try:
-            told = request | {"id": number, "since": connection.since_s}
-            packet = json.dumps(told, separators=(",", ":")).encode()
+            filled = request | {"id": number, "since": connection.since_s}
+            packet = json.dumps(filled, separators=(",", ":")).encode()
             endless = decode_request(packet).verb in ENDLESS
         except RecursionError:
             raise ControlError("ask: its value is too deep", ask.id) from None
@@ -582,14 +585,14 @@ class Daemon:
             if error.request is None:  # The session could not say whose it is.
                 raise ControlError(f"ask: {error}", ask.id) from None
             endless = False
-        self._routes[kept.name, number] = _Route(connection, ask.id, request.get("id"), endless)
+        self._routes[service.name, number] = _Route(connection, ask.id, request.get("id"), endless)
         try:
             process.send(packet)
         except OSError as error:
-            del self._routes[kept.name, number]
+            del self._routes[service.name, number]
             blocked = isinstance(error, BlockingIOError)
             words = "it reads none; it stands still" if blocked else error.strerror
-            raise ControlError(f"{kept.name} takes no requests: {words}", ask.id) from None
+            raise ControlError(f"{service.name} takes no requests: {words}", ask.id) from None
 
     def _answered(self, name: str, packet: bytes) -> None:
         """A session has answered, or reports a motion."""
@@ -625,20 +628,20 @@ class Daemon:
             route = self._motions.pop(key)
             note = {**route.note, "outcome": Outcome.ABORTED.value, "reason": why}
             route.connection.tell(Response(route.ask, "event", {"motion": note}))
-        kept = self._kept[name]
-        assert isinstance(kept, SessionService)
-        if REMOVED in kept.changes_wait:
-            _remove(kept)
-        kept.entry, kept.changes_wait = self.config.sessions.get(name, kept.entry), ()
+        service = self._services[name]
+        assert isinstance(service, SessionService)
+        if REMOVED in service.changes_wait:
+            _remove(service)
+        service.entry, service.changes_wait = self.config.sessions.get(name, service.entry), ()
         self._share()
 
     def _asker_gone(self, name: str, motion: int) -> None:
         """The client of a motion is gone: a motion without end must not go on."""
         route = self._motions.pop((name, motion), None)
-        kept = self._kept.get(name)
-        if route is None or not route.endless or kept is None:
+        service = self._services.get(name)
+        if route is None or not route.endless or service is None:
             return
-        process = kept.process
+        process = service.process
         if isinstance(process, RunningSession):
             request = {"id": next(self._ids), "source": "daemon", "verb": "stop"}
             with contextlib.suppress(OSError):
@@ -663,7 +666,7 @@ class Daemon:
                 config = error
             except Exception as error:  # The client waits for an answer.
                 config = ConfigurationError("", shortage(error) or repr(error))
-            self._told(lambda: over(self._take_config(config, check_only)))
+            self._post(lambda: over(self._take_config(config, check_only)))
 
         threading.Thread(target=read, name="cardan-reading", daemon=True).start()
 
@@ -691,10 +694,11 @@ class Daemon:
             raise ConfigurationError(
                 "daemon", "its own options are read at its start: restart the daemon for them"
             )
-        for entries, kind in ((config.sessions, SessionService), (config.servers, KeptServer)):
+        for entries, kind in ((config.sessions, SessionService), (config.servers, ServerService)):
             for name in entries:
-                kept = self._kept.get(name)
-                if kept is not None and kept.process is not None and not isinstance(kept, kind):
+                service = self._services.get(name)
+                process = None if service is None else service.process
+                if process is not None and not isinstance(service, kind):
                     raise ConfigurationError(
                         name, "was a session and is a server now, or the other way round: rename it"
                     )
@@ -702,11 +706,11 @@ class Daemon:
     def _changes(self, config: DaemonConfig) -> Iterator[Change]:
         """Yield changes of sessions; running ones are compared by their present configuration."""
         for name in self.config.sessions.keys() - config.sessions.keys():
-            kept = self._kept[name]
-            assert isinstance(kept, SessionService)
-            yield Change(name, "", REMOVED, waits=UNTIL_FREE if kept.engaged else "")
+            service = self._services[name]
+            assert isinstance(service, SessionService)
+            yield Change(name, "", REMOVED, waits=UNTIL_FREE if service.engaged else "")
         for name, entry in config.sessions.items():
-            session = self._kept.get(name)
+            session = self._services.get(name)
             if not isinstance(session, SessionService) or (
                 name not in self.config.sessions and not session.changes_wait
             ):
@@ -720,14 +724,14 @@ class Daemon:
     def _apply(self, config: DaemonConfig, changes: Sequence[Change], now_s: float) -> None:
         before, self.config = self.config, config
         for name in before.servers.keys() - config.servers.keys() - config.sessions.keys():
-            _remove(self._kept[name])
+            _remove(self._services[name])
         for name in before.sessions.keys() - config.sessions.keys():
-            kept = self._kept[name]
-            assert isinstance(kept, SessionService)
-            if kept.process is None:
-                _remove(kept)
+            service = self._services[name]
+            assert isinstance(service, SessionService)
+            if service.process is None:
+                _remove(service)
             else:
-                kept.changes_wait = (REMOVED,)
+                service.changes_wait = (REMOVED,)
         for name, session in config.sessions.items():
             keys = [each.key for each in changes if (each.name, each.what) == (name, "changed")]
             self._take_session(name, session, keys, name not in before.sessions, now_s)
@@ -738,34 +742,34 @@ class Daemon:
     def _take_session(
         self, name: str, entry: SessionEntry, keys: Sequence[str], is_new: bool, now_s: float
     ) -> None:
-        kept = self._kept.get(name)
-        if not isinstance(kept, SessionService):
-            self._keep(SessionService(name, entry, self.config.daemon.start_limit), entry.start)
+        service = self._services.get(name)
+        if not isinstance(service, SessionService):
+            self._add(SessionService(name, entry, self.config.daemon.start_limit), entry.start)
             return
-        kept.changes_wait = () if kept.process is None else tuple(keys)
-        if not kept.changes_wait:
-            kept.entry = entry
-        if keys and kept.unit.state is UnitState.FAILED:
-            kept.unit.start(now_s)  # The cause of its failure may be fixed.
+        service.changes_wait = () if service.process is None else tuple(keys)
+        if not service.changes_wait:
+            service.entry = entry
+        if keys and service.unit.state is UnitState.FAILED:
+            service.unit.start(now_s)  # The cause of its failure may be fixed.
         if is_new and entry.start:
-            kept.unit.start(now_s)  # It was in the files before.
+            service.unit.start(now_s)  # It was in the files before.
 
     def _take_server(self, name: str, entry: ServerEntry, is_new: bool, now_s: float) -> None:
-        kept = self._kept.get(name)
-        if not isinstance(kept, KeptServer):
-            self._keep(KeptServer(name, entry, self.config.daemon.start_limit), entry.start)
+        service = self._services.get(name)
+        if not isinstance(service, ServerService):
+            self._add(ServerService(name, entry, self.config.daemon.start_limit), entry.start)
         elif is_new:
-            kept.entry = entry
+            service.entry = entry
             if entry.start:
-                kept.unit.start(now_s)
-        elif kept.entry != entry:
-            kept.entry = entry
-            if kept.unit.state is UnitState.RUNNING:
-                kept.unit.restart(now_s, "its options have changed")
+                service.unit.start(now_s)
+        elif service.entry != entry:
+            service.entry = entry
+            if service.unit.state is UnitState.RUNNING:
+                service.unit.restart(now_s, "its options have changed")
 
 
-def _remove(kept: Kept) -> None:
-    kept.unit.stop(time.monotonic(), "it is not in the files any more")
+def _remove(service: DaemonService) -> None:
+    service.unit.stop(time.monotonic(), "it is not in the files any more")
 
 
 class _Watcher:

@@ -22,7 +22,7 @@ from cardan.gateway.arm.requests import is_answer
 from cardan.gateway.daemon.client import SOCKET_VARIABLE
 from cardan.gateway.daemon.restart_policy import Ended
 from cardan.gateway.daemon.systemd_watchdog import HUNG_S, STARTS_WITHIN_S
-from cardan.gateway.servers.stats import TELLS_VARIABLE, told
+from cardan.gateway.servers.stats import TELLS_VARIABLE, figures_of
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.session import (
     EXIT_CANNOT_OPEN,
@@ -209,7 +209,7 @@ class RunningServer(Process):
         self._over(how, "" if code == 0 else self._last or f"it ended with status {code}")
 
     def _take(self, line: str) -> None:
-        if (figures := told(line)) is not None:
+        if (figures := figures_of(line)) is not None:
             self.figures = figures
             return
         if line.startswith("READY "):

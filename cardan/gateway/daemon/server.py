@@ -24,7 +24,7 @@ from cardan.gateway.daemon.control import (
     LineReader,
     Response,
     decode_ask,
-    encode_told,
+    encode_response,
     refusal,
 )
 from cardan.gateway.servers.tokens import Role
@@ -83,7 +83,7 @@ class ControlConnection:
         self._unsent = bytearray()
         self.open = True
 
-    def tell(self, *told: Response) -> None:
+    def tell(self, *responses: Response) -> None:
         """Say something to it. Never waits; a client that does not read is disconnected. An answer
         may exceed MAX_UNREAD_BYTES."""
         if not self.open:
@@ -93,8 +93,8 @@ class ControlConnection:
             if len(self._unsent) > MAX_UNREAD_BYTES:
                 self.open = False
                 return
-        for each in told:
-            self._unsent += encode_told(each)
+        for each in responses:
+            self._unsent += encode_response(each)
         self.flush()
 
     @property

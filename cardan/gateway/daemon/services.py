@@ -43,13 +43,13 @@ class LogLine(NamedTuple):
         return cls(time.time(), name, printable(text), logging.getLevelName(level).lower())
 
 
-Tell = Callable[[Callable[[], None]], None]
+Post = Callable[[Callable[[], None]], None]
 """Has something done in the daemon's thread."""
 
 Say = Callable[[LogLine], None]
 
 
-class Kept(ABC):
+class DaemonService(ABC):
     """A session or a server: its known state, and its process while it runs."""
 
     kind = ""
@@ -66,7 +66,7 @@ class Kept(ABC):
         return self.unit.name
 
     @abstractmethod
-    def begin(self, told: Tell, say: Say) -> None:
+    def begin(self, post: Post, say: Say) -> None:
         """Start its process. Raises OSError."""
 
     @abstractmethod
@@ -96,7 +96,7 @@ def why_nothing_moves(s: Snapshot, lent: str) -> str:
     return s.robot.hold_reason or lent
 
 
-class SessionService(Kept):
+class SessionService(DaemonService):
     """A session."""
 
     kind = "session"
@@ -131,15 +131,15 @@ class SessionService(Kept):
         moves = s.arm.phase in ENGAGED and s.arm.phase != "holding"
         return self.process is not None and (moves or s.arm.authority != "")
 
-    def begin(self, told: Tell, say: Say) -> None:
+    def begin(self, post: Post, say: Say) -> None:
         def over(how: Ended, reason: str) -> None:
-            told(lambda: _ended(self, how, reason))
+            post(lambda: _ended(self, how, reason))
 
         self.process = RunningSession(
             self.entry.config,
             lambda text: say(LogLine.of(self.name, text)),
             over,
-            lambda packet: told(lambda: self.answered(packet)),
+            lambda packet: post(lambda: self.answered(packet)),
             self.has_device(),
         )
 
@@ -171,7 +171,7 @@ class SessionService(Kept):
         }
 
 
-class KeptServer(Kept):
+class ServerService(DaemonService):
     """A server."""
 
     kind = "server"
@@ -182,9 +182,9 @@ class KeptServer(Kept):
         self.socket = ""
         """The daemon's, for servers that ask it."""
 
-    def begin(self, told: Tell, say: Say) -> None:
+    def begin(self, post: Post, say: Say) -> None:
         def over(how: Ended, reason: str) -> None:
-            told(lambda: _ended(self, how, reason))
+            post(lambda: _ended(self, how, reason))
 
         self.process = RunningServer(
             (self.entry.server, *self.entry.words),
@@ -205,11 +205,11 @@ class KeptServer(Kept):
         return super().shown(now_s) | {"server": self.entry.server, "endpoint": endpoint}
 
 
-def _ended(kept: Kept, how: Ended, reason: str) -> None:
-    if isinstance(kept, SessionService):
-        kept.last = kept.snapshot
-    kept.process = None
+def _ended(service: DaemonService, how: Ended, reason: str) -> None:
+    if isinstance(service, SessionService):
+        service.last = service.snapshot
+    service.process = None
     reason = printable(reason)
-    kept.unit.ended(how, reason, time.monotonic())
-    if isinstance(kept, SessionService):
-        kept.gone(reason)
+    service.unit.ended(how, reason, time.monotonic())
+    if isinstance(service, SessionService):
+        service.gone(reason)

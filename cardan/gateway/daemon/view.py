@@ -127,7 +127,7 @@ def width_of(console: Console) -> int | None:
 
 def _cells(row: Row) -> tuple[str, ...]:
     server = row["kind"] == "server"
-    told = (
+    cells = (
         row["name"],
         row["state"],
         _span(row["since_s"]),
@@ -137,7 +137,7 @@ def _cells(row: Row) -> tuple[str, ...]:
         "" if server else _linked(row["robot"], row["robot_link"]),
         "" if row["cpu"] is None else f"{100.0 * row['cpu']:.1f}%",
     )
-    return tuple(map(printable, told))
+    return tuple(map(printable, cells))
 
 
 def _widths(lines: Iterable[Sequence[str]], width: int | None) -> list[int]:

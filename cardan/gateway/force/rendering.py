@@ -100,17 +100,17 @@ class ForceRenderer:
         if not self._engaged and now_s - self._look_s < LOOK_PERIOD_S:
             return ""
         self._look_s = now_s
-        told = self.device.haptics()
+        haptic = self.device.haptics()
         fixtures = self._engaged and bool(self.fixtures.fixtures)
-        self.figures.add(told, fixtures, self._engaged)
+        self.figures.add(haptic, fixtures, self._engaged)
         if self.measured is not None:
             touching = self._engaged and self.measured.contact.touching
             place = device.pose.position if touching and device.pose else None
-            self._stiffness.add(place, told.force)
+            self._stiffness.add(place, haptic.force)
         if not self._engaged:
             return ""
         return self.watchdog.disengage_reason(
-            told,
+            haptic,
             now_s,
             fixtures=fixtures,
             refusal=self._enabling.refusal or self._rejection,

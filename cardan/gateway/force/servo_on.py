@@ -27,10 +27,10 @@ class ForceEnabling:
     def engage(self, now_s: float) -> None:
         """Clutch-in: enable the force, after a latched fault too."""
         self.refusal, self._again = "", False
-        told = self._device.haptics()
-        if told.state not in (OperatingState.DISABLED, OperatingState.FAULT):
+        haptic = self._device.haptics()
+        if haptic.state not in (OperatingState.DISABLED, OperatingState.FAULT):
             return
-        self._faults, self._tried_s = told.faults, now_s
+        self._faults, self._tried_s = haptic.faults, now_s
         try:
             self._device.enable()
         except CommandError as error:

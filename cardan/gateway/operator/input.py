@@ -254,13 +254,13 @@ class OperatorInput:
         """How to re-arm, as an instruction."""
         options = self.mapping.options
         if options.clutch:
-            act = f"press {options.clutch!r}"
+            instruction = f"press {options.clutch!r}"
         elif options.deadman_buttons:
-            act = f"let go of {self._deadman_words}, then press it"
+            instruction = f"let go of {self._deadman_words}, then press it"
         else:
-            act = "move the device and let it go"
+            instruction = "move the device and let it go"
         reason = "" if self._device is None else _why_not_live(self._device)
-        return f"wait for the device ({reason}), then {act}" if reason else act
+        return f"wait for the device ({reason}), then {instruction}" if reason else instruction
 
     # -- faults ----------------------------------------------------------------------------------
 

@@ -47,9 +47,9 @@ class StandStill:
 
     def look(self) -> None:
         """Look how long ago it was looked last."""
-        self.note(time.clock_gettime(_CLOCK), time.process_time())
+        self.observe(time.clock_gettime(_CLOCK), time.process_time())
 
-    def note(self, now_s: float, worked_s: float) -> None:
+    def observe(self, now_s: float, worked_s: float) -> None:
         """The same, at `now_s`, when the process had worked for `worked_s`."""
         passed_s = self._stood_s(now_s, worked_s)
         self._looked = now_s, worked_s

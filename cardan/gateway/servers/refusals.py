@@ -27,7 +27,7 @@ class Refusals:
 
     def __init__(self, network: Network, mailbox: Mailbox) -> None:
         self._network, self._mailbox = network, mailbox
-        self._told: dict[str, Refused] = {}
+        self._callbacks: dict[str, Refused] = {}
         self._heard: dict[str, Handle] = {}
         self._looking: asyncio.Task[None] | None = None
 
@@ -44,14 +44,14 @@ class Refusals:
         self._heard.clear()
 
     @contextlib.contextmanager
-    def telling(self, node: str, told: Refused) -> Iterator[None]:
-        """Have `told` called with refusals of the client that is this node on the network."""
-        self._told[node] = told
+    def telling(self, node: str, callback: Refused) -> Iterator[None]:
+        """Have `callback` called with refusals of the client that is this node on the network."""
+        self._callbacks[node] = callback
         self._listen()
         try:
             yield
         finally:
-            del self._told[node]
+            del self._callbacks[node]
 
     async def _look(self) -> None:
         while True:
@@ -65,7 +65,7 @@ class Refusals:
         arms = [
             name
             for name, topic in topics.items()
-            if self._told and topic.type == RESULT and topic.publishers
+            if self._callbacks and topic.type == RESULT and topic.publishers
         ]
         for name in self._heard.keys() - set(arms):
             self._heard.pop(name).close()
@@ -81,6 +81,6 @@ class Refusals:
             return
         # "ros2 /NODE", and a mark where two have that name.
         node = f"/{result['source'].partition(' /')[2].partition('#')[0]}"
-        told = self._told.get(node)
-        if told is not None:
-            self._mailbox.put(partial(told, result["command"], result["reason"]))
+        callback = self._callbacks.get(node)
+        if callback is not None:
+            self._mailbox.put(partial(callback, result["command"], result["reason"]))

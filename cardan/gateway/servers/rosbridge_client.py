@@ -176,7 +176,7 @@ class RosbridgeClient:
         self._goals: dict[Id, _Goal] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._gone = False
-        self._told = False
+        self._warned = False
 
     async def __aenter__(self) -> RosbridgeClient:
         await self.sender.__aenter__()
@@ -199,8 +199,8 @@ class RosbridgeClient:
     def _refuse(self, refused: RefusedOperation) -> None:
         """Say why: in the answer where the operation has one, and as a status."""
         self._counts["refused"] += 1
-        level = logging.DEBUG if self._told else logging.WARNING
-        self._told = True
+        level = logging.DEBUG if self._warned else logging.WARNING
+        self._warned = True
         _log.log(level, "%s: %s%s", self.peer, refused.op and f"{refused.op}: ", refused.reason)
         if refused.op == "call_service":
             self.send(forms.service_refusal(refused.id, refused.name, refused.reason))

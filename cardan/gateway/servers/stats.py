@@ -35,7 +35,7 @@ def tell(figures: Mapping[str, int]) -> None:
     print(_WORD + json.dumps(figures), flush=True)
 
 
-def told(line: str) -> dict[str, int] | None:
+def figures_of(line: str) -> dict[str, int] | None:
     """The figures of a line; None: it is another one."""
     if not line.startswith(_WORD):
         return None

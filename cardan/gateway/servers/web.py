@@ -254,7 +254,7 @@ class Arrivals:
         self._before = self._read
         self._read += count
 
-    def note(self, waiting: int, now_s: float) -> None:
+    def record(self, waiting: int, now_s: float) -> None:
         """`waiting` bytes are there to be read, and nothing has to wait at the sender."""
         arrived = self._read + waiting
         newest_s, before = self._seen[-1]
@@ -327,7 +327,7 @@ class ListenerConnection(ServerConnection):
         """Note the bytes that have arrived until now, read or not."""
         now_s = self.loop.time()  # Before it looks: this process may stand still in between.
         if self._socket is not None and has_room(self._socket):
-            self.arrivals.note(waiting_bytes(self._socket), now_s)
+            self.arrivals.record(waiting_bytes(self._socket), now_s)
 
     def cut_off(self) -> None:
         """End it at once, with all that has arrived and was not read."""

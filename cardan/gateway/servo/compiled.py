@@ -84,9 +84,9 @@ class CompiledServo:
         weakref.finalize(self._memory, library.kernel_destroy, self._handle).atexit = False
         self._library = library
         held = self._handle, Pose, Vector3, Quaternion, Frame.BASE
-        self.note: Callable[[float], None]
-        """As Servo.note."""
-        self._measure, self._tick, self.note = (
+        self.record_command: Callable[[float], None]
+        """As Servo.record_command."""
+        self._measure, self._tick, self.record_command = (
             native_call(library, f"kernel_call_{name}", *held)
             for name in ("measure", "tick", "note")
         )

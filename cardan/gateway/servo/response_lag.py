@@ -50,7 +50,7 @@ class ResponseLag:
         self._known: tuple[Sequence[float], Sequence[float], Sequence[float]] = (), (), ()
         """Last arguments of `expected`, and its result: a control cycle asks twice."""
 
-    def note(self, commanded: FloatArray, stamp_s: float) -> None:
+    def record_command(self, commanded: FloatArray, stamp_s: float) -> None:
         """Where the joints are commanded to be at `stamp_s`."""
         if self._spacing_s == 0.0:
             return

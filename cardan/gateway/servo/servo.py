@@ -233,9 +233,9 @@ class Servo:
         noted before are forgotten."""
         self._lag = ResponseLag(lag_s, self.kinematics.continuous)
 
-    def note(self, stamp_s: float) -> None:
+    def record_command(self, stamp_s: float) -> None:
         """Take the commanded joints for those of `stamp_s`."""
-        self._lag.note(self.q, stamp_s)
+        self._lag.record_command(self.q, stamp_s)
 
     def measure(self, joints: Sequence[float]) -> tuple[Pose, float, int]:
         """Return the TCP of a robot that is measured at `joints`, base frame, how far the joint
@@ -644,8 +644,8 @@ class Servo:
         first = self.joints + MAX_PARTS - unknowns
         sense = self._sense[first : first + len(highest)]
         x: FloatArray
-        x, _, flag, told = daqp.solve(normal, linear, rows, highest, lowest, sense)
-        self._iterations = max(self._iterations, told["iterations"])
+        x, _, flag, info = daqp.solve(normal, linear, rows, highest, lowest, sense)
+        self._iterations = max(self._iterations, info["iterations"])
         if flag < 1 or not math.isfinite(x.dot(x)):
             self._failures += 1
             x = np.zeros(unknowns)

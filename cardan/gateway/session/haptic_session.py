@@ -95,18 +95,18 @@ class LoneFeedback:
         if asked is None or self._ended:
             self._release()
             return
-        told = self._device.haptics()
+        haptic = self._device.haptics()
         if not self._engaged:
-            self._engaged, self._faults = True, told.faults
+            self._engaged, self._faults = True, haptic.faults
             self._rendered, self._share = False, 0.0
             self._enabling.engage(now_s)
         else:
             self._enabling.retry(now_s)
-            self._rendered = self._rendered or told.rendering
+            self._rendered = self._rendered or haptic.rendering
         if self._rendered:
             self._share = min(1.0, self._share + dt_s / FADE_IN_S)
-        if told.state is OperatingState.FAULT and told.faults > self._faults:
-            self._end(told.reason or "the device's force is in FAULT")
+        if haptic.state is OperatingState.FAULT and haptic.faults > self._faults:
+            self._end(haptic.reason or "the device's force is in FAULT")
             return
         try:
             self._haptic.set_feedback(scale(asked, self._share))

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from cardan.common.histogram import LatencyHistogram
 from cardan.common.plugins import reason
 from cardan.drivers.base import OperatorDevice, RobotDriver
-from cardan.drivers.foreign import RobotCalls, close_in_order, counted, told
+from cardan.drivers.foreign import RobotCalls, checked_lines, close_in_order, counted
 from cardan.errors import CommandError, ConfigurationError
 from cardan.gateway.arm.commanded_arm import TaskSpaceArm
 from cardan.gateway.arm.controller import ArmController
@@ -181,7 +181,7 @@ class Figures(Part):
         metrics, errors = before.metrics, before.errors
         try:
             robot = self.whole.robot
-            snapshot.diagnosis += told(robot.diagnosis())
+            snapshot.diagnosis += checked_lines(robot.diagnosis())
             metrics, errors = counted(robot.metrics()), dict(robot.protocol_errors())
         except Exception as error:
             snapshot.diagnosis.append(f"the robot's driver failed: {reason(error)}")
@@ -265,12 +265,12 @@ class Gripper(Part):
             raise CommandError("a gripper on an output of the robot cannot stop half way")
         closed = action is Action.CLOSE
 
-        def act() -> None:
+        def move() -> None:
             self._move(closed)
             if (operator := self.whole.controller.operator) is not None:
                 operator.mapping.gripper_closed = closed
 
-        self.whole.link.do(act)
+        self.whole.link.do(move)
 
     def _move(self, closed: bool) -> None:
         options, robot = self.whole.config.gripper, self.whole.robot
@@ -344,7 +344,7 @@ class Operator(Part):
         if held:
             try:
                 self._look_at_buttons()
-                s.diagnosis += told(device.diagnosis())
+                s.diagnosis += checked_lines(device.diagnosis())
                 errors = dict(device.protocol_errors())
                 metrics = counted(device.metrics())
             except Exception as error:
@@ -368,7 +368,7 @@ class Operator(Part):
             )
         for each in self._opened:
             try:
-                s.diagnosis += told(each.diagnosis())
+                s.diagnosis += checked_lines(each.diagnosis())
             except Exception as error:
                 s.diagnosis.append(f"the filter {each.name} failed: {reason(error)}")
 

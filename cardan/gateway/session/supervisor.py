@@ -247,11 +247,11 @@ def supervise(
     signals on to it and ends with its code, as ``cardan sim omni --`` does.
     """
     process: SessionProcess | None = None
-    told: list[int] = []
+    signals: list[int] = []
     logged = _Logged()
 
     def stop(number: int) -> None:
-        told.append(number)
+        signals.append(number)
         if process is not None:
             process.stop()
 
@@ -264,10 +264,10 @@ def supervise(
     # Ctrl-Z would leave a moving robot without an operator at the terminal.
     with on_ending(stop, also=(signal.SIGTSTP,)):
         process = SessionProcess(config, seconds, through, _say)
-        if told:
+        if signals:
             process.stop()
         outcome = process.follow(take, poll, shown)
-    for number in told:
+    for number in signals:
         _log.info("told to end by %s", signal_name(number))
     return outcome
 

@@ -80,8 +80,8 @@ class Goals:
     goal has a result, and a client that waits for it has to be told CANCELED.
     """
 
-    def __init__(self, kept: int = KEPT, kept_s: float = KEPT_S) -> None:
-        self._kept, self._kept_s = kept, kept_s
+    def __init__(self, retained: int = KEPT, retained_s: float = KEPT_S) -> None:
+        self._retained, self._retained_s = retained, retained_s
         self._goals: dict[bytes, Goal] = {}
         self._canceled_before: dict[bytes, None] = {}
         """Ids of goals that were canceled and have not come: the newest last."""
@@ -93,7 +93,7 @@ class Goals:
         `now_ns` since the epoch, `now_s` monotonic.
         """
         self._forget(now_s)
-        if goal_id in self._goals or len(self._goals) >= self._kept:
+        if goal_id in self._goals or len(self._goals) >= self._retained:
             return None
         goal = self._goals[goal_id] = Goal(goal_id, now_ns)
         if goal_id in self._canceled_before:
@@ -151,7 +151,7 @@ class Goals:
 
     def _remember_canceled(self, goal_id: bytes) -> None:
         self._canceled_before.pop(goal_id, None)
-        if len(self._canceled_before) >= self._kept:
+        if len(self._canceled_before) >= self._retained:
             del self._canceled_before[next(iter(self._canceled_before))]
         self._canceled_before[goal_id] = None
 
@@ -161,9 +161,9 @@ class Goals:
 
     def _forget(self, now_s: float) -> None:
         over = sorted(_over(self._goals.values()), key=lambda goal: goal.over_s)
-        most = max(0, len(self._goals) - self._kept + 1)
+        most = max(0, len(self._goals) - self._retained + 1)
         for index, goal in enumerate(over):
-            if index < most or now_s - goal.over_s > self._kept_s:
+            if index < most or now_s - goal.over_s > self._retained_s:
                 del self._goals[goal.id]
 
 

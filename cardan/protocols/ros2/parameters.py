@@ -190,7 +190,7 @@ class ParameterServer:
 
     def __init__(self, declared: Iterable[Declared]) -> None:
         self.declared = {each.name: each for each in (*declared, USE_SIM_TIME)}
-        self._told: dict[str, Value] = {}
+        self._reported: dict[str, Value] = {}
 
     # -- what it is ------------------------------------------------------------------------------
 
@@ -277,16 +277,16 @@ class ParameterServer:
 
         `node`: full name; `now_ns`: since the epoch.
         """
-        told, values = self._told, {**values, USE_SIM_TIME.name: False}
+        reported, values = self._reported, {**values, USE_SIM_TIME.name: False}
         new: list[Message] = []
         changed: list[Message] = []
         for name in self.declared:
-            if name in values and (name not in told or told[name] != values[name]):
+            if name in values and (name not in reported or reported[name] != values[name]):
                 parameter = {"name": name, "value": self._value(name, values)}
-                (changed if name in told else new).append(parameter)
+                (changed if name in reported else new).append(parameter)
         if not new and not changed:
             return None
-        self._told = dict(values)
+        self._reported = dict(values)
         return {
             "stamp": {"sec": now_ns // 10**9, "nanosec": now_ns % 10**9},
             "node": node,

@@ -29,23 +29,23 @@ class Defragmenter:
     def __init__(self, max_characters: int) -> None:
         """`max_characters`: of all that is kept."""
         self._max_characters = max_characters
-        self._kept: dict[Id, _Parts] = {}
+        self._partial: dict[Id, _Parts] = {}
         self._characters = 0
 
     def add(self, part: Fragment, now_s: float) -> str | RefusedOperation | None:
         """The operation's text with its last part, and None before."""
-        for identity, kept in list(self._kept.items()):
-            if now_s - kept.first_s >= LIFETIME_S:
+        for identity, gathered in list(self._partial.items()):
+            if now_s - gathered.first_s >= LIFETIME_S:
                 self._drop(identity)
         if part.total > MAX_PARTS:
             return self._refused(part, f"has {part.total} parts; at most {MAX_PARTS} are taken")
-        parts = self._kept.get(part.id)
+        parts = self._partial.get(part.id)
         if parts is None:
-            if len(self._kept) >= MAX_OPERATIONS:
+            if len(self._partial) >= MAX_OPERATIONS:
                 return self._refused(
                     part, f"is one of more than {MAX_OPERATIONS} that are not complete"
                 )
-            parts = self._kept[part.id] = _Parts(now_s, part.total, {})
+            parts = self._partial[part.id] = _Parts(now_s, part.total, {})
         if parts.total != part.total:
             return self._refused(part, f"had {parts.total} parts, and has {part.total} now")
         if part.number in parts.texts:
@@ -64,5 +64,5 @@ class Defragmenter:
         return RefusedOperation(f"the fragmented operation {reason}", "fragment", part.id)
 
     def _drop(self, identity: Id) -> None:
-        if parts := self._kept.pop(identity, None):
+        if parts := self._partial.pop(identity, None):
             self._characters -= sum(map(len, parts.texts.values()))

@@ -21,7 +21,7 @@ from cardan.robots import load_arm
 from cardan.sim_peers.arm.faults import JAM_AT_S, RESTART_SILENCE_S, SILENCE_EVERY_S
 from cardan.sim_peers.arm.options import SimulatedArmOptions
 from cardan.sim_peers.arm.plant import ArmPlant, DriveMode
-from cardan.sim_peers.base import TimedActs
+from cardan.sim_peers.base import TimedActions
 from cardan.sim_peers.link import FaultyLink
 
 CLIENT_SILENT_S = 1.0
@@ -101,8 +101,8 @@ class SimulatedArm:
         """How many commands had been taken a cycle ago, and whether one was missing by then."""
         self._ignored: Counter[str] = Counter()
         jam = ((JAM_AT_S, self._jam_joint),) if "jam" in faults else ()
-        acts = {"estop": self.emergency_stop, "restart": self.restart}
-        self._timed = TimedActs(faults, acts, *jam)
+        actions = {"estop": self.emergency_stop, "restart": self.restart}
+        self._timed = TimedActions(faults, actions, *jam)
         self._silence_s = faults.get("silence", 0.0)
         lower, upper = np.array(self.arm.lower), np.array(self.arm.upper)
         speed = np.array(self.arm.velocity)
@@ -231,9 +231,9 @@ class SimulatedArm:
         if lost_s > 0.0:
             self._behind_s += lost_s
         plant = self.plant
-        for due_s, act in self._timed.due(until_s):
+        for due_s, action in self._timed.due(until_s):
             plant.advance(due_s - self._behind_s)
-            act()
+            action()
         plant.advance(until_s - self._behind_s)
         if self._off_until_s is not None and until_s >= self._off_until_s:
             self._off_until_s = None

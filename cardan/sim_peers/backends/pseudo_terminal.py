@@ -210,8 +210,8 @@ def _take_lock(link: str) -> int:
             raise AddressError(
                 f"{link!r}: another simulated device is there; give another path"
             ) from None
-        told = _port_in(lock)
-        if told and not told.startswith("/dev/"):
+        port = _port_in(lock)
+        if port and not port.startswith("/dev/"):
             os.close(lock)
             raise AddressError(f"{path!r} exists and is no lock of a link; give another path")
         if os.fstat(lock).st_nlink:

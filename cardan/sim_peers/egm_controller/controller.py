@@ -28,7 +28,7 @@ from cardan.protocols.egm.messages import (
     MotorState,
     RapidState,
 )
-from cardan.sim_peers.base import TimedActs, load_script
+from cardan.sim_peers.base import TimedActions, load_script
 from cardan.sim_peers.egm_controller.arguments import EgmAct, EgmRun, EgmSetup, PathMove, StopMode
 from cardan.sim_peers.egm_controller.contact import ContactSurface, tcp_velocity, touch
 from cardan.sim_peers.egm_controller.events import ControllerEventLog, EventMessage
@@ -82,7 +82,7 @@ class DatagramCounters(NamedTuple):
     """Messages whose reference was taken."""
     ignored: Mapping[str, int]
     """By reason."""
-    noted: Mapping[str, int]
+    flaws: Mapping[str, int]
     """Counts of messages that were accepted, but odd, by the reason."""
 
 
@@ -105,7 +105,7 @@ class EgmController:
             compile_script(load_script(options.program, SCRIPTS, SCRIPT_VERBS))
         )
         self._profile = options.profile
-        self._noted: Counter[str] = Counter()
+        self._flaws: Counter[str] = Counter()
         self._ignored: Counter[str] = Counter()
         self._accepted = 0
         self._sent = 0
@@ -119,7 +119,7 @@ class EgmController:
             options.seed,
         )
         self._log = ControllerEventLog()
-        self.rapid = RapidTask(options, self.servo, self._noted, self._log)
+        self.rapid = RapidTask(options, self.servo, self._flaws, self._log)
         self._egm = self.rapid.egm
         self._instructions = Instructions(self.rapid)
         self._panel = Panel(self.rapid, self._instructions)
@@ -150,7 +150,7 @@ class EgmController:
         self._session_cycle = 0
         self._pc_seqno: int | None = None
         self._send_failing = False
-        self._timed: TimedActs[Callable[[], None]] = TimedActs(
+        self._timed: TimedActions[Callable[[], None]] = TimedActions(
             options.faults,
             {
                 "restart": self._restart,
@@ -217,7 +217,7 @@ class EgmController:
     @property
     def counters(self) -> DatagramCounters:
         """Counters of the datagrams so far."""
-        return DatagramCounters(self._sent, self._accepted, dict(self._ignored), dict(self._noted))
+        return DatagramCounters(self._sent, self._accepted, dict(self._ignored), dict(self._flaws))
 
     @property
     def joints_rad(self) -> tuple[float, ...]:
@@ -282,8 +282,8 @@ class EgmController:
             self._port_periods = int(now_s / every_s)
             self.port_changes += 1
             self._queue.clear()
-        for _, act in self._timed.due(now_s):
-            act()
+        for _, call in self._timed.due(now_s):
+            call()
         while self._actions and self._actions[0].time_s <= now_s:
             action = self._actions.popleft()
             self._verbs[action.verb](**action.arguments)
@@ -367,7 +367,7 @@ class EgmController:
         if header is None or header.mtype != expected:
             if self.options.strict_mtype:
                 return "unexpected mtype"
-            self._noted["unexpected mtype"] += 1
+            self._flaws["unexpected mtype"] += 1
         if header is None or header.seqno is None:
             return ""
         last, self._pc_seqno = self._pc_seqno, header.seqno
@@ -375,7 +375,7 @@ class EgmController:
             if self.options.strict_seqno:
                 self._pc_seqno = last
                 return "seqno did not advance"
-            self._noted["seqno did not advance"] += 1
+            self._flaws["seqno did not advance"] += 1
         return ""
 
     # ------------------------------------------------------------------------------------

@@ -38,7 +38,7 @@ class ExternalMotion:
         self,
         options: EgmControllerOptions,
         servo: ServoAxes,
-        noted: Counter[str],
+        flaws: Counter[str],
         log: ControllerEventLog,
     ) -> None:
         self.settings = EgmSettings(options)
@@ -61,7 +61,7 @@ class ExternalMotion:
         self.movements = Movements(servo)
         self._options = options
         self._servo = servo
-        self._noted = noted
+        self._flaws = flaws
         self._log = log
         self._tail_until_s: float | None = None
 
@@ -123,7 +123,7 @@ class ExternalMotion:
         act = self.settings.act
         if act is None or self.order is None:
             return
-        run = GuidedRun(self.settings, act, self.order, self._servo, self._noted, self._log.now_s)
+        run = GuidedRun(self.settings, act, self.order, self._servo, self._flaws, self._log.now_s)
         self._new_session()
         self.failed = False
         self.run = run

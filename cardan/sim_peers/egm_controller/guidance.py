@@ -100,10 +100,10 @@ class GuidedMotion(ABC):
     done = False
     """True when a programmed path has ended."""
 
-    def __init__(self, servo: ServoAxes, tuning: Tuning, noted: Counter[str]) -> None:
+    def __init__(self, servo: ServoAxes, tuning: Tuning, flaws: Counter[str]) -> None:
         self.servo = servo
         self.tuning = tuning
-        self.noted = noted
+        self.flaws = flaws
 
     @abstractmethod
     def accept(self, message: EgmSensor | EgmSensorPathCorr) -> str:
@@ -130,10 +130,10 @@ class _Guided(GuidedMotion, Generic[_R]):
         tuning: Tuning,
         act: EgmAct,
         run: EgmRun,
-        noted: Counter[str],
+        flaws: Counter[str],
         start: _R,
     ) -> None:
-        super().__init__(servo, tuning, noted)
+        super().__init__(servo, tuning, flaws)
         self._law = ControlLaw(tuning.k * run.pos_corr_gain, tuning.filter_hz, servo.period_s)
         self._selected = tuple(axis in run.axes for axis in range(AXES))
         self._ramp_in_s = run.ramp_in_s
@@ -177,9 +177,9 @@ class GuidedJointMotion(_Guided[Sequence[float]]):
     """EGMRunJoint."""
 
     def __init__(
-        self, servo: ServoAxes, tuning: Tuning, act: EgmAct, run: EgmRun, noted: Counter[str]
+        self, servo: ServoAxes, tuning: Tuning, act: EgmAct, run: EgmRun, flaws: Counter[str]
     ) -> None:
-        super().__init__(servo, tuning, act, run, noted, tuple(servo.planned))
+        super().__init__(servo, tuning, act, run, flaws, tuple(servo.planned))
 
     def _accept(self, message: EgmSensor) -> str:
         planned, speed_ref = message.planned, message.speed_ref
@@ -257,9 +257,9 @@ class GuidedPoseMotion(_Guided[Pose]):
     """EGMRunPose, with correction and sensor frame equal to the work object."""
 
     def __init__(
-        self, servo: ServoAxes, tuning: Tuning, act: EgmAct, run: EgmRun, noted: Counter[str]
+        self, servo: ServoAxes, tuning: Tuning, act: EgmAct, run: EgmRun, flaws: Counter[str]
     ) -> None:
-        super().__init__(servo, tuning, act, run, noted, servo.planned_frames.pose)
+        super().__init__(servo, tuning, act, run, flaws, servo.planned_frames.pose)
 
     def _accept(self, message: EgmSensor) -> str:
         planned, speed_ref = message.planned, message.speed_ref
@@ -284,7 +284,7 @@ class GuidedPoseMotion(_Guided[Pose]):
         if pose.euler is not None:
             orientation = from_euler_zyx(*pose.euler)
             if pose.orient is not None:
-                self.noted["Euler over quaternion"] += 1
+                self.flaws["Euler over quaternion"] += 1
         elif pose.orient is not None:
             length = math.sqrt(sum(c * c for c in pose.orient))
             try:
@@ -292,7 +292,7 @@ class GuidedPoseMotion(_Guided[Pose]):
             except ValueError:
                 return "quaternion without direction"
             if abs(length - 1.0) > _UNIT_TOLERANCE:
-                self.noted["quaternion not normalized"] += 1
+                self.flaws["quaternion not normalized"] += 1
         if pose.pos is not None:
             position = pose.pos
         self._reference = Pose(position, orientation)
@@ -338,9 +338,9 @@ class PathCorrectedMotion(GuidedMotion):
     _AGE_AT_MOST_S = 1.0
 
     def __init__(
-        self, servo: ServoAxes, tuning: Tuning, move: PathMove, noted: Counter[str]
+        self, servo: ServoAxes, tuning: Tuning, move: PathMove, flaws: Counter[str]
     ) -> None:
-        super().__init__(servo, tuning, noted)
+        super().__init__(servo, tuning, flaws)
         frames = servo.planned_frames
         self._from = frames.pose
         way = Vector3(*(c * 1e-3 for c in move.displacement_mm))

@@ -58,12 +58,12 @@ class GuidedRun:
         act: EgmAct,
         order: RunRequest,
         servo: ServoAxes,
-        noted: Counter[str],
+        flaws: Counter[str],
         now_s: float,
     ) -> None:
         """Start the run. Raises MotionError for a path that cannot be run."""
         self.order = order
-        self.guidance = _guidance(settings, act, order.arguments, servo, noted)
+        self.guidance = _guidance(settings, act, order.arguments, servo, flaws)
         self.converged = False
         """True while every selected axis is inside its convergence window."""
         self._settings = settings
@@ -145,7 +145,7 @@ def _guidance(
     act: EgmAct,
     arguments: EgmRun | PathMove,
     servo: ServoAxes,
-    noted: Counter[str],
+    flaws: Counter[str],
 ) -> GuidedMotion:
     options = settings.options
     filter_hz = act.lp_filter_hz if act.lp_filter_hz > 0.0 else options.default_lp_filter_hz
@@ -157,7 +157,7 @@ def _guidance(
         options.path_correction_absolute,
     )
     if isinstance(arguments, PathMove):
-        return PathCorrectedMotion(servo, tuning, arguments, noted)
+        return PathCorrectedMotion(servo, tuning, arguments, flaws)
     if arguments.mode is EgmMode.JOINT:
-        return GuidedJointMotion(servo, tuning, act, arguments, noted)
-    return GuidedPoseMotion(servo, tuning, act, arguments, noted)
+        return GuidedJointMotion(servo, tuning, act, arguments, flaws)
+    return GuidedPoseMotion(servo, tuning, act, arguments, flaws)

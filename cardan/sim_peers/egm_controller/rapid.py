@@ -49,13 +49,13 @@ class RapidTask:
         self,
         options: EgmControllerOptions,
         servo: ServoAxes,
-        noted: Counter[str],
+        flaws: Counter[str],
         log: ControllerEventLog,
     ) -> None:
         self.options = options
         self.servo = servo
         self.log = log
-        self.egm = ExternalMotion(options, servo, noted, log)
+        self.egm = ExternalMotion(options, servo, flaws, log)
         self.program = RapidProgram()
         self.program_running = True
         self.motors_on = True

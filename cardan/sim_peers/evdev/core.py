@@ -149,8 +149,8 @@ class SimulatedInput:
         self._repeat_s = math.inf
         self._silenced = False
         self._plugging = [
-            (faults[name], act)
-            for name, act in (("unplug", self.unplug), ("replug", self.replug))
+            (faults[name], action)
+            for name, action in (("unplug", self.unplug), ("replug", self.replug))
             if name in faults
         ]
 

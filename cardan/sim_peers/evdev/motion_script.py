@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.evdev.core import NEUTRAL, SimulatedInput
 from cardan.sim_peers.motion_profile import VectorMotion, VectorRamp
-from cardan.sim_peers.scripted import Act, MotionScript, StepWords, calling, moving
+from cardan.sim_peers.scripted import Action, MotionScript, StepWords, calling, moving
 
 MOTION_PERIOD_S = 0.004
 """How often a motion is sampled: as often as a pad is polled."""
@@ -166,7 +166,7 @@ class ScriptedInput(MotionScript[SimulatedInput]):
     def _hold(self, device: SimulatedInput, now_s: float) -> None:
         device.set_controls(self._controls.advance(now_s))
 
-    def _timed(self, words: StepWords) -> list[tuple[float, Act[SimulatedInput]]]:
+    def _timed(self, words: StepWords) -> list[tuple[float, Action[SimulatedInput]]]:
         if words.verb != "hold":
             return super()._timed(words)
         label = self._label(words)
@@ -175,7 +175,7 @@ class ScriptedInput(MotionScript[SimulatedInput]):
         words.end()
         return [(words.time_s, calling("press", label)), (end_s, calling("release", label))]
 
-    def _read(self, words: StepWords) -> Act[SimulatedInput]:
+    def _read(self, words: StepWords) -> Action[SimulatedInput]:
         model = self._device.model
         if words.verb in ("sticks", "triggers", "swing") and not model.is_gamepad:
             raise words.error(f"{model.name} has no sticks and no triggers")

@@ -87,20 +87,20 @@ class ConsolePage:
         except ConnectionClosed:
             self.ready = False
 
-    def _take(self, told: dict[str, object]) -> None:
-        op = told.get("op")
+    def _take(self, message: dict[str, object]) -> None:
+        op = message.get("op")
         if op == "cardan.ping":
             page_us = int(1e6 * time.monotonic())
-            self._tell(op="cardan.pong", server_us=told["server_us"], page_us=page_us)
+            self._tell(op="cardan.pong", server_us=message["server_us"], page_us=page_us)
             self.ready = self._opened
         elif op == "cardan.opened":
             self._opened = True
         elif op == "cardan.refused":
-            self.why = str(told["why"])
+            self.why = str(message["why"])
         elif op == "cardan.input":
-            self.grip = str(told["grip"])
+            self.grip = str(message["grip"])
         elif op == "cardan.feedback":
-            self.rumble = float(str(told["intensity"]))
+            self.rumble = float(str(message["intensity"]))
 
     def close(self) -> None:
         """Close it."""

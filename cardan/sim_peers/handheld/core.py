@@ -19,7 +19,7 @@ from cardan.protocols.handheld.frames import (
     encode_frame,
 )
 from cardan.protocols.handheld.orientation import orientation_to_xr, position_to_xr, to_angles
-from cardan.sim_peers.base import FaultSwitch, TimedActs
+from cardan.sim_peers.base import FaultSwitch, TimedActions
 from cardan.sim_peers.periodic import PERIODIC_FAULTS, HeldModel, HeldPeriodicDevice
 from cardan.spatial import add, conjugate, from_rotation_vector, multiply, rotate, scale
 from cardan.types import Quaternion, Vector3
@@ -86,7 +86,7 @@ class SimulatedHandheld(HeldPeriodicDevice[bytes]):
         """Counts the references, as the page does."""
         self._north_rad = NORTH_RAD
         """Heading of the robot's x axis in the device's reference."""
-        self._acts = TimedActs(
+        self._actions = TimedActions(
             faults,
             {
                 "null": self.lose_sensors,
@@ -125,13 +125,13 @@ class SimulatedHandheld(HeldPeriodicDevice[bytes]):
         """Make the tracked pose jump: it is elsewhere from now on."""
         self.jumped = True
 
-    def recenter(self, turn_rad: float = 0.5 * math.pi, *, told: bool = True) -> None:
+    def recenter(self, turn_rad: float = 0.5 * math.pi, *, reported: bool = True) -> None:
         """Give all poses in another reference from now on, as after a headset's recentering.
 
-        `told`: the browser says so.
+        `reported`: the browser says so.
         """
         self._north_rad += turn_rad
-        self._reference += told
+        self._reference += reported
 
     def stick(self) -> None:
         """The control counts as held for ever."""
@@ -141,8 +141,8 @@ class SimulatedHandheld(HeldPeriodicDevice[bytes]):
 
     def reports(self, now_s: float) -> list[bytes]:
         """Frames that the page sends from the last call until `now_s`."""
-        for _, act in self._acts.due(now_s):
-            act()
+        for _, action in self._actions.due(now_s):
+            action()
         return super().reports(now_s)
 
     def report(self) -> bytes:

@@ -66,9 +66,9 @@ class MotorosClientDefects:
         self._faults = faults
         self._arm = arm
         self._requests = self._commands = self._sent = 0
-        self._told: Message | None = None
+        self._pending: Message | None = None
         """The request that is open, for those who take any reply for its answer."""
-        self._told_s = math.inf
+        self._pending_s = math.inf
         self._point: JointTrajPtFull | None = None
         self._states: dict[int, Message] = {}
         self._heard_s, self._repeated_s = math.inf, 0.0
@@ -107,7 +107,7 @@ class MotorosClientDefects:
             return message
         if body.sequence == OWN_SEQUENCE or (body.command == 0 and "unknown-command" in faults):
             return None
-        asked, self._told, self._told_s = self._told, None, math.inf
+        asked, self._pending, self._pending_s = self._pending, None, math.inf
         if asked is None and "impatient" in faults:
             return None
         first = body.sequence == 0 and body.subcode == InvalidSubcode.DATA_START_POS
@@ -143,7 +143,7 @@ class MotorosClientDefects:
 
     def connected(self, port: str, order: ByteOrder) -> Iterator[Sent]:
         """Yield the first messages of the client on a new connection to a port."""
-        self._told = None
+        self._pending = None
         if port == "state" and "talks-to-states" in self._faults:
             yield from self._written(request(Empty(), MessageType.PING), order)
         if port == "motion" and "unknown-command" in self._faults:
@@ -156,9 +156,9 @@ class MotorosClientDefects:
     def asked_again(self, order: ByteOrder, now_s: float) -> Iterator[Sent]:
         """The open request, where the client waits no longer for its answer."""
         again_s = 1e-3 * self._faults.get("impatient", math.inf)
-        if self._told is not None and now_s > self._told_s + again_s:
-            self._told_s = now_s
-            yield from self._written(self._told, order)
+        if self._pending is not None and now_s > self._pending_s + again_s:
+            self._pending_s = now_s
+            yield from self._written(self._pending, order)
 
     def said(
         self, message: Message, order: ByteOrder, leaves: bool, now_s: float
@@ -193,7 +193,7 @@ class MotorosClientDefects:
         if asks:
             comm_type = int(CommType.TOPIC) if "topics" in faults else comm_type
             # The reply that is awaited is that to the message of the client.
-            self._told, self._told_s = message, now_s
+            self._pending, self._pending_s = message, now_s
             self._requests += 1
         yield from self._written(message._replace(comm_type=comm_type, body=body), order)
         if asks and strikes(faults, "pipelines", self._requests):

@@ -134,13 +134,13 @@ class IoImage:
             found = write(body.address, body.value)
         elif isinstance(body, ReadRegister):
             found = self.read_register(body.register)
-            return _told(found, found.result, msg_type)
+            return _reply(found, found.result, msg_type)
         elif isinstance(body, WriteRegister):
             found = self.write_register(body.register, body.value)
-            return _told(found, found.result, msg_type)
+            return _reply(found, found.result, msg_type)
         else:
             return None
-        return _told(found, found.result, msg_type + 1)
+        return _reply(found, found.result, msg_type + 1)
 
     def _bit(self, address: int, signals: Mapping[int, bool]) -> bool:
         driven = signals.get(address)
@@ -153,7 +153,7 @@ class IoImage:
             self._on.discard(address)
 
 
-def _told(body: Body, result: int, msg_type: int) -> Message:
+def _reply(body: Body, result: int, msg_type: int) -> Message:
     good = result == IoResult.OK
     return reply(body, ReplyCode.SUCCESS if good else ReplyCode.FAILURE, msg_type)
 

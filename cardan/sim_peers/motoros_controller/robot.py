@@ -179,18 +179,18 @@ class MotomanRobot:
         self._now_s = self._start_s = now_s
         self._ticks = self._polls = 1
         self._tick_s, self._poll_s = now_s + self._ipc_s, now_s + POLL_S
-        acts: dict[str, Callable[[float], None]] = {
+        actions: dict[str, Callable[[float], None]] = {
             "remote-off": lambda at_s: self.remote(False, at_s),
             "job-stop": self.job_stop,
             "energy-saving": lambda at_s: self.energy_saving(True, at_s),
             "increment-error": self.increment_error,
         }
-        for name, act in acts.items():
+        for name, action in actions.items():
             if name in self.options.faults:
-                self._after(self.options.faults[name], functools.partial(self._act_now, act))
+                self._after(self.options.faults[name], functools.partial(self._do_now, action))
 
-    def _act_now(self, act: Callable[[float], None]) -> None:
-        act(self._now_s)
+    def _do_now(self, action: Callable[[float], None]) -> None:
+        action(self._now_s)
 
     def _stand_still(self, lost_s: float) -> None:
         """Shift times after a pause of this process: the clock stood still, no command was late."""
@@ -201,12 +201,12 @@ class MotomanRobot:
         self._poll_s += lost_s
         self._resume_s += lost_s
         self._task_ends_s += lost_s
-        self._timers = [(due_s + lost_s, order, act) for due_s, order, act in self._timers]
+        self._timers = [(due_s + lost_s, order, action) for due_s, order, action in self._timers]
         for stream in self._streams:
             stream.heard_s += lost_s
 
-    def _after(self, delay_s: float, act: Callable[[], None]) -> None:
-        heapq.heappush(self._timers, (self._now_s + delay_s, next(self._count), act))
+    def _after(self, delay_s: float, action: Callable[[], None]) -> None:
+        heapq.heappush(self._timers, (self._now_s + delay_s, next(self._count), action))
 
     def _note(self, text: str) -> None:
         self.events.append((self._now_s, text))

@@ -36,7 +36,7 @@ from cardan.protocols.simple_message.messages import (
     reply,
     topic,
 )
-from cardan.sim_peers.base import TimedActs
+from cardan.sim_peers.base import TimedActions
 from cardan.sim_peers.motoros_controller.controller import MotorosController
 from cardan.sim_peers.motoros_controller.faults import FAULT_ALARM, STATE_PAUSE_EVERY_S
 from cardan.sim_peers.motoros_controller.io_image import (
@@ -45,7 +45,7 @@ from cardan.sim_peers.motoros_controller.io_image import (
     IoImage,
 )
 from cardan.sim_peers.motoros_controller.options import MotorosControllerOptions
-from cardan.sim_peers.tcp_servers import Act, ServerConnection, TcpServers
+from cardan.sim_peers.tcp_servers import ServerConnection, TcpServers, TimedAction
 
 PortKind = Literal["motion", "state", "io"]
 PORT_KINDS: tuple[PortKind, ...] = ("motion", "state", "io")
@@ -129,7 +129,7 @@ class _Connection(ServerConnection[PortKind]):
     owed: int = 0
     """Requests that came and are not answered yet."""
     last_reply: bytes = b""
-    told: set[str] = field(default_factory=set)
+    logged: set[str] = field(default_factory=set)
     """Events already logged about this client."""
     finished: bool = False
     """Its FIN has come; data before it is still handled."""
@@ -214,19 +214,19 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
 
     def _live(self) -> None:
         now_s = self._now_s
-        for due_s, act in self._timed.due(now_s):
+        for due_s, action in self._timed.due(now_s):
             self._now_s = due_s
             self.controller.advance(due_s)
-            act()
+            action()
         self._now_s = now_s
         self.controller.advance(now_s)
         if self._state_due():
             self._publish()
 
-    def _plan(self) -> TimedActs[Act]:
+    def _plan(self) -> TimedActions[TimedAction]:
         controller, faults = self.controller, self.options.faults
-        acts: dict[str, Act] = {
-            **self._network_acts(),
+        actions: dict[str, TimedAction] = {
+            **self._network_actions(),
             "estop": lambda: controller.emergency_stop(self._now_s),
             "alarm": lambda: controller.alarm(FAULT_ALARM, self._now_s),
             "teach": lambda: controller.mode("teach", self._now_s),
@@ -234,10 +234,10 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
             "servo-off": lambda: controller.servo(False, self._now_s),
             "pfl": lambda: controller.collaborative_stop(self._now_s),
         }
-        others: list[tuple[float, Act]] = []
+        others: list[tuple[float, TimedAction]] = []
         if "fsu" in faults:
             others.append((0.0, lambda: controller.speed_limit(faults["fsu"], self._now_s)))
-        return TimedActs(faults, acts, *others, start_s=self._now_s)
+        return TimedActions(faults, actions, *others, start_s=self._now_s)
 
     # -- connections ------------------------------------------------------------------------------
 
@@ -317,8 +317,8 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
                 self.controller.disconnected(self._now_s)
 
     def _note_once(self, connection: _Connection, key: str, text: str) -> None:
-        if key not in connection.told:
-            connection.told.add(key)
+        if key not in connection.logged:
+            connection.logged.add(key)
             self._note(f"{connection.kind}: connection {connection.number}: {text}")
 
     # -- received messages ------------------------------------------------------------------------

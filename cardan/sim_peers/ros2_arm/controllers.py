@@ -15,7 +15,7 @@ from typing import NamedTuple
 from cardan.protocols.ros2.cdr import MalformedCdr, Message, codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.robots import load_arm
-from cardan.sim_peers.base import TimedActs
+from cardan.sim_peers.base import TimedActions
 from cardan.sim_peers.ros2_arm.options import (
     CLOCK_STEP_AT_S,
     FAULTS as FAULTS,
@@ -100,7 +100,7 @@ class RosArm:
             others.append((CLOCK_STEP_AT_S, self._step_clock))
         if "jam" in faults:
             others.append((JAM_AT_S, self._jam))
-        self._acts = TimedActs(
+        self._actions = TimedActions(
             faults,
             {
                 "restart": self.go_down,
@@ -251,8 +251,8 @@ class RosArm:
         if self._points:
             self.plant.command_positions(self._wanted(time_s))
         self.plant.advance(time_s)
-        for _, act in self._acts.due(time_s):
-            act()
+        for _, action in self._actions.due(time_s):
+            action()
         return [*self._own(time_s), *self._of_second(time_s)]
 
     def _of_second(self, time_s: float) -> list[JointStateMessage]:

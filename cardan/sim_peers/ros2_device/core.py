@@ -13,7 +13,7 @@ from typing import Literal
 
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
-from cardan.sim_peers.base import FaultSwitch, TimedActs
+from cardan.sim_peers.base import FaultSwitch, TimedActions
 from cardan.sim_peers.periodic import PERIODIC_FAULTS, HeldModel, HeldPeriodicDevice
 
 StockNode = Literal["spacenav", "joy_node", "game_controller"]
@@ -50,7 +50,7 @@ class SimulatedNode(HeldPeriodicDevice[bytes]):
         self.device_there = True
         self._random = random.Random(seed)
         self._nan = faults.get("nan", 0.0)
-        self._nodes_faults = TimedActs(faults, {"exit": self.exit, "hang": self.fall_silent})
+        self._nodes_faults = TimedActions(faults, {"exit": self.exit, "hang": self.fall_silent})
 
     # -- device states ----------------------------------------------------------------------------
 
@@ -70,8 +70,8 @@ class SimulatedNode(HeldPeriodicDevice[bytes]):
 
     def reports(self, now_s: float) -> list[bytes]:
         """Messages that it publishes from the last call until `now_s`."""
-        for _, act in self._nodes_faults.due(now_s):
-            act()
+        for _, action in self._nodes_faults.due(now_s):
+            action()
         return [report for report in super().reports(now_s) if report]
 
     def report(self) -> bytes:

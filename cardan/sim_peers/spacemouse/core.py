@@ -80,8 +80,8 @@ class SimulatedSpaceMouse:
         self._seized = bool(faults.get("seized"))
         self._stuck_bit = int(faults["stuck-button"]) if "stuck-button" in faults else None
         self._plugging = [
-            (faults[name], act)
-            for name, act in (("unplug", self.unplug), ("replug", self.replug))
+            (faults[name], action)
+            for name, action in (("unplug", self.unplug), ("replug", self.replug))
             if name in faults
         ]
         self._bits = {label: bit for bit, label in model.buttons.items()}
@@ -180,10 +180,10 @@ class SimulatedSpaceMouse:
     def reports(self, now_s: float) -> list[bytes]:
         """The input reports that arrive at the host from the last call until `now_s`."""
         while self._plugging and self._plugging[0][0] <= now_s:
-            at_s, act = self._plugging.pop(0)
+            at_s, action = self._plugging.pop(0)
             self._produce(at_s)
             arrived = self._line.arrived(at_s)
-            act()
+            action()
             return arrived + self.reports(now_s)
         self._produce(now_s)
         return self._line.arrived(now_s)

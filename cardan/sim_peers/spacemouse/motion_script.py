@@ -7,7 +7,7 @@ from typing import Protocol
 
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.motion_profile import VectorMotion, VectorRamp
-from cardan.sim_peers.scripted import Act, HeldDevice, MotionScript, StepWords, calling, moving
+from cardan.sim_peers.scripted import Action, HeldDevice, MotionScript, StepWords, calling, moving
 from cardan.sim_peers.spacemouse.core import AXES, NEUTRAL, Axes
 
 MOTION_PERIOD_S = 0.008
@@ -208,7 +208,7 @@ class ScriptedPuck(MotionScript[Puck]):
     def _hold(self, device: Puck, now_s: float) -> None:
         device.set_axes(self._axes.advance(now_s))
 
-    def _read(self, words: StepWords) -> Act[Puck]:
+    def _read(self, words: StepWords) -> Action[Puck]:
         if words.verb == "axes":
             return moving(self._axes, VectorRamp(words.numbers(AXES, -1.0, 1.0), words.over()))
         if words.verb == "neutral":

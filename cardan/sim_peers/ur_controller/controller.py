@@ -222,11 +222,11 @@ class UrController:
             self._end_program(_ITS_END)
         return action
 
-    def _order(self, act: Callable[[], None]) -> Function:
+    def _order(self, action: Callable[[], None]) -> Function:
         """A function that ends its own program, which it does after the program's frame."""
 
         def order() -> Action:
-            self._ordered = act
+            self._ordered = action
             return Sleep(self.period_s)
 
         return Function((), {}, order, takes_time=True)

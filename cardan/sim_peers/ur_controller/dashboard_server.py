@@ -117,9 +117,9 @@ class Dashboard:
     def _orders(self) -> dict[str, Callable[[], str]]:
         controller, pendant = self._controller, self._pendant
 
-        def granted(words: str, act: Callable[[], object]) -> Callable[[], str]:
+        def granted(words: str, action: Callable[[], object]) -> Callable[[], str]:
             def do() -> str:
-                act()
+                action()
                 return dashboard.GRANTED[words]
 
             return do

@@ -74,19 +74,19 @@ class UrKinematics:
         """The joints nearest to `near` that have the TCP at `goal`; None: there are none."""
         best, least = None, math.inf
         for solution in self._solutions(compose(goal, inverse(tcp)), near[5]):
-            q, apart = [], 0.0
+            q, distance = [], 0.0
             for angle, at, low, high in zip(solution, near, self._low, self._high, strict=True):
                 turned = angle + _TURN * round((at - angle) / _TURN)
                 if not low <= turned <= high:
                     turned += _TURN if turned < low else -_TURN
                     if not low <= turned <= high:
                         break
-                apart += abs(turned - at)
-                if apart >= least:
+                distance += abs(turned - at)
+                if distance >= least:
                     break
                 q.append(turned)
             else:
-                best, least = q, apart
+                best, least = q, distance
         return best
 
     def _solutions(self, flange: Frame, last_q: float) -> Iterator[tuple[float, ...]]:

@@ -540,12 +540,12 @@ class ArmMotion:
 
     def _toward(self, speeds: Sequence[float], change: float, dt_s: float) -> list[float]:
         """Change the speeds by at most `change`, all in the same share of time."""
-        apart = [aim - v for aim, v in zip(speeds, self._qd, strict=True)]
-        largest = max(map(abs, apart))
+        difference = [aim - v for aim, v in zip(speeds, self._qd, strict=True)]
+        largest = max(map(abs, difference))
         share = 1.0 if largest <= change else change / largest
         return [
             q + (v + share * each) * dt_s
-            for q, v, each in zip(self._q, self._qd, apart, strict=True)
+            for q, v, each in zip(self._q, self._qd, difference, strict=True)
         ]
 
     def _lined(
@@ -556,9 +556,9 @@ class ArmMotion:
         twist: list[float] = []
         for first, most in ((0, change), (3, turning)):
             part = Vector3(*now[first : first + 3])
-            apart = subtract(Vector3(*aims[first : first + 3]), part)
-            length = norm(apart)
-            twist += add(part, scale(apart, 1.0 if length <= most else most / length))
+            difference = subtract(Vector3(*aims[first : first + 3]), part)
+            length = norm(difference)
+            twist += add(part, scale(difference, 1.0 if length <= most else most / length))
         here = self._line or self.kinematics.forward(self._q, self.tcp)
         if not any(twist):
             self._twist, self._line = twist, here

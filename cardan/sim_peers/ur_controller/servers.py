@@ -17,8 +17,8 @@ from cardan.protocols.ur.realtime import RealtimeForm
 from cardan.protocols.ur.robot_state import parts
 from cardan.protocols.ur.rtde import packet
 from cardan.protocols.ur.script import LARGEST
-from cardan.sim_peers.base import TimedActs
-from cardan.sim_peers.tcp_servers import Act, ServerConnection, TcpServers
+from cardan.sim_peers.base import TimedActions
+from cardan.sim_peers.tcp_servers import ServerConnection, TcpServers, TimedAction
 from cardan.sim_peers.ur_controller import scripts
 from cardan.sim_peers.ur_controller.controller import UrController
 from cardan.sim_peers.ur_controller.dashboard_server import Dashboard
@@ -169,8 +169,8 @@ class UrServers(TcpServers[PortKind, _Connection]):
 
     def _live(self) -> None:
         controller, now_s = self.controller, self._now_s
-        for _, act in self._timed.due(min(now_s, controller.next_s)):
-            act()
+        for _, action in self._timed.due(min(now_s, controller.next_s)):
+            action()
         if self._frame_due:
             self._frame_due = False
             if controller.advance(now_s):
@@ -184,9 +184,9 @@ class UrServers(TcpServers[PortKind, _Connection]):
 
     # -- faults -----------------------------------------------------------------------------------
 
-    def _plan(self) -> TimedActs[Act]:
+    def _plan(self) -> TimedActions[TimedAction]:
         controller = self.controller
-        acts: dict[str, Act] = {
+        actions: dict[str, TimedAction] = {
             "protective-stop": lambda: controller.protective_stop("fault"),
             "unlock": controller.unlock_protective_stop,
             "estop": controller.emergency_stop,
@@ -199,9 +199,9 @@ class UrServers(TcpServers[PortKind, _Connection]):
             "other-program": lambda: controller.upload(_OTHER_PROGRAM),
             "local": self._local,
             "slider-zero": self._slider_zero,
-            **self._network_acts(),
+            **self._network_actions(),
         }
-        return TimedActs(self.options.faults, acts, start_s=self._now_s)
+        return TimedActions(self.options.faults, actions, start_s=self._now_s)
 
     def _local(self) -> None:
         self.controller.remote = not self.options.e_series

@@ -51,7 +51,7 @@ class Approach:
         """Return the next pose to command; `tcp`: the pose commanded at present."""
         assert self._at is not None
         options, dt_s = self._options, min(max(dt_s, 0.0), LONGEST_STEP_S)
-        if apart(tcp, goal, options.slip_m, options.slip_rad):
+        if farther_apart_than(tcp, goal, options.slip_m, options.slip_rad):
             if self.arrived:
                 self._at = tcp
             self.arrived = False
@@ -69,14 +69,14 @@ class Approach:
                 turned_by(at.orientation, turn),
                 Frame.BASE,
             )
-            if not apart(tcp, ahead, options.slip_m, options.slip_rad):
+            if not farther_apart_than(tcp, ahead, options.slip_m, options.slip_rad):
                 at = ahead  # An arm that does not follow is waited for.
-            self.arrived = not apart(at, goal, ARRIVED_M, ARRIVED_RAD)
+            self.arrived = not farther_apart_than(at, goal, ARRIVED_M, ARRIVED_RAD)
         self._at = goal if self.arrived else at
         return self._at
 
 
-def apart(a: Pose, b: Pose, most_m: float, most_rad: float) -> bool:
+def farther_apart_than(a: Pose, b: Pose, most_m: float, most_rad: float) -> bool:
     """Whether two poses are farther apart than that."""
     return (
         norm(subtract(b.position, a.position)) > most_m

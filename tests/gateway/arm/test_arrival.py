@@ -115,7 +115,7 @@ def test_one_that_swings_about_its_goal_has_not_arrived():
         world.now_s += DT_S
         away = 0.02 * np.sin(2.0 * np.pi * 12.5 * tick * DT_S)
         world.sag[0] = away
-        arrival.note(world.state())
+        arrival.observe(world.state())
         assert not arrival.arrived(world.state(), abs(away) < ALLOWED.arrival_joint)
 
 

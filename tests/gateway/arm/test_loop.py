@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from cardan.drivers.foreign import counted, told
+from cardan.drivers.foreign import checked_lines, counted
 from cardan.errors import CommandError, DriverError
 from cardan.gateway.arm.loop import ArmLoop
 from cardan.types import (
@@ -151,8 +151,8 @@ def test_a_part_of_what_a_device_gives_that_is_none_is_named(call, given, words)
 @pytest.mark.parametrize("given", ["abc", (5,), ("fine", None), 5])
 def test_a_diagnosis_is_lines_of_text(given):
     with pytest.raises(TypeError):
-        told(given)
-    assert told(("fine",)) == ["fine"]
+        checked_lines(given)
+    assert checked_lines(("fine",)) == ["fine"]
 
 
 def test_what_a_driver_counts_are_numbers():

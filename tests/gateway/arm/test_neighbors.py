@@ -234,15 +234,15 @@ def test_the_way_is_that_of_the_age_and_of_the_stop():
 
 
 def test_what_does_not_move_is_as_any_obstacle():
-    apart = Pose(Vector3(1.0, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0))
-    bodies = NeighborBodies("it", MODEL, apart)
+    placement = Pose(Vector3(1.0, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0))
+    bodies = NeighborBodies("it", MODEL, placement)
     ways = bodies.ways_m(bodies.fastest_m_s, 0.1)
     assert [way == 0.0 for way in ways] == [shape.body == 0 for shape in bodies.shapes]
 
 
 def test_of_one_robot_only_what_moves_is_taken_and_of_another_one_all():
-    apart = Pose(Vector3(1.0, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0))
+    placement = Pose(Vector3(1.0, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0))
     fixed = [shape for shape in MODEL.shapes if shape.body == 0]
     assert fixed
-    assert len(NeighborBodies("it", MODEL, apart).shapes) - len(BODIES.shapes) == len(fixed)
+    assert len(NeighborBodies("it", MODEL, placement).shapes) - len(BODIES.shapes) == len(fixed)
     assert BODIES.label("x") == "right's x"

@@ -9,8 +9,8 @@ import pytest
 from cardan.gateway.arm import controller
 from cardan.gateway.arm.states import (
     RESTING,
-    Act,
     ArmEvent,
+    ArmingAction,
     Facts,
     Inhibit,
     MotionState,
@@ -194,19 +194,19 @@ def test_what_changes_whether_command_and_robot_are_apart():
     resynchronizes, stay = facts_where(resynchronizes=True), facts_where(resynchronizes=False)
     again = facts_where(resynchronizes=True, near=False)
     done = [facts for facts in FACTS if facts not in again]
-    waits, apart = Separation.TO_RESYNCHRONIZE, Separation.UNTIL_REARMED
+    waits, separated = Separation.TO_RESYNCHRONIZE, Separation.UNTIL_REARMED
     assert changes_of(separation_after, Separation) == changes(
         (others(Separation, Separation.LEFT), ArmEvent.UNREADY, FACTS, Separation.NONE),
         (others(Separation, Separation.LEFT), ArmEvent.PLACED, FACTS, Separation.NONE),
         ([waits], ArmEvent.JUMPED, FACTS, Separation.NONE),
         ([waits], ArmEvent.RESYNCHRONIZES, FACTS, Separation.NONE),
         (Separation, ArmEvent.HELD, resynchronizes, waits),
-        (Separation, ArmEvent.HELD, stay, apart),
-        (Separation, ArmEvent.NOT_BACK, FACTS, apart),
+        (Separation, ArmEvent.HELD, stay, separated),
+        (Separation, ArmEvent.NOT_BACK, FACTS, separated),
         (Separation, ArmEvent.LEFT, FACTS, Separation.LEFT),
         ([Separation.LEFT], ArmEvent.ASKED, FACTS, Separation.NONE),
-        ([apart], ArmEvent.ACKNOWLEDGED, again, waits),
-        ([apart], ArmEvent.ACKNOWLEDGED, done, Separation.NONE),
+        ([separated], ArmEvent.ACKNOWLEDGED, again, waits),
+        ([separated], ArmEvent.ACKNOWLEDGED, done, Separation.NONE),
     )
 
 
@@ -254,10 +254,10 @@ def all_requests():
 def test_a_fault_of_the_device_trips_and_one_of_a_filter_only_a_device_that_is_or_gets_armed():
     for before, request, *rest in all_requests():
         fault = request._replace(fault="lost")
-        assert arming_after(before, fault, *rest) == (Arming.DISARMED, Act.TRIP)
+        assert arming_after(before, fault, *rest) == (Arming.DISARMED, ArmingAction.TRIP)
         fault = request._replace(filter_fault="broken")
         trips = before.armed or request.armed
-        after = (Arming.DISARMED, Act.TRIP) if trips else (request.arming, None)
+        after = (Arming.DISARMED, ArmingAction.TRIP) if trips else (request.arming, None)
         assert arming_after(before, fault, *rest) == after
 
 
@@ -266,17 +266,17 @@ def test_what_follows_from_a_request_without_a_fault():
         asked = request.arming
         wants = before.armed and asked.claims and not owns
         if before.armed and not asked.armed:
-            act = Act.LET_GO
+            action = ArmingAction.LET_GO
         elif asked.armed and not before.armed:
-            act = Act.TAKE if asked.claims else Act.ARM
+            action = ArmingAction.TAKE if asked.claims else ArmingAction.ARM
         elif request.arming_requested and acknowledges:
-            act = Act.ACKNOWLEDGE
+            action = ArmingAction.ACKNOWLEDGE
         elif wants:
-            act = Act.TRIP if refused else Act.TAKE
+            action = ArmingAction.TRIP if refused else ArmingAction.TAKE
         else:
-            act = None
-        after = Arming.DISARMED if act is Act.TRIP else asked
-        assert arming_after(before, request, acknowledges, owns, refused) == (after, act)
+            action = None
+        after = Arming.DISARMED if action is ArmingAction.TRIP else asked
+        assert arming_after(before, request, acknowledges, owns, refused) == (after, action)
 
 
 def test_the_act_by_a_dead_man_is_its_release_with_the_device_at_rest_and_its_press():
@@ -289,7 +289,7 @@ def test_the_act_by_a_dead_man_is_its_release_with_the_device_at_rest_and_its_pr
 
 
 @pytest.mark.parametrize("before", Arming)
-def test_the_act_without_a_button_is_rest_and_where_it_is_barred_to_let_go(before):
+def test_rearming_without_a_button_is_rest_and_where_it_is_inhibited_to_let_go(before):
     assert armed_by_rest(before, True, False) == (Arming.ARMED, True)
     assert armed_by_rest(before, False, False) == (Arming.DISARMED, False)
     assert armed_by_rest(before, False, True) == (Arming.DEFLECTED, False)

@@ -226,14 +226,14 @@ def test_a_goal_and_its_cancellation_that_come_together(verb, number, full):
     assert bench.world.six() == pytest.approx(before)
 
 
-@pytest.mark.parametrize("apart", [False, True])
-def test_a_goal_whose_sender_is_not_known_yet_and_its_cancellation(bench, apart):
+@pytest.mark.parametrize("waits_for_token", [False, True])
+def test_a_goal_whose_sender_is_not_known_yet_and_its_cancellation(bench, waits_for_token):
     # The token of who sent it comes later, and a motion without end waits for it.
     goal = {"goal_id": {"uuid": goal_id(1)}}
     given = {"xdot": {"linear": {"z": -0.02}}}
     stranger = b"s" * 16
     sent = waiting(bench, "movv", "send_goal", {**goal, "goal": given}, stranger)
-    if apart:
+    if waits_for_token:
         bench.poll()
         assert sent.answers == []
     ended = waiting(bench, "movv", "cancel_goal", {"goal_info": goal}, stranger)

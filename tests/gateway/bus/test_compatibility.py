@@ -316,7 +316,7 @@ def shown(bench, **more):
 
 
 def test_the_status_says_what_limits_the_arm(bench):
-    tell = bench.others[0].told[0].message
+    tell = bench.others[0].published[0].message
     stream(bench, TWIST, twist(z=0.1))
     assert tell(shown(bench)) == {"code": 0, "message": ""}
     bench.call("//servo_node/pause_servo", {"data": True})
@@ -341,9 +341,9 @@ def test_the_status_of_an_arm_at_its_bound(bench):
 def test_without_a_robot_the_status_is_invalid(bench):
     bench.world.link = RobotLink.LOST
     bench.world.tick(10)
-    told = servo_status(shown(bench))
-    assert told["code"] == -1
-    assert told["message"]
+    published = servo_status(shown(bench))
+    assert published["code"] == -1
+    assert published["message"]
 
 
 def test_what_is_told_besides_is_published_with_each_instant(bench):
@@ -366,8 +366,8 @@ def test_what_is_told_is_encoded_when_it_changes_and_published_always(bench, mon
     held = fine._replace(status=fine.status._replace(message="held"))
     for each in (fine, fine, fine, held, held, fine):
         topics.publish(each, time.time_ns())
-    told = bench.node.publishers["/servo_node/status"].messages
-    assert [each["message"] for each in told] == ["", "", "", "held", "held", ""]
+    published = bench.node.publishers["/servo_node/status"].messages
+    assert [each["message"] for each in published] == ["", "", "", "held", "held", ""]
     assert len(encoded) == 3
 
 
@@ -472,8 +472,8 @@ def state_command(bench, word):
 
 
 def operating(bench):
-    told = {each.topic: each.message for each in bench.others[0].told}
-    message = told["operating_state"](shown(bench))
+    published = {each.topic: each.message for each in bench.others[0].published}
+    message = published["operating_state"](shown(bench))
     codec_of("crtk_msgs/msg/OperatingState").encode(message)
     return message["state"], message["is_busy"]
 
@@ -569,10 +569,10 @@ def test_a_fault_is_left_by_enabling(crtk):
 
 
 def test_what_is_commanded_of_the_joints_is_told_while_it_is(crtk):
-    told = {each.topic: each.message for each in crtk.others[0].told}
-    assert told["setpoint_js"](shown(crtk)) is None
+    published = {each.topic: each.message for each in crtk.others[0].published}
+    assert published["setpoint_js"](shown(crtk)) is None
     stream(crtk, "//servo_cv", twist(z=-0.1))
-    message = told["setpoint_js"](shown(crtk))
+    message = published["setpoint_js"](shown(crtk))
     assert message["position"] == crtk.world.verbs.servo.q.tolist()
     assert message["name"] == list(crtk.world.model.joint_names)
     codec_of("sensor_msgs/msg/JointState").encode(message)
@@ -580,8 +580,8 @@ def test_what_is_commanded_of_the_joints_is_told_while_it_is(crtk):
 
 def test_the_measured_twist_is_that_of_the_joints_speeds():
     crtk = Bench(names=("crtk", "fzi"))
-    told = {each.topic: each.message for others in crtk.others for each in others.told}
-    message_of = told["measured_cv"]
+    published = {each.topic: each.message for others in crtk.others for each in others.published}
+    message_of = published["measured_cv"]
     assert message_of(shown(crtk, velocities=())) is None
     turning = {"linear": {"z": -0.1}, "angular": {"x": 0.1, "y": 0.05}}
     stream(crtk, "//servo_cv", {"header": header(), "twist": turning}, 0.6)
@@ -589,7 +589,7 @@ def test_the_measured_twist_is_that_of_the_joints_speeds():
     commanded, message = now.status.twist, message_of(now)
     codec_of("geometry_msgs/msg/TwistStamped").encode(message)
     assert message["header"]["frame_id"] == "base_link"
-    assert told["current_twist"](now) == message
+    assert published["current_twist"](now) == message
     found = message["twist"]
     assert list(found["linear"].values()) == pytest.approx(list(commanded.linear), abs=2e-3)
     assert list(found["angular"].values()) == pytest.approx(list(commanded.angular), abs=2e-3)

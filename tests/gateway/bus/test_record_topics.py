@@ -87,7 +87,7 @@ def test_what_is_kept_still_goes_out_when_the_session_ends(rig):
 def test_nothing_is_kept_for_long(rig):
     rig.run(round(KEPT_S / 0.004) + 100)
     assert rig.controller.recorder is None
-    assert not rig.record_topics._log._kept
+    assert not rig.record_topics._log._cycles
     rig.log.heard = True
     rig.run(100)
     assert rig.numbers()[0] > 1250

@@ -87,8 +87,8 @@ def test_feedback_has_where_it_is_and_where_it_is_to_be(bench):
     assert tuple(feedback["joint_names"]) == bench.world.model.joint_names
     np.testing.assert_allclose(feedback["actual"]["positions"], bench.world.q)
     np.testing.assert_allclose(feedback["desired"]["positions"], verbs.desired()[0])
-    apart = np.subtract(feedback["desired"]["positions"], feedback["actual"]["positions"])
-    np.testing.assert_allclose(feedback["error"]["positions"], apart)
+    following_error = np.subtract(feedback["desired"]["positions"], feedback["actual"]["positions"])
+    np.testing.assert_allclose(feedback["error"]["positions"], following_error)
     assert len(feedback["error"]["velocities"]) == 6
 
 

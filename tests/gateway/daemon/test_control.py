@@ -12,9 +12,9 @@ from cardan.gateway.daemon.control import (
     LineReader,
     Response,
     decode_ask,
-    decode_told,
+    decode_response,
     encode_ask,
-    encode_told,
+    encode_response,
 )
 
 
@@ -29,8 +29,8 @@ def test_requests_come_back(ask):
 
 @pytest.mark.parametrize("kind", ["result", "error", "event"])
 def test_answers_come_back(kind):
-    told = Response(7, kind, [{"name": "gofa"}])
-    assert decode_told(encode_told(told)) == told
+    response = Response(7, kind, [{"name": "gofa"}])
+    assert decode_response(encode_response(response)) == response
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_what_nests_too_deep_is_refused_before_it_is_shown_or_passed_on(levels):
 
 @given(st.binary(max_size=200))
 def test_no_bytes_raise_anything_else(data):
-    for decode in (decode_ask, decode_told):
+    for decode in (decode_ask, decode_response):
         with contextlib.suppress(ControlError):
             decode(data)
 

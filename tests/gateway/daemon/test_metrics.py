@@ -25,7 +25,7 @@ from cardan.gateway.daemon.client import ControlClient
 from cardan.gateway.daemon.control import Response
 from cardan.gateway.daemon.events import STOP_REASONS, SessionWatch
 from cardan.gateway.daemon.metrics import MetricsOptions, MetricsServer, asked
-from cardan.gateway.servers.stats import told
+from cardan.gateway.servers.stats import figures_of
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 from tests.gateway.daemon.test_control_socket import serving
 from tests.gateway.servers.rig import WAIT_S, served
@@ -279,8 +279,8 @@ def test_scrapes_wait_for_each_other():
 
 
 def test_it_asks_the_daemon_s_socket(tmp_path, monkeypatch):
-    def handle(ask, told):
-        told.tell(Response(ask.id, "result", [ask.do]))
+    def handle(ask, figures_of):
+        figures_of.tell(Response(ask.id, "result", [ask.do]))
 
     with serving(str(tmp_path / "sock"), handle=handle) as path:
         assert asked(path) == ["figures"]
@@ -324,4 +324,4 @@ def test_stops_are_counted_by_what_was_wrong(changes, reason):
     ],
 )
 def test_what_a_server_tells(line, figures):
-    assert told(line) == figures
+    assert figures_of(line) == figures

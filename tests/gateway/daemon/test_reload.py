@@ -65,11 +65,11 @@ class Lab:
             "".join(SESSION.format(name=name, speed=speed) for name, speed in speeds.items())
         )
 
-    def kept(self, name):
-        return self.daemon._kept[name]
+    def service(self, name):
+        return self.daemon._services[name]
 
     def session(self, name):
-        return self.kept(name).process
+        return self.service(name).process
 
     def changes(self, **speeds):
         """Write the file and reload it; its outcome."""
@@ -110,7 +110,7 @@ class Lab:
         return self.session(name).config.limits.linear_speed_m_s
 
     def row(self, name):
-        return self.kept(name).shown(time.monotonic())
+        return self.service(name).shown(time.monotonic())
 
 
 @pytest.fixture
@@ -142,7 +142,7 @@ def test_a_session_is_restarted_once_nobody_has_its_arm(lab):
     assert not before.ended
     lab.rest("one")
     assert before.ended
-    assert lab.kept("one").unit.reason == "its configuration has changed"
+    assert lab.service("one").unit.reason == "its configuration has changed"
     lab.end("one")
     assert lab.session("one") is not before
     assert lab.speed("one") == 0.1
@@ -185,7 +185,7 @@ def test_a_check_changes_nothing(lab):
     ]
     lab.rest("one")
     assert not lab.session("one").ended
-    assert "three" not in lab.daemon._kept
+    assert "three" not in lab.daemon._services
     assert lab.row("one")["changes_wait"] == []
 
 
@@ -199,7 +199,7 @@ def test_an_error_in_one_file_is_the_refusal_of_all(lab):
         lab.rest(name)
         assert not lab.session(name).ended
         assert lab.daemon.config.sessions[name].config.limits.linear_speed_m_s == 0.25
-    assert "three" not in lab.daemon._kept
+    assert "three" not in lab.daemon._services
 
 
 def test_one_reload_at_a_time(lab):
@@ -290,7 +290,7 @@ def test_a_session_that_cannot_begin_with_its_new_file_says_so_and_harms_no_othe
 
 
 def test_a_session_that_does_not_run_takes_it_with_its_start(lab):
-    lab.kept("one").unit.stop(time.monotonic())
+    lab.service("one").unit.stop(time.monotonic())
     lab.end("one")
     assert words(lab.changes(one=0.4, two=0.25)) == [
         "one limits.linear_speed_m_s: 0.25 -> 0.4 (waits until it starts)"
@@ -298,7 +298,7 @@ def test_a_session_that_does_not_run_takes_it_with_its_start(lab):
     lab.look()
     assert lab.session("one") is None
     assert lab.row("one")["changes_wait"] == []
-    lab.kept("one").unit.start(time.monotonic())
+    lab.service("one").unit.start(time.monotonic())
     lab.look()
     assert lab.speed("one") == 0.4
 

@@ -15,7 +15,7 @@ from cardan.gateway.arm.requests import LATE_S
 from cardan.gateway.daemon import server as serving
 from cardan.gateway.daemon.client import ControlClient
 from cardan.gateway.daemon.config import read_daemon_config
-from cardan.gateway.daemon.control import Ask, LineReader, decode_told
+from cardan.gateway.daemon.control import Ask, LineReader, decode_response
 from cardan.gateway.daemon.daemon import Daemon
 from cardan.gateway.daemon.processes import RunningSession
 from cardan.gateway.daemon.restart_policy import Ended
@@ -55,9 +55,9 @@ class Bench:
         file = folder / "lab.toml"
         file.write_text(SESSION)
         self.daemon = Daemon(read_daemon_config([file]), lambda: None)
-        self.kept = self.daemon._kept["one"]
-        self.session = self.kept.process = Session()
-        self.kept.unit.begun(0.0)
+        self.service = self.daemon._services["one"]
+        self.session = self.service.process = Session()
+        self.service.unit.begun(0.0)
         self.theirs, ours = socket.socketpair()
         self.theirs.settimeout(5.0)
         ours.setblocking(False)
@@ -73,7 +73,7 @@ class Bench:
     def answers(self, **result):
         """The session answers the newest request."""
         table = {"reply": self.session.sent[-1]["id"], "result": result}
-        self.kept.answered(json.dumps(table).encode())
+        self.service.answered(json.dumps(table).encode())
 
     def begins(self, verb):
         """The session begins the motion that was asked for last."""
@@ -89,7 +89,7 @@ class Bench:
     def heard(self):
         while not self._lines:
             self._lines = self._reader.take(self.theirs.recv(65536))
-        return decode_told(self._lines.pop(0))
+        return decode_response(self._lines.pop(0))
 
     @property
     def asked(self):
@@ -132,9 +132,9 @@ def test_what_a_session_owes_when_it_ends_is_told(bench):
     bench.begins("movl")
     bench.heard()
     bench.ask("stat", 8)
-    bench.kept.process = None
-    bench.kept.unit.ended(Ended.DIED, "it was killed", 1.0)
-    bench.kept.gone("it was killed")
+    bench.service.process = None
+    bench.service.unit.ended(Ended.DIED, "it was killed", 1.0)
+    bench.service.gone("it was killed")
     refused, ended = bench.heard(), bench.heard()
     assert (refused.id, refused.kind) == (8, "error")
     assert "one has ended: it was killed" in refused.value
@@ -228,7 +228,7 @@ def test_who_sends_more_than_can_be_handled_is_let_go_with_the_reason(flooded):
     most_s = STALE_S + BACKLOGGED_S
     assert floods(flooded, 2 * most_s) == pytest.approx(most_s, abs=0.05)
     assert not connection.open
-    assert decode_told(bytes(flood.told).splitlines()[-1]).value == BACKLOGGED
+    assert decode_response(bytes(flood.told).splitlines()[-1]).value == BACKLOGGED
 
 
 def test_a_backlog_that_was_worked_off_is_forgotten(flooded):
@@ -267,8 +267,10 @@ def test_what_a_session_did_last_is_told_though_its_process_has_ended(bench, mon
     """And that it has ended, by a daemon that comes to look only when the next one is due."""
     bench.daemon._find_events()
     bench.session.snapshot = Snapshot.of({"arm": {"phase": "moving", "authority": "a"}})
-    _ended(bench.kept, Ended.DIED, "killed")
-    monkeypatch.setattr(bench.kept, "begin", lambda *_: setattr(bench.kept, "process", Session()))
+    _ended(bench.service, Ended.DIED, "killed")
+    monkeypatch.setattr(
+        bench.service, "begin", lambda *_: setattr(bench.service, "process", Session())
+    )
     bench.daemon._look_after(time.monotonic() + 10.0)
     bench.daemon._find_events()
     assert [(each.event, each.what) for each in bench.daemon._recent] == [

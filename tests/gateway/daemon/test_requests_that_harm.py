@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from cardan.gateway.daemon.control import Ask, decode_told
+from cardan.gateway.daemon.control import Ask, decode_response
 from fuzz.targets.texts import idle_daemon
 
 
@@ -21,7 +21,7 @@ from fuzz.targets.texts import idle_daemon
 def test_values_of_another_kind_are_refused(ask, words):
     daemon, program = idle_daemon()
     daemon._handle(ask, program)
-    told = decode_told(program.told[-1])
+    told = decode_response(program.told[-1])
     assert (told.id, told.kind) == (3, "error")
     assert words in told.value
 
@@ -30,7 +30,7 @@ def test_values_of_another_kind_are_refused(ask, words):
 def test_a_verb_of_any_kind_goes_to_its_session_which_refuses_it(verb):
     daemon, program = idle_daemon()
     sent = []
-    name, kept = next(iter(daemon._kept.items()))
+    name, kept = next(iter(daemon._services.items()))
     kept.process.send = sent.append
     daemon._handle(Ask(5, "ask", name, {"id": 7, "source": "verbs", "verb": verb}), program)
     assert program.told == []

@@ -151,7 +151,7 @@ def placed(pose=IDENTITY_POSE, **options):
     return shaper
 
 
-def apart(shaper, goal):
+def pose_difference(shaper, goal):
     turned = rotation_between(shaper.pose.orientation, goal.orientation)
     return norm(subtract(goal.position, shaper.pose.position)), norm(turned)
 
@@ -205,9 +205,9 @@ def test_bounds_hold_while_the_target_jumps_and_it_arrives_after(targets, dt_s):
     for _ in range(round(12.0 / dt_s)):
         shaper.advance(targets[-1], dt_s)
         last = assert_within(shaper, last, dt_s)
-        if max(apart(shaper, targets[-1])) < 1e-9:
+        if max(pose_difference(shaper, targets[-1])) < 1e-9:
             break
-    assert apart(shaper, targets[-1]) == pytest.approx((0, 0), abs=1e-7)
+    assert pose_difference(shaper, targets[-1]) == pytest.approx((0, 0), abs=1e-7)
 
 
 def test_rotation_follows_the_geodesic():
@@ -218,7 +218,7 @@ def test_rotation_follows_the_geodesic():
         pose = shaper.advance(goal, DT_S)
         turned = rotation_between(IDENTITY, pose.orientation)
         assert norm(subtract(scale(axis, norm(turned)), turned)) < 1e-8
-    assert apart(shaper, goal)[1] < 1e-9
+    assert pose_difference(shaper, goal)[1] < 1e-9
 
 
 def test_near_half_a_turn_the_way_round_is_kept():
@@ -283,7 +283,7 @@ def test_the_ruckig_back_end_keeps_the_same_bounds(targets):
             last = assert_within(shaper, last, DT_S)
     for _ in range(3000):
         shaper.advance(targets[-1], DT_S)
-    assert apart(shaper, targets[-1]) == pytest.approx((0, 0), abs=1e-6)
+    assert pose_difference(shaper, targets[-1]) == pytest.approx((0, 0), abs=1e-6)
 
 
 def test_what_makes_no_sense_is_refused_and_changes_nothing():

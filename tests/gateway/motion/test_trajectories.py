@@ -35,7 +35,7 @@ GROUP = LineLimits(
 )
 
 
-def apart(a, b):
+def pose_difference(a, b):
     """Distance in m and angle in rad between two poses."""
     turned = rotation_between(a.orientation, b.orientation)
     return norm(subtract(a.position, b.position)), norm(turned)
@@ -44,18 +44,18 @@ def apart(a, b):
 @given(poses, poses, profiles)
 def test_a_line_is_straight_within_limits_and_exact_at_both_ends(start, goal, profile):
     path = LineTrajectory(start, goal, LIMITS, profile=profile)
-    assert apart(path.at(0.0)[0], start) == pytest.approx((0, 0), abs=1e-9)
+    assert pose_difference(path.at(0.0)[0], start) == pytest.approx((0, 0), abs=1e-9)
     end, twist = path.at(path.duration_s)
     assert end.position == goal.position
-    assert apart(end, goal)[1] == pytest.approx(0, abs=1e-7)
+    assert pose_difference(end, goal)[1] == pytest.approx(0, abs=1e-7)
     assert norm(twist.linear) == norm(twist.angular) == 0.0
-    distance, angle = apart(start, goal)
+    distance, angle = pose_difference(start, goal)
     assume(path.duration_s > 0.0)
     step = path.duration_s / 1000
     for i in range(10):
         t = path.duration_s * (i + 0.5) / 10
         (pose, twist), (later, _) = path.at(t), path.at(t + step)
-        done, turned = apart(start, pose)
+        done, turned = pose_difference(start, pose)
         assert turned * distance == pytest.approx(done * angle, abs=1e-6)
         assert norm(twist.linear) <= LIMITS.linear_speed_m_s * (1 + 1e-9)
         assert norm(twist.angular) <= LIMITS.angular_speed_rad_s * (1 + 1e-9)
@@ -91,10 +91,10 @@ def test_half_a_turn_takes_the_same_axis_however_it_is_written(axis, sign):
     half, twist = path.at(0.5 * path.duration_s)
     leading = next(c for c in twist.angular if abs(c) > 1e-9)
     assert leading > 0.0
-    assert apart(half, IDENTITY_POSE)[1] == pytest.approx(math.pi / 2)
-    assert apart(half, goal)[1] == pytest.approx(math.pi / 2)
+    assert pose_difference(half, IDENTITY_POSE)[1] == pytest.approx(math.pi / 2)
+    assert pose_difference(half, goal)[1] == pytest.approx(math.pi / 2)
     before_end = path.at(path.duration_s * (1 - 1e-9))[0]
-    assert apart(before_end, goal)[1] < 1e-6
+    assert pose_difference(before_end, goal)[1] < 1e-6
 
 
 def test_a_goal_in_the_tool_frame_is_taken_from_the_start():
@@ -102,7 +102,7 @@ def test_a_goal_in_the_tool_frame_is_taken_from_the_start():
     path = LineTrajectory(start, Pose(Vector3(0, 0, 0.1), IDENTITY, Frame.TOOL), LIMITS)
     assert path.goal.position == pytest.approx((0.5, 0, 0.5))
     assert path.goal.frame is Frame.BASE
-    assert apart(path.goal, compose(start, Pose(Vector3(0, 0, 0.1), IDENTITY)))[1] < 1e-9
+    assert pose_difference(path.goal, compose(start, Pose(Vector3(0, 0, 0.1), IDENTITY)))[1] < 1e-9
 
 
 def test_a_line_without_length_is_over_at_once():

@@ -112,7 +112,7 @@ def test_a_deflection_that_may_drive_no_motion_is_no_act(age_s):
     asked.arm()
 
 
-def test_an_act_that_is_barred_is_seen_and_has_to_be_made_anew():
+def test_an_inhibited_rearming_is_reported_and_has_to_be_repeated():
     asked = Asked().seen()
     request = asked.tick(REST, "left", inhibited="somebody else has the arm")
     assert request.arming_requested
@@ -138,7 +138,7 @@ def test_disarming_takes_away_what_was_held():
     asked.arm()
 
 
-def test_without_a_dead_man_rest_arms_and_a_barred_one_takes_a_move_and_rest():
+def test_without_a_dead_man_rest_arms_and_an_inhibited_one_takes_a_move_and_rest():
     asked = Asked(BARE)
     assert not asked.tick(FORWARD).armed
     assert asked.tick(REST).newly_armed

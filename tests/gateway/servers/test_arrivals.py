@@ -11,17 +11,17 @@ from cardan.gateway.servers.web import ARRIVALS_KEPT, ARRIVALS_PERIOD_S, Arrival
 
 def test_a_frame_is_as_old_as_the_last_look_that_did_not_find_its_end():
     arrivals = Arrivals(0.0)
-    arrivals.note(0, 1.0)
+    arrivals.record(0, 1.0)
     # The loop stood still for 0.6 s; two frames came meanwhile, the rest of a third one comes now.
     arrivals.read(200)
     arrivals.end_frame()
     arrivals.end_frame()
-    arrivals.note(50, 1.6)
+    arrivals.record(50, 1.6)
     assert arrivals.take_frame() == arrivals.take_frame() == 1.0
     arrivals.read(100)
     arrivals.end_frame()
     assert arrivals.take_frame() == 1.0  # 50 bytes of its portion were there.
-    arrivals.note(0, 1.7)
+    arrivals.record(0, 1.7)
     arrivals.read(10)
     arrivals.end_frame()
     assert arrivals.take_frame() == 1.7
@@ -33,7 +33,7 @@ def test_a_fast_sender_of_large_frames_of_whom_something_always_waits_is_not_lat
         for _ in range(4):
             now_s += 0.005
             arrivals.read(250_000)
-            arrivals.note(100_000, now_s)
+            arrivals.record(100_000, now_s)
         arrivals.end_frame()
         oldest_s = max(oldest_s, now_s - arrivals.take_frame())
     assert oldest_s < 0.05
@@ -46,7 +46,7 @@ def test_frames_get_older_while_there_is_no_room_or_more_comes_than_is_taken():
         arrivals.read(1000)
         arrivals.end_frame()
         if cycle < 10:  # Then the buffer is full, and nothing is noted.
-            arrivals.note(0, now_s)
+            arrivals.record(0, now_s)
         age_s.append(now_s - arrivals.take_frame())
     assert max(age_s[:10]) <= 3 * ARRIVALS_PERIOD_S
     assert age_s[-1] == pytest.approx(1.9, abs=0.05)
@@ -55,7 +55,7 @@ def test_frames_get_older_while_there_is_no_room_or_more_comes_than_is_taken():
         now_s = 0.01 * cycle
         arrivals.read(1000)
         waiting += 1000  # As much again stays behind.
-        arrivals.note(waiting, now_s)
+        arrivals.record(waiting, now_s)
         arrivals.end_frame()
         age_s.append(now_s - arrivals.take_frame())
     assert age_s[-1] > STALE_S
@@ -64,7 +64,7 @@ def test_frames_get_older_while_there_is_no_room_or_more_comes_than_is_taken():
 def test_what_is_kept_in_mind_is_bounded_and_nothing_seems_younger_for_it():
     arrivals = Arrivals(0.0)
     for look in range(10 * ARRIVALS_KEPT):
-        arrivals.note(1000 + look, 2 * ARRIVALS_PERIOD_S * (look + 1))
+        arrivals.record(1000 + look, 2 * ARRIVALS_PERIOD_S * (look + 1))
     assert len(arrivals._seen) == ARRIVALS_KEPT
     arrivals.read(10)
     arrivals.end_frame()

@@ -126,7 +126,7 @@ def test_a_lagging_robot_is_expected_where_the_servo_in_python_expects_it(seed, 
         way.append(way[-1] + step * rng.integers(-1, 2, 4))
         for servo in servos:
             servo.place(way[-1])
-            servo.note(now_s)
+            servo.record_command(now_s)
             if k == 100:
                 servo.keep_past(lag_s)
         measured = way[-rng.integers(1, min(len(way), 20) + 1)] + step * rng.integers(-2, 3, 4) / 2

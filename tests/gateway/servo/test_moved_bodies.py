@@ -74,9 +74,9 @@ def test_moved_bodies_are_where_pinocchio_and_coal_have_them():
         theirs = [first >= own for first, _ in servo.collision.pair_solids]
         assert np.array(twin.collision.at(q))[theirs] == pytest.approx(expected, abs=1e-9)
         found = compiled_distances(servo, q)[theirs]
-        apart = np.array(expected) > 0.0
-        assert apart.any()
-        assert found[apart] == pytest.approx(np.array(expected)[apart], abs=1e-6)
+        separated = np.array(expected) > 0.0
+        assert separated.any()
+        assert found[separated] == pytest.approx(np.array(expected)[separated], abs=1e-6)
 
 
 def coal_distance(one, other):

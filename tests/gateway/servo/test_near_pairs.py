@@ -148,8 +148,8 @@ def test_what_was_nearest_before_changes_no_distance(seed):
         distances, rows = distances_of(servo, q)
         expected, gradients = distances_of(CompiledServo(arm, collision), q)
         np.testing.assert_allclose(distances, expected, rtol=0.0, atol=1e-12)
-        apart = expected > 1e-3
-        np.testing.assert_allclose(rows[apart], gradients[apart], rtol=0.0, atol=1e-5)
+        separated = expected > 1e-3
+        np.testing.assert_allclose(rows[separated], gradients[separated], rtol=0.0, atol=1e-5)
 
 
 PROPELLER = """<robot name="propeller"><link name="base"/><link name="bar"><collision><geometry>

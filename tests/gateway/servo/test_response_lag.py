@@ -23,7 +23,7 @@ def _run(lag: ResponseLag, path, measured, until_s):
         now_s = k * DT_S
         q = path(now_s)
         worst = max(worst, np.abs(q - lag.expected(measured(now_s), q)).max())
-        lag.note(q, now_s)
+        lag.record_command(q, now_s)
     return worst
 
 
@@ -55,7 +55,7 @@ def test_a_robot_that_was_pushed_shows_at_once():
     lag = ResponseLag(LAG_S, FIXED)
     still = np.array([0.1, 0.2])
     for k in range(100):
-        lag.note(still, k * DT_S)
+        lag.record_command(still, k * DT_S)
     pushed = lag.expected(still + np.array([0.3, 0.0]), still)
     assert pushed == pytest.approx(still + np.array([0.3, 0.0]))
 
@@ -63,8 +63,8 @@ def test_a_robot_that_was_pushed_shows_at_once():
 def test_after_a_gap_the_past_is_gone():
     lag = ResponseLag(LAG_S, FIXED)
     for k in range(100):
-        lag.note(np.array([0.01 * k, 0.0]), k * DT_S)
-    lag.note(np.array([1.0, 0.0]), 10.0)
+        lag.record_command(np.array([0.01 * k, 0.0]), k * DT_S)
+    lag.record_command(np.array([1.0, 0.0]), 10.0)
     behind, now = np.array([0.8, 0.0]), np.array([1.0, 0.0])
     assert lag.expected(behind, now) == pytest.approx(behind)
 
@@ -75,7 +75,7 @@ def test_a_servo_forgets_the_past_when_it_is_to_keep_it_anew(make):
     servo.keep_past(LAG_S)
     for k in range(100):
         servo.place(np.full(6, 0.01 * k))
-        servo.note(k * DT_S)
+        servo.record_command(k * DT_S)
     behind = [0.8] * 6
     assert servo.measure(behind)[1] < 0.02
     servo.keep_past(LAG_S)
@@ -86,7 +86,7 @@ def test_a_servo_forgets_the_past_when_it_is_to_keep_it_anew(make):
 def test_whole_turns_of_a_continuous_joint_are_no_distance():
     lag = ResponseLag(LAG_S, np.array([True, False]))
     for k in range(200):
-        lag.note(np.array([0.01 * k, 0.0]), k * DT_S)
+        lag.record_command(np.array([0.01 * k, 0.0]), k * DT_S)
     commanded = np.array([2.0, 0.0])
     behind = np.array([1.5 - 2.0 * np.pi, 0.0])
     expected = lag.expected(behind, commanded)
@@ -101,7 +101,7 @@ def test_it_is_the_way_from_the_nearest_of_all_places_of_the_past():
     for k in range(2000):
         q = q + rng.normal(scale=(0.01, 0.05, 0.01))
         if k % 5 == 0:  # Oftener than a place is kept, so each of these is.
-            lag.note(q, k * LAG_S / 79)
+            lag.record_command(q, k * LAG_S / 79)
             past = [*past, q][-17:] if past else [q] * 17
         measured = past[rng.integers(len(past))] + rng.normal(scale=0.02, size=3)
         measured[1] += 2.0 * np.pi * rng.integers(-2, 3)
@@ -118,11 +118,11 @@ def test_it_is_the_way_from_the_nearest_of_all_places_of_the_past():
 def test_the_same_question_has_another_answer_once_the_past_has_changed():
     lag = ResponseLag(LAG_S, FIXED)
     for k in range(100):
-        lag.note(np.array([0.01 * k, 0.0]), k * DT_S)
+        lag.record_command(np.array([0.01 * k, 0.0]), k * DT_S)
     measured, commanded = (0.7, 0.0), [1.0, 0.0]
     before = lag.expected(measured, commanded)
     assert before == pytest.approx((1.0, 0.0), abs=0.02)
     assert lag.expected(measured, commanded) is before
     assert lag.expected(measured, [2.0, 0.0]) == pytest.approx((2.0, 0.0), abs=0.02)
-    lag.note(np.array([2.0, 0.0]), 10.0)  # After a gap.
+    lag.record_command(np.array([2.0, 0.0]), 10.0)  # After a gap.
     assert lag.expected(measured, commanded) == measured

@@ -220,8 +220,8 @@ def test_bodies_that_stay_near_hide_none_that_comes():
     near = Obstacle("wall", drive.servo.collision.solids[-1].shape)
     crowded = Drive(servo(obstacles=(*posts, near), q_deg=np.degrees(drive.servo.q)))
     made = crowded.servo
-    apart = dict(zip(made.collision.pairs, made.collision.at(made.q), strict=True))
-    beside = [each for pair, each in apart.items() if pair[0].startswith("post") and each < 0.01]
+    distances = dict(zip(made.collision.pairs, made.collision.at(made.q), strict=True))
+    beside = [d for pair, d in distances.items() if pair[0].startswith("post") and d < 0.01]
     assert len(beside) >= 2 * MAX_ROWS
     crowded.run((0.5, 0, 0), 1.5, ramp_s=0.5, slide=True)
     drive.run((0.5, 0, 0), 1.5, ramp_s=0.5, slide=True)
@@ -296,8 +296,8 @@ def test_seven_joints_drift_to_their_posture_while_the_tcp_moves_and_rest_when_i
         drive.run((0, 0, 0.05), 0.5)
         drive.run((0, 0, -0.05), 0.5)
         assert drive.error[0] < 1e-4
-    apart = np.linalg.norm(made.posture - made.q)
-    assert apart < 0.9 * np.linalg.norm(made.posture - start)
+    distance = np.linalg.norm(made.posture - made.q)
+    assert distance < 0.9 * np.linalg.norm(made.posture - start)
     drive.run((0, 0, 0), 0.3)
     assert not made.moving
 

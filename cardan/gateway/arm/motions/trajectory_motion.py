@@ -86,7 +86,7 @@ class TrajectoryMotion(CommandedMotion):
     def tick(self, robot: RobotState, dt_s: float) -> Progress:
         """Move on by one period."""
         servo, clock = self._servo, self._clock
-        self._arrival.note(robot)
+        self._arrival.observe(robot)
         if self._resting:
             servo.brake(dt_s)
             if servo.moving:

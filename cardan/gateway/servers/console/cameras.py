@@ -130,21 +130,21 @@ class _Reader(threading.Thread):
 
     def run(self) -> None:
         where = self._address.where
-        told = ""
+        reported = ""
         while not self.ended.is_set():
             why = "the camera has ended its stream"
             try:
                 for picture in _pictures(where, self.ended):
                     self._put(self, picture, "", time.monotonic())
-                    told = ""
+                    reported = ""
             except (OSError, ValueError, http.client.HTTPException) as error:
                 reason = getattr(error, "reason", None) or getattr(error, "strerror", None)
                 why = printable(str(reason or error))[:300]
             if self.ended.is_set():
                 return
-            if why != told:
+            if why != reported:
                 _log.warning("camera %s: %s", self._address.name, why)
-                told = why
+                reported = why
             self._put(self, b"", why, time.monotonic())
             self.ended.wait(AGAIN_S)
 

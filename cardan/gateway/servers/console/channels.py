@@ -49,7 +49,7 @@ class Channel(ABC):
 
     def __init__(self, hold_s: float = math.inf) -> None:
         self.hold = Hold(hold_s)
-        self.told: tuple[Grip, str] | None = None
+        self.reported: tuple[Grip, str] | None = None
 
     @abstractmethod
     def take(self, frame: OperatorFrame, data: bytes, made_s: float | None, now_s: float) -> None:

@@ -109,7 +109,7 @@ class FrameStatistics:
         self.age_s: float | None = None
         """Age of the newest frame."""
 
-    def note(self, now_s: float, age_s: float | None) -> None:
+    def record(self, now_s: float, age_s: float | None) -> None:
         """A frame came."""
         self._times_s.append(now_s)
         self.age_s = age_s
@@ -226,7 +226,7 @@ class PageOperator:
             self._malformed(frame.reason)
             return
         made_s = self.clock.here_s(1e-6 * frame.time_us)
-        self.figures.note(now_s, None if made_s is None else now_s - made_s)
+        self.figures.record(now_s, None if made_s is None else now_s - made_s)
         self._take(frame, data, made_s, now_s)
 
     def _teleop(self, frame: OperatorFrame, made_s: float, now_s: float) -> None:
@@ -236,7 +236,7 @@ class PageOperator:
             except (RefusedError, RosNameError, NetworkError) as error:
                 self._refuse(str(error))
                 return
-        self.figures.note(now_s, None)
+        self.figures.record(now_s, None)
         self._take(frame, encode_frame(frame), made_s, now_s)
 
     def _take(self, frame: OperatorFrame, data: bytes, made_s: float | None, now_s: float) -> None:
@@ -650,16 +650,16 @@ class PageOperator:
         self._send(object_text(op="cardan.camera", id=identity, cameras=names))
 
     async def _watch_camera(self, camera: Camera, unshown: Unshown) -> None:
-        news, told, number = asyncio.Event(), "", 0
+        news, reported, number = asyncio.Event(), "", 0
         try:
             while True:
                 camera.watch(news)
                 await news.wait()
                 await self._calm()
                 news.clear()
-                if camera.why != told:
-                    told = camera.why
-                    self._send(object_text(op="cardan.camera", why=told))
+                if camera.why != reported:
+                    reported = camera.why
+                    self._send(object_text(op="cardan.camera", why=reported))
                 if camera.newest and camera.number != number:
                     number = camera.number
                     self._send_picture(camera, unshown)
@@ -707,9 +707,9 @@ class PageOperator:
     ) -> None:
         hold, figures = channel.hold, self.figures
         news = hold.grip, hold.why
-        if only_news and news == channel.told:
+        if only_news and news == channel.reported:
             return
-        channel.told = news
+        channel.reported = news
         self._send(
             object_text(
                 op="cardan.input",

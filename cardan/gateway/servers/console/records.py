@@ -22,7 +22,7 @@ from typing import Any, Final
 from cardan.common.files import records_folder
 from cardan.errors import ConfigurationError
 from cardan.gateway.servers.console.subprocesses import CARDAN, AsyncSubprocess
-from cardan.gateway.servers.stats import TELLS_VARIABLE, told
+from cardan.gateway.servers.stats import TELLS_VARIABLE, figures_of
 
 RECORDER: Final = (*CARDAN, "net", "server", "recorder")
 
@@ -136,7 +136,7 @@ class Records:
             raise RecordsError(self._ended or "the recorder has ended at once")
 
     def _heard(self, line: str) -> None:
-        if (figures := told(line)) is not None:
+        if (figures := figures_of(line)) is not None:
             self._figures = figures
             if self._recorder is not None and _FULL not in self._said and self._is_full():
                 self._said.append(_FULL)

@@ -319,7 +319,7 @@ int program_solve(Program *p)
     }
     transform(p);
     start_warm(p);
-    int barred = -1;
+    int excluded = -1;
     while (p->iterations < MAX_ITERATIONS) {
         p->iterations++;
         double share, largest = solve_working_set(p);
@@ -329,7 +329,7 @@ int program_solve(Program *p)
                 p->lambda[i] += share * (p->target[i] - p->lambda[i]);
             /* One that leaves as it came in would come in again for ever: it is satisfied but for
              * rounding. */
-            barred = share == 0.0 && out == p->count - 1 ? p->member[out] : -1;
+            excluded = share == 0.0 && out == p->count - 1 ? p->member[out] : -1;
             if (!take_out(p, out))
                 break;
             continue;
@@ -343,7 +343,7 @@ int program_solve(Program *p)
         /* Large multipliers that cancel leave their rounding in y. */
         double tolerance = PRIMAL_TOLERANCE * (1.0 + size) + ROUNDING * largest;
         int in = most_violated(p, tolerance, &is_high, &violation);
-        if (in < 0 || (in == barred && violation < ACCEPTED)) {
+        if (in < 0 || (in == excluded && violation < ACCEPTED)) {
             finish(p);
             return PROGRAM_SOLVED;
         }

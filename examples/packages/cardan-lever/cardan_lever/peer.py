@@ -11,7 +11,7 @@ from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.device_peer import DevicePeer, DevicePeerOptions
 from cardan.sim_peers.motion_profile import VectorMotion, VectorRamp
 from cardan.sim_peers.periodic import PERIODIC_FAULTS, PeriodicDevice
-from cardan.sim_peers.scripted import Act, MotionScript, StepWords, moving, setting
+from cardan.sim_peers.scripted import Action, MotionScript, StepWords, moving, setting
 
 from cardan_lever.protocol import PERIOD_S, Report, encode
 
@@ -71,7 +71,7 @@ class ScriptedLever(MotionScript[SimulatedLever]):
         self._motion = VectorMotion((0.0, 0.0, 0.0), PERIOD_S)
         super().__init__(steps, VERBS, [self._motion])
 
-    def _read(self, words: StepWords) -> Act[SimulatedLever]:
+    def _read(self, words: StepWords) -> Action[SimulatedLever]:
         if words.verb == "push":
             return moving(
                 self._motion, VectorRamp(words.numbers(_DEFLECTIONS, -1.0, 1.0), words.over())

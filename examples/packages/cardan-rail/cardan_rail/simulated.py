@@ -10,7 +10,7 @@ from cardan.common import bounds
 from cardan.common.options import check_options
 from cardan.protocols.joint_stream.codec import is_newer
 from cardan.robots import load_arm
-from cardan.sim_peers.base import FaultSwitch, TimedActs, check_faults
+from cardan.sim_peers.base import FaultSwitch, TimedActions, check_faults
 from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.datagrams import ListeningPeer
 from cardan.sim_peers.link import LINK_FAULTS
@@ -67,7 +67,7 @@ class RailController:
         self._silent_until_s = 0.0
         self._nan = bool(faults.get("nan", 0.0))
         acts = {"estop": self.emergency_stop, "restart": self.restart, "mute": self.mute}
-        self._timed = TimedActs(faults, acts)
+        self._timed = TimedActions(faults, acts)
 
     def emergency_stop(self) -> None:
         self.condition = Condition.EMERGENCY_STOP

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from cardan.conform.rigs import CyclicRig
 from cardan.conform.runner import Exchange
+from cardan.conform.simulation import CyclicSimulation
 from cardan.sim_peers.arm.controller import SimulatedArm
 from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
 
@@ -13,7 +13,7 @@ PERIOD_S, STEP_S = 0.008, 0.002
 """Slower than the arm's own, to save computing time."""
 
 
-class JointStreamRig(CyclicRig[bytes]):
+class JointStreamSimulation(CyclicSimulation[bytes]):
     """A simulated arm, with faults of its own and of the network."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:

@@ -25,9 +25,9 @@ class JointStream(Suite[JointStreamTraffic]):
     transport = SuiteTransport("udp", {"": PORT})
     decode = JointStreamTraffic
     scenario = JointStreamScenario
-    rig = "cardan_conform_arms.joint_stream.simulated:JointStreamRig"
+    simulation = "cardan_conform_arms.joint_stream.simulated:JointStreamSimulation"
     seconds = 2.0
-    # Beyond the cycle of the rig; while it is held; below the speed of a micro-motion.
+    # Beyond the cycle of the simulation; while it is held; below the speed of a micro-motion.
     fault_test_values: ClassVar[Mapping[str, float]] = {
         "jitter": 20.0,
         "silence": 3.0,

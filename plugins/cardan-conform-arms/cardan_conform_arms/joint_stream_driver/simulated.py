@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from cardan.conform.rigs import DriverRig
 from cardan.conform.runner import Exchange
+from cardan.conform.simulation import DriverSimulation
 from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
@@ -31,7 +31,7 @@ SILENT_S = 0.05
 JOINTS_AT = 7
 
 
-class JointStreamDriverRig(DriverRig):
+class JointStreamDriverSimulation(DriverSimulation):
     """Connects the scenario with the driver's core: states one way, commands the other."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int = 0) -> None:

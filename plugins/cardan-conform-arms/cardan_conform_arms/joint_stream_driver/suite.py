@@ -27,7 +27,7 @@ class JointStreamDriver(Suite[JointStreamTraffic]):
     requirements = requires.all()
     transport = SuiteTransport("udp", {"": PORT}, frozenset(("",)))
     decode = staticmethod(partial(JointStreamTraffic, arm_sends=True))
-    rig = "cardan_conform_arms.joint_stream_driver.simulated:JointStreamDriverRig"
+    simulation = "cardan_conform_arms.joint_stream_driver.simulated:JointStreamDriverSimulation"
     own_faults = FAULTS
     seconds = 0.8
     # Traffic where it is ended, which only level 3 does.

@@ -8,7 +8,7 @@ from cardan.conform.timeline import Kind, WireEvent, WireTimeline
 from cardan.protocols.ros2.actions import CANCEL_TYPE, STATUS_TYPE, GoalStatus
 from cardan.protocols.ros2.cdr import MalformedCdr, Message, decoded
 from cardan_conform_arms.joint_trajectory.names import CANCEL, FEEDBACK, GOAL, RESULT, STATUS, TYPE
-from cardan_conform_arms.joint_trajectory.scenario import apart
+from cardan_conform_arms.joint_trajectory.scenario import joint_distance
 from cardan_conform_arms.ros2_arm.decoded import RosArmTraffic, State
 
 _REQUESTS = {
@@ -133,7 +133,7 @@ class TrajectoryTraffic(RosArmTraffic):
         """Distance of joints from `positions`; continuous joints by the short way."""
         kinds = self.described or {}
         return {
-            name: apart(state.positions[name], at, kinds.get(name, ""))
+            name: joint_distance(state.positions[name], at, kinds.get(name, ""))
             for name, at in positions.items()
             if name in state.positions
         }

@@ -43,7 +43,7 @@ _ACCEPTED = codec_of(TYPE.send_goal.response)
 _NS = 10**9
 
 
-def apart(to: float, from_: float, kind: str) -> float:
+def joint_distance(to: float, from_: float, kind: str) -> float:
     """Distance of a joint of this kind from its earlier position; continuous: by the short way."""
     way = to - from_
     return math.remainder(way, TURN) if kind == "continuous" and math.isfinite(way) else way
@@ -110,7 +110,7 @@ class TrajectoryScenario(Scenario):
             yield self._cancel(NO_ID)
 
     def _from_home(self, name: str) -> float:
-        return apart(self._at[name], self._home[name], self._kinds[name])
+        return joint_distance(self._at[name], self._home[name], self._kinds[name])
 
     def _cancel(self, goal_id: bytes) -> Step:
         given = {"goal_info": {"goal_id": {"uuid": goal_id}}}

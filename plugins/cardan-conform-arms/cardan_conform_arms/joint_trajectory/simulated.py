@@ -7,8 +7,8 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 
-from cardan.conform.rigs import DriverRig
 from cardan.conform.runner import Exchange
+from cardan.conform.simulation import DriverSimulation
 from cardan.protocols.ros2.actions import (
     CANCEL_TYPE,
     STATUS_TYPE,
@@ -37,7 +37,7 @@ WALL_NS = 1_700_000_000 * 10**9
 _Path = list[tuple[float, list[float]]]
 
 
-class ActionRig(DriverRig):
+class ActionSimulation(DriverSimulation):
     """An ideal arm that is where its trajectory says."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:

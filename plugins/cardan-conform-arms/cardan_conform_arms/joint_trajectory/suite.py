@@ -29,7 +29,7 @@ class JointTrajectory(Suite[TrajectoryTraffic]):
     requirements = requires.all()
     transport = SuiteTransport("other")
     decode = TrajectoryTraffic
-    rig = "cardan_conform_arms.joint_trajectory.simulated:ActionRig"
+    simulation = "cardan_conform_arms.joint_trajectory.simulated:ActionSimulation"
     own_faults = FAULTS
     seconds = 0.5
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping
 
-from cardan.conform.rigs import CyclicRig
 from cardan.conform.runner import Exchange
+from cardan.conform.simulation import CyclicSimulation
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.sim_peers.arm.plant import ArmPlant
 from cardan.sim_peers.ros2_arm.controllers import JointStateMessage, RosArm
@@ -17,7 +17,7 @@ WALL_S = 1.7e9
 STEP_S = 0.002
 
 
-class RosArmRig(CyclicRig[JointStateMessage]):
+class RosArmSimulation(CyclicSimulation[JointStateMessage]):
     """The controller manager's cycles, and messages both ways."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:

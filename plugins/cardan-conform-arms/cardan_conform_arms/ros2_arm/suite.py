@@ -25,7 +25,7 @@ class Ros2Arm(Suite[RosArmTraffic]):
     transport = SuiteTransport("other")
     decode = RosArmTraffic
     scenario = RosArmScenario
-    rig = "cardan_conform_arms.ros2_arm.simulated:RosArmRig"
+    simulation = "cardan_conform_arms.ros2_arm.simulated:RosArmSimulation"
     seconds = 2.6
     fault_test_values: ClassVar[Mapping[str, float]] = {
         "restart": 1.5,

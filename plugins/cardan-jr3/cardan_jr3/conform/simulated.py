@@ -16,7 +16,7 @@ _LOAD = (5.0, 0.0, -8.0, 0.0, 0.2, 0.0)
 _OFFSET = (4.2, -3.1, -8.6, 0.21, -0.13, 0.05)
 
 
-class Jr3Rig:
+class Jr3Simulation:
     """A bus with two nodes."""
 
     def __init__(

@@ -15,7 +15,7 @@ from cardan_jr3.conform.decoded import Jr3Traffic
 from cardan_jr3.conform.frames import unpack
 from cardan_jr3.conform.requirements import requires
 from cardan_jr3.conform.scenario import Jr3Scenario
-from cardan_jr3.conform.simulated import Jr3Rig
+from cardan_jr3.conform.simulated import Jr3Simulation
 from cardan_jr3.conform.wire import CanInterface
 from cardan_jr3.protocol import (
     MAX_NODE_ID,
@@ -55,7 +55,7 @@ class Jr3(Suite[Jr3Traffic]):
         return Jr3Scenario(level, seconds, self._node_id)
 
     def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        Jr3Rig(exchange, self._node_id, faults, seed).run()
+        Jr3Simulation(exchange, self._node_id, faults, seed).run()
 
     def asks_it(self, frame: bytes) -> bool | None:
         found = unpack(frame)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.motion_profile import VectorMotion, VectorRamp
-from cardan.sim_peers.scripted import Act, MotionScript, StepWords, calling, moving
+from cardan.sim_peers.scripted import Action, MotionScript, StepWords, calling, moving
 from cardan_jr3.peer.core import NO_WRENCH, SimulatedJr3
 
 MOTION_PERIOD_S = 0.002
@@ -113,7 +113,7 @@ class ScriptedJr3(MotionScript[SimulatedJr3]):
     def _hold(self, device: SimulatedJr3, now_s: float) -> None:
         device.set_wrench(self._wrench.advance(now_s))
 
-    def _read(self, words: StepWords) -> Act[SimulatedJr3]:
+    def _read(self, words: StepWords) -> Action[SimulatedJr3]:
         if words.verb == "wrench":
             return moving(
                 self._wrench, VectorRamp(words.numbers(COMPONENTS, -1e6, 1e6), words.over())
@@ -127,7 +127,7 @@ class ScriptedJr3(MotionScript[SimulatedJr3]):
             return self._overload(words)
         return calling(_ACTS[words.verb])
 
-    def _overload(self, words: StepWords) -> Act[SimulatedJr3]:
+    def _overload(self, words: StepWords) -> Action[SimulatedJr3]:
         name = words.left.pop(0).upper() if words.left else ""
         if name not in COMPONENTS:
             raise words.error(f"{name!r} is no component; usage: {words.usage}")

@@ -16,7 +16,7 @@ RATE_HZ = 50.0
 """Less than a tracker's usual 110, for the sake of what frames cost to make."""
 
 
-class LeapRig:
+class LeapSimulation:
     """A client of the service, and a hand that does what is asked."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:

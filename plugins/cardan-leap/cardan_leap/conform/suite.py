@@ -14,7 +14,7 @@ from cardan.conform.transports import Wires, host_and_port
 from cardan_leap.conform.decoded import LeapTraffic
 from cardan_leap.conform.requirements import requires
 from cardan_leap.conform.scenario import LeapScenario
-from cardan_leap.conform.simulated import LeapRig
+from cardan_leap.conform.simulated import LeapSimulation
 from cardan_leap.conform.wire import Service
 from cardan_leap.protocol import PORT
 
@@ -51,7 +51,7 @@ class Leap(Suite[LeapTraffic]):
         return LeapScenario(level, seconds)
 
     def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        LeapRig(exchange, faults, seed).run()
+        LeapSimulation(exchange, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         return Service(*host_and_port(target, "--target", PORT))

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.motion_profile import SinePeriods, VectorMotion, VectorRamp
-from cardan.sim_peers.scripted import Act, MotionScript, StepWords, calling, setting
+from cardan.sim_peers.scripted import Action, MotionScript, StepWords, calling, setting
 from cardan_leap.peer.core import SimulatedLeapService
 from cardan_leap.peer.faults import RESTART_S
 from cardan_leap.protocol import HANDS
@@ -184,7 +184,7 @@ class ScriptedHands(MotionScript[SimulatedLeapService]):
                 (hand.pinch,) = channels["pinch"].advance(now_s)
                 (hand.confidence,) = channels["confidence"].advance(now_s)
 
-    def _read(self, words: StepWords) -> Act[SimulatedLeapService]:
+    def _read(self, words: StepWords) -> Action[SimulatedLeapService]:
         if words.usage.startswith(f"{words.verb} left|right"):
             side = words.left.pop(0) if words.left else ""
             if side not in HANDS:
@@ -194,9 +194,9 @@ class ScriptedHands(MotionScript[SimulatedLeapService]):
             return calling("restart", words.number("SECONDS", 0.0) if words.left else RESTART_S)
         if words.verb == "malformed":
             return calling("break_next", int(words.number("FRAMES", 1.0)) if words.left else 1)
-        return _ACTS[words.verb]
+        return _ACTIONS[words.verb]
 
-    def _read_hand(self, words: StepWords, side: str) -> Act[SimulatedLeapService]:
+    def _read_hand(self, words: StepWords, side: str) -> Action[SimulatedLeapService]:
         """Return the act of a step on a hand."""
         if words.verb == "enter":
             return self._entering(side, _position(words) if words.left else HOME_MM)
@@ -210,14 +210,16 @@ class ScriptedHands(MotionScript[SimulatedLeapService]):
             return self._moving(side, **{words.verb: ramp})
         return calling(words.verb.replace("-", "_"), side)
 
-    def _entering(self, side: str, palm_mm: tuple[float, ...]) -> Act[SimulatedLeapService]:
+    def _entering(self, side: str, palm_mm: tuple[float, ...]) -> Action[SimulatedLeapService]:
         def enter(service: SimulatedLeapService, _: float) -> None:
             service.enter(side)
             self._hands[side] = _channels(palm_mm)
 
         return enter
 
-    def _moving(self, side: str, **strokes: VectorRamp | SinePeriods) -> Act[SimulatedLeapService]:
+    def _moving(
+        self, side: str, **strokes: VectorRamp | SinePeriods
+    ) -> Action[SimulatedLeapService]:
         """Strokes by their channels, of a hand which a script may move before it comes."""
 
         def move(_: SimulatedLeapService, at_s: float) -> None:
@@ -249,7 +251,7 @@ _GOALS: Mapping[str, Callable[[StepWords], tuple[float, ...]]] = {
 }
 """Parsers of a channel's target, by verb."""
 
-_ACTS: Mapping[str, Act[SimulatedLeapService]] = {
+_ACTIONS: Mapping[str, Action[SimulatedLeapService]] = {
     "unplug": calling("unplug"),
     "replug": calling("replug"),
     "pause": lambda service, _: service.set_device(service.attached, False),

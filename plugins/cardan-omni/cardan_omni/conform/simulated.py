@@ -20,7 +20,7 @@ REACH_M, TURN_RAD_S = 0.04, 2.0 * math.pi
 """How far and how fast the hand moves."""
 
 
-class HdapiRig:
+class HdapiSimulation:
     """A program of the library, and a hand that follows the scenario's requests."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:

@@ -14,7 +14,7 @@ from cardan.conform.transports import Wires
 from cardan_omni.conform.decoded import HdapiTraffic
 from cardan_omni.conform.requirements import requires
 from cardan_omni.conform.scenario import HdapiScenario
-from cardan_omni.conform.simulated import HdapiRig
+from cardan_omni.conform.simulated import HdapiSimulation
 from cardan_omni.conform.wire import Library
 from cardan_omni.protocol import Info
 
@@ -44,7 +44,7 @@ class Hdapi(Suite[HdapiTraffic]):
         return HdapiScenario(level, seconds)
 
     def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        HdapiRig(exchange, faults, seed).run()
+        HdapiSimulation(exchange, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         return Library(target)

@@ -69,7 +69,7 @@ void tick_lose(Tick *tick)
 
 void tick_allow(Tick *tick, int allowed)
 {
-    atomic_store(&tick->barred, !allowed);
+    atomic_store(&tick->inhibited, !allowed);
 }
 
 void publish(Tick *tick)

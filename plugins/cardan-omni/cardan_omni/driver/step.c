@@ -206,11 +206,11 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
     tick->gain = fmin(1.0, tick->gain + dt / OSCILLATION_RECOVERY_S);
 
     bool hold_phase = false, slow = is_slow(tick, now_s);
-    bool barred = atomic_load_explicit(&tick->barred, memory_order_relaxed) != 0;
+    bool inhibited = atomic_load_explicit(&tick->inhibited, memory_order_relaxed) != 0;
     bool away = sound && (!s->calibrated || s->inkwell);
     if ((word & 0xffu) != TICK_ENABLED) {
         reason = (int)(word >> 8 & 0xffu);
-    } else if (barred) {
+    } else if (inhibited) {
         reason = TICK_NO_OUTPUT;
     } else if (slow) {
         reason = TICK_TOO_SLOW;
@@ -237,7 +237,7 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
 
     /* Engagement. */
     bool forbidden = reason && reason != TICK_PAUSED_LATE && !hold_phase;
-    if (forbidden || barred || slow || away || now_s < tick->quiet_until_s || age > l->pause_s ||
+    if (forbidden || inhibited || slow || away || now_s < tick->quiet_until_s || age > l->pause_s ||
         !(fabs(now_s - tick->stalled_s) <= l->pause_s))
         tick->resumes = false;
     if (reason) {

@@ -22,7 +22,7 @@ struct Tick {
     _Atomic uint32_t word; /* state | reason << 8 | generation << 16 */
     _Atomic uint32_t dropped;
     _Atomic uint32_t losses;
-    _Atomic int barred;     /* the motors are off */
+    _Atomic int inhibited; /* the motors are off */
     _Atomic double clock_s; /* of the newest tick; NaN: nothing ticks */
     Exchange command_exchange;
     TickCommand commands[3];

@@ -55,7 +55,7 @@ _JUNK = b"\x55" * RECORD_BYTES
 _CONTINUED = 0x10000
 
 
-class SpnavRig:
+class SpnavSimulation:
     """Programs that are connected to the server, and a user who follows the scenario's requests."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:

@@ -15,7 +15,7 @@ from cardan_spnav_server.conform.decoded import SpnavTraffic
 from cardan_spnav_server.conform.faults import FAULTS
 from cardan_spnav_server.conform.requirements import requires
 from cardan_spnav_server.conform.scenario import SpnavScenario
-from cardan_spnav_server.conform.simulated import SpnavRig
+from cardan_spnav_server.conform.simulated import SpnavSimulation
 from cardan_spnav_server.conform.wire import UnixStream
 
 
@@ -44,7 +44,7 @@ class SpnavDaemon(Suite[SpnavTraffic]):
         return SpnavScenario(level, seconds)
 
     def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        SpnavRig(exchange, faults, seed).run()
+        SpnavSimulation(exchange, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         return UnixStream(target)

@@ -12,7 +12,7 @@ LONGEST_S = 300.0
 """Limit of a simulated run; a script that waits for an event in vain ends before."""
 
 
-class WiimoteRig:
+class WiimoteSimulation:
     """A remote with a Nunchuk, flat on a table."""
 
     def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:

@@ -13,7 +13,7 @@ from cardan.conform.transports import DeviceFile, Wires
 from cardan_wiimote.conform.decoded import WiimoteTraffic
 from cardan_wiimote.conform.requirements import requires
 from cardan_wiimote.conform.scenario import WiimoteScenario
-from cardan_wiimote.conform.simulated import WiimoteRig
+from cardan_wiimote.conform.simulated import WiimoteSimulation
 
 
 class Wiimote(Suite[WiimoteTraffic]):
@@ -48,7 +48,7 @@ class Wiimote(Suite[WiimoteTraffic]):
         return WiimoteScenario(level, seconds)
 
     def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        WiimoteRig(exchange, faults, seed).run()
+        WiimoteSimulation(exchange, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         return DeviceFile(target)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.motion_profile import VectorMotion, VectorRamp
-from cardan.sim_peers.scripted import Act, MotionScript, StepWords, calling, moving, setting
+from cardan.sim_peers.scripted import Action, MotionScript, StepWords, calling, moving, setting
 from cardan_wiimote.peer.core import ZERO, SimulatedWiimote
 from cardan_wiimote.protocol import BUTTONS, IrDot
 from cardan_wiimote.protocol.camera import HEIGHT, WIDTH
@@ -211,7 +211,7 @@ class ScriptedWiimote(MotionScript[SimulatedWiimote]):
         device.set_acceleration(self._acceleration_g.advance(now_s))
         device.set_stick(*self._stick.advance(now_s))
 
-    def _read(self, words: StepWords) -> Act[SimulatedWiimote]:
+    def _read(self, words: StepWords) -> Action[SimulatedWiimote]:
         if words.verb in _READERS:
             return _READERS[words.verb](self, words)
         if words.verb == "plug":
@@ -223,25 +223,25 @@ class ScriptedWiimote(MotionScript[SimulatedWiimote]):
         method = words.verb.replace("-", "_")
         return lambda remote, at_s: getattr(remote, method)(at_s)
 
-    def _tilt(self, words: StepWords) -> Act[SimulatedWiimote]:
+    def _tilt(self, words: StepWords) -> Action[SimulatedWiimote]:
         return moving(self._angles_rad, VectorRamp(_angles_rad(words), words.over()))
 
-    def _level(self, words: StepWords) -> Act[SimulatedWiimote]:
+    def _level(self, words: StepWords) -> Action[SimulatedWiimote]:
         return moving(self._angles_rad, VectorRamp(ZERO, words.over(), ends_swings=True))
 
-    def _swing(self, words: StepWords) -> Act[SimulatedWiimote]:
+    def _swing(self, words: StepWords) -> Action[SimulatedWiimote]:
         return moving(self._angles_rad, words.swing(_angles_rad(words), MOTION_PERIOD_S))
 
-    def _push(self, words: StepWords) -> Act[SimulatedWiimote]:
+    def _push(self, words: StepWords) -> Action[SimulatedWiimote]:
         amplitude_g = words.numbers(("X", "Y", "Z"), -4.0, 4.0)
         return moving(self._acceleration_g, words.swing(amplitude_g, MOTION_PERIOD_S, phased=False))
 
-    def _move_stick(self, words: StepWords) -> Act[SimulatedWiimote]:
+    def _move_stick(self, words: StepWords) -> Action[SimulatedWiimote]:
         act = moving(self._stick, VectorRamp(words.numbers(("X", "Y"), -1.0, 1.0), words.over()))
         self._need_nunchuk(words)
         return act
 
-    def _button(self, words: StepWords) -> Act[SimulatedWiimote]:
+    def _button(self, words: StepWords) -> Action[SimulatedWiimote]:
         label, labels = words.word("LABEL"), (*BUTTONS.values(), *_NUNCHUK_BUTTONS)
         if label not in labels:
             raise words.error(f"there is no button {label!r}; there are: {', '.join(labels)}")
@@ -251,7 +251,7 @@ class ScriptedWiimote(MotionScript[SimulatedWiimote]):
         self._need_nunchuk(words)
         return lambda remote, at_s: None if remote.port.nunchuk is None else act(remote, at_s)
 
-    def _dots(self, words: StepWords) -> Act[SimulatedWiimote]:
+    def _dots(self, words: StepWords) -> Action[SimulatedWiimote]:
         dots: list[IrDot] = []
         while words.left and len(dots) < 4:
             x_count = words.number("X", 0.0, WIDTH - 1)
@@ -259,7 +259,7 @@ class ScriptedWiimote(MotionScript[SimulatedWiimote]):
             dots.append(IrDot(round(x_count), round(y_count), 3))
         return calling("set_dots", tuple(dots))
 
-    def _battery(self, words: StepWords) -> Act[SimulatedWiimote]:
+    def _battery(self, words: StepWords) -> Action[SimulatedWiimote]:
         return setting("battery", round(words.number("level", 0.0, 255.0)))
 
     def _need_nunchuk(self, words: StepWords) -> None:
@@ -267,7 +267,7 @@ class ScriptedWiimote(MotionScript[SimulatedWiimote]):
             raise words.error("there is no Nunchuk; choose the extension 'nunchuk'")
 
 
-_READERS: Mapping[str, Callable[[ScriptedWiimote, StepWords], Act[SimulatedWiimote]]] = {
+_READERS: Mapping[str, Callable[[ScriptedWiimote, StepWords], Action[SimulatedWiimote]]] = {
     "tilt": ScriptedWiimote._tilt,
     "level": ScriptedWiimote._level,
     "swing": ScriptedWiimote._swing,

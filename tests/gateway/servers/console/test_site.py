@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
 
-from cardan.common.kept import keep_bytes
+from cardan.common.cache import cache_bytes
 from cardan.errors import ConfigurationError
 from cardan.gateway.servers.console.site import SECURITY, Site
 from cardan.robots.visuals import KIND
@@ -56,7 +56,7 @@ def test_a_browser_gets_the_page_once_and_with_its_policy(tmp_path):
 def test_a_mesh_is_for_who_has_the_token(tmp_path, monkeypatch):
     monkeypatch.setenv("CACHE_DIRECTORY", str(tmp_path / "cache"))
     key, token = "a1" * 32, "0123456789abcdef"
-    keep_bytes(KIND, key, b"a mesh")
+    cache_bytes(KIND, key, b"a mesh")
     with console(MemoryNetwork(), tmp_path, token=token) as running:
         with get(running, f"/visuals/{key}", Authorization=f"Bearer {token}") as answer:
             assert answer.status == HTTPStatus.OK

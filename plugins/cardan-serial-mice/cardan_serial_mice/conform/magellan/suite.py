@@ -14,7 +14,7 @@ from cardan.sim_peers.base import FaultSwitch
 from cardan_serial_mice.conform.magellan.decoded import MagellanMeaning, MagellanTraffic
 from cardan_serial_mice.conform.magellan.requirements import requires
 from cardan_serial_mice.conform.magellan.scenario import MagellanScenario
-from cardan_serial_mice.conform.puck.simulated import PuckRig
+from cardan_serial_mice.conform.puck.simulated import PuckSimulation
 from cardan_serial_mice.conform.wire import SerialLine
 from cardan_serial_mice.peer.line import SERIAL_FAULTS
 from cardan_serial_mice.protocol.magellan import BAUD
@@ -45,7 +45,7 @@ class Magellan(Suite[MagellanTraffic]):
         return MagellanScenario(level, seconds)
 
     def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        PuckRig("magellan", exchange, faults, seed).run()
+        PuckSimulation("magellan", exchange, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         return SerialLine(target, BAUD, stop_bits=2)

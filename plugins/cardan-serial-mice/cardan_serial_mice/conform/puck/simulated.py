@@ -15,7 +15,7 @@ _RIGHT, _CLOCKWISE = (0.0, -0.5, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 
 _REST = (0.0,) * 6
 
 
-class PuckRig:
+class PuckSimulation:
     """A simulated device, moved like by a user who follows the scenario's requests."""
 
     def __init__(

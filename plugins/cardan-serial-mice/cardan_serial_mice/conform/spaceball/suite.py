@@ -11,7 +11,7 @@ from cardan.conform.suite import Suite, SuiteTransport
 from cardan.conform.timeline import WireTimeline
 from cardan.conform.transports import Wires
 from cardan.sim_peers.base import FaultSwitch
-from cardan_serial_mice.conform.puck.simulated import PuckRig
+from cardan_serial_mice.conform.puck.simulated import PuckSimulation
 from cardan_serial_mice.conform.spaceball.packets import BallTraffic, SpaceballMeaning
 from cardan_serial_mice.conform.spaceball.requirements import requires
 from cardan_serial_mice.conform.spaceball.scenario import SpaceballScenario
@@ -41,7 +41,7 @@ class Spaceball(Suite[BallTraffic]):
         return SpaceballScenario(level, seconds)
 
     def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        PuckRig("spaceball-2003", exchange, faults, seed).run()
+        PuckSimulation("spaceball-2003", exchange, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         return SerialLine(target, BAUD)

@@ -11,7 +11,7 @@ from cardan.conform.suite import Suite, SuiteTransport
 from cardan.conform.timeline import WireTimeline
 from cardan.conform.transports import Wires
 from cardan.sim_peers.base import FaultSwitch
-from cardan_serial_mice.conform.puck.simulated import PuckRig
+from cardan_serial_mice.conform.puck.simulated import PuckSimulation
 from cardan_serial_mice.conform.spaceorb.packets import OrbTraffic, SpaceOrbMeaning
 from cardan_serial_mice.conform.spaceorb.requirements import requires
 from cardan_serial_mice.conform.spaceorb.scenario import SpaceOrbScenario
@@ -41,7 +41,7 @@ class SpaceOrb(Suite[OrbTraffic]):
         return SpaceOrbScenario(level, seconds)
 
     def simulate(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        PuckRig("spaceorb", exchange, faults, seed).run()
+        PuckSimulation("spaceorb", exchange, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         return SerialLine(target, BAUD)

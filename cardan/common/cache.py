@@ -20,14 +20,14 @@ def content_key(parts: Iterable[str | bytes]) -> str:
     return digest.hexdigest()
 
 
-def kept_text(kind: str, key: str) -> str | None:
-    """The text that `keep_text` has kept; None if there is none, or it is damaged."""
-    data = kept_bytes(kind, key)
+def cached_text(kind: str, key: str) -> str | None:
+    """The text that `cache_text` has kept; None if there is none, or it is damaged."""
+    data = cached_bytes(kind, key)
     return None if data is None else data.decode("utf-8", "surrogatepass")
 
 
-def kept_bytes(kind: str, key: str) -> bytes | None:
-    """The bytes that `keep_bytes` has kept; None likewise."""
+def cached_bytes(kind: str, key: str) -> bytes | None:
+    """The bytes that `cache_bytes` has kept; None likewise."""
     try:
         with files.open_file(_path(kind, key)) as file:
             whole = files.read_up_to(file, files.MODEL_BYTES)
@@ -37,12 +37,12 @@ def kept_bytes(kind: str, key: str) -> bytes | None:
     return data if check == content_key((key, data)).encode() else None
 
 
-def keep_text(kind: str, key: str, text: str) -> None:
+def cache_text(kind: str, key: str, text: str) -> None:
     """Keep a text, if the user has a folder that can be written to; else it is made again."""
-    keep_bytes(kind, key, text.encode("utf-8", "surrogatepass"))
+    cache_bytes(kind, key, text.encode("utf-8", "surrogatepass"))
 
 
-def keep_bytes(kind: str, key: str, data: bytes) -> bool:
+def cache_bytes(kind: str, key: str, data: bytes) -> bool:
     """Keep bytes likewise. Returns whether they are kept."""
     try:
         path = _path(kind, key)

@@ -23,7 +23,7 @@ NETWORK_S = 1e-4
 SentT = TypeVar("SentT")
 
 
-class Rig(ABC):
+class Simulation(ABC):
     """Carries data between the simulated side and the scenario, and acts as the operator."""
 
     step_s: ClassVar[float] = 1e-6
@@ -98,7 +98,7 @@ class Rig(ABC):
         """Follow the clock after it has advanced."""
 
 
-class DriverRig(Rig):
+class DriverSimulation(Simulation):
     """A driver's core and a scenario as its controller, with transmission times."""
 
     def __init__(
@@ -115,7 +115,7 @@ class DriverRig(Rig):
         return self._now_s + LOOK_S
 
 
-class CyclicRig(Rig, Generic[SentT]):
+class CyclicSimulation(Simulation, Generic[SentT]):
     """A simulated controller that sends in each of its cycles, with a network both ways."""
 
     step_s = 0.0
@@ -166,7 +166,7 @@ class CyclicRig(Rig, Generic[SentT]):
         return min(each for each in times if each is not None)
 
 
-class TcpRig(Rig, Generic[KindT]):
+class TcpSimulation(Simulation, Generic[KindT]):
     """A simulated controller's TCP servers and a scenario that is their client."""
 
     def __init__(self, exchange: Exchange, servers: TcpServers[KindT, Any]) -> None:
