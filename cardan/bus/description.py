@@ -17,7 +17,7 @@ from cardan.protocols.ros2.cdr import MalformedCdr, codec_of
 from cardan.protocols.ros2.names import RosNameError, checked_name
 
 TOPIC: Final = "/robot_description"
-"""Where robot_state_publisher has it."""
+"""Topic of robot_state_publisher."""
 
 TYPE: Final = "std_msgs/msg/String"
 

@@ -82,7 +82,7 @@ _log = logging.getLogger(__name__)
 
 _GID_BYTES = 16
 _PLACE = re.compile(r" at \S*\.rs:\d+\.?")
-"""Where in Zenoh's sources an error came from."""
+"""Place in Zenoh's sources that an error came from."""
 _NETWORK = "the network"
 
 
@@ -92,7 +92,7 @@ class Urgency(Enum):
     COMMAND = "INTERACTIVE_HIGH"
     """Also calls of services, whose answers have it, too."""
     STATE = "DATA"
-    """As of all nodes of ROS 2."""
+    """State of all nodes of ROS 2."""
     PICTURE = "BACKGROUND"
 
     @property

@@ -10,7 +10,7 @@ from cardan.common.options import Options
 from cardan.errors import OptionError
 
 ROUTER = "tcp/127.0.0.1:7447"
-"""Where rmw_zenoh's router listens."""
+"""Endpoint of rmw_zenoh's router."""
 
 DOMAIN = Range(0, 232, "", "beyond it DDS has no ports")
 """ROS_DOMAIN_ID."""

@@ -46,7 +46,7 @@ except ImportError as error:
     raise missing_extra("pairing", "spake2", "pair", error) from error
 
 TLS_PORT: Final = 7448
-"""Where the robot's router serves the operator's computer: UDP for QUIC, TCP for TLS."""
+"""Port of the robot's router for the operator's computer: UDP for QUIC, TCP for TLS."""
 MIXED: Final = "mixed_rel"
 """Parameter of Zenoh's QUIC endpoints: best-effort messages go in datagrams, where no loss before
 them holds them up, reliable ones in streams. "auto": where the other side does so, too."""

@@ -38,7 +38,7 @@ class RemoteClock:
         self._best: _Round | None = None
         self._took: deque[float] = deque(maxlen=most)
         self.quickest_s = math.inf
-        """As `round_s`, also across resets of the other clock: our clock alone measures it."""
+        """Likewise, also across resets of the other clock: our clock alone measures it."""
         self.resets = 0
         """How often its clock was found to be another."""
 

@@ -94,7 +94,7 @@ Fixture = Sphere | Plane | Box | Cylinder | Spring | Viscous
 
 
 class WorldMap(NamedTuple):
-    """Where the stylus is in the world: world point = `linear` · hand point + `offset`.
+    """Map of the stylus into the world: world point = `linear` · hand point + `offset`.
 
     Forces go back by the rotation alone: hand force = `rotation`ᵀ · world force.
     """

@@ -179,7 +179,7 @@ def ask_for_stamps(sock: socket.socket) -> bool:
 
 
 def waiting_stamped(sock: socket.socket, largest: int) -> Iterator[tuple[bytes, Any, float]]:
-    """As `waiting`, of a socket with stamps; each with its time in the receive buffer, s."""
+    """Waiting datagrams of a socket with stamps, each with its time in the receive buffer, s."""
     for _ in range(DRAIN_AT_MOST):
         try:
             data, ancillary, _flags, source = sock.recvmsg(largest, _STAMP_BYTES)

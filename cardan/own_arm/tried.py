@@ -36,7 +36,7 @@ class Tried(NamedTuple):
     right."""
 
     def words(self) -> str:
-        """As one line."""
+        """The result as one line."""
         share = 100.0 * self.found / self.tried if self.tried else 0.0
         words = f"found for {self.found} of {self.tried} reachable poses, {share:.1f} %"
         if self.outside:
@@ -53,7 +53,7 @@ class Reach(NamedTuple):
     """Lowest and highest x, y, z."""
 
     def words(self) -> str:
-        """As one line."""
+        """The result as one line."""
         return ", ".join(
             f"{axis} {low:.2f} to {high:.2f} m"
             for axis, (low, high) in zip("xyz", self.ranges, strict=True)

@@ -96,7 +96,7 @@ class ArmFile(Options):
     joints: tuple[str, ...] = ()
     """Those that move, of all between `base` and `tcp`; empty: all."""
     hold: Mapping[str, _Number] = field(default_factory=dict)
-    """Where other joints are, deg or m; default: nearest to 0 in their range."""
+    """Positions of other joints, deg or m; default: nearest to 0 in their range."""
     package_dirs: tuple[str, ...] = ()
     """Folders of packages, from the folder of the URDF, before all others."""
     home_deg: tuple[_Number, ...] | None = None

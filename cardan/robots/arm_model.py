@@ -161,7 +161,7 @@ class ArmModel(NamedTuple):
         )
 
     def touching_names(self) -> list[tuple[str, str]]:
-        """Of `touching_shapes`, each pair of names once."""
+        """Each pair of names of `touching_shapes` once."""
         pairs = sorted(self.touching_shapes)
         return list(
             dict.fromkeys((self.shapes[one].name, self.shapes[other].name) for one, other in pairs)

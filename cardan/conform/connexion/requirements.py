@@ -166,7 +166,7 @@ def rest_is_silent(decoded: ConnexionTraffic) -> Verdict:
 
 @requires(12, f"{RATE}: the last value of a motion is zero")
 def the_last_value_is_zero(decoded: ConnexionTraffic) -> Findings:
-    """Of every motion the last reports say zero on all axes, and there are at most 8 of them."""
+    """The last reports of every motion say zero on all axes, and there are at most 8 of them."""
     least = 2 if decoded.family is devices.Family.SPLIT else 1
     for name in ("push", "twist"):
         found = [each for each in decoded.during(f"{name}-held", f"{name}-over") if each.is_motion]

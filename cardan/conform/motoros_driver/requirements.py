@@ -237,7 +237,7 @@ def _answered_lately(said: Said, messages: list[Said]) -> bool:
 
 @requires(111, f"{CONTROLLER}: hold, for one, does not let a job be started")
 def a_refused_start_is_taken_for_one(decoded: DriverTraffic) -> Verdict:
-    """Where the start of motion is answered NOT_READY, neither points nor speeds follow."""
+    """Neither points nor speeds follow a start of motion that is answered NOT_READY."""
     found = decoded.during("refused")
     refused = [e for e in found if e.command in STARTS and e.reply and e.reply.result]
     some(refused, "none was refused")

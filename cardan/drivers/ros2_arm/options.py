@@ -52,7 +52,7 @@ class Ros2ArmOptions(NodeOptions):
     joint_state: a JointState with positions and speeds; trajectory: a JointTrajectory of one point
     for each state, which a joint_trajectory_controller follows with a delay (see the page)."""
     command_topic: str = ""
-    """Where commands go; empty: by `command`, as `forward_position_controller` calls it."""
+    """Topic of commands; empty: by `command`, as `forward_position_controller` calls it."""
     description_topic: str = "/robot_description"
     """The robot's URDF; needed where `robot` is empty."""
     rate_hz: Annotated[float, STATE_RATE_HZ] = 100.0

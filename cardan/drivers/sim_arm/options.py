@@ -37,7 +37,7 @@ class SimArmOptions(Options):
     robot: Annotated[str, bounds.ARM_FILE] = "ur5"
     """An arm's name, or the path of a .toml or .urdf file."""
     transport: Literal["in-process", "udp"] = "in-process"
-    """Where the arm is."""
+    """Place of the arm."""
     endpoint: str = "127.0.0.1:6520"
     """HOST:PORT of a served arm (`cardan sim arm`), for transport "udp"."""
     pacing: Literal["real-time", "virtual"] = "real-time"

@@ -43,7 +43,7 @@ class Arrival:
         self._seen: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=_KEPT)
 
     def observe(self, robot: RobotState) -> None:
-        """Where the joints are now; to be told in every tick of the motion."""
+        """Measured joints, for every tick of the motion."""
         if not self._seen or robot.stamp_s - self._seen[-1][0] >= _SPACING_S:
             self._seen.append((robot.stamp_s, robot.joints))
 

@@ -79,7 +79,7 @@ class CommandedArm(ABC):
     @property
     @abstractmethod
     def pose(self) -> Pose:
-        """Where the TCP is commanded to be, base frame. Only once placed."""
+        """Commanded TCP pose, base frame. Only once placed."""
 
     @property
     def tool(self) -> Pose:

@@ -43,7 +43,7 @@ FARTHEST_M = 1e3
 
 
 class NeighborBodies:
-    """Where the bodies of another arm are, in the base of this one."""
+    """Places of another arm's bodies, in the base of this one."""
 
     def __init__(
         self,

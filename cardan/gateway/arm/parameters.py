@@ -45,7 +45,7 @@ class ParameterRule(NamedTuple):
 
     key: Parameter
     name: str
-    """As in configuration files."""
+    """Name in configuration files."""
     default: float
     """For a parameter whose value is a code: the code's integer."""
     accepted: Range | type[enum.IntEnum]

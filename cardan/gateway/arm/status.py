@@ -47,7 +47,7 @@ class ArmStatus(NamedTuple):
     twist: Twist
     """Commanded twist, base axes."""
     pose: Pose | None
-    """Where the TCP is commanded to be."""
+    """Commanded TCP pose."""
     lead_used: float
     at_workspace_limit: bool
     gripper_closed: bool

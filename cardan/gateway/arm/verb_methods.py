@@ -293,7 +293,7 @@ class ArmVerbs:
     # -- requests --------------------------------------------------------------------------------
 
     def stat(self) -> Stat:
-        """Where the TCP and the joints are measured, and where the TCP is commanded to be."""
+        """Measured TCP pose and joints, and the commanded TCP pose."""
         with self.controller.lock, self._counted():
             robot = self._require_joints("stat")
             pose = to_pose(self.plans.measuring.forward(np.array(robot.joints)))

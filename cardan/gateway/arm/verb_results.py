@@ -40,7 +40,7 @@ class Motion:
         self.note = ""
         """Changes made to the request; empty if there were none."""
         self.duration_s = math.inf
-        """As planned; infinite for a motion without end."""
+        """Planned duration; infinite for a motion without end."""
         self.error: MotionRefusedError | None = None
 
     @property
@@ -64,7 +64,7 @@ class Rehearsal(NamedTuple):
 
 
 class Stat(NamedTuple):
-    """Where the TCP is."""
+    """Pose of the TCP."""
 
     pose: Six
     """Measured, in the base: m, rotation vector in rad."""
@@ -74,7 +74,7 @@ class Stat(NamedTuple):
     joints: tuple[float, ...] = ()
     """Measured, rad or m."""
     target: Six | None = None
-    """Where the TCP is commanded to be, likewise; None before anything was commanded."""
+    """Commanded TCP pose, likewise; None before anything was commanded."""
     twist: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """How it is commanded to move: m/s and rad/s, base axes."""
     heard: bool = True
@@ -109,6 +109,6 @@ class ControllerStatus(NamedTuple):
     refusals: int
     last_refusal: str
     pose: Six | None
-    """Where the TCP is commanded to be; None before anything was commanded."""
+    """Commanded TCP pose; None before anything was commanded."""
     servo: ServoStatus
     authority: AuthorityState

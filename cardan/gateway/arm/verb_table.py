@@ -209,9 +209,9 @@ class Verb(NamedTuple):
     in_packets: bool = True
     """Whether programs may ask for it by :mod:`cardan.gateway.arm.requests`."""
     endless: bool = False
-    """Of a motion: that it does not end by itself."""
+    """True for a motion that does not end by itself."""
     preset: Stream | None = None
-    """Of a streamed command: the preset that it needs. It may carry a sequence number, a stamp, and
+    """Preset that a streamed command needs. It may carry a sequence number, a stamp, and
     whether it begins a stream."""
     quick: bool = False
     """Whether it neither plans nor waits."""

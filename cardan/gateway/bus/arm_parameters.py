@@ -49,10 +49,10 @@ class _Named(NamedTuple):
     key: Parameter
     description: str
     codes: Mapping[str, enum.IntEnum] = {}
-    """Of a parameter whose value is a code: its texts."""
+    """Texts of a parameter whose value is a code."""
 
     def declared(self) -> Declared:
-        """As the node declares it."""
+        """Declaration for the node."""
         rule = find_rule(self.key)
         if self.codes:
             return Declared(

@@ -54,7 +54,7 @@ class TopicCommand(NamedTuple):
     depth: int = 8
     """Messages that are kept until their turn: 1 of a stream, whose newest one counts."""
     begins: bool = False
-    """Of a stream: whether it chooses its preset by itself."""
+    """True for a stream that chooses its preset by itself."""
     dated: bool = False
     """Of one that does: whether only by messages whose publisher says when it sent them."""
     stamped: bool = False
@@ -295,7 +295,7 @@ begun, or why not; `wait` answers whether it arrived."""
 
 
 def stat_command(base: str) -> ServiceCommand:
-    """Where the TCP is in the frame `base`, stamped with the time of the measurement."""
+    """TCP pose in the frame `base`, stamped with the time of the measurement."""
 
     def answer(stat: Stat) -> Message:
         x, y, z, *rotation = stat.pose

@@ -38,7 +38,7 @@ class Change(NamedTuple):
 
     @property
     def in_words(self) -> str:
-        """As a line."""
+        """The change as a line."""
         key = f" {self.key}" if self.key else ""
         what = self.what
         if self.key and what == "changed":

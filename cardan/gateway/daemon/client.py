@@ -33,7 +33,7 @@ RELOAD_S: Final = 120.0
 """Longest wait for that of a reload, which loads every arm's model."""
 
 SYSTEM_SOCKET: Final = "/run/cardan/cardan.sock"
-"""Where the daemon has it that `cardan daemon service install --system` starts."""
+"""Socket of the daemon that `cardan daemon service install --system` starts."""
 
 SOCKET_VARIABLE: Final = "CARDAN_SOCKET"
 """The environment variable that names the daemon's socket; the daemon's servers have it."""

@@ -61,7 +61,7 @@ class DaemonOptions(Options):
     """``[daemon]``: the daemon itself."""
 
     socket: Annotated[str, bounds.PATH] = ""
-    """Where it is controlled; empty: cardan.sock in the user's runtime folder."""
+    """Control socket; empty: cardan.sock in the user's runtime folder."""
     group: str = ""
     """Group whose members may ask it, too; empty: its own user alone."""
     group_role: Literal["viewer", "operator", "admin"] = "operator"
@@ -217,7 +217,7 @@ class _Named(NamedTuple):
     table: Any
     file: Path
     key: str
-    """Where it stands in the file."""
+    """Place in the file."""
 
 
 class _Reading:

@@ -79,7 +79,7 @@ def refusal(ask: Ask, role: Role) -> str:
 
 
 def encode_ask(ask: Ask) -> bytes:
-    """As a line."""
+    """Encode as a line."""
     table: dict[str, Any] = {"id": ask.id, "do": ask.do}
     if ask.name:
         table["name"] = ask.name
@@ -105,7 +105,7 @@ def decode_ask(line: bytes) -> Ask:
 
 
 def encode_response(response: Response) -> bytes:
-    """As a line."""
+    """Encode as a line."""
     return _line({"id": response.id, response.kind: response.value})
 
 

@@ -45,7 +45,7 @@ class Event(NamedTuple):
     why: str = ""
 
     def line(self) -> str:
-        """As JSON."""
+        """The event as JSON."""
         return json.dumps(self._asdict(), separators=(",", ":"))
 
 
@@ -215,5 +215,5 @@ def _is_torn(path: Path) -> bool:
 
 
 def default_event_log() -> Path:
-    """Where the events go unless the files say otherwise."""
+    """Default place of the events."""
     return state_folder() / "events.jsonl"

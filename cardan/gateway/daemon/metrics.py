@@ -24,7 +24,7 @@ from cardan.gateway.servers.base import Ready, Server
 from cardan.gateway.servers.web import Answer, ListenerOptions, WebSocketListener, serve_until
 
 PORT: Final = 9464
-"""Where Prometheus looks for the figures of programs that have no port of their own."""
+"""Port at which Prometheus looks for the figures of programs that have no port of their own."""
 
 PATH: Final = "/metrics"
 

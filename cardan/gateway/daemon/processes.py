@@ -143,7 +143,7 @@ class RunningServer(Process):
     def __init__(self, words: Sequence[str], say: Say, over: Over, socket: str) -> None:
         """Start it; `socket`: of the daemon. Raises OSError."""
         self.endpoint = ""
-        """Where it serves, once it does."""
+        """Endpoint, once it serves."""
         self.figures: dict[str, int] = {}
         """Newest statistics that it printed."""
         self._said, self._over = say, over

@@ -117,7 +117,7 @@ class SessionService(DaemonService):
         self.has_device: Callable[[], bool] = lambda: True
         """Whether it begins with its device, which other sessions may have."""
         self.lent: Callable[[], str] = lambda: ""
-        """Where its device is, in words."""
+        """Place of its device, in words."""
 
     @property
     def snapshot(self) -> Snapshot:

@@ -57,7 +57,7 @@ def turned_back(matrix: Matrix3, v: Vector3) -> Vector3:
 
 
 def world_point(world: WorldMap, hand: Vector3) -> Vector3:
-    """Where `hand` is in the world."""
+    """Position of `hand` in the world."""
     return add(turned(world.linear, hand), world.offset)
 
 

@@ -98,7 +98,7 @@ Message = StateMessage | ForceMessage | RefusalMessage
 
 
 def encode_state(message: StateMessage) -> bytes:
-    """As one packet."""
+    """Encode as one packet."""
     pose, wrench, world = message.pose, message.wrench, message.world
     flags = READY if message.ready else 0
     where, forces, hand = _NO_POSE, _NO_WRENCH, _NO_MAP
@@ -117,14 +117,14 @@ def encode_state(message: StateMessage) -> bytes:
 
 
 def encode_force(message: ForceMessage) -> bytes:
-    """As one packet."""
+    """Encode as one packet."""
     return _FORCE.pack(
         MAGIC, VERSION, KIND_FORCE, message.sequence, message.stamp_s, *message.force
     )
 
 
 def encode_refusal(message: RefusalMessage) -> bytes:
-    """As one packet; a reason that is too long is cut."""
+    """Encode as one packet; a reason that is too long is cut."""
     text = message.reason.encode()[: MAX_PACKET_BYTES - _REFUSAL_AT]
     return _HEAD.pack(MAGIC, VERSION, KIND_REFUSAL) + b"\0\0" + text
 

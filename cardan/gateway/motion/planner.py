@@ -253,7 +253,7 @@ class Planner:
     def joint_goal(
         self, verb: str, target: Pose, start: FloatArray, speeds: FloatArray
     ) -> FloatArray:
-        """Where the joints go for `target`: the quickest branch that is free all the way.
+        """Joint goal for `target`: the quickest branch that is free all the way.
 
         Raises OutOfReachError, JointLimitError, CollisionError or MotionRefusedError.
         """

@@ -330,7 +330,7 @@ class _Chaser:
         return best
 
     def _stop_estimate(self, v: Vector3, a: Vector3) -> Vector3:
-        """Where the quickest stop would end, from here: exact along one line."""
+        """End of the quickest stop, from here: exact along one line."""
         jerk = self.jerk
         an = norm(a)
         end = add(v, scale(a, 0.5 * an / jerk))
@@ -484,7 +484,7 @@ class PoseShaper:
         )
         self.limits = limits
         self.pose: Pose | None = None
-        """Where the reference is, in the base frame; None until placed."""
+        """Reference pose, base frame; None until placed."""
         self._turn: Vector3 | None = None
         self._target: Pose | None = None
         self._resting_s = 0.0

@@ -47,9 +47,9 @@ class ArmView(NamedTuple):
     dt_s: float
     """Time by which this tick advances, s."""
     tcp: Pose | None
-    """Where the TCP is commanded to be, base frame; None before the robot was ready."""
+    """Commanded TCP pose, base frame; None before the robot was ready."""
     resting: Pose | None
-    """Where the TCP comes to rest when it brakes as hard as it may, base frame."""
+    """TCP pose at rest after the hardest allowed braking, base frame."""
     arming: Arming
     """Arming of this device after the last request."""
     free: bool

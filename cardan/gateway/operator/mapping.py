@@ -111,7 +111,7 @@ class MappingOptions(Options):
     scale: tuple[Factor, Factor, Factor, Factor, Factor, Factor] = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     """Factor on each component."""
     yaw_deg: Angle = 0.0
-    """Where the operator looks, seen from above, relative to the robot's x axis."""
+    """Viewing direction of the operator, seen from above, relative to the robot's x axis."""
     device_rpy_deg: Angles = NO_ANGLES
     """How the device's axes stand in those of `frame` (roll, pitch, yaw); position and absolute
     mode."""
@@ -119,7 +119,7 @@ class MappingOptions(Options):
     """Meaning of the device's orientation. None: in position mode by `frame`, its turn about
     its device's axes; in absolute mode it is fixed."""
     origin_m: Point | None = None
-    """Where the TCP is, base frame, when the device is at `device_center_m`; absolute mode."""
+    """TCP position, base frame, when the device is at `device_center_m`; absolute mode."""
     device_center_m: Point = ZERO3
     """A place of the device, along the device's axes; absolute mode."""
     device_to_tool_rpy_deg: Angles = NO_ANGLES

@@ -68,7 +68,7 @@ def is_pose(pose: Pose | None) -> TypeGuard[Pose]:
 
 
 def resting_pose(reference: Reference) -> Pose:
-    """Where `reference` comes to rest when it brakes as hard as it may.
+    """Pose of `reference` at rest after the hardest allowed braking.
 
     A clutch pressed there draws nothing back that moved on while the reference braked.
     """

@@ -18,7 +18,7 @@ TIMEOUT_S = 5.0
 """Longest wait for a node's parameters; rosapi's own."""
 
 EVENTS, EVENT = "/parameter_events", "rcl_interfaces/msg/ParameterEvent"
-"""Where nodes say which of their parameters have changed."""
+"""Topic on which nodes say which of their parameters have changed."""
 
 VALUE = "rcl_interfaces/msg/ParameterValue"
 

@@ -35,7 +35,7 @@ from cardan.gateway.servers.web import (
 )
 
 PORT = 9090
-"""Where clients of rosbridge look for a server."""
+"""Port at which clients of rosbridge look for a server."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -624,4 +624,4 @@ _HANDLERS: Mapping[type, tuple[str, Callable[[RosbridgeClient, Any], None], str]
     SendActionGoal: ("send_action_goal", RosbridgeClient._send_goal, "action"),
     CancelActionGoal: ("cancel_action_goal", RosbridgeClient._cancel_goal, "action"),
 }
-"""Of each operation its name, its handler, and the field that names its subject."""
+"""Name, handler and the field that names the subject, of each operation."""

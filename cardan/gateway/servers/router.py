@@ -26,7 +26,7 @@ class RouterOptions(Options):
     """Where the router is."""
 
     endpoint: tuple[str, ...] = (ROUTER,)
-    """Where others connect. Each client that reaches it can move the arms on the bus: the default
+    """Endpoints for others. Each client that reaches it can move the arms on the bus: the default
     is this computer alone; tcp/0.0.0.0:7447 is every network that it has."""
     connect: tuple[str, ...] = ()
     """Routers of other computers to join with."""

@@ -41,7 +41,7 @@ class TopicQueue(Generic[PaceT, SampleT]):
 
     def __init__(self, topic: str, delivery: PaceT) -> None:
         self.topic = topic
-        """As the client calls it."""
+        """Name that the client uses."""
         self.delivery = delivery
         self.next_s = float("-inf")
         """When the next message may go out."""

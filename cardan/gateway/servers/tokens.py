@@ -37,7 +37,7 @@ class Role(enum.IntEnum):
 
     @property
     def word(self) -> str:
-        """As files and messages have it."""
+        """Word in files and messages."""
         return self.name.lower()
 
 
@@ -132,7 +132,7 @@ def read_tokens(path: str | Path) -> dict[str, Role]:
 
 
 def own_token_file() -> Path:
-    """Where the tokens are that are made where none were given."""
+    """File of the tokens that are made where none were given."""
     return state_folder() / "server-tokens"
 
 

@@ -185,7 +185,7 @@ class ListenerOptions(Options):
         return bool(self.certificate) or makes
 
     def endpoint(self, port: int, scheme: str = "ws") -> str:
-        """Where clients connect, once it listens at `port`; `scheme` without TLS."""
+        """Endpoint for clients, once it listens at `port`; `scheme` without TLS."""
         scheme = f"{scheme}s" if self.encrypted else scheme
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{scheme}://{host}:{port}"

@@ -51,7 +51,7 @@ class ResponseLag:
         """Last arguments of `expected`, and its result: a control cycle asks twice."""
 
     def record_command(self, commanded: FloatArray, stamp_s: float) -> None:
-        """Where the joints are commanded to be at `stamp_s`."""
+        """Record the commanded joints of `stamp_s`."""
         if self._spacing_s == 0.0:
             return
         if not self._rows:
@@ -70,7 +70,7 @@ class ResponseLag:
         self._known = (), (), ()
 
     def expected(self, measured: Sequence[float], commanded: Sequence[float]) -> Sequence[float]:
-        """Where the joints will be once the robot has caught up with `commanded`.
+        """Joint positions once the robot has caught up with `commanded`.
 
         That is where they are measured, and the way from the nearest place of the past to
         `commanded`. A robot that is held stays behind: its past moves on without it.

@@ -246,7 +246,7 @@ class Servo:
         return self.pose_at(joints), *farthest(commanded, joints, self._continuous)
 
     def expected(self, joints: Sequence[float]) -> FloatArray:
-        """Where a robot that is measured at `joints` will be once it has caught up."""
+        """Position, once it has caught up, of a robot that is measured at `joints`."""
         return np.array(self._lag.expected(joints, self.q.tolist()))
 
     @property

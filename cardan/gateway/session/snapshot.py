@@ -58,7 +58,7 @@ class ArmSnapshot:
     """Distance of the nearest pair of bodies."""
     nearest_pair: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
-    """Of :data:`cardan.gateway.arm.status.LIMITS` those that act now."""
+    """Those of :data:`cardan.gateway.arm.status.LIMITS` that act now."""
     limits_in_words: tuple[str, ...] = ()
     """Those of the arm's model."""
 
@@ -166,7 +166,7 @@ class Snapshot:
     contact: ContactSnapshot = field(default_factory=ContactSnapshot)
 
     def to_bytes(self) -> bytes:
-        """As one packet. Figures that are not numbers travel as null."""
+        """Encode as one packet. Figures that are not numbers travel as null."""
         try:
             return _encode(self).encode()
         except ValueError:

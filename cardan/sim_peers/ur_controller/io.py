@@ -32,7 +32,7 @@ class RobotIo:
         self.digital_inputs = 0
         self.digital_outputs = 0
         self.analog_inputs = [0.0, 0.0]
-        """As fractions of their ranges, like all analog values."""
+        """Fractions of their ranges, like all analog values."""
         self.tool_analog_inputs = [0.0, 0.0]
         self.analog_outputs = [0.0, 0.0]
         self.analog_input_domains = [0, 0]

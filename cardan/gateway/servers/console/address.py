@@ -79,7 +79,7 @@ def reachable_host(host: str) -> str:
 
 
 def page_address(scheme: str, host: str, port: int, token: str) -> str:
-    """Where a person opens the page."""
+    """Address at which a person opens the page."""
     shown = f"[{host}]" if ":" in host else host
     fragment = f"#t={token}" if token else ""
     return f"{scheme}://{shown}:{port}/{fragment}"

@@ -31,7 +31,7 @@ def frame_of(name: str) -> str:
 
 
 def topic_of(name: str) -> str:
-    """Where the pictures of the camera of this name are published."""
+    """Topic of the pictures of the camera of this name."""
     return f"/camera/{frame_of(name)}/image_raw/compressed"
 
 

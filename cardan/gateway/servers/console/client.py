@@ -73,7 +73,7 @@ MOST_CHANNELS: Final = 16
 
 TELEOP_CHANNEL: Final = 255
 TELEOP_TOPIC: Final = "/xr"
-"""Where the poses of a page of `teleop` go, which opens nothing."""
+"""Topic of the poses of a page of `teleop`, which opens nothing."""
 
 MOST_PERSON: Final = 30
 """Characters of a person's name."""

@@ -47,7 +47,7 @@ from cardan.gateway.servers.web import (
 )
 
 PORT = 8443
-"""Where it listens: https without being the superuser."""
+"""Port of the server: https without being the superuser."""
 
 HOLD_S = Range(1, 3600, "s", "shorter ones end while one reads; an hour bounds nothing")
 
