@@ -38,7 +38,7 @@ TIMEOUT_S = 5.0
 class FakeVerbs:
     """Plans until it is let go on; streams are taken down."""
 
-    controller = SimpleNamespace(note=lambda *_: None)
+    controller = SimpleNamespace(record_request=lambda *_: None)
 
     def __init__(self):
         self.planning, self.go_on = threading.Event(), threading.Event()
