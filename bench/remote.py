@@ -82,6 +82,8 @@ PAUSE_S = 0.3
 SWING_M = 1e-3
 """The robot obeys at once: where an answer is a cycle late, it swings about the place of its rest,
 by less than this, for up to a second. At its speed the arm goes so far in 10 ms."""
+SWING_WITHIN_S = 0.1
+"""An arm that moves goes on by SWING_M sooner; one that brakes from this speed, by less than it."""
 READY_WITHIN_S, ACT_WITHIN_S = 60.0, 5.0
 PAIRED_WITHIN_S = 20.0
 
@@ -351,9 +353,9 @@ class Cell:
         rested_s = self.rested_after(robot, released_s, REST_S + rest_s)
         self.act(robot, axis=False)
         self.wait(REST_S + rest_s)
-        if moved_s is None or rested_s < released_s:
+        if moved_s is None or rested_s < released_s - SWING_WITHIN_S:
             return None
-        return Stroke(begun_s, moved_s, released_s, rested_s)
+        return Stroke(begun_s, moved_s, released_s, max(released_s, rested_s))
 
 
 @contextlib.contextmanager
