@@ -65,7 +65,7 @@ while time.monotonic() < end_s:
 def apart(network, way=remote.TCP):
     with contextlib.ExitStack() as stack:
         try:
-            yield stack.enter_context(remote.apart(network, way))
+            yield stack.enter_context(remote.remote_lab(network, way))
         except NoNamespacesError as error:
             pytest.skip(str(error))
 
