@@ -50,6 +50,8 @@ router = ""
 listen = ["{endpoint}"]
 """
 TIMEOUT_S = WITHIN_S
+CALLS = 20
+"""So often a service is called that nothing answers."""
 FEED_PERIOD_S = 0.03
 MOVE_PERIOD_S = 0.3
 JOY = "sensor_msgs/msg/Joy"
@@ -187,7 +189,13 @@ class World:
         """The response; None where there is none."""
         client = self.node.client(f"{NODE}/{service}", kind)
         name = f"{kind}_Request"
-        reply = client.call(codec_of(name).encode(completed(name, request)), TIMEOUT_S)
+        data = codec_of(name).encode(completed(name, request))
+        # A client that is new may not have found the server yet: nothing answers then, at once.
+        reply = None
+        for _ in range(CALLS):
+            if (reply := client.call(data, TIMEOUT_S)) is not None:
+                break
+            time.sleep(0.1)
         client.close()
         return None if reply is None else codec_of(f"{kind}_Response").decode(reply)
 
